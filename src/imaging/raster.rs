@@ -1,0 +1,186 @@
+//! How pixels lie in memory.
+
+/// One channel, row-major, without padding: sample (x, y) is `data[y * width + x]`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Plane<T> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` samples.
+    pub data: Vec<T>,
+}
+
+impl<T: Copy> Plane<T> {
+    /// A plane of one value.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self { width, height, data: vec![value; width * height] }
+    }
+
+    /// A plane from a function of (x, y).
+    pub fn from_fn(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> T) -> Self {
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height {
+            for x in 0..width {
+                data.push(value(x, y));
+            }
+        }
+        Self { width, height, data }
+    }
+
+    /// The sample at (x, y).
+    ///
+    /// # Panics
+    /// When (x, y) is outside.
+    #[inline]
+    pub fn at(&self, x: usize, y: usize) -> T {
+        debug_assert!(x < self.width);
+        self.data[y * self.width + x]
+    }
+
+    /// Row `y`.
+    #[inline]
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    /// Row `y`, to be written.
+    #[inline]
+    pub fn row_mut(&mut self, y: usize) -> &mut [T] {
+        &mut self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    /// The same plane with another value per sample.
+    pub fn map<U>(&self, value: impl FnMut(T) -> U) -> Plane<U> {
+        Plane { width: self.width, height: self.height, data: self.data.iter().copied().map(value).collect() }
+    }
+}
+
+/// A rectangle of pixels: `x..x + width`, `y..y + height`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Rect {
+    /// Left column.
+    pub x: usize,
+    /// Top row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Rect {
+    /// The whole of a `width` x `height` image.
+    pub fn whole(width: usize, height: usize) -> Self {
+        Self { x: 0, y: 0, width, height }
+    }
+
+    /// Grown by `margin` on every side, and cut at the borders of a `width` x `height` image.
+    #[must_use]
+    pub fn grown(self, margin: usize, width: usize, height: usize) -> Self {
+        let (x, y) = (self.x.saturating_sub(margin), self.y.saturating_sub(margin));
+        Self {
+            x,
+            y,
+            width: (self.x + self.width + margin).min(width) - x,
+            height: (self.y + self.height + margin).min(height) - y,
+        }
+    }
+}
+
+/// Bits per sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Depth {
+    /// 0..=255.
+    Eight,
+    /// 0..=65535.
+    Sixteen,
+}
+
+impl Depth {
+    /// Full scale.
+    pub fn max(self) -> f32 {
+        match self {
+            Self::Eight => 255.0,
+            Self::Sixteen => 65_535.0,
+        }
+    }
+
+    /// Bytes per sample.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Eight => 1,
+            Self::Sixteen => 2,
+        }
+    }
+}
+
+/// The samples of a raster, interleaved.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Samples {
+    /// 8 bits.
+    Eight(Vec<u8>),
+    /// 16 bits, native endian.
+    Sixteen(Vec<u16>),
+}
+
+/// A picture as files hold it: interleaved samples, gamma-encoded, sample `c` of pixel (x, y) at
+/// `(y * width + x) * channels + c`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Raster {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// 1 grey, 3 RGB, 4 RGBA with straight alpha.
+    pub channels: usize,
+    /// `width * height * channels` samples.
+    pub samples: Samples,
+}
+
+impl Raster {
+    /// A raster of 8-bit samples.
+    ///
+    /// # Panics
+    /// When the number of samples does not fit the shape.
+    pub fn eight(width: usize, height: usize, channels: usize, samples: Vec<u8>) -> Self {
+        assert_eq!(samples.len(), width * height * channels, "samples do not fit the shape");
+        Self { width, height, channels, samples: Samples::Eight(samples) }
+    }
+
+    /// A raster of 16-bit samples.
+    ///
+    /// # Panics
+    /// When the number of samples does not fit the shape.
+    pub fn sixteen(width: usize, height: usize, channels: usize, samples: Vec<u16>) -> Self {
+        assert_eq!(samples.len(), width * height * channels, "samples do not fit the shape");
+        Self { width, height, channels, samples: Samples::Sixteen(samples) }
+    }
+
+    /// Bits per sample.
+    pub fn depth(&self) -> Depth {
+        match self.samples {
+            Samples::Eight(_) => Depth::Eight,
+            Samples::Sixteen(_) => Depth::Sixteen,
+        }
+    }
+
+    /// Rec. 601 luma `0.299 R + 0.587 G + 0.114 B` (what `rgb2gray` and the reference implementation of
+    /// guided filtering fusion use), scaled to 0..255 whatever the depth. Alpha is not looked at.
+    pub fn luma(&self) -> Plane<f32> {
+        let scale = 255.0 / self.depth().max();
+        let grey = |pixel: [f32; 3]| (0.299 * pixel[0] + 0.587 * pixel[1] + 0.114 * pixel[2]) * scale;
+        let step = self.channels;
+        let data = match (&self.samples, step) {
+            (Samples::Eight(s), 1) => s.iter().map(|&v| f32::from(v) * scale).collect(),
+            (Samples::Sixteen(s), 1) => s.iter().map(|&v| f32::from(v) * scale).collect(),
+            (Samples::Eight(s), _) => {
+                s.chunks_exact(step).map(|p| grey([f32::from(p[0]), f32::from(p[1]), f32::from(p[2])])).collect()
+            }
+            (Samples::Sixteen(s), _) => {
+                s.chunks_exact(step).map(|p| grey([f32::from(p[0]), f32::from(p[1]), f32::from(p[2])])).collect()
+            }
+        };
+        Plane { width: self.width, height: self.height, data }
+    }
+}

@@ -1,0 +1,35 @@
+//! pinstack: calibrated focus stacking for photogrammetry, as a library and a service.
+//!
+//! A *focus stack* is a set of slices of one view, taken with the sensor (or the lens) at a different
+//! rail position each. A *calibration profile* holds one homography per slice that maps slice pixels to
+//! reference-slice pixels. Fusing the warped slices gives one picture that is still a perspective image,
+//! which is what structure from motion needs (Li & Nguyen, DICTA 2019).
+//!
+//! The modules form floors: each imports only from those below it (`docs/ARCHITECTURE.md`,
+//! held by `tests/architecture.rs`). Everything up to [`archive`] is pure: no async runtime, no
+//! database, no clock.
+
+#![warn(missing_docs)]
+
+// the ground floor: plain types, then pictures
+pub mod imaging;
+pub mod model;
+
+// science
+pub mod calibration;
+pub mod fusion;
+pub mod quality;
+pub mod synth;
+
+// from a hostile zip to ordered slices
+pub mod archive;
+
+// ---- nothing above this line knows tokio, axum, sqlx or a clock ----
+pub mod store;
+
+pub mod jobs;
+pub mod worker;
+
+pub mod http;
+
+pub mod cli;

@@ -1,0 +1,152 @@
+//! What went wrong, said for the person who reads it, with a code for the program that does.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Stable machine-readable codes of everything that can be wrong. The HTTP status belongs to the HTTP
+/// floor; the science knows only the code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Code {
+    /// A parameter, header or body that breaks a rule of the contract.
+    InvalidRequest,
+    /// No token, or one that is not known.
+    Unauthorized,
+    /// No such URL, job, file or revision.
+    NotFound,
+    /// The URL exists, the method does not.
+    MethodNotAllowed,
+    /// No profile is stored under this rig and lens.
+    ProfileNotFound,
+    /// The job has not ended yet, so what was asked for does not exist yet.
+    NotFinished,
+    /// The job ended without this result (failed, cancelled, or made without a back light).
+    NoResult,
+    /// The job is in a state in which this cannot be done.
+    Conflict,
+    /// `If-Match` named a revision that is not the current one.
+    PreconditionFailed,
+    /// The same `Idempotency-Key` came with another request.
+    IdempotencyKeyReused,
+    /// The body is of a kind that is not understood here.
+    UnsupportedMediaType,
+    /// The body is over the limit.
+    UploadTooLarge,
+    /// The body ended early or stopped coming.
+    UploadIncomplete,
+    /// No room on the disk or in the quota.
+    InsufficientStorage,
+    /// Too many jobs wait already.
+    QueueFull,
+    /// Not a zip, torn, wrong CRC, or names that break the rules.
+    InvalidArchive,
+    /// Encrypted member or unknown compression.
+    UnsupportedArchive,
+    /// The archive would unpack past the limits or has too many members.
+    ArchiveTooLarge,
+    /// A slice that is no image, is torn, or declares absurd dimensions.
+    InvalidImage,
+    /// Slices of different size, or not of the profile's size.
+    SizeMismatch,
+    /// Not as many slices as the profile has, or front and back differ.
+    SliceCountMismatch,
+    /// Homographies that are singular, mirrored or not finite, or other numbers that cannot be.
+    InvalidProfile,
+    /// Too few dots, no grid, a mirrored grid.
+    TargetNotFound,
+    /// A mask was required and could not be made.
+    MaskFailed,
+    /// The job's worker died on it too often.
+    WorkerLost,
+    /// The server is going down or cannot work at the moment.
+    Unavailable,
+    /// Our own fault; the log has the details under the request id.
+    Internal,
+}
+
+/// One precise place of a fault.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FaultPlace {
+    /// What is wrong there.
+    pub detail: String,
+    /// JSON pointer into the request body, or the name of a parameter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pointer: Option<String>,
+    /// Name of the file inside the archive.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// 0-based index of the slice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub slice: Option<u32>,
+}
+
+/// A fault that a person can act on: code, one clear sentence, and the places.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{detail}")]
+pub struct Fault {
+    /// Stable code.
+    pub code: Code,
+    /// What was wrong, where, and what to do: one or two sentences for a technician.
+    pub detail: String,
+    /// The places, when there is more to say than the sentence does.
+    pub places: Vec<FaultPlace>,
+}
+
+impl Fault {
+    /// A fault with a code and a sentence.
+    pub fn new(code: Code, detail: impl Into<String>) -> Self {
+        Self { code, detail: detail.into(), places: Vec::new() }
+    }
+
+    /// Adds one place.
+    #[must_use]
+    pub fn at(mut self, place: FaultPlace) -> Self {
+        self.places.push(place);
+        self
+    }
+
+    /// Adds the file (and slice) that the fault concerns.
+    #[must_use]
+    pub fn in_file(self, file: impl Into<String>, slice: Option<u32>) -> Self {
+        let detail = self.detail.clone();
+        self.at(FaultPlace { detail, file: Some(file.into()), slice, ..FaultPlace::default() })
+    }
+}
+
+/// An error as every answer and every failed job shows it (RFC 9457, `application/problem+json`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Problem {
+    /// URI reference of the kind of problem: `/problems/{code}`.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// Short, the same for every problem of this code.
+    pub title: String,
+    /// HTTP status.
+    pub status: u16,
+    /// What was wrong, where, and what to do.
+    pub detail: String,
+    /// The request or job that this happened to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<String>,
+    /// Stable machine-readable code.
+    pub code: Code,
+    /// The places, where it helps.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<FaultPlace>,
+}
+
+/// Something that did not stop the work but that the user should know.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Warning {
+    /// Stable machine-readable code, `snake_case`.
+    pub code: String,
+    /// One sentence.
+    pub detail: String,
+}
+
+impl Warning {
+    /// A warning with a code and a sentence.
+    pub fn new(code: &str, detail: impl Into<String>) -> Self {
+        Self { code: code.to_owned(), detail: detail.into() }
+    }
+}

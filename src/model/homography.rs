@@ -1,0 +1,121 @@
+//! Homographies: slice pixel -> reference-slice pixel.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A plane projective map, 9 numbers row-major with `[8] == 1`, from **slice pixels to reference-slice
+/// pixels**. x right, y down, the centre of the top-left pixel is (0, 0).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(transparent)]
+#[schema(value_type = [f64; 9])]
+pub struct Homography(pub [f64; 9]);
+
+impl Homography {
+    /// Every pixel stays where it is.
+    pub const IDENTITY: Self = Self([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+
+    /// `scale * x + shift`.
+    pub fn similarity(scale: f64, shift: [f64; 2]) -> Self {
+        Self([scale, 0.0, shift[0], 0.0, scale, shift[1], 0.0, 0.0, 1.0])
+    }
+
+    /// From a matrix, normalised so that the last element is 1. `None` when that element is (nearly) zero
+    /// or any is not finite.
+    pub fn from_matrix(m: &Matrix3<f64>) -> Option<Self> {
+        let last = m[(2, 2)];
+        if last.abs() < 1e-12 || m.iter().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let mut out = [0.0; 9];
+        for row in 0..3 {
+            for col in 0..3 {
+                out[row * 3 + col] = m[(row, col)] / last;
+            }
+        }
+        out[8] = 1.0;
+        Some(Self(out))
+    }
+
+    /// As a matrix.
+    pub fn matrix(&self) -> Matrix3<f64> {
+        Matrix3::from_row_slice(&self.0)
+    }
+
+    /// Where `point` goes. Points on the horizon give non-finite coordinates.
+    pub fn apply(&self, point: [f64; 2]) -> [f64; 2] {
+        let v = self.matrix() * Vector3::new(point[0], point[1], 1.0);
+        [v.x / v.z, v.y / v.z]
+    }
+
+    /// The way back. `None` when singular.
+    pub fn inverse(&self) -> Option<Self> {
+        Self::from_matrix(&self.matrix().try_inverse()?)
+    }
+
+    /// First `self`, then `next`. `None` when the product cannot be normalised.
+    pub fn then(&self, next: &Self) -> Option<Self> {
+        Self::from_matrix(&(next.matrix() * self.matrix()))
+    }
+
+    /// True when no pixel moves: the slice can be used as it is.
+    pub fn is_identity(&self) -> bool {
+        self.0.iter().zip(Self::IDENTITY.0).all(|(a, b)| (a - b).abs() < 1e-12)
+    }
+
+    /// Local magnification at `point`: square root of the determinant of the Jacobian. Negative
+    /// determinants (mirrored) give NaN.
+    pub fn scale_at(&self, point: [f64; 2]) -> f64 {
+        let h = &self.0;
+        let w = h[6] * point[0] + h[7] * point[1] + 1.0;
+        (self.matrix().determinant() / (w * w * w)).sqrt()
+    }
+
+    /// The four corners of a `width` x `height` image: centres of the corner pixels.
+    pub fn corners(width: u32, height: u32) -> [[f64; 2]; 4] {
+        let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
+        [[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]
+    }
+
+    /// The largest distance in px between where `self` and `other` send the corners of the image: the
+    /// number by which a calibration is judged.
+    pub fn corner_distance(&self, other: &Self, width: u32, height: u32) -> f64 {
+        Self::corners(width, height)
+            .into_iter()
+            .map(|corner| {
+                let (a, b) = (self.apply(corner), other.apply(corner));
+                (a[0] - b[0]).hypot(a[1] - b[1])
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// Why this cannot be the homography of a slice of a `width` x `height` stack, or `None` when it can:
+    /// finite, `[8] == 1`, not mirrored, the image in front of the horizon, and a scale between 1/4 and 4.
+    pub fn objection(&self, width: u32, height: u32) -> Option<String> {
+        if self.0.iter().any(|v| !v.is_finite()) {
+            return Some("has a number that is not finite".into());
+        }
+        if (self.0[8] - 1.0).abs() > 1e-9 {
+            return Some(format!("has {} as its last number, which must be 1", self.0[8]));
+        }
+        let corners = Self::corners(width, height);
+        for corner in corners {
+            if self.0[6] * corner[0] + self.0[7] * corner[1] + 1.0 < 0.1 {
+                return Some("sends a part of the image behind the camera".into());
+            }
+        }
+        if self.matrix().determinant() < 0.0 {
+            return Some("is mirrored".into());
+        }
+        let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
+        for point in corners.into_iter().chain([centre]) {
+            let scale = self.scale_at(point);
+            if !(0.25..=4.0).contains(&scale) {
+                return Some(format!(
+                    "is singular or scales the image by {scale:.4} (slices differ by less than 4 times)"
+                ));
+            }
+        }
+        None
+    }
+}

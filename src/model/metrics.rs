@@ -1,0 +1,127 @@
+//! Quality of one fused stack, as the contract shows it. Definitions: `docs/METRICS.md`.
+//! A number that could not be computed is null, never made up.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Everything that is measured about a stack.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Metrics {
+    /// How well the fused image keeps what the sharpest slice shows.
+    pub fusion: FusionMetrics,
+    /// Whether the slices cover the object in depth.
+    pub focus: FocusMetrics,
+    /// One entry per front-light slice.
+    pub slices: Vec<SliceMetrics>,
+    /// Whether the profile fits this stack.
+    pub alignment: AlignmentMetrics,
+    /// Null without a back-light stack.
+    pub mask: Option<MaskMetrics>,
+    /// Time spent.
+    pub timing_ms: Timing,
+}
+
+/// Quality of the fused image, on 8-bit grey (16-bit slices are scaled to 0..255), on valid pixels and on
+/// the object alone when there is a mask.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FusionMetrics {
+    /// Xydeas & Petrovic 2000 against the slice with the strongest gradient per pixel; upper bound 0.9748.
+    pub q_g_top: Option<f64>,
+    /// Piella & Heijmans 2003 against the slice with the largest variance per 8x8 window; upper bound 1.
+    pub q_w_top: Option<f64>,
+    /// Gradient energy of the image over that of the sharpest slice per pixel; above 1.02 is ringing, below 0.9 lost detail.
+    pub sharpness_retention: Option<f64>,
+    /// Root of the mean squared differences to the right and lower neighbours.
+    pub spatial_frequency: Option<f64>,
+    /// Mean squared Sobel gradient.
+    pub tenengrad: Option<f64>,
+    /// Variance of the 4-neighbour Laplacian.
+    pub laplacian_variance: Option<f64>,
+    /// Share of pixels over one grey level outside the range that the slices span there.
+    pub overshoot_fraction: Option<f64>,
+}
+
+/// Coverage in depth.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FocusMetrics {
+    /// Share of pixels (of the object, when there is a mask) whose saliency rises above the noise floor in any slice.
+    pub textured_fraction: Option<f64>,
+    /// Share of pixels of the object without: texture-less, or never in focus. Null without a mask.
+    pub unfocused_fraction: Option<f64>,
+    /// The object goes on in front of (before) the first slice.
+    pub range_too_short_near: Option<bool>,
+    /// The object goes on behind (after) the last slice.
+    pub range_too_short_far: Option<bool>,
+    /// 0-based slices in the middle that hardly any pixel needs.
+    pub redundant_slices: Vec<u32>,
+    /// `n` means: between slices n and n + 1 the step is too large for the depth of field.
+    pub coverage_gaps: Vec<u32>,
+}
+
+/// One slice.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SliceMetrics {
+    /// 0-based.
+    pub index: u32,
+    /// Name in the archive.
+    pub name: String,
+    /// Share of the textured pixels that come from this slice.
+    pub contribution: Option<f64>,
+    /// Tenengrad of the warped slice.
+    pub sharpness: Option<f64>,
+    /// Brightness over that of the reference slice, before any gain.
+    pub exposure_ratio: Option<f64>,
+    /// Share of pixels at full scale or at zero.
+    pub clipped_fraction: Option<f64>,
+    /// Share of the canvas that the warped slice covers.
+    pub valid_fraction: Option<f64>,
+    /// Median residual shift against the slice before it (slice 0: null), px.
+    pub residual_px: Option<f64>,
+}
+
+/// Residual shifts between warped neighbours: whether the profile fits the stack.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AlignmentMetrics {
+    /// Median length, px.
+    pub residual_p50_px: Option<f64>,
+    /// 95th percentile, px; over 0.5 is worth a look, over 1 the profile does not fit.
+    pub residual_p95_px: Option<f64>,
+    /// Mean relative scale between neighbours; away from 1 the profile is another lens's.
+    pub residual_scale: Option<f64>,
+}
+
+/// The cut-out.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MaskMetrics {
+    /// Share of the canvas that is object.
+    pub foreground_fraction: f64,
+    /// Threshold used, share of full scale.
+    pub threshold: f64,
+    /// Otsu's between-class over total variance: above 0.9 good, below 0.75 doubtful.
+    pub separability: Option<f64>,
+    /// Share of the canvas's border pixels that are object: above 0 the object is cut off.
+    pub border_contact_fraction: f64,
+    /// Connected parts of the object.
+    pub components: u32,
+    /// Holes in it.
+    pub holes: u32,
+}
+
+/// Time spent, milliseconds of wall clock.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Timing {
+    /// From the claim to the last artifact.
+    pub total: u64,
+    /// Per stage, in the order they ran.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<StageTime>,
+}
+
+/// Time of one stage.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StageTime {
+    /// Name of the stage.
+    pub stage: String,
+    /// Milliseconds.
+    pub ms: u64,
+}

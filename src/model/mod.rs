@@ -1,0 +1,20 @@
+//! Plain types of the domain: what the HTTP contract shows and what the science passes around.
+//!
+//! Nothing here does work beyond checking its own rules; this module imports no other module.
+
+pub mod control;
+pub mod error;
+pub mod homography;
+pub mod job;
+pub mod metrics;
+pub mod name;
+pub mod options;
+pub mod outcome;
+pub mod profile;
+pub mod request;
+
+pub use control::{Cancelled, Control, Stop, Unwatched};
+pub use error::{Code, Fault, Problem, Warning};
+pub use homography::Homography;
+pub use job::{JobKind, JobState, Progress};
+pub use name::Name;

@@ -1,0 +1,237 @@
+//! Calibration profiles: one homography and one gain per slice, keyed by rig and lens.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::{Code, Fault, Homography, Name, error::FaultPlace};
+
+/// What moves between slices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CaptureMode {
+    /// The lens stands still and the sensor moves: one centre of projection (the paper's method).
+    FixedLens,
+    /// Camera and lens move together: the centre of projection moves too.
+    MovingLens,
+}
+
+/// Where a profile comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ProfileSource {
+    /// Homographies measured elsewhere, sent by PUT.
+    Upload,
+    /// Measured here from a dot target.
+    Calibration,
+}
+
+/// Which family of maps the homographies of a profile belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HomographyModel {
+    /// Eight free numbers per slice (the paper).
+    Homography,
+    /// As sent by the client; nothing is known about how they were made.
+    Given,
+}
+
+/// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileInput {
+    /// Width of every slice in px.
+    #[schema(minimum = 16, maximum = 65535)]
+    pub image_width: u32,
+    /// Height of every slice in px.
+    #[schema(minimum = 16, maximum = 65535)]
+    pub image_height: u32,
+    /// 0-based index of the slice that all others are mapped to.
+    pub reference_index: u32,
+    /// One per slice, row-major, slice pixel -> reference-slice pixel, last number 1.
+    #[schema(min_items = 2, max_items = 1000)]
+    pub homographies: Vec<Homography>,
+    /// Position of the rail per slice, mm, strictly rising or falling.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rail_positions_mm: Option<Vec<f64>>,
+    /// Per slice: multiply by this to match the brightness of the reference slice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gains: Option<Vec<f64>>,
+    /// Size of one pixel on the sensor, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_pitch_mm: Option<f64>,
+    /// What moves between slices.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture_mode: Option<CaptureMode>,
+    /// Free text, at most 4,000 characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// Most slices that a stack can have.
+pub const MAX_SLICES: usize = 1000;
+
+impl ProfileInput {
+    /// Checks every rule and names every place that breaks one.
+    ///
+    /// # Errors
+    /// A [`Fault`] with [`Code::InvalidProfile`], one place per broken rule with a JSON pointer.
+    pub fn check(&self) -> Result<(), Fault> {
+        let mut places = Vec::new();
+        let mut object = |pointer: String, detail: String, slice: Option<u32>| {
+            places.push(FaultPlace { detail, pointer: Some(pointer), file: None, slice });
+        };
+        let count = self.homographies.len();
+        for (name, size) in [("image_width", self.image_width), ("image_height", self.image_height)] {
+            if !(16..=65_535).contains(&size) {
+                object(format!("/{name}"), format!("{name} is {size}; it must be 16 to 65535 px"), None);
+            }
+        }
+        if !(2..=MAX_SLICES).contains(&count) {
+            object("/homographies".into(), format!("{count} homographies; a stack has 2 to {MAX_SLICES} slices"), None);
+        }
+        if self.reference_index as usize >= count {
+            object(
+                "/reference_index".into(),
+                format!("reference_index is {}; it must be below the {count} slices", self.reference_index),
+                None,
+            );
+        }
+        for (i, homography) in self.homographies.iter().enumerate() {
+            if let Some(why) = homography.objection(self.image_width, self.image_height) {
+                object(format!("/homographies/{i}"), format!("the homography of slice {i} {why}"), Some(i as u32));
+            }
+        }
+        if let Some(reference) = self.homographies.get(self.reference_index as usize) {
+            let moved = reference.corner_distance(&Homography::IDENTITY, self.image_width, self.image_height);
+            if moved.is_nan() || moved > 0.01 {
+                let i = self.reference_index;
+                object(
+                    format!("/homographies/{i}"),
+                    format!("slice {i} is the reference, so its homography must be the identity"),
+                    Some(i),
+                );
+            }
+        }
+        if let Some(gains) = &self.gains {
+            if gains.len() != count {
+                object("/gains".into(), format!("{} gains for {count} slices", gains.len()), None);
+            }
+            for (i, gain) in gains.iter().enumerate() {
+                if !(0.05..=20.0).contains(gain) {
+                    object(
+                        format!("/gains/{i}"),
+                        format!("the gain of slice {i} is {gain}; it must be 0.05 to 20"),
+                        Some(i as u32),
+                    );
+                }
+            }
+        }
+        if let Some(rail) = &self.rail_positions_mm {
+            if rail.len() != count {
+                object("/rail_positions_mm".into(), format!("{} rail positions for {count} slices", rail.len()), None);
+            }
+            let rising = rail.windows(2).all(|w| w[0] < w[1]);
+            let falling = rail.windows(2).all(|w| w[0] > w[1]);
+            if rail.iter().any(|z| !z.is_finite()) || !(rising || falling) {
+                object(
+                    "/rail_positions_mm".into(),
+                    "rail positions must rise or fall from slice to slice".into(),
+                    None,
+                );
+            }
+        }
+        if let Some(pitch) = self.pixel_pitch_mm
+            && !(1e-5..=1.0).contains(&pitch)
+        {
+            object("/pixel_pitch_mm".into(), format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"), None);
+        }
+        if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
+            object("/note".into(), "the note is longer than 4,000 characters".into(), None);
+        }
+        let Some(first) = places.first() else { return Ok(()) };
+        let more = match places.len() {
+            1 => String::new(),
+            n => format!(" ({} more in errors)", n - 1),
+        };
+        let detail = format!("{}{more}", first.detail);
+        Err(Fault { code: Code::InvalidProfile, detail, places })
+    }
+}
+
+/// What a profile knows about one slice.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileSlice {
+    /// 0-based.
+    pub index: u32,
+    /// Slice pixel -> reference-slice pixel.
+    pub homography: Homography,
+    /// Local magnification of the homography at the image centre.
+    pub scale: f64,
+    /// Where the image centre goes, minus the image centre: `[x, y]` px.
+    pub shift_px: [f64; 2],
+    /// Multiply by this to match the brightness of the reference slice.
+    pub gain: f64,
+    /// Dots found in this slice; null for an uploaded profile.
+    pub dots_found: Option<u32>,
+    /// Dots that agree with the homography; null for an uploaded profile.
+    pub inliers: Option<u32>,
+    /// RMS distance of the inliers in the reference slice, px.
+    pub rms_px: Option<f64>,
+    /// 95th percentile of that distance, px.
+    pub p95_px: Option<f64>,
+    /// Standard deviation of the worst image corner, propagated from the dots, px.
+    pub corner_sigma_px: Option<f64>,
+    /// True when the slice was too blurred to be measured and a model of the rail predicted it.
+    pub interpolated: bool,
+}
+
+/// A calibration profile at one revision. A revision never changes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Profile {
+    /// The rig's name.
+    pub rig: Name,
+    /// The lens's name (one per setting of a zoom or variable macro lens).
+    pub lens: Name,
+    /// 1 for the first; every write makes the next.
+    pub revision: u32,
+    /// SHA-256 of what defines the geometry and the gains, hex; results name it.
+    pub digest: String,
+    /// When this revision was stored.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: Timestamp,
+    /// Uploaded or measured.
+    pub source: ProfileSource,
+    /// The calibration that measured it, when one did.
+    pub calibration_id: Option<Uuid>,
+    /// Family of maps the homographies belong to.
+    pub model: HomographyModel,
+    /// Number of slices.
+    pub slice_count: u32,
+    /// What was given or measured, in the form in which it can be sent again.
+    #[serde(flatten)]
+    pub input: ProfileInput,
+    /// The same per slice, with what is known about each.
+    pub slices: Vec<ProfileSlice>,
+}
+
+impl ProfileSlice {
+    /// What follows from the homography and the gain alone: the slices of an uploaded profile.
+    pub fn given(index: u32, homography: Homography, gain: f64, width: u32, height: u32) -> Self {
+        let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
+        let moved = homography.apply(centre);
+        Self {
+            index,
+            homography,
+            scale: homography.scale_at(centre),
+            shift_px: [moved[0] - centre[0], moved[1] - centre[1]],
+            gain,
+            dots_found: None,
+            inliers: None,
+            rms_px: None,
+            p95_px: None,
+            corner_sigma_px: None,
+            interpolated: false,
+        }
+    }
+}
