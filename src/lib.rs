@@ -11,25 +11,4 @@
 
 #![warn(missing_docs)]
 
-// the ground floor: plain types, then pictures
-pub mod imaging;
-pub mod model;
-
-// science
-pub mod calibration;
-pub mod fusion;
-pub mod quality;
-pub mod synth;
-
-// from a hostile zip to ordered slices
-pub mod archive;
-
-// ---- nothing above this line knows tokio, axum, sqlx or a clock ----
-pub mod store;
-
-pub mod jobs;
-pub mod worker;
-
-pub mod http;
-
-pub mod cli;
+pub use pinstack_science::{imaging, model};

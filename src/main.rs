@@ -1,1 +1,3 @@
+//! Arguments -> a command.
+
 fn main() {}

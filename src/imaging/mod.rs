@@ -1,7 +1,15 @@
 //! Pictures: planes, codecs, warp, and the filters that everything above is made of.
 
+pub mod codec;
+pub mod coverage;
+pub mod filter;
+pub mod grey;
 pub mod raster;
+pub mod sample;
 pub mod slices;
+pub mod warp;
 
+pub use coverage::Coverage;
 pub use raster::{Depth, Plane, Raster, Rect, Samples};
+pub use sample::Sample;
 pub use slices::{SliceError, Slices};

@@ -36,3 +36,18 @@ impl Slices for [Raster] {
         Ok(self[index].clone())
     }
 }
+
+/// Borrowed slices: `&&pictures[..]` is a `&dyn Slices`, which an unsized `[Raster]` alone cannot be.
+impl<T: Slices + ?Sized> Slices for &T {
+    fn count(&self) -> usize {
+        (**self).count()
+    }
+
+    fn name(&self, index: usize) -> &str {
+        (**self).name(index)
+    }
+
+    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+        (**self).load(index)
+    }
+}

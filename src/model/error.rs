@@ -30,6 +30,10 @@ pub enum Code {
     IdempotencyKeyReused,
     /// The body is of a kind that is not understood here.
     UnsupportedMediaType,
+    /// `Accept` allows no kind that can be made.
+    NotAcceptable,
+    /// The `Range` lies behind the end of the file.
+    RangeNotSatisfiable,
     /// The body is over the limit.
     UploadTooLarge,
     /// The body ended early or stopped coming.

@@ -1,0 +1,9 @@
+//! Pictures out.
+
+mod jpeg;
+mod png;
+mod tiff;
+
+pub use jpeg::encode_jpeg;
+pub use png::encode_png;
+pub use tiff::encode_tiff;

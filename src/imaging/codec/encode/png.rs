@@ -1,0 +1,69 @@
+//! PNG out.
+
+use std::{
+    borrow::Cow,
+    io::{self, Write},
+};
+
+use ::png::{BitDepth, ColorType, Compression, Encoder, EncodingError, Info};
+
+use crate::imaging::{Depth, Raster, Samples, codec::Metadata};
+
+/// Bytes per IDAT chunk: what is held of the compressed picture at a time.
+const CHUNK_BYTES: usize = 1 << 20;
+
+/// Writes a PNG of 1, 3 or 4 channels and 8 or 16 bits, with the ICC profile (when it is for as many channels) and
+/// the EXIF block. Rows are compressed as they go: nothing is held twice. `Compression::Fast` was the quickest and
+/// the smallest on photographs.
+///
+/// # Errors
+/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
+pub fn encode_png(out: impl Write, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
+    let mut info = Info::with_size(side(raster.width)?, side(raster.height)?);
+    info.color_type = match raster.channels {
+        1 => ColorType::Grayscale,
+        3 => ColorType::Rgb,
+        4 => ColorType::Rgba,
+        other => return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{other} channels"))),
+    };
+    info.bit_depth = match raster.depth() {
+        Depth::Eight => BitDepth::Eight,
+        Depth::Sixteen => BitDepth::Sixteen,
+    };
+    info.icc_profile = metadata.icc_for(raster.channels).map(Cow::Borrowed);
+    info.exif_metadata = metadata.exif.as_deref().map(Cow::Borrowed);
+
+    let mut encoder = Encoder::with_info(out, info).map_err(error)?;
+    encoder.set_compression(Compression::Fast);
+    let mut writer = encoder.write_header().map_err(error)?;
+    let mut pixels = writer.stream_writer_with_size(CHUNK_BYTES).map_err(error)?;
+    let row_samples = raster.width * raster.channels;
+    match &raster.samples {
+        Samples::Eight(samples) => {
+            for row in samples.chunks_exact(row_samples) {
+                pixels.write_all(row)?;
+            }
+        }
+        Samples::Sixteen(samples) => {
+            let mut big_endian = Vec::with_capacity(row_samples * 2);
+            for row in samples.chunks_exact(row_samples) {
+                big_endian.clear();
+                big_endian.extend(row.iter().flat_map(|v| v.to_be_bytes()));
+                pixels.write_all(&big_endian)?;
+            }
+        }
+    }
+    pixels.finish().map_err(error)?;
+    writer.finish().map_err(error)
+}
+
+fn side(length: usize) -> io::Result<u32> {
+    u32::try_from(length).map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "picture too large"))
+}
+
+fn error(error: EncodingError) -> io::Error {
+    match error {
+        EncodingError::IoError(error) => error,
+        other => io::Error::new(io::ErrorKind::InvalidInput, other),
+    }
+}

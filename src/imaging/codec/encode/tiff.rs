@@ -1,0 +1,250 @@
+//! TIFF out.
+
+use std::io::{self, Seek, Write};
+
+use ::tiff::{
+    Directory, TiffError, TiffResult,
+    encoder::{DirectoryEncoder, Rational, TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, TiffValue},
+    tags::{
+        CompressionMethod, ExtraSamples, PhotometricInterpretation, PlanarConfiguration, ResolutionUnit, SampleFormat,
+        Tag, Type,
+    },
+};
+use exif::{Field, Value};
+
+use crate::imaging::{
+    Raster, Samples,
+    codec::{Metadata, exif_block},
+};
+
+/// Offsets of a plain TIFF are 32 bits; pixels beyond this get a BigTIFF. What is left is for tags.
+const LARGEST_PLAIN: u64 = 4_000_000_000;
+
+/// Size of a strip: what readers hold at a time.
+const STRIP_BYTES: usize = 1 << 20;
+
+/// Values of up to so many bytes stand in the directory itself (8 in a BigTIFF, where a byte more does no harm).
+const INLINE_BYTES: usize = 4;
+
+/// Writes a TIFF of 1, 3 or 4 channels and 8 or 16 bits, in strips as they go. The alpha channel is said to be
+/// unassociated (straight). The ICC profile is written when it is for as many channels, the EXIF fields tag by tag:
+/// Make, Model, DateTime and alike in the main directory, the others in an Exif and a GPS directory.
+///
+/// Not compressed: 16-bit photographs lose less than a tenth to deflate with predictor and take ten times as long,
+/// and every photogrammetry program reads plain strips. A picture beyond 4 GB becomes a BigTIFF.
+///
+/// # Errors
+/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
+pub fn encode_tiff(out: impl Write + Seek, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
+    if !matches!(raster.channels, 1 | 3 | 4) || raster.width == 0 || raster.height == 0 {
+        let shape = format!("{} x {} px of {} channels", raster.width, raster.height, raster.channels);
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, shape));
+    }
+    let bytes = raster.width as u64 * raster.height as u64 * (raster.channels * raster.depth().bytes()) as u64;
+    let written = if bytes > LARGEST_PLAIN {
+        TiffEncoder::<_, TiffKindBig>::new_generic(out).and_then(|encoder| write(encoder, raster, metadata))
+    } else {
+        TiffEncoder::<_, TiffKindStandard>::new_generic(out).and_then(|encoder| write(encoder, raster, metadata))
+    };
+    written.map_err(|error| match error {
+        TiffError::IoError(error) => error,
+        other => io::Error::new(io::ErrorKind::InvalidInput, other),
+    })
+}
+
+fn write<W: Write + Seek, K: TiffKind>(
+    mut encoder: TiffEncoder<W, K>,
+    raster: &Raster,
+    metadata: &Metadata,
+) -> TiffResult<()> {
+    let fields = metadata.exif.as_deref().map(exif_block::directories).unwrap_or_default();
+    let exif_at = write_directory(&mut encoder, &fields.exif)?;
+    let gps_at = write_directory(&mut encoder, &fields.gps)?;
+
+    // The crate's own image writer adds a Predictor tag to uncompressed pictures, of which libtiff complains on every
+    // reading: so the strips and the tags of a baseline TIFF are written here.
+    let mut directory = encoder.image_directory()?;
+    let strips = match &raster.samples {
+        Samples::Eight(samples) => write_strips(&mut directory, raster, samples)?,
+        Samples::Sixteen(samples) => write_strips(&mut directory, raster, samples)?,
+    };
+    write_layout(&mut directory, raster, &strips)?;
+    for field in &fields.primary {
+        write_field(&mut directory, field)?;
+    }
+    if let Some(icc) = metadata.icc_for(raster.channels) {
+        directory.write_tag(Tag::IccProfile, Undefined(icc))?;
+        pad(&mut directory, icc.len())?;
+    }
+    for (tag, at) in [(Tag::ExifDirectory, exif_at), (Tag::GpsDirectory, gps_at)] {
+        if let Some(at) = at {
+            directory.write_tag(tag, u32::try_from(at)?)?;
+        }
+    }
+    directory.finish()
+}
+
+/// Where the strips lie.
+struct Strips<K: TiffKind> {
+    rows: usize,
+    offsets: Vec<K::OffsetType>,
+    bytes: Vec<K::OffsetType>,
+}
+
+fn write_strips<W: Write + Seek, K: TiffKind, T>(
+    directory: &mut DirectoryEncoder<'_, W, K>,
+    raster: &Raster,
+    samples: &[T],
+) -> TiffResult<Strips<K>>
+where
+    [T]: TiffValue,
+{
+    let row_samples = raster.width * raster.channels;
+    let rows = (STRIP_BYTES / (row_samples * raster.depth().bytes())).clamp(1, raster.height);
+    let (mut offsets, mut bytes) = (Vec::new(), Vec::new());
+    for strip in samples.chunks(rows * row_samples) {
+        offsets.push(K::convert_offset(directory.write_data(strip)?)?);
+        let length = std::mem::size_of_val(strip);
+        bytes.push(K::convert_offset(length as u64)?);
+        pad(directory, length)?;
+    }
+    Ok(Strips { rows, offsets, bytes })
+}
+
+/// The tags that say how the samples are stored.
+fn write_layout<W: Write + Seek, K: TiffKind>(
+    directory: &mut DirectoryEncoder<'_, W, K>,
+    raster: &Raster,
+    strips: &Strips<K>,
+) -> TiffResult<()> {
+    let channels = raster.channels;
+    let photometric =
+        if channels == 1 { PhotometricInterpretation::BlackIsZero } else { PhotometricInterpretation::RGB };
+    directory.write_tag(Tag::ImageWidth, u32::try_from(raster.width)?)?;
+    directory.write_tag(Tag::ImageLength, u32::try_from(raster.height)?)?;
+    directory.write_tag(Tag::BitsPerSample, &vec![raster.depth().bytes() as u16 * 8; channels][..])?;
+    directory.write_tag(Tag::SampleFormat, &vec![SampleFormat::Uint.to_u16(); channels][..])?;
+    directory.write_tag(Tag::SamplesPerPixel, channels as u16)?;
+    directory.write_tag(Tag::Compression, CompressionMethod::None.to_u16())?;
+    directory.write_tag(Tag::PhotometricInterpretation, photometric.to_u16())?;
+    directory.write_tag(Tag::PlanarConfiguration, PlanarConfiguration::Chunky.to_u16())?;
+    if channels == 4 {
+        directory.write_tag(Tag::ExtraSamples, &[ExtraSamples::UnassociatedAlpha][..])?;
+    }
+    directory.write_tag(Tag::RowsPerStrip, u32::try_from(strips.rows)?)?;
+    directory.write_tag(Tag::StripOffsets, K::convert_slice(&strips.offsets))?;
+    directory.write_tag(Tag::StripByteCounts, K::convert_slice(&strips.bytes))?;
+    // baseline TIFF must have a resolution; that of the camera, where there is one, replaces it
+    directory.write_tag(Tag::XResolution, Rational { n: 72, d: 1 })?;
+    directory.write_tag(Tag::YResolution, Rational { n: 72, d: 1 })?;
+    directory.write_tag(Tag::ResolutionUnit, ResolutionUnit::Inch.to_u16())
+}
+
+/// Writes a directory apart and says where; none for no fields.
+fn write_directory<W: Write + Seek, K: TiffKind>(
+    encoder: &mut TiffEncoder<W, K>,
+    fields: &[Field],
+) -> TiffResult<Option<u64>> {
+    if fields.is_empty() {
+        return Ok(None);
+    }
+    let mut directory = encoder.extra_directory()?;
+    for field in fields {
+        write_field(&mut directory, field)?;
+    }
+    Ok(Some(directory.finish_with_offsets()?.pointer.0))
+}
+
+fn write_field<W: Write + Seek, K: TiffKind>(
+    directory: &mut DirectoryEncoder<'_, W, K>,
+    field: &Field,
+) -> TiffResult<()> {
+    let Some((kind, bytes)) = encoded(&field.value) else { return Ok(()) };
+    let entry = directory.write_entry_bytes(kind, &bytes)?;
+    if bytes.len() > INLINE_BYTES {
+        pad(directory, bytes.len())?;
+    }
+    let mut one = Directory::empty();
+    one.extend([(Tag::from_u16_exhaustive(field.tag.number()), entry)]);
+    directory.extend_from(&one);
+    Ok(())
+}
+
+/// Keeps values on even offsets, as TIFF wants them: a byte after `length` bytes that are odd in number.
+fn pad<W: Write + Seek, K: TiffKind>(directory: &mut DirectoryEncoder<'_, W, K>, length: usize) -> TiffResult<()> {
+    if length % 2 == 1 {
+        directory.write_data(0u8)?;
+    }
+    Ok(())
+}
+
+/// A value as TIFF holds it, in the byte order of this machine (which is the order of the file).
+fn encoded(value: &Value) -> Option<(Type, Vec<u8>)> {
+    Some(match value {
+        Value::Byte(v) => (Type::BYTE, v.clone()),
+        Value::Ascii(strings) => {
+            (Type::ASCII, strings.iter().flat_map(|s| s.iter().copied().chain([0])).collect::<Vec<u8>>())
+        }
+        Value::Short(v) => (Type::SHORT, v.iter().flat_map(|v| v.to_ne_bytes()).collect()),
+        Value::Long(v) => (Type::LONG, v.iter().flat_map(|v| v.to_ne_bytes()).collect()),
+        Value::Rational(v) => {
+            (Type::RATIONAL, v.iter().flat_map(|v| [v.num, v.denom]).flat_map(u32::to_ne_bytes).collect())
+        }
+        Value::SByte(v) => (Type::SBYTE, v.iter().map(|v| v.to_ne_bytes()[0]).collect()),
+        Value::Undefined(v, _) => (Type::UNDEFINED, v.clone()),
+        Value::SShort(v) => (Type::SSHORT, v.iter().flat_map(|v| v.to_ne_bytes()).collect()),
+        Value::SLong(v) => (Type::SLONG, v.iter().flat_map(|v| v.to_ne_bytes()).collect()),
+        Value::SRational(v) => {
+            (Type::SRATIONAL, v.iter().flat_map(|v| [v.num, v.denom]).flat_map(i32::to_ne_bytes).collect())
+        }
+        Value::Float(v) => (Type::FLOAT, v.iter().flat_map(|v| v.to_ne_bytes()).collect()),
+        Value::Double(v) => (Type::DOUBLE, v.iter().flat_map(|v| v.to_ne_bytes()).collect()),
+        Value::Unknown(..) => return None,
+    })
+    .filter(|(_, bytes): &(Type, Vec<u8>)| !bytes.is_empty())
+}
+
+/// Bytes of TIFF type UNDEFINED, which an ICC profile is said to be.
+struct Undefined<'a>(&'a [u8]);
+
+impl TiffValue for Undefined<'_> {
+    const BYTE_LEN: u8 = 1;
+    const FIELD_TYPE: Type = Type::UNDEFINED;
+
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
+        self.0.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+    use crate::imaging::codec::{Limits, decode};
+
+    #[test]
+    fn a_big_tiff_reads_back_like_a_plain_one() {
+        let raster = Raster::sixteen(1000, 400, 3, (0..1_200_000).map(|i| (i * 7 % 65_521) as u16).collect());
+        let mut plain = Cursor::new(Vec::new());
+        encode_tiff(&mut plain, &raster, &Metadata::default()).unwrap();
+        let mut big = Cursor::new(Vec::new());
+        let encoder = TiffEncoder::<_, TiffKindBig>::new_generic(&mut big).unwrap();
+        write(encoder, &raster, &Metadata::default()).unwrap();
+        assert_eq!(big.get_ref()[2], 43, "the mark of BigTIFF");
+        assert_eq!(decode(plain.get_ref(), &Limits::default()).unwrap(), raster);
+        assert_eq!(decode(big.get_ref(), &Limits::default()).unwrap(), raster);
+    }
+
+    #[test]
+    fn shapes_that_no_reader_knows_are_refused() {
+        let two = Raster::eight(2, 2, 2, vec![0; 8]);
+        assert!(encode_tiff(Cursor::new(Vec::new()), &two, &Metadata::default()).is_err());
+        let empty = Raster::eight(0, 2, 1, Vec::new());
+        assert!(encode_tiff(Cursor::new(Vec::new()), &empty, &Metadata::default()).is_err());
+    }
+}

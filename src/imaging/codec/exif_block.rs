@@ -1,0 +1,268 @@
+//! EXIF blocks: what is read from them, and how they are written anew for a picture made from another.
+//!
+//! A block is never copied whole: its offsets, its thumbnail and its maker note belong to the file it came from.
+//! Known tags are taken over one by one.
+
+use std::io::Cursor;
+
+use exif::{Context, Field, In, Rational, SRational, Tag, Value, experimental::Writer};
+
+use super::orientation;
+
+/// Tags of the main directory that describe the picture and not the way it is stored.
+const DESCRIPTIVE: &[u16] = &[
+    0x010E, // ImageDescription
+    0x010F, // Make
+    0x0110, // Model
+    0x011A, // XResolution
+    0x011B, // YResolution
+    0x0128, // ResolutionUnit
+    0x0131, // Software
+    0x0132, // DateTime
+    0x013B, // Artist
+    0x013C, // HostComputer
+    0x8298, // Copyright
+    0xC614, // UniqueCameraModel
+    0xC62F, // CameraSerialNumber
+];
+
+/// Tags of the Exif directory that do not hold for another picture: maker note, padding, places in the picture.
+const LEFT_OUT: &[u16] = &[0x927C, 0xEA1C, 0x9214, 0xA214];
+
+const FOCAL_PLANE_X: Tag = Tag::FocalPlaneXResolution;
+const FOCAL_PLANE_Y: Tag = Tag::FocalPlaneYResolution;
+
+/// Longest value that is taken over.
+const MAX_VALUE_BYTES: usize = 64 << 10;
+
+/// Most bytes of values that are taken over. Values may share bytes, so a small hostile block could stand for a huge
+/// amount of them.
+const MAX_TOTAL_BYTES: usize = 512 << 10;
+
+/// Most fields that are taken over; cameras write about a hundred.
+const MAX_FIELDS: usize = 1_000;
+
+/// A TIFF structure in memory: an EXIF block, or a whole TIFF file. Nothing in it is trusted, and what is broken in one
+/// place does not hide the rest.
+struct Structure<'a> {
+    data: &'a [u8],
+    little: bool,
+}
+
+/// One entry of a directory.
+struct Entry<'a> {
+    number: u16,
+    kind: u16,
+    value: &'a [u8],
+}
+
+impl<'a> Structure<'a> {
+    fn of(data: &'a [u8]) -> Option<Self> {
+        match data.get(..4)? {
+            [b'I', b'I', 42, 0] => Some(Self { data, little: true }),
+            [b'M', b'M', 0, 42] => Some(Self { data, little: false }),
+            _ => None,
+        }
+    }
+
+    fn short(&self, bytes: [u8; 2]) -> u16 {
+        if self.little { u16::from_le_bytes(bytes) } else { u16::from_be_bytes(bytes) }
+    }
+
+    fn long(&self, bytes: [u8; 4]) -> u32 {
+        if self.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) }
+    }
+
+    fn short_at(&self, at: usize) -> Option<u16> {
+        self.data.get(at..)?.first_chunk().map(|bytes| self.short(*bytes))
+    }
+
+    fn long_at(&self, at: usize) -> Option<u32> {
+        self.data.get(at..)?.first_chunk().map(|bytes| self.long(*bytes))
+    }
+
+    /// The entries of the directory at `offset` whose values can be had.
+    fn entries(&self, offset: u32) -> Vec<Entry<'a>> {
+        let start = offset as usize;
+        let count = usize::from(self.short_at(start).unwrap_or(0));
+        (0..count)
+            .map_while(|i| self.data.get(start + 2 + i * 12..start + 14 + i * 12).map(|_| start + 2 + i * 12))
+            .filter_map(|at| self.entry(at))
+            .collect()
+    }
+
+    fn entry(&self, at: usize) -> Option<Entry<'a>> {
+        let kind = self.short_at(at + 2)?;
+        let unit = match kind {
+            1 | 2 | 6 | 7 => 1,
+            3 | 8 => 2,
+            4 | 9 | 11 => 4,
+            5 | 10 | 12 => 8,
+            _ => return None,
+        };
+        let length = unit * usize::try_from(self.long_at(at + 4)?).ok()?;
+        let place = if length <= 4 { at + 8 } else { self.long_at(at + 8)? as usize };
+        let value = self.data.get(place..place.checked_add(length)?)?;
+        Some(Entry { number: self.short_at(at)?, kind, value })
+    }
+
+    /// The entries of the directory that `pointer` in `entries` leads to.
+    fn child(&self, entries: &[Entry<'a>], pointer: Tag) -> Vec<Entry<'a>> {
+        let found = entries.iter().find(|entry| entry.number == pointer.number());
+        let offset = found.and_then(|entry| entry.value.first_chunk()).map(|bytes| self.long(*bytes));
+        offset.map(|offset| self.entries(offset)).unwrap_or_default()
+    }
+
+    fn value(&self, entry: &Entry<'_>) -> Value {
+        let bytes = entry.value;
+        let (pairs, quads) = (bytes.as_chunks::<2>().0, bytes.as_chunks::<4>().0);
+        let longs = || quads.iter().map(|b| self.long(*b));
+        let ratios = || {
+            bytes.as_chunks::<8>().0.iter().map(|b| {
+                let [a, b, c, d, e, f, g, h] = *b;
+                (self.long([a, b, c, d]), self.long([e, f, g, h]))
+            })
+        };
+        let double = |b: &[u8; 8]| if self.little { f64::from_le_bytes(*b) } else { f64::from_be_bytes(*b) };
+        match entry.kind {
+            1 => Value::Byte(bytes.to_vec()),
+            2 => {
+                let text = bytes.iter().rposition(|&b| b != 0).map_or(0, |last| last + 1);
+                Value::Ascii(vec![bytes[..text].to_vec()])
+            }
+            3 => Value::Short(pairs.iter().map(|b| self.short(*b)).collect()),
+            4 => Value::Long(longs().collect()),
+            5 => Value::Rational(ratios().map(|(num, denom)| Rational { num, denom }).collect()),
+            6 => Value::SByte(bytes.iter().map(|b| b.cast_signed()).collect()),
+            8 => Value::SShort(pairs.iter().map(|b| self.short(*b).cast_signed()).collect()),
+            9 => Value::SLong(longs().map(u32::cast_signed).collect()),
+            10 => {
+                let signed =
+                    |(num, denom): (u32, u32)| SRational { num: num.cast_signed(), denom: denom.cast_signed() };
+                Value::SRational(ratios().map(signed).collect())
+            }
+            11 => Value::Float(longs().map(f32::from_bits).collect()),
+            12 => Value::Double(bytes.as_chunks().0.iter().map(double).collect()),
+            _ => Value::Undefined(bytes.to_vec(), 0),
+        }
+    }
+}
+
+/// The orientation tag of a block, made one of 1 to 8; none when there is none.
+pub(super) fn orientation(block: &[u8]) -> Option<u8> {
+    let structure = Structure::of(block)?;
+    let entries = structure.entries(structure.long_at(4)?);
+    let found = entries.iter().find(|entry| entry.number == Tag::Orientation.number())?;
+    match structure.value(found) {
+        Value::Short(values) => values.first().map(|&value| orientation::sane(u32::from(value))),
+        _ => None,
+    }
+}
+
+/// The fields of a block (or of a TIFF file) that still hold in another file with the same pixels, each tag once, and
+/// whether the block is little-endian.
+fn kept(block: &[u8]) -> Option<(Vec<Field>, bool)> {
+    let structure = Structure::of(block)?;
+    let primary = structure.entries(structure.long_at(4)?);
+    let exif = structure.child(&primary, Tag::ExifIFDPointer);
+    let gps = structure.child(&primary, Tag::GPSInfoIFDPointer);
+    let interop = structure.child(&exif, Tag::InteropIFDPointer);
+
+    let mut fields: Vec<Field> = Vec::new();
+    let mut total = 0;
+    let directories =
+        [(Context::Tiff, primary), (Context::Exif, exif), (Context::Gps, gps), (Context::Interop, interop)];
+    for (context, entries) in directories {
+        for entry in entries.iter().filter(|entry| holds_elsewhere(context, entry.number)) {
+            let tag = Tag(context, entry.number);
+            let length = entry.value.len();
+            let wanted = length > 0 && length <= MAX_VALUE_BYTES && total + length <= MAX_TOTAL_BYTES;
+            if wanted && fields.len() < MAX_FIELDS && !fields.iter().any(|other| other.tag == tag) {
+                total += length;
+                fields.push(Field { tag, ifd_num: In::PRIMARY, value: structure.value(entry) });
+            }
+        }
+    }
+    Some((fields, structure.little))
+}
+
+fn holds_elsewhere(context: Context, number: u16) -> bool {
+    let pointers = [Tag::ExifIFDPointer, Tag::GPSInfoIFDPointer, Tag::InteropIFDPointer];
+    match context {
+        Context::Tiff => DESCRIPTIVE.contains(&number) || number == Tag::Orientation.number(),
+        _ => !LEFT_OUT.contains(&number) && pointers.iter().all(|pointer| pointer.number() != number),
+    }
+}
+
+fn written(fields: &[Field], little_endian: bool) -> Option<Vec<u8>> {
+    if fields.is_empty() {
+        return None;
+    }
+    let mut writer = Writer::new();
+    for field in fields {
+        writer.push_field(field);
+    }
+    let mut out = Cursor::new(Vec::new());
+    writer.write(&mut out, little_endian).ok()?;
+    Some(out.into_inner())
+}
+
+/// A block of its own from the tags of a TIFF file.
+pub(super) fn from_tiff(file: &[u8]) -> Option<Vec<u8>> {
+    let (fields, little_endian) = kept(file)?;
+    written(&fields, little_endian)
+}
+
+/// The block for an upright picture of `width` x `height` px made from the one that `block` describes.
+pub(super) fn rewritten(block: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
+    let (fields, little_endian) = kept(block)?;
+    written(&for_picture(fields, orientation(block), width, height), little_endian)
+}
+
+fn for_picture(mut fields: Vec<Field>, stored: Option<u8>, width: u32, height: u32) -> Vec<Field> {
+    // a picture that was turned by a quarter has its columns where the rows were
+    if stored.is_some_and(orientation::swaps) {
+        for field in &mut fields {
+            field.tag = match field.tag {
+                FOCAL_PLANE_X => FOCAL_PLANE_Y,
+                FOCAL_PLANE_Y => FOCAL_PLANE_X,
+                Tag::XResolution => Tag::YResolution,
+                Tag::YResolution => Tag::XResolution,
+                other => other,
+            };
+        }
+    }
+    let replaced = [
+        (Tag::Orientation, Value::Short(vec![1])),
+        (Tag::PixelXDimension, Value::Long(vec![width])),
+        (Tag::PixelYDimension, Value::Long(vec![height])),
+    ];
+    fields.retain(|field| replaced.iter().all(|(tag, _)| *tag != field.tag));
+    fields.extend(replaced.map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value }));
+    fields
+}
+
+/// The fields of a block by directory, for a writer that writes directories itself.
+#[derive(Default)]
+pub(super) struct Directories {
+    /// Main directory, without what the TIFF writer sets itself.
+    pub primary: Vec<Field>,
+    /// Exif directory.
+    pub exif: Vec<Field>,
+    /// GPS directory.
+    pub gps: Vec<Field>,
+}
+
+/// Sorts the fields of `block` into directories.
+pub(super) fn directories(block: &[u8]) -> Directories {
+    let mut out = Directories::default();
+    for field in kept(block).map(|(fields, _)| fields).unwrap_or_default() {
+        match field.tag.context() {
+            Context::Tiff => out.primary.push(field),
+            Context::Exif => out.exif.push(field),
+            Context::Gps => out.gps.push(field),
+            _ => {}
+        }
+    }
+    out
+}

@@ -1,0 +1,97 @@
+//! PNG in.
+
+use std::io::{BufRead, Cursor, Seek};
+
+use ::png::{BitDepth, ColorType, Decoder, DecodingError, Info, Reader, Transformations};
+
+use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation};
+use crate::imaging::Raster;
+
+/// Most bytes that the decoder may hold besides the pixels: profiles are compressed and can be bombs.
+const MAX_CHUNK_BYTES: usize = 64 << 20;
+
+fn open<R: BufRead + Seek>(reader: R, limits: &Limits) -> Result<Reader<R>, ImageFault> {
+    let mut decoder = Decoder::new_with_limits(reader, ::png::Limits { bytes: MAX_CHUNK_BYTES });
+    // palettes and 1, 2 and 4 bits become 8 bits; 16 bits stay
+    decoder.set_transformations(Transformations::EXPAND);
+    let first = decoder.read_header_info().map_err(|error| fault(&error))?;
+    limits.check(first.width, first.height)?;
+    decoder.read_info().map_err(|error| fault(&error))
+}
+
+fn fault(error: &DecodingError) -> ImageFault {
+    match error {
+        DecodingError::IoError(error) => ImageFault::from_io(Format::Png, error),
+        other => ImageFault::damaged(Format::Png, other),
+    }
+}
+
+fn header(info: &Info<'_>, limits: &Limits) -> Result<Header, ImageFault> {
+    let channels = match info.color_type {
+        ColorType::Grayscale | ColorType::GrayscaleAlpha => 1,
+        ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => 3,
+    };
+    let bit_depth = if info.bit_depth == BitDepth::Sixteen { 16 } else { 8 };
+    let orientation = info.exif_metadata.as_deref().and_then(exif_block::orientation).unwrap_or(1);
+    let (mut width, mut height) = (info.width, info.height);
+    if orientation::swaps(orientation) {
+        (width, height) = (height, width);
+    }
+    limits.check(width, height)?;
+    Ok(Header { width, height, channels, bit_depth, format: Format::Png, orientation })
+}
+
+pub(super) fn probe(reader: impl BufRead + Seek, limits: &Limits) -> Result<Header, ImageFault> {
+    let reader = open(reader, limits)?;
+    header(reader.info(), limits)
+}
+
+pub(super) fn metadata(bytes: &[u8]) -> Metadata {
+    let Ok(reader) = open(Cursor::new(bytes), &Limits::default()) else { return Metadata::default() };
+    let info = reader.info();
+    Metadata {
+        icc: info.icc_profile.as_ref().map(|icc| icc.to_vec()),
+        exif: info.exif_metadata.as_ref().map(|exif| exif.to_vec()),
+    }
+}
+
+/// The picture as stored, and its orientation.
+pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), ImageFault> {
+    let mut reader = open(Cursor::new(bytes), limits)?;
+    let orientation = header(reader.info(), limits)?.orientation;
+    let size = reader.output_buffer_size().ok_or_else(|| ImageFault::damaged(Format::Png, "its size overflows"))?;
+    let mut data = vec![0; size];
+    let frame = reader.next_frame(&mut data).map_err(|error| fault(&error))?;
+    // the checksums that stand behind the pixels
+    reader.finish().map_err(|error| fault(&error))?;
+    data.truncate(frame.buffer_size());
+
+    let (stored, kept) = match frame.color_type {
+        ColorType::Grayscale => (1, 1),
+        ColorType::GrayscaleAlpha => (2, 1),
+        ColorType::Rgb => (3, 3),
+        ColorType::Rgba => (4, 3),
+        ColorType::Indexed => return Err(ImageFault::damaged(Format::Png, "a palette that cannot be looked up")),
+    };
+    let (width, height) = (frame.width as usize, frame.height as usize);
+    let raster = if frame.bit_depth == BitDepth::Sixteen {
+        let samples: Vec<u16> = data.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
+        Raster::sixteen(width, height, kept, first_channels(samples, stored, kept))
+    } else {
+        Raster::eight(width, height, kept, first_channels(data, stored, kept))
+    };
+    Ok((raster, orientation))
+}
+
+/// Keeps the first `kept` of `stored` channels: drops alpha.
+pub(super) fn first_channels<T: Copy>(mut samples: Vec<T>, stored: usize, kept: usize) -> Vec<T> {
+    if stored == kept {
+        return samples;
+    }
+    let pixels = samples.len() / stored;
+    for pixel in 0..pixels {
+        samples.copy_within(pixel * stored..pixel * stored + kept, pixel * kept);
+    }
+    samples.truncate(pixels * kept);
+    samples
+}

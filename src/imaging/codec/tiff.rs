@@ -1,0 +1,182 @@
+//! TIFF in.
+
+use std::io::{Cursor, Read, Seek};
+
+use ::tiff::{
+    ColorType, TiffError,
+    decoder::{ChunkType, Decoder, DecodingResult, Limits as DecoderLimits},
+    tags::{SampleFormat, Tag},
+};
+
+use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels};
+use crate::imaging::Raster;
+
+/// Pages after the first that are looked at, to find a file that holds a whole stack.
+const PAGES_LOOKED_AT: usize = 8;
+
+/// Marks a reduced version of another picture in the same file (`NewSubfileType`, bit 0).
+const REDUCED: u32 = 1;
+
+const DNG_VERSION: Tag = Tag::Unknown(0xC612);
+
+fn fault(error: &TiffError) -> ImageFault {
+    match error {
+        TiffError::IoError(error) => ImageFault::from_io(Format::Tiff, error),
+        TiffError::UnsupportedError(what) => {
+            ImageFault::unsupported(format!("the TIFF is of a kind that is not read ({what})"))
+        }
+        other => ImageFault::damaged(Format::Tiff, other),
+    }
+}
+
+/// Number of stored channels and of those that are kept.
+struct Channels {
+    stored: usize,
+    kept: usize,
+    bits: u8,
+}
+
+fn channels(color: ColorType) -> Result<Channels, ImageFault> {
+    let (stored, kept, bits) = match color {
+        ColorType::Gray(bits) => (1, 1, bits),
+        ColorType::GrayA(bits) => (2, 1, bits),
+        ColorType::RGB(bits) => (3, 3, bits),
+        ColorType::RGBA(bits) => (4, 3, bits),
+        other => {
+            let name = match other {
+                ColorType::Palette(_) => "a palette picture",
+                ColorType::CMYK(_) | ColorType::CMYKA(_) => "CMYK",
+                ColorType::YCbCr(_) => "YCbCr",
+                ColorType::Lab(_) => "Lab",
+                _ => "of more channels than grey or RGB have",
+            };
+            return Err(ImageFault::unsupported(format!("the TIFF is {name}")));
+        }
+    };
+    if bits != 8 && bits != 16 {
+        return Err(ImageFault::unsupported(format!("the TIFF has {bits} bits per sample")));
+    }
+    Ok(Channels { stored, kept, bits })
+}
+
+struct Opened<R: Read + Seek> {
+    decoder: Decoder<R>,
+    header: Header,
+    stored: usize,
+}
+
+fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFault> {
+    let mut decoder = Decoder::new(reader).map_err(|error| fault(&error))?;
+    let reduced = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0) & REDUCED != 0;
+    let has = |decoder: &mut Decoder<R>, tag| decoder.image_ifd().directory().contains(tag);
+    // a raw file shows its thumbnail first and keeps the picture in a sub-directory
+    if has(&mut decoder, DNG_VERSION) || (reduced && has(&mut decoder, Tag::SubIfd)) {
+        return Err(ImageFault::Raw("DNG, NEF, ARW or alike"));
+    }
+    // decoded as far as it goes, torn or not
+    let compression = decoder.find_tag_unsigned::<u16>(Tag::Compression).ok().flatten().unwrap_or(1);
+    if matches!(compression, 6 | 7) {
+        return Err(ImageFault::unsupported("the TIFF is compressed as JPEG inside"));
+    }
+    // the decoder fails an assertion on these
+    let planes = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).ok().flatten().unwrap_or(1);
+    if planes == 2 && decoder.get_chunk_type() == ChunkType::Tile {
+        return Err(ImageFault::unsupported("the TIFF keeps its colours in separate tiles"));
+    }
+    let (mut width, mut height) = decoder.dimensions().map_err(|error| fault(&error))?;
+    limits.check(width, height)?;
+    let channels = channels(decoder.colortype().map_err(|error| fault(&error))?)?;
+    let format = decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).ok().flatten().unwrap_or_default();
+    if format.iter().any(|&format| format != SampleFormat::Uint.to_u16()) {
+        return Err(ImageFault::unsupported("the TIFF has floating point or signed samples"));
+    }
+    let orientation = decoder.find_tag_unsigned::<u32>(Tag::Orientation).ok().flatten().map_or(1, orientation::sane);
+    if orientation::swaps(orientation) {
+        (width, height) = (height, width);
+    }
+    let header = Header {
+        width,
+        height,
+        channels: channels.kept as u8,
+        bit_depth: channels.bits,
+        format: Format::Tiff,
+        orientation,
+    };
+    Ok(Opened { decoder, header, stored: channels.stored })
+}
+
+/// Refuses files that hold several pictures, of which all but the first would be lost. Pages that cannot be read
+/// do not count.
+fn refuse_pages<R: Read + Seek>(mut decoder: Decoder<R>) -> Result<(), ImageFault> {
+    for _ in 0..PAGES_LOOKED_AT {
+        if !decoder.more_images() || decoder.next_image().is_err() {
+            return Ok(());
+        }
+        let kind = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0);
+        if kind & REDUCED == 0 {
+            return Err(ImageFault::Unsupported {
+                what: "the TIFF holds several pages".into(),
+                advice: "save each slice as a file of its own",
+            });
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn probe(reader: impl Read + Seek, limits: &Limits) -> Result<Header, ImageFault> {
+    let opened = open(reader, limits)?;
+    refuse_pages(opened.decoder)?;
+    Ok(opened.header)
+}
+
+pub(super) fn metadata(bytes: &[u8]) -> Metadata {
+    let icc = Decoder::new(Cursor::new(bytes))
+        .ok()
+        .and_then(|mut decoder| decoder.get_tag_u8_vec(Tag::IccProfile).ok())
+        .filter(|icc| !icc.is_empty());
+    Metadata { icc, exif: exif_block::from_tiff(bytes) }
+}
+
+/// The picture as stored, and its orientation.
+pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), ImageFault> {
+    refuse_pages(open(Cursor::new(bytes), limits)?.decoder)?;
+    let Opened { decoder, header, stored } = open(Cursor::new(bytes), limits)?;
+
+    // one row of tiles may reach beyond the picture; nothing sound needs more than this
+    let largest = (header.width as usize + 4096) * (header.height as usize + 4096) * stored * 2;
+    let mut allowed = DecoderLimits::default();
+    allowed.decoding_buffer_size = limits.max_bytes();
+    allowed.intermediate_buffer_size = largest.min(limits.max_bytes());
+    let mut decoder = decoder.with_limits(allowed);
+
+    let mut result = DecodingResult::U8(Vec::new());
+    let layout = decoder.read_image_to_buffer(&mut result).map_err(|error| fault(&error))?;
+
+    let (width, height) = decoder.dimensions().map_err(|error| fault(&error))?;
+    let (width, height) = (width as usize, height as usize);
+    let kept = usize::from(header.channels);
+    let samples = width * height * stored;
+    let raster = match result {
+        DecodingResult::U8(data) if data.len() == samples => {
+            Raster::eight(width, height, kept, arranged(data, layout.planes, stored, kept))
+        }
+        DecodingResult::U16(data) if data.len() == samples => {
+            Raster::sixteen(width, height, kept, arranged(data, layout.planes, stored, kept))
+        }
+        _ => return Err(ImageFault::damaged(Format::Tiff, "another size or depth than declared")),
+    };
+    Ok((raster, header.orientation))
+}
+
+/// Interleaved samples without alpha, from samples that are interleaved or in planes.
+fn arranged<T: Copy>(samples: Vec<T>, planes: usize, stored: usize, kept: usize) -> Vec<T> {
+    if planes <= 1 {
+        return first_channels(samples, stored, kept);
+    }
+    let pixels = samples.len() / stored;
+    let mut out = Vec::with_capacity(pixels * kept);
+    for pixel in 0..pixels {
+        out.extend((0..kept).map(|channel| samples[channel * pixels + pixel]));
+    }
+    out
+}

@@ -1,0 +1,118 @@
+//! The two kinds of sample a raster holds, so that a kernel is written once.
+
+use super::{Depth, Samples};
+
+/// An integer sample, `u8` or `u16`. Kernels compute in `f32` or in exact integers and round once at the end.
+pub trait Sample: Copy + Default + PartialEq + std::fmt::Debug + Send + Sync + 'static {
+    /// Bits per sample.
+    const DEPTH: Depth;
+    /// Bytes per sample.
+    const BYTES: usize;
+    /// What stretches this sample to the full scale of 16 bits: 257 or 1.
+    const TO_SIXTEEN: u32;
+
+    /// The sample as a float, 0 to full scale.
+    fn value(self) -> f32;
+
+    /// The sample as an integer, 0 to full scale.
+    fn integer(self) -> u32;
+
+    /// The nearest sample (halves go up), clamped to 0 and full scale; NaN gives 0.
+    fn rounded(value: f32) -> Self;
+
+    /// The samples of a raster, when they are of this kind.
+    fn of(samples: &Samples) -> Option<&[Self]>;
+
+    /// Samples of this kind as a raster holds them.
+    fn wrap(samples: Vec<Self>) -> Samples;
+
+    /// Appends the samples to `bytes`, native endian.
+    fn to_bytes(samples: &[Self], bytes: &mut Vec<u8>);
+
+    /// Reads as many samples as fit `samples` back from `bytes`, native endian.
+    fn from_bytes(bytes: &[u8], samples: &mut [Self]);
+}
+
+impl Sample for u8 {
+    const DEPTH: Depth = Depth::Eight;
+    const BYTES: usize = 1;
+    const TO_SIXTEEN: u32 = 257;
+
+    #[inline(always)]
+    fn value(self) -> f32 {
+        f32::from(self)
+    }
+
+    #[inline(always)]
+    fn integer(self) -> u32 {
+        u32::from(self)
+    }
+
+    #[inline(always)]
+    fn rounded(value: f32) -> Self {
+        (value + 0.5) as Self
+    }
+
+    fn of(samples: &Samples) -> Option<&[Self]> {
+        match samples {
+            Samples::Eight(samples) => Some(samples),
+            Samples::Sixteen(_) => None,
+        }
+    }
+
+    fn wrap(samples: Vec<Self>) -> Samples {
+        Samples::Eight(samples)
+    }
+
+    fn to_bytes(samples: &[Self], bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(samples);
+    }
+
+    fn from_bytes(bytes: &[u8], samples: &mut [Self]) {
+        for (sample, &byte) in samples.iter_mut().zip(bytes) {
+            *sample = byte;
+        }
+    }
+}
+
+impl Sample for u16 {
+    const DEPTH: Depth = Depth::Sixteen;
+    const BYTES: usize = 2;
+    const TO_SIXTEEN: u32 = 1;
+
+    #[inline(always)]
+    fn value(self) -> f32 {
+        f32::from(self)
+    }
+
+    #[inline(always)]
+    fn integer(self) -> u32 {
+        u32::from(self)
+    }
+
+    #[inline(always)]
+    fn rounded(value: f32) -> Self {
+        (value + 0.5) as Self
+    }
+
+    fn of(samples: &Samples) -> Option<&[Self]> {
+        match samples {
+            Samples::Eight(_) => None,
+            Samples::Sixteen(samples) => Some(samples),
+        }
+    }
+
+    fn wrap(samples: Vec<Self>) -> Samples {
+        Samples::Sixteen(samples)
+    }
+
+    fn to_bytes(samples: &[Self], bytes: &mut Vec<u8>) {
+        bytes.extend(samples.iter().flat_map(|sample| sample.to_ne_bytes()));
+    }
+
+    fn from_bytes(bytes: &[u8], samples: &mut [Self]) {
+        for (sample, pair) in samples.iter_mut().zip(bytes.chunks_exact(2)) {
+            *sample = Self::from_ne_bytes([pair[0], pair[1]]);
+        }
+    }
+}
