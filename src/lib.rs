@@ -11,4 +11,4 @@
 
 #![warn(missing_docs)]
 
-pub use pinstack_science::{imaging, model};
+pub use pinstack_science::{imaging, model, synth};

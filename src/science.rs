@@ -8,3 +8,4 @@
 
 pub mod imaging;
 pub mod model;
+pub mod synth;

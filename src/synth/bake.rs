@@ -1,0 +1,245 @@
+//! Parts of a scene, sampled once in the geometry of the reference slice; slices are resampled from that.
+
+use rayon::prelude::*;
+
+use super::Rig;
+use super::scene::{Part, Relief, Shape};
+
+/// Above this many pixels parts are sampled once per pixel, below it twice as densely.
+const DENSE_UP_TO_PX: usize = 6_000_000;
+/// How far beyond the reference picture parts are kept: other slices may see more. Share of a side.
+const BORDER: f64 = 0.12;
+/// Side of the blocks of samples that are known to be empty or not.
+const BLOCK: usize = 8;
+
+/// From px of the reference picture to scene coordinates.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame {
+    centre: [f64; 2],
+    /// Scene units per px.
+    pub(super) pixel: f64,
+}
+
+impl Frame {
+    pub(super) fn of(rig: &Rig) -> Self {
+        Self { centre: rig.centre(), pixel: 1.0 / rig.width.min(rig.height).max(1) as f64 }
+    }
+
+    pub(super) fn to_scene(self, px: [f64; 2]) -> [f64; 2] {
+        [(px[0] - self.centre[0]) * self.pixel, (px[1] - self.centre[1]) * self.pixel]
+    }
+
+    fn to_px(self, point: [f64; 2]) -> [f64; 2] {
+        [point[0] / self.pixel + self.centre[0], point[1] / self.pixel + self.centre[1]]
+    }
+}
+
+/// One part as a raster of colour and coverage (premultiplied), box-filtered to the size of a pixel.
+#[derive(Debug)]
+pub(super) struct Baked {
+    /// Reference px of sample (0, 0).
+    origin: [f64; 2],
+    per_px: f64,
+    width: usize,
+    height: usize,
+    samples: Vec<[u16; 4]>,
+    /// Per block: whether any sample in it or beside it is covered.
+    occupied: Vec<bool>,
+    pub(super) relief: Relief,
+    /// Smallest and largest depth on the part.
+    pub(super) depths: [f64; 2],
+}
+
+/// Bakes all parts. `None` for those outside the picture.
+pub(super) fn bake(rig: &Rig, parts: &[Part]) -> Vec<Baked> {
+    let frame = Frame::of(rig);
+    let per_px = if rig.width * rig.height <= DENSE_UP_TO_PX { 2 } else { 1 };
+    let casters: Vec<Caster> = parts.iter().map(Caster::of).collect();
+    let baked = parts.iter().enumerate();
+    baked.filter_map(|(index, part)| bake_part(rig, frame, part, &casters[index + 1..], per_px)).collect()
+}
+
+fn bake_part(rig: &Rig, frame: Frame, part: &Part, casters: &[Caster], per_px: usize) -> Option<Baked> {
+    let bounds = part.shape.bounds();
+    let (low, high) = (frame.to_px([bounds[0], bounds[1]]), frame.to_px([bounds[2], bounds[3]]));
+    let within = |value: f64, side: usize| value.clamp(-BORDER * side as f64, (1.0 + BORDER) * side as f64);
+    let origin = [within(low[0] - 2.0, rig.width).floor(), within(low[1] - 2.0, rig.height).floor()];
+    let end = [within(high[0] + 2.0, rig.width).ceil(), within(high[1] + 2.0, rig.height).ceil()];
+    let [width, height] = [0, 1].map(|axis| (end[axis] - origin[axis]) as usize * per_px);
+    if width == 0 || height == 0 {
+        return None;
+    }
+    // points around each sample, which are averaged over one pixel
+    let step = 1.0 / per_px as f64;
+    let points = shade_points(frame, part, casters, origin, step, [width + 1, height + 1]);
+    let samples: Vec<[u16; 4]> = (0..width * height)
+        .into_par_iter()
+        .map(|at| {
+            let (x, y) = (at % width, at / width);
+            let corner = |dx: usize, dy: usize| points[(y + dy) * (width + 1) + x + dx];
+            let corners = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
+            std::array::from_fn(|c| (corners.iter().map(|p| p[c]).sum::<f32>() * 0.25 * 65_535.0).round() as u16)
+        })
+        .collect();
+    let occupied = occupied_blocks(&samples, width, height);
+    let depths = depth_range(frame, part, origin, step, width, &samples);
+    let per_px = per_px as f64;
+    Some(Baked { origin, per_px, width, height, samples, occupied, relief: part.relief, depths })
+}
+
+/// Premultiplied colour and coverage at points half a step before each sample.
+fn shade_points(
+    frame: Frame,
+    part: &Part,
+    casters: &[Caster],
+    origin: [f64; 2],
+    step: f64,
+    size: [usize; 2],
+) -> Vec<[f32; 4]> {
+    let soft = frame.pixel * step;
+    let shade = |shape: &Shape, x: usize, y: usize| {
+        let px = [origin[0] + (x as f64 - 0.5) * step, origin[1] + (y as f64 - 0.5) * step];
+        let point = frame.to_scene(px);
+        let place = shape.place(point);
+        let windows = part.holes.iter().map(|(centre, radius)| radius - distance(point, *centre));
+        let outline = windows.fold(place.distance, f64::max);
+        let coverage = (0.5 - outline / soft).clamp(0.0, 1.0) as f32;
+        if coverage <= 0.0 {
+            return [0.0; 4];
+        }
+        let light = shadow(casters, part, point);
+        let colour = part.skin.colour(&place, point, frame.pixel);
+        [coverage * light * colour[0], coverage * light * colour[1], coverage * light * colour[2], coverage]
+    };
+    let mut points = vec![[0.0_f32; 4]; size[0] * size[1]];
+    points.par_chunks_mut(size[0]).enumerate().for_each(|(y, row)| {
+        let at = frame.to_scene([0.0, origin[1] + (y as f64 - 0.5) * step])[1];
+        let shape = part.shape.near_row(at, soft);
+        row.iter_mut().enumerate().for_each(|(x, out)| *out = shade(&shape, x, y));
+    });
+    points
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// What a part throws its shadow with: its outline without hairs.
+struct Caster {
+    shape: Shape,
+    bounds: [f64; 4],
+    relief: Relief,
+}
+
+impl Caster {
+    fn of(part: &Part) -> Self {
+        const HAIR: f64 = 0.003;
+        let shape = match &part.shape {
+            Shape::Strokes(strokes) => {
+                Shape::Strokes(strokes.iter().filter(|s| s.radii[0].max(s.radii[1]) > HAIR).copied().collect())
+            }
+            whole => whole.clone(),
+        };
+        Self { bounds: shape.bounds(), shape, relief: part.relief }
+    }
+}
+
+/// What nearer parts leave of the light, which comes from the upper left. Soft, and only for the look.
+fn shadow(casters: &[Caster], part: &Part, point: [f64; 2]) -> f32 {
+    const UNITS_PER_DEPTH: f64 = 0.16;
+    /// Longest way of a shadow, and half its softness there.
+    const REACH: f64 = 0.25;
+    let own = part.relief.depth(point[0], point[1]);
+    let mut light = 1.0;
+    for caster in casters {
+        let bounds = caster.bounds;
+        let [x, y] = point;
+        if x < bounds[0] - REACH || y < bounds[1] - REACH || x > bounds[2] + REACH || y > bounds[3] + REACH {
+            continue;
+        }
+        let gap = own - caster.relief.depth(x, y);
+        if gap <= 0.0 {
+            continue;
+        }
+        let shift = UNITS_PER_DEPTH * gap;
+        let seen = [x - 0.7 * shift, y - shift];
+        let soft = 0.006 + 0.6 * shift;
+        let cover = (0.5 - caster.shape.place(seen).distance / soft).clamp(0.0, 1.0);
+        light *= 1.0 - 0.45 * cover * cover;
+    }
+    light.max(0.3) as f32
+}
+
+fn occupied_blocks(samples: &[[u16; 4]], width: usize, height: usize) -> Vec<bool> {
+    let columns = width.div_ceil(BLOCK);
+    let rows = height.div_ceil(BLOCK);
+    let own: Vec<bool> = (0..columns * rows)
+        .map(|block| {
+            let (left, top) = (block % columns * BLOCK, block / columns * BLOCK);
+            (top..(top + BLOCK).min(height))
+                .any(|y| samples[y * width + left..y * width + (left + BLOCK).min(width)].iter().any(|s| s[3] > 0))
+        })
+        .collect();
+    let at = |x: usize, y: usize| own[y * columns + x];
+    (0..columns * rows)
+        .map(|block| {
+            let (x, y) = (block % columns, block / columns);
+            (y.saturating_sub(1)..=(y + 1).min(rows - 1))
+                .any(|y| (x.saturating_sub(1)..=(x + 1).min(columns - 1)).any(|x| at(x, y)))
+        })
+        .collect()
+}
+
+fn depth_range(frame: Frame, part: &Part, origin: [f64; 2], step: f64, width: usize, samples: &[[u16; 4]]) -> [f64; 2] {
+    let covered = samples.iter().enumerate().filter(|(_, sample)| sample[3] > 0);
+    covered
+        .map(|(at, _)| {
+            let px = [origin[0] + (at % width) as f64 * step, origin[1] + (at / width) as f64 * step];
+            let point = frame.to_scene(px);
+            part.relief.depth(point[0], point[1])
+        })
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |range, depth| [range[0].min(depth), range[1].max(depth)])
+}
+
+impl Baked {
+    /// Left, top, right, bottom in px of the reference picture.
+    pub(super) fn bounds(&self) -> [f64; 4] {
+        let [x, y] = self.origin;
+        [x, y, x + self.width as f64 / self.per_px, y + self.height as f64 / self.per_px]
+    }
+
+    /// Colour and coverage at `px` of the reference picture, by Catmull-Rom interpolation: the last `C` of
+    /// red, green, blue (premultiplied) and coverage.
+    pub(super) fn sample<const C: usize>(&self, px: [f64; 2]) -> [f32; C] {
+        let (x, y) = ((px[0] - self.origin[0]) * self.per_px, (px[1] - self.origin[1]) * self.per_px);
+        if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
+            return [0.0; C];
+        }
+        let (left, top) = (x as usize, y as usize);
+        if !self.occupied[(top / BLOCK) * self.width.div_ceil(BLOCK) + left / BLOCK] {
+            return [0.0; C];
+        }
+        let (across, down) = (catmull_rom((x - left as f64) as f32), catmull_rom((y - top as f64) as f32));
+        let mut sum = [0.0_f32; C];
+        for (j, weight_y) in down.into_iter().enumerate() {
+            let Some(row) = (top + j).checked_sub(1).filter(|&row| row < self.height) else { continue };
+            for (i, weight_x) in across.into_iter().enumerate() {
+                let Some(column) = (left + i).checked_sub(1).filter(|&column| column < self.width) else { continue };
+                let sample = self.samples[row * self.width + column];
+                for channel in 0..C {
+                    sum[channel] += weight_x * weight_y * f32::from(sample[4 - C + channel]);
+                }
+            }
+        }
+        sum.map(|value| (value / 65_535.0).clamp(0.0, 1.0))
+    }
+}
+
+fn catmull_rom(t: f32) -> [f32; 4] {
+    [
+        0.5 * t * (t * (2.0 - t) - 1.0),
+        0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
+        0.5 * t * (t * (4.0 - 3.0 * t) + 1.0),
+        0.5 * t * t * (t - 1.0),
+    ]
+}

@@ -1,0 +1,69 @@
+//! Numbers that look random and depend on nothing but what they are numbers of.
+
+/// SplitMix64's finaliser: every bit of the input stirs every bit of the output.
+#[inline]
+pub(super) fn mix(mut z: u64) -> u64 {
+    z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A key out of several numbers; their order counts.
+#[inline]
+pub(super) fn key(parts: &[u64]) -> u64 {
+    parts.iter().fold(0x5eed, |state, &part| mix(state ^ part))
+}
+
+/// Uniform in 0..1.
+#[inline]
+pub(super) fn uniform(key: u64) -> f64 {
+    (mix(key) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// Uniform in `low..high`.
+#[inline]
+pub(super) fn between(key: u64, low: f64, high: f64) -> f64 {
+    low + (high - low) * uniform(key)
+}
+
+/// Mean 0, deviation 1, within +-3.46: the sum of four uniform numbers, close enough to a Gaussian for
+/// sensor noise and much cheaper.
+#[inline]
+pub(super) fn normal(key: u64) -> f32 {
+    let bits = mix(key);
+    let sum = (bits & 0xffff) + ((bits >> 16) & 0xffff) + ((bits >> 32) & 0xffff) + (bits >> 48);
+    const SQRT_3: f32 = 1.732_050_8;
+    ((sum as f32 + 2.0) / 65_536.0 - 2.0) * SQRT_3
+}
+
+/// Value noise: a random number on each point of the unit lattice, smoothly between. -1..1.
+pub(super) fn lattice(seed: u64, x: f64, y: f64) -> f32 {
+    let (floor_x, floor_y) = (x.floor(), y.floor());
+    let (left, top) = (floor_x as i64 as u64, floor_y as i64 as u64);
+    let corner = |dx: u64, dy: u64| {
+        let at = seed ^ left.wrapping_add(dx).wrapping_mul(0x9e37_79b1_85eb_ca87);
+        (mix(at ^ top.wrapping_add(dy).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)) >> 40) as f32 / 8_388_608.0 - 1.0
+    };
+    let smooth = |t: f64| (t * t * (3.0 - 2.0 * t)) as f32;
+    let (tx, ty) = (smooth(x - floor_x), smooth(y - floor_y));
+    let upper = corner(0, 0) * (1.0 - tx) + corner(1, 0) * tx;
+    let lower = corner(0, 1) * (1.0 - tx) + corner(1, 1) * tx;
+    upper * (1.0 - ty) + lower * ty
+}
+
+/// Lattice noise of several octaves, each `roughness` times as strong as the one before. Octaves finer
+/// than `finest` (in units of `x`) fade out: they could only alias. About -1..1.
+pub(super) fn fractal(seed: u64, x: f64, y: f64, octaves: u32, roughness: f32, finest: f64) -> f32 {
+    let (mut sum, mut total, mut strength, mut frequency) = (0.0, 0.0, 1.0, 1.0_f64);
+    for octave in 0..octaves {
+        let visible = (1.0 / frequency / finest - 1.0).clamp(0.0, 1.0) as f32;
+        if visible > 0.0 {
+            sum += strength * visible * lattice(seed.wrapping_add(u64::from(octave)), x * frequency, y * frequency);
+        }
+        total += strength;
+        strength *= roughness;
+        frequency *= 2.03;
+    }
+    1.6 * sum / total
+}

@@ -1,0 +1,67 @@
+//! From light to stored samples: exposure, vignetting, noise, quantisation.
+
+use rayon::prelude::*;
+
+use super::Rig;
+use super::noise::{key, normal};
+use crate::imaging::{Raster, Samples};
+
+/// How the object is lit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Light {
+    /// From the camera's side: the colours of the object.
+    Front,
+    /// From behind: a bright field with the object as a dark silhouette.
+    Back,
+}
+
+/// The picture that the sensor of slice `i` stores: `radiance(x, y, row)` fills a row of RGB light, 0..1
+/// of full scale at the reference exposure. `salt` keeps the noise of different pictures apart.
+pub(super) fn expose(rig: &Rig, i: usize, salt: u64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Raster {
+    let samples = expose_clean(rig, rig.exposure(i), radiance);
+    let noise_key = key(&[rig.seed, salt, i as u64]);
+    let sigma = (rig.noise / 255.0) as f32;
+    let with_noise = |at: usize, light: f32| {
+        if sigma > 0.0 {
+            light + sigma * normal(noise_key ^ (at as u64).wrapping_mul(0x2545_f491_4f6c_dd1d))
+        } else {
+            light
+        }
+    };
+    quantise(rig, &samples, with_noise)
+}
+
+/// Exposed and vignetted light, in the channels of the rig, not yet noisy or quantised.
+pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Vec<f32> {
+    let [cx, cy] = rig.centre();
+    let corner = (cx * cx + cy * cy).max(1.0);
+    let mut samples = vec![0.0_f32; rig.width * rig.height * rig.channels];
+    samples.par_chunks_mut(rig.width * rig.channels).enumerate().for_each(|(y, row)| {
+        let mut light = vec![[0.0_f32; 3]; rig.width];
+        radiance(y, &mut light);
+        for (x, (rgb, out)) in light.iter().zip(row.chunks_exact_mut(rig.channels)).enumerate() {
+            let squared = (x as f64 - cx).powi(2) + (y as f64 - cy).powi(2);
+            let factor = (exposure * (1.0 - rig.vignetting * squared / corner)) as f32;
+            match out {
+                [grey] => *grey = factor * (0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]),
+                _ => out.iter_mut().zip(rgb).for_each(|(sample, value)| *sample = factor * value),
+            }
+        }
+    });
+    samples
+}
+
+/// Stored samples; `disturb(index, light)` may add to each before it is rounded.
+pub(super) fn quantise(rig: &Rig, light: &[f32], disturb: impl Fn(usize, f32) -> f32 + Sync) -> Raster {
+    let full = rig.depth.max();
+    let level = |(at, &value): (usize, &f32)| (disturb(at, value) * full).round().clamp(0.0, full);
+    let samples = match rig.depth {
+        crate::imaging::Depth::Eight => {
+            Samples::Eight(light.par_iter().enumerate().map(|sample| level(sample) as u8).collect())
+        }
+        crate::imaging::Depth::Sixteen => {
+            Samples::Sixteen(light.par_iter().enumerate().map(|sample| level(sample) as u16).collect())
+        }
+    };
+    Raster { width: rig.width, height: rig.height, channels: rig.channels, samples }
+}
