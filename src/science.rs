@@ -8,4 +8,5 @@
 
 pub mod imaging;
 pub mod model;
+pub mod quality;
 pub mod synth;

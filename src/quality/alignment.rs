@@ -1,0 +1,171 @@
+//! Residual shifts between warped neighbours: whether the calibration profile fits the stack.
+
+mod focus;
+mod phase;
+mod similarity;
+
+use rayon::prelude::*;
+
+use super::statistics;
+use crate::{
+    imaging::{Plane, Rect},
+    model::metrics::AlignmentMetrics,
+};
+
+/// Gives the luma (0..255) and validity (255 valid) of a rectangle of warped slice `n`; none where it
+/// cannot be had.
+pub type Window<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
+
+/// Windows in each direction.
+const GRID: usize = 5;
+/// Side of a window on a large canvas, where residual shifts may be large, and on others, px.
+const SIDES: [(usize, usize); 2] = [(2000, 256), (0, 128)];
+/// The smallest window that still says something, px.
+const LEAST_SIDE: usize = 32;
+/// A window must hold this share of object, when there is a mask.
+const LEAST_OBJECT: f64 = 0.1;
+/// A window with fewer valid pixels than this share is passed over.
+const LEAST_VALID: f64 = 0.9;
+/// Fewer shifts than this are no statistics.
+const LEAST_SHIFTS: usize = 3;
+
+/// What [`measure`] found.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Alignment {
+    /// Over all pairs of neighbours.
+    pub metrics: AlignmentMetrics,
+    /// Per slice: median length of the residual shift against the slice before it, px; the first is none.
+    pub per_slice: Vec<Option<f64>>,
+}
+
+/// The shift of one window from a slice to the next, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shift {
+    /// Centre of the window on the canvas.
+    x: f64,
+    y: f64,
+    dx: f64,
+    dy: f64,
+}
+
+impl Shift {
+    fn length(&self) -> f64 {
+        self.dx.hypot(self.dy)
+    }
+}
+
+/// Measures the residual shift between each warped slice and the one before it, in windows spread over the
+/// canvas (over the object's bounding box, when `object`, 0 or 255, is given). A window counts
+/// for the pairs of slices that are both near its sharpest. Windows without common texture give no shift; where
+/// too few do, the number is none.
+///
+/// `read` is called from several threads; the result does not depend on how many.
+pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, object: Option<&Plane<u8>>) -> Alignment {
+    let windows = windows(width, height, object);
+    let focus = focus::Focus::of(slices, read, &windows);
+    let pair = |next: usize| {
+        let sharp = |&(index, _): &(usize, &Rect)| focus.in_both(next - 1, next, index);
+        let windows: Vec<Rect> = windows.iter().enumerate().filter(sharp).map(|(_, &window)| window).collect();
+        shifts(read, next - 1, next, &windows)
+    };
+    let pairs: Vec<Vec<Shift>> = (1..slices).into_par_iter().map(pair).collect();
+    let mut per_slice = vec![None; slices.min(1)];
+    per_slice.extend(pairs.iter().map(|shifts| length_quantile(shifts.iter(), 0.5)));
+    let scales: Vec<f64> = pairs.iter().filter_map(|shifts| similarity::scale(shifts)).collect();
+    let metrics = AlignmentMetrics {
+        residual_p50_px: length_quantile(pairs.iter().flatten(), 0.5),
+        residual_p95_px: length_quantile(pairs.iter().flatten(), 0.95),
+        residual_scale: (!scales.is_empty()).then(|| scales.iter().sum::<f64>() / scales.len() as f64),
+    };
+    Alignment { metrics, per_slice }
+}
+
+fn length_quantile<'a>(shifts: impl Iterator<Item = &'a Shift>, q: f64) -> Option<f64> {
+    let mut lengths: Vec<f32> = shifts.map(|shift| shift.length() as f32).collect();
+    if lengths.len() < LEAST_SHIFTS {
+        return None;
+    }
+    statistics::quantile(&mut lengths, q).map(f64::from)
+}
+
+/// Up to `GRID` x `GRID` windows of one size over the canvas or the object.
+fn windows(width: usize, height: usize, object: Option<&Plane<u8>>) -> Vec<Rect> {
+    let object = object.filter(|object| object.width == width && object.height == height);
+    let area = match object.map(bounding_box) {
+        None => Rect::whole(width, height),
+        Some(Some(bounds)) => bounds,
+        Some(None) => return Vec::new(),
+    };
+    let shorter = width.min(height);
+    let mut side = SIDES.iter().find(|(least, _)| shorter >= *least).map_or(LEAST_SIDE, |&(_, side)| side);
+    // two windows side by side at the least, so that a scale can be seen
+    while side > LEAST_SIDE && side * 2 > shorter {
+        side /= 2;
+    }
+    if side > shorter {
+        return Vec::new();
+    }
+    let [columns, rows] = [(area.x, area.width, width), (area.y, area.height, height)]
+        .map(|(start, length, canvas)| starts(start, length, canvas, side));
+    let all = rows.iter().flat_map(|&y| columns.iter().map(move |&x| Rect { x, y, width: side, height: side }));
+    all.filter(|window| object.is_none_or(|object| share_of(object, *window) >= LEAST_OBJECT)).collect()
+}
+
+/// Where windows begin along one axis, so that they spread over `start..start + length`.
+fn starts(start: usize, length: usize, canvas: usize, side: usize) -> Vec<usize> {
+    let room = length.saturating_sub(side);
+    let count = (room / (side / 2).max(1) + 1).min(GRID);
+    let first = start.min(canvas - side);
+    if count == 1 {
+        return vec![(start + length / 2).saturating_sub(side / 2).min(canvas - side)];
+    }
+    (0..count).map(|i| (first + room * i / (count - 1)).min(canvas - side)).collect()
+}
+
+fn bounding_box(object: &Plane<u8>) -> Option<Rect> {
+    let rows: Vec<usize> = (0..object.height).filter(|&y| object.row(y).iter().any(|&v| v != 0)).collect();
+    let (top, bottom) = (*rows.first()?, *rows.last()?);
+    let (mut left, mut right) = (object.width, 0);
+    for y in top..=bottom {
+        let row = object.row(y);
+        if let (Some(first), Some(last)) = (row.iter().position(|&v| v != 0), row.iter().rposition(|&v| v != 0)) {
+            left = left.min(first);
+            right = right.max(last);
+        }
+    }
+    Some(Rect { x: left, y: top, width: right + 1 - left, height: bottom + 1 - top })
+}
+
+fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
+    let rows = window.y..window.y + window.height;
+    let inside: usize =
+        rows.map(|y| object.row(y)[window.x..window.x + window.width].iter().filter(|&&v| v != 0).count()).sum();
+    inside as f64 / (window.width * window.height) as f64
+}
+
+/// The shifts from slice `from` to slice `to`, window by window.
+fn shifts(read: &Window<'_>, from: usize, to: usize, windows: &[Rect]) -> Vec<Shift> {
+    let Some(side) = windows.first().map(|window| window.width) else { return Vec::new() };
+    let correlator = phase::Correlator::new(side);
+    let shift = |window: &Rect| {
+        let (a, valid_a) = read(from, *window)?;
+        let (b, valid_b) = read(to, *window)?;
+        let sizes = [(a.width, a.height), (b.width, b.height)];
+        let samples = [valid_a.data.len(), valid_b.data.len()];
+        if sizes != [(side, side); 2] || samples != [side * side; 2] {
+            return None;
+        }
+        let common: Vec<bool> = valid_a.data.iter().zip(&valid_b.data).map(|(a, b)| *a != 0 && *b != 0).collect();
+        let share = common.iter().filter(|&&both| both).count() as f64 / (side * side) as f64;
+        if share < LEAST_VALID {
+            return None;
+        }
+        let (dx, dy) = correlator.shift(&a.data, &b.data, &common)?;
+        let middle = |start: usize| start as f64 + (side as f64 - 1.0) / 2.0;
+        Some(Shift { x: middle(window.x), y: middle(window.y), dx, dy })
+    };
+    windows.iter().filter_map(shift).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,235 @@
+//! Phase correlation of two windows that may be differently defocused.
+//!
+//! Defocus damps and may even invert frequencies, but it does not turn their phase: what both windows still
+//! show tells the shift. So every common frequency votes with the strength that it has in *both* windows,
+//! and a peak counts only when the votes agree.
+
+use std::{f32::consts::TAU, sync::Arc};
+
+use rustfft::{Fft, FftPlanner, num_complex::Complex32};
+
+/// Share of the votes that must agree with the peak, 0 (none) to 1 (all).
+const AGREEMENT: f32 = 0.5;
+/// A peak must be this much higher than any other far from it.
+const PEAK_RATIO: f32 = 1.3;
+/// Other peaks are looked for outside this distance, px.
+const APART: f32 = 6.0;
+/// Windows with less texture than this (standard deviation, grey levels) say nothing.
+const LEAST_CONTRAST: f32 = 1.0;
+/// Frequencies weaker than this share of the mean count the less, the weaker they are.
+const WEAK: f32 = 0.3;
+/// Frequencies used, in cycles per px: below is light and vignetting, above is noise and the resampler.
+const BAND: (f32, f32) = (0.04, 0.25);
+/// Relative blur damps one window against the other; where it leaves less than this (of what it leaves at the
+/// low end of the band), its sign may soon turn, and with it the phase.
+const DAMPED: f32 = 0.3;
+/// Texture must be common to both windows up to this frequency, cycles per px; coarser shapes are moved by the
+/// veil of out-of-focus parts.
+const LEAST_COMMON: f32 = 0.07;
+
+/// Finds shifts between square windows of one size.
+pub(super) struct Correlator {
+    side: usize,
+    taper: Vec<f32>,
+    forward: Arc<dyn Fft<f32>>,
+    backward: Arc<dyn Fft<f32>>,
+}
+
+/// One frequency of the common spectrum, in radians per px.
+struct Vote {
+    u: f32,
+    v: f32,
+    cross: Complex32,
+    /// Energies of the two windows there.
+    energies: (f32, f32),
+}
+
+impl Correlator {
+    pub(super) fn new(side: usize) -> Self {
+        let hann: Vec<f32> = (0..side).map(|i| 0.5 - 0.5 * (TAU * (i as f32 + 0.5) / side as f32).cos()).collect();
+        let taper = hann.iter().flat_map(|&y| hann.iter().map(move |&x| x * y)).collect();
+        let mut planner = FftPlanner::new();
+        Self { side, taper, forward: planner.plan_fft_forward(side), backward: planner.plan_fft_inverse(side) }
+    }
+
+    /// How far the content of `b` lies from where it is in `a`, px (x, y), by the pixels where `valid`; none
+    /// when the windows have no texture in common.
+    pub(super) fn shift(&self, a: &[f32], b: &[f32], valid: &[bool]) -> Option<(f64, f64)> {
+        let (a, b) = (self.prepared(a, valid)?, self.prepared(b, valid)?);
+        let both: Vec<Complex32> = a.iter().zip(&b).map(|(&re, &im)| Complex32::new(re, im)).collect();
+        let (votes, mut surface) = self.cross_spectrum(both);
+        let total: f32 = votes.iter().map(|vote| vote.cross.norm()).sum();
+        if total <= 0.0 || !total.is_finite() {
+            return None;
+        }
+        self.transform(&mut surface, &self.backward);
+        let start = self.peak(&surface)?;
+        let (x, y) = refine(&votes, start)?;
+        let agreeing: f32 = votes
+            .iter()
+            .map(|vote| vote.cross.re * vote.phase(x, y).cos() - vote.cross.im * vote.phase(x, y).sin())
+            .sum();
+        (agreeing > AGREEMENT * total).then_some((f64::from(x), f64::from(y)))
+    }
+
+    /// Without mean, tapered to the borders, zero where not valid.
+    fn prepared(&self, window: &[f32], valid: &[bool]) -> Option<Vec<f32>> {
+        let weights = || self.taper.iter().zip(valid).map(|(&taper, &valid)| if valid { taper } else { 0.0 });
+        // a value where the slice does not cover may be anything
+        let values = || window.iter().zip(valid).map(|(&value, &valid)| if valid { value } else { 0.0 });
+        let sum: f32 = weights().sum();
+        let mean = values().zip(weights()).map(|(v, w)| v * w).sum::<f32>() / sum;
+        let tapered: Vec<f32> = values().zip(weights()).map(|(v, w)| (v - mean) * w).collect();
+        let energy: f32 = tapered.iter().zip(weights()).filter(|(_, w)| *w > 0.0).map(|(t, w)| t * t / w).sum();
+        let contrast = (energy / sum).sqrt();
+        (contrast.is_finite() && contrast >= LEAST_CONTRAST).then_some(tapered)
+    }
+
+    /// Rows, then columns.
+    fn transform(&self, data: &mut [Complex32], fft: &Arc<dyn Fft<f32>>) {
+        fft.process(data);
+        transpose(data, self.side);
+        fft.process(data);
+        transpose(data, self.side);
+    }
+
+    /// The votes of half the plane, and their spectrum over the whole of it. Both windows are real, so one
+    /// transform of `a + i b` holds both spectra.
+    fn cross_spectrum(&self, mut both: Vec<Complex32>) -> (Vec<Vote>, Vec<Complex32>) {
+        self.transform(&mut both, &self.forward);
+        let side = self.side;
+        let opposite = |i: usize| (side - i) % side;
+        let mut votes = Vec::new();
+        let mut spectrum = vec![Complex32::default(); side * side];
+        let frequency = |i: usize| if i <= side / 2 { i as f32 } else { i as f32 - side as f32 } / side as f32;
+        for row in 0..side {
+            for column in 0..=side / 2 {
+                let (u, v) = (frequency(column), frequency(row));
+                let radius = u.hypot(v);
+                if !(BAND.0..=BAND.1).contains(&radius) || (column == 0 && row > side / 2) {
+                    continue;
+                }
+                let here = both[row * side + column];
+                let there = both[opposite(row) * side + opposite(column)].conj();
+                let a = (here + there) * 0.5;
+                let b = (here - there) * Complex32::new(0.0, -0.5);
+                let energies = (a.norm_sqr(), b.norm_sqr());
+                votes.push(Vote { u: TAU * u, v: TAU * v, cross: a.conj() * b, energies });
+            }
+        }
+        let common = common_band(&votes, side);
+        votes.retain(|vote| vote.frequency() <= common);
+        if common < LEAST_COMMON {
+            votes.clear();
+        }
+        whiten(&mut votes);
+        for vote in &votes {
+            let column = (vote.u / TAU * side as f32).round() as isize;
+            let row = (vote.v / TAU * side as f32).round() as isize;
+            let wrap = |i: isize| i.rem_euclid(side as isize) as usize;
+            spectrum[wrap(row) * side + wrap(column)] = vote.cross;
+            spectrum[wrap(-row) * side + wrap(-column)] = vote.cross.conj();
+        }
+        (votes, spectrum)
+    }
+
+    /// The highest point, px, when no other one comes near it.
+    fn peak(&self, surface: &[Complex32]) -> Option<(f32, f32)> {
+        let side = self.side;
+        let highest = (0..surface.len()).max_by(|&i, &j| surface[i].re.total_cmp(&surface[j].re))?;
+        let signed = |i: usize| if i < side / 2 { i as f32 } else { i as f32 - side as f32 };
+        let place = |i: usize| (signed(i % side), signed(i / side));
+        let (x, y) = place(highest);
+        let away = |a: f32, b: f32| ((a - b).abs()).min(side as f32 - (a - b).abs());
+        let second = (0..surface.len())
+            .filter(|&i| away(place(i).0, x).hypot(away(place(i).1, y)) > APART)
+            .map(|i| surface[i].re)
+            .fold(0.0, f32::max);
+        (surface[highest].re > PEAK_RATIO * second).then_some((x, y))
+    }
+}
+
+impl Vote {
+    /// Cycles per px.
+    fn frequency(&self) -> f32 {
+        self.u.hypot(self.v) / TAU
+    }
+
+    /// Phase that a shift by (x, y) explains, radians.
+    fn phase(&self, x: f32, y: f32) -> f32 {
+        self.u * x + self.v * y
+    }
+}
+
+/// The highest frequency up to which neither window is damped away against the other, cycles per px.
+fn common_band(votes: &[Vote], side: usize) -> f32 {
+    // rings four frequencies wide
+    let ring = |frequency: f32| ((frequency - BAND.0) * side as f32 / 4.0) as usize;
+    let mut energies = vec![(0.0f32, 0.0f32); ring(BAND.1) + 1];
+    for vote in votes {
+        if let Some(sums) = energies.get_mut(ring(vote.frequency())) {
+            sums.0 += vote.energies.0;
+            sums.1 += vote.energies.1;
+        }
+    }
+    let amplitude_ratio = |&(a, b): &(f32, f32)| (a / b.max(f32::MIN_POSITIVE)).sqrt();
+    let Some(first) = energies.first().map(amplitude_ratio).filter(|ratio| *ratio > 0.0) else { return 0.0 };
+    let damped = |sums: &(f32, f32)| {
+        let ratio = amplitude_ratio(sums) / first;
+        !(DAMPED..=1.0 / DAMPED).contains(&ratio)
+    };
+    let rings = energies.iter().position(damped).unwrap_or(energies.len());
+    (BAND.0 + rings as f32 * 4.0 / side as f32).min(BAND.1)
+}
+
+/// Turns products of amplitudes into votes: frequencies that are strong in both windows count alike, weak
+/// ones, which are noise in one of the two, little.
+fn whiten(votes: &mut [Vote]) {
+    let mean = votes.iter().map(|vote| vote.cross.norm()).sum::<f32>() / votes.len().max(1) as f32;
+    if mean <= 0.0 {
+        return;
+    }
+    for vote in votes {
+        vote.cross /= vote.cross.norm() + WEAK * mean;
+    }
+}
+
+/// Moves the peak to where the votes agree best: Newton's method on their sum, from the nearest pixel.
+fn refine(votes: &[Vote], (start_x, start_y): (f32, f32)) -> Option<(f32, f32)> {
+    let (mut x, mut y) = (start_x, start_y);
+    for _ in 0..12 {
+        let (mut gx, mut gy, mut xx, mut xy, mut yy) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
+        for vote in votes {
+            let (sin, cos) = vote.phase(x, y).sin_cos();
+            let agreeing = vote.cross.re * cos - vote.cross.im * sin;
+            let turned = vote.cross.re * sin + vote.cross.im * cos;
+            gx -= vote.u * turned;
+            gy -= vote.v * turned;
+            xx += vote.u * vote.u * agreeing;
+            xy += vote.u * vote.v * agreeing;
+            yy += vote.v * vote.v * agreeing;
+        }
+        let determinant = xx * yy - xy * xy;
+        if xx <= 0.0 || determinant <= 1e-6 * xx * yy {
+            return None;
+        }
+        let (step_x, step_y) = ((yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant);
+        x += step_x;
+        y += step_y;
+        if (x - start_x).hypot(y - start_y) > 1.5 {
+            return None;
+        }
+        if step_x.hypot(step_y) < 1e-4 {
+            break;
+        }
+    }
+    Some((x, y))
+}
+
+fn transpose(data: &mut [Complex32], side: usize) {
+    for row in 0..side {
+        for column in row + 1..side {
+            data.swap(row * side + column, column * side + row);
+        }
+    }
+}

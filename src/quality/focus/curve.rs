@@ -1,0 +1,62 @@
+//! The course of saliency over the slices at one pixel.
+
+/// Focus farther outside than this, in steps between slices, is outside the range.
+const OUTSIDE: f32 = 0.75;
+/// A fall by less than this from the end slice to the next is the far flank of a peak.
+const STEEP: f32 = 1.5;
+
+/// Whether a pixel came into focus before the first of three slices in a row (the end one first), so that
+/// the stack missed it. `noise` is what noise alone contributes.
+///
+/// Saliency falls with defocus about as 1 / (1 + (z / w)^2): its inverse is a parabola whose lowest point is
+/// the place of focus, also when the step is large.
+pub(super) fn peaks_before(saliency: [f32; 3], noise: f32) -> bool {
+    let [end, next, third] = saliency;
+    if !(end > next && next > third && third > 0.0) {
+        return false;
+    }
+    let inverse = |value: f32| 1.0 / (value - noise).max(0.02 * end);
+    let [u0, u1, u2] = [inverse(end), inverse(next), inverse(third)];
+    let curvature = (u0 - 2.0 * u1 + u2) / 2.0;
+    let slope = (4.0 * u1 - 3.0 * u0 - u2) / 2.0;
+    if curvature <= 0.0 {
+        // sunk into the noise within two steps: a steep fall means that focus was near
+        return u1 < STEEP * u0;
+    }
+    -slope / (2.0 * curvature) < -OUTSIDE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three slices at 0, 1, 2 of a pixel in focus at `z`, `w` steps wide.
+    fn slices(z: f32, w: f32) -> [f32; 3] {
+        [0.0, 1.0, 2.0].map(|n: f32| 3.0 + 60.0 / (1.0 + ((n - z) / w).powi(2)))
+    }
+
+    #[test]
+    fn focus_at_the_end_slice_is_inside_whatever_the_step() {
+        for w in [0.3, 0.6, 1.0, 2.0, 4.0] {
+            for z in [-0.4, 0.0, 0.3] {
+                assert!(!peaks_before(slices(z, w), 3.0), "z {z}, w {w}");
+            }
+        }
+    }
+
+    #[test]
+    fn focus_steps_before_the_end_slice_is_outside() {
+        for w in [1.0, 2.0, 4.0] {
+            for z in [-1.5, -3.0, -5.0] {
+                assert!(peaks_before(slices(z, w), 3.0), "z {z}, w {w}");
+            }
+        }
+    }
+
+    #[test]
+    fn saliency_that_does_not_fall_steadily_says_nothing() {
+        assert!(!peaks_before([10.0, 12.0, 9.0], 1.0));
+        assert!(!peaks_before([10.0, 8.0, 9.0], 1.0));
+        assert!(!peaks_before([10.0, 8.0, 0.0], 1.0));
+    }
+}

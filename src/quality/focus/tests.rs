@@ -1,0 +1,141 @@
+use super::*;
+use crate::quality::slice::Observer;
+
+const WIDTH: usize = 160;
+const HEIGHT: usize = 120;
+
+/// A stack made of saliencies alone: an object at known depths seen by slices at known places.
+struct Stack {
+    /// Places of the slices along the rail.
+    places: Vec<f32>,
+    /// Depth of the object at (x, y), on the same scale; none where there is no texture.
+    depth: fn(usize, usize) -> Option<f32>,
+    /// Depth of field, on the same scale: the saliency is halved so far from focus.
+    half_width: f32,
+    object: Option<Plane<u8>>,
+}
+
+impl Stack {
+    /// Nine slices over an object whose depth runs from 0.5 to 7.5.
+    fn good() -> Self {
+        let depth = |x: usize, _| Some(0.5 + 7.0 * x as f32 / WIDTH as f32);
+        Self { places: (0..9).map(|n| n as f32).collect(), depth, half_width: 1.0, object: None }
+    }
+
+    /// Saliency: noise of 3 with some scatter, and texture that fades with the distance from focus.
+    fn saliency(&self, n: usize, x: usize, y: usize) -> f32 {
+        let scatter = ((x * 7919 + y * 104_729 + n * 1_299_709) % 997) as f32 / 997.0 - 0.5;
+        let texture = 20.0 + ((x * 31 + y * 57) % 41) as f32;
+        let sharp = |depth: f32| texture / (1.0 + ((self.places[n] - depth) / self.half_width).powi(2));
+        3.0 + scatter + (self.depth)(x, y).map_or(0.0, sharp)
+    }
+
+    fn judged(&self) -> Coverage {
+        let slices = self.places.len();
+        let observer = Observer::new(WIDTH, HEIGHT, slices, slices / 2);
+        let luma = Plane::filled(WIDTH, HEIGHT, 100.0f32);
+        let planes: Vec<Plane<f32>> =
+            (0..slices).map(|n| Plane::from_fn(WIDTH, HEIGHT, |x, y| self.saliency(n, x, y))).collect();
+        let valid = Plane::filled(WIDTH, HEIGHT, 255u8);
+        let seen: Vec<Seen> =
+            planes.iter().enumerate().map(|(n, plane)| observer.slice(n, &luma, &valid, plane, 1.0)).collect();
+        let index = Plane::from_fn(WIDTH, HEIGHT, |x, y| {
+            let higher = |best: usize, n: usize| if planes[n].at(x, y) > planes[best].at(x, y) { n } else { best };
+            (1..slices).fold(0, higher) as u16
+        });
+        coverage(&seen, &index, self.object.as_ref())
+    }
+}
+
+#[test]
+fn a_good_stack_names_no_fault() {
+    let Coverage { metrics, contribution } = Stack::good().judged();
+    assert_eq!(metrics.textured_fraction, Some(1.0));
+    assert_eq!(metrics.unfocused_fraction, None);
+    assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (Some(false), Some(false)));
+    assert_eq!((metrics.redundant_slices, metrics.coverage_gaps), (vec![], vec![]));
+    let sum: f64 = contribution.iter().map(|share| share.unwrap()).sum();
+    assert!((sum - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn an_object_that_goes_on_before_the_first_slice_is_named() {
+    let near = Stack { depth: |x, _| Some(-3.0 + 10.0 * x as f32 / WIDTH as f32), ..Stack::good() };
+    let metrics = near.judged().metrics;
+    assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (Some(true), Some(false)));
+}
+
+#[test]
+fn an_object_that_goes_on_behind_the_last_slice_is_named() {
+    let far = Stack { depth: |x, _| Some(1.0 + 10.0 * x as f32 / WIDTH as f32), ..Stack::good() };
+    let metrics = far.judged().metrics;
+    assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (Some(false), Some(true)));
+}
+
+#[test]
+fn an_object_that_ends_in_focus_of_the_end_slices_is_covered() {
+    let exact = Stack { depth: |x, _| Some((8.0 * x as f32 / WIDTH as f32).round()), ..Stack::good() };
+    for half_width in [0.4, 1.0, 3.0] {
+        let metrics = Stack { half_width, ..Stack { places: exact.places.clone(), ..Stack::good() } };
+        let metrics = Stack { depth: exact.depth, ..metrics }.judged().metrics;
+        let found = (metrics.range_too_short_near, metrics.range_too_short_far);
+        assert_eq!(found, (Some(false), Some(false)), "half width {half_width}");
+    }
+}
+
+#[test]
+fn a_slice_that_nothing_needs_is_redundant() {
+    // two parts, nothing between 3.4 and 5.6
+    let parts = |x: usize, _| Some(if x < 80 { 0.5 + x as f32 / 30.0 } else { 5.7 + (x - 80) as f32 / 50.0 });
+    let metrics = Stack { depth: parts, half_width: 0.8, ..Stack::good() }.judged().metrics;
+    assert_eq!(metrics.redundant_slices, [4, 5]);
+}
+
+#[test]
+fn a_step_that_is_too_large_is_a_gap() {
+    let places = vec![0.0, 1.0, 2.0, 6.0, 7.0, 8.0];
+    let metrics = Stack { places, ..Stack::good() }.judged().metrics;
+    assert_eq!(metrics.coverage_gaps, [2]);
+    let coarse = Stack { half_width: 0.4, ..Stack::good() }.judged().metrics;
+    // the object begins and ends half a step inside: nothing is lost before slice 1 and behind slice 7
+    assert_eq!(coarse.coverage_gaps, [1, 2, 3, 4, 5, 6]);
+}
+
+#[test]
+fn smooth_parts_of_the_object_are_unfocused() {
+    let object = Plane::from_fn(WIDTH, HEIGHT, |x, _| if x >= 40 { 255u8 } else { 0 });
+    let depth = |x: usize, y: usize| (y >= HEIGHT / 4 && x >= 40).then_some(0.5 + 7.0 * x as f32 / WIDTH as f32);
+    let masked = Stack { depth, object: Some(object), ..Stack::good() };
+    let metrics = masked.judged().metrics;
+    assert!((metrics.unfocused_fraction.unwrap() - 0.25).abs() < 0.02, "{metrics:?}");
+    assert!((metrics.textured_fraction.unwrap() - 0.75).abs() < 0.02, "{metrics:?}");
+    let all = Stack { object: None, ..masked }.judged().metrics;
+    assert!((all.textured_fraction.unwrap() - 0.75 * 0.75).abs() < 0.02, "{all:?}");
+    assert_eq!(all.unfocused_fraction, None);
+}
+
+#[test]
+fn noise_alone_is_no_texture_and_judges_no_slice() {
+    let Coverage { metrics, contribution } = Stack { depth: |_, _| None, ..Stack::good() }.judged();
+    assert_eq!(metrics.textured_fraction, Some(0.0));
+    assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (None, None));
+    assert_eq!((metrics.redundant_slices, metrics.coverage_gaps), (vec![], vec![]));
+    assert_eq!(contribution, vec![None; 9]);
+}
+
+#[test]
+fn two_slices_cannot_say_where_the_object_ends() {
+    let metrics = Stack { places: vec![0.0, 1.0], ..Stack::good() }.judged().metrics;
+    assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (None, None));
+}
+
+#[test]
+fn no_slice_and_no_covered_pixel_give_no_number() {
+    let index = Plane::filled(WIDTH, HEIGHT, u16::MAX);
+    assert_eq!(coverage(&[], &index, None), Coverage::default());
+    let flat = Plane::filled(WIDTH, HEIGHT, 1.0f32);
+    let nowhere = Plane::filled(WIDTH, HEIGHT, 0u8);
+    let seen = Observer::new(WIDTH, HEIGHT, 1, 0).slice(0, &flat, &nowhere, &flat, 1.0);
+    let found = coverage(&[seen], &index, None);
+    assert_eq!((found.metrics, found.contribution), (FocusMetrics::default(), vec![None]));
+}

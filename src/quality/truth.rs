@@ -1,0 +1,83 @@
+//! Comparison with a known true picture: for renderings, tests and benches.
+
+use super::tile::same_shape;
+use crate::imaging::Plane;
+
+/// Peak signal-to-noise ratio, dB, of luma planes 0..255, over the pixels where `mask` is not 0 (all without
+/// one). Infinite for equal pictures; none when sizes differ or no pixel counts.
+pub fn psnr(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) -> Option<f64> {
+    if !same_shape(picture, truth) || mask.is_some_and(|mask| !same_shape(mask, truth)) {
+        return None;
+    }
+    let (mut squares, mut count) = (0.0, 0u64);
+    for (i, (&p, &t)) in picture.data.iter().zip(&truth.data).enumerate() {
+        if mask.is_none_or(|mask| mask.data[i] != 0) {
+            squares += f64::from(p - t).powi(2);
+            count += 1;
+        }
+    }
+    (count > 0).then(|| 10.0 * (255.0 * 255.0 * count as f64 / squares).log10())
+}
+
+/// Structural similarity (Wang et al. 2004) of luma planes 0..255: the mean over 8x8 uniform windows all of
+/// whose pixels count. 1 for equal pictures; none when sizes differ or no window counts.
+pub fn ssim(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) -> Option<f64> {
+    const SIDE: usize = 8;
+    const C1: f64 = (0.01 * 255.0) * (0.01 * 255.0);
+    const C2: f64 = (0.03 * 255.0) * (0.03 * 255.0);
+    let windows = super::two_source::moments(picture, truth)?;
+    let whole = match mask {
+        Some(mask) if same_shape(mask, truth) => Some(super::tile::whole_neighbourhoods(mask, SIDE)),
+        Some(_) => return None,
+        None => None,
+    };
+    let (mut sum, mut count) = (0.0, 0u64);
+    for (i, window) in windows.iter().enumerate() {
+        if whole.as_ref().is_some_and(|whole| whole.data[i] == 0) {
+            continue;
+        }
+        let (a, b) = (window.source, window.fused);
+        let brightness = (2.0 * a.mean * b.mean + C1) / (a.mean * a.mean + b.mean * b.mean + C1);
+        sum += brightness * (2.0 * window.covariance + C2) / (a.variance + b.variance + C2);
+        count += 1;
+    }
+    (count > 0).then(|| sum / count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pattern() -> Plane<f32> {
+        Plane::from_fn(32, 24, |x, y| ((x * 7 + y * 13) % 61) as f32 * 4.0)
+    }
+
+    #[test]
+    fn equal_pictures_are_infinitely_close() {
+        assert_eq!(psnr(&pattern(), &pattern(), None), Some(f64::INFINITY));
+        assert!((ssim(&pattern(), &pattern(), None).unwrap() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_grey_level_of_error_everywhere_is_48_decibels() {
+        let brighter = pattern().map(|v| v + 1.0);
+        assert!((psnr(&brighter, &pattern(), None).unwrap() - 48.1308).abs() < 1e-3);
+    }
+
+    #[test]
+    fn only_pixels_of_the_mask_count() {
+        let mask = Plane::from_fn(32, 24, |x, _| if x < 16 { 255u8 } else { 0 });
+        let spoiled = Plane::from_fn(32, 24, |x, y| if x < 16 { pattern().at(x, y) } else { 0.0 });
+        assert_eq!(psnr(&spoiled, &pattern(), Some(&mask)), Some(f64::INFINITY));
+        assert!((ssim(&spoiled, &pattern(), Some(&mask)).unwrap() - 1.0).abs() < 1e-12);
+        assert!(ssim(&spoiled, &pattern(), None).unwrap() < 0.7);
+        assert_eq!(psnr(&spoiled, &pattern(), Some(&mask.map(|_| 0))), None);
+    }
+
+    #[test]
+    fn pictures_of_different_size_are_not_compared() {
+        let small = Plane::filled(8, 8, 0.0f32);
+        assert_eq!(psnr(&small, &pattern(), None), None);
+        assert_eq!(ssim(&small, &pattern(), None), None);
+    }
+}
