@@ -1,0 +1,61 @@
+//! Fusion of real pictures against the published reference of guided filtering fusion.
+//!
+//! The pictures are not part of the project: they are looked for in `../shared/data` or under
+//! `PINSTACK_SHARED`, and the tests say so when they are not there.
+
+use std::path::{Path, PathBuf};
+
+use pinstack::{
+    fusion::{Fused, Plan, Watch, fuse},
+    imaging::Raster,
+    model::Unwatched,
+    quality::two_source,
+};
+
+/// The folder with the real stacks, when there is one.
+fn shared_data() -> Option<PathBuf> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
+    let shared = std::env::var_os("PINSTACK_SHARED").map_or(beside, PathBuf::from);
+    let data = shared.join("data");
+    data.is_dir().then_some(data)
+}
+
+fn picture(path: &Path) -> Raster {
+    let rgb = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
+    Raster::eight(rgb.width() as usize, rgb.height() as usize, 3, rgb.into_raw())
+}
+
+fn fuse_aligned(slices: &[Raster]) -> Fused {
+    let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
+    fuse(&slices, &plan, &Watch::default(), &std::env::temp_dir(), &Unwatched).unwrap()
+}
+
+#[test]
+fn the_ten_lytro_pairs_reach_the_figures_of_the_reference() {
+    let Some(data) = shared_data() else {
+        println!("skipped: no shared data beside the project, and PINSTACK_SHARED is not set");
+        return;
+    };
+    // Q_G (Xydeas & Petrovic), Q_W (Piella & Heijmans), VIFF, spatial frequency: mean over the pairs
+    let (reference, tolerance): ([f64; 4], [f64; 4]) =
+        ([0.7498, 0.9284, 0.943, 19.38], [0.003, 0.003, 0.003, 0.005 * 19.38]);
+    let mut means = [0.0; 4];
+    for pair in 1..=10 {
+        let slices = ["A", "B"].map(|side| picture(&data.join(format!("lytro10/lytro-{pair}-{side}.jpg"))));
+        let [a, b] = [slices[0].luma(), slices[1].luma()];
+        let fused = fuse_aligned(&slices).image.luma();
+        let metrics = [
+            two_source::q_g(&a, &b, &fused),
+            two_source::q_w(&a, &b, &fused),
+            two_source::viff(&[&a, &b], &fused),
+            two_source::spatial_frequency(&fused),
+        ];
+        for (mean, metric) in means.iter_mut().zip(metrics) {
+            *mean += metric.expect("a metric of two pictures of one size") / 10.0;
+        }
+    }
+    println!("Q_G, Q_W, VIFF, SF: {means:.4?}");
+    for ((mean, reference), tolerance) in means.into_iter().zip(reference).zip(tolerance) {
+        assert!((mean - reference).abs() <= tolerance, "{means:?} instead of {reference}");
+    }
+}
