@@ -1,0 +1,95 @@
+//! A slice with the dots found drawn on it, for the eye.
+
+use super::{Calibration, Dot, DotUse};
+use crate::imaging::{Raster, Samples};
+
+/// Agrees with the homography.
+const GREEN: [u8; 3] = [0, 190, 60];
+/// Does not agree.
+const RED: [u8; 3] = [235, 30, 30];
+/// Found but not needed.
+const AMBER: [u8; 3] = [240, 160, 0];
+/// Where dots of the reference slice lie by the homography, when the slice was predicted.
+const BLUE: [u8; 3] = [30, 110, 255];
+
+/// The slice as an 8-bit RGB picture with a circle and a cross on each dot: green when it agrees with the
+/// homography, red when it does not, amber when it was not needed. In a slice whose homography was
+/// predicted the places that the prediction gives are drawn in blue. `index` is the slice's; a slice
+/// that the calibration does not have is shown bare.
+pub fn overlay(slice: &Raster, calibration: &Calibration, index: usize) -> Raster {
+    let mut canvas = Canvas::new(slice);
+    let (Some(profile), Some(dots)) = (calibration.slices.get(index), calibration.dots.get(index)) else {
+        return canvas.picture;
+    };
+    let pitch = calibration.dot_pitch_px / profile.scale.max(1e-3);
+    let radius = (0.33 * pitch).clamp(4.0, 200.0);
+    if profile.interpolated
+        && let Some(back) = profile.homography.inverse()
+    {
+        for dot in calibration.dots.get(calibration.reference_index).into_iter().flatten() {
+            canvas.mark(back.apply(dot.at), radius, BLUE);
+        }
+    }
+    for Dot { at, used, .. } in dots {
+        let colour = match used {
+            DotUse::Inlier => GREEN,
+            DotUse::Outlier => RED,
+            DotUse::Unused => AMBER,
+        };
+        canvas.mark(*at, radius, colour);
+    }
+    canvas.picture
+}
+
+struct Canvas {
+    picture: Raster,
+}
+
+impl Canvas {
+    fn new(slice: &Raster) -> Self {
+        let step = slice.channels;
+        let rgb = |k: usize, value: &dyn Fn(usize) -> u8| match step {
+            1 => [value(k); 3],
+            _ => [value(k * step), value(k * step + 1), value(k * step + 2)],
+        };
+        let pixels = slice.width * slice.height;
+        let samples = match &slice.samples {
+            Samples::Eight(s) => (0..pixels).flat_map(|k| rgb(k, &|at| s[at])).collect(),
+            Samples::Sixteen(s) => (0..pixels).flat_map(|k| rgb(k, &|at| (s[at] >> 8) as u8)).collect(),
+        };
+        Self { picture: Raster::eight(slice.width, slice.height, 3, samples) }
+    }
+
+    /// A thin circle of `radius` px and a small cross with its middle at `at`.
+    fn mark(&mut self, at: [f64; 2], radius: f64, colour: [u8; 3]) {
+        if !at.iter().all(|v| v.is_finite()) {
+            return;
+        }
+        let arm = (0.4 * radius).clamp(3.0, 12.0);
+        let reach = radius + 1.5;
+        let low = [at[0] - reach, at[1] - reach].map(|v| v.floor().max(0.0) as usize);
+        let high = [
+            ((at[0] + reach).ceil().max(-1.0) as i64).min(self.picture.width as i64 - 1),
+            ((at[1] + reach).ceil().max(-1.0) as i64).min(self.picture.height as i64 - 1),
+        ];
+        for y in low[1] as i64..=high[1] {
+            for x in low[0] as i64..=high[0] {
+                let (dx, dy) = (x as f64 - at[0], y as f64 - at[1]);
+                let circle = 1.0 - ((dx.hypot(dy) - radius).abs() - 0.1).max(0.0);
+                let line = |across: f64, along: f64| if along.abs() <= arm { 1.0 - across.abs() } else { 0.0 };
+                let ink = circle.max(line(dx, dy)).max(line(dy, dx)).clamp(0.0, 1.0);
+                if ink > 0.0 {
+                    self.blend(x as usize, y as usize, colour, ink);
+                }
+            }
+        }
+    }
+
+    fn blend(&mut self, x: usize, y: usize, colour: [u8; 3], ink: f64) {
+        let at = (y * self.picture.width + x) * 3;
+        let Samples::Eight(samples) = &mut self.picture.samples else { return };
+        for (sample, c) in samples[at..at + 3].iter_mut().zip(colour) {
+            *sample = (f64::from(*sample) * (1.0 - ink) + f64::from(c) * ink).round() as u8;
+        }
+    }
+}
