@@ -11,4 +11,4 @@
 
 #![warn(missing_docs)]
 
-pub use pinstack_science::{calibration, fusion, imaging, model, quality, synth};
+pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality, synth};

@@ -6,6 +6,7 @@
 
 #![warn(missing_docs)]
 
+pub mod archive;
 pub mod calibration;
 pub mod fusion;
 pub mod imaging;

@@ -1,0 +1,279 @@
+//! The zip container: the only file that names the zip crate.
+
+use std::{
+    fs::File,
+    io::{self, BufReader, Read, Seek, SeekFrom, Write},
+    os::unix::fs::FileExt,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
+use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
+
+use super::{ArchiveLimits, names, window::Window};
+use crate::{
+    imaging::codec::{self, Header, ImageFault},
+    model::{Code, Fault},
+};
+
+/// Longest end record: its fixed part and the longest comment.
+const END_RECORD_BYTES: u64 = 22 + 65_535;
+
+/// Deflate cannot make more than this of one byte; keeps a lying size from being allocated.
+const LARGEST_RATIO: u64 = 1_100;
+
+/// A file that many readers read at places of their own, with a budget of bytes that can be closed and opened.
+#[derive(Clone)]
+struct Shared {
+    file: Arc<File>,
+    length: u64,
+    at: u64,
+    budget: Arc<AtomicU64>,
+}
+
+/// What a read beyond the budget says, to be told from other errors.
+const BUDGET_SPENT: &str = "directory budget spent";
+
+impl Read for Shared {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read_at(buffer, self.at)?;
+        let spend = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(read as u64) };
+        if self.budget.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend).is_err() {
+            return Err(io::Error::other(BUDGET_SPENT));
+        }
+        self.at += read as u64;
+        Ok(read)
+    }
+}
+
+impl Seek for Shared {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let target = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::End(by) => self.length.checked_add_signed(by),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = target.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "seek before the start"))?;
+        Ok(self.at)
+    }
+}
+
+/// One entry of the directory.
+#[derive(Debug, Clone)]
+pub(super) struct Member {
+    /// Position in the directory.
+    pub index: usize,
+    /// Name with `/` between folders, as it is shown.
+    pub name: String,
+    /// Declared size, unpacked.
+    pub size: u64,
+}
+
+/// An open zip. Cheap to clone; clones read independently of each other.
+#[derive(Clone)]
+pub(super) struct Container {
+    zip: ZipArchive<Shared>,
+}
+
+impl Container {
+    /// Reads the directory.
+    pub(super) fn open(path: &Path, limits: &ArchiveLimits) -> Result<Self, Fault> {
+        let unreadable = |error: io::Error| Fault::new(Code::Internal, format!("the upload cannot be read: {error}"));
+        let file = File::open(path).map_err(unreadable)?;
+        let length = file.metadata().map_err(unreadable)?.len();
+        refuse_what_is_no_zip(&file, length).map_err(unreadable)??;
+
+        let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
+        let shared = Shared { file: Arc::new(file), length, at: 0, budget: budget.clone() };
+        let directory_fault = |error: ZipError| match error {
+            ZipError::Io(error) if error.to_string() == BUDGET_SPENT => {
+                Fault::new(Code::ArchiveTooLarge, "the directory of the zip is too large to be one of a focus stack")
+            }
+            ZipError::UnsupportedArchive(what) => {
+                Fault::new(Code::UnsupportedArchive, format!("this kind of zip is not read ({what})"))
+            }
+            ZipError::InvalidArchive(what) if what.contains("Multi-disk") => Fault::new(
+                Code::UnsupportedArchive,
+                "the zip is split over several files; make one zip (zip64 is read, so it may be as large as it must)",
+            ),
+            ZipError::InvalidArchive(what) => damaged_directory(&what),
+            other => damaged_directory(&other),
+        };
+        let mut zip = ZipArchive::new(shared).map_err(directory_fault)?;
+        if zip.len() > limits.max_members {
+            return Err(Fault::new(
+                Code::ArchiveTooLarge,
+                format!("the zip has {} members; at most {} are read", zip.len(), limits.max_members),
+            ));
+        }
+        // duplicates collapse to the last one without a word
+        if zip.has_duplicate_names() {
+            return Err(Fault::new(
+                Code::InvalidArchive,
+                "the zip has several members of the same name; make it again from an empty file",
+            ));
+        }
+        if zip.has_overlapping_entries().map_err(directory_fault)? {
+            return Err(Fault::new(
+                Code::InvalidArchive,
+                "members of the zip overlap, which no honest zip program writes",
+            ));
+        }
+        budget.store(u64::MAX, Ordering::Relaxed);
+        Ok(Self { zip })
+    }
+
+    /// Every member that is a file and no rubbish of an operating system, names checked.
+    pub(super) fn members(&self) -> Result<Vec<Member>, Fault> {
+        let mut members = Vec::new();
+        for index in 0..self.zip.len() {
+            let entry = self.zip.by_index_data(index).map_err(|error| {
+                Fault::new(Code::InvalidArchive, format!("the directory of the zip is damaged ({error})"))
+            })?;
+            let raw = match entry.name() {
+                Ok(name) => name.into_owned(),
+                Err(_) => String::from_utf8_lossy(entry.name_raw()).into_owned(),
+            };
+            let Some(name) = names::checked(&raw)? else { continue };
+            if entry.is_symlink() {
+                return Err(super::invalid(
+                    &name,
+                    format!("{name} is a symbolic link; put the file itself into the zip"),
+                ));
+            }
+            if !entry.is_dir() {
+                members.push(Member { index, name, size: entry.size() });
+            }
+        }
+        Ok(members)
+    }
+
+    /// Refuses members that cannot be unpacked or are too large.
+    pub(super) fn refuse_unreadable(&self, member: &Member, limits: &ArchiveLimits) -> Result<(), Fault> {
+        let entry = self.zip.by_index_data(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let unsupported = |detail: String| Fault::new(Code::UnsupportedArchive, detail).in_file(&member.name, None);
+        if entry.encrypted() {
+            return Err(unsupported(format!("{} is encrypted; make the zip without a password", member.name)));
+        }
+        let method = entry.compression();
+        if !matches!(method, CompressionMethod::Stored | CompressionMethod::Deflated | CompressionMethod::Deflate64) {
+            let method = method_name(method);
+            return Err(unsupported(format!(
+                "{} is compressed by {method}; make the zip with \"store\" or \"deflate\" (pictures hardly get smaller)",
+                member.name
+            )));
+        }
+        if member.size > limits.max_member_bytes {
+            let (size, most) = (member.size, limits.max_member_bytes);
+            let detail = format!("{} has {size} bytes unpacked; at most {most} are read", member.name);
+            return Err(Fault::new(Code::ArchiveTooLarge, detail).in_file(&member.name, None));
+        }
+        Ok(())
+    }
+
+    /// The whole member, its CRC checked.
+    pub(super) fn read(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Fault> {
+        self.refuse_unreadable(member, limits)?;
+        let mut zip = self.zip.clone();
+        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let room = member.size.min(entry.compressed_size().saturating_mul(LARGEST_RATIO));
+        let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
+        // one byte more than declared shows a member that is larger than it says
+        entry
+            .take(member.size.saturating_add(1))
+            .read_to_end(&mut bytes)
+            .map_err(|error| damaged(&member.name, &error))?;
+        if bytes.len() as u64 != member.size {
+            return Err(damaged(&member.name, &"it does not have the size that the directory tells"));
+        }
+        Ok(bytes)
+    }
+
+    /// The header of a picture; reads no more of it than it takes.
+    pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits) -> Result<Header, Fault> {
+        self.refuse_unreadable(member, limits)?;
+        let picture_fault = |fault: ImageFault| fault.in_file(&member.name, None);
+        let mut zip = self.zip.clone();
+        if let Ok(entry) = zip.by_index_seek(member.index) {
+            return codec::probe(BufReader::new(entry), &limits.image).map_err(picture_fault);
+        }
+        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let mut reader = BufReader::new(Window::new(entry, member.size));
+        let header = codec::probe(&mut reader, &limits.image);
+        if header.is_err() && reader.get_ref().fell_behind() {
+            // a TIFF that jumps about in the file; rare
+            drop(reader);
+            let bytes = self.read(member, limits)?;
+            return codec::probe(io::Cursor::new(bytes), &limits.image).map_err(picture_fault);
+        }
+        header.map_err(picture_fault)
+    }
+}
+
+/// A directory that does not fit the file.
+fn damaged_directory(why: &dyn std::fmt::Display) -> Fault {
+    let detail = format!("the zip is damaged ({why}); was the upload cut off? Make it again and send it again");
+    Fault::new(Code::InvalidArchive, detail)
+}
+
+/// A member whose bytes cannot be had.
+fn damaged(name: &str, why: &dyn std::fmt::Display) -> Fault {
+    super::invalid(
+        name,
+        format!("{name} is damaged in the zip ({why}); was the upload cut off? Make the zip again and send it again"),
+    )
+}
+
+#[allow(deprecated)]
+fn method_name(method: CompressionMethod) -> String {
+    match method {
+        CompressionMethod::Unsupported(number) => {
+            format!("{} (method {number})", CompressionMethod::name_from_u16(number))
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Tells files that are no zip, and zips that end early, from zips: their sentences differ.
+fn refuse_what_is_no_zip(file: &File, length: u64) -> io::Result<Result<(), Fault>> {
+    let invalid = |detail: &str| Ok(Err(Fault::new(Code::InvalidArchive, detail)));
+    if length == 0 {
+        return invalid("the upload is empty (0 bytes); send the zip as the body");
+    }
+    let mut head = vec![0; 8.min(length as usize)];
+    file.read_exact_at(&mut head, 0)?;
+    let tail_length = length.min(END_RECORD_BYTES);
+    let mut tail = vec![0; tail_length as usize];
+    file.read_exact_at(&mut tail, length - tail_length)?;
+    if tail.windows(4).any(|window| window == b"PK\x05\x06") {
+        return Ok(Ok(()));
+    }
+    match head.as_slice() {
+        [b'P', b'K', ..] => invalid("the zip ends early: its directory is missing (upload cut off?); send it again"),
+        [b'7', b'z', 0xBC, ..] => invalid("this is a 7z archive; make a zip (7z a -tzip -mx0 stack.zip front back)"),
+        [b'R', b'a', b'r', b'!', ..] => invalid("this is a RAR archive; make a zip"),
+        [0x1F, 0x8B, ..] => invalid("this is a gzip file; make a zip"),
+        [0xFF, 0xD8, 0xFF, ..] => invalid("this is a single JPEG; put all slices into one zip"),
+        _ => invalid("this is not a zip"),
+    }
+}
+
+/// Writes a zip of stored members (pictures hardly get smaller), zip64 where it must be. The same members give the
+/// same bytes: no times are kept.
+///
+/// # Errors
+/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for a name that comes twice.
+pub fn pack(out: impl Write + Seek, members: impl Iterator<Item = (String, Vec<u8>)>) -> io::Result<()> {
+    let mut zip = ZipWriter::new(out);
+    for (name, bytes) in members {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .large_file(bytes.len() as u64 >= u64::from(u32::MAX));
+        zip.start_file(name, options)?;
+        zip.write_all(&bytes)?;
+    }
+    zip.finish()?.flush()
+}

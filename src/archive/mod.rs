@@ -1,0 +1,153 @@
+//! From a hostile zip to ordered slices.
+//!
+//! A zip is never extracted: names are labels, not paths; nothing is written to disk; one member is in memory at a
+//! time, and never more of it than its declared size and [`ArchiveLimits`] allow. Everything that the directory and
+//! the headers of the pictures tell is checked by [`open`]; what only decoding shows is told by [`ArchivedSlices`].
+//!
+//! # What is understood
+//! - Front-light slices in a folder `front`, back-light slices in `back` (see [`Light`] for other spellings), or
+//!   front-light slices in the root. Folders around everything are looked through.
+//! - Order: natural order of the names (`img_2` before `img_10`, `_step_-00400_` before `_step_00000_`, case does not
+//!   matter), or the order of `manifest.json`: `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"]}`, with names
+//!   relative to the root or to the folder of that light, every picture of the zip named once.
+//! - A camera counter that rolled over within the stack (`9998, 9999, 0001`) is put right, with a warning.
+//! - Stored, deflated and deflate64 members, zip64, data descriptors, backslashes, names in UTF-8 or code page 437.
+
+mod container;
+mod headers;
+mod layout;
+mod manifest;
+mod names;
+mod order;
+mod slices;
+mod window;
+
+use std::path::Path;
+
+use crate::{
+    imaging::codec,
+    model::{Code, Fault, Warning, request::StackLayout},
+};
+
+pub use container::pack;
+pub use layout::Light;
+pub use order::natural_order;
+pub use slices::ArchivedSlices;
+
+use container::Container;
+
+/// How much an archive may hold and cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ArchiveLimits {
+    /// Most members of any kind.
+    pub max_members: usize,
+    /// Most bytes of one member, unpacked.
+    pub max_member_bytes: u64,
+    /// Most bytes of all pictures together, unpacked.
+    pub max_total_bytes: u64,
+    /// Most bytes that are read to understand the directory.
+    pub max_directory_bytes: u64,
+    /// How large a picture may be.
+    pub image: codec::Limits,
+}
+
+impl Default for ArchiveLimits {
+    fn default() -> Self {
+        Self {
+            max_members: 2_500,
+            max_member_bytes: 1 << 30,
+            max_total_bytes: 64 << 30,
+            max_directory_bytes: 64 << 20,
+            image: codec::Limits::default(),
+        }
+    }
+}
+
+/// A zip whose directory and picture headers were found sound, with its slices in order.
+pub struct StackArchive {
+    layout: StackLayout,
+    warnings: Vec<Warning>,
+    front: ArchivedSlices,
+    back: ArchivedSlices,
+}
+
+impl StackArchive {
+    /// Names in order, and the size of all slices.
+    pub fn layout(&self) -> &StackLayout {
+        &self.layout
+    }
+
+    /// What the user should know although it is no reason to refuse.
+    pub fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    /// The front-light slices: at least two.
+    pub fn front(&self) -> &ArchivedSlices {
+        &self.front
+    }
+
+    /// The back-light slices: none, or as many as front-light slices.
+    pub fn back(&self) -> &ArchivedSlices {
+        &self.back
+    }
+
+    /// The file of front-light slice `index`, for its metadata.
+    ///
+    /// # Errors
+    /// A fault that names the file when it is damaged in the zip, and [`Code::Internal`] when there is no such slice.
+    pub fn front_bytes(&self, index: usize) -> Result<Vec<u8>, Fault> {
+        self.front.bytes(index)
+    }
+}
+
+/// Opens the zip at `path` and checks everything that its directory and the headers of its pictures tell.
+///
+/// # Errors
+/// - [`Code::InvalidArchive`]: no zip, torn, wrong CRC; `..`, absolute, duplicate or unclear names; pictures in
+///   folders that are neither front nor back; a manifest that does not fit
+/// - [`Code::UnsupportedArchive`]: encrypted members, other compressions, split archives
+/// - [`Code::ArchiveTooLarge`]: over a limit
+/// - [`Code::InvalidImage`]: a slice that is no picture, or declares an absurd size, or lies turned
+/// - [`Code::SizeMismatch`], [`Code::SliceCountMismatch`]: slices that do not belong together
+pub fn open(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
+    let container = Container::open(path, limits)?;
+    let mut warnings = Vec::new();
+    let sorted = layout::sort(&container, limits, &mut warnings)?;
+    let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
+    let back = ArchivedSlices::new(container, sorted.back, *limits);
+    let common = headers::check(&front, &back, &mut warnings)?;
+    let layout = StackLayout {
+        front: front.names(),
+        back: back.names(),
+        width: common.width,
+        height: common.height,
+        bit_depth: common.bit_depth,
+        channels: common.channels,
+    };
+    Ok(StackArchive {
+        layout,
+        warnings,
+        front: front.sized(common.width, common.height),
+        back: back.sized(common.width, common.height),
+    })
+}
+
+/// An `invalid_archive` fault about one file.
+fn invalid(name: &str, detail: impl Into<String>) -> Fault {
+    Fault::new(Code::InvalidArchive, detail).in_file(name, None)
+}
+
+/// Names for a sentence: the first few, and how many more.
+fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    const SHOWN: usize = 5;
+    let names: Vec<&str> = names.into_iter().collect();
+    let shown = names.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
+    match names.len() {
+        n if n > SHOWN => format!("{shown} and {} more", n - SHOWN),
+        _ => shown,
+    }
+}
+
+#[cfg(test)]
+mod tests;
