@@ -12,3 +12,4 @@
 #![warn(missing_docs)]
 
 pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality, synth};
+pub mod store;

@@ -1,0 +1,56 @@
+//! Blobs: uploads and results, by key. A key is `uploads/{job}.zip` or `results/{job}/{lease}/{file}`, made by us,
+//! never from a client's name.
+
+pub mod local;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use async_trait::async_trait;
+use uuid::Uuid;
+
+use super::StoreResult;
+
+/// Where blobs live. One narrow seam with one conformance suite that runs on every engine.
+#[async_trait]
+pub trait Blobs: Send + Sync + 'static {
+    /// A folder for files in the making: uploads that arrive, scratch of the workers, artifacts before they are published.
+    /// It belongs to this process alone; what dead processes left is removed at the start. On the same file system as the blobs when they are local.
+    fn spool_dir(&self) -> &Path;
+    /// Makes the file at `path` (in the spool folder) the blob `key`: fsync file, rename, fsync folder.
+    /// On return it survives a crash; the file at `path` is gone.
+    async fn publish(&self, path: &Path, key: &str) -> StoreResult<()>;
+    /// A readable, seekable local file with the blob's bytes; `None` when there is no such blob.
+    async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>>;
+    /// Removes every blob of a job (`uploads/{id}.zip`, `results/{id}/`).
+    async fn delete_job(&self, id: Uuid) -> StoreResult<()>;
+    /// Removes the results of leases older than `first_kept`. Newer ones stay: a worker may have claimed the job again
+    /// since the caller looked.
+    async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()>;
+    /// The jobs that have blobs.
+    async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>>;
+    /// Bytes that can still be written.
+    async fn room(&self) -> StoreResult<u64>;
+}
+
+/// A job that has blobs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JobBlobs {
+    /// The job.
+    pub id: Uuid,
+    /// Time since the youngest of its blobs was published (or a folder of it was changed). An upload is published before
+    /// its row is written, so a young blob without a row is no garbage yet.
+    pub untouched_for: Duration,
+}
+
+/// Key of the upload of a job.
+pub fn upload_key(job: Uuid) -> String {
+    format!("uploads/{job}.zip")
+}
+
+/// Key of a result of a job, made under one lease.
+pub fn result_key(job: Uuid, lease_token: i64, file: &str) -> String {
+    format!("results/{job}/{lease_token}/{file}")
+}

@@ -1,0 +1,133 @@
+//! Blobs, and the sweep over rows and blobs.
+
+use std::{fs, path::PathBuf};
+
+use super::*;
+use crate::store::{
+    blobs::{Blobs, result_key, upload_key},
+    sweep::{GRACE, sweep, tidy_job},
+};
+
+fn spooled(blobs: &dyn Blobs, bytes: &[u8]) -> PathBuf {
+    let path = blobs.spool_dir().join(Uuid::now_v7().to_string());
+    fs::write(&path, bytes).expect("write into the spool");
+    path
+}
+
+async fn publish(blobs: &dyn Blobs, key: &str) {
+    blobs.publish(&spooled(blobs, key.as_bytes()), key).await.expect("publish");
+}
+
+async fn is_there(blobs: &dyn Blobs, key: &str) -> bool {
+    blobs.local_path(key).await.expect("look").is_some()
+}
+
+pub(crate) async fn a_published_file_is_the_blob_and_leaves_the_spool(blobs: &dyn Blobs) {
+    let (job, path) = (Uuid::now_v7(), spooled(blobs, b"zip"));
+    assert_eq!(blobs.local_path(&upload_key(job)).await.unwrap(), None);
+    blobs.publish(&path, &upload_key(job)).await.unwrap();
+    assert!(!path.exists());
+    let found = blobs.local_path(&upload_key(job)).await.unwrap().expect("it is there");
+    assert_eq!(fs::read(found).unwrap(), b"zip");
+    assert!(blobs.room().await.unwrap() > 0);
+}
+
+pub(crate) async fn no_key_leads_out_of_the_store(blobs: &dyn Blobs) {
+    let path = spooled(blobs, b"x");
+    for key in ["../x", "/etc/x", "uploads/../../x", "uploads//x", "", "a/.", "a\\b", "results/.hidden"] {
+        assert!(blobs.publish(&path, key).await.is_err(), "{key}");
+        assert!(blobs.local_path(key).await.is_err(), "{key}");
+    }
+    assert!(path.exists());
+}
+
+pub(crate) async fn deleting_a_job_removes_its_blobs_and_no_others(blobs: &dyn Blobs) {
+    let (gone, kept) = (Uuid::now_v7(), Uuid::now_v7());
+    for job in [gone, kept] {
+        publish(blobs, &upload_key(job)).await;
+        publish(blobs, &result_key(job, 1, "image.png")).await;
+    }
+    blobs.delete_job(gone).await.unwrap();
+    blobs.delete_job(gone).await.unwrap();
+    for (job, there) in [(gone, false), (kept, true)] {
+        assert_eq!(is_there(blobs, &upload_key(job)).await, there);
+        assert_eq!(is_there(blobs, &result_key(job, 1, "image.png")).await, there);
+    }
+    let listed: Vec<Uuid> = blobs.jobs_with_blobs().await.unwrap().into_iter().map(|job| job.id).collect();
+    assert_eq!(listed, [kept]);
+}
+
+pub(crate) async fn only_results_of_older_leases_are_stale(blobs: &dyn Blobs) {
+    let job = Uuid::now_v7();
+    for lease in [1, 2, 3, 10] {
+        publish(blobs, &result_key(job, lease, "image.png")).await;
+    }
+    blobs.delete_stale_results(job, 3).await.unwrap();
+    for (lease, there) in [(1, false), (2, false), (3, true), (10, true)] {
+        assert_eq!(is_there(blobs, &result_key(job, lease, "image.png")).await, there, "lease {lease}");
+    }
+    blobs.delete_stale_results(job, 11).await.unwrap();
+    assert!(blobs.jobs_with_blobs().await.unwrap().is_empty());
+    blobs.delete_stale_results(job, 11).await.unwrap();
+}
+
+pub(crate) async fn the_sweep_keeps_what_a_row_names_and_removes_the_rest(store: Fresh, blobs: &dyn Blobs) {
+    let rows = &*store.rows;
+    let accept_with_upload = async || {
+        let job = stack();
+        publish(blobs, &upload_key(job.id)).await;
+        accept(rows, &job).await.id
+    };
+    let succeeded = accept_with_upload().await;
+    let failed = accept_with_upload().await;
+    let running = accept_with_upload().await;
+    for id in [succeeded, failed, running] {
+        assert_eq!(claim(rows).await.unwrap().id, id);
+        publish(blobs, &result_key(id, 0, "image.png")).await; // of a lease before
+        publish(blobs, &result_key(id, 1, "image.png")).await;
+    }
+    assert!(rows.finish(succeeded, 1, &success()).await.unwrap());
+    let fault = crate::model::Fault::new(crate::model::Code::Internal, "no");
+    assert!(rows.finish(failed, 1, &super::super::Finish::Failed(fault)).await.unwrap());
+    let waiting = accept_with_upload().await;
+    let orphan = Uuid::now_v7();
+    publish(blobs, &upload_key(orphan)).await;
+    publish(blobs, &result_key(orphan, 1, "image.png")).await;
+
+    let swept = sweep(rows, blobs, GRACE).await.unwrap();
+    assert_eq!(swept.orphans, 0, "a row may be on its way");
+    assert!(is_there(blobs, &upload_key(orphan)).await);
+    let swept = sweep(rows, blobs, Duration::ZERO).await.unwrap();
+    assert_eq!(swept.orphans, 1);
+    for (id, upload, result) in [
+        (succeeded, true, true),
+        (failed, true, false),
+        (running, true, true),
+        (waiting, true, false),
+        (orphan, false, false),
+    ] {
+        assert_eq!(is_there(blobs, &upload_key(id)).await, upload);
+        assert_eq!(is_there(blobs, &result_key(id, 1, "image.png")).await, result);
+        assert!(!is_there(blobs, &result_key(id, 0, "image.png")).await);
+    }
+}
+
+pub(crate) async fn the_blobs_of_expired_and_deleted_jobs_go(store: Fresh, blobs: &dyn Blobs) {
+    let rows = &*store.rows;
+    let mut ids = Vec::new();
+    for _ in 0..2 {
+        let job = stack_with(|request| request.options.keep_days = Some(1));
+        publish(blobs, &upload_key(job.id)).await;
+        accept(rows, &job).await;
+        assert!(rows.finish(claim(rows).await.unwrap().id, 1, &success()).await.unwrap());
+        publish(blobs, &result_key(job.id, 1, "image.png")).await;
+        ids.push(job.id);
+    }
+    assert!(rows.delete_job(ids[0]).await.unwrap());
+    tidy_job(rows, blobs, ids[0]).await.unwrap();
+    assert!(!is_there(blobs, &upload_key(ids[0])).await);
+    assert!(is_there(blobs, &upload_key(ids[1])).await);
+    store.clock.advance(Duration::from_secs(24 * 60 * 60));
+    assert_eq!(sweep(rows, blobs, GRACE).await.unwrap().expired, 1);
+    assert!(blobs.jobs_with_blobs().await.unwrap().is_empty());
+}

@@ -1,0 +1,108 @@
+//! Profiles and revisions.
+
+use super::*;
+use crate::store::digest::profile_digest;
+
+pub(crate) async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
+    let put = put(&*store.rows, "rig", "lens", 1.25).await;
+    assert_eq!(put.revision, 1);
+    assert_eq!(put.slice_count, 2);
+    assert_eq!(put.digest, profile_digest(&put.input));
+    let got = store.rows.profile(&name("rig"), &name("lens"), None).await.unwrap();
+    assert_eq!(got, Some(put));
+}
+
+pub(crate) async fn every_write_is_a_new_revision_and_old_ones_never_change(store: Fresh) {
+    let rows = &*store.rows;
+    let first = put(rows, "rig", "lens", 1.25).await;
+    store.clock.advance(Duration::from_secs(60));
+    let second = put(rows, "rig", "lens", 1.5).await;
+    assert_eq!((first.revision, second.revision), (1, 2));
+    assert!(second.created_at > first.created_at);
+    let (rig, lens) = (name("rig"), name("lens"));
+    assert_eq!(rows.profile(&rig, &lens, Some(1)).await.unwrap(), Some(first.clone()));
+    assert_eq!(rows.profile(&rig, &lens, None).await.unwrap(), Some(second.clone()));
+    assert_eq!(rows.profile(&rig, &lens, Some(3)).await.unwrap(), None);
+    let all = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
+    assert_eq!((all.items, all.next_cursor), (vec![second, first], None));
+}
+
+pub(crate) async fn preconditions_decide_a_race(store: Fresh) {
+    let rows = &*store.rows;
+    let (rig, lens) = (name("rig"), name("lens"));
+    let try_put = async |condition| rows.put_profile(&rig, &lens, &draft(1.5), condition).await.unwrap();
+    assert_eq!(try_put(Precondition::Present).await, PutProfile::PreconditionFailed(None));
+    assert_eq!(try_put(Precondition::Revision(1)).await, PutProfile::PreconditionFailed(None));
+    assert!(matches!(try_put(Precondition::Absent).await, PutProfile::Created(p) if p.revision == 1));
+    assert_eq!(try_put(Precondition::Absent).await, PutProfile::PreconditionFailed(Some(1)));
+    assert!(matches!(try_put(Precondition::Revision(1)).await, PutProfile::Updated(p) if p.revision == 2));
+    assert_eq!(try_put(Precondition::Revision(1)).await, PutProfile::PreconditionFailed(Some(2)));
+    let refused = rows.delete_profile(&rig, &lens, Precondition::Revision(1)).await.unwrap();
+    assert_eq!(refused, Err(Some(2)));
+    assert!(rows.profile(&rig, &lens, None).await.unwrap().is_some());
+}
+
+pub(crate) async fn a_delete_hides_the_profile_and_keeps_the_numbering(store: Fresh) {
+    let rows = &*store.rows;
+    let (rig, lens) = (name("rig"), name("lens"));
+    put(rows, "rig", "lens", 1.25).await;
+    let second = put(rows, "rig", "lens", 1.5).await;
+    assert_eq!(rows.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(true));
+    assert_eq!(rows.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(false));
+    assert_eq!(rows.profile(&rig, &lens, None).await.unwrap(), None);
+    assert_eq!(rows.profile(&rig, &lens, Some(2)).await.unwrap(), None);
+    assert!(rows.revisions(&rig, &lens, &page(10, None)).await.unwrap().items.is_empty());
+    assert!(rows.profiles(None, None, &page(10, None)).await.unwrap().items.is_empty());
+    // stacks already made can still say what they used
+    assert_eq!(rows.profile_of_job(&rig, &lens, 2).await.unwrap(), Some(second));
+    let third = rows.put_profile(&rig, &lens, &draft(1.5), Precondition::Absent).await.unwrap();
+    assert!(matches!(third, PutProfile::Created(p) if p.revision == 3));
+    let visible = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
+    assert_eq!(visible.items.iter().map(|p| p.revision).collect::<Vec<_>>(), [3]);
+}
+
+pub(crate) async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
+    let rows = &*store.rows;
+    for lens in ["a", "b", "c", "d", "e"] {
+        put(rows, "one", lens, 1.25).await;
+    }
+    put(rows, "two", "a", 1.25).await;
+    put(rows, "one", "b", 1.5).await;
+    let key = |p: &Profile| format!("{}/{}@{}", p.rig, p.lens, p.revision);
+    let mut seen = Vec::new();
+    let mut cursor = None;
+    loop {
+        let found = rows.profiles(None, None, &page(2, cursor)).await.unwrap();
+        assert!((1..=2).contains(&found.items.len()));
+        seen.extend(found.items.iter().map(key));
+        cursor = found.next_cursor;
+        if cursor.is_none() {
+            break;
+        }
+    }
+    assert_eq!(seen, ["one/b@2", "two/a@1", "one/e@1", "one/d@1", "one/c@1", "one/a@1"]);
+    let of_two = rows.profiles(Some(&name("two")), None, &page(10, None)).await.unwrap();
+    assert_eq!(of_two.items.iter().map(key).collect::<Vec<_>>(), ["two/a@1"]);
+    let a = rows.profiles(None, Some(&name("a")), &page(10, None)).await.unwrap();
+    assert_eq!(a.items.iter().map(key).collect::<Vec<_>>(), ["two/a@1", "one/a@1"]);
+}
+
+pub(crate) async fn a_foreign_cursor_is_refused(store: Fresh) {
+    for cursor in ["", "nonsense", "-1", "0", "fffffffffffffffff"] {
+        let asked = page(10, Some(cursor.into()));
+        let profiles = store.rows.profiles(None, None, &asked).await;
+        assert!(matches!(profiles, Err(crate::store::StoreError::BadCursor)), "{cursor}");
+        let jobs = store.rows.jobs(&Default::default(), &asked).await;
+        assert!(matches!(jobs, Err(crate::store::StoreError::BadCursor)), "{cursor}");
+    }
+}
+
+pub(crate) async fn concurrent_writes_each_get_a_revision_of_their_own(store: Fresh) {
+    let writes = (0..12).map(|i| {
+        let rows = Arc::clone(&store.rows);
+        async move { put(&*rows, "rig", "lens", 1.0 + f64::from(i) / 64.0).await.revision }
+    });
+    let mut revisions = futures::future::join_all(writes).await;
+    revisions.sort_unstable();
+    assert_eq!(revisions, (1..=12).collect::<Vec<u32>>());
+}

@@ -1,0 +1,133 @@
+//! Accepting jobs, and reading them.
+
+use sqlx::{Executor, Sqlite};
+use uuid::Uuid;
+
+use super::{
+    Enqueue, Job, JobCounts, JobFilter, NewJob, Page, PageRequest, SqliteRows, StoreResult,
+    page::Window,
+    row::{JobRow, state},
+};
+use crate::model::{JobKind, JobState, Name, request::JobRequest};
+
+/// What a day has.
+const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;
+
+pub(super) async fn enqueue(store: &SqliteRows, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
+    let mut tx = store.write().await?;
+    if let Some((key, fingerprint)) = &job.idempotency
+        && let Some((first, its_fingerprint)) = by_idempotency_key(&mut *tx, key).await?
+    {
+        let same = its_fingerprint == *fingerprint;
+        return Ok(if same { Enqueue::Repeated(Box::new(first)) } else { Enqueue::KeyReused });
+    }
+    let waiting: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
+    let waiting = u64::try_from(waiting).unwrap_or(0);
+    if waiting >= queue_limit {
+        return Ok(Enqueue::QueueFull { waiting });
+    }
+    let row: JobRow = sqlx::query_as(
+        "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
+                           lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
+                           idempotency_key, fingerprint)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11)
+         RETURNING *",
+    )
+    .bind(job.id)
+    .bind(kind_name(job.request.kind()))
+    .bind(job.rig.as_str())
+    .bind(job.lens.as_str())
+    .bind(job.request.scan().map(Name::as_str))
+    .bind(serde_json::to_string(&job.request)?)
+    .bind(store.clock.now_ms())
+    .bind(keep_ms(&job.request))
+    .bind(serde_json::to_string(&job.warnings)?)
+    .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
+    .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
+    .fetch_one(&mut *tx)
+    .await?;
+    tx.commit().await?;
+    store.changed(job.id);
+    Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
+}
+
+pub(super) async fn by_idempotency_key(
+    executor: impl Executor<'_, Database = Sqlite>,
+    key: &str,
+) -> StoreResult<Option<(Job, String)>> {
+    let row: Option<JobRow> =
+        sqlx::query_as("SELECT * FROM jobs WHERE idempotency_key = ?1").bind(key).fetch_optional(executor).await?;
+    let Some(mut row) = row else { return Ok(None) };
+    let fingerprint = row.fingerprint.take().unwrap_or_default();
+    Ok(Some((row.try_into()?, fingerprint)))
+}
+
+pub(super) async fn get(store: &SqliteRows, id: Uuid) -> StoreResult<Option<Job>> {
+    let row: Option<JobRow> = sqlx::query_as("SELECT * FROM jobs WHERE id = ?1 AND delete_requested = 0")
+        .bind(id)
+        .fetch_optional(&store.readers)
+        .await?;
+    row.map(Job::try_from).transpose()
+}
+
+pub(super) async fn list(store: &SqliteRows, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
+    let window = Window::of(page)?;
+    let rows: Vec<JobRow> = sqlx::query_as(
+        "SELECT * FROM jobs
+         WHERE seq < ?1 AND delete_requested = 0
+           AND (?2 IS NULL OR kind = ?2) AND (?3 IS NULL OR state = ?3)
+           AND (?4 IS NULL OR rig = ?4) AND (?5 IS NULL OR lens = ?5) AND (?6 IS NULL OR scan = ?6)
+         ORDER BY seq DESC LIMIT ?7",
+    )
+    .bind(window.before)
+    .bind(filter.kind.map(kind_name))
+    .bind(filter.state.map(JobState::as_str))
+    .bind(filter.rig.as_ref().map(Name::as_str))
+    .bind(filter.lens.as_ref().map(Name::as_str))
+    .bind(filter.scan.as_ref().map(Name::as_str))
+    .bind(window.rows)
+    .fetch_all(&store.readers)
+    .await?;
+    let jobs: StoreResult<Vec<(i64, Job)>> = rows.into_iter().map(|row| Ok((row.seq, row.try_into()?))).collect();
+    Ok(window.page(jobs?))
+}
+
+pub(super) async fn counts(store: &SqliteRows) -> StoreResult<JobCounts> {
+    let rows: Vec<(String, i64)> =
+        sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&store.readers).await?;
+    let mut counts = JobCounts::default();
+    for (name, count) in rows {
+        let place = match state(&name)? {
+            JobState::Queued => &mut counts.queued,
+            JobState::Running => &mut counts.running,
+            JobState::Succeeded => &mut counts.succeeded,
+            JobState::Failed => &mut counts.failed,
+            JobState::Cancelled => &mut counts.cancelled,
+        };
+        *place = u64::try_from(count).unwrap_or(0);
+    }
+    Ok(counts)
+}
+
+pub(super) async fn blob_owner(store: &SqliteRows, id: Uuid) -> StoreResult<Option<(JobState, i64)>> {
+    let row: Option<(String, i64)> = sqlx::query_as("SELECT state, lease_token FROM jobs WHERE id = ?1")
+        .bind(id)
+        .fetch_optional(&store.readers)
+        .await?;
+    row.map(|(name, lease_token)| Ok((state(&name)?, lease_token))).transpose()
+}
+
+fn kind_name(kind: JobKind) -> &'static str {
+    match kind {
+        JobKind::Stack => "stack",
+        JobKind::Calibration => "calibration",
+    }
+}
+
+fn keep_ms(request: &JobRequest) -> Option<i64> {
+    match request {
+        JobRequest::Stack(stack) => stack.options.keep_days.map(|days| i64::from(days) * MS_PER_DAY),
+        JobRequest::Calibration(_) => None,
+    }
+}

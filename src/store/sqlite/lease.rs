@@ -1,0 +1,144 @@
+//! The life of a job with its worker: claim, heartbeat, release.
+
+use std::time::Duration;
+
+use sqlx::SqliteConnection;
+use uuid::Uuid;
+
+use super::{Heartbeat, Job, Progress, SqliteRows, StoreResult, row::JobRow};
+use crate::model::{Code, Fault};
+
+pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
+    let now = store.clock.now_ms();
+    let mut tx = store.write().await?;
+    let ended = end_the_lost(&mut tx, now, max_attempts).await?;
+    let row: Option<JobRow> = sqlx::query_as(
+        "UPDATE jobs
+         SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
+             attempt = attempt + 1, lease_token = lease_token + 1, lease_until = ?1, version = version + 1,
+             started_at = COALESCE(started_at, ?2)
+         WHERE seq = (SELECT seq FROM jobs
+                      WHERE state = 'queued' OR (state = 'running' AND lease_until <= ?2)
+                      ORDER BY seq LIMIT 1)
+         RETURNING *",
+    )
+    .bind(until(now, lease))
+    .bind(now)
+    .fetch_optional(&mut *tx)
+    .await?;
+    tx.commit().await?;
+    let job = row.map(Job::try_from).transpose()?;
+    for id in ended.into_iter().chain(job.as_ref().map(|job| job.id)) {
+        store.changed(id);
+    }
+    Ok(job)
+}
+
+/// Ends the jobs whose worker is gone and that nobody shall try again: deleted, cancelled, or lost too often.
+async fn end_the_lost(connection: &mut SqliteConnection, now: i64, max_attempts: u32) -> StoreResult<Vec<Uuid>> {
+    let mut ended: Vec<Uuid> = sqlx::query_scalar(
+        "DELETE FROM jobs WHERE state = 'running' AND lease_until <= ?1 AND delete_requested = 1 RETURNING id",
+    )
+    .bind(now)
+    .fetch_all(&mut *connection)
+    .await?;
+    ended.extend(
+        sqlx::query_scalar::<_, Uuid>(
+            "UPDATE jobs SET state = 'cancelled', finished_at = ?1, lease_until = NULL, version = version + 1
+             WHERE state = 'running' AND lease_until <= ?1 AND cancel_requested = 1 RETURNING id",
+        )
+        .bind(now)
+        .fetch_all(&mut *connection)
+        .await?,
+    );
+    let fault = Fault::new(
+        Code::WorkerLost,
+        format!(
+            "the worker died {max_attempts} times on this job, so it is not tried again; \
+             the log of the service says more, and a stack that needs too much memory is the usual reason"
+        ),
+    );
+    ended.extend(
+        sqlx::query_scalar::<_, Uuid>(
+            "UPDATE jobs
+             SET state = 'failed', error = ?3, finished_at = ?1, lease_until = NULL, version = version + 1
+             WHERE state = 'running' AND lease_until <= ?1 AND attempt >= ?2 RETURNING id",
+        )
+        .bind(now)
+        .bind(max_attempts)
+        .bind(serde_json::to_string(&fault)?)
+        .fetch_all(&mut *connection)
+        .await?,
+    );
+    Ok(ended)
+}
+
+pub(super) async fn heartbeat(
+    store: &SqliteRows,
+    id: Uuid,
+    lease_token: i64,
+    lease: Duration,
+    progress: &Progress,
+) -> StoreResult<Heartbeat> {
+    let fraction = if progress.fraction.is_finite() { progress.fraction.clamp(0.0, 1.0) } else { 0.0 };
+    let mut tx = store.write().await?;
+    // the right-hand sides see the row as it was, so the version grows only when the progress is news
+    let beat: Option<(bool, i64)> = sqlx::query_as(
+        "UPDATE jobs
+         SET lease_until = ?3,
+             version = version + ((stage, completed, total, fraction) IS NOT (?4, ?5, ?6, ?7)),
+             stage = ?4, completed = ?5, total = ?6, fraction = ?7
+         WHERE id = ?1 AND lease_token = ?2 AND state = 'running'
+         RETURNING cancel_requested, version",
+    )
+    .bind(id)
+    .bind(lease_token)
+    .bind(until(store.clock.now_ms(), lease))
+    .bind(&progress.stage)
+    .bind(progress.completed)
+    .bind(progress.total)
+    .bind(fraction)
+    .fetch_optional(&mut *tx)
+    .await?;
+    tx.commit().await?;
+    let Some((cancel_requested, _)) = beat else { return Ok(Heartbeat::Lost) };
+    store.changed(id);
+    Ok(if cancel_requested { Heartbeat::CancelRequested } else { Heartbeat::Alive })
+}
+
+pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64) -> StoreResult<bool> {
+    let mut tx = store.write().await?;
+    let deleted = sqlx::query(
+        "DELETE FROM jobs WHERE id = ?1 AND lease_token = ?2 AND state = 'running' AND delete_requested = 1",
+    )
+    .bind(id)
+    .bind(lease_token)
+    .execute(&mut *tx)
+    .await?;
+    let released = sqlx::query(
+        "UPDATE jobs
+         SET state = iif(cancel_requested, 'cancelled', 'queued'),
+             finished_at = iif(cancel_requested, ?3, NULL),
+             stage = iif(cancel_requested, stage, 'waiting'),
+             completed = iif(cancel_requested, completed, 0),
+             total = iif(cancel_requested, total, 0),
+             fraction = iif(cancel_requested, fraction, 0.0),
+             attempt = attempt - 1, lease_until = NULL, version = version + 1
+         WHERE id = ?1 AND lease_token = ?2 AND state = 'running'",
+    )
+    .bind(id)
+    .bind(lease_token)
+    .bind(store.clock.now_ms())
+    .execute(&mut *tx)
+    .await?;
+    tx.commit().await?;
+    let held = deleted.rows_affected() + released.rows_affected() > 0;
+    if held {
+        store.changed(id);
+    }
+    Ok(held)
+}
+
+fn until(now_ms: i64, lease: Duration) -> i64 {
+    now_ms.saturating_add(i64::try_from(lease.as_millis()).unwrap_or(i64::MAX))
+}

@@ -1,0 +1,78 @@
+//! The row of a job, and the job that it means.
+
+use anyhow::{Context, anyhow};
+use jiff::Timestamp;
+use uuid::Uuid;
+
+use super::{Job, StoreError, StoreResult};
+use crate::model::{JobState, Name, Progress};
+
+/// Every column of `jobs` that makes a [`Job`], under the column's name.
+#[derive(sqlx::FromRow)]
+pub(super) struct JobRow {
+    pub(super) seq: i64,
+    id: Uuid,
+    rig: String,
+    lens: String,
+    request: String,
+    state: String,
+    stage: String,
+    completed: i64,
+    total: i64,
+    fraction: f64,
+    attempt: i64,
+    lease_token: i64,
+    version: i64,
+    created_at: i64,
+    started_at: Option<i64>,
+    finished_at: Option<i64>,
+    cancel_requested: bool,
+    error: Option<String>,
+    warnings: String,
+    outcome: Option<String>,
+    pub(super) fingerprint: Option<String>,
+}
+
+impl TryFrom<JobRow> for Job {
+    type Error = StoreError;
+
+    fn try_from(row: JobRow) -> StoreResult<Self> {
+        Ok(Self {
+            id: row.id,
+            rig: name(row.rig)?,
+            lens: name(row.lens)?,
+            request: serde_json::from_str(&row.request)?,
+            state: state(&row.state)?,
+            progress: Progress {
+                stage: row.stage,
+                completed: u32::try_from(row.completed).unwrap_or(u32::MAX),
+                total: u32::try_from(row.total).unwrap_or(u32::MAX),
+                fraction: row.fraction,
+            },
+            attempt: u32::try_from(row.attempt).unwrap_or(u32::MAX),
+            lease_token: row.lease_token,
+            version: row.version,
+            created_at: time(row.created_at)?,
+            started_at: row.started_at.map(time).transpose()?,
+            finished_at: row.finished_at.map(time).transpose()?,
+            cancel_requested: row.cancel_requested,
+            error: row.error.as_deref().map(serde_json::from_str).transpose()?,
+            warnings: serde_json::from_str(&row.warnings)?,
+            outcome: row.outcome.as_deref().map(serde_json::from_str).transpose()?,
+        })
+    }
+}
+
+pub(super) fn name(text: String) -> StoreResult<Name> {
+    Ok(Name::new(text).context("a row holds a name that breaks the rule")?)
+}
+
+pub(super) fn time(ms: i64) -> StoreResult<Timestamp> {
+    Ok(Timestamp::from_millisecond(ms).context("a row holds a time that cannot be")?)
+}
+
+pub(super) fn state(text: &str) -> StoreResult<JobState> {
+    let all = [JobState::Queued, JobState::Running, JobState::Succeeded, JobState::Failed, JobState::Cancelled];
+    let known = all.into_iter().find(|state| state.as_str() == text);
+    Ok(known.ok_or_else(|| anyhow!("a row holds the unknown state '{text}'"))?)
+}

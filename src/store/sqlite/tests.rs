@@ -1,0 +1,139 @@
+//! The conformance suite on SQLite, and what SQLite alone must do.
+
+use std::sync::Arc;
+
+use tempfile::TempDir;
+
+use super::*;
+use crate::store::{
+    ManualClock,
+    conformance::{self, Fresh},
+};
+
+async fn fresh() -> (TempDir, Fresh) {
+    let folder = tempfile::tempdir().expect("a folder for the test");
+    let clock = Arc::new(ManualClock::default());
+    let rows = SqliteRows::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.expect("open");
+    (folder, Fresh { rows: Arc::new(rows), clock })
+}
+
+macro_rules! conforms {
+    ($suite:ident: $($case:ident),+ $(,)?) => { mod $suite { $(
+        #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+        async fn $case() {
+            let (_folder, store) = super::fresh().await;
+            super::conformance::$suite::$case(store).await;
+        }
+    )+ } };
+}
+
+conforms!(profiles:
+    a_profile_comes_back_as_it_was_put,
+    every_write_is_a_new_revision_and_old_ones_never_change,
+    preconditions_decide_a_race,
+    a_delete_hides_the_profile_and_keeps_the_numbering,
+    lists_are_paged_newest_first_and_filtered,
+    a_foreign_cursor_is_refused,
+    concurrent_writes_each_get_a_revision_of_their_own,
+);
+
+conforms!(jobs:
+    an_accepted_job_waits_with_all_that_was_asked,
+    a_repeated_key_gives_the_first_job_and_another_request_is_refused,
+    concurrent_repeats_of_one_key_make_one_job,
+    a_full_queue_refuses_until_a_worker_takes_one,
+    lists_are_paged_newest_first_and_filtered,
+    a_success_shows_its_outcome,
+    a_calibration_stores_its_revision_with_its_end,
+    a_failure_shows_its_fault,
+    a_waiting_job_is_cancelled_at_once_and_never_claimed,
+    a_cancel_before_the_end_wins_over_success,
+    a_cancel_after_the_end_changes_nothing,
+    a_cancel_that_meets_a_finish_has_one_winner,
+    a_deleted_job_is_gone_and_a_running_one_goes_with_its_worker,
+    a_job_expires_only_after_its_days,
+    every_visible_change_is_announced_and_counted,
+);
+
+conforms!(leases:
+    jobs_are_claimed_in_the_order_of_acceptance,
+    no_job_is_claimed_twice_however_many_claim_at_once,
+    a_heartbeat_renews_the_lease_and_shows_the_progress,
+    a_worker_back_from_the_dead_cannot_publish,
+    a_late_worker_whose_job_nobody_took_may_still_finish,
+    a_job_that_loses_its_worker_three_times_fails_and_does_not_stall_the_queue,
+    a_released_job_waits_again_and_the_attempt_does_not_count,
+    a_cancel_reaches_the_worker_and_survives_its_death,
+    a_job_whose_worker_is_gone_is_cancelled_without_one,
+    a_released_job_that_was_to_end_ends,
+    a_deleted_job_whose_worker_died_goes_with_the_next_claim,
+);
+
+#[tokio::test]
+async fn accepted_jobs_and_profiles_survive_a_reopen() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rows.db");
+    let rows = SqliteRows::open(&path).await.unwrap();
+    let job = conformance::accept(&rows, &conformance::stack()).await;
+    let profile = conformance::put(&rows, "rig", "lens", 1.5).await;
+    drop(rows); // without a close, as after a kill
+    let rows = SqliteRows::open(&path).await.unwrap();
+    assert_eq!(rows.job(job.id).await.unwrap(), Some(job));
+    assert_eq!(rows.profile(&profile.rig, &profile.lens, None).await.unwrap(), Some(profile));
+    rows.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn two_processes_on_one_file_never_claim_the_same_job() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rows.db");
+    // two stores on one file share nothing but the file, like two processes
+    let (one, two) = tokio::join!(SqliteRows::open(&path), SqliteRows::open(&path));
+    let (one, two) = (one.unwrap(), two.unwrap());
+    for _ in 0..10 {
+        conformance::accept(&one, &conformance::stack()).await;
+    }
+    let drain = async |rows: &SqliteRows| {
+        let mut claimed = Vec::new();
+        while let Some(job) = conformance::claim(rows).await {
+            claimed.push(job.id);
+        }
+        claimed
+    };
+    let (mut claimed, others) = tokio::join!(drain(&one), drain(&two));
+    claimed.extend(others);
+    claimed.sort();
+    claimed.dedup();
+    assert_eq!(claimed.len(), 10);
+    assert_eq!(two.counts().await.unwrap().running, 10);
+}
+
+#[tokio::test]
+async fn a_full_disk_is_told_from_other_errors_and_tears_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let first = conformance::accept(&rows, &conformance::stack()).await;
+    // SQLite reports its own page limit like a full disk; this is below what the file has, so it cannot grow
+    sqlx::query("PRAGMA max_page_count = 1").execute(&rows.writer).await.unwrap();
+    let mut full = None;
+    for _ in 0..200 {
+        if let Err(error) = rows.enqueue(&conformance::stack(), 1000).await {
+            full = Some(error);
+            break;
+        }
+    }
+    assert!(matches!(full, Some(StoreError::NoRoom(_))), "{full:?}");
+    assert_eq!(rows.job(first.id).await.unwrap(), Some(first));
+    sqlx::query("PRAGMA max_page_count = 1000000").execute(&rows.writer).await.unwrap();
+    conformance::accept(&rows, &conformance::stack()).await;
+}
+
+#[tokio::test]
+async fn a_revision_cannot_be_changed_even_by_sql() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let put = conformance::put(&rows, "rig", "lens", 1.5).await;
+    assert!(sqlx::query("UPDATE revisions SET body = '{}'").execute(&rows.writer).await.is_err());
+    assert!(sqlx::query("DELETE FROM revisions").execute(&rows.writer).await.is_err());
+    assert_eq!(rows.profile(&put.rig, &put.lens, None).await.unwrap(), Some(put));
+}

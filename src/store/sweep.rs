@@ -1,0 +1,60 @@
+//! Clean-up: what no live row names goes, what one names stays.
+//!
+//! A job that failed or was cancelled keeps its upload (its row names it, and it tells why it failed) and loses its
+//! results; a running job keeps the results of its present lease; a job without a row loses everything.
+
+use std::time::Duration;
+
+use uuid::Uuid;
+
+use super::{Rows, StoreResult, blobs::Blobs};
+use crate::model::JobState;
+
+/// An upload is published before its row is written: blobs without a row are left alone for so long.
+pub const GRACE: Duration = Duration::from_secs(60 * 60);
+
+/// What a sweep did.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Swept {
+    /// Jobs removed because their `keep_days` were over.
+    pub expired: usize,
+    /// Jobs without a row whose blobs were removed.
+    pub orphans: usize,
+}
+
+/// Removes expired jobs, the blobs of jobs that have no row, and results that were never published.
+///
+/// # Errors
+/// When rows or blobs cannot be read or removed; what was done until then stays done, and the next sweep goes on.
+pub async fn sweep(rows: &dyn Rows, blobs: &dyn Blobs, grace: Duration) -> StoreResult<Swept> {
+    let mut swept = Swept::default();
+    for id in rows.delete_expired().await? {
+        blobs.delete_job(id).await?;
+        swept.expired += 1;
+    }
+    for job in blobs.jobs_with_blobs().await? {
+        if rows.blob_owner(job.id).await?.is_some() {
+            tidy_job(rows, blobs, job.id).await?;
+        } else if job.untouched_for >= grace {
+            blobs.delete_job(job.id).await?;
+            swept.orphans += 1;
+        }
+    }
+    Ok(swept)
+}
+
+/// Removes what the row of one job does not name any more: after its end, and after it was deleted. Not for a job
+/// whose row is still to be written.
+///
+/// # Errors
+/// When rows or blobs cannot be read or removed.
+pub async fn tidy_job(rows: &dyn Rows, blobs: &dyn Blobs, id: Uuid) -> StoreResult<()> {
+    match rows.blob_owner(id).await? {
+        None => blobs.delete_job(id).await,
+        // only the results of this lease were, or may yet be, published
+        Some((JobState::Succeeded | JobState::Running, lease)) => blobs.delete_stale_results(id, lease).await,
+        Some((JobState::Queued | JobState::Failed | JobState::Cancelled, lease)) => {
+            blobs.delete_stale_results(id, lease.saturating_add(1)).await
+        }
+    }
+}
