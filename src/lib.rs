@@ -12,4 +12,6 @@
 #![warn(missing_docs)]
 
 pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality, synth};
+pub mod jobs;
 pub mod store;
+pub mod worker;

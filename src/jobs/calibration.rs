@@ -1,0 +1,164 @@
+//! Measuring one profile: archive, dots, homographies, overlays.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::{
+    Bench, Made, Watcher,
+    press::{Press, Pressed},
+    stages::{Phase, Stage},
+};
+use crate::{
+    archive::{self, ArchiveLimits},
+    calibration::{self, Calibration},
+    imaging::{Slices, codec::Metadata},
+    model::{
+        Control, Stop,
+        outcome::{CalibrationOutcome, JobOutcome},
+        profile::{HomographyModel, ProfileInput, ProfileSource},
+        request::CalibrationRequest,
+    },
+    store::ProfileDraft,
+};
+
+/// What a calibration spends its time on.
+const MEASURING: [Stage; 2] = [("surveying", 1.0), ("detecting", 6.0)];
+/// Where reading ends and where writing begins, as fractions of the job.
+const READ: f64 = 0.02;
+const MEASURED: f64 = 0.7;
+
+/// Does the job. The revision that it leads to is stored with the end of the job, by the store.
+///
+/// # Errors
+/// [`Stop::Cancelled`]; what [`calibration::calibrate`] finds wrong with the target; a fault that names the file when a
+/// slice cannot be read.
+pub fn run(
+    bench: &Bench,
+    request: &CalibrationRequest,
+    limits: &ArchiveLimits,
+    watcher: &dyn Watcher,
+) -> Result<Made, Stop> {
+    let reading = Phase::new(watcher, &[("reading", 1.0)], 0.0, READ);
+    reading.progress("reading", 0, 1);
+    let archive = archive::open(&bench.archive, limits)?;
+    reading.progress("reading", 1, 1);
+
+    let control = Phase::new(watcher, &MEASURING, READ, MEASURED);
+    let measured = calibration::calibrate(archive.front(), &request.options, &control)?;
+    let input = profile_input(&measured, request);
+    input.check()?;
+
+    let writing = Phase::new(watcher, &[("writing", 1.0)], MEASURED, 1.0);
+    let press = Press::new(bench, watcher);
+    let (artifacts, files) = overlays(archive.front(), &measured, &press, &writing)?.into_iter().unzip();
+
+    let draft = ProfileDraft {
+        input,
+        source: ProfileSource::Calibration,
+        calibration_id: Some(bench.job.id),
+        model: HomographyModel::Homography,
+        slices: measured.slices.clone(),
+    };
+    let mut warnings = archive.warnings().to_vec();
+    warnings.extend(measured.warnings);
+    let outcome = JobOutcome::Calibration(CalibrationOutcome {
+        artifacts,
+        // both are the store's to say
+        profile_revision: 0,
+        profile_digest: String::new(),
+        reference_index: u32::try_from(measured.reference_index).unwrap_or(u32::MAX),
+        slices: measured.slices,
+        dot_pitch_px: Some(measured.dot_pitch_px).filter(|pitch| pitch.is_finite()),
+        magnification: measured.magnification,
+        verdict: measured.verdict,
+    });
+    Ok(Made { outcome, warnings, profile: Some(Box::new(draft)), files })
+}
+
+fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> ProfileInput {
+    ProfileInput {
+        image_width: measured.width,
+        image_height: measured.height,
+        reference_index: u32::try_from(measured.reference_index).unwrap_or(u32::MAX),
+        homographies: measured.slices.iter().map(|slice| slice.homography).collect(),
+        rail_positions_mm: None,
+        gains: Some(measured.slices.iter().map(|slice| slice.gain).collect()),
+        pixel_pitch_mm: request.options.pixel_pitch_mm,
+        capture_mode: measured.capture_mode,
+        note: request.options.note.clone(),
+    }
+}
+
+/// One picture per slice with the dots found, written side by side, in the order of the slices.
+fn overlays(
+    slices: &dyn Slices,
+    measured: &Calibration,
+    press: &Press<'_>,
+    control: &Phase<'_>,
+) -> Result<Vec<Pressed>, Stop> {
+    let count = slices.count();
+    let done = AtomicUsize::new(0);
+    control.progress("writing", 0, count);
+    (0..count)
+        .into_par_iter()
+        .map(|index| {
+            control.check()?;
+            let picture = calibration::overlay(&slices.load(index)?, measured, index);
+            let pressed = press.png(&format!("overlay-{index}"), &picture, &Metadata::default())?;
+            control.progress("writing", done.fetch_add(1, Ordering::Relaxed) + 1, count);
+            Ok(pressed)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        jobs::testkit::{Laid, Recorder, front_zip, picture, rig, target_zip},
+        model::{Code, Homography, request::CalibrationOptions, request::JobRequest},
+    };
+
+    fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, Stop> {
+        let JobRequest::Calibration(request) = &laid.bench.job.request else { panic!("a calibration") };
+        run(&laid.bench, request, &ArchiveLimits::default(), watcher)
+    }
+
+    #[test]
+    fn a_target_gives_the_true_homographies_and_a_picture_per_slice() {
+        let asked = CalibrationOptions { note: Some("spring".into()), ..CalibrationOptions::default() };
+        let laid = Laid::calibration(&target_zip(), asked);
+        let recorder = Recorder::default();
+        let made = run_with(&laid, &recorder).expect("the calibration");
+        let draft = made.profile.as_ref().expect("a profile");
+        assert_eq!((draft.input.note.as_deref(), draft.calibration_id), (Some("spring"), Some(laid.bench.job.id)));
+        for (i, homography) in draft.input.homographies.iter().enumerate() {
+            let error = homography.corner_distance(&rig().homography(i), 240, 180);
+            assert!(error < 0.3, "slice {i} is {error} px off");
+        }
+        assert_eq!(draft.input.homographies[rig().reference], Homography::IDENTITY);
+        for i in 0..rig().slices() {
+            let (artifact, overlay) = picture(&made, &format!("overlay-{i}"));
+            assert_eq!((overlay.width, overlay.height, artifact.media_type.as_str()), (240, 180, "image/png"));
+        }
+        let reports = recorder.reports.into_inner().unwrap();
+        assert_eq!(reports.last().map(|progress| progress.fraction), Some(1.0));
+    }
+
+    #[test]
+    fn a_picture_without_dots_is_no_target() {
+        let laid = Laid::calibration(&front_zip(), CalibrationOptions::default());
+        let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+        assert_eq!(fault.code, Code::TargetNotFound);
+    }
+
+    #[test]
+    fn a_calibration_that_is_not_wanted_stops() {
+        for stop_at in [0.0, 0.3, 0.8] {
+            let laid = Laid::calibration(&target_zip(), CalibrationOptions::default());
+            let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };
+            assert!(matches!(run_with(&laid, &recorder), Err(Stop::Cancelled(_))), "at {stop_at}");
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! How much memory a job needs, from what the POST knows about its slices.
+
+use crate::{
+    fusion::Plan,
+    imaging::Depth,
+    model::{
+        Homography,
+        options::{BitDepth, GuidedParams},
+        request::{CalibrationRequest, JobRequest, StackLayout, StackRequest},
+    },
+};
+
+/// What a job needs whatever its size: the archive's directory, codecs, stacks of the threads.
+const BASE: u64 = 64 << 20;
+
+/// Bytes that a job needs at its peak, with `threads` threads. It does not grow with the number of slices: warped
+/// slices wait in files.
+///
+/// - A stack: the fusion ([`Plan::memory_bytes`]) beside the silhouette, or, if that is more, what lives while the image is
+///   composed: the fused picture, its index, validity and silhouette, and the RGBA picture that comes out.
+/// - A calibration: per slice in flight the decoded picture, its luma and what the detector makes of it, and its overlay.
+pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
+    let peak = match request {
+        JobRequest::Stack(request) => stack(request, threads),
+        JobRequest::Calibration(request) => calibration(request, threads),
+    };
+    BASE.saturating_add(peak)
+}
+
+fn stack(request: &StackRequest, threads: usize) -> u64 {
+    let layout = &request.layout;
+    let slices = layout.front.len();
+    let plan = Plan {
+        width: layout.width as usize,
+        height: layout.height as usize,
+        homographies: vec![Homography::IDENTITY; slices],
+        gains: vec![1.0; slices],
+        reference: 0,
+        params: GuidedParams::default(),
+    };
+    let silhouette = if layout.back.is_empty() { 0 } else { pixels(layout) };
+    let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(silhouette);
+    let sample = match request.options.bit_depth {
+        BitDepth::Auto => sample(layout),
+        BitDepth::Eight => 1,
+        BitDepth::Sixteen => 2,
+    };
+    // index 2, validity 1, silhouette 1
+    let composing = pixels(layout).saturating_mul(3 * self::sample(layout) + 4 + 4 * sample);
+    fusing.max(composing)
+}
+
+fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
+    let layout = &request.layout;
+    let in_flight = threads.clamp(1, layout.front.len().max(1)) as u64;
+    let decoded = u64::from(layout.channels) * sample(layout);
+    // luma 4, two planes of the detector 8, overlay 3
+    pixels(layout).saturating_mul(in_flight * (decoded + 15))
+}
+
+fn pixels(layout: &StackLayout) -> u64 {
+    u64::from(layout.width) * u64::from(layout.height)
+}
+
+fn depth(layout: &StackLayout) -> Depth {
+    if layout.bit_depth > 8 { Depth::Sixteen } else { Depth::Eight }
+}
+
+fn sample(layout: &StackLayout) -> u64 {
+    depth(layout).bytes() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::request::{CalibrationOptions, Upload};
+
+    fn layout(slices: usize, width: u32, bit_depth: u8) -> StackLayout {
+        StackLayout { front: vec![String::new(); slices], back: vec![], width, height: 4000, bit_depth, channels: 3 }
+    }
+
+    fn upload() -> Upload {
+        Upload { key: String::new(), bytes: 0, sha256: String::new(), filename: None }
+    }
+
+    fn stack(slices: usize, width: u32, bit_depth: u8) -> JobRequest {
+        JobRequest::Stack(StackRequest {
+            options: Default::default(),
+            profile_revision: 1,
+            profile_digest: String::new(),
+            upload: upload(),
+            layout: layout(slices, width, bit_depth),
+        })
+    }
+
+    fn calibration(slices: usize, width: u32, bit_depth: u8) -> JobRequest {
+        let (options, layout) = (CalibrationOptions::default(), layout(slices, width, bit_depth));
+        JobRequest::Calibration(CalibrationRequest { options, upload: upload(), layout })
+    }
+
+    #[test]
+    fn memory_grows_with_the_pixels_and_not_with_the_number_of_slices() {
+        for request in [stack, calibration] {
+            let need = |slices, width, depth| memory_need(&request(slices, width, depth), 4);
+            assert_eq!(need(10, 6000, 8), need(200, 6000, 8));
+            assert!(need(10, 6000, 16) > need(10, 6000, 8));
+            assert!(need(10, 12_000, 8) > need(10, 6000, 8));
+            assert!(need(10, 6000, 8) > 24_000_000 * 10);
+        }
+    }
+
+    #[test]
+    fn a_back_light_costs_the_silhouette() {
+        let front = stack(10, 6000, 8);
+        let JobRequest::Stack(mut request) = front.clone() else { panic!("a stack") };
+        request.layout.back = request.layout.front.clone();
+        assert_eq!(memory_need(&JobRequest::Stack(request), 4), memory_need(&front, 4) + 24_000_000);
+    }
+}

@@ -1,0 +1,109 @@
+//! What one job does: archive -> science -> artifacts. No rows and no leases here; those are the worker's.
+
+pub mod calibration;
+pub mod compose;
+pub mod memory;
+mod press;
+pub mod preview;
+pub mod stack;
+pub mod stages;
+#[cfg(test)]
+pub(crate) mod testkit;
+
+use std::{path::PathBuf, time::Instant};
+
+use crate::{
+    archive::ArchiveLimits,
+    model::{Cancelled, Progress, Stop, Warning, outcome::JobOutcome, profile::Profile, request::JobRequest},
+    store::{Job, ProfileDraft},
+};
+
+/// The work of the service: fuses stacks, measures profiles.
+#[derive(Debug, Clone)]
+pub struct Science {
+    /// Threads that work on slices side by side; enters the memory that a job is said to need.
+    pub threads: usize,
+    /// How much an archive may hold: the same as at the POST.
+    pub archive_limits: ArchiveLimits,
+}
+
+impl Default for Science {
+    /// All threads of the pool that the science runs on.
+    fn default() -> Self {
+        Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
+    }
+}
+
+impl Work for Science {
+    fn memory_need(&self, request: &JobRequest) -> u64 {
+        memory::memory_need(request, self.threads)
+    }
+
+    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
+        match &bench.job.request {
+            JobRequest::Stack(request) => stack::run(bench, request, &self.archive_limits, watcher),
+            JobRequest::Calibration(request) => calibration::run(bench, request, &self.archive_limits, watcher),
+        }
+    }
+}
+
+/// Everything that a job finds on its bench.
+#[derive(Debug)]
+pub struct Bench {
+    /// The job as it was claimed.
+    pub job: Job,
+    /// The profile that the request names; `None` for a calibration.
+    pub profile: Option<Profile>,
+    /// The uploaded zip.
+    pub archive: PathBuf,
+    /// An empty folder of its own, on the file system of the blobs; removed after the job.
+    pub scratch: PathBuf,
+    /// When it was claimed.
+    pub started: Instant,
+}
+
+/// A file that a job made, and the key under which it shall be published.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MadeFile {
+    /// In the scratch folder.
+    pub path: PathBuf,
+    /// As the outcome's artifact names it.
+    pub key: String,
+}
+
+/// What a job made.
+#[derive(Debug)]
+pub struct Made {
+    /// What the row will show.
+    pub outcome: JobOutcome,
+    /// What the user should know, beyond what was known at the POST.
+    pub warnings: Vec<Warning>,
+    /// The profile that a calibration measured.
+    pub profile: Option<Box<ProfileDraft>>,
+    /// The files of the outcome's artifacts.
+    pub files: Vec<MadeFile>,
+}
+
+/// How a job tells where it is, and learns that it is no longer wanted.
+pub trait Watcher: Sync {
+    /// The job is here now. Called often, so it must be cheap.
+    fn report(&self, progress: Progress);
+
+    /// `Err` once the job is no longer wanted.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the job should stop and leave everything as it is.
+    fn check(&self) -> Result<(), Cancelled>;
+}
+
+/// What workers do with jobs. The service's own is in this module; tests bring others.
+pub trait Work: Send + Sync + 'static {
+    /// Bytes of memory that the job will need at its peak.
+    fn memory_need(&self, request: &JobRequest) -> u64;
+
+    /// Does the job, on a thread that may block.
+    ///
+    /// # Errors
+    /// [`Stop::Cancelled`] when the watcher said so; [`Stop::Fault`] when it cannot be done.
+    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop>;
+}

@@ -1,0 +1,260 @@
+//! Fusing one stack: archive, back light, silhouette, front light, pictures, numbers.
+
+use std::time::Instant;
+
+use super::{
+    Bench, Made, Watcher,
+    compose::{self, crop_rect},
+    press::{Press, Pressed},
+    preview::preview,
+    stages::{Phase, Stage},
+};
+use crate::{
+    archive::{self, ArchiveLimits, StackArchive},
+    fusion::{
+        self, Fused, Plan, Watch,
+        mask::{MaskParams, Silhouette, cut_out},
+    },
+    imaging::{
+        Plane, Raster, Rect, Slices,
+        codec::{self, Metadata},
+    },
+    model::{
+        Code, Control, Fault, Stop, Warning,
+        metrics::{Metrics, StageTime, Timing},
+        options::MaskMode,
+        outcome::{ImageInfo, JobOutcome, StackOutcome},
+        profile::Profile,
+        request::StackRequest,
+    },
+};
+
+/// What a fusion spends its time on.
+const FUSING: [Stage; 2] = [("aligning", 3.0), ("fusing", 2.0)];
+/// Where reading ends and where writing begins, as fractions of the job.
+const READ: f64 = 0.02;
+const FUSED: f64 = 0.9;
+/// What the fusion of the back light warns of and what says nothing about the silhouette: its white ground is meant to be
+/// white, and what it does not cover the front does not either.
+const NOT_OF_THE_BACK: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
+
+/// Does the job.
+///
+/// # Errors
+/// [`Stop::Cancelled`]; a fault that names the file when a slice cannot be read; [`Code::MaskFailed`] when a mask is required
+/// and none can be made; [`Code::InsufficientStorage`] when the disk is full.
+pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watcher: &dyn Watcher) -> Result<Made, Stop> {
+    let profile = bench.profile.as_ref().ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile is gone"))?;
+    let options = &request.options;
+    let mut times = Times::since(bench.started);
+    let mut warnings = Vec::new();
+
+    let reading = Phase::new(watcher, &[("reading", 1.0)], 0.0, READ);
+    reading.progress("reading", 0, 1);
+    let archive = archive::open(&bench.archive, limits)?;
+    warnings.extend_from_slice(archive.warnings());
+    let rect = crop_rect(options.crop, &profile.input)?;
+    let plan = plan(profile, request);
+    reading.progress("reading", 1, 1);
+    times.end("reading");
+
+    let press = Press::new(bench, watcher);
+    let mut pressed = Vec::new();
+    let with_back = wants_mask(options.mask, &archive)?;
+    let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
+    let silhouette = if with_back {
+        let control = Phase::new(watcher, &FUSING, READ, middle);
+        let back = fusion::fuse(archive.back(), &plan, &Watch::default(), &bench.scratch, &control)?;
+        times.end("fusing the back light");
+        let phase = Phase::new(watcher, &[("masking", 1.0)], middle, middle);
+        phase.progress("masking", 0, 1);
+        let silhouette = cut_out(&back.image, &back.valid, &MaskParams::from_options(options, plan.width, plan.height));
+        if options.mask == MaskMode::Required {
+            useful(&silhouette)?;
+        }
+        pressed.push(press.png("backlight", &compose::cropped(&back.image, rect), &Metadata::default())?);
+        warnings.extend(back.warnings.into_iter().filter(|w| !NOT_OF_THE_BACK.contains(&w.code.as_str())));
+        warnings.extend_from_slice(&silhouette.warnings);
+        phase.progress("masking", 1, 1);
+        times.end("masking");
+        Some(silhouette)
+    } else {
+        None
+    };
+
+    let control = Phase::new(watcher, &FUSING, middle, FUSED);
+    let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.alpha) };
+    let front = fusion::fuse(archive.front(), &plan, &watch, &bench.scratch, &control)?;
+    warnings.extend_from_slice(&front.warnings);
+    times.end("fusing");
+
+    let metadata = reference_metadata(&archive, plan.reference, rect);
+    let writing = Phase::new(watcher, &[("writing", 1.0)], FUSED, 1.0);
+    let (image, files) = pictures(&press, &writing, &front, silhouette.as_ref(), rect, request, &metadata)?;
+    pressed.extend(files);
+    times.end("writing");
+
+    let metrics = metrics(front, &archive, silhouette, times);
+    let (artifacts, files) = pressed.into_iter().unzip();
+    let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics });
+    Ok(Made { outcome, warnings: once(warnings), profile: None, files })
+}
+
+fn plan(profile: &Profile, request: &StackRequest) -> Plan {
+    let input = &profile.input;
+    Plan {
+        width: input.image_width as usize,
+        height: input.image_height as usize,
+        homographies: input.homographies.clone(),
+        gains: input.gains.clone().unwrap_or_else(|| vec![1.0; input.homographies.len()]),
+        reference: input.reference_index as usize,
+        params: request.options.guided(),
+    }
+}
+
+fn wants_mask(mode: MaskMode, archive: &StackArchive) -> Result<bool, Fault> {
+    let has_back = archive.back().count() > 0;
+    match mode {
+        MaskMode::None => Ok(false),
+        MaskMode::Auto => Ok(has_back),
+        MaskMode::Required if has_back => Ok(true),
+        MaskMode::Required => Err(Fault::new(
+            Code::MaskFailed,
+            "mask=required, and the archive has no back-light slices; put them into a folder back/, or ask for mask=auto",
+        )),
+    }
+}
+
+/// A mask that was required and holds nothing or everything is none.
+fn useful(silhouette: &Silhouette) -> Result<(), Fault> {
+    let hopeless = |warning: &&Warning| ["mask_empty", "mask_full"].contains(&warning.code.as_str());
+    match silhouette.warnings.iter().find(hopeless) {
+        None => Ok(()),
+        Some(warning) => {
+            let detail = format!("mask=required, and no mask can be made: {}", warning.detail);
+            Err(Fault::new(Code::MaskFailed, detail))
+        }
+    }
+}
+
+/// ICC profile and EXIF of the reference slice. A slice that was decoded just now can be read again; if not, the
+/// pictures come without, which is no reason to lose them.
+fn reference_metadata(archive: &StackArchive, reference: usize, rect: Rect) -> Metadata {
+    let bytes = archive.front_bytes(reference).unwrap_or_default();
+    let side = |length: usize| u32::try_from(length).unwrap_or(u32::MAX);
+    codec::metadata(&bytes).for_output(side(rect.width), side(rect.height))
+}
+
+/// Writes image, preview, mask and depth.
+fn pictures(
+    press: &Press<'_>,
+    control: &dyn Control,
+    front: &Fused,
+    silhouette: Option<&Silhouette>,
+    rect: Rect,
+    request: &StackRequest,
+    metadata: &Metadata,
+) -> Result<(ImageInfo, Vec<Pressed>), Stop> {
+    let options = &request.options;
+    let steps = if silhouette.is_some() { 4 } else { 3 };
+    let mut pressed = Vec::new();
+    let step = |done: &mut Vec<Pressed>, picture: Pressed| {
+        done.push(picture);
+        control.progress("writing", done.len(), steps);
+    };
+    control.progress("writing", 0, steps);
+
+    let alpha = alpha(&front.valid, silhouette);
+    let depth = compose::depth(options.bit_depth, front.image.depth());
+    let image = compose::rgba(&front.image, &alpha, rect, depth, options.under_alpha);
+    step(&mut pressed, press.picture("image", options.format, &image, metadata)?);
+    // a page needs the colours right and nothing else
+    let colours = Metadata { icc: metadata.icc.clone(), exif: None };
+    step(&mut pressed, press.png("preview", &preview(&image), &colours)?);
+    drop(image);
+    if silhouette.is_some() {
+        let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&alpha, rect));
+        step(&mut pressed, press.png("mask", &mask, &Metadata::default())?);
+    }
+    let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
+    step(&mut pressed, press.png("depth", &index, &Metadata::default())?);
+
+    let number = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
+    let info = ImageInfo {
+        width: number(rect.width),
+        height: number(rect.height),
+        bit_depth: if depth.bytes() == 2 { 16 } else { 8 },
+        crop_offset_px: [number(rect.x), number(rect.y)],
+    };
+    Ok((info, pressed))
+}
+
+/// Opaque where a slice covers the canvas and, with a back light, the object is.
+fn alpha(valid: &Plane<u8>, silhouette: Option<&Silhouette>) -> Plane<u8> {
+    match silhouette {
+        None => valid.clone(),
+        Some(silhouette) => {
+            let data = valid.data.iter().zip(&silhouette.alpha.data).map(|(&v, &a)| v & a).collect();
+            Plane { width: valid.width, height: valid.height, data }
+        }
+    }
+}
+
+fn metrics(front: Fused, archive: &StackArchive, silhouette: Option<Silhouette>, times: Times) -> Metrics {
+    let quality = front.quality.unwrap_or_default();
+    let slices = archive.front();
+    let mut measured = quality.slices;
+    for slice in &mut measured {
+        slice.name = slices.name(slice.index as usize).to_owned();
+    }
+    Metrics {
+        fusion: quality.fusion,
+        focus: quality.focus,
+        slices: measured,
+        alignment: quality.alignment,
+        mask: silhouette.map(|silhouette| silhouette.metrics),
+        timing_ms: times.done(),
+    }
+}
+
+/// Each warning once, in the order in which they came.
+fn once(warnings: Vec<Warning>) -> Vec<Warning> {
+    let mut seen = Vec::with_capacity(warnings.len());
+    for warning in warnings {
+        if !seen.contains(&warning) {
+            seen.push(warning);
+        }
+    }
+    seen
+}
+
+/// How long each stage took.
+struct Times {
+    start: Instant,
+    last: Instant,
+    stages: Vec<StageTime>,
+}
+
+impl Times {
+    fn since(start: Instant) -> Self {
+        Self { start, last: Instant::now(), stages: Vec::new() }
+    }
+
+    fn end(&mut self, stage: &str) {
+        let now = Instant::now();
+        self.stages.push(StageTime { stage: stage.to_owned(), ms: ms(now - self.last) });
+        self.last = now;
+    }
+
+    fn done(self) -> Timing {
+        Timing { total: ms(self.start.elapsed()), stages: self.stages }
+    }
+}
+
+fn ms(duration: std::time::Duration) -> u64 {
+    u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+#[path = "stack_tests.rs"]
+mod tests;

@@ -1,0 +1,191 @@
+//! Whole stacks through the job, held against the truth of the renderer.
+
+use super::*;
+use crate::{
+    imaging::Samples,
+    jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, stack, zip},
+    model::{
+        metrics::Metrics,
+        options::{BitDepth, Crop, ImageFormat, MaskThreshold, StackOptions, UnderAlpha},
+        request::JobRequest,
+    },
+    store::digest::hex,
+};
+use sha2::{Digest, Sha256};
+
+fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, Stop> {
+    let JobRequest::Stack(request) = &laid.bench.job.request else { panic!("a stack") };
+    run(&laid.bench, request, &ArchiveLimits::default(), watcher)
+}
+
+fn done(laid: &Laid) -> (Made, StackOutcome) {
+    let made = run_with(laid, &Recorder::default()).expect("the job");
+    let JobOutcome::Stack(outcome) = made.outcome.clone() else { panic!("a stack was made") };
+    (made, outcome)
+}
+
+fn options() -> StackOptions {
+    StackOptions::default()
+}
+
+fn grey(picture: &Raster) -> Vec<u8> {
+    match &picture.samples {
+        Samples::Eight(samples) if picture.channels == 1 => samples.clone(),
+        _ => panic!("an 8-bit grey picture was expected"),
+    }
+}
+
+/// Mean squared error of the luma against the truth where `object` is not 0.
+fn error(picture: &Raster, object: &[u8]) -> f64 {
+    let (ours, truth) = (picture.luma(), stack().truth.sharp.luma());
+    let mut sum = (0.0, 0.0);
+    for ((a, b), &inside) in ours.data.iter().zip(&truth.data).zip(object) {
+        if inside != 0 {
+            sum = (sum.0 + f64::from(a - b).powi(2), sum.1 + 1.0);
+        }
+    }
+    sum.0 / sum.1
+}
+
+#[test]
+fn a_stack_with_back_light_comes_out_sharp_cut_out_and_measured() {
+    let laid = Laid::stack(&both_zip(), options());
+    let (made, outcome) = done(&laid);
+    let names: Vec<&str> = outcome.artifacts.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(names, ["backlight", "image", "preview", "mask", "depth"]);
+    assert_eq!(outcome.image, ImageInfo { width: 240, height: 180, bit_depth: 8, crop_offset_px: [0, 0] });
+    for artifact in &outcome.artifacts {
+        let (_, bytes) = file(&made, &artifact.name);
+        assert_eq!(artifact.bytes, bytes.len() as u64);
+        assert_eq!(artifact.sha256, hex(&Sha256::digest(&bytes)));
+        assert!(artifact.key.starts_with(&format!("results/{}/1/", laid.bench.job.id)));
+    }
+
+    let mask = grey(&picture(&made, "mask").1);
+    let truth = &stack().truth;
+    let (mut both, mut either) = (0.0, 0.0);
+    for (&ours, &theirs) in mask.iter().zip(&truth.mask.data) {
+        assert!(ours == 0 || ours == 255);
+        both += f64::from(u8::from(ours == 255 && theirs == 255));
+        either += f64::from(u8::from(ours == 255 || theirs == 255));
+    }
+    assert!(both / either > 0.9, "mask IoU is {}", both / either);
+
+    // outside our own mask the picture is black, so only what both call object is compared
+    let object: Vec<u8> = mask.iter().zip(&truth.mask.data).map(|(&ours, &theirs)| ours & theirs).collect();
+    let (_, image) = picture(&made, "image");
+    let fused = error(&image, &object);
+    let best = stack().front.iter().map(|slice| error(slice, &object)).fold(f64::MAX, f64::min);
+    assert!(fused < 0.8 * best, "fused {fused}, best single slice {best}");
+
+    let Metrics { fusion, slices, mask, timing_ms, .. } = &outcome.metrics;
+    assert!(fusion.q_g_top.is_some_and(|q| q > 0.5));
+    assert_eq!(slices[2].name, "front/img_2.png");
+    assert!(mask.as_ref().is_some_and(|m| m.foreground_fraction > 0.02 && m.foreground_fraction < 0.9));
+    assert!(timing_ms.stages.iter().map(|s| s.ms).sum::<u64>() <= timing_ms.total);
+}
+
+#[test]
+fn the_same_stack_gives_the_same_bytes() {
+    let digests = || {
+        let laid = Laid::stack(&both_zip(), options());
+        let (_, outcome) = done(&laid);
+        outcome.artifacts.into_iter().map(|a| (a.name, a.sha256)).collect::<Vec<_>>()
+    };
+    assert_eq!(digests(), digests());
+}
+
+#[test]
+fn a_stack_without_back_light_is_opaque_wherever_a_slice_covers_it() {
+    let laid = Laid::stack(&front_zip(), options());
+    let (made, outcome) = done(&laid);
+    let names: Vec<&str> = outcome.artifacts.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(names, ["image", "preview", "depth"]);
+    assert_eq!(outcome.metrics.mask, None);
+    let (_, depth) = picture(&made, "depth");
+    let Samples::Sixteen(index) = &depth.samples else { panic!("16 bits") };
+    assert!(index.iter().all(|&slice| slice < 5), "the reference slice covers the whole canvas");
+    let used: std::collections::BTreeSet<u16> = index.iter().copied().collect();
+    assert!(used.len() > 2, "several slices are used");
+}
+
+#[test]
+fn mask_none_does_not_look_at_the_back_light() {
+    let laid = Laid::stack(&both_zip(), StackOptions { mask: MaskMode::None, ..options() });
+    let (_, outcome) = done(&laid);
+    assert!(outcome.artifacts.iter().all(|a| a.name != "mask" && a.name != "backlight"));
+}
+
+#[test]
+fn a_required_mask_that_cannot_be_made_fails_the_job() {
+    let required = StackOptions { mask: MaskMode::Required, ..options() };
+    let hopeless = StackOptions { mask_threshold: MaskThreshold::Fixed(0.0), ..required.clone() };
+    for laid in [Laid::stack(&front_zip(), required), Laid::stack(&both_zip(), hopeless)] {
+        let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+        assert_eq!(fault.code, Code::MaskFailed);
+        assert!(fault.detail.contains("mask=required"), "{}", fault.detail);
+    }
+}
+
+#[test]
+fn format_depth_and_crop_are_as_asked() {
+    let crop = Crop::Rect { x: 20, y: 10, width: 100, height: 80 };
+    let asked = StackOptions { format: ImageFormat::Tiff, bit_depth: BitDepth::Sixteen, crop, ..options() };
+    let laid = Laid::stack(&both_zip(), StackOptions { under_alpha: UnderAlpha::Keep, ..asked });
+    let (made, outcome) = done(&laid);
+    assert_eq!(outcome.image, ImageInfo { width: 100, height: 80, bit_depth: 16, crop_offset_px: [20, 10] });
+    let (artifact, image) = picture(&made, "image");
+    assert_eq!(artifact.media_type, "image/tiff");
+    assert_eq!((image.width, image.height, image.depth()), (100, 80, crate::imaging::Depth::Sixteen));
+    for name in ["mask", "backlight", "depth", "preview"] {
+        let (artifact, picture) = picture(&made, name);
+        assert_eq!((picture.width, picture.height, artifact.media_type.as_str()), (100, 80, "image/png"), "{name}");
+    }
+    // the crop moves nothing: the same pixels as without
+    let whole = Laid::stack(&both_zip(), options());
+    let (uncropped, _) = done(&whole);
+    let rect = Rect { x: 20, y: 10, width: 100, height: 80 };
+    assert_eq!(picture(&made, "mask").1, compose::cropped(&picture(&uncropped, "mask").1, rect));
+    assert_eq!(picture(&made, "depth").1, compose::cropped(&picture(&uncropped, "depth").1, rect));
+}
+
+#[test]
+fn progress_runs_from_start_to_end_and_never_back() {
+    let laid = Laid::stack(&both_zip(), options());
+    let recorder = Recorder::default();
+    run_with(&laid, &recorder).expect("the job");
+    let reports = recorder.reports.into_inner().unwrap();
+    assert!(reports.windows(2).all(|pair| pair[0].fraction <= pair[1].fraction));
+    assert_eq!((reports[0].fraction, reports.last().unwrap().fraction), (0.0, 1.0));
+    let widest = reports.windows(2).map(|pair| pair[1].fraction - pair[0].fraction).fold(0.0, f64::max);
+    assert!(widest < 0.3, "the largest jump is {widest}");
+    let mut stages: Vec<&str> = reports.iter().map(|progress| progress.stage.as_str()).collect();
+    stages.dedup();
+    assert_eq!(stages, ["reading", "aligning", "fusing", "masking", "aligning", "fusing", "writing"]);
+}
+
+#[test]
+fn a_job_that_is_not_wanted_stops_wherever_it_is() {
+    for stop_at in [0.0, 0.1, 0.4, 0.6, 0.93] {
+        let laid = Laid::stack(&both_zip(), options());
+        let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };
+        let result = run_with(&laid, &recorder);
+        assert!(matches!(result, Err(Stop::Cancelled(_))), "at {stop_at}");
+    }
+}
+
+#[test]
+fn a_torn_slice_fails_the_job_and_is_named() {
+    let mut members: Vec<(String, Vec<u8>)> = stack()
+        .front
+        .iter()
+        .enumerate()
+        .map(|(i, slice)| (format!("img_{i}.png"), crate::jobs::testkit::png(slice)))
+        .collect();
+    let half = members[3].1.len() / 2;
+    members[3].1.truncate(half);
+    let laid = Laid::stack(&zip(members), options());
+    let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+    assert_eq!(fault.code, Code::InvalidImage);
+    assert!(fault.detail.contains("img_3.png"), "{}", fault.detail);
+}

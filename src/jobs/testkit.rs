@@ -1,0 +1,202 @@
+//! A bench for tests: a small synthetic stack in a zip, its true profile, and a watcher that remembers.
+
+use std::{
+    io::Cursor,
+    sync::{Mutex, OnceLock},
+    time::Instant,
+};
+
+use jiff::Timestamp;
+use tempfile::TempDir;
+use uuid::Uuid;
+
+use super::{Bench, Made, Watcher};
+use crate::{
+    archive::{self, ArchiveLimits, pack},
+    imaging::{
+        Raster,
+        codec::{self, Limits, Metadata, encode_png},
+    },
+    model::{
+        Cancelled, JobState, Name, Progress,
+        options::StackOptions,
+        outcome::Artifact,
+        profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
+        request::{CalibrationOptions, CalibrationRequest, JobRequest, StackRequest, Upload},
+    },
+    store::{Job, digest::profile_digest},
+    synth::{DotTarget, Light, Rig, Scene, Stage, Truth, target_stack},
+};
+
+/// The rig of the tests: small, so that they are quick.
+pub(crate) fn rig() -> Rig {
+    Rig::sized(240, 180, 5)
+}
+
+/// A stack and its truth.
+pub(crate) struct Stack {
+    pub(crate) front: Vec<Raster>,
+    pub(crate) back: Vec<Raster>,
+    pub(crate) truth: Truth,
+}
+
+/// The stack of the tests, rendered once.
+pub(crate) fn stack() -> &'static Stack {
+    static STACK: OnceLock<Stack> = OnceLock::new();
+    STACK.get_or_init(|| {
+        let stage = Stage::new(&rig(), &Scene::insect(3));
+        let all = |light| (0..rig().slices()).map(|i| stage.render(light, i)).collect();
+        Stack { front: all(Light::Front), back: all(Light::Back), truth: stage.truth() }
+    })
+}
+
+pub(crate) fn png(picture: &Raster) -> Vec<u8> {
+    let mut out = Vec::new();
+    encode_png(&mut out, picture, &Metadata::default()).expect("encode");
+    out
+}
+
+fn members(folder: &str, slices: &[Raster]) -> Vec<(String, Vec<u8>)> {
+    slices.iter().enumerate().map(|(i, slice)| (format!("{folder}/img_{i}.png"), png(slice))).collect()
+}
+
+pub(crate) fn zip(members: Vec<(String, Vec<u8>)>) -> Vec<u8> {
+    let mut out = Cursor::new(Vec::new());
+    pack(&mut out, members.into_iter()).expect("pack");
+    out.into_inner()
+}
+
+/// The zip of the front light alone.
+pub(crate) fn front_zip() -> Vec<u8> {
+    zip(members("front", &stack().front))
+}
+
+/// The zip of front and back light.
+pub(crate) fn both_zip() -> Vec<u8> {
+    let mut all = members("front", &stack().front);
+    all.extend(members("back", &stack().back));
+    zip(all)
+}
+
+/// The zip of a dot target on the same rig.
+pub(crate) fn target_zip() -> Vec<u8> {
+    zip(members("front", &target_stack(&rig(), &DotTarget::for_rig(&rig(), 12))))
+}
+
+/// The profile that the rig truly has.
+pub(crate) fn true_profile() -> Profile {
+    let rig = rig();
+    let (width, height) = (rig.width as u32, rig.height as u32);
+    let input = ProfileInput {
+        image_width: width,
+        image_height: height,
+        reference_index: rig.reference as u32,
+        homographies: (0..rig.slices()).map(|i| rig.homography(i)).collect(),
+        rail_positions_mm: None,
+        gains: Some((0..rig.slices()).map(|i| rig.gain(i)).collect()),
+        pixel_pitch_mm: None,
+        capture_mode: None,
+        note: None,
+    };
+    let slice = |i: usize| ProfileSlice::given(i as u32, rig.homography(i), rig.gain(i), width, height);
+    Profile {
+        rig: Name::new("rig").expect("a name"),
+        lens: Name::new("lens").expect("a name"),
+        revision: 1,
+        digest: profile_digest(&input),
+        created_at: Timestamp::UNIX_EPOCH,
+        source: ProfileSource::Upload,
+        calibration_id: None,
+        model: HomographyModel::Given,
+        slice_count: rig.slices() as u32,
+        slices: (0..rig.slices()).map(slice).collect(),
+        input,
+    }
+}
+
+/// A bench with everything a job needs; the folder goes with it.
+pub(crate) struct Laid {
+    pub(crate) bench: Bench,
+    _folder: TempDir,
+}
+
+impl Laid {
+    pub(crate) fn stack(archive: &[u8], options: StackOptions) -> Self {
+        let profile = true_profile();
+        Self::lay(archive, Some(profile.clone()), |upload, layout| {
+            let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
+            JobRequest::Stack(StackRequest { options, profile_revision, profile_digest, upload, layout })
+        })
+    }
+
+    pub(crate) fn calibration(archive: &[u8], options: CalibrationOptions) -> Self {
+        Self::lay(archive, None, |upload, layout| {
+            JobRequest::Calibration(CalibrationRequest { options, upload, layout })
+        })
+    }
+
+    fn lay(
+        archive: &[u8],
+        profile: Option<Profile>,
+        request: impl FnOnce(Upload, crate::model::request::StackLayout) -> JobRequest,
+    ) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (path, scratch) = (folder.path().join("upload.zip"), folder.path().join("scratch"));
+        std::fs::write(&path, archive).expect("write the zip");
+        std::fs::create_dir(&scratch).expect("a scratch folder");
+        let layout = archive::open(&path, &ArchiveLimits::default()).expect("a sound zip").layout().clone();
+        let upload = Upload { key: String::new(), bytes: archive.len() as u64, sha256: String::new(), filename: None };
+        let job = Job {
+            id: Uuid::now_v7(),
+            rig: Name::new("rig").expect("a name"),
+            lens: Name::new("lens").expect("a name"),
+            request: request(upload, layout),
+            state: JobState::Running,
+            progress: Progress::default(),
+            attempt: 1,
+            lease_token: 1,
+            version: 1,
+            created_at: Timestamp::UNIX_EPOCH,
+            started_at: None,
+            finished_at: None,
+            cancel_requested: false,
+            error: None,
+            warnings: vec![],
+            outcome: None,
+        };
+        let bench = Bench { job, profile, archive: path, scratch, started: Instant::now() };
+        Self { bench, _folder: folder }
+    }
+}
+
+/// The artifact of this name and the picture in its file.
+pub(crate) fn picture<'a>(made: &'a Made, name: &str) -> (&'a Artifact, Raster) {
+    let (artifact, bytes) = file(made, name);
+    (artifact, codec::decode(&bytes, &Limits::default()).expect("a picture"))
+}
+
+/// The artifact of this name and the bytes of its file.
+pub(crate) fn file<'a>(made: &'a Made, name: &str) -> (&'a Artifact, Vec<u8>) {
+    let artifact = made.outcome.artifacts().iter().find(|a| a.name == name).expect("the artifact");
+    let made_file = made.files.iter().find(|file| file.key == artifact.key).expect("its file");
+    (artifact, std::fs::read(&made_file.path).expect("read the file"))
+}
+
+/// Remembers the reports; says stop once the fraction has reached `stop_at`.
+#[derive(Default)]
+pub(crate) struct Recorder {
+    pub(crate) reports: Mutex<Vec<Progress>>,
+    pub(crate) stop_at: Option<f64>,
+}
+
+impl Watcher for Recorder {
+    fn report(&self, progress: Progress) {
+        self.reports.lock().expect("no test panics with it").push(progress);
+    }
+
+    fn check(&self) -> Result<(), Cancelled> {
+        let reports = self.reports.lock().expect("no test panics with it");
+        let reached = reports.last().map_or(0.0, |progress| progress.fraction);
+        if self.stop_at.is_some_and(|stop| reached >= stop) { Err(Cancelled) } else { Ok(()) }
+    }
+}

@@ -1,0 +1,199 @@
+//! One job from its claim to its end.
+
+use std::{path::PathBuf, sync::Arc, time::Duration, time::Instant};
+
+use tokio::sync::{OwnedMutexGuard, Semaphore};
+use tokio_util::sync::CancellationToken;
+
+use super::{
+    Config, Deps,
+    lifeline::{Lifeline, Why},
+};
+use crate::{
+    jobs::{Bench, Made},
+    model::{Code, Fault, Stop, profile::Profile, request::JobRequest},
+    store::{Finish, Job, StoreError, StoreResult, sweep::tidy_job},
+};
+
+/// Unit of the memory budget.
+pub(super) const MB: u64 = 1 << 20;
+/// Tries to write the end of a job; when all fail, the lease runs out and the job is done again.
+const END_TRIES: u32 = 5;
+
+/// What all workers of a pool share.
+pub(super) struct Shared {
+    pub(super) deps: Deps,
+    pub(super) config: Config,
+    /// In megabytes.
+    pub(super) memory: Arc<Semaphore>,
+    /// Tells running jobs to go back to the queue.
+    pub(super) abandon: CancellationToken,
+}
+
+impl Shared {
+    /// Permits that make up the whole memory budget.
+    pub(super) fn whole_budget(&self) -> u32 {
+        u32::try_from(self.config.memory_budget.div_ceil(MB))
+            .unwrap_or(u32::MAX)
+            .clamp(1, Semaphore::MAX_PERMITS as u32)
+    }
+
+    /// Does a claimed job. `gate` keeps other workers from claiming: it opens once this job has its memory, or, when a
+    /// worker died on this job before, not until it has ended. So a job that takes the process down takes no
+    /// innocent ones with it that would pay with their attempts.
+    pub(super) async fn attend(&self, job: Job, gate: OwnedMutexGuard<()>) {
+        let started = Instant::now();
+        let line = Arc::new(Lifeline::starting_at(job.progress.clone()));
+        // if this worker is dropped, the thread of the job shall see it
+        let _stop = line.stop_on_drop();
+        let result = tokio::select! {
+            result = self.work(&job, &line, gate) => result,
+            () = line.beat(&self.deps, &self.config, &job, &self.abandon) => Err(Stop::Cancelled(crate::model::Cancelled)),
+        };
+        let kind = job.request.kind();
+        let ending = Ending::of(result, line.why());
+        tracing::info!(job = %job.id, ?kind, attempt = job.attempt, ending = ending.name(), "job leaves its worker");
+        metrics::counter!("pinstack_jobs_ended_total", "ending" => ending.name()).increment(1);
+        metrics::histogram!("pinstack_job_seconds", "ending" => ending.name()).record(started.elapsed().as_secs_f64());
+        if let Err(error) = self.write_end(&job, &ending).await {
+            tracing::error!(job = %job.id, ?error, "the end of a job cannot be written; it will be done again");
+        }
+        if let Err(error) = tidy_job(&*self.deps.rows, &*self.deps.blobs, job.id).await {
+            tracing::warn!(job = %job.id, ?error, "what a job left cannot be removed now; the next sweep will");
+        }
+    }
+
+    async fn work(&self, job: &Job, line: &Arc<Lifeline>, gate: OwnedMutexGuard<()>) -> Result<Finish, Stop> {
+        let started = Instant::now();
+        let suspect = job.attempt > 1;
+        let whole = self.whole_budget();
+        let need = u32::try_from(self.deps.work.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
+        let permits = if suspect { whole } else { need.min(whole) };
+        let _memory = tokio::select! {
+            permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is going down"))?,
+            () = line.stopped() => return Err(Stop::Cancelled(crate::model::Cancelled)),
+        };
+        let _gate = suspect.then_some(gate);
+
+        let profile = self.profile_of(job).await.map_err(internal)??;
+        let archive = self.archive_of(job).await.map_err(internal)??;
+        let scratch = tempfile::Builder::new()
+            .prefix("job-")
+            .tempdir_in(self.deps.blobs.spool_dir())
+            .map_err(|error| internal(StoreError::Other(error.into())))?;
+        let bench = Bench { job: job.clone(), profile, archive, scratch: scratch.path().to_owned(), started };
+        let made = self.on_a_thread(bench, Arc::clone(line)).await?;
+        for file in &made.files {
+            self.deps.blobs.publish(&file.path, &file.key).await.map_err(internal)?;
+        }
+        let mut warnings = job.warnings.clone();
+        warnings.extend(made.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
+        Ok(Finish::Succeeded { outcome: Box::new(made.outcome), warnings, profile: made.profile })
+    }
+
+    /// Runs the job where it may block, and turns a panic into a fault: a bug in one job is no reason for a worker to die.
+    async fn on_a_thread(&self, bench: Bench, line: Arc<Lifeline>) -> Result<Made, Stop> {
+        let (work, id) = (Arc::clone(&self.deps.work), bench.job.id);
+        match tokio::task::spawn_blocking(move || work.run(&bench, &*line)).await {
+            Ok(result) => result,
+            Err(error) => {
+                tracing::error!(job = %id, %error, "a job panicked");
+                let detail = "the service hit a bug of its own on this job; its log has the details under the job's id";
+                Err(Fault::new(Code::Internal, detail).into())
+            }
+        }
+    }
+
+    async fn profile_of(&self, job: &Job) -> StoreResult<Result<Option<Profile>, Fault>> {
+        let JobRequest::Stack(request) = &job.request else { return Ok(Ok(None)) };
+        let found = self.deps.rows.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+        let missing = || {
+            let (rig, lens, revision) = (&job.rig, &job.lens, request.profile_revision);
+            Fault::new(
+                Code::ProfileNotFound,
+                format!("revision {revision} of profile {rig}/{lens} is not there any more"),
+            )
+        };
+        Ok(found.map(Some).ok_or_else(missing))
+    }
+
+    async fn archive_of(&self, job: &Job) -> StoreResult<Result<PathBuf, Fault>> {
+        let found = self.deps.blobs.local_path(&job.request.upload().key).await?;
+        Ok(found.ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive is not there any more; send it again")))
+    }
+
+    /// Writes the end, again when the database cannot be reached for a moment.
+    async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<()> {
+        let mut pause = Duration::from_millis(100);
+        let mut tries = 1;
+        loop {
+            let written = match ending {
+                Ending::Finished(finish) => self.deps.rows.finish(job.id, job.lease_token, finish).await,
+                Ending::Released => self.deps.rows.release(job.id, job.lease_token).await,
+                Ending::Lost => return Ok(()),
+            };
+            match written {
+                Ok(true) => return Ok(()),
+                Ok(false) => {
+                    tracing::warn!(job = %job.id, "the lease was lost before the end; nothing was published");
+                    return Ok(());
+                }
+                Err(error) if tries == END_TRIES => return Err(error),
+                Err(error) => tracing::warn!(job = %job.id, ?error, tries, "cannot write the end of a job yet"),
+            }
+            tokio::time::sleep(pause).await;
+            pause *= 2;
+            tries += 1;
+        }
+    }
+}
+
+/// What becomes of a job that left its worker.
+enum Ending {
+    Finished(Finish),
+    Released,
+    Lost,
+}
+
+impl Ending {
+    /// A job that was done or failed by itself ends so, even if it was told to stop meanwhile: the store decides who
+    /// was first.
+    fn of(result: Result<Finish, Stop>, why: Option<Why>) -> Self {
+        match (result, why) {
+            (Ok(finish), _) => Self::Finished(finish),
+            (Err(Stop::Fault(fault)), _) => Self::Finished(Finish::Failed(fault)),
+            (Err(Stop::Cancelled(_)), Some(Why::Lost)) => Self::Lost,
+            (Err(Stop::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released,
+            (Err(Stop::Cancelled(_)), Some(Why::Cancelled)) => Self::Finished(Finish::Cancelled),
+            (Err(Stop::Cancelled(_)), None) => {
+                let detail = "the job stopped although nobody asked it to; this is a bug of the service";
+                Self::Finished(Finish::Failed(Fault::new(Code::Internal, detail)))
+            }
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Finished(Finish::Succeeded { .. }) => "succeeded",
+            Self::Finished(Finish::Failed(_)) => "failed",
+            Self::Finished(Finish::Cancelled) => "cancelled",
+            Self::Released => "released",
+            Self::Lost => "lost",
+        }
+    }
+}
+
+/// What a client is told when rows or blobs fail under a job.
+fn internal(error: StoreError) -> Stop {
+    tracing::error!(?error, "the store failed under a job");
+    let fault = match error {
+        StoreError::NoRoom(_) => Fault::new(
+            Code::InsufficientStorage,
+            "the disk of the service is full, so the results could not be stored; make room and send the stack again",
+        ),
+        StoreError::BadCursor | StoreError::Other(_) => {
+            Fault::new(Code::Internal, "the service could not reach its own storage; its log has the details")
+        }
+    };
+    fault.into()
+}

@@ -1,0 +1,63 @@
+//! Workers: claim a job, keep its lease alive, have it done, make its end visible. They know jobs, not images.
+
+mod attend;
+mod lifeline;
+pub mod maintenance;
+mod pool;
+
+pub use pool::Pool;
+
+use std::{sync::Arc, time::Duration};
+
+use crate::{
+    jobs::Work,
+    store::{Rows, blobs::Blobs},
+};
+
+/// What workers work with.
+#[derive(Clone)]
+pub struct Deps {
+    /// Jobs and profiles.
+    pub rows: Arc<dyn Rows>,
+    /// Uploads and results.
+    pub blobs: Arc<dyn Blobs>,
+    /// What is done with a job.
+    pub work: Arc<dyn Work>,
+}
+
+/// How workers work.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Jobs at a time.
+    pub workers: usize,
+    /// How long a job belongs to a worker that is not heard of. Short, so that a restart goes on soon.
+    pub lease: Duration,
+    /// Time between heartbeats when there is no news; a cancel by another process is seen within it.
+    pub beat: Duration,
+    /// Least time between heartbeats that bring progress.
+    pub progress_gap: Duration,
+    /// How often the queue is looked at without being told: other processes accept jobs and lose leases too.
+    pub poll: Duration,
+    /// Claims of a job whose worker dies each time.
+    pub max_attempts: u32,
+    /// Memory for all running jobs together, bytes. A job that needs more than all of it runs alone.
+    pub memory_budget: u64,
+}
+
+impl Default for Config {
+    /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 2 GiB.
+    fn default() -> Self {
+        Self {
+            workers: 1,
+            lease: Duration::from_secs(15),
+            beat: Duration::from_secs(1),
+            progress_gap: Duration::from_millis(200),
+            poll: Duration::from_secs(1),
+            max_attempts: 3,
+            memory_budget: 2 << 30,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
