@@ -12,6 +12,8 @@
 #![warn(missing_docs)]
 
 pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality, synth};
+pub mod cli;
+pub mod http;
 pub mod jobs;
 pub mod store;
 pub mod worker;

@@ -1,0 +1,197 @@
+//! Configuration: flags over `PINSTACK_*` environment over a TOML file over defaults. A bad value is refused with
+//! where it came from.
+
+use std::path::PathBuf;
+
+use anyhow::anyhow;
+use clap::ValueEnum;
+use figment::{
+    Figment, Metadata, Source,
+    providers::{Env, Format, Serialized, Toml},
+};
+use serde::{Deserialize, Serialize};
+
+/// Where the server listens when nobody says otherwise.
+pub const DEFAULT_LISTEN: &str = "127.0.0.1:8080";
+
+/// How the log is written.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One object per line.
+    Json,
+}
+
+/// Everything that `pinstack serve` can be told.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServeConfig {
+    /// Address and port; port 0 takes a free one.
+    pub listen: String,
+    /// Folder of the database and the files.
+    pub data_dir: PathBuf,
+    /// Jobs worked on at a time; 0: this process only serves.
+    pub workers: usize,
+    /// Memory for all running jobs together, MiB.
+    pub memory_mb: u64,
+    /// Largest upload, bytes.
+    pub max_upload_bytes: u64,
+    /// Most jobs that may wait.
+    pub queue_limit: u64,
+    /// Room that must stay free on the disk, bytes.
+    pub min_free_bytes: u64,
+    /// An upload that sends nothing for this long is given up, seconds.
+    pub body_idle_timeout_s: u64,
+    /// Log filter: `info`, `debug`, `pinstack=debug,info`, ...
+    pub log: String,
+    /// How the log is written.
+    pub log_format: LogFormat,
+    /// The address that the server listens on is written here once it does.
+    pub port_file: Option<PathBuf>,
+}
+
+/// The same as flags, where nothing means: ask the environment, the file, the defaults.
+#[derive(Debug, Clone, Default, clap::Args, Serialize)]
+pub struct Flags {
+    /// TOML file with any of the settings below, in snake_case [env: PINSTACK_CONFIG]
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip)]
+    pub config: Option<PathBuf>,
+    /// Address and port; port 0 takes a free one [default: 127.0.0.1:8080] [env: PINSTACK_LISTEN]
+    #[arg(long, value_name = "ADDR")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub listen: Option<String>,
+    /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
+    #[arg(long, value_name = "DIR")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub data_dir: Option<PathBuf>,
+    /// Jobs worked on at a time; 0: only serve [default: 1] [env: PINSTACK_WORKERS]
+    #[arg(long, value_name = "N")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub workers: Option<usize>,
+    /// Memory for all running jobs together, MiB [default: 4096] [env: PINSTACK_MEMORY_MB]
+    #[arg(long, value_name = "MIB")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory_mb: Option<u64>,
+    /// Largest upload [default: 20 GiB] [env: PINSTACK_MAX_UPLOAD_BYTES]
+    #[arg(long, value_name = "BYTES")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_upload_bytes: Option<u64>,
+    /// Most jobs that may wait [default: 1000] [env: PINSTACK_QUEUE_LIMIT]
+    #[arg(long, value_name = "N")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub queue_limit: Option<u64>,
+    /// Room that must stay free on the disk [default: 512 MiB] [env: PINSTACK_MIN_FREE_BYTES]
+    #[arg(long, value_name = "BYTES")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_free_bytes: Option<u64>,
+    /// Give an upload up that sends nothing for so long [default: 60] [env: PINSTACK_BODY_IDLE_TIMEOUT_S]
+    #[arg(long, value_name = "SECONDS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub body_idle_timeout_s: Option<u64>,
+    /// Log filter [default: info] [env: PINSTACK_LOG]
+    #[arg(long, value_name = "FILTER")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log: Option<String>,
+    /// How the log is written [default: text] [env: PINSTACK_LOG_FORMAT]
+    #[arg(long, value_name = "FORMAT")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_format: Option<LogFormat>,
+    /// Write the address that is listened on into this file [env: PINSTACK_PORT_FILE]
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub port_file: Option<PathBuf>,
+}
+
+impl Default for ServeConfig {
+    fn default() -> Self {
+        let policy = crate::http::Policy::default();
+        Self {
+            listen: DEFAULT_LISTEN.to_owned(),
+            data_dir: PathBuf::from("pinstack-data"),
+            workers: 1,
+            memory_mb: 4096,
+            max_upload_bytes: policy.max_upload_bytes,
+            queue_limit: policy.queue_limit,
+            min_free_bytes: policy.min_free_bytes,
+            body_idle_timeout_s: policy.body_idle_timeout.as_secs(),
+            log: "info".to_owned(),
+            log_format: LogFormat::Text,
+            port_file: None,
+        }
+    }
+}
+
+/// Names of the settings, as the file spells them.
+const KEYS: [&str; 11] = [
+    "listen",
+    "data_dir",
+    "workers",
+    "memory_mb",
+    "max_upload_bytes",
+    "queue_limit",
+    "min_free_bytes",
+    "body_idle_timeout_s",
+    "log",
+    "log_format",
+    "port_file",
+];
+
+impl ServeConfig {
+    /// Puts the sources together.
+    ///
+    /// # Errors
+    /// When a value is of the wrong kind or breaks its rule, or the file has a key that is none: says which, and
+    /// where it came from.
+    pub fn load(flags: &Flags) -> anyhow::Result<Self> {
+        let mut figment = Figment::from(Serialized::defaults(Self::default()));
+        let file = flags.config.clone().or_else(|| std::env::var_os("PINSTACK_CONFIG").map(PathBuf::from));
+        if let Some(file) = file {
+            if !file.is_file() {
+                return Err(anyhow!("there is no configuration file {}", file.display()));
+            }
+            figment = figment.merge(Toml::file_exact(file));
+        }
+        let figment = figment.merge(Env::prefixed("PINSTACK_").only(&KEYS)).merge(Serialized::globals(flags));
+        let config: Self = figment.extract().map_err(|error| {
+            let key = error.path.join(".");
+            let place = error.metadata.as_ref().map(|m| origin(m, &key)).unwrap_or_default();
+            let key = if key.is_empty() { key } else { format!("{key}: ") };
+            anyhow!("{key}{}{place}", error.kind)
+        })?;
+        config.check(&figment)?;
+        Ok(config)
+    }
+
+    fn check(&self, figment: &Figment) -> anyhow::Result<()> {
+        let rules = [
+            ("listen", self.listen.contains(':'), "must be an address and a port, 127.0.0.1:8080 say"),
+            ("workers", self.workers <= 256, "must be 0 to 256"),
+            ("memory_mb", (64..=16 << 20).contains(&self.memory_mb), "must be 64 to 16777216 MiB"),
+            ("max_upload_bytes", self.max_upload_bytes >= 1024, "must be at least 1024"),
+            ("queue_limit", self.queue_limit >= 1, "must be at least 1"),
+            ("body_idle_timeout_s", (1..=86_400).contains(&self.body_idle_timeout_s), "must be 1 to 86400"),
+        ];
+        for (key, holds, rule) in rules {
+            if !holds {
+                let place = figment.find_metadata(key).map(|m| origin(m, key)).unwrap_or_default();
+                return Err(anyhow!("{key} {rule}{place}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where a value came from, for the end of a sentence.
+fn origin(metadata: &Metadata, key: &str) -> String {
+    if metadata.name.contains("environment") {
+        return format!(" (environment variable PINSTACK_{})", key.to_uppercase());
+    }
+    match &metadata.source {
+        Some(Source::File(path)) => format!(" (file {}, key {key})", path.display()),
+        _ => format!(" (flag --{})", key.replace('_', "-")),
+    }
+}

@@ -1,0 +1,50 @@
+//! The command line: one command per file.
+
+pub mod config;
+pub mod health;
+pub mod logging;
+pub mod openapi;
+pub mod serve;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Calibrated focus stacking for photogrammetry, as a service.
+#[derive(Debug, Parser)]
+#[command(name = "pinstack", version, args_conflicts_with_subcommands = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Without a command: serve.
+    #[command(flatten)]
+    serve: config::Flags,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the API and work on jobs (the default)
+    Serve(config::Flags),
+    /// Print the OpenAPI document
+    Openapi,
+    /// Ask a running server whether it is ready; the exit code tells
+    Health(health::Flags),
+}
+
+/// Runs the command that the arguments name.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let done = match arguments.command {
+        None => serve::run(arguments.serve),
+        Some(Command::Serve(flags)) => serve::run(flags),
+        Some(Command::Openapi) => openapi::run(),
+        Some(Command::Health(flags)) => health::run(&flags),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("pinstack: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! `pinstack openapi`
+
+use std::io::Write;
+
+/// Prints the OpenAPI document.
+///
+/// # Errors
+/// When the output is closed.
+pub fn run() -> anyhow::Result<()> {
+    std::io::stdout().write_all(crate::http::system::openapi::text().as_bytes())?;
+    Ok(())
+}

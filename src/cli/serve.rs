@@ -1,0 +1,130 @@
+//! `pinstack serve`: the API, and workers beside it.
+
+use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
+
+use anyhow::Context;
+use tokio::{net::TcpListener, task::JoinHandle};
+use tokio_util::sync::CancellationToken;
+
+use super::{
+    config::{Flags, ServeConfig},
+    logging,
+};
+use crate::{
+    http::{self, App, Policy},
+    jobs::Science,
+    store::{
+        Rows,
+        blobs::{Blobs, local::LocalBlobs},
+        sqlite::SqliteRows,
+    },
+    worker::{self, Deps, Pool, maintenance},
+};
+
+/// How long running jobs may take to end once the server goes down; then they are given back to the queue.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// Runs until SIGTERM or SIGINT.
+///
+/// # Errors
+/// When the configuration is bad, the data folder cannot be used, or the address is taken.
+pub fn run(flags: Flags) -> anyhow::Result<()> {
+    let config = ServeConfig::load(&flags)?;
+    logging::start(&config.log, config.log_format)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let service = Service::start(&config).await?;
+        eprintln!("listening on http://{}", service.address());
+        if let Some(file) = &config.port_file {
+            write_port_file(file, service.address())?;
+        }
+        asked_to_stop().await?;
+        tracing::info!("going down");
+        service.stop().await
+    })
+}
+
+/// A running service: server, workers, clean-up.
+pub struct Service {
+    address: SocketAddr,
+    shutdown: CancellationToken,
+    server: JoinHandle<std::io::Result<()>>,
+    pool: Pool,
+    _maintenance: maintenance::Maintenance,
+}
+
+impl Service {
+    /// Opens the store, starts the workers, and listens.
+    ///
+    /// # Errors
+    /// When the data folder cannot be used or the address is taken.
+    pub async fn start(config: &ServeConfig) -> anyhow::Result<Self> {
+        let data_dir = &config.data_dir;
+        std::fs::create_dir_all(data_dir)
+            .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
+        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data_dir.join("pinstack.sqlite")).await?);
+        let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data_dir)?);
+        let listener = TcpListener::bind(&config.listen)
+            .await
+            .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
+        let address = listener.local_addr()?;
+
+        let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy(config));
+        let shutdown = app.shutdown.clone();
+        let science = Science { archive_limits: app.policy.archive, ..Science::default() };
+        let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), work: Arc::new(science) };
+        let workers = worker::Config {
+            workers: config.workers,
+            memory_budget: config.memory_mb << 20,
+            ..worker::Config::default()
+        };
+        let pool = Pool::start(deps, workers);
+        let maintenance = maintenance::start(rows, blobs, maintenance::EVERY);
+        let server = tokio::spawn(http::serve(app, listener));
+        Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Takes nothing new, lets requests and jobs end or gives them back, then returns.
+    ///
+    /// # Errors
+    /// When the socket failed meanwhile.
+    pub async fn stop(self) -> anyhow::Result<()> {
+        self.shutdown.cancel();
+        let (served, ()) = tokio::join!(self.server, self.pool.shutdown(GRACE));
+        Ok(served??)
+    }
+}
+
+fn policy(config: &ServeConfig) -> Policy {
+    Policy {
+        max_upload_bytes: config.max_upload_bytes,
+        queue_limit: config.queue_limit,
+        min_free_bytes: config.min_free_bytes,
+        body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
+        workers: config.workers,
+        ..Policy::default()
+    }
+}
+
+/// Whoever watches the file never sees half an address.
+fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
+    let new = file.with_extension("new");
+    std::fs::write(&new, format!("{address}\n"))
+        .and_then(|()| std::fs::rename(&new, file))
+        .with_context(|| format!("port_file: cannot write {}", file.display()))
+}
+
+async fn asked_to_stop() -> anyhow::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut terminate = signal(SignalKind::terminate())?;
+    tokio::select! {
+        _ = terminate.recv() => {}
+        interrupted = tokio::signal::ctrl_c() => interrupted?,
+    }
+    Ok(())
+}

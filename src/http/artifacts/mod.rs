@@ -1,0 +1,8 @@
+//! Files that jobs made, on their way to the client.
+
+pub mod accept;
+pub mod convert;
+pub mod download;
+pub mod name;
+pub mod outcome;
+pub mod range;

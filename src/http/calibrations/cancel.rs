@@ -1,0 +1,41 @@
+//! `POST /v1/calibrations/{id}/cancel`
+
+use axum::{Json, extract::State, http::StatusCode};
+
+use crate::{
+    http::{
+        extract::JobId,
+        problem::{ApiError, ApiResult},
+        state::App,
+        views::Calibration,
+        watch::load::load,
+    },
+    model::{Code, JobKind, JobState},
+    store::CancelRequest,
+};
+
+/// Cancel a calibration
+///
+/// One that waits is cancelled at once, one that runs within seconds. Asking twice does no harm.
+#[utoipa::path(
+    post,
+    path = "/v1/calibrations/{id}/cancel",
+    tag = "calibrations",
+    params(("id" = String, Path, description = "Id of the calibration")),
+    responses(
+        (status = 202, description = "It is cancelled, or will be soon", body = Calibration),
+        (status = 404, description = "`not_found`"),
+        (status = 409, description = "`conflict`: it had ended before"),
+    )
+)]
+pub async fn cancel(State(app): State<App>, JobId(id): JobId) -> ApiResult<(StatusCode, Json<Option<Calibration>>)> {
+    load(&app, id, JobKind::Calibration).await?;
+    if let Some(CancelRequest::AlreadyEnded(state)) = app.rows.cancel(id).await?
+        && state != JobState::Cancelled
+    {
+        let detail = format!("the calibration has ended already: it is {}", state.as_str());
+        return Err(ApiError::new(Code::Conflict, detail));
+    }
+    let job = load(&app, id, JobKind::Calibration).await?;
+    Ok((StatusCode::ACCEPTED, Json(Calibration::of(&job))))
+}

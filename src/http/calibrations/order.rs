@@ -1,0 +1,92 @@
+//! What the upload of a dot-target stack must fit.
+
+use crate::{
+    http::{
+        extract::path::name,
+        intake::order::{Fields, Order},
+        problem::{ApiError, ApiResult},
+        state::App,
+    },
+    model::{
+        Code, Fault, JobKind, Name, Warning,
+        profile::MAX_SLICES,
+        request::{CalibrationOptions, CalibrationRequest, JobRequest, StackLayout, Upload},
+    },
+};
+
+/// A dot-target stack to be measured.
+pub struct CalibrationOrder {
+    rig: Name,
+    lens: Name,
+    options: CalibrationOptions,
+}
+
+impl Order for CalibrationOrder {
+    const KIND: JobKind = JobKind::Calibration;
+
+    fn is_addressed(_fields: &Fields) -> bool {
+        // the URL names rig and lens
+        true
+    }
+
+    async fn read(_app: &App, fields: &Fields) -> ApiResult<Self> {
+        let named = |what: &str| name(what, fields.get(what).unwrap_or_default().to_owned());
+        let (rig, lens) = (named("rig")?, named("lens")?);
+        let options: CalibrationOptions = fields.options()?;
+        check_options(&options)?;
+        Ok(Self { rig, lens, options })
+    }
+
+    fn key(&self) -> (&Name, &Name) {
+        (&self.rig, &self.lens)
+    }
+
+    fn asked(&self) -> serde_json::Value {
+        serde_json::json!({ "rig": self.rig, "lens": self.lens, "options": self.options })
+    }
+
+    fn check(&self, layout: &StackLayout) -> Result<Vec<Warning>, Fault> {
+        let count = layout.front.len();
+        if !(2..=MAX_SLICES).contains(&count) {
+            let detail = format!("the archive has {count} slices; a calibration needs 2 to {MAX_SLICES}");
+            return Err(Fault::new(Code::SliceCountMismatch, detail));
+        }
+        if let Some(reference) = self.options.reference_index
+            && reference as usize >= count
+        {
+            let detail =
+                format!("reference_index is {reference}, but the archive has {count} slices, 0 to {}", count - 1);
+            return Err(Fault::new(Code::InvalidRequest, detail));
+        }
+        if layout.back.is_empty() {
+            return Ok(Vec::new());
+        }
+        let detail =
+            format!("{} back-light slices are passed over: a calibration uses the front light", layout.back.len());
+        Ok(vec![Warning::new("back_light_ignored", detail)])
+    }
+
+    fn request(&self, upload: Upload, layout: StackLayout) -> JobRequest {
+        let layout = StackLayout { back: Vec::new(), ..layout };
+        JobRequest::Calibration(CalibrationRequest { options: self.options.clone(), upload, layout })
+    }
+}
+
+fn check_options(options: &CalibrationOptions) -> ApiResult<()> {
+    let rules = [
+        ("target_pitch_mm", options.target_pitch_mm, 1e-4..=1000.0),
+        ("pixel_pitch_mm", options.pixel_pitch_mm, 1e-5..=1.0),
+    ];
+    for (name, value, range) in rules {
+        if let Some(value) = value
+            && !range.contains(&value)
+        {
+            let detail = format!("{name} is {value}; it must be {} to {}", range.start(), range.end());
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+    }
+    if options.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
+        return Err(ApiError::new(Code::InvalidRequest, "the note is longer than 4,000 characters"));
+    }
+    Ok(())
+}

@@ -1,0 +1,59 @@
+//! `GET /v1/calibrations/{id}/overlay`
+
+use axum::{
+    extract::State,
+    http::{HeaderMap, Uri},
+    response::Response,
+};
+use serde::Deserialize;
+
+use crate::{
+    http::{
+        artifacts::{download, name, outcome},
+        extract::{JobId, params},
+        problem::ApiResult,
+        state::App,
+        watch::load::load,
+    },
+    model::{JobKind, outcome::JobOutcome},
+};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Parameters {
+    slice: Option<u32>,
+}
+
+/// A slice with the dots found
+///
+/// PNG. Without `slice`, the reference slice.
+#[utoipa::path(
+    get,
+    path = "/v1/calibrations/{id}/overlay",
+    tag = "calibrations",
+    params(
+        ("id" = String, Path, description = "Id of the calibration"),
+        ("slice" = Option<u32>, Query, description = "0-based index of the slice"),
+    ),
+    responses(
+        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 206, description = "A part of it"),
+        (status = 304, description = "The client has it already"),
+        (status = 400, description = "`invalid_request`: `slice` is not a number"),
+        (status = 404, description = "`not_found`; `no_result`: no such slice, or it failed or was cancelled"),
+        (status = 409, description = "`not_finished`: it waits or runs"),
+        (status = 416, description = "`range_not_satisfiable`"),
+    )
+)]
+pub async fn overlay(State(app): State<App>, JobId(id): JobId, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
+    let Parameters { slice } = params::from_uri(&uri)?;
+    let job = load(&app, id, JobKind::Calibration).await?;
+    let reference = match outcome::of(&job)? {
+        JobOutcome::Calibration(outcome) => outcome.reference_index,
+        JobOutcome::Stack(_) => 0,
+    };
+    let what = format!("overlay-{}", slice.unwrap_or(reference));
+    let artifact = outcome::artifact(&job, &what)?;
+    let download = download::stored(&app, artifact, name::of(&job, &what, &artifact.media_type)).await?;
+    download.answer(&headers).await
+}

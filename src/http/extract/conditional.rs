@@ -1,0 +1,66 @@
+//! `ETag`, `If-Match` and `If-None-Match` (RFC 9110, section 13).
+
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+
+/// A list of entity tags, or any.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Tags {
+    /// `*`
+    Any,
+    /// Opaque tags without quotes, with their weakness.
+    List(Vec<(bool, String)>),
+}
+
+impl Tags {
+    /// The tags of a header; `None` when it is absent.
+    pub fn of(headers: &HeaderMap, name: &HeaderName) -> Option<Self> {
+        let mut list = Vec::new();
+        let mut present = false;
+        for value in headers.get_all(name) {
+            present = true;
+            let text = value.to_str().unwrap_or_default().trim();
+            if text == "*" {
+                return Some(Self::Any);
+            }
+            list.extend(text.split(',').filter_map(tag));
+        }
+        present.then_some(Self::List(list))
+    }
+
+    /// Strong comparison: for writes and ranges.
+    pub fn contains_strong(&self, opaque: &str) -> bool {
+        match self {
+            Self::Any => true,
+            Self::List(tags) => tags.iter().any(|(weak, tag)| !weak && tag == opaque),
+        }
+    }
+
+    /// Weak comparison: for `If-None-Match`.
+    pub fn contains(&self, opaque: &str) -> bool {
+        match self {
+            Self::Any => true,
+            Self::List(tags) => tags.iter().any(|(_, tag)| tag == opaque),
+        }
+    }
+}
+
+/// One entity tag; what is written without quotes is taken as meant.
+fn tag(text: &str) -> Option<(bool, String)> {
+    let text = text.trim();
+    let (weak, opaque) = match text.strip_prefix("W/") {
+        Some(rest) => (true, rest),
+        None => (false, text),
+    };
+    let opaque = opaque.trim_matches('"');
+    (!opaque.is_empty()).then(|| (weak, opaque.to_owned()))
+}
+
+/// True when the client has this version already.
+pub fn not_modified(headers: &HeaderMap, opaque: &str) -> bool {
+    Tags::of(headers, &header::IF_NONE_MATCH).is_some_and(|tags| tags.contains(opaque))
+}
+
+/// The header value of a strong tag.
+pub fn etag(opaque: &str) -> HeaderValue {
+    HeaderValue::from_str(&format!("\"{opaque}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"\""))
+}

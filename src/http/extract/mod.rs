@@ -1,0 +1,11 @@
+//! Requests taken apart: like axum's extractors, but every refusal is a problem that says what to do.
+
+pub mod conditional;
+pub mod json;
+pub mod page;
+pub mod params;
+pub mod path;
+pub mod prefer;
+
+pub use page::PageQuery;
+pub use path::{JobId, ProfileKey};

@@ -1,0 +1,34 @@
+//! `?limit=&cursor=` of every list.
+
+use crate::{http::problem::ApiError, model::Code, store::PageRequest};
+
+use super::params;
+
+/// Items on a page when nobody asks for a number.
+const DEFAULT_LIMIT: u32 = 50;
+/// Most items on a page.
+const MAX_LIMIT: u32 = 500;
+
+/// Takes `limit` and `cursor` out of the parameters.
+#[derive(Debug)]
+pub struct PageQuery;
+
+impl PageQuery {
+    /// The page that is asked for.
+    ///
+    /// # Errors
+    /// `invalid_request` for a limit that is not 1 to 500.
+    pub fn take(pairs: &mut Vec<(String, String)>) -> Result<PageRequest, ApiError> {
+        let limit = match params::take(pairs, "limit") {
+            None => DEFAULT_LIMIT,
+            Some(text) => match text.parse() {
+                Ok(limit) if (1..=MAX_LIMIT).contains(&limit) => limit,
+                _ => {
+                    let detail = format!("limit is '{text}'; it must be 1 to {MAX_LIMIT}");
+                    return Err(ApiError::new(Code::InvalidRequest, detail));
+                }
+            },
+        };
+        Ok(PageRequest { limit, cursor: params::take(pairs, "cursor") })
+    }
+}

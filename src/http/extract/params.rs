@@ -1,0 +1,228 @@
+//! Query parameters as typed values: text from the URL into any `Deserialize` struct, with errors that name
+//! the parameter.
+
+use axum::{extract::Query, http::Uri};
+use serde::{
+    Deserialize, Deserializer,
+    de::{self, DeserializeOwned, IntoDeserializer, value::MapDeserializer},
+    forward_to_deserialize_any,
+};
+
+use crate::{
+    http::problem::ApiError,
+    model::{Code, Fault, JobKind, JobState, Name, error::FaultPlace},
+    store::JobFilter,
+};
+
+/// The parameters of a URL in the order in which they came; a repeated one is an error.
+///
+/// # Errors
+/// `invalid_request` for text that is not UTF-8 or a parameter given twice.
+pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
+    let Ok(Query(pairs)) = Query::<Vec<(String, String)>>::try_from_uri(uri) else {
+        return Err(ApiError::new(Code::InvalidRequest, "the query string is not valid"));
+    };
+    for (i, (name, _)) in pairs.iter().enumerate() {
+        if pairs.iter().take(i).any(|(earlier, _)| earlier == name) {
+            return Err(ApiError::new(Code::InvalidRequest, format!("the parameter '{name}' is given twice")));
+        }
+    }
+    Ok(pairs)
+}
+
+/// Takes one parameter out of the list.
+pub fn take(pairs: &mut Vec<(String, String)>, name: &str) -> Option<String> {
+    let at = pairs.iter().position(|(n, _)| n == name)?;
+    Some(pairs.remove(at).1)
+}
+
+/// The rest of the list as a struct.
+///
+/// # Errors
+/// `invalid_request` that names the parameter, what it was, and what it must be.
+pub fn typed<T: DeserializeOwned>(pairs: &[(String, String)]) -> Result<T, ApiError> {
+    let map = pairs.iter().map(|(name, text)| (name.as_str(), Parameter { name, text }));
+    T::deserialize(MapDeserializer::new(map)).map_err(|Refusal { name, detail }| {
+        let place = FaultPlace { detail: detail.clone(), pointer: name, ..FaultPlace::default() };
+        Fault::new(Code::InvalidRequest, detail).at(place).into()
+    })
+}
+
+/// The parameters of a URL as a struct.
+///
+/// # Errors
+/// As [`pairs`] and [`typed`].
+pub fn from_uri<T: DeserializeOwned>(uri: &Uri) -> Result<T, ApiError> {
+    typed(&pairs(uri)?)
+}
+
+/// Refuses what nobody took.
+///
+/// # Errors
+/// `invalid_request` that names the parameter and those that are known.
+pub fn refuse_rest(pairs: &[(String, String)], known: &str) -> Result<(), ApiError> {
+    let Some((name, _)) = pairs.first() else { return Ok(()) };
+    let name: String = name.chars().take(80).collect();
+    Err(ApiError::new(Code::InvalidRequest, format!("unknown parameter '{name}'; known here: {known}")))
+}
+
+/// Which jobs a list shows.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JobParameters {
+    state: Option<JobState>,
+    rig: Option<Name>,
+    lens: Option<Name>,
+    scan: Option<Name>,
+}
+
+/// `state`, `rig`, `lens` and `scan` of a list of jobs.
+///
+/// # Errors
+/// `invalid_request` that names the parameter.
+pub fn job_filter(kind: JobKind, pairs: &[(String, String)]) -> Result<JobFilter, ApiError> {
+    let JobParameters { state, rig, lens, scan } = typed(pairs)?;
+    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan })
+}
+
+/// Why a parameter is refused.
+#[derive(Debug)]
+struct Refusal {
+    name: Option<String>,
+    detail: String,
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.detail)
+    }
+}
+
+impl std::error::Error for Refusal {}
+
+impl de::Error for Refusal {
+    fn custom<T: std::fmt::Display>(message: T) -> Self {
+        Self { name: None, detail: message.to_string() }
+    }
+
+    fn unknown_field(field: &str, expected: &'static [&'static str]) -> Self {
+        let field: String = field.chars().take(80).collect();
+        let detail = format!("unknown parameter '{field}'; known here: {}", expected.join(", "));
+        Self { name: Some(field), detail }
+    }
+}
+
+/// The text of one parameter, which knows its name.
+#[derive(Clone, Copy)]
+struct Parameter<'a> {
+    name: &'a str,
+    text: &'a str,
+}
+
+impl Parameter<'_> {
+    fn refuse(self, must: &str) -> Refusal {
+        let text: String = self.text.chars().take(80).collect();
+        Refusal { name: Some(self.name.to_owned()), detail: format!("{} is '{text}'; it must be {must}", self.name) }
+    }
+
+    /// An error from the inside of the type gets the name of the parameter.
+    fn named(self, refusal: Refusal) -> Refusal {
+        let detail = match &refusal.name {
+            None if !refusal.detail.contains(self.name) => format!("{}: {}", self.name, refusal.detail),
+            _ => refusal.detail,
+        };
+        Refusal { name: Some(self.name.to_owned()), detail }
+    }
+}
+
+impl<'de> IntoDeserializer<'de, Refusal> for Parameter<'de> {
+    type Deserializer = Self;
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+macro_rules! parsed {
+    ($($method:ident $visit:ident $must:literal;)*) => {$(
+        fn $method<V: de::Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+            let value = self.text.trim().parse().map_err(|_| self.refuse($must))?;
+            visitor.$visit(value).map_err(|e| self.named(e))
+        }
+    )*};
+}
+
+impl<'de> Deserializer<'de> for Parameter<'de> {
+    type Error = Refusal;
+
+    parsed! {
+        deserialize_bool visit_bool "true or false";
+        deserialize_u8 visit_u8 "a whole number";
+        deserialize_u16 visit_u16 "a whole number";
+        deserialize_u32 visit_u32 "a whole number";
+        deserialize_u64 visit_u64 "a whole number";
+        deserialize_i64 visit_i64 "a whole number";
+        deserialize_f64 visit_f64 "a number";
+    }
+
+    fn deserialize_any<V: de::Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        visitor.visit_str(self.text).map_err(|e| self.named(e))
+    }
+
+    fn deserialize_option<V: de::Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_newtype_struct<V: de::Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, Refusal> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_enum<V: de::Visitor<'de>>(
+        self,
+        _: &'static str,
+        variants: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Refusal> {
+        if !variants.contains(&self.text) {
+            return Err(self.refuse(&format!("one of: {}", variants.join(", "))));
+        }
+        visitor.visit_enum(de::value::StrDeserializer::new(self.text))
+    }
+
+    forward_to_deserialize_any! {
+        i8 i16 i32 f32 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct map struct
+        identifier ignored_any
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::options::{BitDepth, Crop, MaskMode, MaskThreshold, StackOptions};
+
+    fn options(query: &str) -> Result<StackOptions, String> {
+        let uri: Uri = format!("/x?{query}").parse().expect("a test writes valid URLs");
+        from_uri(&uri).map_err(|e| e.fault().detail.clone())
+    }
+
+    #[test]
+    fn every_kind_of_option_is_read_from_text() {
+        let read = options("mask=required&mask_threshold=0.4&bit_depth=16&crop=1,2,30,40&r1=20&eps2=1e-5&label=a%20b")
+            .expect("all of them are valid");
+        assert_eq!(read.mask, MaskMode::Required);
+        assert_eq!(read.mask_threshold, MaskThreshold::Fixed(0.4));
+        assert_eq!(read.bit_depth, BitDepth::Sixteen);
+        assert_eq!(read.crop, Crop::Rect { x: 1, y: 2, width: 30, height: 40 });
+        assert_eq!((read.r1, read.eps2), (20, 1e-5));
+        assert_eq!(read.label.as_deref(), Some("a b"));
+    }
+
+    #[test]
+    fn a_refusal_names_the_parameter_and_what_it_must_be() {
+        assert_eq!(options("r1=many").unwrap_err(), "r1 is 'many'; it must be a whole number");
+        assert_eq!(options("mask=maybe").unwrap_err(), "mask is 'maybe'; it must be one of: auto, none, required");
+        assert!(options("bit_depth=12").unwrap_err().contains("'auto', '8' or '16'"));
+        assert!(options("r7=1").unwrap_err().starts_with("unknown parameter 'r7'; known here: profile_revision"));
+        assert!(options("r1=1&r1=2").unwrap_err().contains("given twice"));
+        assert!(options("scan=.hidden").unwrap_err().contains("not beginning with a dot"));
+    }
+}

@@ -1,0 +1,70 @@
+//! The parts of a URL.
+
+use std::collections::HashMap;
+
+use axum::{
+    extract::{FromRequestParts, Path},
+    http::request::Parts,
+};
+use uuid::Uuid;
+
+use crate::{
+    http::problem::ApiError,
+    model::{Code, Name},
+};
+
+/// `{rig}` and `{lens}`.
+#[derive(Debug, Clone)]
+pub struct ProfileKey {
+    /// The rig.
+    pub rig: Name,
+    /// The lens.
+    pub lens: Name,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for ProfileKey {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let segments = segments(parts, state).await?;
+        Ok(Self { rig: name_segment(&segments, "rig")?, lens: name_segment(&segments, "lens")? })
+    }
+}
+
+/// `{id}` of a job. What is no UUID cannot be the id of a job, so it is not found.
+#[derive(Debug, Clone, Copy)]
+pub struct JobId(pub Uuid);
+
+impl<S: Send + Sync> FromRequestParts<S> for JobId {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let segments = segments(parts, state).await?;
+        let text = segments.get("id").map(String::as_str).unwrap_or_default();
+        match Uuid::parse_str(text) {
+            Ok(id) => Ok(Self(id)),
+            Err(_) => Err(ApiError::new(Code::NotFound, format!("there is no job '{}'", shortened(text)))),
+        }
+    }
+}
+
+async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<HashMap<String, String>, ApiError> {
+    match Path::from_request_parts(parts, state).await {
+        Ok(Path(segments)) => Ok(segments),
+        Err(_) => Err(ApiError::new(Code::InvalidRequest, "the URL is not valid UTF-8")),
+    }
+}
+
+fn name_segment(segments: &HashMap<String, String>, what: &str) -> Result<Name, ApiError> {
+    let text = segments.get(what).cloned().unwrap_or_default();
+    name(what, text)
+}
+
+/// A name of a rig, a lens or a scan, or the rule that it breaks.
+pub fn name(what: &str, text: String) -> Result<Name, ApiError> {
+    Name::new(text).map_err(|error| ApiError::new(Code::InvalidRequest, format!("{what}: {error}")))
+}
+
+fn shortened(text: &str) -> String {
+    text.chars().take(80).collect()
+}

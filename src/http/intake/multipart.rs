@@ -1,0 +1,111 @@
+//! An upload in a form: `rig`, `lens`, `options` (JSON) and `stack`, in any order.
+
+use axum::{
+    body::Body,
+    extract::{
+        FromRequest, Multipart, Request,
+        multipart::{Field, MultipartError},
+    },
+    http::{HeaderMap, header},
+};
+
+use super::{
+    body::{Verdict, WatchedBody},
+    filename,
+    order::{Fields, Order},
+    spool::{Spooled, spool},
+};
+use crate::{
+    http::{
+        problem::{ApiError, ApiResult},
+        state::{App, Promise},
+    },
+    model::Code,
+};
+
+/// Longest text of a part that is not the file.
+const MAX_TEXT: usize = 64 << 10;
+/// Most parts of a form.
+const MAX_PARTS: usize = 64;
+/// Names under which clients send the file.
+const FILE_PARTS: [&str; 2] = ["stack", "file"];
+
+/// Receives a form.
+///
+/// # Errors
+/// `invalid_request` for a form that is none or lacks the file; the rest as for a bare body.
+pub async fn receive<O: Order>(
+    app: &App,
+    headers: &HeaderMap,
+    body: WatchedBody,
+    mut fields: Fields,
+    promise: Promise,
+) -> ApiResult<(O, Spooled)> {
+    let verdict = body.verdict();
+    let mut form = open(headers, body).await?;
+    let mut promise = Some(promise);
+    let mut file = None;
+    let mut seen = Vec::new();
+    while let Some(part) = form.next_field().await.map_err(|e| broken(&verdict, &e))? {
+        let name = part.name().unwrap_or_default().to_owned();
+        if seen.contains(&name) || seen.len() >= MAX_PARTS {
+            let detail = format!("the form has the part '{name}' twice, or more than {MAX_PARTS} parts");
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+        if FILE_PARTS.contains(&name.as_str()) {
+            let Some(promise) = promise.take() else {
+                return Err(ApiError::new(Code::InvalidRequest, "the form has two files; send one stack per request"));
+            };
+            if O::is_addressed(&fields) {
+                O::read(app, &fields).await?;
+            }
+            let filename = part.file_name().and_then(filename::tidy);
+            file = Some(spool(app, part, promise, filename, |e| broken(&verdict, &e)).await?);
+        } else if name == "options" {
+            fields.options = Some(text(part, &verdict).await?.into_bytes());
+        } else {
+            let value = text(part, &verdict).await?;
+            fields.set(&name, value);
+        }
+        seen.push(name);
+    }
+    let order = O::read(app, &fields).await?;
+    match file {
+        Some(file) => Ok((order, file)),
+        None => Err(ApiError::new(Code::InvalidRequest, "the form has no part 'stack' with the zip")),
+    }
+}
+
+async fn open(headers: &HeaderMap, body: WatchedBody) -> ApiResult<Multipart> {
+    let mut request = Request::new(Body::from_stream(body));
+    if let Some(kind) = headers.get(header::CONTENT_TYPE) {
+        request.headers_mut().insert(header::CONTENT_TYPE, kind.clone());
+    }
+    // the watched body counts by itself
+    axum::extract::DefaultBodyLimit::disable().apply(&mut request);
+    Multipart::from_request(request, &())
+        .await
+        .map_err(|_| ApiError::new(Code::InvalidRequest, "the Content-Type of the form names no boundary"))
+}
+
+async fn text(mut part: Field<'_>, verdict: &Verdict) -> ApiResult<String> {
+    let name = part.name().unwrap_or_default().to_owned();
+    let mut bytes = Vec::new();
+    while let Some(chunk) = part.chunk().await.map_err(|e| broken(verdict, &e))? {
+        bytes.extend_from_slice(&chunk);
+        if bytes.len() > MAX_TEXT {
+            let detail =
+                format!("the part '{name}' is longer than {MAX_TEXT} bytes; the zip goes into the part 'stack'");
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+    }
+    String::from_utf8(bytes)
+        .map_err(|_| ApiError::new(Code::InvalidRequest, format!("the part '{name}' is not UTF-8 text")))
+}
+
+fn broken(verdict: &Verdict, error: &MultipartError) -> ApiError {
+    verdict.known().unwrap_or_else(|| {
+        let detail = format!("the form cannot be read: {}", error.body_text());
+        ApiError::new(Code::UploadIncomplete, detail)
+    })
+}

@@ -1,0 +1,91 @@
+//! An upload on its way to the disk.
+
+use std::path::Path;
+
+use bytes::Bytes;
+use futures::{Stream, StreamExt};
+use sha2::{Digest, Sha256};
+use tempfile::TempPath;
+use tokio::io::AsyncWriteExt;
+
+use super::admission::require_room;
+use crate::{
+    http::{
+        problem::{ApiError, ApiResult},
+        state::{App, Promise},
+    },
+    model::Code,
+};
+
+/// Room on the disk is looked at again after each of these.
+const ROOM_CHECK_BYTES: u64 = 64 << 20;
+
+/// A whole upload in the spool folder. The file goes when this is dropped, unless it was published.
+#[derive(Debug)]
+pub struct Spooled {
+    path: TempPath,
+    /// Size.
+    pub bytes: u64,
+    /// SHA-256, hex.
+    pub sha256: String,
+    /// Name that the client gave.
+    pub filename: Option<String>,
+}
+
+impl Spooled {
+    /// Where it lies.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// It has become a blob: there is nothing left to remove here.
+    pub fn published(self) {
+        // what cannot be kept is not there any more
+        let _ = self.path.keep();
+    }
+}
+
+/// Writes a stream to a new spool file. Memory does not grow with it: one chunk at a time.
+///
+/// # Errors
+/// What `broken` says when the stream ends with an error; `insufficient_storage` when the disk is full.
+pub async fn spool<E>(
+    app: &App,
+    mut chunks: impl Stream<Item = Result<Bytes, E>> + Unpin,
+    mut promise: Promise,
+    filename: Option<String>,
+    broken: impl Fn(E) -> ApiError,
+) -> ApiResult<Spooled> {
+    let made = tempfile::Builder::new().prefix("upload-").tempfile_in(app.blobs.spool_dir()).map_err(cannot_write)?;
+    let (file, path) = made.into_parts();
+    let mut file = tokio::fs::File::from_std(file);
+    let mut hash = Sha256::new();
+    let (mut bytes, mut checked) = (0, 0);
+    while let Some(chunk) = chunks.next().await {
+        let chunk = chunk.map_err(&broken)?;
+        hash.update(&chunk);
+        file.write_all(&chunk).await.map_err(cannot_write)?;
+        bytes += chunk.len() as u64;
+        promise.written(chunk.len() as u64);
+        if bytes - checked >= ROOM_CHECK_BYTES {
+            checked = bytes;
+            require_room(app, 0).await?;
+        }
+    }
+    file.flush().await.map_err(cannot_write)?;
+    Ok(Spooled { path, bytes, sha256: hex(&hash.finalize()), filename })
+}
+
+fn cannot_write(error: std::io::Error) -> ApiError {
+    use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+    if matches!(error.kind(), StorageFull | QuotaExceeded) {
+        let detail = "the disk of the server became full while the upload arrived; nothing was stored";
+        return ApiError::new(Code::InsufficientStorage, detail);
+    }
+    ApiError::internal(format!("spool file: {error}"))
+}
+
+/// Lower-case hex.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,6 @@
+//! What happens to every request and every answer.
+
+pub mod observe;
+pub mod problems;
+pub mod request_id;
+pub mod security;

@@ -1,0 +1,95 @@
+//! Every error leaves as a problem that names the request it belongs to, also those that a library made.
+
+use std::any::Any;
+
+use axum::{
+    extract::Request,
+    http::{StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+
+use crate::{
+    http::problem::{ApiError, code_of, problem, render},
+    model::{Code, Fault, Problem},
+};
+
+/// The layer: fills in `instance`, and turns bare error answers into problems.
+pub async fn complete(request: Request, next: Next) -> Response {
+    let instance = request.uri().path().to_owned();
+    let method = request.method().clone();
+    let mut response = next.run(request).await;
+    let status = response.status();
+    if !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let mut told = match response.extensions_mut().remove::<Problem>() {
+        Some(told) => told,
+        // a health check answers 503 with a body of its own
+        None if is_json(&response) => return response,
+        None => {
+            let bare = problem(&bare_fault(status, &method, &instance), None);
+            Problem { status: status.as_u16(), ..bare }
+        }
+    };
+    told.instance = Some(instance);
+    let mut complete = render(told);
+    for (name, value) in response.headers() {
+        if ![header::CONTENT_TYPE, header::CONTENT_LENGTH].contains(name) {
+            complete.headers_mut().append(name, value.clone());
+        }
+    }
+    complete
+}
+
+/// What a panic is answered with; the message goes to the log.
+pub fn from_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
+    let message = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("a panic without a message");
+    ApiError::internal(format!("panic: {message}")).into_response()
+}
+
+fn is_json(response: &Response) -> bool {
+    let content_type = response.headers().get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok());
+    content_type.is_some_and(|t| t.starts_with("application/json"))
+}
+
+fn bare_fault(status: StatusCode, method: &axum::http::Method, path: &str) -> Fault {
+    let code = code_of(status);
+    let detail = match code {
+        Code::NotFound => format!("there is nothing at {path}; GET /openapi.json lists every URL"),
+        Code::MethodNotAllowed => format!("{method} is not allowed on {path}; the Allow header names what is"),
+        Code::Internal => "something went wrong on the server; its log has the details under X-Request-Id".to_owned(),
+        _ => status.canonical_reason().unwrap_or("the request was refused").to_lowercase(),
+    };
+    Fault::new(code, detail)
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::{Router, body::Body, middleware::from_fn, routing::get};
+    use http_body_util::BodyExt;
+    use tower::ServiceExt;
+    use tower_http::catch_panic::CatchPanicLayer;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn a_panic_is_a_problem_that_keeps_its_message_to_the_log() {
+        async fn boom() -> StatusCode {
+            panic!("row 7 of /var/lib/pinstack")
+        }
+        let router =
+            Router::new().route("/boom", get(boom)).layer(CatchPanicLayer::custom(from_panic)).layer(from_fn(complete));
+        let request = Request::get("/boom").body(Body::empty()).expect("a request");
+        let Ok(response) = router.oneshot(request).await;
+        assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
+        let body = response.into_body().collect().await.expect("a body").to_bytes();
+        let problem: Problem = serde_json::from_slice(&body).expect("a problem");
+        assert_eq!((problem.code, problem.instance.as_deref()), (Code::Internal, Some("/boom")));
+        assert!(!problem.detail.contains("var"), "{}", problem.detail);
+    }
+}

@@ -1,0 +1,35 @@
+//! `X-Request-Id`: the client's own is kept, else one is made; the log of the request carries it.
+
+use axum::{
+    extract::Request,
+    http::{HeaderName, HeaderValue},
+    middleware::Next,
+    response::Response,
+};
+use tracing::Instrument;
+use uuid::Uuid;
+
+/// The header.
+pub const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// Longest id of a client that is kept.
+const MAX_LENGTH: usize = 128;
+
+/// The layer.
+pub async fn keep_or_make(request: Request, next: Next) -> Response {
+    let given = request.headers().get(&X_REQUEST_ID).filter(|id| is_printable(id)).cloned();
+    let id = given.unwrap_or_else(make);
+    let span = tracing::info_span!("request", id = id.to_str().unwrap_or_default());
+    let mut response = next.run(request).instrument(span).await;
+    response.headers_mut().insert(X_REQUEST_ID, id);
+    response
+}
+
+/// A client's id comes back in a header and in the log, so only short printable text is kept.
+fn is_printable(id: &HeaderValue) -> bool {
+    (1..=MAX_LENGTH).contains(&id.len()) && id.as_bytes().iter().all(u8::is_ascii_graphic)
+}
+
+fn make() -> HeaderValue {
+    HeaderValue::from_str(&Uuid::now_v7().to_string()).unwrap_or_else(|_| HeaderValue::from_static("unknown"))
+}

@@ -1,0 +1,20 @@
+//! The HTTP floor: requests in, views out. [`router`] is the table of contents; one endpoint per file below;
+//! [`problem`] is the only place where an error becomes a status.
+
+pub mod artifacts;
+pub mod calibrations;
+pub mod extract;
+pub mod intake;
+pub mod middleware;
+pub mod problem;
+pub mod profiles;
+pub mod router;
+pub mod serve;
+pub mod stacks;
+pub mod state;
+pub mod system;
+pub mod views;
+pub mod watch;
+
+pub use serve::serve;
+pub use state::{App, Policy};

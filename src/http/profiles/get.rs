@@ -1,0 +1,51 @@
+//! `GET /v1/profiles/{rig}/{lens}`
+
+use axum::{
+    extract::State,
+    http::{HeaderMap, Uri},
+    response::Response,
+};
+use serde::Deserialize;
+
+use super::{not_found, shown};
+use crate::{
+    http::{
+        extract::{ProfileKey, params},
+        problem::ApiResult,
+        state::App,
+    },
+    model::profile::Profile,
+};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Parameters {
+    revision: Option<u32>,
+}
+
+/// Read a profile
+///
+/// The current revision, or an older one with `?revision=N`. The `ETag` is the revision number.
+#[utoipa::path(
+    get,
+    path = "/v1/profiles/{rig}/{lens}",
+    tag = "profiles",
+    params(
+        ("rig" = String, Path, description = "Name of the rig"),
+        ("lens" = String, Path, description = "Name of the lens (one per setting)"),
+        ("revision" = Option<u32>, Query, description = "An older revision"),
+        ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
+    ),
+    responses(
+        (status = 200, description = "The profile", body = Profile, headers(("ETag" = String, description = "The revision"))),
+        (status = 304, description = "The client has it already"),
+        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+        (status = 404, description = "`profile_not_found`"),
+    )
+)]
+pub async fn get(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
+    let Parameters { revision } = params::from_uri(&uri)?;
+    let profile = app.rows.profile(&key.rig, &key.lens, revision).await?;
+    let profile = profile.ok_or_else(|| not_found(&key.rig, &key.lens, revision))?;
+    Ok(shown(&headers, &profile))
+}

@@ -1,0 +1,38 @@
+//! `GET /v1/profiles`
+
+use axum::{Json, extract::State, http::Uri};
+
+use crate::http::{
+    extract::{PageQuery, params, path::name},
+    problem::{ApiError, ApiResult},
+    state::App,
+    views::ProfileList,
+};
+
+/// List profiles
+///
+/// The current revision of every profile, the one written last first.
+#[utoipa::path(
+    get,
+    path = "/v1/profiles",
+    tag = "profiles",
+    params(
+        ("rig" = Option<String>, Query, description = "Only this rig"),
+        ("lens" = Option<String>, Query, description = "Only this lens"),
+        ("limit" = Option<u32>, Query, description = "Items on a page, 1 to 500, default 50"),
+        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before"),
+    ),
+    responses(
+        (status = 200, description = "A page of profiles", body = ProfileList),
+        (status = 400, description = "`invalid_request`: a parameter that breaks its rule"),
+    )
+)]
+pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<ProfileList>> {
+    let mut pairs = params::pairs(&uri)?;
+    let page = PageQuery::take(&mut pairs)?;
+    let rig = params::take(&mut pairs, "rig").map(|text| name("rig", text)).transpose()?;
+    let lens = params::take(&mut pairs, "lens").map(|text| name("lens", text)).transpose()?;
+    params::refuse_rest(&pairs, "rig, lens, limit, cursor")?;
+    let page = app.rows.profiles(rig.as_ref(), lens.as_ref(), &page).await?;
+    Ok::<_, ApiError>(Json(page.into()))
+}

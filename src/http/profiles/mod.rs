@@ -1,0 +1,78 @@
+//! Calibration profiles: one endpoint per file.
+
+pub mod delete;
+pub mod get;
+pub mod list;
+pub mod put;
+pub mod revisions;
+
+use axum::{
+    Json,
+    http::{HeaderMap, HeaderName, HeaderValue, header},
+    response::{IntoResponse, Response},
+};
+
+use super::{
+    extract::{
+        ProfileKey,
+        conditional::{Tags, etag, not_modified},
+    },
+    problem::{ApiError, ApiResult},
+    state::App,
+};
+use crate::{
+    model::{Code, profile::Profile},
+    store::Precondition,
+};
+
+/// No profile under this key.
+pub fn not_found(rig: &crate::model::Name, lens: &crate::model::Name, revision: Option<u32>) -> ApiError {
+    let detail = match revision {
+        None => format!(
+            "there is no profile for rig '{rig}' and lens '{lens}'; calibrate it or PUT /v1/profiles/{rig}/{lens} first"
+        ),
+        Some(revision) => format!("the profile of rig '{rig}' and lens '{lens}' has no revision {revision}"),
+    };
+    ApiError::new(Code::ProfileNotFound, detail)
+}
+
+/// A profile with its `ETag`, or 304 when the client has it.
+fn shown(headers: &HeaderMap, profile: &Profile) -> Response {
+    let tag = profile.revision.to_string();
+    let headers_out = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
+    if not_modified(headers, &tag) {
+        return (axum::http::StatusCode::NOT_MODIFIED, headers_out).into_response();
+    }
+    (headers_out, Json(profile)).into_response()
+}
+
+/// What `If-Match` and `If-None-Match` of a write demand. Of several tags in `If-Match`, the one of the current
+/// revision counts.
+async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiResult<Precondition> {
+    if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
+        return Ok(Precondition::Absent);
+    }
+    let list = match Tags::of(headers, &header::IF_MATCH) {
+        None => return Ok(Precondition::Any),
+        Some(Tags::Any) => return Ok(Precondition::Present),
+        Some(list) => list,
+    };
+    let current = app.rows.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision);
+    match current {
+        Some(revision) if list.contains_strong(&revision.to_string()) => Ok(Precondition::Revision(revision)),
+        _ => Err(lost_race(key, current, &header::IF_MATCH)),
+    }
+}
+
+/// The precondition does not hold.
+fn lost_race(key: &ProfileKey, current: Option<u32>, header: &HeaderName) -> ApiError {
+    let ProfileKey { rig, lens } = key;
+    let now = match current {
+        Some(revision) => format!("is at revision {revision}"),
+        None => "does not exist".to_owned(),
+    };
+    let detail = format!(
+        "the profile of rig '{rig}' and lens '{lens}' {now}, which is not what {header} demands; read it again"
+    );
+    ApiError::new(Code::PreconditionFailed, detail)
+}

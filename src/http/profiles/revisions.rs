@@ -1,0 +1,42 @@
+//! `GET /v1/profiles/{rig}/{lens}/revisions`
+
+use axum::{Json, extract::State, http::Uri};
+
+use super::not_found;
+use crate::http::{
+    extract::{PageQuery, ProfileKey, params},
+    problem::ApiResult,
+    state::App,
+    views::ProfileList,
+};
+
+/// List the revisions of a profile
+///
+/// Newest first. A revision never changes; stacks name the one that they used.
+#[utoipa::path(
+    get,
+    path = "/v1/profiles/{rig}/{lens}/revisions",
+    tag = "profiles",
+    params(
+        ("rig" = String, Path, description = "Name of the rig"),
+        ("lens" = String, Path, description = "Name of the lens"),
+        ("limit" = Option<u32>, Query, description = "Items on a page, 1 to 500, default 50"),
+        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before"),
+    ),
+    responses(
+        (status = 200, description = "A page of revisions", body = ProfileList),
+        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+        (status = 404, description = "`profile_not_found`"),
+    )
+)]
+pub async fn revisions(State(app): State<App>, key: ProfileKey, uri: Uri) -> ApiResult<Json<ProfileList>> {
+    let mut pairs = params::pairs(&uri)?;
+    let page = PageQuery::take(&mut pairs)?;
+    params::refuse_rest(&pairs, "limit, cursor")?;
+    let is_first_page = page.cursor.is_none();
+    let page = app.rows.revisions(&key.rig, &key.lens, &page).await?;
+    if page.items.is_empty() && is_first_page {
+        return Err(not_found(&key.rig, &key.lens, None));
+    }
+    Ok(Json(page.into()))
+}

@@ -1,0 +1,66 @@
+//! The table of contents: every URL of the service.
+
+use axum::{Router, extract::DefaultBodyLimit, middleware::from_fn, routing::put};
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa::OpenApi;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+use super::{
+    calibrations,
+    middleware::{observe, problems, request_id, security},
+    profiles, stacks,
+    state::App,
+    system,
+};
+
+/// Every documented URL.
+pub fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::with_openapi(system::openapi::Base::openapi())
+        // profiles
+        .routes(routes!(profiles::list::list))
+        .routes(routes!(profiles::get::get, profiles::put::put, profiles::delete::delete))
+        .routes(routes!(profiles::revisions::revisions))
+        // calibrations
+        .routes(routes!(calibrations::create::create))
+        .routes(routes!(calibrations::list::list))
+        .routes(routes!(calibrations::get::get, calibrations::delete::delete))
+        .routes(routes!(calibrations::events::events))
+        .routes(routes!(calibrations::overlay::overlay))
+        .routes(routes!(calibrations::cancel::cancel))
+        // stacks
+        .routes(routes!(stacks::list::list, stacks::create::create))
+        .routes(routes!(stacks::get::get, stacks::delete::delete))
+        .routes(routes!(stacks::events::events))
+        .routes(routes!(stacks::metrics::metrics))
+        .routes(routes!(stacks::artifacts::image))
+        .routes(routes!(stacks::artifacts::mask))
+        .routes(routes!(stacks::artifacts::backlight))
+        .routes(routes!(stacks::artifacts::depth))
+        .routes(routes!(stacks::artifacts::preview))
+        .routes(routes!(stacks::cancel::cancel))
+        // uploads (tus), scans, poses, optics, targets: their places
+        // the service about itself
+        .routes(routes!(system::healthz::healthz))
+        .routes(routes!(system::readyz::readyz))
+        .routes(routes!(system::metrics::metrics))
+        .routes(routes!(system::info::info))
+        .routes(routes!(system::openapi::openapi))
+}
+
+/// The whole service.
+pub fn service(app: App) -> Router {
+    let (documented, _) = routes().split_for_parts();
+    documented
+        // `curl -T stack.zip` sends PUT
+        .route("/v1/stacks", put(stacks::create::create))
+        .route("/v1/profiles/{rig}/{lens}/calibrations", put(calibrations::create::create))
+        .merge(system::docs::routes())
+        // uploads count their bytes themselves, JSON bodies have their own limit
+        .layer(DefaultBodyLimit::disable())
+        .layer(CatchPanicLayer::custom(problems::from_panic))
+        .layer(from_fn(problems::complete))
+        .layer(from_fn(security::headers))
+        .layer(from_fn(observe::requests))
+        .layer(from_fn(request_id::keep_or_make))
+        .with_state(app)
+}

@@ -1,0 +1,32 @@
+//! `DELETE /v1/stacks/{id}`
+
+use axum::{extract::State, http::StatusCode};
+
+use crate::{
+    http::{extract::JobId, problem::ApiResult, state::App, watch::load::load},
+    model::JobKind,
+    store::sweep::tidy_job,
+};
+
+/// Delete a stack
+///
+/// Upload and results are removed. One that runs is cancelled first and goes when its worker has stopped.
+#[utoipa::path(
+    delete,
+    path = "/v1/stacks/{id}",
+    tag = "stacks",
+    params(("id" = String, Path, description = "Id of the stack")),
+    responses(
+        (status = 204, description = "It is gone, or will be as soon as its worker stops"),
+        (status = 404, description = "`not_found`"),
+    )
+)]
+pub async fn delete(State(app): State<App>, JobId(id): JobId) -> ApiResult<StatusCode> {
+    let job = load(&app, id, JobKind::Stack).await?;
+    app.rows.delete_job(id).await?;
+    // the blobs of a running job go with its worker, others at once; what stays here the sweep finds
+    if let Err(error) = tidy_job(&*app.rows, &*app.blobs, job.id).await {
+        tracing::warn!(%error, %id, "blobs of a deleted job are left for the sweep");
+    }
+    Ok(StatusCode::NO_CONTENT)
+}

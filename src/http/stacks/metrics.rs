@@ -1,0 +1,30 @@
+//! `GET /v1/stacks/{id}/metrics`
+
+use axum::{Json, extract::State};
+
+use crate::{
+    http::{artifacts::outcome, extract::JobId, problem::ApiResult, state::App, watch::load::load},
+    model::{JobKind, metrics::Metrics, outcome::JobOutcome},
+};
+
+/// The metrics of a stack alone
+///
+/// A number that could not be computed is null, never made up. `mask` is null without a back-light stack.
+#[utoipa::path(
+    get,
+    path = "/v1/stacks/{id}/metrics",
+    tag = "stacks",
+    params(("id" = String, Path, description = "Id of the stack")),
+    responses(
+        (status = 200, description = "The metrics", body = Metrics),
+        (status = 404, description = "`not_found`; `no_result`: it failed or was cancelled"),
+        (status = 409, description = "`not_finished`: it waits or runs"),
+    )
+)]
+pub async fn metrics(State(app): State<App>, JobId(id): JobId) -> ApiResult<Json<Metrics>> {
+    let job = load(&app, id, JobKind::Stack).await?;
+    match outcome::of(&job)? {
+        JobOutcome::Stack(outcome) => Ok(Json(outcome.metrics.clone())),
+        JobOutcome::Calibration(_) => Err(outcome::missing(&job, "metrics")),
+    }
+}

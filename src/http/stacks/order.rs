@@ -1,0 +1,104 @@
+//! What the upload of a stack must fit.
+
+use crate::{
+    http::{
+        extract::path::name,
+        intake::order::{Fields, Order},
+        problem::{ApiError, ApiResult},
+        profiles::not_found,
+        state::App,
+    },
+    model::{
+        Code, Fault, JobKind, Name, Warning,
+        options::{Crop, MaskMode, StackOptions},
+        profile::Profile,
+        request::{JobRequest, StackLayout, StackRequest, Upload},
+    },
+};
+
+/// A stack to be fused with one revision of a profile.
+pub struct StackOrder {
+    profile: Profile,
+    options: StackOptions,
+}
+
+impl Order for StackOrder {
+    const KIND: JobKind = JobKind::Stack;
+
+    fn is_addressed(fields: &Fields) -> bool {
+        fields.get("rig").is_some() && fields.get("lens").is_some()
+    }
+
+    async fn read(app: &App, fields: &Fields) -> ApiResult<Self> {
+        let named = |what: &str| match fields.get(what) {
+            Some(text) => name(what, text.to_owned()),
+            None => Err(ApiError::new(
+                Code::InvalidRequest,
+                format!("the {what} is missing: POST /v1/stacks?rig=...&lens=..., or a part '{what}' of the form"),
+            )),
+        };
+        let (rig, lens) = (named("rig")?, named("lens")?);
+        let options: StackOptions = fields.options()?;
+        options.check()?;
+        let profile = app.rows.profile(&rig, &lens, options.profile_revision).await?;
+        let profile = profile.ok_or_else(|| not_found(&rig, &lens, options.profile_revision))?;
+        check_crop(&options, &profile)?;
+        Ok(Self { profile, options })
+    }
+
+    fn key(&self) -> (&Name, &Name) {
+        (&self.profile.rig, &self.profile.lens)
+    }
+
+    fn asked(&self) -> serde_json::Value {
+        serde_json::json!({ "rig": self.profile.rig, "lens": self.profile.lens, "options": self.options })
+    }
+
+    fn check(&self, layout: &StackLayout) -> Result<Vec<Warning>, Fault> {
+        let Profile { rig, lens, revision, slice_count, input, .. } = &self.profile;
+        let profile = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
+        if layout.front.len() != *slice_count as usize {
+            let found = layout.front.len();
+            let detail = format!("the archive has {found} front-light slices, {profile} has {slice_count}");
+            return Err(Fault::new(Code::SliceCountMismatch, detail));
+        }
+        if !layout.back.is_empty() && layout.back.len() != layout.front.len() {
+            let (front, back) = (layout.front.len(), layout.back.len());
+            let detail = format!("the archive has {front} front-light slices and {back} back-light slices");
+            return Err(Fault::new(Code::SliceCountMismatch, detail));
+        }
+        if (layout.width, layout.height) != (input.image_width, input.image_height) {
+            let (width, height) = (layout.width, layout.height);
+            let (right_width, right_height) = (input.image_width, input.image_height);
+            let detail =
+                format!("the slices have {width} x {height} px, {profile} is for {right_width} x {right_height} px");
+            return Err(Fault::new(Code::SizeMismatch, detail));
+        }
+        if self.options.mask == MaskMode::Required && layout.back.is_empty() {
+            let detail = "mask=required, but the archive has no back-light slices; put them into a folder 'back'";
+            return Err(Fault::new(Code::MaskFailed, detail));
+        }
+        Ok(Vec::new())
+    }
+
+    fn request(&self, upload: Upload, layout: StackLayout) -> JobRequest {
+        JobRequest::Stack(StackRequest {
+            options: self.options.clone(),
+            profile_revision: self.profile.revision,
+            profile_digest: self.profile.digest.clone(),
+            upload,
+            layout,
+        })
+    }
+}
+
+fn check_crop(options: &StackOptions, profile: &Profile) -> ApiResult<()> {
+    let Crop::Rect { x, y, width, height } = options.crop else { return Ok(()) };
+    let (right, bottom) = (profile.input.image_width, profile.input.image_height);
+    let fits = |start: u32, length: u32, end: u32| u64::from(start) + u64::from(length) <= u64::from(end);
+    if fits(x, width, right) && fits(y, height, bottom) {
+        return Ok(());
+    }
+    let detail = format!("crop is {x},{y},{width},{height}; it leaves the reference slice of {right} x {bottom} px");
+    Err(ApiError::new(Code::InvalidRequest, detail))
+}

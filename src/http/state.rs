@@ -1,0 +1,114 @@
+//! What every handler can reach.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+
+use crate::{
+    archive::ArchiveLimits,
+    store::{Rows, blobs::Blobs},
+};
+
+/// How much the service takes on.
+#[derive(Debug, Clone)]
+pub struct Policy {
+    /// Largest upload, bytes.
+    pub max_upload_bytes: u64,
+    /// How much a zip may hold and cost.
+    pub archive: ArchiveLimits,
+    /// Most jobs that may wait.
+    pub queue_limit: u64,
+    /// Room that must stay free on the disk, bytes.
+    pub min_free_bytes: u64,
+    /// An upload that sends nothing for this long is given up.
+    pub body_idle_timeout: Duration,
+    /// How often waiting requests look at the rows by themselves: other processes may change them too.
+    pub poll_interval: Duration,
+    /// Worker threads of this process, for `/v1/info`.
+    pub workers: usize,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self {
+            max_upload_bytes: 20 << 30,
+            archive: ArchiveLimits::default(),
+            queue_limit: 1000,
+            min_free_bytes: 512 << 20,
+            body_idle_timeout: Duration::from_secs(60),
+            poll_interval: Duration::from_secs(1),
+            workers: 0,
+        }
+    }
+}
+
+/// What every handler can reach. Cheap to clone.
+#[derive(Clone)]
+pub struct App {
+    /// The rows.
+    pub rows: Arc<dyn Rows>,
+    /// The blobs.
+    pub blobs: Arc<dyn Blobs>,
+    /// How much the service takes on.
+    pub policy: Arc<Policy>,
+    /// Fires when the server goes down: event streams and waiting requests end.
+    pub shutdown: CancellationToken,
+    /// Bytes that uploads in progress were promised room for and have not written yet.
+    promised: Arc<AtomicU64>,
+    /// Conversions between file formats hold a whole image each: few at once.
+    pub conversions: Arc<Semaphore>,
+}
+
+impl App {
+    /// An application over a store.
+    pub fn new(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, policy: Policy) -> Self {
+        Self {
+            rows,
+            blobs,
+            policy: Arc::new(policy),
+            shutdown: CancellationToken::new(),
+            promised: Arc::default(),
+            conversions: Arc::new(Semaphore::new(1)),
+        }
+    }
+
+    /// Bytes promised to uploads in progress.
+    pub fn promised_bytes(&self) -> u64 {
+        self.promised.load(Ordering::Relaxed)
+    }
+
+    /// Promises room to an upload until the promise is dropped.
+    pub fn promise(&self, bytes: u64) -> Promise {
+        self.promised.fetch_add(bytes, Ordering::Relaxed);
+        Promise { total: Arc::clone(&self.promised), left: bytes }
+    }
+}
+
+/// Room on the disk that an upload in progress counts on.
+#[derive(Debug)]
+pub struct Promise {
+    total: Arc<AtomicU64>,
+    left: u64,
+}
+
+impl Promise {
+    /// `bytes` of it are on the disk now and counted there.
+    pub fn written(&mut self, bytes: u64) {
+        let used = bytes.min(self.left);
+        self.left -= used;
+        self.total.fetch_sub(used, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Promise {
+    fn drop(&mut self) {
+        self.total.fetch_sub(self.left, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,21 @@
+//! `GET /healthz`
+
+use axum::Json;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// The process is alive.
+#[derive(Serialize, ToSchema)]
+pub struct Alive {
+    /// Always `ok`.
+    #[schema(example = "ok")]
+    status: &'static str,
+}
+
+/// Alive?
+///
+/// Asks nothing but the process itself.
+#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "Alive", body = Alive)))]
+pub async fn healthz() -> Json<Alive> {
+    Json(Alive { status: "ok" })
+}

@@ -1,0 +1,85 @@
+//! `GET /readyz`
+
+use axum::{Json, extract::State, http::StatusCode};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::http::state::App;
+
+/// Whether the service can take work.
+#[derive(Serialize, ToSchema)]
+pub struct Readiness {
+    /// True when every check holds.
+    ready: bool,
+    /// The checks.
+    checks: Checks,
+}
+
+/// Every check.
+#[derive(Serialize, ToSchema)]
+pub struct Checks {
+    /// The database answers.
+    database: Check,
+    /// Files can be written.
+    blobs: Check,
+    /// There is room on the disk.
+    disk: DiskCheck,
+    /// The server is not going down.
+    running: Check,
+}
+
+/// One check.
+#[derive(Serialize, ToSchema)]
+pub struct Check {
+    /// Holds.
+    ok: bool,
+}
+
+/// Room on the disk.
+#[derive(Serialize, ToSchema)]
+pub struct DiskCheck {
+    /// More is free than must stay free.
+    ok: bool,
+    /// Bytes that can still be written; null when that cannot be told.
+    free_bytes: Option<u64>,
+    /// Bytes promised to uploads in progress.
+    promised_bytes: u64,
+    /// Bytes that must stay free.
+    reserve_bytes: u64,
+}
+
+/// Able to take work?
+///
+/// Looks at the database, the blob store and the room on the disk.
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "service",
+    responses(
+        (status = 200, description = "Ready", body = Readiness),
+        (status = 503, description = "Not ready; the checks say why", body = Readiness),
+    )
+)]
+pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
+    let free_bytes = app.blobs.room().await.ok();
+    let (promised_bytes, reserve_bytes) = (app.promised_bytes(), app.policy.min_free_bytes);
+    let has_room = free_bytes.is_some_and(|free| free > promised_bytes.saturating_add(reserve_bytes));
+    let checks = Checks {
+        database: Check { ok: app.rows.healthy().await },
+        blobs: Check { ok: is_writable(&app).await },
+        disk: DiskCheck { ok: has_room, free_bytes, promised_bytes, reserve_bytes },
+        running: Check { ok: !app.shutdown.is_cancelled() },
+    };
+    let ready = checks.database.ok && checks.blobs.ok && checks.disk.ok && checks.running.ok;
+    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    (status, Json(Readiness { ready, checks }))
+}
+
+async fn is_writable(app: &App) -> bool {
+    let spool = app.blobs.spool_dir().to_owned();
+    let written = tokio::task::spawn_blocking(move || {
+        use std::io::Write;
+        tempfile::tempfile_in(spool).and_then(|mut file| file.write_all(b"ready?"))
+    });
+    matches!(written.await, Ok(Ok(())))
+}

@@ -1,0 +1,113 @@
+//! A calibration, as the contract shows it.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::job::{ArtifactView, JobView, profile_url, url};
+use crate::{
+    model::{
+        outcome::JobOutcome,
+        profile::ProfileSlice,
+        request::{CalibrationOptions, JobRequest, StackLayout},
+    },
+    store::Job,
+};
+
+/// A dot-target stack and the profile that was measured from it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Calibration {
+    /// How the work goes.
+    #[serde(flatten)]
+    pub job: JobView,
+    /// What was asked for.
+    pub options: CalibrationOptions,
+    /// The slices in the order in which they are used.
+    pub slices: StackLayout,
+    /// What was measured; null before the end.
+    pub result: Option<CalibrationResult>,
+    /// The files that were made; empty before the end.
+    pub artifacts: Vec<ArtifactView>,
+    /// Where to go from here.
+    pub links: CalibrationLinks,
+}
+
+/// What a calibration measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CalibrationResult {
+    /// The profile revision that was stored.
+    pub profile_revision: u32,
+    /// SHA-256 of its geometry and gains, hex.
+    pub profile_digest: String,
+    /// 0-based index of the reference slice.
+    pub reference_index: u32,
+    /// One entry per slice.
+    pub slices: Vec<ProfileSlice>,
+    /// Distance between neighbouring dots in the reference slice, px.
+    pub dot_pitch_px: Option<f64>,
+    /// Image size over object size; null unless pitch and pixel size were told.
+    pub magnification: Option<f64>,
+    /// One sentence for the technician.
+    pub verdict: String,
+}
+
+/// URLs of a calibration; those of results are there once the results are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CalibrationLinks {
+    /// This calibration.
+    #[serde(rename = "self")]
+    pub this: String,
+    /// Its server-sent events.
+    pub events: String,
+    /// `POST` here to stop it; gone once it has ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cancel: Option<String>,
+    /// The profile revision that it made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<String>,
+    /// The reference slice with the dots found; `?slice=N` shows another.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub overlay: Option<String>,
+}
+
+impl Calibration {
+    /// The view of a row; `None` when the row is no calibration.
+    pub fn of(job: &Job) -> Option<Self> {
+        let JobRequest::Calibration(request) = &job.request else { return None };
+        let outcome = match &job.outcome {
+            Some(JobOutcome::Calibration(outcome)) => Some(outcome),
+            _ => None,
+        };
+        let url = url(job);
+        let href = |name: &str| match name.strip_prefix("overlay-") {
+            Some(slice) => format!("{url}/overlay?slice={slice}"),
+            None => format!("{url}/{name}"),
+        };
+        let artifacts: Vec<ArtifactView> = outcome
+            .map(|o| o.artifacts.iter().map(|a| ArtifactView::of(a, href(&a.name))).collect())
+            .unwrap_or_default();
+        let result = outcome.map(|o| CalibrationResult {
+            profile_revision: o.profile_revision,
+            profile_digest: o.profile_digest.clone(),
+            reference_index: o.reference_index,
+            slices: o.slices.clone(),
+            dot_pitch_px: o.dot_pitch_px,
+            magnification: o.magnification,
+            verdict: o.verdict.clone(),
+        });
+        let links = CalibrationLinks {
+            events: format!("{url}/events"),
+            cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),
+            profile: outcome.map(|o| profile_url(job, o.profile_revision)),
+            overlay: outcome.map(|_| format!("{url}/overlay")),
+            this: url,
+        };
+        Some(Self {
+            job: JobView::of(job),
+            options: request.options.clone(),
+            slices: request.layout.clone(),
+            result,
+            artifacts,
+            links,
+        })
+    }
+}

@@ -1,0 +1,226 @@
+//! A server for one test, and what a client of it needs.
+
+use std::{io::Write, sync::Arc, time::Duration};
+
+use pinstack::{
+    http::{self, App, Policy},
+    imaging::{Raster, codec},
+    model::{
+        Fault,
+        metrics::Metrics,
+        outcome::{Artifact, CalibrationOutcome, ImageInfo, JobOutcome, StackOutcome},
+        request::JobRequest,
+    },
+    store::{
+        Finish, Job, Rows,
+        blobs::{Blobs, local::LocalBlobs, result_key},
+        sqlite::SqliteRows,
+    },
+};
+use reqwest::{Client, RequestBuilder, Response, StatusCode};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use tempfile::TempDir;
+use uuid::Uuid;
+
+/// Size of the slices of most tests, px.
+pub const WIDTH: u32 = 24;
+pub const HEIGHT: u32 = 18;
+
+const LEASE: Duration = Duration::from_secs(600);
+
+/// A server of its own.
+pub struct TestApp {
+    pub base: String,
+    pub client: Client,
+    pub rows: Arc<dyn Rows>,
+    pub blobs: Arc<dyn Blobs>,
+    pub app: App,
+    data: TempDir,
+}
+
+impl Drop for TestApp {
+    fn drop(&mut self) {
+        self.app.shutdown.cancel();
+    }
+}
+
+impl TestApp {
+    pub async fn start() -> Self {
+        Self::start_with(|_| {}).await
+    }
+
+    pub async fn start_with(change: impl FnOnce(&mut Policy)) -> Self {
+        let data = TempDir::new().expect("a folder");
+        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data.path().join("rows.sqlite")).await.expect("rows"));
+        let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
+        let mut policy = Policy { min_free_bytes: 0, ..Policy::default() };
+        change(&mut policy);
+        let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let base = format!("http://{}", listener.local_addr().expect("an address"));
+        tokio::spawn(http::serve(app.clone(), listener));
+        let client = Client::builder().no_proxy().build().expect("a client");
+        Self { base, client, rows, blobs, app, data }
+    }
+
+    /// The rows as another process on the same machine has them open: its changes are not announced to this one.
+    pub async fn rows_of_another_process(&self) -> SqliteRows {
+        SqliteRows::open(self.data.path().join("rows.sqlite")).await.expect("rows")
+    }
+
+    pub fn get(&self, path: &str) -> RequestBuilder {
+        self.client.get(format!("{}{path}", self.base))
+    }
+
+    pub fn post(&self, path: &str) -> RequestBuilder {
+        self.client.post(format!("{}{path}", self.base))
+    }
+
+    pub fn put(&self, path: &str) -> RequestBuilder {
+        self.client.put(format!("{}{path}", self.base))
+    }
+
+    pub fn delete(&self, path: &str) -> RequestBuilder {
+        self.client.delete(format!("{}{path}", self.base))
+    }
+
+    /// A profile `rig/lens` for `slices` slices of the usual size.
+    pub async fn with_profile(&self, slices: usize) {
+        let answer = self.put("/v1/profiles/rig/lens").json(&profile(slices)).send().await.expect("an answer");
+        assert!(answer.status().is_success(), "{}", answer.text().await.unwrap_or_default());
+    }
+
+    /// A stack of two slices with back light for `rig/lens`, accepted: its JSON.
+    pub async fn with_stack(&self, options: &str) -> Value {
+        self.with_profile(2).await;
+        let request = self.post(&format!("/v1/stacks?rig=rig&lens=lens{options}")).body(stack_zip(2, 2));
+        let answer = request.send().await.expect("an answer");
+        assert_eq!(answer.status(), StatusCode::ACCEPTED);
+        answer.json().await.expect("JSON")
+    }
+
+    /// What a worker does first.
+    pub async fn claim(&self) -> Job {
+        self.rows.claim(LEASE, 3).await.expect("the rows answer").expect("a job waits")
+    }
+
+    /// What a worker does last, with made-up results.
+    pub async fn finish(&self, job: &Job) {
+        let outcome = match &job.request {
+            JobRequest::Stack(request) => {
+                JobOutcome::Stack(self.stack_outcome(job, !request.layout.back.is_empty()).await)
+            }
+            JobRequest::Calibration(_) => JobOutcome::Calibration(CalibrationOutcome {
+                artifacts: vec![
+                    self.artifact(job, "overlay-0", png(WIDTH, HEIGHT, 3, 1)).await,
+                    self.artifact(job, "overlay-1", png(WIDTH, HEIGHT, 3, 2)).await,
+                ],
+                profile_revision: 1,
+                profile_digest: "0".repeat(64),
+                reference_index: 1,
+                slices: Vec::new(),
+                dot_pitch_px: Some(12.5),
+                magnification: None,
+                verdict: "good".into(),
+            }),
+        };
+        let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: None };
+        assert!(self.rows.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
+    }
+
+    /// What a worker does when the work cannot be done.
+    pub async fn fail(&self, job: &Job, fault: Fault) {
+        assert!(self.rows.finish(job.id, job.lease_token, &Finish::Failed(fault)).await.expect("the rows answer"));
+    }
+
+    async fn stack_outcome(&self, job: &Job, has_back_light: bool) -> StackOutcome {
+        let mut artifacts = vec![
+            self.artifact(job, "image", png(WIDTH, HEIGHT, 4, 3)).await,
+            self.artifact(job, "depth", png(WIDTH, HEIGHT, 1, 4)).await,
+            self.artifact(job, "preview", png(8, 6, 3, 5)).await,
+        ];
+        if has_back_light {
+            artifacts.push(self.artifact(job, "mask", png(WIDTH, HEIGHT, 1, 6)).await);
+            artifacts.push(self.artifact(job, "backlight", png(WIDTH, HEIGHT, 1, 7)).await);
+        }
+        let image = ImageInfo { width: WIDTH, height: HEIGHT, bit_depth: 8, crop_offset_px: [0, 0] };
+        StackOutcome { artifacts, image, metrics: Metrics::default() }
+    }
+
+    async fn artifact(&self, job: &Job, name: &str, bytes: Vec<u8>) -> Artifact {
+        let key = result_key(job.id, job.lease_token, &format!("{name}.png"));
+        let path = self.blobs.spool_dir().join(format!("{name}-{}", job.id));
+        std::fs::write(&path, &bytes).expect("the spool can be written");
+        self.blobs.publish(&path, &key).await.expect("published");
+        let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
+        Artifact { name: name.into(), key, media_type: "image/png".into(), bytes: bytes.len() as u64, sha256 }
+    }
+
+    /// Files in the spool folder.
+    pub fn spooled(&self) -> usize {
+        std::fs::read_dir(self.blobs.spool_dir()).expect("the spool can be read").count()
+    }
+}
+
+/// Body of `PUT /v1/profiles/...`: nearly identical slices.
+pub fn profile(slices: usize) -> Value {
+    let homographies: Vec<Value> = (0..slices)
+        .map(|i| {
+            let scale = 1.0 + i as f64 * 0.001;
+            json!([scale, 0, 0, 0, scale, 0, 0, 0, 1])
+        })
+        .collect();
+    json!({ "image_width": WIDTH, "image_height": HEIGHT, "reference_index": 0, "homographies": homographies })
+}
+
+/// A PNG with a pattern.
+pub fn png(width: u32, height: u32, channels: usize, seed: usize) -> Vec<u8> {
+    let (width, height) = (width as usize, height as usize);
+    let samples = (0..width * height * channels).map(|i| ((i * 37 + seed * 101) % 251) as u8).collect();
+    let mut out = Vec::new();
+    let raster = Raster::eight(width, height, channels, samples);
+    codec::encode_png(&mut out, &raster, &codec::Metadata::default()).expect("a PNG");
+    out
+}
+
+/// A zip of members.
+pub fn zip(members: &[(String, Vec<u8>)]) -> Vec<u8> {
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, bytes) in members {
+        zip.start_file(name, zip::write::SimpleFileOptions::default()).expect("a member");
+        zip.write_all(bytes).expect("a member");
+    }
+    zip.finish().expect("a zip").into_inner()
+}
+
+/// A zip of a stack of the usual size.
+pub fn stack_zip(front: usize, back: usize) -> Vec<u8> {
+    let light = |folder: &'static str, count: usize| {
+        (0..count).map(move |i| (format!("{folder}/img_{i}.png"), png(WIDTH, HEIGHT, 3, i)))
+    };
+    zip(&light("front", front).chain(light("back", back)).collect::<Vec<_>>())
+}
+
+/// Checks that an answer is a problem with this status and code, and hands it out.
+pub async fn problem(answer: Response, status: u16, code: &str) -> Value {
+    let told = answer.status().as_u16();
+    let kind = answer.headers().get("content-type").and_then(|v| v.to_str().ok()).unwrap_or_default().to_owned();
+    assert!(answer.headers().contains_key("x-request-id"), "every answer has a request id");
+    let path = answer.url().path().to_owned();
+    let text = answer.text().await.expect("a body");
+    assert_eq!((told, kind.as_str()), (status, "application/problem+json"), "{text}");
+    let problem: Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(problem["code"], code, "{text}");
+    assert_eq!(problem["status"], status, "{text}");
+    assert_eq!(problem["type"], format!("/problems/{code}"), "{text}");
+    assert_eq!(problem["instance"], path, "{text}");
+    assert!(problem["title"].as_str().is_some_and(|t| !t.is_empty()), "{text}");
+    assert!(problem["detail"].as_str().is_some_and(|t| !t.is_empty()), "{text}");
+    problem
+}
+
+/// The id in a job's JSON.
+pub fn id(job: &Value) -> Uuid {
+    job["id"].as_str().and_then(|id| id.parse().ok()).expect("a job has an id")
+}

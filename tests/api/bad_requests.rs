@@ -1,0 +1,160 @@
+//! Each row of "What a bad request gets" that is known at the POST.
+
+use std::time::Duration;
+
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+};
+
+use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, stack_zip, zip};
+
+const POST: &str = "/v1/stacks?rig=rig&lens=lens";
+
+/// Nothing may stay behind after a refusal.
+async fn refused(app: &TestApp, url: &str, body: Vec<u8>, status: u16, code: &str) -> String {
+    let told = problem(app.post(url).body(body).send().await.unwrap(), status, code).await;
+    assert_eq!(app.spooled(), 0, "{told}");
+    assert!(app.blobs.jobs_with_blobs().await.unwrap().is_empty(), "{told}");
+    told["detail"].as_str().unwrap().to_owned()
+}
+
+#[tokio::test]
+async fn an_upload_over_the_limit_is_refused_by_its_length_and_by_its_bytes() {
+    let app = TestApp::start_with(|policy| policy.max_upload_bytes = 2000).await;
+    app.with_profile(2).await;
+    refused(&app, POST, vec![0; 2001], 413, "upload_too_large").await;
+    let chunks = futures::stream::iter((0..30).map(|_| Ok::<_, std::io::Error>(vec![0_u8; 100])));
+    let answer = app.post(POST).body(reqwest::Body::wrap_stream(chunks)).send().await.unwrap();
+    problem(answer, 413, "upload_too_large").await;
+    assert_eq!(app.spooled(), 0);
+}
+
+#[tokio::test]
+async fn a_full_disk_is_told_with_figures() {
+    let app = TestApp::start_with(|policy| policy.min_free_bytes = 1 << 60).await;
+    app.with_profile(2).await;
+    let detail = refused(&app, POST, stack_zip(2, 0), 507, "insufficient_storage").await;
+    assert!(detail.contains(&(1_u64 << 60).to_string()), "{detail}");
+}
+
+#[tokio::test]
+async fn a_full_queue_says_when_to_come_back() {
+    let app = TestApp::start_with(|policy| policy.queue_limit = 1).await;
+    app.with_stack("").await;
+    let answer = app.post(POST).body(stack_zip(2, 0)).send().await.unwrap();
+    assert!(answer.headers()["retry-after"].to_str().unwrap().parse::<u32>().unwrap() > 0);
+    problem(answer, 503, "queue_full").await;
+}
+
+#[tokio::test]
+async fn names_and_options_are_checked_before_the_profile_and_the_profile_before_the_body() {
+    let app = TestApp::start().await;
+    let zip = || stack_zip(2, 0);
+    assert!(refused(&app, "/v1/stacks?lens=lens", zip(), 400, "invalid_request").await.contains("the rig is missing"));
+    refused(&app, "/v1/stacks?rig=.rig&lens=lens", zip(), 400, "invalid_request").await;
+    assert!(
+        refused(&app, &format!("{POST}&r1=0"), zip(), 400, "invalid_request").await.contains("r1 must be 1 to 200")
+    );
+    assert!(
+        refused(&app, &format!("{POST}&mask=yes"), zip(), 400, "invalid_request")
+            .await
+            .contains("auto, none, required")
+    );
+    assert!(refused(&app, &format!("{POST}&radius=3"), zip(), 400, "invalid_request").await.contains("'radius'"));
+    refused(&app, POST, zip(), 404, "profile_not_found").await;
+    app.with_profile(2).await;
+    let detail = refused(&app, &format!("{POST}&profile_revision=7"), zip(), 404, "profile_not_found").await;
+    assert!(detail.contains("revision 7"), "{detail}");
+    assert!(refused(&app, &format!("{POST}&crop=20,0,10,10"), zip(), 400, "invalid_request").await.contains("24 x 18"));
+}
+
+#[tokio::test]
+async fn a_client_that_waits_for_100_continue_is_refused_before_it_sends() {
+    let app = TestApp::start().await;
+    let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
+    let head = format!(
+        "POST {POST} HTTP/1.1\r\nhost: x\r\nexpect: 100-continue\r\ncontent-type: application/zip\r\ncontent-length: 1000000\r\n\r\n"
+    );
+    socket.write_all(head.as_bytes()).await.unwrap();
+    let mut answer = vec![0; 12];
+    socket.read_exact(&mut answer).await.unwrap();
+    assert_eq!(String::from_utf8_lossy(&answer), "HTTP/1.1 404");
+}
+
+#[tokio::test]
+async fn an_upload_that_falls_silent_is_given_up() {
+    let app = TestApp::start_with(|policy| policy.body_idle_timeout = Duration::from_millis(50)).await;
+    app.with_profile(2).await;
+    let silent = futures::StreamExt::chain(
+        futures::stream::iter([Ok::<_, std::io::Error>(vec![0_u8; 100])]),
+        futures::stream::pending(),
+    );
+    let answer = app.post(POST).body(reqwest::Body::wrap_stream(silent)).send().await.unwrap();
+    problem(answer, 400, "upload_incomplete").await;
+    assert_eq!(app.spooled(), 0);
+}
+
+#[tokio::test]
+async fn what_is_no_zip_is_refused_by_its_kind_and_by_its_bytes() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let picture = app.post(POST).header("content-type", "image/png").body(png(4, 4, 3, 0)).send().await.unwrap();
+    problem(picture, 415, "unsupported_media_type").await;
+    refused(&app, POST, png(4, 4, 3, 0), 422, "invalid_archive").await;
+    refused(&app, POST, Vec::new(), 422, "invalid_archive").await;
+    let mut torn = stack_zip(2, 0);
+    torn.truncate(torn.len() / 2);
+    refused(&app, POST, torn, 422, "invalid_archive").await;
+    refused(&app, POST, zip(&[("../a.png".into(), png(4, 4, 3, 0))]), 422, "invalid_archive").await;
+}
+
+#[tokio::test]
+async fn too_many_members_are_refused() {
+    let app = TestApp::start_with(|policy| policy.archive.max_members = 3).await;
+    app.with_profile(4).await;
+    refused(&app, POST, stack_zip(4, 0), 422, "archive_too_large").await;
+}
+
+#[tokio::test]
+async fn a_slice_that_is_no_image_is_named() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let members = [("front/a.png".into(), png(WIDTH, HEIGHT, 3, 0)), ("front/b.png".into(), b"not a picture".to_vec())];
+    let detail = refused(&app, POST, zip(&members), 422, "invalid_image").await;
+    assert!(detail.contains("b.png"), "{detail}");
+}
+
+#[tokio::test]
+async fn a_stack_that_does_not_fit_the_profile_hears_both_numbers() {
+    let app = TestApp::start().await;
+    app.with_profile(3).await;
+    let detail = refused(&app, POST, stack_zip(2, 0), 422, "slice_count_mismatch").await;
+    assert!(detail.contains('2') && detail.contains('3') && detail.contains("revision 1"), "{detail}");
+    refused(&app, POST, stack_zip(3, 2), 422, "slice_count_mismatch").await;
+    let large: Vec<_> = (0..3).map(|i| (format!("{i}.png"), png(WIDTH * 2, HEIGHT, 3, i))).collect();
+    let detail = refused(&app, POST, zip(&large), 422, "size_mismatch").await;
+    assert!(detail.contains("48 x 18") && detail.contains("24 x 18"), "{detail}");
+    refused(&app, &format!("{POST}&mask=required"), stack_zip(3, 0), 422, "mask_failed").await;
+}
+
+#[tokio::test]
+async fn an_upload_that_breaks_off_leaves_nothing() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
+    let head = format!("POST {POST} HTTP/1.1\r\nhost: x\r\nexpect: 100-continue\r\ncontent-length: 1000000\r\n\r\n");
+    socket.write_all(head.as_bytes()).await.unwrap();
+    let mut go_on = vec![0; "HTTP/1.1 100 Continue\r\n\r\n".len()];
+    socket.read_exact(&mut go_on).await.unwrap();
+    assert!(String::from_utf8_lossy(&go_on).starts_with("HTTP/1.1 100"));
+    socket.write_all(&[0; 5000]).await.unwrap();
+    // half closed: the server sees the end of the body and may still answer
+    socket.shutdown().await.unwrap();
+    let mut rest = Vec::new();
+    socket.read_to_end(&mut rest).await.unwrap();
+    let rest = String::from_utf8_lossy(&rest);
+    assert!(rest.is_empty() || rest.contains("upload_incomplete"), "{rest}");
+    assert_eq!(app.spooled(), 0);
+    assert_eq!(app.rows.counts().await.unwrap().queued, 0);
+}

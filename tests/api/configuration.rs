@@ -1,0 +1,47 @@
+use std::{path::Path, process::Command};
+
+/// What `pinstack serve` says when it refuses its configuration.
+fn refusal(folder: &Path, arguments: &[&str], environment: &[(&str, &str)]) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
+    command.current_dir(folder).arg("serve").args(arguments).envs(environment.iter().copied());
+    let output = command.output().expect("the program runs");
+    assert!(!output.status.success());
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_bad_value_is_refused_with_where_it_came_from_and_the_strongest_source_counts() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    std::fs::write(folder.path().join("p.toml"), "workers = 997\n").expect("a file");
+    let file = ["--config", "p.toml"];
+    let told = refusal(folder.path(), &file, &[]);
+    assert!(told.contains("workers must be 0 to 256") && told.contains("p.toml, key workers"), "{told}");
+
+    let environment = [("PINSTACK_WORKERS", "998")];
+    let told = refusal(folder.path(), &file, &environment);
+    assert!(told.contains("environment variable PINSTACK_WORKERS"), "{told}");
+
+    let told = refusal(folder.path(), &["--config", "p.toml", "--workers", "999"], &environment);
+    assert!(told.contains("(flag --workers)"), "{told}");
+}
+
+#[test]
+fn a_value_of_the_wrong_kind_and_an_unknown_key_are_refused() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let told = refusal(folder.path(), &[], &[("PINSTACK_MEMORY_MB", "lots")]);
+    assert!(told.contains("memory_mb") && told.contains("PINSTACK_MEMORY_MB"), "{told}");
+    std::fs::write(folder.path().join("p.toml"), "wrokers = 2\n").expect("a file");
+    let told = refusal(folder.path(), &["--config", "p.toml"], &[]);
+    assert!(told.contains("wrokers") && told.contains("p.toml"), "{told}");
+    let told = refusal(folder.path(), &["--config", "missing.toml"], &[]);
+    assert!(told.contains("missing.toml"), "{told}");
+}
+
+#[test]
+fn the_program_prints_the_contract_and_tells_health_by_its_exit_code() {
+    let output = Command::new(env!("CARGO_BIN_EXE_pinstack")).arg("openapi").output().expect("the program runs");
+    assert_eq!(String::from_utf8_lossy(&output.stdout), pinstack::http::system::openapi::text());
+    // nothing listens on port 1
+    let health = Command::new(env!("CARGO_BIN_EXE_pinstack")).args(["health", "http://127.0.0.1:1"]).output();
+    assert!(!health.expect("the program runs").status.success());
+}

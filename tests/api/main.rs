@@ -1,0 +1,12 @@
+//! The contract, through HTTP: a server of its own on a free port for each test, workers driven by hand, so that
+//! nothing waits for a clock.
+
+mod app;
+mod bad_requests;
+mod configuration;
+mod forms;
+mod lifecycle;
+mod profiles;
+mod results;
+mod service;
+mod watching;

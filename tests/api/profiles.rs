@@ -1,0 +1,120 @@
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+use crate::app::{TestApp, problem, profile};
+
+const URL: &str = "/v1/profiles/rig/lens";
+
+#[tokio::test]
+async fn the_first_write_makes_a_profile_and_each_later_one_a_revision() {
+    let app = TestApp::start().await;
+    let first = app.put(URL).json(&profile(3)).send().await.unwrap();
+    assert_eq!(first.status(), StatusCode::CREATED);
+    assert_eq!(first.headers()["etag"], "\"1\"");
+    assert_eq!(first.headers()["location"], URL);
+    let shown: Value = first.json().await.unwrap();
+    assert_eq!((&shown["revision"], &shown["slice_count"], &shown["source"]), (&json!(1), &json!(3), &json!("upload")));
+    assert_eq!(shown["slices"][2]["scale"].as_f64().map(|s| (s * 1000.0).round()), Some(1002.0));
+
+    let second = app.put(URL).json(&profile(4)).send().await.unwrap();
+    assert_eq!((second.status(), &second.headers()["etag"]), (StatusCode::OK, &"\"2\"".parse().unwrap()));
+
+    let old: Value = app.get(&format!("{URL}?revision=1")).send().await.unwrap().json().await.unwrap();
+    assert_eq!(old["slice_count"], 3);
+    let now: Value = app.get(URL).send().await.unwrap().json().await.unwrap();
+    assert_eq!(now["slice_count"], 4);
+    let revisions: Value = app.get(&format!("{URL}/revisions")).send().await.unwrap().json().await.unwrap();
+    let numbers: Vec<&Value> = revisions["items"].as_array().unwrap().iter().map(|p| &p["revision"]).collect();
+    assert_eq!(numbers, [2, 1]);
+}
+
+#[tokio::test]
+async fn a_lost_race_is_told_and_changes_nothing() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let write = |tag: &'static str| app.put(URL).header("if-match", tag).json(&profile(3)).send();
+    assert_eq!(write("\"1\"").await.unwrap().status(), StatusCode::OK);
+    let lost = problem(write("\"1\"").await.unwrap(), 412, "precondition_failed").await;
+    assert!(lost["detail"].as_str().unwrap().contains("revision 2"), "{lost}");
+    let exists = app.put(URL).header("if-none-match", "*").json(&profile(3)).send().await.unwrap();
+    problem(exists, 412, "precondition_failed").await;
+    problem(app.delete(URL).header("if-match", "\"1\"").send().await.unwrap(), 412, "precondition_failed").await;
+    let now: Value = app.get(URL).send().await.unwrap().json().await.unwrap();
+    assert_eq!(now["revision"], 2);
+}
+
+#[tokio::test]
+async fn who_has_the_profile_already_hears_304() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let again = app.get(URL).header("if-none-match", "\"1\"").send().await.unwrap();
+    assert_eq!((again.status(), &again.headers()["etag"]), (StatusCode::NOT_MODIFIED, &"\"1\"".parse().unwrap()));
+    assert_eq!(app.get(URL).header("if-none-match", "\"7\"").send().await.unwrap().status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_deleted_profile_is_gone_and_its_revisions_are_never_used_again() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    assert_eq!(app.delete(URL).send().await.unwrap().status(), StatusCode::NO_CONTENT);
+    problem(app.get(URL).send().await.unwrap(), 404, "profile_not_found").await;
+    problem(app.delete(URL).send().await.unwrap(), 404, "profile_not_found").await;
+    problem(app.get(&format!("{URL}/revisions")).send().await.unwrap(), 404, "profile_not_found").await;
+    let again = app.put(URL).json(&profile(2)).send().await.unwrap();
+    assert_eq!((again.status(), &again.headers()["etag"]), (StatusCode::CREATED, &"\"2\"".parse().unwrap()));
+}
+
+#[tokio::test]
+async fn every_place_of_an_invalid_profile_is_named() {
+    let app = TestApp::start().await;
+    let mut wrong = profile(3);
+    wrong["homographies"][1] = json!([-1, 0, 23, 0, 1, 0, 0, 0, 1]);
+    wrong["homographies"][2] = json!([0, 0, 0, 0, 0, 0, 0, 0, 1]);
+    wrong["gains"] = json!([1.0]);
+    let told = problem(app.put(URL).json(&wrong).send().await.unwrap(), 422, "invalid_profile").await;
+    let pointers: Vec<&str> = told["errors"].as_array().unwrap().iter().filter_map(|e| e["pointer"].as_str()).collect();
+    assert_eq!(pointers, ["/homographies/1", "/homographies/2", "/gains"]);
+
+    // as Python writes it
+    let text = profile(2).to_string().replacen("1.001", "NaN", 1);
+    let nan = app.put(URL).header("content-type", "application/json").body(text).send().await.unwrap();
+    problem(nan, 422, "invalid_profile").await;
+    let short = json!({ "image_width": 24, "image_height": 18, "reference_index": 0, "homographies": [[1, 2, 3]] });
+    let told = problem(app.put(URL).json(&short).send().await.unwrap(), 422, "invalid_profile").await;
+    assert!(told["errors"][0]["pointer"].as_str().unwrap().starts_with("/homographies/0"), "{told}");
+}
+
+#[tokio::test]
+async fn what_is_no_json_or_no_name_is_refused() {
+    let app = TestApp::start().await;
+    let broken = app.put(URL).header("content-type", "application/json").body("{").send().await.unwrap();
+    problem(broken, 400, "invalid_request").await;
+    let xml = app.put(URL).header("content-type", "application/xml").body("<x/>").send().await.unwrap();
+    problem(xml, 415, "unsupported_media_type").await;
+    let hidden = app.put("/v1/profiles/.rig/lens").json(&profile(2)).send().await.unwrap();
+    problem(hidden, 400, "invalid_request").await;
+    let slash = app.put("/v1/profiles/a%2Fb/lens").json(&profile(2)).send().await.unwrap();
+    problem(slash, 400, "invalid_request").await;
+}
+
+#[tokio::test]
+async fn a_list_comes_a_page_at_a_time_and_can_be_narrowed() {
+    let app = TestApp::start().await;
+    for lens in ["a", "b", "c"] {
+        app.put(&format!("/v1/profiles/rig/{lens}")).json(&profile(2)).send().await.unwrap();
+    }
+    let mut seen = Vec::new();
+    let mut url = "/v1/profiles?limit=2".to_owned();
+    loop {
+        let page: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
+        seen.extend(page["items"].as_array().unwrap().iter().map(|p| p["lens"].as_str().unwrap().to_owned()));
+        let Some(cursor) = page["next_cursor"].as_str() else { break };
+        url = format!("/v1/profiles?limit=2&cursor={cursor}");
+    }
+    assert_eq!(seen, ["c", "b", "a"]);
+    let narrow: Value = app.get("/v1/profiles?lens=b").send().await.unwrap().json().await.unwrap();
+    assert_eq!(narrow["items"].as_array().unwrap().len(), 1);
+    for bad in ["limit=0", "limit=x", "cursor=%20nonsense", "lnes=b", "rig=.x"] {
+        problem(app.get(&format!("/v1/profiles?{bad}")).send().await.unwrap(), 400, "invalid_request").await;
+    }
+}
