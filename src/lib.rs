@@ -11,9 +11,14 @@
 
 #![warn(missing_docs)]
 
+// Everything below the line is the crate `pinstack-science`, so that Cargo holds the line; it is known under one name.
 pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality, synth};
-pub mod cli;
-pub mod http;
-pub mod jobs;
+
 pub mod store;
+
+pub mod jobs;
 pub mod worker;
+
+pub mod http;
+
+pub mod cli;

@@ -6,10 +6,15 @@
 
 #![warn(missing_docs)]
 
-pub mod archive;
-pub mod calibration;
-pub mod fusion;
+// the ground floor: plain types, then pictures
 pub mod imaging;
 pub mod model;
+
+// science
+pub mod calibration;
+pub mod fusion;
 pub mod quality;
 pub mod synth;
+
+// from a hostile zip to ordered slices
+pub mod archive;

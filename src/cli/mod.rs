@@ -1,6 +1,7 @@
 //! The command line: one command per file.
 
 pub mod config;
+pub mod demo;
 pub mod health;
 pub mod logging;
 pub mod openapi;
@@ -25,6 +26,8 @@ struct Arguments {
 enum Command {
     /// Serve the API and work on jobs (the default)
     Serve(config::Flags),
+    /// Run the main job end to end on a synthetic stack, and compare with the truth
+    Demo(demo::Demo),
     /// Print the OpenAPI document
     Openapi,
     /// Ask a running server whether it is ready; the exit code tells
@@ -37,6 +40,7 @@ pub fn main() -> ExitCode {
     let done = match arguments.command {
         None => serve::run(arguments.serve),
         Some(Command::Serve(flags)) => serve::run(flags),
+        Some(Command::Demo(demo)) => demo.run(),
         Some(Command::Openapi) => openapi::run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };

@@ -1,0 +1,93 @@
+//! A small client of the service: what a script does with curl.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use tokio_util::io::ReaderStream;
+
+/// Speaks to one server.
+pub struct Client {
+    base: String,
+    http: reqwest::Client,
+}
+
+impl Client {
+    /// A client of the server at `base` (`http://host:port`).
+    pub fn new(base: String) -> Self {
+        Self { base, http: reqwest::Client::new() }
+    }
+
+    /// Streams a zip to `path` and waits for the job to end, telling `seen` each stage and its share of the job.
+    ///
+    /// # Errors
+    /// When the server refuses the upload or the job fails: with its own sentence.
+    pub async fn run_job(&self, path: &str, zip: &Path, mut seen: impl FnMut(&str, f64)) -> Result<Value> {
+        let file = tokio::fs::File::open(zip).await.with_context(|| format!("cannot read {}", zip.display()))?;
+        let length = file.metadata().await?.len();
+        let answer = self
+            .http
+            .post(format!("{}{path}", self.base))
+            .header("content-type", "application/zip")
+            .header("content-length", length)
+            .body(reqwest::Body::wrap_stream(ReaderStream::with_capacity(file, 1 << 20)))
+            .send()
+            .await
+            .with_context(|| format!("POST {path}"))?;
+        let location = answer.headers().get("location").and_then(|l| l.to_str().ok()).map(str::to_owned);
+        json(answer).await?;
+        let location = location.context("the server accepted the upload without saying where the job is")?;
+        self.follow(&location, &mut seen).await
+    }
+
+    /// Reads the events of a job until it ends, then the job itself.
+    async fn follow(&self, location: &str, seen: &mut impl FnMut(&str, f64)) -> Result<Value> {
+        let mut events = self.http.get(format!("{}{location}/events", self.base)).send().await?.error_for_status()?;
+        let mut text = String::new();
+        while let Some(chunk) = events.chunk().await? {
+            text.push_str(&String::from_utf8_lossy(&chunk));
+            while let Some(end) = text.find('\n') {
+                let line: String = text.drain(..=end).collect();
+                let Some(data) = line.strip_prefix("data:") else { continue };
+                let Ok(event) = serde_json::from_str::<Value>(data.trim()) else { continue };
+                let progress = event.get("progress").unwrap_or(&event);
+                if let (Some(stage), Some(fraction)) = (progress["stage"].as_str(), progress["fraction"].as_f64()) {
+                    seen(stage, fraction);
+                }
+            }
+        }
+        let job = self.get_json(location).await?;
+        if job["state"] != "succeeded" {
+            let why = job["error"]["detail"].as_str().unwrap_or("no reason was given");
+            bail!("the job at {location} ended as {}: {why}", job["state"]);
+        }
+        Ok(job)
+    }
+
+    /// GETs JSON.
+    ///
+    /// # Errors
+    /// When the server does not answer with 2xx: with its own sentence.
+    pub async fn get_json(&self, path: &str) -> Result<Value> {
+        json(self.http.get(format!("{}{path}", self.base)).send().await?).await
+    }
+
+    /// GETs bytes.
+    ///
+    /// # Errors
+    /// When the server does not answer with 2xx.
+    pub async fn get_bytes(&self, path: &str) -> Result<Vec<u8>> {
+        let answer = self.http.get(format!("{}{path}", self.base)).send().await?;
+        Ok(answer.error_for_status().with_context(|| format!("GET {path}"))?.bytes().await?.to_vec())
+    }
+}
+
+/// The JSON of an answer; an error's own sentence when it is one.
+async fn json(answer: reqwest::Response) -> Result<Value> {
+    let (status, url) = (answer.status(), answer.url().path().to_owned());
+    let body: Value = answer.json().await.with_context(|| format!("{url} did not answer with JSON"))?;
+    if !status.is_success() {
+        bail!("{url} answered {status}: {}", body["detail"].as_str().unwrap_or("no reason was given"));
+    }
+    Ok(body)
+}

@@ -1,0 +1,229 @@
+//! `pinstack demo`: the main job from end to end, over real HTTP, with a result whose truth is known.
+
+mod client;
+mod compare;
+mod sheet;
+mod stacks;
+mod truth;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::{Context, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
+
+use self::{
+    client::Client,
+    sheet::{Cell, contact_sheet, depth_colours},
+    truth::{Known, Score},
+};
+use super::{config::ServeConfig, serve::Service};
+use crate::{
+    imaging::{
+        Raster,
+        codec::{self, Metadata},
+    },
+    synth::{DotTarget, Rig, Scene, Stage},
+};
+
+const RIG: &str = "demo-rig";
+const LENS: &str = "demo-65mm-1x";
+/// Dots of the target from left to right.
+const TARGET_COLUMNS: usize = 19;
+
+/// Make a synthetic dot target and focus stack, send them through the service, and compare with the truth.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Demo {
+    /// Folder for the results, the zips and the service's data.
+    #[arg(long, default_value = "demo-out")]
+    out: PathBuf,
+    /// Leave the service running afterwards and print calls to try.
+    #[arg(long)]
+    keep: bool,
+    /// Seed of everything that looks random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Width of a slice, px; the height is two thirds of it.
+    #[arg(long, default_value_t = 1200, value_parser = clap::value_parser!(u32).range(240..=6000))]
+    width: u32,
+    /// Slices of the stack.
+    #[arg(long, default_value_t = 13, value_parser = clap::value_parser!(u32).range(3..=100))]
+    slices: u32,
+}
+
+impl Demo {
+    /// Runs the demo.
+    ///
+    /// # Errors
+    /// When a file cannot be written, or a call or a job fails.
+    pub fn run(self) -> Result<()> {
+        tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(self.tell())
+    }
+
+    async fn tell(self) -> Result<()> {
+        let begin = Instant::now();
+        let data = self.out.join("data");
+        std::fs::create_dir_all(&data).with_context(|| format!("cannot make the folder {}", data.display()))?;
+        let rig = self.rig();
+        let bar = steps();
+        bar.set_message("rendering the dot target and the stack");
+        let (target_zip, stack_zip) = (self.out.join("target.zip"), self.out.join("stack.zip"));
+        let known = {
+            let (target_zip, stack_zip) = (target_zip.clone(), stack_zip.clone());
+            tokio::task::spawn_blocking(move || -> Result<Known> {
+                stacks::write_target(&rig, &DotTarget::for_rig(&rig, TARGET_COLUMNS), &target_zip)?;
+                let stage = Stage::new(&rig, &Scene::insect(self.seed));
+                stacks::write_stack(rig.slices(), &stage, &stack_zip)?;
+                Ok(Known { rig, stage })
+            })
+            .await??
+        };
+        let rendered = begin.elapsed();
+
+        let config = ServeConfig { listen: "127.0.0.1:0".into(), data_dir: data, ..ServeConfig::default() };
+        let service = Service::start(&config).await?;
+        let url = format!("http://{}", service.address());
+        let client = Client::new(url.clone());
+        let begin_calibration = Instant::now();
+        let calibration = client
+            .run_job(&format!("/v1/profiles/{RIG}/{LENS}/calibrations"), &target_zip, |stage, share| {
+                show(&bar, "calibrating", stage, share);
+            })
+            .await?;
+        let calibrated = begin_calibration.elapsed();
+        let begin_stack = Instant::now();
+        let stack = client
+            .run_job(&format!("/v1/stacks?rig={RIG}&lens={LENS}&label=demo"), &stack_zip, |stage, share| {
+                show(&bar, "fusing", stage, share);
+            })
+            .await?;
+        let fused = begin_stack.elapsed();
+
+        bar.set_message("comparing with the truth");
+        let results = Results::fetch(&client, &calibration, &stack, known.rig.reference, &self.out).await?;
+        let out = self.out.clone();
+        let score = tokio::task::spawn_blocking(move || -> Result<Score> {
+            let score = known.score(&results.profile, &results.image, &results.mask)?;
+            results.write_contact_sheet(&known, &score, &out.join("contact-sheet.png"))?;
+            Ok(score)
+        })
+        .await??;
+        bar.finish_and_clear();
+
+        println!("{}", score.table());
+        println!(
+            "time        rendering {:.1} s, calibrating {:.1} s, fusing {:.1} s, in all {:.1} s",
+            rendered.as_secs_f64(),
+            calibrated.as_secs_f64(),
+            fused.as_secs_f64(),
+            begin.elapsed().as_secs_f64()
+        );
+        println!(
+            "results in  {}: contact-sheet.png image.png mask.png depth.png backlight.png overlay.png metrics.json profile.json",
+            self.out.display()
+        );
+        if self.keep {
+            print_calls(&url, &stack, &stack_zip);
+            tokio::signal::ctrl_c().await?;
+        }
+        service.stop().await
+    }
+
+    /// The camera on its rail.
+    fn rig(&self) -> Rig {
+        let (width, slices) = (self.width as usize, self.slices as usize);
+        Rig { seed: self.seed, ..Rig::sized(width, width * 2 / 3, slices) }
+    }
+}
+
+/// What came back from the service.
+struct Results {
+    profile: Value,
+    image: Raster,
+    mask: Raster,
+    depth: Raster,
+    backlight: Raster,
+    overlay: Raster,
+}
+
+impl Results {
+    /// Fetches every result and leaves it as a file in `out`.
+    async fn fetch(client: &Client, calibration: &Value, stack: &Value, reference: usize, out: &Path) -> Result<Self> {
+        let stack_path = format!("/v1/stacks/{}", stack["id"].as_str().context("a stack has an id")?);
+        let calibration_path =
+            format!("/v1/calibrations/{}", calibration["id"].as_str().context("a calibration has an id")?);
+        let metrics = client.get_json(&format!("{stack_path}/metrics")).await?;
+        let profile = client.get_json(&format!("/v1/profiles/{RIG}/{LENS}")).await?;
+        for (name, value) in [("metrics.json", &metrics), ("profile.json", &profile)] {
+            std::fs::write(out.join(name), serde_json::to_string_pretty(value)?)?;
+        }
+        let mut pictures = Vec::new();
+        for (path, name) in [
+            (format!("{stack_path}/image"), "image.png"),
+            (format!("{stack_path}/mask"), "mask.png"),
+            (format!("{stack_path}/depth"), "depth.png"),
+            (format!("{stack_path}/backlight"), "backlight.png"),
+            (format!("{calibration_path}/overlay?slice={reference}"), "overlay.png"),
+        ] {
+            let bytes = client.get_bytes(&path).await?;
+            std::fs::write(out.join(name), &bytes)?;
+            pictures.push(truth::decode_with_alpha(&bytes).with_context(|| format!("{name} cannot be read back"))?);
+        }
+        let mut next = pictures.into_iter();
+        let mut take = || next.next().context("five pictures were fetched");
+        Ok(Self { profile, image: take()?, mask: take()?, depth: take()?, backlight: take()?, overlay: take()? })
+    }
+
+    fn write_contact_sheet(&self, known: &Known, score: &Score, path: &Path) -> Result<()> {
+        let depth = depth_colours(&self.depth, known.rig.slices());
+        let end = known.rig.slices() - 1;
+        let cell = |caption: String, picture| Cell { caption, picture };
+        let sheet = contact_sheet(
+            &[
+                cell(format!("dots found in slice {} (reference)", known.rig.reference), &self.overlay),
+                cell("front light, first slice".into(), &score.first_slice),
+                cell(format!("front light, last slice ({end})"), &score.last_slice),
+                cell(format!("fused and cut out: {:.1} dB", score.psnr_fused), &self.image),
+                cell("truth".into(), &score.truth),
+                cell("difference from truth, 4 times".into(), &score.difference),
+                cell("fused back light".into(), &self.backlight),
+                cell(format!("mask: IoU {:.4}", score.iou), &self.mask),
+                cell("slice in focus: first violet, last yellow".into(), &depth),
+            ],
+            3,
+        );
+        let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+        codec::encode_png(&mut file, &sheet, &Metadata::default())
+            .with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+fn steps() -> ProgressBar {
+    let bar = ProgressBar::new(100);
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {msg:45} {bar:30} {percent}%") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn show(bar: &ProgressBar, job: &str, stage: &str, share: f64) {
+    bar.set_message(format!("{job}: {stage}"));
+    bar.set_position((share * 100.0) as u64);
+}
+
+fn print_calls(url: &str, stack: &Value, zip: &Path) {
+    let id = stack["id"].as_str().unwrap_or_default();
+    println!("\nThe service is still there; Ctrl-C ends it. Try:\n");
+    println!("  curl {url}/v1/profiles/{RIG}/{LENS}");
+    println!("  curl {url}/v1/stacks/{id}");
+    println!("  curl {url}/v1/stacks/{id}/metrics");
+    println!("  curl -o image.tif -H 'Accept: image/tiff' {url}/v1/stacks/{id}/image");
+    println!(
+        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=60' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
+        zip.display()
+    );
+    println!("\nand in a browser: {url}/docs");
+}

@@ -1,0 +1,50 @@
+//! The zips that the demo sends, rendered with known truth.
+
+use std::{fs::File, io::BufWriter, path::Path};
+
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+
+use crate::{
+    archive::pack,
+    imaging::{Raster, codec},
+    synth::{DotTarget, Light, Rig, Stage, render_target},
+};
+
+/// JPEG quality of the slices: what cameras call "fine".
+const QUALITY: u8 = 95;
+
+/// Photographs the dot target at every rail position and zips it.
+///
+/// # Errors
+/// When the zip cannot be written.
+pub fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result<()> {
+    let slices = (0..rig.slices()).into_par_iter().map(|i| {
+        let name = format!("dots_{:02}.jpg", i + 1);
+        (name, jpeg(&render_target(rig, target, i)))
+    });
+    write_zip(slices.collect(), path)
+}
+
+/// Photographs the scene at every rail position, lit from the front and from the back, and zips both.
+///
+/// # Errors
+/// When the zip cannot be written.
+pub fn write_stack(slices: usize, stage: &Stage, path: &Path) -> Result<()> {
+    let mut members = Vec::new();
+    for (folder, light) in [("front", Light::Front), ("back", Light::Back)] {
+        for i in 0..slices {
+            members.push((format!("{folder}/slice_{:02}.jpg", i + 1), jpeg(&stage.render(light, i))));
+        }
+    }
+    write_zip(members, path)
+}
+
+fn jpeg(picture: &Raster) -> Vec<u8> {
+    codec::encode_jpeg(picture, QUALITY)
+}
+
+fn write_zip(members: Vec<(String, Vec<u8>)>, path: &Path) -> Result<()> {
+    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    pack(BufWriter::new(file), members.into_iter()).with_context(|| format!("cannot write {}", path.display()))
+}

@@ -1,0 +1,37 @@
+//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, a browser.
+//!
+//! Each test needs programs that a fresh machine may lack; it is skipped where they are missing, and fails when
+//! `PINSTACK_TEST_TOOLS=required` says that they must be there.
+
+mod browser;
+mod crash;
+mod metadata;
+mod server;
+mod zips;
+
+use std::process::Command;
+
+/// True when every program is here.
+fn have(programs: &[&str]) -> bool {
+    let missing: Vec<&str> = programs.iter().copied().filter(|p| !is_here(p)).collect();
+    if missing.is_empty() {
+        return true;
+    }
+    let needed = std::env::var("PINSTACK_TEST_TOOLS").as_deref() == Ok("required");
+    assert!(!needed, "not installed: {}", missing.join(", "));
+    println!("skipped: {} not installed", missing.join(", "));
+    false
+}
+
+fn is_here(program: &str) -> bool {
+    let found = Command::new("sh").args(["-c", &format!("command -v {program}")]).output();
+    found.is_ok_and(|output| output.status.success())
+}
+
+/// Runs a program and gives what it printed.
+fn run(program: &mut Command) -> String {
+    let output = program.output().unwrap_or_else(|e| panic!("{program:?} cannot be started: {e}"));
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{program:?} failed:\n{text}\n{}", String::from_utf8_lossy(&output.stderr));
+    text
+}

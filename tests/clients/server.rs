@@ -1,0 +1,131 @@
+//! A service of its own for a test, and the slices to send to it.
+
+use std::{
+    fs,
+    net::{TcpListener, TcpStream},
+    path::Path,
+    process::{Child, Command, Stdio},
+};
+
+use pinstack::{
+    imaging::codec,
+    synth::{Light, Rig, Scene, Stage},
+};
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::run;
+
+/// A running `pinstack serve`, killed when dropped.
+pub struct Server {
+    process: Child,
+    pub url: String,
+    pub folder: TempDir,
+}
+
+impl Server {
+    /// Starts one on a free port with an empty data folder and waits until it answers.
+    pub fn start() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (process, url) = serve(&folder);
+        Self { process, url, folder }
+    }
+
+    /// SIGKILL, then another process on the same data.
+    pub fn kill_and_start_again(&mut self) {
+        self.process.kill().expect("it can be killed");
+        self.process.wait().expect("it ended");
+        (self.process, self.url) = serve(&self.folder);
+    }
+
+    /// What curl gets, as JSON.
+    pub fn curl(&self, arguments: &[&str], path: &str) -> Value {
+        let url = format!("{}{path}", self.url);
+        let text = run(Command::new("curl").args(["-sS", "--max-time", "120"]).args(arguments).arg(&url));
+        serde_json::from_str(&text).unwrap_or_else(|e| panic!("{url} did not answer with JSON ({e}): {text}"))
+    }
+
+    /// What curl gets, as a file.
+    pub fn download(&self, arguments: &[&str], path: &str, file: &Path) {
+        let url = format!("{}{path}", self.url);
+        run(Command::new("curl")
+            .args(["-sS", "--fail", "--max-time", "120", "-o"])
+            .arg(file)
+            .args(arguments)
+            .arg(&url));
+    }
+
+    /// Stores the true homographies of `rig` as a profile.
+    pub fn put_profile(&self, rig: &Rig) {
+        let body = serde_json::json!({
+            "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
+            "homographies": (0..rig.slices()).map(|i| rig.homography(i)).collect::<Vec<_>>(),
+            "gains": (0..rig.slices()).map(|i| rig.gain(i)).collect::<Vec<_>>(),
+        });
+        let profile = self.curl(
+            &["-X", "PUT", "-H", "Content-Type: application/json", "-d", &body.to_string()],
+            "/v1/profiles/rig/lens",
+        );
+        assert_eq!(profile["revision"], 1, "{profile}");
+    }
+
+    /// Sends a zip and waits for the finished stack.
+    pub fn fuse(&self, zip: &Path, query: &str) -> Value {
+        let zip = zip.to_str().expect("a plain path");
+        let arguments = ["-X", "POST", "-T", zip, "-H", "Content-Type: application/zip", "-H", "Prefer: wait=60"];
+        self.curl(&arguments, &format!("/v1/stacks?rig=rig&lens=lens{query}"))
+    }
+}
+
+fn serve(folder: &TempDir) -> (Child, String) {
+    let port = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port();
+    let address = format!("127.0.0.1:{port}");
+    let mut process = Command::new(env!("CARGO_BIN_EXE_pinstack"))
+        .args(["serve", "--listen", &address, "--data-dir"])
+        .arg(folder.path().join("data"))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("pinstack starts");
+    while TcpStream::connect(&address).is_err() {
+        assert!(process.try_wait().expect("it can be asked").is_none(), "pinstack serve ended");
+        std::thread::yield_now();
+    }
+    (process, format!("http://{address}"))
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// A rig that renders quickly.
+pub fn small_rig() -> Rig {
+    Rig::sized(240, 160, 4)
+}
+
+/// Writes the slices of a small stack as `front/img_1.jpg`, ... and `back/img_1.jpg`, ...
+pub fn write_slices(folder: &Path) {
+    let rig = small_rig();
+    let stage = Stage::new(&rig, &Scene::insect(1));
+    for (name, light) in [("front", Light::Front), ("back", Light::Back)] {
+        fs::create_dir_all(folder.join(name)).expect("a folder");
+        for i in 0..rig.slices() {
+            let jpeg = codec::encode_jpeg(&stage.render(light, i), 92);
+            fs::write(folder.join(name).join(format!("img_{}.jpg", i + 1)), jpeg).expect("a slice");
+        }
+    }
+}
+
+/// Renders both lights of `rig` into a zip.
+pub fn write_stack_of(rig: &Rig, zip: &Path) {
+    let stage = Stage::new(rig, &Scene::plates(1));
+    let members = [("front", Light::Front), ("back", Light::Back)].into_iter().flat_map(|(folder, light)| {
+        let stage = &stage;
+        (0..rig.slices())
+            .map(move |i| (format!("{folder}/{i:02}.jpg"), codec::encode_jpeg(&stage.render(light, i), 92)))
+    });
+    pinstack::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
+}

@@ -1,0 +1,164 @@
+//! The commands of README.md and docs/*.md, executed: what a reader copies works.
+//!
+//! Every block marked `sh` of one file runs, in order, in one shell and one empty folder, with `cargo run --release --`
+//! standing for the binary under test. A block marked with a second word (`sh docker`, `sh bench`) needs what a test
+//! cannot have, and is not run. Port 8080 is replaced by a free one.
+
+use std::{
+    fs,
+    net::TcpListener,
+    os::unix::fs::PermissionsExt,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+fn project() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The `sh` blocks of a Markdown file.
+fn blocks(markdown: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut current: Option<String> = None;
+    for line in markdown.lines() {
+        match (&mut current, line.trim_end()) {
+            (None, "```sh") => current = Some(String::new()),
+            (Some(_), "```") => found.extend(current.take()),
+            (Some(block), line) => {
+                block.push_str(line);
+                block.push('\n');
+            }
+            (None, _) => {}
+        }
+    }
+    found
+}
+
+/// A folder with a `cargo` that runs the binary under test and a `pinstack` that is it.
+fn shims(folder: &Path) -> PathBuf {
+    let binary = env!("CARGO_BIN_EXE_pinstack");
+    let bin = folder.join("bin");
+    fs::create_dir(&bin).expect("a folder for the shims");
+    let cargo = format!(
+        "#!/bin/sh\ncase \"$1 $2 $3\" in\n'run --release --') shift 3; exec {binary} \"$@\";;\n'test  ') exit 0;;\nesac\necho \"cargo $*: not a command of the README\" >&2\nexit 1\n"
+    );
+    for (name, text) in [("cargo", cargo), ("pinstack", format!("#!/bin/sh\nexec {binary} \"$@\"\n"))] {
+        let path = bin.join(name);
+        fs::write(&path, text).expect("a shim");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).expect("an executable shim");
+    }
+    bin
+}
+
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port()
+}
+
+/// Runs every `sh` block of `file` and shows its output when one fails.
+fn run_commands_of(file: &Path) {
+    let markdown = fs::read_to_string(file).expect("the document is UTF-8");
+    let blocks = blocks(&markdown);
+    if blocks.is_empty() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let bin = shims(folder.path());
+    let home = folder.path().join("here");
+    fs::create_dir(&home).expect("a folder");
+    // Servers started in the background end with the script, also when a command fails.
+    let script = format!(
+        "set -euo pipefail\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\nset -x\n{}",
+        blocks.join("\n").replace("8080", &free_port().to_string())
+    );
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap_or_default());
+    let output = Command::new("bash")
+        .args(["-c", &script])
+        .current_dir(&home)
+        .env("PATH", path)
+        .output()
+        .expect("bash can be started");
+    assert!(
+        output.status.success(),
+        "a command of {} failed:\n{}\n{}",
+        file.display(),
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+/// True when the tools that the documents use are here. In CI they must be.
+fn tools_are_here() -> bool {
+    let missing: Vec<&str> =
+        ["bash", "curl"].into_iter().filter(|tool| Command::new(tool).arg("--version").output().is_err()).collect();
+    if missing.is_empty() {
+        return true;
+    }
+    assert!(std::env::var("PINSTACK_TEST_TOOLS").as_deref() != Ok("required"), "missing: {}", missing.join(", "));
+    println!("skipped: {} not installed", missing.join(", "));
+    false
+}
+
+#[test]
+fn the_commands_of_the_readme_work() {
+    if tools_are_here() {
+        run_commands_of(&project().join("README.md"));
+    }
+}
+
+#[test]
+fn the_commands_of_the_docs_work() {
+    if !tools_are_here() {
+        return;
+    }
+    for entry in fs::read_dir(project().join("docs")).expect("docs can be read") {
+        let path = entry.expect("docs can be read").path();
+        if path.extension().is_some_and(|e| e == "md") {
+            run_commands_of(&path);
+        }
+    }
+}
+
+#[test]
+fn every_link_to_a_file_of_the_project_leads_somewhere() {
+    let mut documents = vec![project().join("README.md")];
+    documents.extend(fs::read_dir(project().join("docs")).expect("docs").map(|e| e.expect("docs").path()));
+    for document in documents.iter().filter(|d| d.extension().is_some_and(|e| e == "md")) {
+        let text = fs::read_to_string(document).expect("UTF-8");
+        for (at, _) in text.match_indices("](") {
+            let target: String = text[at + 2..].chars().take_while(|c| *c != ')' && *c != '#').collect();
+            if target.is_empty() || target.contains("://") {
+                continue;
+            }
+            let path = document.parent().expect("in a folder").join(&target);
+            assert!(path.exists(), "{} links to {target}, which does not exist", document.display());
+        }
+    }
+}
+
+#[test]
+fn only_plain_sh_blocks_are_commands() {
+    let text = "```sh\na\nb\n```\n```sh docker\nc\n```\n```text\nd\n```\n```sh\ne\n```\n";
+    assert_eq!(blocks(text), ["a\nb\n", "e\n"]);
+}
+
+#[test]
+fn every_test_that_a_guarantee_names_exists() {
+    fn read(folder: &Path, all: &mut String) {
+        for entry in fs::read_dir(folder).expect("the sources can be read") {
+            let path = entry.expect("the sources can be read").path();
+            if path.is_dir() {
+                read(&path, all);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                all.push_str(&fs::read_to_string(&path).expect("source is UTF-8"));
+            }
+        }
+    }
+    let mut sources = String::new();
+    read(&project().join("src"), &mut sources);
+    read(&project().join("tests"), &mut sources);
+    let text = fs::read_to_string(project().join("docs/GUARANTEES.md")).expect("UTF-8");
+    let names = text.split('`').skip(1).step_by(2).filter(|name| name.matches('_').count() >= 3);
+    for name in names {
+        assert!(sources.contains(&format!("fn {name}(")), "no test is called {name}");
+    }
+}
