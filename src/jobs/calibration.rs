@@ -87,6 +87,7 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
         pixel_pitch_mm: request.options.pixel_pitch_mm,
         capture_mode: measured.capture_mode,
         note: request.options.note.clone(),
+        ..ProfileInput::default()
     }
 }
 

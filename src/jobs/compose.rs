@@ -131,11 +131,8 @@ mod tests {
             image_height: 40,
             reference_index: 0,
             homographies,
-            rail_positions_mm: None,
             gains: None,
-            pixel_pitch_mm: None,
-            capture_mode: None,
-            note: None,
+            ..ProfileInput::default()
         }
     }
 

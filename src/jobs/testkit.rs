@@ -92,11 +92,8 @@ pub(crate) fn true_profile() -> Profile {
         image_height: height,
         reference_index: rig.reference as u32,
         homographies: (0..rig.slices()).map(|i| rig.homography(i)).collect(),
-        rail_positions_mm: None,
         gains: Some((0..rig.slices()).map(|i| rig.gain(i)).collect()),
-        pixel_pitch_mm: None,
-        capture_mode: None,
-        note: None,
+        ..ProfileInput::default()
     };
     let slice = |i: usize| ProfileSlice::given(i as u32, rig.homography(i), rig.gain(i), width, height);
     Profile {

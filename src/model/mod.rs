@@ -11,6 +11,7 @@ pub mod name;
 pub mod options;
 pub mod outcome;
 pub mod profile;
+pub mod report;
 pub mod request;
 
 pub use control::{Cancelled, Control, Stop, Unwatched};

@@ -31,14 +31,22 @@ pub enum ProfileSource {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HomographyModel {
+    /// One law for the whole stack: scale and shift linear in the position on the rail, three numbers.
+    RailLinear,
+    /// Scale, rotation and shift per slice.
+    Similarity,
+    /// Six free numbers per slice.
+    Affine,
     /// Eight free numbers per slice (the paper).
     Homography,
+    /// Computed from focal length, magnification, pixel pitch and rail positions; nothing was measured.
+    RigParameters,
     /// As sent by the client; nothing is known about how they were made.
     Given,
 }
 
 /// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileInput {
     /// Width of every slice in px.
     #[schema(minimum = 16, maximum = 65535)]
@@ -63,6 +71,16 @@ pub struct ProfileInput {
     /// What moves between slices.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture_mode: Option<CaptureMode>,
+    /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole that the fused
+    /// image is taken by. In macro work it is far from the focal length engraved on the lens.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub principal_distance_mm: Option<f64>,
+    /// Where the optical axis meets the reference slice, `[x, y]` px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub principal_point_px: Option<[f64; 2]>,
+    /// Image size over object size of what is in focus in the reference slice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub magnification: Option<f64>,
     /// Free text, at most 4,000 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
@@ -145,6 +163,26 @@ impl ProfileInput {
             && !(1e-5..=1.0).contains(&pitch)
         {
             object("/pixel_pitch_mm".into(), format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"), None);
+        }
+        if let Some(distance) = self.principal_distance_mm
+            && !(0.1..=100_000.0).contains(&distance)
+        {
+            let detail = format!("principal_distance_mm is {distance}; it must be 0.1 to 100000");
+            object("/principal_distance_mm".into(), detail, None);
+        }
+        if let Some(point) = self.principal_point_px {
+            let size = [f64::from(self.image_width), f64::from(self.image_height)];
+            // a shifted lens may have its axis beside the picture, but not far from it
+            if !(0..2).all(|a| (-4.0 * size[a]..=5.0 * size[a]).contains(&point[a])) {
+                let detail = format!("principal_point_px is {point:?}, far outside the image");
+                object("/principal_point_px".into(), detail, None);
+            }
+        }
+        if let Some(magnification) = self.magnification
+            && !(1e-4..=1e3).contains(&magnification)
+        {
+            let detail = format!("magnification is {magnification}; it must be 0.0001 to 1000");
+            object("/magnification".into(), detail, None);
         }
         if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
             object("/note".into(), "the note is longer than 4,000 characters".into(), None);

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Name, options::StackOptions};
+use super::{Name, options::StackOptions, profile::CaptureMode};
 
 /// A stored upload.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -51,6 +51,30 @@ pub struct StackRequest {
     pub layout: StackLayout,
 }
 
+/// Which family of maps a calibration uses.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ModelChoice {
+    /// The simplest that explains the dots.
+    #[default]
+    Auto,
+    /// One law for the whole stack, three numbers.
+    RailLinear,
+    /// Scale, rotation and shift per slice.
+    Similarity,
+    /// Six numbers per slice.
+    Affine,
+    /// Eight numbers per slice, as in the paper.
+    Homography,
+}
+
+impl ModelChoice {
+    /// True for the default.
+    pub fn is_auto(&self) -> bool {
+        *self == Self::Auto
+    }
+}
+
 /// Options of a calibration.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -61,6 +85,21 @@ pub struct CalibrationOptions {
     pub target_pitch_mm: Option<f64>,
     /// Size of one pixel on the sensor, mm; kept in the profile.
     pub pixel_pitch_mm: Option<f64>,
+    /// Position of the rail per slice, mm, strictly rising or falling; default: equal steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rail_positions_mm: Option<Vec<f64>>,
+    /// Distance between neighbouring slices on the rail, mm, instead of `rail_positions_mm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rail_step_mm: Option<f64>,
+    /// Focal length engraved on the lens, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_mm: Option<f64>,
+    /// What moves between slices, as you believe: a disagreement with what the pictures show is a warning.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub capture_mode: Option<CaptureMode>,
+    /// Family of maps; default `auto`: the simplest that explains the dots.
+    #[serde(skip_serializing_if = "ModelChoice::is_auto")]
+    pub model: ModelChoice,
     /// Free text kept in the profile.
     pub note: Option<String>,
 }

@@ -43,11 +43,9 @@ pub(crate) fn draft(scale: f64) -> ProfileDraft {
         image_height: 48,
         reference_index: 0,
         homographies,
-        rail_positions_mm: None,
         gains: None,
-        pixel_pitch_mm: None,
-        capture_mode: None,
         note: Some("made by a test".into()),
+        ..ProfileInput::default()
     };
     let (source, model) = (ProfileSource::Upload, HomographyModel::Given);
     ProfileDraft { input, source, calibration_id: None, model, slices }

@@ -44,11 +44,8 @@ mod tests {
             image_height: 480,
             reference_index: 0,
             homographies: vec![Homography::IDENTITY, Homography::similarity(1.01, [0.5, -0.25])],
-            rail_positions_mm: None,
             gains: None,
-            pixel_pitch_mm: None,
-            capture_mode: None,
-            note: None,
+            ..ProfileInput::default()
         }
     }
 
