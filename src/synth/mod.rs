@@ -24,4 +24,4 @@ pub use scene::Scene;
 pub use sensor::Light;
 pub use stack::{Rendered, render, scene_stack, target_stack, truth};
 pub use stage::{Stage, Truth};
-pub use target::{DotTarget, render_target};
+pub use target::{DotTarget, Flaws, Glare, Surround, render_target};

@@ -181,13 +181,23 @@ impl Rig {
     /// Radius in px of the circle of confusion of depth `fraction` in slice `i`: half of
     /// `phi_a |d2_i - d2_object| / d2_object`.
     pub fn blur_radius_px(&self, i: usize, fraction: f64) -> f64 {
-        let object = match self.mode {
-            CaptureMode::FixedLens => self.object_distance(fraction),
-            CaptureMode::MovingLens => self.object_distance(fraction) - self.advance(i),
-        };
+        self.blur_radius_of(i, self.object_distance(fraction))
+    }
+
+    /// The same of what stands `distance` mm from the lens when the rail is at the reference.
+    pub(super) fn blur_radius_of(&self, i: usize, distance: f64) -> f64 {
+        let object = self.distance_in(i, distance);
         let d2_object = self.conjugate(object);
         let diameter = self.aperture_mm() * (self.sensor_distance(i) - d2_object).abs() / d2_object;
         diameter / 2.0 / self.pixel_pitch_mm
+    }
+
+    /// Distance from the lens in slice `i` of what is `distance` mm away when the rail is at the reference.
+    pub(super) fn distance_in(&self, i: usize, distance: f64) -> f64 {
+        match self.mode {
+            CaptureMode::FixedLens => distance,
+            CaptureMode::MovingLens => distance - self.advance(i),
+        }
     }
 
     /// How far the camera of slice `i` stands nearer to the object than that of the reference.

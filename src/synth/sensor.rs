@@ -18,10 +18,22 @@ pub enum Light {
 /// The picture that the sensor of slice `i` stores: `radiance(x, y, row)` fills a row of RGB light, 0..1
 /// of full scale at the reference exposure. `salt` keeps the noise of different pictures apart.
 pub(super) fn expose(rig: &Rig, i: usize, salt: u64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Raster {
+    expose_as(rig, i, salt, |light| light, radiance)
+}
+
+/// The same by a sensor that stores `response(light)`, which the noise is added to.
+pub(super) fn expose_as(
+    rig: &Rig,
+    i: usize,
+    salt: u64,
+    response: impl Fn(f32) -> f32 + Sync,
+    radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync,
+) -> Raster {
     let samples = expose_clean(rig, rig.exposure(i), radiance);
     let noise_key = key(&[rig.seed, salt, i as u64]);
     let sigma = (rig.noise / 255.0) as f32;
     let with_noise = |at: usize, light: f32| {
+        let light = response(light);
         if sigma > 0.0 {
             light + sigma * normal(noise_key ^ (at as u64).wrapping_mul(0x2545_f491_4f6c_dd1d))
         } else {
@@ -31,17 +43,22 @@ pub(super) fn expose(rig: &Rig, i: usize, salt: u64, radiance: impl Fn(usize, &m
     quantise(rig, &samples, with_noise)
 }
 
-/// Exposed and vignetted light, in the channels of the rig, not yet noisy or quantised.
-pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Vec<f32> {
+/// Share of the light that vignetting leaves at `px`: 1 in the middle.
+pub(super) fn transmission(rig: &Rig, px: [f64; 2]) -> f64 {
     let [cx, cy] = rig.centre();
     let corner = (cx * cx + cy * cy).max(1.0);
+    let squared = (px[0] - cx).powi(2) + (px[1] - cy).powi(2);
+    1.0 - rig.vignetting * squared / corner
+}
+
+/// Exposed and vignetted light, in the channels of the rig, not yet noisy or quantised.
+pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Vec<f32> {
     let mut samples = vec![0.0_f32; rig.width * rig.height * rig.channels];
     samples.par_chunks_mut(rig.width * rig.channels).enumerate().for_each(|(y, row)| {
         let mut light = vec![[0.0_f32; 3]; rig.width];
         radiance(y, &mut light);
         for (x, (rgb, out)) in light.iter().zip(row.chunks_exact_mut(rig.channels)).enumerate() {
-            let squared = (x as f64 - cx).powi(2) + (y as f64 - cy).powi(2);
-            let factor = (exposure * (1.0 - rig.vignetting * squared / corner)) as f32;
+            let factor = (exposure * transmission(rig, [x as f64, y as f64])) as f32;
             match out {
                 [grey] => *grey = factor * (0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]),
                 _ => out.iter_mut().zip(rgb).for_each(|(sample, value)| *sample = factor * value),
