@@ -10,9 +10,11 @@ mod blobs;
 mod centres;
 mod chain;
 mod dlt;
+mod drift;
 mod field;
 mod lattice;
 mod overlay;
+pub mod page;
 mod rail;
 mod refine;
 mod report;
@@ -31,10 +33,12 @@ mod testkit;
 #[cfg(test)]
 mod tests;
 
+pub use drift::drift;
 pub use overlay::overlay;
 
 use crate::imaging::Slices;
 use crate::model::profile::{CaptureMode, ProfileSlice};
+use crate::model::report::CalibrationReport;
 use crate::model::request::CalibrationOptions;
 use crate::model::{Code, Control, Fault, Stop, Warning};
 
@@ -85,6 +89,8 @@ pub struct Calibration {
     pub warnings: Vec<Warning>,
     /// One sentence for the technician.
     pub verdict: String,
+    /// All of it, for the report that the technician reads.
+    pub report: CalibrationReport,
 }
 
 /// Measures a stack of a dot target.

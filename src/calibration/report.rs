@@ -1,10 +1,15 @@
 //! What the technician is told.
 
 use super::chain::Seen;
+use super::field::Polarity;
+use super::sighting::Sighting;
 use super::solve::Solution;
-use super::{Calibration, DotUse, rail};
+use super::{Calibration, Dot, DotUse, rail};
 use crate::imaging::Slices;
-use crate::model::profile::ProfileSlice;
+use crate::model::profile::{CaptureMode, HomographyModel, ProfileSlice};
+use crate::model::report::{
+    CalibrationReport, CameraReport, CaptureReport, DotReport, Grade, SliceReport, TargetReport,
+};
 use crate::model::request::CalibrationOptions;
 use crate::model::{Homography, Warning};
 
@@ -37,18 +42,124 @@ pub fn report(slices: &dyn Slices, options: &CalibrationOptions, seen: &Seen, so
         _ => None,
     };
     let warnings = warnings(slices, seen, &profile, solution.reference);
+    let verdict = verdict(&profile, solution.reference);
+    let capture_mode = rail::capture_mode(&solution.known, width, height);
+    let found = Found { profile: &profile, warnings: &warnings, verdict: &verdict, capture_mode, magnification };
+    let report = in_full(slices, options, seen, &solution, &found);
     Calibration {
         width,
         height,
         reference_index: solution.reference,
         dot_pitch_px,
         magnification,
-        capture_mode: rail::capture_mode(&solution.known, width, height),
-        verdict: verdict(&profile, solution.reference),
+        capture_mode,
+        verdict,
+        report,
         warnings,
         slices: profile,
         dots: solution.slices.into_iter().map(|s| s.dots).collect(),
     }
+}
+
+/// What was concluded from the solution.
+struct Found<'a> {
+    profile: &'a [ProfileSlice],
+    warnings: &'a [Warning],
+    verdict: &'a str,
+    capture_mode: Option<CaptureMode>,
+    magnification: Option<f64>,
+}
+
+/// Most dots of one slice that are kept for the report.
+const MOST_DOTS: usize = 2000;
+
+/// The report with all that is known so far: no law, no other families of maps, no blur.
+fn in_full(
+    slices: &dyn Slices,
+    options: &CalibrationOptions,
+    seen: &Seen,
+    solution: &Solution,
+    found: &Found<'_>,
+) -> CalibrationReport {
+    let base = seen.sightings[solution.reference].as_ref();
+    let worst = found.profile.iter().filter_map(|slice| slice.corner_sigma_px).fold(0.0, f64::max);
+    let one = |(index, slice): (usize, &ProfileSlice)| SliceReport {
+        index: index as u32,
+        name: slices.name(index).to_owned(),
+        scale: slice.scale,
+        law_scale: None,
+        shift_px: slice.shift_px,
+        law_shift_px: None,
+        off_law_px: None,
+        blur_radius_px: None,
+        contrast: None,
+        gain: slice.gain,
+        clipped: seen.sightings[index].as_ref().map(|s| s.clipped),
+        dots_found: slice.dots_found.unwrap_or(0),
+        inliers: slice.inliers.unwrap_or(0),
+        rms_px: slice.rms_px,
+        corner_sigma_px: slice.corner_sigma_px.unwrap_or(0.0),
+        interpolated: slice.interpolated,
+        dots: dots(&solution.slices[index].dots, &slice.homography, base),
+    };
+    CalibrationReport {
+        width: seen.width as u32,
+        height: seen.height as u32,
+        reference_index: solution.reference as u32,
+        verdict: found.verdict.to_owned(),
+        grade: match worst {
+            w if w <= GOOD => Grade::Good,
+            w if w <= 2.0 * GOOD => Grade::Usable,
+            _ => Grade::Poor,
+        },
+        findings: found.warnings.to_vec(),
+        target: TargetReport {
+            pitch_px: base.map_or(0.0, |s| s.pitch),
+            pitch_mm: options.target_pitch_mm,
+            fill: 0.0,
+            bright_dots: seen.target.polarity == Polarity::LightOnDark,
+            asymmetric: false,
+            dots: base.map_or(0, |s| s.dots.len() as u32),
+            coverage: coverage(seen, solution.reference).unwrap_or(0.0),
+            magnification: found.magnification,
+        },
+        model: HomographyModel::Homography,
+        model_reason: "eight free numbers per slice, fitted to the dots that the slice shares with the reference slice"
+            .into(),
+        candidates: Vec::new(),
+        capture: CaptureReport {
+            told: None,
+            found: found.capture_mode,
+            detail: match found.capture_mode {
+                Some(_) => "the scales of the slices follow this law and not the other".into(),
+                None => "the scales of the slices fit both laws, or neither".into(),
+            },
+        },
+        rail: None,
+        camera: CameraReport {
+            pixel_pitch_mm: options.pixel_pitch_mm,
+            detail: "not computed".into(),
+            ..CameraReport::default()
+        },
+        slices: found.profile.iter().enumerate().map(one).collect(),
+    }
+}
+
+/// The dots of a slice, every so many of them when they are many.
+fn dots(dots: &[Dot], homography: &Homography, base: Option<&Sighting>) -> Vec<DotReport> {
+    let every = dots.len().div_ceil(MOST_DOTS).max(1);
+    let one = |dot: &Dot| {
+        let miss = base.and_then(|base| base.dots.get(&dot.label)).map(|reference| {
+            let sent = homography.apply(dot.at);
+            [sent[0] - reference.at[0], sent[1] - reference.at[1]]
+        });
+        DotReport {
+            at: dot.at,
+            residual: miss.filter(|miss| dot.used != DotUse::Unused && miss.iter().all(|v| v.is_finite())),
+            inlier: dot.used == DotUse::Inlier,
+        }
+    };
+    dots.iter().step_by(every).map(one).collect()
 }
 
 /// Names of slices, at most five of them.
