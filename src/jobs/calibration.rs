@@ -1,4 +1,4 @@
-//! Measuring one profile: archive, dots, homographies, overlays.
+//! Measuring one profile: archive, dots, homographies, overlays, report.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -51,7 +51,9 @@ pub fn run(
 
     let writing = Phase::new(watcher, &[("writing", 1.0)], MEASURED, 1.0);
     let press = Press::new(bench, watcher);
-    let (artifacts, files) = overlays(archive.front(), &measured, &press, &writing)?.into_iter().unzip();
+    let mut pressed = overlays(archive.front(), &measured, &press, &writing)?;
+    pressed.push(press.json("report", &measured.report)?);
+    let (artifacts, files) = pressed.into_iter().unzip();
 
     let draft = ProfileDraft {
         input,
@@ -118,7 +120,7 @@ mod tests {
     use super::*;
     use crate::{
         jobs::testkit::{Laid, Recorder, front_zip, picture, rig, target_zip},
-        model::{Code, Homography, request::CalibrationOptions, request::JobRequest},
+        model::{Code, Homography, report::CalibrationReport, request::CalibrationOptions, request::JobRequest},
     };
 
     fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, Stop> {
@@ -143,6 +145,15 @@ mod tests {
             let (artifact, overlay) = picture(&made, &format!("overlay-{i}"));
             assert_eq!((overlay.width, overlay.height, artifact.media_type.as_str()), (240, 180, "image/png"));
         }
+        let report = made.outcome.artifacts().iter().zip(&made.files).find(|(artifact, _)| artifact.name == "report");
+        let (artifact, file) = report.expect("a report");
+        assert_eq!(artifact.media_type, "application/json");
+        let report: CalibrationReport =
+            serde_json::from_slice(&std::fs::read(&file.path).expect("its file")).expect("a report");
+        assert_eq!((report.slices.len(), report.reference_index as usize), (rig().slices(), rig().reference));
+        assert!(
+            report.slices.iter().all(|slice| slice.dots.len() == slice.dots_found as usize && !slice.name.is_empty())
+        );
         let reports = recorder.reports.into_inner().unwrap();
         assert_eq!(reports.last().map(|progress| progress.fraction), Some(1.0));
     }

@@ -1,10 +1,11 @@
-//! Pictures into the files of a job: written into the scratch folder, hashed, named as artifacts.
+//! Pictures and documents into the files of a job: written into the scratch folder, hashed, named as artifacts.
 
 use std::{
     fs::File,
     io::{self, BufWriter, Read, Seek, SeekFrom, Write},
 };
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{Bench, MadeFile, Watcher};
@@ -43,14 +44,28 @@ impl<'a> Press<'a> {
         picture: &Raster,
         metadata: &Metadata,
     ) -> Result<Pressed, Stop> {
+        match format {
+            ImageFormat::Png => self.file(name, "png", "image/png", |out| encode_png(out, picture, metadata)),
+            ImageFormat::Tiff => self.file(name, "tif", "image/tiff", |out| encode_tiff(out, picture, metadata)),
+        }
+    }
+
+    /// Writes `value` as artifact `name`, a JSON document.
+    pub(super) fn json(&self, name: &str, value: &impl Serialize) -> Result<Pressed, Stop> {
+        self.file(name, "json", "application/json", |out| Ok(serde_json::to_writer(out, value)?))
+    }
+
+    fn file(
+        &self,
+        name: &str,
+        extension: &str,
+        media_type: &str,
+        fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
+    ) -> Result<Pressed, Stop> {
         self.watcher.check()?;
-        let (extension, media_type) = match format {
-            ImageFormat::Png => ("png", "image/png"),
-            ImageFormat::Tiff => ("tif", "image/tiff"),
-        };
         let file_name = format!("{name}.{extension}");
         let path = self.bench.scratch.join(&file_name);
-        let written = self.write(&path, format, picture, metadata);
+        let written = self.write(&path, fill);
         let (bytes, sha256) = written.map_err(|error| self.stop(&error))?;
         let key = result_key(self.bench.job.id, self.bench.job.lease_token, &file_name);
         let artifact =
@@ -61,16 +76,11 @@ impl<'a> Press<'a> {
     fn write(
         &self,
         path: &std::path::Path,
-        format: ImageFormat,
-        picture: &Raster,
-        metadata: &Metadata,
+        fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
     ) -> io::Result<(u64, String)> {
         let file = File::options().create_new(true).read(true).write(true).open(path)?;
         let mut out = BufWriter::with_capacity(1 << 20, Watched { file, watcher: self.watcher });
-        match format {
-            ImageFormat::Png => encode_png(&mut out, picture, metadata)?,
-            ImageFormat::Tiff => encode_tiff(&mut out, picture, metadata)?,
-        }
+        fill(&mut out)?;
         let mut written = out.into_inner().map_err(io::IntoInnerError::into_error)?;
         // hashed afterwards: a TIFF is not written from front to back
         written.file.seek(SeekFrom::Start(0))?;
@@ -105,6 +115,9 @@ impl<'a> Press<'a> {
         }
     }
 }
+
+/// What an artifact is written through.
+type Out<'a> = BufWriter<Watched<'a>>;
 
 /// A file that refuses to go on once the job is no longer wanted.
 struct Watched<'a> {

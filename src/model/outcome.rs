@@ -8,12 +8,12 @@ use super::{metrics::Metrics, profile::ProfileSlice};
 /// One file that a job made. It becomes visible only with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Artifact {
-    /// `image`, `mask`, `backlight`, `depth`, `preview`, or `overlay-{slice}`.
+    /// `image`, `mask`, `backlight`, `depth`, `preview`, `overlay-{slice}`, or `report`.
     pub name: String,
     /// Key in the blob store; not shown.
     #[serde(skip_serializing_if = "String::is_empty", default)]
     pub key: String,
-    /// `image/png` or `image/tiff`.
+    /// `image/png` or `image/tiff`; `application/json` of a report.
     pub media_type: String,
     /// Size.
     pub bytes: u64,
@@ -48,7 +48,7 @@ pub struct StackOutcome {
 /// What a calibration made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationOutcome {
-    /// The files: one overlay per slice.
+    /// The files: one overlay per slice, and the report.
     pub artifacts: Vec<Artifact>,
     /// The revision that was stored.
     pub profile_revision: u32,
