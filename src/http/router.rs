@@ -20,12 +20,14 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(profiles::list::list))
         .routes(routes!(profiles::get::get, profiles::put::put, profiles::delete::delete))
         .routes(routes!(profiles::revisions::revisions))
+        .routes(routes!(profiles::drift::drift))
         // calibrations
         .routes(routes!(calibrations::create::create))
         .routes(routes!(calibrations::list::list))
         .routes(routes!(calibrations::get::get, calibrations::delete::delete))
         .routes(routes!(calibrations::events::events))
         .routes(routes!(calibrations::overlay::overlay))
+        .routes(routes!(calibrations::report::report))
         .routes(routes!(calibrations::cancel::cancel))
         // stacks
         .routes(routes!(stacks::list::list, stacks::create::create))

@@ -7,6 +7,7 @@ mod configuration;
 mod forms;
 mod lifecycle;
 mod profiles;
+mod reports;
 mod results;
 mod service;
 mod watching;

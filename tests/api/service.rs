@@ -111,6 +111,8 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         ("/v1/calibrations/{id}", "get"),
         ("/v1/calibrations/{id}/events", "get"),
         ("/v1/calibrations/{id}/overlay", "get"),
+        ("/v1/calibrations/{id}/report", "get"),
+        ("/v1/profiles/{rig}/{lens}/drift", "get"),
         ("/healthz", "get"),
         ("/readyz", "get"),
         ("/metrics", "get"),

@@ -8,3 +8,4 @@ pub mod get;
 pub mod list;
 pub mod order;
 pub mod overlay;
+pub mod report;

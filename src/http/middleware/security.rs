@@ -11,7 +11,8 @@ use axum::{
 /// and "try it out" talks to this server only.
 const DOCS_POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
                            object-src 'none'; base-uri 'none'; frame-ancestors 'none'";
-/// Answers of the API are data: nothing in them may run or load anything.
+/// Answers of the API are data: nothing in them may run or load anything. A page that needs more says so itself, and its own
+/// policy stands.
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
 
 /// The layer.
@@ -21,7 +22,7 @@ pub async fn headers(request: Request, next: Next) -> Response {
     let policy = if is_docs { DOCS_POLICY } else { DATA_POLICY };
     let headers = response.headers_mut();
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
-    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy));
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(HeaderValue::from_static(policy));
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
     headers
         .entry(HeaderName::from_static("cross-origin-resource-policy"))

@@ -1,6 +1,7 @@
 //! Calibration profiles: one endpoint per file.
 
 pub mod delete;
+pub mod drift;
 pub mod get;
 pub mod list;
 pub mod put;

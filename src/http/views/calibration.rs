@@ -8,6 +8,7 @@ use crate::{
     model::{
         outcome::JobOutcome,
         profile::ProfileSlice,
+        report::{CalibrationReport, Drift},
         request::{CalibrationOptions, JobRequest, StackLayout},
     },
     store::Job,
@@ -25,7 +26,7 @@ pub struct Calibration {
     pub slices: StackLayout,
     /// What was measured; null before the end.
     pub result: Option<CalibrationResult>,
-    /// The files that were made; empty before the end.
+    /// The pictures that were made; empty before the end.
     pub artifacts: Vec<ArtifactView>,
     /// Where to go from here.
     pub links: CalibrationLinks,
@@ -50,6 +51,16 @@ pub struct CalibrationResult {
     pub verdict: String,
 }
 
+/// The report of a calibration, as data.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportView {
+    /// What was found.
+    #[serde(flatten)]
+    pub report: CalibrationReport,
+    /// How far the rig moved since the revision before; null when there is none.
+    pub drift: Option<Drift>,
+}
+
 /// URLs of a calibration; those of results are there once the results are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationLinks {
@@ -67,7 +78,13 @@ pub struct CalibrationLinks {
     /// The reference slice with the dots found; `?slice=N` shows another.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overlay: Option<String>,
+    /// What was found, as a page for the technician; as JSON with `Accept: application/json`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub report: Option<String>,
 }
+
+/// The artifact that the report is kept as.
+pub const REPORT: &str = "report";
 
 impl Calibration {
     /// The view of a row; `None` when the row is no calibration.
@@ -82,8 +99,11 @@ impl Calibration {
             Some(slice) => format!("{url}/overlay?slice={slice}"),
             None => format!("{url}/{name}"),
         };
+        // the report is kept as a file but shown as a page that is made when it is asked for
+        let has_report = outcome.is_some_and(|o| o.artifacts.iter().any(|a| a.name == REPORT));
         let artifacts: Vec<ArtifactView> = outcome
-            .map(|o| o.artifacts.iter().map(|a| ArtifactView::of(a, href(&a.name))).collect())
+            .map(|o| o.artifacts.iter().filter(|a| a.name != REPORT))
+            .map(|pictures| pictures.map(|a| ArtifactView::of(a, href(&a.name))).collect())
             .unwrap_or_default();
         let result = outcome.map(|o| CalibrationResult {
             profile_revision: o.profile_revision,
@@ -99,6 +119,7 @@ impl Calibration {
             cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),
             profile: outcome.map(|o| profile_url(job, o.profile_revision)),
             overlay: outcome.map(|_| format!("{url}/overlay")),
+            report: has_report.then(|| format!("{url}/report")),
             this: url,
         };
         Some(Self {

@@ -1,0 +1,219 @@
+//! `GET /v1/calibrations/{id}/report`
+
+use std::sync::LazyLock;
+
+use axum::{
+    Json,
+    extract::State,
+    http::{HeaderMap, HeaderValue, Uri, header},
+    response::{IntoResponse, Response},
+};
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use tokio::io::AsyncReadExt;
+
+use crate::{
+    calibration::page::{self, Subject},
+    http::{
+        artifacts::{download, outcome},
+        extract::{JobId, params},
+        problem::{ApiError, ApiResult},
+        profiles::drift,
+        state::App,
+        views::calibration::{REPORT, ReportView},
+        watch::load::load,
+    },
+    model::{
+        Code, JobKind,
+        outcome::{Artifact, JobOutcome},
+        report::Drift,
+        request::JobRequest,
+    },
+    store::Job,
+};
+
+/// The page is one file with one style sheet inside, named by its hash: nothing may be loaded, run, sent or framed.
+static POLICY: LazyLock<Option<HeaderValue>> = LazyLock::new(|| {
+    let hash = base64(&Sha256::digest(page::STYLE.as_bytes()));
+    let policy = format!(
+        "default-src 'none'; style-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    HeaderValue::from_str(&policy).ok()
+});
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Parameters {
+    format: Option<Form>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Form {
+    Html,
+    Json,
+}
+
+/// What a calibration found
+///
+/// A page for the technician: verdict, findings, where the dots miss, what each slice gave, and how far the rig moved
+/// since the revision before. With `Accept: application/json` or `?format=json`, the same as data.
+#[utoipa::path(
+    get,
+    path = "/v1/calibrations/{id}/report",
+    tag = "calibrations",
+    params(
+        ("id" = String, Path, description = "Id of the calibration"),
+        ("format" = Option<String>, Query, description = "`html` or `json`; wins over `Accept`"),
+        ("Accept" = Option<String>, Header, description = "`text/html`, the default, or `application/json`"),
+    ),
+    responses(
+        (status = 200, description = "The report", content(
+            (String = "text/html"),
+            (ReportView = "application/json"),
+        )),
+        (status = 400, description = "`invalid_request`: `format` is none of the two"),
+        (status = 404, description = "`not_found`; `no_result`: it failed, was cancelled, or kept no report"),
+        (status = 406, description = "`not_acceptable`: `Accept` names neither HTML nor JSON"),
+        (status = 409, description = "`not_finished`: it waits or runs"),
+    )
+)]
+pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
+    let Parameters { format } = params::from_uri(&uri)?;
+    let form = match format {
+        Some(form) => form,
+        None => accepted(&headers)?,
+    };
+    let job = load(&app, id, JobKind::Calibration).await?;
+    let (artifact, revision) = kept(&job)?;
+    let bytes = read(&app, artifact).await?;
+    let drift = since_before(&app, &job, revision).await?;
+    // thousands of dots: not on the threads that answer everybody else
+    let made = tokio::task::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
+    let mut response = made.await.map_err(ApiError::internal)??;
+    let headers = response.headers_mut();
+    headers.insert(header::VARY, HeaderValue::from_static("accept"));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
+    Ok(response)
+}
+
+/// The kept report of a calibration, and the revision that it made.
+fn kept(job: &Job) -> ApiResult<(&Artifact, u32)> {
+    let outcome = outcome::of(job)?;
+    let revision = match outcome {
+        JobOutcome::Calibration(calibration) => calibration.profile_revision,
+        JobOutcome::Stack(_) => 0,
+    };
+    let artifact = outcome.artifacts().iter().find(|artifact| artifact.name == REPORT);
+    let none = || {
+        let detail =
+            "this calibration kept no report: it was made before reports were; send the target stack again to get one";
+        ApiError::new(Code::NoResult, detail)
+    };
+    Ok((artifact.ok_or_else(none)?, revision))
+}
+
+async fn read(app: &App, artifact: &Artifact) -> ApiResult<Vec<u8>> {
+    let mut download = download::stored(app, artifact, String::new()).await?;
+    let mut bytes = Vec::new();
+    download.file.read_to_end(&mut bytes).await.map_err(ApiError::internal)?;
+    Ok(bytes)
+}
+
+/// How far the rig moved between the revision before and the one that the job made, deleted since or not.
+async fn since_before(app: &App, job: &Job, revision: u32) -> ApiResult<Option<Drift>> {
+    let Some(own) = app.rows.profile_of_job(&job.rig, &job.lens, revision).await? else { return Ok(None) };
+    let before = drift::before(app, &job.rig, &job.lens, revision).await?;
+    Ok(before.map(|before| drift::between(&before, &own)))
+}
+
+fn answer(form: Form, job: &Job, revision: u32, bytes: &[u8], drift: Option<Drift>) -> ApiResult<Response> {
+    let report = serde_json::from_slice(bytes).map_err(ApiError::internal)?;
+    if form == Form::Json {
+        return Ok(Json(ReportView { report, drift }).into_response());
+    }
+    let note = match &job.request {
+        JobRequest::Calibration(request) => request.options.note.as_deref(),
+        JobRequest::Stack(_) => None,
+    };
+    let ended = job.finished_at.unwrap_or(job.created_at);
+    let measured = ended.strftime("%Y-%m-%d %H:%M UTC").to_string();
+    let subject = Subject { rig: job.rig.as_str(), lens: job.lens.as_str(), revision, measured: &measured, note };
+    let html = page::page(&subject, &report, drift.as_ref());
+    let mut response = ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], html).into_response();
+    if let Some(policy) = POLICY.as_ref() {
+        response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy.clone());
+    }
+    Ok(response)
+}
+
+/// The form that the client wants more; the page when it does not care.
+fn accepted(headers: &HeaderMap) -> ApiResult<Form> {
+    let ranges: Vec<(String, f64)> = headers
+        .get_all(header::ACCEPT)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .filter_map(|range| {
+            let mut parts = range.split(';');
+            let kind = parts.next()?.trim().to_ascii_lowercase();
+            let quality = parts.find_map(|part| part.trim().strip_prefix("q=")?.trim().parse().ok()).unwrap_or(1.0);
+            (!kind.is_empty()).then_some((kind, quality))
+        })
+        .collect();
+    if ranges.is_empty() {
+        return Ok(Form::Html);
+    }
+    // the most specific range decides
+    let quality = |names: [&str; 3]| {
+        names.iter().find_map(|name| ranges.iter().find(|(kind, _)| kind == name)).map_or(0.0, |(_, quality)| *quality)
+    };
+    let html = quality(["text/html", "text/*", "*/*"]);
+    let json = quality(["application/json", "application/*", "*/*"]);
+    match (html, json) {
+        (html, json) if html > 0.0 && html >= json => Ok(Form::Html),
+        (_, json) if json > 0.0 => Ok(Form::Json),
+        _ => Err(ApiError::new(Code::NotAcceptable, "the report can be had as text/html or application/json")),
+    }
+}
+
+/// As a content policy writes a hash.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::new();
+    for three in bytes.chunks(3) {
+        let word = three.iter().enumerate().fold(0_u32, |word, (i, byte)| word | u32::from(*byte) << (16 - 8 * i));
+        for place in 0..4 {
+            let letter = LETTERS.get((word >> (18 - 6 * place) & 63) as usize).copied().unwrap_or(b'=');
+            out.push(if place > three.len() { '=' } else { char::from(letter) });
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn form(accept: &'static str) -> Option<Form> {
+        accepted(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_static(accept))])).ok()
+    }
+
+    #[test]
+    fn the_page_is_served_unless_json_is_wanted_more() {
+        assert_eq!(accepted(&HeaderMap::new()).ok(), Some(Form::Html));
+        assert_eq!(form("*/*"), Some(Form::Html));
+        assert_eq!(form("text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"), Some(Form::Html));
+        assert_eq!(form("application/json"), Some(Form::Json));
+        assert_eq!(form("application/json, */*;q=0.5"), Some(Form::Json));
+        assert_eq!(form("text/html;q=0, */*"), Some(Form::Json));
+        assert_eq!(form("image/png"), None);
+    }
+
+    #[test]
+    fn base64_is_as_the_rfc_has_it() {
+        for (plain, coded) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")] {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+}
