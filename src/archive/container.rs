@@ -25,10 +25,45 @@ const END_RECORD_BYTES: u64 = 22 + 65_535;
 /// Deflate cannot make more than this of one byte; keeps a lying size from being allocated.
 const LARGEST_RATIO: u64 = 1_100;
 
-/// A file that many readers read at places of their own, with a budget of bytes that can be closed and opened.
+/// Where the bytes of a zip lie.
+enum Source {
+    Disk(File),
+    Memory(Vec<u8>),
+}
+
+impl Source {
+    fn length(&self) -> io::Result<u64> {
+        match self {
+            Self::Disk(file) => Ok(file.metadata()?.len()),
+            Self::Memory(bytes) => Ok(bytes.len() as u64),
+        }
+    }
+
+    fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+        match self {
+            Self::Disk(file) => file.read_at(buffer, at),
+            Self::Memory(bytes) => {
+                let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
+                (&mut &*rest).read(buffer)
+            }
+        }
+    }
+
+    fn read_exact_at(&self, buffer: &mut [u8], at: u64) -> io::Result<()> {
+        match self {
+            Self::Disk(file) => file.read_exact_at(buffer, at),
+            Self::Memory(bytes) => {
+                let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
+                (&mut &*rest).read_exact(buffer)
+            }
+        }
+    }
+}
+
+/// A source that many readers read at places of their own, with a budget of bytes that can be closed and opened.
 #[derive(Clone)]
 struct Shared {
-    file: Arc<File>,
+    source: Arc<Source>,
     length: u64,
     at: u64,
     budget: Arc<AtomicU64>,
@@ -39,7 +74,7 @@ const BUDGET_SPENT: &str = "directory budget spent";
 
 impl Read for Shared {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.file.read_at(buffer, self.at)?;
+        let read = self.source.read_at(buffer, self.at)?;
         let spend = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(read as u64) };
         if self.budget.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend).is_err() {
             return Err(io::Error::other(BUDGET_SPENT));
@@ -79,15 +114,22 @@ pub(super) struct Container {
 }
 
 impl Container {
-    /// Reads the directory.
+    /// Reads the directory of a file.
     pub(super) fn open(path: &Path, limits: &ArchiveLimits) -> Result<Self, Fault> {
-        let unreadable = |error: io::Error| Fault::new(Code::Internal, format!("the upload cannot be read: {error}"));
-        let file = File::open(path).map_err(unreadable)?;
-        let length = file.metadata().map_err(unreadable)?.len();
-        refuse_what_is_no_zip(&file, length).map_err(unreadable)??;
+        Self::of(Source::Disk(File::open(path).map_err(unreadable)?), limits)
+    }
+
+    /// Reads the directory of a small zip that is in memory.
+    pub(super) fn in_memory(bytes: Vec<u8>, limits: &ArchiveLimits) -> Result<Self, Fault> {
+        Self::of(Source::Memory(bytes), limits)
+    }
+
+    fn of(source: Source, limits: &ArchiveLimits) -> Result<Self, Fault> {
+        let length = source.length().map_err(unreadable)?;
+        refuse_what_is_no_zip(&source, length).map_err(unreadable)??;
 
         let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
-        let shared = Shared { file: Arc::new(file), length, at: 0, budget: budget.clone() };
+        let shared = Shared { source: Arc::new(source), length, at: 0, budget: budget.clone() };
         let directory_fault = |error: ZipError| match error {
             ZipError::Io(error) if error.to_string() == BUDGET_SPENT => {
                 Fault::new(Code::ArchiveTooLarge, "the directory of the zip is too large to be one of a focus stack")
@@ -192,6 +234,16 @@ impl Container {
         Ok(bytes)
     }
 
+    /// The first `most` bytes of a member (all of a shorter one), however large it says it is. Its CRC is not checked.
+    pub(super) fn read_start(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Vec<u8>, Fault> {
+        self.refuse_unreadable(member, &ArchiveLimits { max_member_bytes: u64::MAX, ..*limits })?;
+        let mut zip = self.zip.clone();
+        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let mut bytes = Vec::new();
+        entry.take(most).read_to_end(&mut bytes).map_err(|error| damaged(&member.name, &error))?;
+        Ok(bytes)
+    }
+
     /// The header of a picture; reads no more of it than it takes.
     pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits) -> Result<Header, Fault> {
         self.refuse_unreadable(member, limits)?;
@@ -211,6 +263,11 @@ impl Container {
         }
         header.map_err(picture_fault)
     }
+}
+
+/// A disk that does not give what was written to it.
+fn unreadable(error: io::Error) -> Fault {
+    Fault::new(Code::Internal, format!("the upload cannot be read: {error}"))
 }
 
 /// A directory that does not fit the file.
@@ -238,7 +295,7 @@ fn method_name(method: CompressionMethod) -> String {
 }
 
 /// Tells files that are no zip, and zips that end early, from zips: their sentences differ.
-fn refuse_what_is_no_zip(file: &File, length: u64) -> io::Result<Result<(), Fault>> {
+fn refuse_what_is_no_zip(file: &Source, length: u64) -> io::Result<Result<(), Fault>> {
     let invalid = |detail: &str| Ok(Err(Fault::new(Code::InvalidArchive, detail)));
     if length == 0 {
         return invalid("the upload is empty (0 bytes); send the zip as the body");

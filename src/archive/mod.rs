@@ -1,4 +1,4 @@
-//! From a hostile zip to ordered slices.
+//! From a hostile zip to ordered slices, and from a hostile numpy file to matrices ([`npy`], [`npz`]).
 //!
 //! A zip is never extracted: names are labels, not paths; nothing is written to disk; one member is in memory at a
 //! time, and never more of it than its declared size and [`ArchiveLimits`] allow. Everything that the directory and
@@ -18,6 +18,8 @@ mod headers;
 mod layout;
 mod manifest;
 mod names;
+pub mod npy;
+pub mod npz;
 mod order;
 mod slices;
 mod window;
