@@ -1,12 +1,13 @@
 //! Homographies: slice pixel -> reference-slice pixel.
 
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de};
 use utoipa::ToSchema;
 
 /// A plane projective map, 9 numbers row-major with `[8] == 1`, from **slice pixels to reference-slice
-/// pixels**. x right, y down, the centre of the top-left pixel is (0, 0).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// pixels**. x right, y down, the centre of the top-left pixel is (0, 0). Three rows of three are read as well; what is
+/// written is always 9 numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[serde(transparent)]
 #[schema(value_type = [f64; 9])]
 pub struct Homography(pub [f64; 9]);
@@ -117,5 +118,117 @@ impl Homography {
             }
         }
         None
+    }
+}
+
+impl<'de> Deserialize<'de> for Homography {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_seq(Numbers)
+    }
+}
+
+/// What a homography is read from.
+const FORM: &str = "9 numbers, or 3 rows of 3";
+
+/// Reads 9 numbers, or 3 rows of 3: what `tolist()` makes of a numpy matrix.
+struct Numbers;
+
+impl<'de> de::Visitor<'de> for Numbers {
+    type Value = Homography;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(FORM)
+    }
+
+    fn visit_seq<A: de::SeqAccess<'de>>(self, mut list: A) -> Result<Homography, A::Error> {
+        let (mut numbers, mut count, mut rows) = ([0.0; 9], 0, 0);
+        let mut take = |value: f64| {
+            if let Some(place) = numbers.get_mut(count) {
+                *place = value;
+            }
+            count += 1;
+        };
+        while let Some(element) = list.next_element::<Element>()? {
+            match element {
+                Element::Number(value) => take(value),
+                Element::Row(row) => {
+                    rows += 1;
+                    row.into_iter().for_each(&mut take);
+                }
+            }
+        }
+        match (count, rows) {
+            (9, 0 | 3) => Ok(Homography(numbers)),
+            (9, _) => Err(de::Error::custom(format!("mixes rows and numbers; a homography is {FORM}"))),
+            _ => Err(de::Error::invalid_length(count, &self)),
+        }
+    }
+}
+
+enum Element {
+    Number(f64),
+    Row([f64; 3]),
+}
+
+impl<'de> Deserialize<'de> for Element {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+
+        impl<'de> de::Visitor<'de> for Either {
+            type Value = Element;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a number, or a row of 3")
+            }
+
+            fn visit_f64<E>(self, value: f64) -> Result<Element, E> {
+                Ok(Element::Number(value))
+            }
+
+            fn visit_i64<E>(self, value: i64) -> Result<Element, E> {
+                Ok(Element::Number(value as f64))
+            }
+
+            fn visit_u64<E>(self, value: u64) -> Result<Element, E> {
+                Ok(Element::Number(value as f64))
+            }
+
+            fn visit_seq<A: de::SeqAccess<'de>>(self, row: A) -> Result<Element, A::Error> {
+                <[f64; 3]>::deserialize(de::value::SeqAccessDeserializer::new(row)).map(Element::Row)
+            }
+        }
+
+        deserializer.deserialize_any(Either)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Homography, String> {
+        serde_json::from_str(text).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn nine_numbers_and_three_rows_are_the_same_and_nine_are_written() {
+        let flat = read("[1, 0, 0.5, 0, 1, -2, 0, 0, 1]");
+        assert_eq!(flat, read("[[1, 0, 0.5], [0, 1, -2], [0, 0, 1]]"));
+        let flat = flat.expect("nine numbers");
+        assert_eq!(flat, Homography::similarity(1.0, [0.5, -2.0]));
+        let written = serde_json::to_string(&flat).expect("finite numbers");
+        assert_eq!(written, "[1.0,0.0,0.5,0.0,1.0,-2.0,0.0,0.0,1.0]");
+    }
+
+    #[test]
+    fn other_shapes_are_refused_with_the_shape_that_is_wanted() {
+        for text in ["[1,2,3]", "[[1,0,0],[0,1,0]]", "[1,0,0,0,1,0,0,0,1,0]", "[]"] {
+            assert!(read(text).is_err_and(|told| told.contains("9 numbers, or 3 rows of 3")), "{text}");
+        }
+        assert!(read("[[1,0,0],[0,1,0],0,0,1]").is_err_and(|told| told.contains("mixes rows and numbers")));
+        assert!(read("[[1,0],[0,1],[0,0]]").is_err());
+        assert!(read("[[[1,0,0]]]").is_err());
+        assert!(read(r#"["1",0,0,0,1,0,0,0,1]"#).is_err());
+        assert!(read("{}").is_err());
     }
 }

@@ -6,6 +6,7 @@ pub mod control;
 pub mod error;
 pub mod homography;
 pub mod job;
+pub mod matrices;
 pub mod metrics;
 pub mod name;
 pub mod options;
@@ -13,6 +14,7 @@ pub mod outcome;
 pub mod profile;
 pub mod report;
 pub mod request;
+pub mod rig_parameters;
 
 pub use control::{Cancelled, Control, Stop, Unwatched};
 pub use error::{Code, Fault, Problem, Warning};
