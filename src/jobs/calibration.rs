@@ -61,6 +61,8 @@ pub fn run(
         calibration_id: Some(bench.job.id),
         model: HomographyModel::Homography,
         slices: measured.slices.clone(),
+        origin: None,
+        warnings: Vec::new(),
     };
     let mut warnings = archive.warnings().to_vec();
     warnings.extend(measured.warnings);

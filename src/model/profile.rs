@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::{Code, Fault, Homography, Name, error::FaultPlace};
+use super::{Code, Fault, Homography, Name, Warning, error::FaultPlace};
 
 /// What moves between slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -45,7 +45,8 @@ pub enum HomographyModel {
     Given,
 }
 
-/// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere.
+/// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere. Members that are not listed here are passed
+/// over, so what `GET` shows can be sent again.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileInput {
     /// Width of every slice in px.
@@ -84,6 +85,19 @@ pub struct ProfileInput {
     /// Free text, at most 4,000 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
+}
+
+impl ProfileInput {
+    /// [`ProfileInput::principal_distance_mm`] in px, what photogrammetry calls the focal length; none when the distance
+    /// or the pixel pitch is not known.
+    pub fn principal_distance_px(&self) -> Option<f64> {
+        Some(self.principal_distance_mm? / self.pixel_pitch_mm?)
+    }
+
+    /// The gain of slice `index`: 1 where none is given.
+    pub fn gain(&self, index: usize) -> f64 {
+        self.gains.as_ref().and_then(|gains| gains.get(index)).copied().unwrap_or(1.0)
+    }
 }
 
 /// Most slices that a stack can have.
@@ -224,6 +238,25 @@ pub struct ProfileSlice {
     pub interpolated: bool,
 }
 
+/// The profile that an imported one is a copy of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileOrigin {
+    /// The rig's name there.
+    pub rig: Name,
+    /// The lens's name there.
+    pub lens: Name,
+    /// Its revision there.
+    pub revision: u32,
+    /// Its digest.
+    pub digest: String,
+    /// When it was stored there.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: Timestamp,
+    /// The calibration that measured it there, when one did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration_id: Option<Uuid>,
+}
+
 /// A calibration profile at one revision. A revision never changes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Profile {
@@ -240,10 +273,19 @@ pub struct Profile {
     pub created_at: Timestamp,
     /// Uploaded or measured.
     pub source: ProfileSource,
-    /// The calibration that measured it, when one did.
+    /// The calibration that measured it, when one did on this server.
     pub calibration_id: Option<Uuid>,
+    /// The profile that this one was imported from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<ProfileOrigin>,
     /// Family of maps the homographies belong to.
     pub model: HomographyModel,
+    /// What was done to the numbers on their way in, and what else whoever uses them should know.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+    /// `principal_distance_mm` in px, what photogrammetry calls the focal length; only where `pixel_pitch_mm` is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub principal_distance_px: Option<f64>,
     /// Number of slices.
     pub slice_count: u32,
     /// What was given or measured, in the form in which it can be sent again.
@@ -254,6 +296,14 @@ pub struct Profile {
 }
 
 impl ProfileSlice {
+    /// The slices of a profile of which only the numbers are known.
+    pub fn all_given(input: &ProfileInput) -> Vec<Self> {
+        (0..)
+            .zip(input.homographies.iter().enumerate())
+            .map(|(index, (i, &h))| Self::given(index, h, input.gain(i), input.image_width, input.image_height))
+            .collect()
+    }
+
     /// What follows from the homography and the gain alone: the slices of an uploaded profile.
     pub fn given(index: u32, homography: Homography, gain: f64, width: u32, height: u32) -> Self {
         let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];

@@ -48,7 +48,7 @@ pub(crate) fn draft(scale: f64) -> ProfileDraft {
         ..ProfileInput::default()
     };
     let (source, model) = (ProfileSource::Upload, HomographyModel::Given);
-    ProfileDraft { input, source, calibration_id: None, model, slices }
+    ProfileDraft { input, source, calibration_id: None, model, slices, origin: None, warnings: vec![] }
 }
 
 pub(crate) async fn put(rows: &dyn Rows, rig: &str, lens: &str, scale: f64) -> Profile {

@@ -14,7 +14,7 @@ pub fn profile_digest(input: &ProfileInput) -> String {
         hash.update(number.to_le_bytes());
     }
     for (index, homography) in input.homographies.iter().enumerate() {
-        let gain = input.gains.as_ref().and_then(|gains| gains.get(index)).copied().unwrap_or(1.0);
+        let gain = input.gain(index);
         for number in homography.0.into_iter().chain([gain]) {
             // adding zero turns -0.0 into 0.0: they are the same number
             hash.update((number + 0.0).to_le_bytes());

@@ -22,7 +22,7 @@ use uuid::Uuid;
 use crate::model::{
     Fault, JobKind, JobState, Name, Progress, Warning,
     outcome::JobOutcome,
-    profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
+    profile::{HomographyModel, Profile, ProfileInput, ProfileOrigin, ProfileSlice, ProfileSource},
     request::JobRequest,
 };
 
@@ -56,6 +56,10 @@ pub struct ProfileDraft {
     pub model: HomographyModel,
     /// One entry per slice.
     pub slices: Vec<ProfileSlice>,
+    /// The profile that it is a copy of.
+    pub origin: Option<ProfileOrigin>,
+    /// What was done to the numbers on their way in.
+    pub warnings: Vec<Warning>,
 }
 
 /// What `If-Match` / `If-None-Match` demand of the current revision before a write.

@@ -1,7 +1,7 @@
 //! Profiles and revisions.
 
 use super::*;
-use crate::store::digest::profile_digest;
+use crate::{model::profile::ProfileOrigin, store::digest::profile_digest};
 
 pub(crate) async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
     let put = put(&*store.rows, "rig", "lens", 1.25).await;
@@ -10,6 +10,24 @@ pub(crate) async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
     assert_eq!(put.digest, profile_digest(&put.input));
     let got = store.rows.profile(&name("rig"), &name("lens"), None).await.unwrap();
     assert_eq!(got, Some(put));
+}
+
+pub(crate) async fn an_imported_profile_remembers_its_origin_and_its_warnings(store: Fresh) {
+    let origin = ProfileOrigin {
+        rig: name("there"),
+        lens: name("macro"),
+        revision: 7,
+        digest: "0".repeat(64),
+        created_at: jiff::Timestamp::UNIX_EPOCH,
+        calibration_id: Some(uuid::Uuid::nil()),
+    };
+    let warnings = vec![crate::model::Warning::new("rebased", "based on slice 1")];
+    let mut draft = ProfileDraft { origin: Some(origin.clone()), warnings: warnings.clone(), ..draft(1.5) };
+    (draft.input.principal_distance_mm, draft.input.pixel_pitch_mm) = (Some(130.0), Some(0.5));
+    let (rig, lens) = (name("rig"), name("lens"));
+    store.rows.put_profile(&rig, &lens, &draft, Precondition::Any).await.unwrap();
+    let got = store.rows.profile(&rig, &lens, None).await.unwrap().expect("it was stored");
+    assert_eq!((got.origin, got.warnings, got.principal_distance_px), (Some(origin), warnings, Some(260.0)));
 }
 
 pub(crate) async fn every_write_is_a_new_revision_and_old_ones_never_change(store: Fresh) {

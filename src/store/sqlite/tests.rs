@@ -29,6 +29,7 @@ macro_rules! conforms {
 
 conforms!(profiles:
     a_profile_comes_back_as_it_was_put,
+    an_imported_profile_remembers_its_origin_and_its_warnings,
     every_write_is_a_new_revision_and_old_ones_never_change,
     preconditions_decide_a_race,
     a_delete_hides_the_profile_and_keeps_the_numbering,
@@ -136,4 +137,21 @@ async fn a_revision_cannot_be_changed_even_by_sql() {
     assert!(sqlx::query("UPDATE revisions SET body = '{}'").execute(&rows.writer).await.is_err());
     assert!(sqlx::query("DELETE FROM revisions").execute(&rows.writer).await.is_err());
     assert_eq!(rows.profile(&put.rig, &put.lens, None).await.unwrap(), Some(put));
+}
+
+#[tokio::test]
+async fn a_revision_stored_before_profiles_had_an_origin_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let put = conformance::put(&rows, "rig", "lens", 1.5).await;
+    let mut body = serde_json::to_value(&put).unwrap();
+    for name in ["origin", "warnings", "principal_distance_px"] {
+        body.as_object_mut().unwrap().remove(name);
+    }
+    sqlx::query("INSERT INTO revisions (rig, lens, revision, body) VALUES ('rig', 'lens', 2, ?1)")
+        .bind(body.to_string())
+        .execute(&rows.writer)
+        .await
+        .unwrap();
+    assert_eq!(rows.profile(&put.rig, &put.lens, Some(2)).await.unwrap(), Some(put));
 }
