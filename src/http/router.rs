@@ -21,6 +21,9 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(profiles::get::get, profiles::put::put, profiles::delete::delete))
         .routes(routes!(profiles::revisions::revisions))
         .routes(routes!(profiles::drift::drift))
+        .routes(routes!(profiles::rig_parameters::rig_parameters))
+        .routes(routes!(profiles::export::export))
+        .routes(routes!(profiles::import::import))
         // calibrations
         .routes(routes!(calibrations::create::create))
         .routes(routes!(calibrations::list::list))
@@ -56,6 +59,7 @@ pub fn service(app: App) -> Router {
         // `curl -T stack.zip` sends PUT
         .route("/v1/stacks", put(stacks::create::create))
         .route("/v1/profiles/{rig}/{lens}/calibrations", put(calibrations::create::create))
+        .route("/v1/profiles/{rig}/{lens}/import", put(profiles::import::import))
         .merge(system::docs::routes())
         // uploads count their bytes themselves, JSON bodies have their own limit
         .layer(DefaultBodyLimit::disable())

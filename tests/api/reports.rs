@@ -98,6 +98,8 @@ async fn calibrated(app: &TestApp, shift: f64) -> String {
         calibration_id: Some(job.id),
         model: HomographyModel::Homography,
         slices: slices.clone(),
+        origin: None,
+        warnings: Vec::new(),
     };
     let outcome = JobOutcome::Calibration(CalibrationOutcome {
         artifacts: vec![kept(app, &job, &report(shift)).await],

@@ -12,10 +12,10 @@ use crate::{
     model::{Code, Fault, error::FaultPlace},
 };
 
-/// Largest JSON body: a profile of 1000 slices has about 200 kB.
+/// Largest JSON body: a profile of 1000 slices has about 200 kB, exported with everything 1 MB.
 const MAX_JSON_BYTES: usize = 4 << 20;
 
-/// Reads a whole JSON body.
+/// Reads a whole JSON body, or another one of the size of a profile.
 ///
 /// # Errors
 /// `upload_too_large` over the limit, `upload_incomplete` when it breaks off.
@@ -23,7 +23,7 @@ pub async fn read(body: Body) -> Result<Vec<u8>, ApiError> {
     match Limited::new(body, MAX_JSON_BYTES).collect().await {
         Ok(whole) => Ok(whole.to_bytes().to_vec()),
         Err(error) if error.is::<http_body_util::LengthLimitError>() => {
-            Err(ApiError::new(Code::UploadTooLarge, format!("a JSON body has at most {MAX_JSON_BYTES} bytes")))
+            Err(ApiError::new(Code::UploadTooLarge, format!("this body has at most {MAX_JSON_BYTES} bytes")))
         }
         Err(_) => Err(ApiError::new(Code::UploadIncomplete, "the body broke off before its end")),
     }

@@ -1,0 +1,109 @@
+//! `GET /v1/profiles/{rig}/{lens}/export`
+
+use axum::{
+    extract::State,
+    http::{HeaderMap, HeaderValue, StatusCode, Uri, header},
+    response::{IntoResponse, Response},
+};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use super::{file::ProfileFile, not_found};
+use crate::{
+    archive::{npy, npz},
+    http::{
+        extract::{
+            ProfileKey,
+            conditional::{etag, not_modified},
+            params,
+        },
+        problem::{ApiError, ApiResult},
+        state::App,
+    },
+    model::profile::Profile,
+};
+
+/// The form of the file.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ExportFormat {
+    /// Everything, for `.../import`.
+    #[default]
+    Json,
+    /// The numbers, for numpy.
+    Npz,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Parameters {
+    revision: Option<u32>,
+    #[serde(default)]
+    format: ExportFormat,
+}
+
+/// Export a profile
+///
+/// As a file to keep or to import on another server (`json`: everything, with a checksum), or for numpy (`npz`: arrays
+/// `homographies` (N, 3, 3), `gains` (N), `image_size` (width, height), `reference_index`, and `rail_positions_mm` (N) where
+/// they are known).
+#[utoipa::path(
+    get,
+    path = "/v1/profiles/{rig}/{lens}/export",
+    tag = "profiles",
+    params(
+        ("rig" = String, Path, description = "Name of the rig"),
+        ("lens" = String, Path, description = "Name of the lens"),
+        ("revision" = Option<u32>, Query, description = "An older revision"),
+        ("format" = Option<ExportFormat>, Query, description = "`json` (default) or `npz`"),
+        ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
+    ),
+    responses(
+        (status = 200, description = "The file", content((ProfileFile = "application/json"), (Vec<u8> = "application/x-npz")), headers(
+            ("ETag" = String, description = "The revision"), ("Content-Disposition" = String, description = "A sensible name"))),
+        (status = 304, description = "The client has it already"),
+        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+        (status = 404, description = "`profile_not_found`"),
+    )
+)]
+pub async fn export(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
+    let Parameters { revision, format } = params::from_uri(&uri)?;
+    let profile = app.rows.profile(&key.rig, &key.lens, revision).await?;
+    let profile = profile.ok_or_else(|| not_found(&key.rig, &key.lens, revision))?;
+    let tag = profile.revision.to_string();
+    let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
+    if not_modified(&headers, &tag) {
+        return Ok((StatusCode::NOT_MODIFIED, common).into_response());
+    }
+    let name = format!("{}_{}_r{}", profile.rig, profile.lens, profile.revision);
+    let (extension, media_type, bytes) = match format {
+        ExportFormat::Json => ("json", "application/json", as_json(profile)?),
+        ExportFormat::Npz => ("npz", "application/x-npz", as_npz(&profile)?),
+    };
+    // a name has no character that would need quoting
+    let disposition = format!("attachment; filename=\"{name}.{extension}\"");
+    let kind = [(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_DISPOSITION, disposition)];
+    Ok((common, kind, bytes).into_response())
+}
+
+fn as_json(profile: Profile) -> ApiResult<Vec<u8>> {
+    let file = ProfileFile::of(profile).map_err(ApiError::internal)?;
+    let mut bytes = serde_json::to_vec_pretty(&file).map_err(ApiError::internal)?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+fn as_npz(profile: &Profile) -> ApiResult<Vec<u8>> {
+    let input = &profile.input;
+    let count = input.homographies.len();
+    let mut arrays = vec![
+        (npz::HOMOGRAPHIES, npy::of_floats(&[count, 3, 3], input.homographies.iter().flat_map(|h| h.0))),
+        ("gains", npy::of_floats(&[count], (0..count).map(|i| input.gain(i)))),
+        ("image_size", npy::of_integers(&[2], [input.image_width.into(), input.image_height.into()])),
+        ("reference_index", npy::of_integers(&[], [input.reference_index.into()])),
+    ];
+    if let Some(rail) = &input.rail_positions_mm {
+        arrays.push(("rail_positions_mm", npy::of_floats(&[rail.len()], rail.iter().copied())));
+    }
+    npz::packed(arrays).map_err(ApiError::internal)
+}

@@ -1,0 +1,193 @@
+//! A whole profile as a file that another server can read.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use utoipa::ToSchema;
+
+use crate::{
+    http::extract::json,
+    model::{
+        Code, Fault,
+        error::FaultPlace,
+        profile::{Profile, ProfileOrigin},
+    },
+    store::{
+        ProfileDraft,
+        digest::{hex, profile_digest},
+    },
+};
+
+/// `format` of every such file.
+const FORMAT: &str = "pinstack-profile";
+
+/// `version` of the files that are written and read.
+const VERSION: u64 = 1;
+
+/// An exported profile: everything that the server knows about one revision.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileFile {
+    /// `pinstack-profile`.
+    pub format: String,
+    /// 1.
+    pub version: u64,
+    /// SHA-256 (hex) of everything else in the file, however it is spaced and ordered.
+    pub checksum: String,
+    /// The profile.
+    #[serde(flatten)]
+    pub profile: Profile,
+}
+
+impl ProfileFile {
+    /// A file of this profile.
+    ///
+    /// # Errors
+    /// When the profile cannot be written as JSON.
+    pub fn of(profile: Profile) -> serde_json::Result<Self> {
+        let mut file = Self { format: FORMAT.into(), version: VERSION, checksum: String::new(), profile };
+        file.checksum = checksum(&serde_json::to_value(&file)?);
+        Ok(file)
+    }
+
+    /// Reads a file and checks that nobody changed it.
+    ///
+    /// # Errors
+    /// `invalid_request` for what is no JSON; `invalid_profile` for another kind of file, another version, a file that
+    /// was changed after it was exported, and one that says things that cannot be.
+    pub fn read(bytes: &[u8]) -> Result<Self, Fault> {
+        let value: Value = json::parse(bytes, Code::InvalidProfile)?;
+        if value["format"] != FORMAT {
+            return Err(at(
+                "/format",
+                format!(
+                    "this is not an exported profile: its 'format' is {}, not '{FORMAT}'; send what .../export gave, or PUT \
+                     homographies made elsewhere",
+                    shown(&value["format"])
+                ),
+            ));
+        }
+        if value["version"].as_u64() != Some(VERSION) {
+            let version = shown(&value["version"]);
+            return Err(at(
+                "/version",
+                format!(
+                    "the file is of version {version}; this server reads version {VERSION}: export it again, or update this server"
+                ),
+            ));
+        }
+        let file: Self = json::parse(bytes, Code::InvalidProfile)?;
+        let digest = profile_digest(&file.profile.input);
+        if digest != file.profile.digest {
+            return Err(at(
+                "/digest",
+                "the file was changed after it was exported: its homographies, gains, size or reference slice are not those of its digest; \
+                 export it again, or PUT changed numbers as a profile of your own",
+            ));
+        }
+        if checksum(&value) != file.checksum {
+            return Err(at(
+                "/checksum",
+                "the file was changed after it was exported: something beside the homographies and gains is not what it was; export it \
+                 again, or PUT changed numbers as a profile of your own",
+            ));
+        }
+        file.profile.input.check()?;
+        file.check_slices()?;
+        Ok(file)
+    }
+
+    /// What becomes of it here.
+    pub fn draft(self) -> ProfileDraft {
+        let Profile { rig, lens, revision, digest, created_at, calibration_id, .. } = self.profile;
+        ProfileDraft {
+            input: self.profile.input,
+            source: self.profile.source,
+            // that calibration is a job of another server
+            calibration_id: None,
+            model: self.profile.model,
+            slices: self.profile.slices,
+            origin: Some(ProfileOrigin { rig, lens, revision, digest, created_at, calibration_id }),
+            warnings: self.profile.warnings,
+        }
+    }
+
+    /// The list per slice must say the same as the lists of numbers: results are made with the one and shown by the other.
+    fn check_slices(&self) -> Result<(), Fault> {
+        let Profile { input, slices, .. } = &self.profile;
+        let count = input.homographies.len();
+        if slices.len() != count || self.profile.slice_count as usize != count {
+            let detail = format!("the file has {count} homographies and tells of {} slices", slices.len());
+            return Err(at("/slices", detail));
+        }
+        for (i, (slice, homography)) in slices.iter().zip(&input.homographies).enumerate() {
+            if slice.index as usize != i || slice.homography != *homography || slice.gain != input.gain(i) {
+                let detail = format!("what the file tells of slice {i} is not what its homographies and gains say");
+                return Err(at(&format!("/slices/{i}"), detail));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn at(pointer: &str, detail: impl Into<String>) -> Fault {
+    let detail = detail.into();
+    let place = FaultPlace { detail: detail.clone(), pointer: Some(pointer.to_owned()), ..FaultPlace::default() };
+    Fault::new(Code::InvalidProfile, detail).at(place)
+}
+
+/// A value for a sentence.
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Null => "missing".into(),
+        Value::String(text) => format!("'{}'", text.chars().take(80).collect::<String>()),
+        other => other.to_string().chars().take(80).collect(),
+    }
+}
+
+/// SHA-256 (hex) of everything in the file but `checksum`. Spaces, the order of members and the spelling of numbers do not
+/// enter: programs that copy JSON change them.
+fn checksum(file: &Value) -> String {
+    let mut hash = Sha256::new();
+    hash.update(b"pinstack profile file 1\0");
+    match file {
+        Value::Object(members) => hash_members(&mut hash, members.iter().filter(|(name, _)| *name != "checksum")),
+        other => hash_value(&mut hash, other),
+    }
+    hex(&hash.finalize())
+}
+
+fn hash_value(hash: &mut Sha256, value: &Value) {
+    match value {
+        Value::Null => hash.update(b"n"),
+        Value::Bool(yes) => hash.update([b'b', u8::from(*yes)]),
+        Value::Number(number) => {
+            hash.update(b"d");
+            // adding zero turns -0.0 into 0.0: they are the same number
+            hash.update((number.as_f64().unwrap_or(f64::NAN) + 0.0).to_le_bytes());
+        }
+        Value::String(text) => hash_text(hash, text),
+        Value::Array(items) => {
+            hash.update(b"a");
+            hash.update((items.len() as u64).to_le_bytes());
+            items.iter().for_each(|item| hash_value(hash, item));
+        }
+        Value::Object(members) => hash_members(hash, members.iter()),
+    }
+}
+
+fn hash_members<'a>(hash: &mut Sha256, members: impl Iterator<Item = (&'a String, &'a Value)>) {
+    let mut members: Vec<_> = members.collect();
+    members.sort_by_key(|(name, _)| *name);
+    hash.update(b"o");
+    hash.update((members.len() as u64).to_le_bytes());
+    for (name, value) in members {
+        hash_text(hash, name);
+        hash_value(hash, value);
+    }
+}
+
+fn hash_text(hash: &mut Sha256, text: &str) {
+    hash.update(b"s");
+    hash.update((text.len() as u64).to_le_bytes());
+    hash.update(text.as_bytes());
+}
