@@ -55,7 +55,7 @@ struct Parameters {
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
         ("revision" = Option<u32>, Query, description = "An older revision"),
-        ("format" = Option<ExportFormat>, Query, description = "`json` (default) or `npz`"),
+        ("format" = inline(Option<ExportFormat>), Query, description = "`json` (default) or `npz`"),
         ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
     ),
     responses(
