@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::working::{median, quantile};
+use super::working::{median, quantile, sample};
 use crate::imaging::Plane;
 
 /// Which way dots differ from what is around them.
@@ -172,15 +172,21 @@ pub struct Field {
 }
 
 impl Field {
-    /// The first estimate, before any dot is known: per cell the mean of the brightest (for bright dots the
-    /// darkest) eighth, and a surface of degree 2 through these.
-    pub fn first(plane: &Plane<f32>, polarity: Polarity) -> Self {
+    /// The first estimate, before any dot is measured: per cell the mean of the brightest (for bright dots the
+    /// darkest) eighth, and a surface of degree 2 through these. Where it is known about where the dots are, only what
+    /// lies within the reach (px) of one of these places is looked at.
+    pub fn first(plane: &Plane<f32>, polarity: Polarity, near: Option<(&[[f64; 2]], f64)>) -> Self {
         let upper = polarity == Polarity::DarkOnLight;
         let cell = (plane.width.max(plane.height) / 24).max(4);
+        let columns = plane.width / cell;
+        let wanted = near.map(|(places, reach)| cells_near(plane, cell, places, reach));
         let mut levels = Vec::new();
         let mut values = Vec::with_capacity(cell * cell);
         for top in (0..plane.height.saturating_sub(cell - 1)).step_by(cell) {
             for left in (0..plane.width.saturating_sub(cell - 1)).step_by(cell) {
+                if wanted.as_ref().is_some_and(|w| !w[top / cell * columns + left / cell]) {
+                    continue;
+                }
                 values.clear();
                 for y in top..top + cell {
                     values.extend_from_slice(&plane.row(y)[left..left + cell]);
@@ -195,8 +201,13 @@ impl Field {
             }
         }
         let ground = Surface::fit(&levels, 2, Some(upper));
-        let mut all = thinned(plane);
-        let span = (quantile(&mut all, 0.99) - quantile(&mut all, 0.3)).max(1.0);
+        let mut all = match near {
+            None => thinned(plane),
+            Some((places, _)) => places.iter().filter_map(|p| sample(plane, *p)).map(f64::from).collect(),
+        };
+        // bright dots against their ground
+        let low = near.map(|_| median(&mut levels.iter().map(|l| l.value).collect::<Vec<_>>()));
+        let span = (quantile(&mut all, 0.99) - low.unwrap_or_else(|| quantile(&mut all, 0.3))).max(1.0);
         Self { ground, polarity, span, width: plane.width, height: plane.height }
     }
 
@@ -215,19 +226,7 @@ impl Field {
     ) -> Self {
         let cell = (plane.width.max(plane.height) / 48).max(4);
         let columns = plane.width / cell;
-        let mut wanted = vec![false; columns * (plane.height / cell)];
-        for p in places {
-            let range = |v: f64, count: usize| {
-                let low = ((v - reach) / cell as f64).floor().max(0.0) as usize;
-                let high = ((v + reach) / cell as f64).floor().max(-1.0) + 1.0;
-                low..(high as usize).min(count).max(low)
-            };
-            for row in range(p[1], plane.height / cell) {
-                for column in range(p[0], columns) {
-                    wanted[row * columns + column] = true;
-                }
-            }
-        }
+        let wanted = cells_near(plane, cell, places, reach);
         let mut levels = Vec::new();
         for top in (0..plane.height.saturating_sub(cell - 1)).step_by(cell) {
             for left in (0..plane.width.saturating_sub(cell - 1)).step_by(cell) {
@@ -293,6 +292,23 @@ impl Field {
     }
 }
 
+/// Row by row, which cells of `cell` px lie within `reach` px of one of the places.
+fn cells_near(plane: &Plane<f32>, cell: usize, places: &[[f64; 2]], reach: f64) -> Vec<bool> {
+    let (columns, rows) = (plane.width / cell, plane.height / cell);
+    let mut wanted = vec![false; columns * rows];
+    let range = |v: f64, count: usize| {
+        let low = ((v - reach) / cell as f64).floor().max(0.0) as usize;
+        let high = ((v + reach) / cell as f64).floor().max(-1.0) + 1.0;
+        low.min(count)..(high as usize).min(count).max(low.min(count))
+    };
+    for p in places {
+        for row in range(p[1], rows) {
+            wanted[row * columns..][range(p[0], columns)].fill(true);
+        }
+    }
+    wanted
+}
+
 /// Pixel to -1..1.
 fn place(p: [f64; 2], width: usize, height: usize) -> [f64; 2] {
     [(p[0] + 0.5) / width as f64 * 2.0 - 1.0, (p[1] + 0.5) / height as f64 * 2.0 - 1.0]
@@ -312,7 +328,7 @@ mod tests {
         let dot = |x: usize, y: usize| (x % 20 < 9) && (y % 20 < 9);
         let dark = Plane::from_fn(200, 160, |x, y| if dot(x, y) { 0.2 * lit(x, y) } else { lit(x, y) });
         assert_eq!(Polarity::guess(&dark), Polarity::DarkOnLight);
-        let field = Field::first(&dark, Polarity::DarkOnLight);
+        let field = Field::first(&dark, Polarity::DarkOnLight, None);
         for (x, y) in [(5, 5), (100, 80), (195, 150)] {
             let truth = f64::from(lit(x, y));
             let found = field.ground_at([x as f64, y as f64]);
@@ -320,7 +336,7 @@ mod tests {
         }
         let bright = dark.map(|v| 255.0 - v);
         assert_eq!(Polarity::guess(&bright), Polarity::LightOnDark);
-        let ink = Field::first(&bright, Polarity::LightOnDark).ink(&bright);
+        let ink = Field::first(&bright, Polarity::LightOnDark, None).ink(&bright);
         assert!(ink.at(4, 4) > 0.5 && ink.at(15, 15).abs() < 0.1);
     }
 

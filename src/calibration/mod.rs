@@ -1,27 +1,37 @@
 //! Calibration: from pictures of a dot target, one per slice, to one homography and one gain per slice.
 //!
-//! Way of the data: the sharpest slice is found and its grid of dots detected blindly; from there the grid is
-//! followed outward, slice by slice; all dots of a slice are measured together; the dots that a slice and
-//! the reference slice share give the homography (normalised DLT, least median of squares,
-//! Levenberg-Marquardt). Each slice is decoded once for this, and up to nine once more to find the sharpest.
-//! No pixels are kept: memory does not grow with the number of slices.
+//! Way of the data: the grid of dots is detected blindly in the reference slice (or another that shows it); from there
+//! it is followed outward, slice by slice; each dot is measured by the phase of the pattern around it, which blur
+//! leaves alone; the dots that a slice and the reference slice share give the map (normalised DLT, least median of
+//! squares, weighted least squares) in the simplest family that explains them; and the law of the rail helps the slices
+//! whose own dots say little. Each slice is decoded once. No pixels are kept: memory does not grow with the number of
+//! slices.
 
 mod blobs;
-mod centres;
+mod blur;
+mod camera;
+mod capture;
 mod chain;
+mod choice;
+mod complete;
 mod dlt;
 mod drift;
+mod events;
+mod families;
 mod field;
+mod findings;
+mod gains;
+mod joint;
 mod lattice;
+mod light;
+mod lockin;
 mod overlay;
 pub mod page;
 mod rail;
-mod refine;
 mod report;
 mod robust;
 mod search;
 mod shape;
-mod sharpness;
 mod sighting;
 mod solve;
 mod working;
@@ -29,15 +39,18 @@ mod working;
 #[cfg(test)]
 mod odd_tests;
 #[cfg(test)]
+mod rig_tests;
+#[cfg(test)]
 mod testkit;
 #[cfg(test)]
 mod tests;
 
 pub use drift::drift;
 pub use overlay::overlay;
+pub use sighting::MOST_SAMPLES;
 
 use crate::imaging::Slices;
-use crate::model::profile::{CaptureMode, ProfileSlice};
+use crate::model::profile::{CaptureMode, HomographyModel, ProfileSlice};
 use crate::model::report::CalibrationReport;
 use crate::model::request::CalibrationOptions;
 use crate::model::{Code, Control, Fault, Stop, Warning};
@@ -85,11 +98,13 @@ pub struct Calibration {
     pub magnification: Option<f64>,
     /// What moved, when the scales leave no doubt (rail steps being equal).
     pub capture_mode: Option<CaptureMode>,
+    /// Family of maps that the homographies belong to.
+    pub model: HomographyModel,
     /// What the user should know.
     pub warnings: Vec<Warning>,
     /// One sentence for the technician.
     pub verdict: String,
-    /// All of it, for the report that the technician reads.
+    /// All that was found, for the report.
     pub report: CalibrationReport,
 }
 
@@ -117,7 +132,34 @@ pub fn calibrate(
         let detail = format!("reference_index is {reference}; the stack has {count} slices, so 0 to {}", count - 1);
         return Err(Fault::new(Code::InvalidRequest, detail).into());
     }
-    let seen = chain::see_all(slices, control)?;
-    let solved = solve::solve(slices, &seen, reference, control)?;
-    Ok(report::report(slices, options, &seen, solved))
+    let told = rail_positions(options, count)?;
+    let seen = chain::see_all(slices, reference, control)?;
+    let solved = solve::solve(slices, &seen, reference, told.as_deref(), options.model, control)?;
+    Ok(report::report(slices, options, &seen, solved, told.is_some()))
+}
+
+/// The positions on the rail that the user told, mm.
+fn rail_positions(options: &CalibrationOptions, count: usize) -> Result<Option<Vec<f64>>, Fault> {
+    let wrong = |detail: String| Err(Fault::new(Code::InvalidRequest, detail));
+    match (&options.rail_positions_mm, options.rail_step_mm) {
+        (Some(_), Some(_)) => wrong("rail_positions_mm and rail_step_mm say the same thing twice: give one".into()),
+        (Some(positions), None) => {
+            if positions.len() != count {
+                return wrong(format!("{} rail positions for {count} slices", positions.len()));
+            }
+            let (rising, falling) =
+                (positions.windows(2).all(|w| w[0] < w[1]), positions.windows(2).all(|w| w[0] > w[1]));
+            if !(rising || falling) {
+                return wrong("rail_positions_mm must rise or fall from slice to slice".into());
+            }
+            Ok(Some(positions.clone()))
+        }
+        (None, Some(step)) => {
+            if !step.is_finite() || step == 0.0 {
+                return wrong(format!("rail_step_mm is {step}; it must not be zero"));
+            }
+            Ok(Some((0..count).map(|i| step * i as f64).collect()))
+        }
+        (None, None) => Ok(None),
+    }
 }

@@ -161,7 +161,7 @@ fn dust_and_a_scratch_cost_no_accuracy() {
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &Unwatched).expect("a calibration");
     show(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.15, "{}", worst_corner(&calibration, &truths));
-    assert!(calibration.slices.iter().all(|s| s.inliers.is_some_and(|n| n >= 100)));
+    assert!(calibration.slices.iter().all(|s| s.inliers.is_some_and(|n| n >= 90)));
 }
 
 #[test]

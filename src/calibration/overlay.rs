@@ -15,19 +15,21 @@ const BLUE: [u8; 3] = [30, 110, 255];
 /// The slice as an 8-bit RGB picture with a circle and a cross on each dot: green when it agrees with the
 /// homography, red when it does not, amber when it was not needed. In a slice whose homography was
 /// predicted the places that the prediction gives are drawn in blue. `index` is the slice's; a slice
-/// that the calibration does not have is shown bare.
+/// that the calibration does not have is shown bare. `slice` may be a smaller copy: dots are drawn where they are in it.
 pub fn overlay(slice: &Raster, calibration: &Calibration, index: usize) -> Raster {
     let mut canvas = Canvas::new(slice);
     let (Some(profile), Some(dots)) = (calibration.slices.get(index), calibration.dots.get(index)) else {
         return canvas.picture;
     };
     let pitch = calibration.dot_pitch_px / profile.scale.max(1e-3);
-    let radius = (0.33 * pitch).clamp(4.0, 200.0);
+    let smaller = canvas.picture.width as f64 / f64::from(calibration.width.max(1));
+    let place = |p: [f64; 2]| p.map(|v| (v + 0.5) * smaller - 0.5);
+    let radius = (0.33 * pitch * smaller).clamp(3.0, 200.0);
     if profile.interpolated
         && let Some(back) = profile.homography.inverse()
     {
         for dot in calibration.dots.get(calibration.reference_index).into_iter().flatten() {
-            canvas.mark(back.apply(dot.at), radius, BLUE);
+            canvas.mark(place(back.apply(dot.at)), radius, BLUE);
         }
     }
     for Dot { at, used, .. } in dots {
@@ -36,7 +38,7 @@ pub fn overlay(slice: &Raster, calibration: &Calibration, index: usize) -> Raste
             DotUse::Outlier => RED,
             DotUse::Unused => AMBER,
         };
-        canvas.mark(*at, radius, colour);
+        canvas.mark(place(*at), radius, colour);
     }
     canvas.picture
 }

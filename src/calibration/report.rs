@@ -1,27 +1,34 @@
 //! What the technician is told.
 
+use super::camera::{self, Known};
+use super::capture::{self, Scaled};
 use super::chain::Seen;
 use super::field::Polarity;
-use super::sighting::Sighting;
+use super::findings::{self, Facts, GOOD};
+use super::gains;
 use super::solve::Solution;
-use super::{Calibration, Dot, DotUse, rail};
+use super::{Calibration, Dot, DotUse};
 use crate::imaging::Slices;
-use crate::model::profile::{CaptureMode, HomographyModel, ProfileSlice};
-use crate::model::report::{
-    CalibrationReport, CameraReport, CaptureReport, DotReport, Grade, SliceReport, TargetReport,
-};
+use crate::model::Homography;
+use crate::model::profile::ProfileSlice;
+use crate::model::report::{CalibrationReport, DotReport, Grade, RailReport, SliceReport, TargetReport};
 use crate::model::request::CalibrationOptions;
-use crate::model::{Homography, Warning};
 
-/// Uncertainty of the worst corner up to which a calibration is good, px.
-const GOOD: f64 = 0.3;
-/// Perspective (change of scale over the picture) beyond which the centres of the discs' images and the
-/// images of their centres begin to differ.
-const PERSPECTIVE: f64 = 1e-3;
+/// Most dots of a slice that a report keeps.
+const MOST_DOTS: usize = 2000;
+/// Blur radius over pitch that a target is to stay below (its pitch is 2.5 times the largest blur).
+const ADVISED: f64 = 0.4;
 
-/// Puts everything together.
-pub fn report(slices: &dyn Slices, options: &CalibrationOptions, seen: &Seen, solution: Solution) -> Calibration {
+/// Puts everything together. `in_mm`: positions on the rail were told.
+pub fn report(
+    slices: &dyn Slices,
+    options: &CalibrationOptions,
+    seen: &Seen,
+    solution: Solution,
+    in_mm: bool,
+) -> Calibration {
     let (width, height) = (seen.width as u32, seen.height as u32);
+    let reference = solution.reference;
     let profile: Vec<ProfileSlice> = solution
         .slices
         .iter()
@@ -36,227 +43,242 @@ pub fn report(slices: &dyn Slices, options: &CalibrationOptions, seen: &Seen, so
             ..ProfileSlice::given(index as u32, s.homography, s.gain, width, height)
         })
         .collect();
-    let dot_pitch_px = seen.sightings[solution.reference].as_ref().map_or(0.0, |s| s.pitch);
+    let blurs = gains::blurs(seen);
+    let pitch = seen.sightings[reference].as_ref().map_or(0.0, |s| s.pitch);
     let magnification = match (options.pixel_pitch_mm, options.target_pitch_mm) {
-        (Some(pixel), Some(target)) if target > 0.0 => Some(dot_pitch_px * pixel / target),
+        (Some(pixel), Some(target)) if target > 0.0 => Some(pitch * pixel / target),
         _ => None,
     };
-    let warnings = warnings(slices, seen, &profile, solution.reference);
-    let verdict = verdict(&profile, solution.reference);
-    let capture_mode = rail::capture_mode(&solution.known, width, height);
-    let found = Found { profile: &profile, warnings: &warnings, verdict: &verdict, capture_mode, magnification };
-    let report = in_full(slices, options, seen, &solution, &found);
+    let half = 0.5 * (f64::from(width) - 1.0).hypot(f64::from(height) - 1.0);
+    let scaled: Vec<Scaled> = (0..profile.len())
+        .filter_map(|i| {
+            let (_, sigma) = solution.scales[i].filter(|_| !profile[i].interpolated)?;
+            Some(Scaled { position: solution.positions[i], scale: profile[i].scale, sigma: sigma.max(0.01 / half) })
+        })
+        .collect();
+    let capture = capture::judge(&scaled, in_mm, in_mm || solution.events.is_empty(), options.capture_mode);
+    let rail = rail(&solution, in_mm, width, height);
+    let known = Known {
+        magnification,
+        growth_per_mm: rail.as_ref().filter(|_| in_mm).map(|r| r.growth),
+        capture: capture.found.or(options.capture_mode),
+    };
+    let camera = camera::camera(options, known);
+    let facts = Facts {
+        slices,
+        seen,
+        solution: &solution,
+        profile: &profile,
+        blurs: &blurs,
+        capture: &capture,
+        camera: &camera,
+    };
+    let warnings = findings::findings(&facts);
+    let (grade, verdict) = verdict(&profile, &blurs, reference, pitch, options.target_pitch_mm);
+    let target = TargetReport {
+        pitch_px: pitch,
+        pitch_mm: options.target_pitch_mm,
+        fill: gains::fill(seen),
+        bright_dots: seen.target.polarity == Polarity::LightOnDark,
+        asymmetric: seen.sightings[reference].as_ref().is_some_and(|s| is_asymmetric(s.places.keys().copied())),
+        dots: profile.get(reference).and_then(|s| s.dots_found).unwrap_or(0),
+        coverage: findings::coverage(seen, reference),
+        magnification,
+    };
+    let slice_reports =
+        (0..profile.len()).map(|i| slice_report(slices.name(i), &profile[i], &solution, seen, blurs[i], i)).collect();
+    let report = CalibrationReport {
+        width,
+        height,
+        reference_index: reference as u32,
+        verdict: verdict.clone(),
+        grade,
+        findings: warnings.clone(),
+        target,
+        model: solution.model.0.name(),
+        model_reason: solution.model.1.clone(),
+        candidates: solution.candidates.clone(),
+        capture: capture.clone(),
+        rail,
+        camera,
+        slices: slice_reports,
+    };
     Calibration {
         width,
         height,
-        reference_index: solution.reference,
-        dot_pitch_px,
+        reference_index: reference,
+        dot_pitch_px: pitch,
         magnification,
-        capture_mode,
+        capture_mode: capture.found.or(options.capture_mode),
+        model: solution.model.0.name(),
         verdict,
-        report,
         warnings,
         slices: profile,
         dots: solution.slices.into_iter().map(|s| s.dots).collect(),
+        report,
     }
 }
 
-/// What was concluded from the solution.
-struct Found<'a> {
-    profile: &'a [ProfileSlice],
-    warnings: &'a [Warning],
-    verdict: &'a str,
-    capture_mode: Option<CaptureMode>,
-    magnification: Option<f64>,
+fn rail(solution: &Solution, in_mm: bool, width: u32, height: u32) -> Option<RailReport> {
+    let [scale, turn, x, y] = solution.slopes?;
+    let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
+    let half = centre[0].hypot(centre[1]);
+    // x (a) + e = 0 with a the scaling and turning per step
+    let size = scale * scale + turn * turn;
+    let span = solution.positions.iter().fold(0.0_f64, |m, z| m.max((z - solution.positions[0]).abs()));
+    let fixed_point_px = (size.sqrt() * span > 2e-3).then(|| {
+        let unit = [-(scale * x + turn * y) / size, -(scale * y - turn * x) / size];
+        [centre[0] + half * unit[0], centre[1] + half * unit[1]]
+    });
+    let off: Vec<f64> = solution.slices.iter().filter_map(|s| s.off_law).collect();
+    let corner_rms_px = (off.iter().map(|o| o * o).sum::<f64>() / off.len().max(1) as f64).sqrt();
+    Some(RailReport {
+        growth: scale,
+        fixed_point_px,
+        in_mm,
+        positions: solution.positions.clone(),
+        measured_positions: match &solution.stood {
+            Some(stood) => stood.iter().map(|s| s.map(|s| s.0)).collect(),
+            None => vec![None; solution.positions.len()],
+        },
+        corner_rms_px,
+    })
 }
 
-/// Most dots of one slice that are kept for the report.
-const MOST_DOTS: usize = 2000;
-
-/// The report with all that is known so far: no law, no other families of maps, no blur.
-fn in_full(
-    slices: &dyn Slices,
-    options: &CalibrationOptions,
-    seen: &Seen,
+fn slice_report(
+    name: &str,
+    slice: &ProfileSlice,
     solution: &Solution,
-    found: &Found<'_>,
-) -> CalibrationReport {
+    seen: &Seen,
+    blur: Option<f64>,
+    index: usize,
+) -> SliceReport {
+    let solved = &solution.slices[index];
+    let sighting = seen.sightings[index].as_ref();
+    let (width, height) = (seen.width as u32, seen.height as u32);
+    let law = solved.by_law.map(|h| ProfileSlice::given(0, h, 1.0, width, height));
+    let strongest = seen.sightings.iter().flatten().map(|s| s.ripple).fold(1e-9, f64::max);
     let base = seen.sightings[solution.reference].as_ref();
-    let worst = found.profile.iter().filter_map(|slice| slice.corner_sigma_px).fold(0.0, f64::max);
-    let one = |(index, slice): (usize, &ProfileSlice)| SliceReport {
-        index: index as u32,
-        name: slices.name(index).to_owned(),
+    let every = solved.dots.len().div_ceil(MOST_DOTS).max(1);
+    let dot = |d: &Dot| DotReport {
+        at: d.at,
+        residual: base.and_then(|b| b.dots.get(&d.label)).map(|b| {
+            let sent = slice.homography.apply(d.at);
+            [sent[0] - b.at[0], sent[1] - b.at[1]]
+        }),
+        inlier: d.used == DotUse::Inlier,
+    };
+    SliceReport {
+        index: slice.index,
+        name: name.to_owned(),
         scale: slice.scale,
-        law_scale: None,
+        law_scale: law.as_ref().map(|l| l.scale),
         shift_px: slice.shift_px,
-        law_shift_px: None,
-        off_law_px: None,
-        blur_radius_px: None,
-        contrast: None,
+        law_shift_px: law.map(|l| l.shift_px),
+        off_law_px: solved.off_law,
+        blur_radius_px: blur.zip(sighting).map(|(b, s)| b * s.pitch),
+        contrast: sighting.map(|s| s.ripple / strongest),
         gain: slice.gain,
-        clipped: seen.sightings[index].as_ref().map(|s| s.clipped),
+        clipped: sighting.map(|s| s.clipped),
         dots_found: slice.dots_found.unwrap_or(0),
         inliers: slice.inliers.unwrap_or(0),
         rms_px: slice.rms_px,
-        corner_sigma_px: slice.corner_sigma_px.unwrap_or(0.0),
+        corner_sigma_px: solved.corner_sigma,
         interpolated: slice.interpolated,
-        dots: dots(&solution.slices[index].dots, &slice.homography, base),
+        dots: solved.dots.iter().step_by(every).map(dot).collect(),
+    }
+}
+
+/// True when the grid is the asymmetric one that some tools print: seen along its diagonals it is the fuller rectangle.
+fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
+    let area = |of: &dyn Fn([i32; 2]) -> [i32; 2]| {
+        let span = |axis: usize| {
+            let (low, high) =
+                labels.clone().map(|l| of(l)[axis]).fold((i32::MAX, i32::MIN), |b, v| (b.0.min(v), b.1.max(v)));
+            f64::from(high - low + 1)
+        };
+        span(0) * span(1)
     };
-    CalibrationReport {
-        width: seen.width as u32,
-        height: seen.height as u32,
-        reference_index: solution.reference as u32,
-        verdict: found.verdict.to_owned(),
-        grade: match worst {
-            w if w <= GOOD => Grade::Good,
-            w if w <= 2.0 * GOOD => Grade::Usable,
-            _ => Grade::Poor,
-        },
-        findings: found.warnings.to_vec(),
-        target: TargetReport {
-            pitch_px: base.map_or(0.0, |s| s.pitch),
-            pitch_mm: options.target_pitch_mm,
-            fill: 0.0,
-            bright_dots: seen.target.polarity == Polarity::LightOnDark,
-            asymmetric: false,
-            dots: base.map_or(0, |s| s.dots.len() as u32),
-            coverage: coverage(seen, solution.reference).unwrap_or(0.0),
-            magnification: found.magnification,
-        },
-        model: HomographyModel::Homography,
-        model_reason: "eight free numbers per slice, fitted to the dots that the slice shares with the reference slice"
-            .into(),
-        candidates: Vec::new(),
-        capture: CaptureReport {
-            told: None,
-            found: found.capture_mode,
-            detail: match found.capture_mode {
-                Some(_) => "the scales of the slices follow this law and not the other".into(),
-                None => "the scales of the slices fit both laws, or neither".into(),
-            },
-        },
-        rail: None,
-        camera: CameraReport {
-            pixel_pitch_mm: options.pixel_pitch_mm,
-            detail: "not computed".into(),
-            ..CameraReport::default()
-        },
-        slices: found.profile.iter().enumerate().map(one).collect(),
-    }
+    let upright = area(&|l| l);
+    // turned by 45 degrees every other place of the rectangle is empty
+    let turned = area(&|[i, j]| [i + j, i - j]) / 2.0;
+    turned < 0.75 * upright
 }
 
-/// The dots of a slice, every so many of them when they are many.
-fn dots(dots: &[Dot], homography: &Homography, base: Option<&Sighting>) -> Vec<DotReport> {
-    let every = dots.len().div_ceil(MOST_DOTS).max(1);
-    let one = |dot: &Dot| {
-        let miss = base.and_then(|base| base.dots.get(&dot.label)).map(|reference| {
-            let sent = homography.apply(dot.at);
-            [sent[0] - reference.at[0], sent[1] - reference.at[1]]
-        });
-        DotReport {
-            at: dot.at,
-            residual: miss.filter(|miss| dot.used != DotUse::Unused && miss.iter().all(|v| v.is_finite())),
-            inlier: dot.used == DotUse::Inlier,
-        }
-    };
-    dots.iter().step_by(every).map(one).collect()
-}
-
-/// Names of slices, at most five of them.
-fn list(slices: &dyn Slices, indices: &[usize]) -> String {
-    let mut names: Vec<&str> = indices.iter().take(5).map(|&i| slices.name(i)).collect();
-    let more = indices.len().saturating_sub(5);
-    let rest = format!("{more} more");
-    if more > 0 {
-        names.push(&rest);
-    }
-    names.join(", ")
-}
-
-fn warnings(slices: &dyn Slices, seen: &Seen, profile: &[ProfileSlice], reference: usize) -> Vec<Warning> {
-    let mut out = Vec::new();
-    let which = |test: &dyn Fn(usize) -> bool| (0..profile.len()).filter(|&i| test(i)).collect::<Vec<_>>();
-    let interpolated = which(&|i| profile[i].interpolated);
-    if !interpolated.is_empty() {
-        let detail =
-            format!("too blurred to be measured and predicted from the other slices: {}", list(slices, &interpolated));
-        out.push(Warning::new("slice_interpolated", detail));
-    }
-    let clipped = which(&|i| seen.sightings[i].as_ref().is_some_and(|s| s.clipped > 0.05));
-    if !clipped.is_empty() {
-        let detail = format!(
-            "the white of the target is clipped in {}: their gains are not to be relied on; expose less",
-            list(slices, &clipped)
-        );
-        out.push(Warning::new("clipped_white", detail));
-    }
-    let unsure = which(&|i| !profile[i].interpolated && profile[i].corner_sigma_px.is_some_and(|s| s > GOOD));
-    if !unsure.is_empty() {
-        let detail = format!(
-            "the corners of the picture are uncertain by more than {GOOD} px in {}: use a target that fills the \
-             picture, or larger dots",
-            list(slices, &unsure)
-        );
-        out.push(Warning::new("uncertain_corners", detail));
-    }
-    let lossy = which(&|i| match (profile[i].inliers, profile[i].dots_found) {
-        (Some(inliers), Some(found)) if !profile[i].interpolated && i != reference => 4 * inliers < 3 * found,
-        _ => false,
-    });
-    if !lossy.is_empty() {
-        let detail =
-            format!("more than a quarter of the dots do not agree with the homography in {}", list(slices, &lossy));
-        out.push(Warning::new("many_outliers", detail));
-    }
-    let tilted = which(&|i| {
-        let h = profile[i].homography.0;
-        (h[6] * seen.width as f64).abs() > PERSPECTIVE || (h[7] * seen.height as f64).abs() > PERSPECTIVE
-    });
-    if !tilted.is_empty() {
-        let detail = format!(
-            "the target is not seen square on or the rail is not parallel to the lens's axis (perspective changes in {})",
-            list(slices, &tilted)
-        );
-        out.push(Warning::new("perspective", detail));
-    }
-    if let Some(share) = coverage(seen, reference)
-        && share < 0.25
-    {
-        let detail = format!(
-            "the dots cover {:.0} % of the reference slice: the corners are extrapolated; use a larger target",
-            100.0 * share
-        );
-        out.push(Warning::new("small_target", detail));
-    }
-    out
-}
-
-/// Share of the picture inside the dots' bounding box.
-fn coverage(seen: &Seen, reference: usize) -> Option<f64> {
-    let dots = &seen.sightings[reference].as_ref()?.dots;
-    let span = |axis: usize| {
-        let (low, high) = dots.values().fold((f64::MAX, f64::MIN), |b, d| (b.0.min(d.at[axis]), b.1.max(d.at[axis])));
-        high - low
-    };
-    Some(span(0) * span(1) / (seen.width * seen.height) as f64)
-}
-
-fn verdict(profile: &[ProfileSlice], reference: usize) -> String {
+fn verdict(
+    profile: &[ProfileSlice],
+    blurs: &[Option<f64>],
+    reference: usize,
+    pitch_px: f64,
+    pitch_mm: Option<f64>,
+) -> (Grade, String) {
     let others = || profile.iter().filter(|s| s.index as usize != reference);
     let worst = others().filter_map(|s| s.corner_sigma_px).fold(0.0, f64::max);
-    let rms = others().filter_map(|s| s.rms_px).fold(0.0, f64::max);
-    let measured = profile.iter().filter(|s| !s.interpolated).count();
+    let rms = others().filter(|s| !s.interpolated).filter_map(|s| s.rms_px).fold(0.0, f64::max);
     let dots = profile.iter().filter(|s| !s.interpolated).filter_map(|s| s.inliers).min().unwrap_or(0);
-    let word = match worst {
-        w if w <= GOOD => "Good",
-        w if w <= 2.0 * GOOD => "Usable",
-        _ => "Poor",
+    let (grade, word) = match worst {
+        w if w <= GOOD => (Grade::Good, "Good"),
+        w if w <= 2.0 * GOOD => (Grade::Usable, "Usable"),
+        _ => (Grade::Poor, "Poor"),
+    };
+    let predicted: Vec<usize> = profile.iter().filter(|s| s.interpolated).map(|s| s.index as usize).collect();
+    let blur = blurs.iter().flatten().fold(0.0_f64, |m, b| m.max(*b));
+    let tail = if predicted.is_empty() {
+        format!("all {} slices measured", profile.len())
+    } else {
+        // a predicted slice that showed nothing at all is blurred beyond where the dots vanish
+        let unseen = predicted.iter().any(|&i| blurs[i].is_none());
+        let largest = if unseen { blur.max(super::blur::VANISHES) } else { blur };
+        let advice = match pitch_mm {
+            Some(mm) => format!("{:.2} mm or more", mm * largest / ADVISED),
+            None => format!("{:.1} times the pitch or more", largest / ADVISED),
+        };
+        let why = if largest > ADVISED && pitch_px > 0.0 {
+            format!(", the target's pitch is too fine for their blur: use {advice}")
+        } else {
+            String::new()
+        };
+        format!("slices {} predicted{why}", ranges(&predicted))
     };
     let same = others().all(|s| s.homography.corner_distance(&Homography::IDENTITY, 1000, 1000) < 1e-3);
     let still = if same { "; the slices do not differ in geometry" } else { "" };
-    format!(
-        "{word}: the image corners are good to {worst:.2} px; dots fit to {rms:.3} px RMS or better, at least {dots} dots \
-         per slice, {measured} of {} slices measured{still}",
-        profile.len()
-    )
+    let text = format!(
+        "{word}: the image corners are good to {worst:.2} px; dots fit to {rms:.3} px RMS or better, at least {dots} \
+         dots per slice, {tail}{still}"
+    );
+    (grade, text)
+}
+
+/// `0 to 2, 7`.
+fn ranges(indices: &[usize]) -> String {
+    let mut parts: Vec<(usize, usize)> = Vec::new();
+    for &i in indices {
+        match parts.last_mut() {
+            Some((_, last)) if *last + 1 == i => *last = i,
+            _ => parts.push((i, i)),
+        }
+    }
+    let text = |(a, b): &(usize, usize)| if a == b { a.to_string() } else { format!("{a} to {b}") };
+    parts.iter().map(text).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_are_named_in_ranges() {
+        assert_eq!(ranges(&[0, 1, 2, 7, 9, 10]), "0 to 2, 7, 9 to 10");
+        assert_eq!(ranges(&[]), "");
+    }
+
+    #[test]
+    fn an_asymmetric_grid_is_told_from_an_upright_one() {
+        let upright = (0..8_i32).flat_map(|j| (0..11_i32).map(move |i| [i, j]));
+        assert!(!is_asymmetric(upright));
+        let asymmetric = (0..11_i32).flat_map(|r| {
+            (0..5_i32).map(move |c| 2 * c + r % 2).map(move |x| [(x + r).div_euclid(2), (x - r).div_euclid(2)])
+        });
+        assert!(is_asymmetric(asymmetric));
+    }
 }

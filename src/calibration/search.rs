@@ -24,6 +24,19 @@ impl Motion {
     }
 }
 
+/// Where the grid was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// How it moved.
+    pub motion: Motion,
+    /// 1, or -1 where blur has inverted the dots.
+    pub sign: f64,
+    /// How far its dots stand out, in units of ink.
+    pub depth: f64,
+    /// The same in standard errors.
+    pub sure: f64,
+}
+
 /// What is looked through.
 pub struct Search<'a> {
     /// Picture of the dots (positive on dots).
@@ -40,15 +53,15 @@ pub struct Search<'a> {
 const MOST_DOTS: usize = 400;
 
 impl Search<'_> {
-    /// The motion whose predicted dots are the darkest against the places in the middle between them, among
-    /// scales `around.scale` +- `scale_reach` and shifts up to six tenths of the pitch. Also gives how many
-    /// standard errors that darkness stands above zero.
-    pub fn best(&self, around: Motion, scale_reach: f64) -> (Motion, f64) {
+    /// The motion whose predicted dots stand out most against the places in the middle between them (with `sign` -1:
+    /// stand out least, as blur inverts them), among scales `around.scale` +- `scale_reach` and shifts up to
+    /// `shift_reach` of the pitch along each axis.
+    pub fn best(&self, around: Motion, scale_reach: f64, shift_reach: f64, sign: f64) -> Found {
         let middle = self.middle();
         let far = self.dots.iter().map(|p| (p[0] - middle[0]).hypot(p[1] - middle[1])).fold(self.pitch, f64::max);
         let mut best = around;
         // each pass looks finer around the best of the one before
-        let passes = [(scale_reach, 0.6, 0.2), (0.25 * self.pitch / far, 0.2, 0.07)];
+        let passes = [(scale_reach, shift_reach, 0.2), (0.25 * self.pitch / far, 0.2, 0.07)];
         for (reach, shifts, fine) in passes {
             let scale_step = fine * self.pitch / far;
             let scales = (reach / scale_step).ceil() as i32;
@@ -62,14 +75,18 @@ impl Search<'_> {
                     Motion { scale: from.scale + f64::from(s) * scale_step, shift }
                 })
                 .collect();
-            let scores: Vec<f64> = candidates.par_iter().map(|m| self.score(middle, m, &around).0).collect();
+            let scores: Vec<f64> = candidates.par_iter().map(|m| self.score(middle, m, &around, sign)).collect();
             let top = scores.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0)));
             if let Some((k, _)) = top {
                 best = candidates[k];
             }
         }
-        best = self.nearest_equal(middle, best, around);
-        (best, self.score(middle, &best, &around).1)
+        if sign > 0.0 {
+            best = self.nearest_equal(middle, best, around);
+        }
+        let depth = self.depth(middle, &best);
+        let (depth, error) = depth.map_or((0.0, 1.0), |d| (sign * d.mean, d.error));
+        Found { motion: best, sign, depth, sure: depth / error }
     }
 
     /// A grid that fills the picture looks the same when shifted by a whole step: among such motions the one
@@ -80,10 +97,10 @@ impl Search<'_> {
             let shift = [0, 1].map(|a| best.shift[a] + best.scale * (i * u[a] + j * v[a]));
             Motion { shift, ..best }
         });
-        let judged: Vec<(f64, Motion)> = shifted.map(|m| (self.depth(middle, &m).map_or(0.0, |d| d.mean), m)).collect();
-        let most = judged.iter().map(|j| j.0).fold(0.0, f64::max);
-        let equal = judged.into_iter().filter(|(mean, _)| *mean >= 0.97 * most).map(|(_, m)| m);
-        equal.min_by(|a, b| self.away(a, &around).total_cmp(&self.away(b, &around))).unwrap_or(best)
+        // a row more or less at the border makes a few percent, of blur or of a grid's end; a whole step must win by more
+        let judged =
+            |m: &Motion| self.depth(middle, m).map_or(0.0, |d| d.mean) * (1.0 - 0.15 * self.away(m, &around).powi(2));
+        shifted.max_by(|a, b| judged(a).total_cmp(&judged(b))).unwrap_or(best)
     }
 
     /// How far the shift is from the expected one, in steps of the grid.
@@ -96,11 +113,11 @@ impl Search<'_> {
         [(self.ink.width as f64 - 1.0) / 2.0, (self.ink.height as f64 - 1.0) / 2.0]
     }
 
-    /// Depth of the dots, made a little smaller away from the expected motion, and its significance.
-    fn score(&self, middle: [f64; 2], motion: &Motion, around: &Motion) -> (f64, f64) {
-        let Some(depth) = self.depth(middle, motion) else { return (f64::NEG_INFINITY, 0.0) };
+    /// Depth of the dots, made a little smaller away from the expected motion.
+    fn score(&self, middle: [f64; 2], motion: &Motion, around: &Motion, sign: f64) -> f64 {
+        let Some(depth) = self.depth(middle, motion) else { return f64::NEG_INFINITY };
         let away = self.away(motion, around);
-        (depth.mean * depth.seen.sqrt() * (1.0 - 0.1 * away * away), depth.mean / depth.error)
+        sign * depth.mean * depth.seen.sqrt() * (1.0 - 0.1 * away * away)
     }
 
     /// Mean of (dot - middle between dots). `None` when too few predicted dots lie in the picture.
@@ -168,7 +185,7 @@ mod tests {
             }
         }
         let search = Search { ink: &ink, dots: &grid, steps: [[pitch, 0.0], [0.0, pitch]], pitch };
-        let (found, sure) = search.best(Motion::NONE, 0.08);
+        let Found { motion: found, sure, .. } = search.best(Motion::NONE, 0.08, 0.6, 1.0);
         for dot in &grid {
             let (a, b) = (truth.apply(middle, *dot), found.apply(middle, *dot));
             assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 0.12 * pitch, "{found:?}");

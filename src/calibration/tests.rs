@@ -56,10 +56,12 @@ fn worst_rms(calibration: &Calibration) -> f64 {
 }
 
 pub fn show(calibration: &Calibration, truths: &[Homography]) {
-    for (s, t) in calibration.slices.iter().zip(truths) {
+    for ((s, t), r) in calibration.slices.iter().zip(truths).zip(&calibration.report.slices) {
         println!(
-            "{} scale {:.5} gain {:.4} dots {:?}/{:?} rms {:.4} p95 {:.4} sigma {:.4} error {:.4}",
+            "{} blur {:.3} contrast {:.3} scale {:.5} gain {:.4} dots {:?}/{:?} rms {:.4} p95 {:.4} sigma {:.4} error {:.4}",
             s.index,
+            r.blur_radius_px.unwrap_or(f64::NAN) / calibration.dot_pitch_px * s.scale,
+            r.contrast.unwrap_or(f64::NAN),
             s.scale,
             s.gain,
             s.inliers,
@@ -71,6 +73,7 @@ pub fn show(calibration: &Calibration, truths: &[Homography]) {
         );
     }
     println!("{} {:?} {:?}", calibration.verdict, calibration.capture_mode, calibration.warnings);
+    println!("{:?} fill {:.3}", calibration.model, calibration.report.target.fill);
 }
 
 /// Slices in memory, seen through the trait.

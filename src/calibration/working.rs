@@ -1,6 +1,8 @@
-//! The grey plane that dots are measured in: the slice at a resolution that suits the size of its dots.
+//! The grey plane that dots are measured in: the slice at a resolution that suits the distance of its dots.
 
-use crate::imaging::Plane;
+use rayon::prelude::*;
+
+use crate::imaging::{Plane, Raster, Samples};
 
 /// A grey picture, 0..255, averaged over `bin` x `bin` pixels of the slice. Averaging keeps the centres of
 /// dots where they are and takes noise and time away.
@@ -10,27 +12,53 @@ pub struct Working {
     pub plane: Plane<f32>,
     /// Pixels of the slice per sample, along each axis.
     pub bin: usize,
+    /// Share of the slice's pixels that are at full scale.
+    pub clipped: f64,
 }
 
+/// Grey levels from here on count as clipped, of 255.
+const FULL: f32 = 254.5;
+
 impl Working {
-    /// Averages `luma` over cells of `bin` pixels; what is left over at the right and bottom is cut off.
-    pub fn new(luma: &Plane<f32>, bin: usize) -> Self {
-        let bin = bin.clamp(1, luma.width.min(luma.height).max(1));
-        if bin == 1 {
-            return Self { plane: luma.clone(), bin };
+    /// Rec. 601 luma of `slice`, averaged over cells of `bin` pixels; what is left over at the right and bottom is
+    /// cut off. One pass over the slice.
+    pub fn of(slice: &Raster, bin: usize) -> Self {
+        let bin = bin.clamp(1, slice.width.min(slice.height).max(1));
+        let step = slice.channels;
+        match &slice.samples {
+            Samples::Eight(s) => Self::averaged(slice, bin, |k| luma(&s[k * step..(k + 1) * step], f32::from)),
+            Samples::Sixteen(s) => {
+                let scale = 255.0 / 65_535.0;
+                Self::averaged(slice, bin, |k| luma(&s[k * step..(k + 1) * step], |v| f32::from(v) * scale))
+            }
         }
-        let (width, height) = (luma.width / bin, luma.height / bin);
+    }
+
+    fn averaged(slice: &Raster, bin: usize, grey: impl Fn(usize) -> f32 + Sync) -> Self {
+        let (width, height) = (slice.width / bin, slice.height / bin);
         let scale = 1.0 / (bin * bin) as f32;
         let mut data = vec![0.0_f32; width * height];
-        for (y, out) in data.chunks_exact_mut(width).enumerate() {
-            for row in y * bin..(y + 1) * bin {
-                for (sum, cell) in out.iter_mut().zip(luma.row(row).chunks_exact(bin)) {
-                    *sum += cell.iter().sum::<f32>();
+        let clipped: u64 = data
+            .par_chunks_exact_mut(width)
+            .enumerate()
+            .map(|(y, out)| {
+                let mut full = 0_u64;
+                for row in y * bin..(y + 1) * bin {
+                    let first = row * slice.width;
+                    for (x, sum) in out.iter_mut().enumerate() {
+                        for k in first + x * bin..first + (x + 1) * bin {
+                            let value = grey(k);
+                            *sum += value;
+                            full += u64::from(value >= FULL);
+                        }
+                    }
                 }
-            }
-            out.iter_mut().for_each(|v| *v *= scale);
-        }
-        Self { plane: softened(&Plane { width, height, data }), bin }
+                out.iter_mut().for_each(|v| *v *= scale);
+                full
+            })
+            .sum();
+        let clipped = clipped as f64 / (width * height * bin * bin).max(1) as f64;
+        Self { plane: Plane { width, height, data }, bin, clipped }
     }
 
     /// A place of this plane in pixels of the slice.
@@ -46,16 +74,13 @@ impl Working {
     }
 }
 
-/// Smoothed by 1 2 1 along each axis: averaging leaves edges sharper than the samples can carry.
-fn softened(plane: &Plane<f32>) -> Plane<f32> {
-    let (right, bottom) = (plane.width - 1, plane.height - 1);
-    let across = Plane::from_fn(plane.width, plane.height, |x, y| {
-        let row = plane.row(y);
-        0.25 * (row[x.saturating_sub(1)] + 2.0 * row[x] + row[(x + 1).min(right)])
-    });
-    Plane::from_fn(plane.width, plane.height, |x, y| {
-        0.25 * (across.at(x, y.saturating_sub(1)) + 2.0 * across.at(x, y) + across.at(x, (y + 1).min(bottom)))
-    })
+#[inline]
+fn luma<T: Copy>(pixel: &[T], value: impl Fn(T) -> f32) -> f32 {
+    match pixel {
+        [r, g, b, ..] => 0.299 * value(*r) + 0.587 * value(*g) + 0.114 * value(*b),
+        [grey, ..] => value(*grey),
+        [] => 0.0,
+    }
 }
 
 /// Bilinear sample; `None` outside.
@@ -92,11 +117,11 @@ mod tests {
 
     #[test]
     fn binning_keeps_the_centre_of_a_dot() {
-        let luma = Plane::from_fn(60, 60, |x, y| {
-            let (dx, dy) = (x as f32 - 31.3, y as f32 - 27.8);
-            (-(dx * dx + dy * dy) / 60.0).exp()
+        let samples = (0..3600).map(|k| {
+            let (dx, dy) = ((k % 60) as f64 - 31.3, (k / 60) as f64 - 27.8);
+            (60_000.0 * (-(dx * dx + dy * dy) / 60.0).exp()).round() as u16
         });
-        let working = Working::new(&luma, 3);
+        let working = Working::of(&Raster::sixteen(60, 60, 1, samples.collect()), 3);
         let (mut sum, mut at) = (0.0, [0.0, 0.0]);
         for y in 0..working.plane.height {
             for x in 0..working.plane.width {

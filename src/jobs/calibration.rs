@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     Bench, Made, Watcher,
+    copies::Copying,
     press::{Press, Pressed},
     stages::{Phase, Stage},
 };
@@ -16,14 +17,14 @@ use crate::{
     model::{
         Control, Stop,
         outcome::{CalibrationOutcome, JobOutcome},
-        profile::{HomographyModel, ProfileInput, ProfileSource},
+        profile::{ProfileInput, ProfileSource},
         request::CalibrationRequest,
     },
     store::ProfileDraft,
 };
 
 /// What a calibration spends its time on.
-const MEASURING: [Stage; 2] = [("surveying", 1.0), ("detecting", 6.0)];
+const MEASURING: [Stage; 1] = [("detecting", 1.0)];
 /// Where reading ends and where writing begins, as fractions of the job.
 const READ: f64 = 0.02;
 const MEASURED: f64 = 0.7;
@@ -45,13 +46,14 @@ pub fn run(
     reading.progress("reading", 1, 1);
 
     let control = Phase::new(watcher, &MEASURING, READ, MEASURED);
-    let measured = calibration::calibrate(archive.front(), &request.options, &control)?;
+    let slices = Copying::new(archive.front(), &bench.scratch);
+    let measured = calibration::calibrate(&slices, &request.options, &control)?;
     let input = profile_input(&measured, request);
     input.check()?;
 
     let writing = Phase::new(watcher, &[("writing", 1.0)], MEASURED, 1.0);
     let press = Press::new(bench, watcher);
-    let mut pressed = overlays(archive.front(), &measured, &press, &writing)?;
+    let mut pressed = overlays(&slices, &measured, &press, &writing)?;
     pressed.push(press.json("report", &measured.report)?);
     let (artifacts, files) = pressed.into_iter().unzip();
 
@@ -59,7 +61,7 @@ pub fn run(
         input,
         source: ProfileSource::Calibration,
         calibration_id: Some(bench.job.id),
-        model: HomographyModel::Homography,
+        model: measured.model,
         slices: measured.slices.clone(),
         origin: None,
         warnings: Vec::new(),
@@ -86,18 +88,20 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
         image_height: measured.height,
         reference_index: u32::try_from(measured.reference_index).unwrap_or(u32::MAX),
         homographies: measured.slices.iter().map(|slice| slice.homography).collect(),
-        rail_positions_mm: None,
+        rail_positions_mm: measured.report.rail.as_ref().filter(|rail| rail.in_mm).map(|rail| rail.positions.clone()),
         gains: Some(measured.slices.iter().map(|slice| slice.gain).collect()),
         pixel_pitch_mm: request.options.pixel_pitch_mm,
         capture_mode: measured.capture_mode,
         note: request.options.note.clone(),
+        principal_distance_mm: measured.report.camera.principal_distance_mm,
+        magnification: measured.magnification,
         ..ProfileInput::default()
     }
 }
 
-/// One picture per slice with the dots found, written side by side, in the order of the slices.
+/// One picture per slice with the dots found, at most 1600 px long, written side by side, in the order of the slices.
 fn overlays(
-    slices: &dyn Slices,
+    slices: &Copying<'_>,
     measured: &Calibration,
     press: &Press<'_>,
     control: &Phase<'_>,
@@ -109,7 +113,7 @@ fn overlays(
         .into_par_iter()
         .map(|index| {
             control.check()?;
-            let picture = calibration::overlay(&slices.load(index)?, measured, index);
+            let picture = calibration::overlay(&slices.copy(index)?, measured, index);
             let pressed = press.png(&format!("overlay-{index}"), &picture, &Metadata::default())?;
             control.progress("writing", done.fetch_add(1, Ordering::Relaxed) + 1, count);
             Ok(pressed)

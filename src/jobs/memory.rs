@@ -1,6 +1,7 @@
 //! How much memory a job needs, from what the POST knows about its slices.
 
 use crate::{
+    calibration::MOST_SAMPLES,
     fusion::Plan,
     imaging::Depth,
     model::{
@@ -18,7 +19,8 @@ const BASE: u64 = 64 << 20;
 ///
 /// - A stack: the fusion ([`Plan::memory_bytes`]) beside the silhouette, or, if that is more, what lives while the image is
 ///   composed: the fused picture, its index, validity and silhouette, and the RGBA picture that comes out.
-/// - A calibration: per slice in flight the decoded picture, its luma and what the detector makes of it, and its overlay.
+/// - A calibration: per slice in flight (one on the way up from the reference, one on the way down) the decoded
+///   picture and the detector's planes, which are of limited size; after that small pictures only.
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),
@@ -52,10 +54,11 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
 
 fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let layout = &request.layout;
-    let in_flight = threads.clamp(1, layout.front.len().max(1)) as u64;
+    let in_flight = threads.clamp(1, 2) as u64;
     let decoded = u64::from(layout.channels) * sample(layout);
-    // luma 4, two planes of the detector 8, overlay 3
-    pixels(layout).saturating_mul(in_flight * (decoded + 15))
+    let samples = pixels(layout).min(MOST_SAMPLES as u64);
+    // six planes of floats, four of bytes, and one of both while dots are told from what is not
+    pixels(layout).saturating_mul(in_flight * decoded).saturating_add(samples * in_flight * (6 * 4 + 4 + 8))
 }
 
 fn pixels(layout: &StackLayout) -> u64 {

@@ -2,6 +2,7 @@
 
 pub mod calibration;
 pub mod compose;
+mod copies;
 pub mod memory;
 mod press;
 pub mod preview;

@@ -60,7 +60,7 @@ pub struct ProfileInput {
     /// One per slice, row-major, slice pixel -> reference-slice pixel, last number 1.
     #[schema(min_items = 2, max_items = 1000)]
     pub homographies: Vec<Homography>,
-    /// Position of the rail per slice, mm, strictly rising or falling.
+    /// Position of what moves on the rail, per slice, mm, counted towards the object, strictly rising or falling.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rail_positions_mm: Option<Vec<f64>>,
     /// Per slice: multiply by this to match the brightness of the reference slice.

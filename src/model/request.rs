@@ -85,10 +85,12 @@ pub struct CalibrationOptions {
     pub target_pitch_mm: Option<f64>,
     /// Size of one pixel on the sensor, mm; kept in the profile.
     pub pixel_pitch_mm: Option<f64>,
-    /// Position of the rail per slice, mm, strictly rising or falling; default: equal steps.
+    /// Position of what moves on the rail, per slice, mm, counted towards the object, strictly rising or falling;
+    /// default: equal steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rail_positions_mm: Option<Vec<f64>>,
-    /// Distance between neighbouring slices on the rail, mm, instead of `rail_positions_mm`.
+    /// Distance from slice to slice on the rail, mm, instead of `rail_positions_mm`; negative when it moves away from
+    /// the object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rail_step_mm: Option<f64>,
     /// Focal length engraved on the lens, mm.
@@ -100,6 +102,10 @@ pub struct CalibrationOptions {
     /// Family of maps; default `auto`: the simplest that explains the dots.
     #[serde(skip_serializing_if = "ModelChoice::is_auto")]
     pub model: ModelChoice,
+    /// The slices may have another size than the profile that this calibration replaces; without it they are refused,
+    /// because stacks of the old size would no longer fit.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub allow_new_size: bool,
     /// Free text kept in the profile.
     pub note: Option<String>,
 }

@@ -50,8 +50,9 @@ pub struct RigParameters {
     /// Size of one pixel of the slices as they are sent, mm (larger than the camera's own where they were made smaller).
     #[serde(default)]
     pub pixel_pitch_mm: Option<f64>,
-    /// Position of the rail per slice, mm, strictly rising or falling. It rises when the sensor moves away from the lens
-    /// (`fixed_lens`), or when the camera moves towards the object (`moving_lens`).
+    /// Position of the rail per slice, mm, strictly rising or falling. It is counted
+    /// towards the object: it rises when the sensor comes nearer to the lens (`fixed_lens`), or when camera and lens come
+    /// nearer to the object (`moving_lens`).
     #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
     /// Instead of the positions: the step from one slice to the next, mm, with the same sign.
@@ -95,7 +96,7 @@ impl RigParameters {
         let homographies = along.iter().map(|&dz| self.homography(point, dz)).collect();
         let gains = match (self.gains, self.capture_mode) {
             (GainLaw::Optics, CaptureMode::FixedLens) => {
-                Some(along.iter().map(|&dz| (1.0 + dz / self.sensor_distance()).powi(2)).collect())
+                Some(along.iter().map(|&dz| (1.0 - dz / self.sensor_distance()).powi(2)).collect())
             }
             (GainLaw::Optics, CaptureMode::MovingLens) | (GainLaw::None, _) => None,
         };
@@ -130,7 +131,7 @@ impl RigParameters {
     /// Scale slice -> reference, where the rail stands `dz` mm from where it stood for the reference slice.
     pub fn scale(&self, dz: f64) -> f64 {
         match self.capture_mode {
-            CaptureMode::FixedLens => self.sensor_distance() / (self.sensor_distance() + dz),
+            CaptureMode::FixedLens => self.sensor_distance() / (self.sensor_distance() - dz),
             CaptureMode::MovingLens => (self.object_distance() - dz) / self.object_distance(),
         }
     }
@@ -199,7 +200,7 @@ impl RigParameters {
     fn check_reach(&self, along: &[f64]) -> Result<(), Fault> {
         for (i, &dz) in along.iter().enumerate() {
             let (distance, least) = match self.capture_mode {
-                CaptureMode::FixedLens => (self.sensor_distance() + dz, self.focal_mm),
+                CaptureMode::FixedLens => (self.sensor_distance() - dz, self.focal_mm),
                 CaptureMode::MovingLens => (self.object_distance() - dz, 0.0),
             };
             if distance > least {
@@ -208,7 +209,7 @@ impl RigParameters {
             let detail = match self.capture_mode {
                 CaptureMode::FixedLens => format!(
                     "in slice {i} the sensor would be {distance:.2} mm from the lens, not beyond its focal length of {least} mm, \
-                     where nothing is in focus; check the sign of the rail (positive: away from the lens) and the magnification"
+                     where nothing is in focus; check the sign of the rail (positive: towards the object, so towards the lens) and the magnification"
                 ),
                 CaptureMode::MovingLens => format!(
                     "in slice {i} the lens would have moved {dz:.2} mm towards an object that is {:.2} mm away; check the \
@@ -261,9 +262,9 @@ mod tests {
     fn a_sensor_that_moves_towards_the_lens_makes_the_image_smaller_so_its_slice_is_scaled_up() {
         let profile = macro_rig(CaptureMode::FixedLens).profile().expect("sound");
         let scale = |i: usize| profile.homographies[i].0[0];
-        assert!(scale(0) > 1.0 && scale(2) < 1.0, "{profile:?}");
+        assert!(scale(0) < 1.0 && scale(2) > 1.0, "{profile:?}");
         // d2 = 130 mm at life size
-        assert!((scale(0) - 130.0 / 129.5).abs() < 1e-12);
+        assert!((scale(2) - 130.0 / 129.5).abs() < 1e-12);
         assert_eq!(profile.principal_distance_mm, Some(130.0));
         assert_eq!(profile.principal_distance_px(), Some(32_500.0));
         assert_eq!(profile.rail_positions_mm, Some(vec![0.0, 0.5, 1.0]));
@@ -283,7 +284,7 @@ mod tests {
         let rig = macro_rig(CaptureMode::FixedLens);
         let gains = rig.profile().expect("sound").gains.expect("gains by the optics");
         assert_eq!(gains[1], 1.0);
-        assert!((gains[2] - (130.5_f64 / 130.0).powi(2)).abs() < 1e-12 && gains[0] < 1.0, "{gains:?}");
+        assert!((gains[0] - (130.5_f64 / 130.0).powi(2)).abs() < 1e-12 && gains[2] < 1.0, "{gains:?}");
         assert_eq!(RigParameters { gains: GainLaw::None, ..rig }.profile().expect("sound").gains, None);
     }
 
@@ -305,7 +306,7 @@ mod tests {
         assert_eq!(refused(&wrong), "2 rail positions for 3 slices");
         let wrong = RigParameters { slice_count: None, ..rig.clone() };
         assert!(refused(&wrong).starts_with("slice_count is missing"));
-        let wrong = RigParameters { rail_step_mm: Some(-40.0), slice_count: Some(5), ..rig.clone() };
+        let wrong = RigParameters { rail_step_mm: Some(40.0), slice_count: Some(5), ..rig.clone() };
         assert!(refused(&wrong).contains("where nothing is in focus; check the sign of the rail"));
         let wrong = RigParameters { rail_step_mm: Some(0.0), ..rig.clone() };
         assert!(refused(&wrong).starts_with("rail_step_mm is 0"));
@@ -357,9 +358,10 @@ mod tests {
             let rail = profile.rail_positions_mm.as_ref().expect("kept");
             let reference = rig.reference_index.expect("named") as usize;
             for (homography, z) in profile.homographies.iter().zip(rail) {
-                // in both modes a larger position makes a larger image
+                // towards the object a sensor sees a smaller image, a camera a larger one
                 let dz = z - rail[reference];
-                prop_assert!(dz == 0.0 || (homography.0[0] < 1.0) == (dz > 0.0));
+                let larger = (dz > 0.0) == (rig.capture_mode == CaptureMode::MovingLens);
+                prop_assert!(dz == 0.0 || (homography.0[0] < 1.0) == larger);
             }
         }
 
@@ -370,7 +372,7 @@ mod tests {
             let reference = rig.reference_index.expect("named");
             let step = rig.rail_step_mm.expect("a step");
             // the same lens and sensor, told from where the other slice stands
-            let distance = rig.sensor_distance() + (f64::from(other) - f64::from(reference)) * step;
+            let distance = rig.sensor_distance() - (f64::from(other) - f64::from(reference)) * step;
             let told = RigParameters { magnification: distance / rig.focal_mm - 1.0, reference_index: Some(other), ..rig };
             let told = told.profile().expect("sound");
             let back = profile.homographies[other as usize].inverse().expect("invertible");

@@ -424,7 +424,8 @@ worker_test! {
         let ended = stage.ended(calibration).await;
         let Some(JobOutcome::Calibration(outcome)) = ended.outcome else { panic!("{:?}", ended.error) };
         // the stage put revision 1
-        assert_eq!((outcome.profile_revision, outcome.artifacts.len()), (2, 5));
+        // five overlays and the report
+        assert_eq!((outcome.profile_revision, outcome.artifacts.len()), (2, 6));
         let profile = stage.deps.rows.profile(&ended.rig, &ended.lens, None).await.unwrap().unwrap();
         assert_eq!((profile.digest.as_str(), profile.calibration_id), (outcome.profile_digest.as_str(), Some(ended.id)));
 

@@ -2,7 +2,10 @@
 
 use pinstack::{
     archive::{npy, npz},
-    model::{Homography, profile::ProfileInput},
+    model::{
+        Homography,
+        profile::{CaptureMode, ProfileInput},
+    },
     synth::Rig,
 };
 use reqwest::{RequestBuilder, StatusCode};
@@ -193,10 +196,13 @@ async fn parameters_that_matrices_need_are_asked_for_and_checked() {
 }
 
 fn rig_parameters(rig: &Rig) -> Value {
+    // the renderer counts the sensor's way from the lens
+    let sign = if rig.mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
+    let rail: Vec<f64> = rig.rail_mm.iter().map(|z| sign * z).collect();
     json!({
         "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
         "focal_mm": rig.focal_mm, "magnification": rig.magnification, "pixel_pitch_mm": rig.pixel_pitch_mm,
-        "rail_positions_mm": rig.rail_mm, "capture_mode": rig.mode,
+        "rail_positions_mm": rail, "capture_mode": rig.mode,
     })
 }
 
@@ -247,7 +253,7 @@ async fn rig_parameters_that_cannot_be_are_refused_at_their_place() {
         ("rail_step_mm", json!(1), "rail_positions_mm and rail_step_mm are both given"),
         ("rail_positions_mm", json!([0, 1, 1]), "reference_index is 4; it must be below the 3 slices"),
         ("rail_positions_mm", json!([0, 1, 1, 2, 3]), "rail positions must rise or fall"),
-        ("rail_positions_mm", json!([0, -20, -40, -60, 20]), "check the sign of the rail"),
+        ("rail_positions_mm", json!([0, 20, 40, 60, -20]), "check the sign of the rail"),
         ("slice_count", json!(3), "9 rail positions for 3 slices"),
         ("drift_px_per_mm", json!([5000, 0]), "drift_px_per_mm"),
         ("capture_mode", json!("zoom"), "/capture_mode: unknown variant `zoom`"),

@@ -248,3 +248,17 @@ async fn drift_compares_any_two_revisions_by_default_the_last_two() {
     problem(app.get(&format!("{url}?from=one")).send().await.unwrap(), 400, "invalid_request").await;
     problem(app.get(&format!("{url}?since=1")).send().await.unwrap(), 400, "invalid_request").await;
 }
+
+#[tokio::test]
+async fn a_calibration_of_another_size_than_before_is_refused_unless_it_is_meant() {
+    let app = TestApp::start().await;
+    let mut larger = profile(2);
+    larger["image_width"] = json!(WIDTH + 20);
+    app.put("/v1/profiles/rig/lens").json(&larger).send().await.unwrap().error_for_status().unwrap();
+    let told = problem(app.post(POST).body(stack_zip(2, 0)).send().await.unwrap(), 422, "size_mismatch").await;
+    let detail = told["detail"].as_str().unwrap();
+    assert!(detail.contains(&format!("was measured at {} x {HEIGHT} px", WIDTH + 20)), "{detail}");
+    assert!(detail.contains("allow_new_size"), "{detail}");
+    let meant = app.post(&format!("{POST}?allow_new_size=true")).body(stack_zip(2, 0)).send().await.unwrap();
+    assert_eq!(meant.status(), StatusCode::ACCEPTED);
+}

@@ -26,7 +26,7 @@ struct Parameters {
 
 /// A slice with the dots found
 ///
-/// PNG. Without `slice`, the reference slice.
+/// PNG, made smaller to at most 1600 px. Without `slice`, the reference slice.
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/overlay",

@@ -24,10 +24,10 @@ use crate::{
 /// Make a profile from rig parameters
 ///
 /// Computes homographies and gains from focal length, magnification and rail positions, where no target can be measured.
-/// The rail counts positive when the sensor moves away from the lens (`fixed_lens`) or the camera moves towards the object
-/// (`moving_lens`); both make the image larger, so that slice is scaled down.
+/// The rail is counted towards the object. With `fixed_lens` the sensor so comes nearer to the lens and the image gets
+/// smaller, with `moving_lens` the camera comes nearer to the object and the image gets larger.
 ///
-/// With a fixed lens one scale per slice, `s = d2 / (d2 + dz)` with `d2 = f (1 + M)`, is exact for every depth. With a
+/// With a fixed lens one scale per slice, `s = d2 / (d2 - dz)` with `d2 = f (1 + M)`, is exact for every depth. With a
 /// moving lens the scale `s = (d1 - dz) / d1` with `d1 = f (1 + 1/M)` is right for a flat thing in the plane that is in
 /// focus in the reference slice; the parallax of other depths remains. What a lens really does differs from its engraved
 /// numbers: a calibration measures it. The answer is as that of `PUT`.
