@@ -72,7 +72,7 @@ pub struct Expected {
 /// Long side of the picture in which dots are looked for blindly.
 const BLIND_SIDE: usize = 2400;
 /// Samples of the picture in which dots are measured: more do not make them better.
-const SAMPLES: f64 = 1.5e6;
+const SAMPLES: f64 = 7e5;
 /// Samples that memory is reckoned with: more only where dots would else be too near to one another.
 pub const MOST_SAMPLES: usize = 8_000_000;
 /// Distance of dots in that picture below which nothing is gained, px.
