@@ -1,45 +1,60 @@
-//! What the metrics cost: a slice observed, a tile scored, one pair of neighbours compared.
+//! What the metrics cost: a slice observed, its blocks scored, one pair of neighbours compared.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pinstack::{
-    imaging::{Plane, Rect},
-    quality::{alignment, slice::Observer, tile::Scorer},
+    imaging::{Coverage, Plane, Rect},
+    quality::{
+        alignment,
+        sampling::Blocks,
+        score::Scorer,
+        slice::{Fingerprint, Observer, Warped},
+    },
 };
 
-const SIDE: usize = 512;
+const WIDTH: usize = 1600;
+const HEIGHT: usize = 1250;
 
 /// Fine and coarse texture, different for every seed.
-fn picture(side: usize, seed: usize) -> Plane<f32> {
-    Plane::from_fn(side, side, |x, y| {
+fn picture(width: usize, height: usize, seed: usize) -> Plane<f32> {
+    Plane::from_fn(width, height, |x, y| {
         let fine = (x * 31 + y * 17 + x * y + seed * 101) % 97;
         let coarse = 40.0 * ((x as f32 + seed as f32) / 23.0).sin() * (y as f32 / 31.0).cos();
         80.0 + fine as f32 / 2.0 + coarse
     })
 }
 
+/// Per pixel of the canvas, to be held against what fusion takes per pixel.
 fn observe(c: &mut Criterion) {
-    let (luma, valid) = (picture(SIDE, 1), Plane::filled(SIDE, SIDE, 255u8));
-    let observer = Observer::new(SIDE, SIDE, 20, 10);
+    let luma = picture(WIDTH, HEIGHT, 1);
+    let samples: Vec<u8> = luma.data.iter().flat_map(|&v| [v as u8, (v / 2.0) as u8, v as u8]).collect();
+    let (observer, coverage) = (Observer::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
+    let slice = Warped { samples: &samples[..], channels: 3, coverage: &coverage, gain: 1.02 };
     let mut group = c.benchmark_group("quality");
-    group.throughput(Throughput::Elements((SIDE * SIDE) as u64));
+    group.throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));
     group.bench_function("observe one slice", |b| {
-        b.iter(|| observer.slice(3, black_box(&luma), &valid, &luma, 1.02));
+        b.iter(|| {
+            let fingerprint = Fingerprint::of(&samples, 3, WIDTH, HEIGHT);
+            observer.slice(3, black_box(&slice), vec![1.0; observer.points().count()], fingerprint)
+        });
     });
     group.finish();
 }
 
+/// The same: one block takes what it takes, and there are so many.
 fn score(c: &mut Criterion) {
-    let (fused, valid) = (picture(SIDE, 0), Plane::filled(SIDE, SIDE, 255u8));
-    let slices: Vec<_> = (0..4).map(|seed| picture(SIDE, seed)).collect();
+    let blocks = Blocks::of(WIDTH, HEIGHT, None).rects;
+    let (width, height) = blocks.first().map_or((1, 1), |block| (block.width, block.height));
+    let fused = picture(width, height, 0);
+    let slices: Vec<_> = (0..8).map(|seed| picture(width, height, seed)).collect();
     let mut group = c.benchmark_group("quality");
-    for count in [1, 4] {
-        group.throughput(Throughput::Elements((SIDE * SIDE * count) as u64));
-        group.bench_function(format!("score a tile of {count} slices"), |b| {
+    for count in [1, 8] {
+        group.throughput(Throughput::Elements((WIDTH * HEIGHT * count / blocks.len()) as u64));
+        group.bench_function(format!("score the blocks of {count} slices"), |b| {
             b.iter(|| {
                 let mut scorer = Scorer::new(black_box(&fused), None);
-                slices[..count].iter().for_each(|slice| scorer.slice(slice, &valid));
+                slices[..count].iter().for_each(|slice| scorer.slice(slice, None));
                 scorer.sums()
             });
         });
@@ -48,13 +63,13 @@ fn score(c: &mut Criterion) {
 }
 
 fn align(c: &mut Criterion) {
-    let slices = [picture(SIDE, 0), picture(SIDE, 0)];
+    let slices = [picture(WIDTH, HEIGHT, 0), picture(WIDTH, HEIGHT, 0)];
     let read = |n: usize, window: Rect| {
         let luma = Plane::from_fn(window.width, window.height, |x, y| slices[n].at(window.x + x, window.y + y));
         Some((luma, Plane::filled(window.width, window.height, 255u8)))
     };
     c.bench_function("quality/residual shifts of one pair", |b| {
-        b.iter(|| alignment::measure(2, &read, SIDE, SIDE, None));
+        b.iter(|| alignment::measure(2, &read, WIDTH, HEIGHT, None));
     });
 }
 

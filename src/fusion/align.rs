@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use super::{Run, form, locked, scratch::Scratch, unlocked, winner::Winner};
 use crate::{
-    imaging::{Coverage, Plane, Raster, Rect, Sample, filter::saliency::Saliency, grey, warp::Warp},
+    imaging::{Coverage, Plane, Raster, Sample, filter::saliency::Saliency, grey, warp::Warp},
     model::{Code, Fault, Stop},
-    quality::slice::{Observer, Seen},
+    quality::slice::{Fingerprint, Observer, Seen, Warped},
 };
 
 /// A slice in flight costs memory, and four keep a decoder's pauses filled.
@@ -100,6 +100,7 @@ impl Pass<'_> {
         self.run.control.check()?;
         let samples = self.load::<S, C>(slice)?;
         self.run.control.check()?;
+        let fingerprint = self.observer.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
 
         let size = (plan.width, plan.height);
         let warp = Warp::new(&plan.homographies[slice], plan.gains[slice], size, size).ok_or_else(|| {
@@ -108,7 +109,7 @@ impl Pass<'_> {
         let warped = warp.apply_unless(samples, C, || self.run.control.check())?;
         self.scratch.write(slice, &warped)?;
         let coverage = warp.coverage().clone();
-        let seen = self.measure::<S, C>(slice, &warped, &coverage)?;
+        let seen = self.measure::<S, C>(slice, &warped, &coverage, fingerprint)?;
         Ok((coverage, seen))
     }
 
@@ -136,42 +137,37 @@ impl Pass<'_> {
         slice: usize,
         warped: &[S],
         covered: &Coverage,
+        fingerprint: Option<Fingerprint>,
     ) -> Result<Option<Seen>, Stop> {
         let plan = self.run.plan;
         let (width, height) = (plan.width, plan.height);
         let supported = covered.eroded(self.saliency.reach());
-        let watched = if self.observer.is_some() { width * height } else { 0 };
-        // where the saliency is not supported, the observer gets none
-        let (mut luma, mut saliency) = (vec![0.0f32; watched], vec![f32::NAN; watched]);
-        let band = super::winner::BAND * width;
-        let mut shown: Vec<Option<(&mut [f32], &mut [f32])>> =
-            luma.chunks_mut(band).zip(saliency.chunks_mut(band)).map(Some).collect();
-        shown.resize_with(self.winner.bands(), || None);
 
-        shown.into_par_iter().enumerate().try_for_each(|(band, mut shown)| -> Result<(), Stop> {
+        let of_band = |band: usize| -> Result<Vec<f32>, Stop> {
             self.run.control.check()?;
             let rows = self.winner.rows(band);
             let start = rows.start;
             let mut values = vec![0.0f32; rows.len() * width];
+            let mut picked = Vec::new();
             let luma_of = |y: usize, out: &mut [f32]| {
                 grey::luma_row(&warped[y * width * C..(y + 1) * width * C], C, out);
             };
-            self.saliency.rows((width, height), rows, luma_of, |y, luma, saliency| {
-                let row = (y - start) * width..(y - start + 1) * width;
-                values[row.clone()].copy_from_slice(saliency);
-                if let Some((shown_luma, shown_saliency)) = &mut shown {
-                    let sure = supported.span(y);
-                    shown_luma[row.clone()].copy_from_slice(luma);
-                    shown_saliency[row][sure.clone()].copy_from_slice(&saliency[sure]);
+            self.saliency.rows((width, height), rows, luma_of, |y, _, saliency| {
+                values[(y - start) * width..(y - start + 1) * width].copy_from_slice(saliency);
+                if let Some(observer) = self.observer {
+                    observer.points().pick(y, saliency, &supported.span(y), &mut picked);
                 }
             });
             self.winner.update(band, slice, &values, covered, &supported);
-            Ok(())
-        })?;
+            Ok(picked)
+        };
+        let picked: Vec<Vec<f32>> =
+            (0..self.winner.bands()).into_par_iter().map(of_band).collect::<Result<_, Stop>>()?;
 
-        let Some(observer) = self.observer else { return Ok(None) };
-        let plane = |data| Plane { width, height, data };
-        let valid = covered.mask(Rect::whole(width, height));
-        Ok(Some(observer.slice(slice, &plane(luma), &valid, &plane(saliency), plan.gains[slice])))
+        let seen = self.observer.zip(fingerprint).map(|(observer, fingerprint)| {
+            let warped = Warped { samples: warped, channels: C, coverage: covered, gain: plan.gains[slice] };
+            observer.slice(slice, &warped, picked.concat(), fingerprint)
+        });
+        Ok(seen)
     }
 }

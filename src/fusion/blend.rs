@@ -4,11 +4,10 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::{Run, align::Aligned, locked, observe, presence::Presence, tile::Blender};
+use super::{Run, align::Aligned, locked, presence::Presence, tile::Blender};
 use crate::{
     imaging::{Rect, Sample},
     model::Stop,
-    quality::tile::{Scorer, Sums},
 };
 
 /// Largest side of a tile, px. Larger tiles waste less on the surroundings that the filters look at, smaller
@@ -21,8 +20,6 @@ pub(super) struct Blended<S> {
     pub pixels: Vec<S>,
     /// Pixels with a sample that had to be clamped.
     pub clamped: usize,
-    /// Score of the tiles; nothing in it without metrics.
-    pub sums: Sums,
 }
 
 /// Runs the second pass.
@@ -47,12 +44,12 @@ pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned)
 
     let done = Mutex::new(0);
     run.control.progress("fusing", 0, tiles.len());
-    let scores = tiles
+    let clamped = tiles
         .par_iter()
         .with_max_len(1)
         .map_init(
             || (Blender::<S>::new(&run.plan.params), Vec::new()),
-            |(blender, out), &(row, rect)| -> Result<(usize, Sums), Stop> {
+            |(blender, out), &(row, rect)| -> Result<usize, Stop> {
                 run.control.check()?;
                 let clamped = blender.tile::<C>(rect, aligned, &presence, run.control, out)?;
                 let mut band = locked(&bands[row]);
@@ -61,45 +58,16 @@ pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned)
                     band[start..start + line.len()].copy_from_slice(line);
                 }
                 drop(band);
-                let sums = score(run, aligned, rect, out)?;
                 let mut done = locked(&done);
                 *done += 1;
                 run.control.progress("fusing", *done, tiles.len());
-                Ok((clamped, sums))
+                Ok(clamped)
             },
         )
         .collect::<Result<Vec<_>, Stop>>()?;
     drop(bands);
 
-    let (mut clamped, mut sums) = (0, Sums::default());
-    for (clamped_here, score) in &scores {
-        clamped += clamped_here;
-        sums.merge(score);
-    }
-    Ok(Blended { pixels, clamped, sums })
-}
-
-/// Score of one fused tile against all slices that cover it.
-fn score<S: Sample>(run: &Run<'_>, aligned: &Aligned, rect: Rect, fused: &[S]) -> Result<Sums, Stop> {
-    if !run.watch.metrics {
-        return Ok(Sums::default());
-    }
-    let fused = observe::luma(fused, rect);
-    let object = run.watch.object.map(|object| observe::part(object, rect));
-    if object.as_ref().is_some_and(|object| object.data.iter().all(|&v| v == 0)) {
-        return Ok(Sums::default());
-    }
-    let mut scorer = Scorer::new(&fused, object.as_ref());
-    let (mut samples, mut bytes) = (Vec::<S>::new(), Vec::new());
-    for (slice, coverage) in aligned.coverages.iter().enumerate() {
-        if coverage.misses(rect) {
-            continue;
-        }
-        run.control.check()?;
-        aligned.scratch.read(slice, rect, &mut samples, &mut bytes)?;
-        scorer.slice(&observe::luma(&samples, rect), &coverage.mask(rect));
-    }
-    Ok(scorer.sums())
+    Ok(Blended { pixels, clamped: clamped.into_iter().sum() })
 }
 
 /// `length` cut into as few and as equal pieces of at most `most` as can be: (start, length) each.

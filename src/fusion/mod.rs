@@ -31,7 +31,7 @@ use std::{
 use crate::{
     imaging::{Depth, Plane, Raster, Rect, Sample, Slices},
     model::{Code, Control, Fault, Homography, Stop, Warning, options::GuidedParams},
-    quality::StackQuality,
+    quality::{StackQuality, score::Sums},
 };
 use form::Form;
 
@@ -78,11 +78,13 @@ impl Plan {
     pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
         let pixels = (self.width * self.height) as u64;
         let pixel = 3 * depth.bytes() as u64;
-        // decoded and warped, and the planes that the metrics look at
-        let in_flight = 2 * pixel + if metrics { 12 } else { 0 };
+        // decoded and warped
+        let in_flight = 2 * pixel;
         let first_pass = 6 + in_flight * align::lanes(threads, self.homographies.len()) as u64;
         let second_pass = 3 + pixel;
-        pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32) * (1 << 20)
+        // what is kept at the points and in the blocks of the metrics
+        let kept = if metrics { 32 } else { 0 };
+        pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + kept) * (1 << 20)
     }
 
     /// Bytes of the scratch file that [`fuse`] makes for `slices` slices of `channels` samples of `depth`.
@@ -200,9 +202,13 @@ impl Run<'_> {
         let aligned = align::align::<S, C>(self, first, observer.as_ref())?;
         let alignment = observe::alignment::<S>(&aligned, self.plan, self.watch, self.control)?;
         let blended = blend::blend::<S, C>(self, &aligned)?;
+        let sums = match &observer {
+            Some(observer) => observe::score::<S, C>(self, &aligned, observer.blocks(), &blended.pixels)?,
+            None => Sums::default(),
+        };
 
         let valid = aligned.index.map(|slice| if slice == UNCOVERED { 0 } else { 255 });
-        let quality = observe::finish(aligned.seen, blended.sums, alignment, &aligned.index, self.watch);
+        let quality = observe::finish(self, observer.as_ref(), aligned.seen, sums, alignment, &aligned.index);
         let covered = valid.data.iter().filter(|&&v| v != 0).count();
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let warnings = warnings(Rect::whole(width, height), covered, blended.clamped);

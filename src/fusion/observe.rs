@@ -1,21 +1,24 @@
 //! Where fusion shows its work to the metrics: nothing else in this floor knows them.
 
-use super::{Plan, Watch, align::Aligned};
+use rayon::prelude::*;
+
+use super::{Plan, Run, Watch, align::Aligned};
 use crate::{
     imaging::{Plane, Rect, Sample, grey},
     model::{Control, Stop},
     quality::{
         self, StackQuality,
         alignment::Alignment,
+        sampling::Blocks,
+        score::{Scorer, Sums},
         slice::{Observer, Seen},
-        tile::Sums,
     },
 };
 
 /// Who looks at each warped slice, when metrics are wanted.
 pub(super) fn observer<'a>(plan: &Plan, watch: &Watch<'a>) -> Option<Observer<'a>> {
-    let observer = || Observer::new(plan.width, plan.height, plan.homographies.len(), plan.reference);
-    watch.metrics.then(|| observer().within(watch.object))
+    let slices = plan.homographies.len();
+    watch.metrics.then(|| Observer::new(plan.width, plan.height, slices, plan.reference, watch.object))
 }
 
 /// Residual shifts between warped neighbours.
@@ -44,7 +47,7 @@ pub(super) fn alignment<S: Sample>(
 }
 
 /// Luma 0..255 of the interleaved pixels of `rect`.
-pub(super) fn luma<S: Sample>(samples: &[S], rect: Rect) -> Plane<f32> {
+fn luma<S: Sample>(samples: &[S], rect: Rect) -> Plane<f32> {
     let channels = samples.len() / (rect.width * rect.height).max(1);
     let mut plane = Plane::filled(rect.width, rect.height, 0.0);
     grey::luma_row(samples, channels.max(1), &mut plane.data);
@@ -52,17 +55,59 @@ pub(super) fn luma<S: Sample>(samples: &[S], rect: Rect) -> Plane<f32> {
 }
 
 /// `rect` of a mask of the whole canvas.
-pub(super) fn part(mask: &Plane<u8>, rect: Rect) -> Plane<u8> {
-    Plane::from_fn(rect.width, rect.height, |x, y| mask.at(rect.x + x, rect.y + y))
+fn part(mask: &Plane<u8>, rect: Rect) -> Plane<u8> {
+    let rows = (rect.y..rect.y + rect.height).flat_map(|y| &mask.row(y)[rect.x..rect.x + rect.width]);
+    Plane { width: rect.width, height: rect.height, data: rows.copied().collect() }
+}
+
+/// Score of the fused picture against the slices, in some blocks of the canvas.
+pub(super) fn score<S: Sample, const C: usize>(
+    run: &Run<'_>,
+    aligned: &Aligned,
+    blocks: &Blocks,
+    fused: &[S],
+) -> Result<Sums, Stop> {
+    let of_block = |rect: &Rect| -> Result<Sums, Stop> {
+        let rect = *rect;
+        let rows = (rect.y..rect.y + rect.height).map(|y| (y * run.plan.width + rect.x) * C);
+        let mut luma = Plane::filled(rect.width, rect.height, 0.0);
+        for (y, start) in rows.enumerate() {
+            grey::luma_row(&fused[start..start + rect.width * C], C, luma.row_mut(y));
+        }
+        let object = run.watch.object.map(|object| part(object, rect));
+        let mut scorer = Scorer::new(&luma, object.as_ref());
+        let (mut samples, mut bytes) = (Vec::<S>::new(), Vec::new());
+        let mut source = Plane::filled(rect.width, rect.height, 0.0);
+        for (slice, coverage) in aligned.coverages.iter().enumerate() {
+            if coverage.misses(rect) {
+                continue;
+            }
+            run.control.check()?;
+            aligned.scratch.read(slice, rect, &mut samples, &mut bytes)?;
+            grey::luma_row(&samples, C, &mut source.data);
+            let valid = (!coverage.contains(rect)).then(|| coverage.mask(rect));
+            scorer.slice(&source, valid.as_ref());
+        }
+        Ok(scorer.sums())
+    };
+    let scores = blocks.rects.par_iter().with_max_len(1).map(of_block).collect::<Result<Vec<_>, Stop>>()?;
+    // in the order of the blocks, whoever scored them
+    let mut sums = Sums::default();
+    scores.iter().for_each(|score| sums.merge(score));
+    Ok(sums)
 }
 
 /// All metrics together, when they are wanted.
 pub(super) fn finish(
+    run: &Run<'_>,
+    observer: Option<&Observer<'_>>,
     seen: Vec<Seen>,
     sums: Sums,
     alignment: Alignment,
     index: &Plane<u16>,
-    watch: &Watch<'_>,
 ) -> Option<StackQuality> {
-    watch.metrics.then(|| quality::finish(seen, sums, alignment, index, watch.object))
+    observer.map(|observer| quality::finish(observer, seen, sums, alignment, index, run.watch.object))
 }
+
+#[cfg(test)]
+mod tests;

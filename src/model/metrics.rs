@@ -39,6 +39,12 @@ pub struct FusionMetrics {
     pub laplacian_variance: Option<f64>,
     /// Share of pixels over one grey level outside the range that the slices span there.
     pub overshoot_fraction: Option<f64>,
+    /// Mean over all pixels of how far they lie outside that range, grey levels of 255: the strength of halos.
+    #[serde(default)]
+    pub overshoot_levels: Option<f64>,
+    /// Share of pixels at full scale or at zero.
+    #[serde(default)]
+    pub clipped_fraction: Option<f64>,
 }
 
 /// Coverage in depth.
@@ -71,6 +77,9 @@ pub struct SliceMetrics {
     pub sharpness: Option<f64>,
     /// Brightness over that of the reference slice, before any gain.
     pub exposure_ratio: Option<f64>,
+    /// Red over green and blue over green, each over that of the reference slice: away from 1 the colour of the light drifts.
+    #[serde(default)]
+    pub balance_ratio: Option<[f64; 2]>,
     /// Share of pixels at full scale or at zero.
     pub clipped_fraction: Option<f64>,
     /// Share of the canvas that the warped slice covers.

@@ -62,13 +62,17 @@ impl Shift {
 /// `read` is called from several threads; the result does not depend on how many.
 pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, object: Option<&Plane<u8>>) -> Alignment {
     let windows = windows(width, height, object);
+    let mut of_pair = vec![Vec::new(); slices.saturating_sub(1)];
     let focus = focus::Focus::of(slices, read, &windows);
-    let pair = |next: usize| {
-        let sharp = |&(index, _): &(usize, &Rect)| focus.in_both(next - 1, next, index);
-        let windows: Vec<Rect> = windows.iter().enumerate().filter(sharp).map(|(_, &window)| window).collect();
-        shifts(read, next - 1, next, &windows)
+    for (index, window) in windows.iter().enumerate() {
+        focus.pairs(index).into_iter().for_each(|pair| of_pair[pair].push(*window));
+    }
+    let correlator = windows.first().map(|window| phase::Correlator::new(window.width));
+    let pair = |(first, windows): (usize, &Vec<Rect>)| match &correlator {
+        Some(correlator) => shifts(read, correlator, first, first + 1, windows),
+        None => Vec::new(),
     };
-    let pairs: Vec<Vec<Shift>> = (1..slices).into_par_iter().map(pair).collect();
+    let pairs: Vec<Vec<Shift>> = of_pair.par_iter().enumerate().map(pair).collect();
     let mut per_slice = vec![None; slices.min(1)];
     per_slice.extend(pairs.iter().map(|shifts| length_quantile(shifts.iter(), 0.5)));
     let scales: Vec<f64> = pairs.iter().filter_map(|shifts| similarity::scale(shifts)).collect();
@@ -144,10 +148,9 @@ fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
 }
 
 /// The shifts from slice `from` to slice `to`, window by window.
-fn shifts(read: &Window<'_>, from: usize, to: usize, windows: &[Rect]) -> Vec<Shift> {
-    let Some(side) = windows.first().map(|window| window.width) else { return Vec::new() };
-    let correlator = phase::Correlator::new(side);
+fn shifts(read: &Window<'_>, correlator: &phase::Correlator, from: usize, to: usize, windows: &[Rect]) -> Vec<Shift> {
     let shift = |window: &Rect| {
+        let side = window.width;
         let (a, valid_a) = read(from, *window)?;
         let (b, valid_b) = read(to, *window)?;
         let sizes = [(a.width, a.height), (b.width, b.height)];

@@ -3,7 +3,7 @@
 mod curve;
 mod noise;
 
-use super::{sampling::Sampling, slice::Seen, statistics};
+use super::{sampling::Points, slice::Seen, statistics};
 use crate::{imaging::Plane, model::metrics::FocusMetrics};
 
 /// Fewer textured samples than this say nothing about single slices.
@@ -38,15 +38,15 @@ struct Samples {
 }
 
 impl Samples {
-    fn of(seen: &[Seen], sampling: Sampling, index: &Plane<u16>, object: Option<&Plane<u8>>) -> Self {
+    fn of(seen: &[Seen], points: &Points, index: &Plane<u16>) -> Self {
         let slices = seen.len();
         let mut samples = Self { saliency: Vec::new(), winner: Vec::new(), slices };
-        for (i, (x, y)) in sampling.positions().enumerate() {
+        for (i, (x, y)) in points.positions().enumerate() {
             if x >= index.width || y >= index.height {
                 continue;
             }
             let winner = usize::from(index.at(x, y));
-            if winner >= slices || object.is_some_and(|object| object.at(x, y) == 0) {
+            if winner >= slices {
                 continue;
             }
             samples.winner.push(winner);
@@ -62,13 +62,11 @@ impl Samples {
     }
 }
 
-/// Judges the coverage; `seen` in the order of the slices.
-pub(super) fn coverage(seen: &[Seen], index: &Plane<u16>, object: Option<&Plane<u8>>) -> Coverage {
+/// Judges the coverage; `seen` in the order of the slices, `masked` when the points are of the object alone.
+pub(super) fn coverage(seen: &[Seen], points: &Points, index: &Plane<u16>, masked: bool) -> Coverage {
     let slices = seen.len();
     let unknown = Coverage { contribution: vec![None; slices], ..Coverage::default() };
-    let Some(first) = seen.first() else { return unknown };
-    let object = object.filter(|object| super::tile::same_shape(*object, index));
-    let samples = Samples::of(seen, first.sampling, index, object);
+    let samples = Samples::of(seen, points, index);
     if samples.winner.is_empty() {
         return unknown;
     }
@@ -78,7 +76,7 @@ pub(super) fn coverage(seen: &[Seen], index: &Plane<u16>, object: Option<&Plane<
     let share = textured.len() as f64 / samples.winner.len() as f64;
     let mut metrics = FocusMetrics {
         textured_fraction: Some(share),
-        unfocused_fraction: object.map(|_| 1.0 - share),
+        unfocused_fraction: masked.then_some(1.0 - share),
         ..FocusMetrics::default()
     };
     if textured.len() < LEAST_TEXTURED {

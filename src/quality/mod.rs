@@ -2,16 +2,17 @@
 //! Definitions and how to read them: `docs/METRICS.md`.
 //!
 //! The parts are called where the data passes by: [`slice::Observer`] once per warped slice,
-//! [`alignment::measure`] on a few windows of the warped slices, [`tile::score`] once per fused tile, and
-//! [`finish`] at the end.
+//! [`alignment::measure`] on a few windows of the warped slices, [`score::Scorer`] once per block of the fused
+//! picture, and [`finish`] at the end. Where they look, [`sampling`] says: at a part of a large canvas, spread evenly.
 
 pub mod alignment;
 mod focus;
+mod lanes;
 pub mod piella;
-mod sampling;
+pub mod sampling;
+pub mod score;
 pub mod slice;
 mod statistics;
-pub mod tile;
 pub mod truth;
 pub mod two_source;
 pub mod xydeas;
@@ -35,20 +36,25 @@ pub struct StackQuality {
     pub slices: Vec<SliceMetrics>,
 }
 
+/// Luma from which a pixel is at full scale, and under which it is at zero (0..255).
+const FULL: f32 = 254.0;
+const ZERO: f32 = 0.5;
+
 /// Puts the parts together.
 ///
 /// `seen` holds one entry per slice, in any order; `index` is the slice that won each pixel (`u16::MAX`:
 /// no slice covers it); `object`, 0 or 255, restricts the numbers to the object.
 pub fn finish(
+    observer: &slice::Observer<'_>,
     seen: Vec<slice::Seen>,
-    sums: tile::Sums,
+    sums: score::Sums,
     alignment: alignment::Alignment,
     index: &Plane<u16>,
     object: Option<&Plane<u8>>,
 ) -> StackQuality {
     let mut seen = seen;
     seen.sort_by_key(|seen| seen.index);
-    let coverage = focus::coverage(&seen, index, object);
+    let coverage = focus::coverage(&seen, observer.points(), index, object.is_some());
     let reference = seen.iter().find(|seen| seen.index == seen.reference);
     let slices = seen
         .iter()
@@ -58,7 +64,8 @@ pub fn finish(
             name: String::new(),
             contribution: coverage.contribution.get(n).copied().flatten(),
             sharpness: slice.tenengrad,
-            exposure_ratio: reference.and_then(|reference| slice.blocks.exposure_ratio(&reference.blocks)),
+            exposure_ratio: reference.and_then(|reference| slice.brightness.exposure_ratio(&reference.brightness)),
+            balance_ratio: reference.and_then(|reference| slice.brightness.balance_ratio(&reference.brightness)),
             clipped_fraction: slice.clipped,
             valid_fraction: slice.covered,
             residual_px: alignment.per_slice.get(slice.index).copied().flatten(),

@@ -12,6 +12,15 @@ pub(super) fn quantile(values: &mut [f32], q: f64) -> Option<f32> {
     Some(values[low] + share * (values[high] - values[low]))
 }
 
+/// The value of rank `q` (0..=1): as [`quantile`], without interpolation, and much faster when there are many.
+pub(super) fn nth(values: &mut [f32], q: f64) -> Option<f32> {
+    if values.is_empty() {
+        return None;
+    }
+    let place = (q.clamp(0.0, 1.0) * (values.len() - 1) as f64).round() as usize;
+    Some(*values.select_nth_unstable_by(place, f32::total_cmp).1)
+}
+
 /// The middle value; none of nothing. Orders `values`.
 pub(super) fn median(values: &mut [f32]) -> Option<f32> {
     quantile(values, 0.5)

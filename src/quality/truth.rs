@@ -1,6 +1,6 @@
 //! Comparison with a known true picture: for renderings, tests and benches.
 
-use super::tile::same_shape;
+use super::score::same_shape;
 use crate::imaging::Plane;
 
 /// Peak signal-to-noise ratio, dB, of luma planes 0..255, over the pixels where `mask` is not 0 (all without
@@ -27,7 +27,7 @@ pub fn ssim(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) 
     const C2: f64 = (0.03 * 255.0) * (0.03 * 255.0);
     let windows = super::two_source::moments(picture, truth)?;
     let whole = match mask {
-        Some(mask) if same_shape(mask, truth) => Some(super::tile::whole_neighbourhoods(mask, SIDE)),
+        Some(mask) if same_shape(mask, truth) => Some(super::score::whole_neighbourhoods(mask, SIDE)),
         Some(_) => return None,
         None => None,
     };

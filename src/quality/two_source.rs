@@ -1,7 +1,7 @@
 //! The published metrics of a fusion of two sources, for comparison with published tables.
 //!
 //! Not for stacks: summed over many sources they rank a blurred image above the ideal one. There
-//! [`super::tile`] compares with the sharpest slice. All functions take luma 0..255 planes of one size, and
+//! [`super::score`] compares with the sharpest slice. All functions take luma 0..255 planes of one size, and
 //! answer none when the sizes differ or the pictures are too small or too flat. Published figures are for
 //! whole grey levels: round the luma of 8-bit pictures before comparing (it moves Q_G by 0.001).
 
@@ -9,7 +9,7 @@ mod viff;
 
 pub use viff::viff;
 
-use super::{piella, tile::same_shape, xydeas};
+use super::{piella, score::same_shape, xydeas};
 use crate::imaging::Plane;
 
 /// Q^{AB/F} of Xydeas & Petrovic (2000): gradient preservation, weighted by the gradients of the sources.

@@ -20,6 +20,11 @@ impl Sigmoid {
     fn at(&self, x: f32) -> f32 {
         self.top / (1.0 + (self.slope * (x - self.middle)).exp())
     }
+
+    #[inline(always)]
+    fn fast(&self, x: f32) -> f32 {
+        self.top / (1.0 + exp(self.slope * (x - self.middle)))
+    }
 }
 
 /// How well the gradient `fused` keeps the gradient `source`, both Sobel (x, y) of luma 0..255:
@@ -37,6 +42,57 @@ pub fn preservation(source: (f32, f32), fused: (f32, f32)) -> f32 {
     };
     let angle = (orientation(source) - orientation(fused)).abs();
     STRENGTH.at(ratio) * ORIENTATION.at(1.0 - angle / FRAC_PI_2)
+}
+
+/// [`preservation`] of many gradients, `(gx, gy)` each, to within 1e-5: without branches and without calls, so that it
+/// runs in vectors.
+pub fn preservations(source: (&[f32], &[f32]), fused: (&[f32], &[f32]), out: &mut [f32]) {
+    let count = out.len();
+    let (ax, ay, fx, fy) = (&source.0[..count], &source.1[..count], &fused.0[..count], &fused.1[..count]);
+    for i in 0..count {
+        let (a, f) = (ax[i] * ax[i] + ay[i] * ay[i], fx[i] * fx[i] + fy[i] * fy[i]);
+        let (low, high) = (if a < f { a } else { f }, if a < f { f } else { a });
+        // of two gradients of 0 the ratio is 1
+        let ratio = ((low + f32::MIN_POSITIVE) / (high + f32::MIN_POSITIVE)).sqrt();
+        // orientations lie in -pi/2..pi/2: turn both gradients to the right, and take the angle between them
+        let (a_right, f_right) = (if ax[i] < 0.0 { -1.0 } else { 1.0 }, if fx[i] < 0.0 { -1.0 } else { 1.0 });
+        let turned = a_right * f_right;
+        let dot = turned * (ax[i] * fx[i] + ay[i] * fy[i]);
+        let cross = (ax[i] * fy[i] - ay[i] * fx[i]).abs();
+        let angle = angle(cross, dot);
+        out[i] = STRENGTH.fast(ratio) * ORIENTATION.fast(1.0 - angle / FRAC_PI_2);
+    }
+}
+
+/// `atan2(y, x)` for `y` >= 0, to within 2e-6 rad; 0 at the origin.
+#[inline(always)]
+fn angle(y: f32, x: f32) -> f32 {
+    let size = x.abs();
+    let (low, high) = (if y < size { y } else { size }, if y < size { size } else { y });
+    let t = low / (high + f32::MIN_POSITIVE);
+    let s = t * t;
+    // Abramowitz & Stegun 4.4.49, shortened to what f32 holds
+    let even = 1.0
+        + s * (-0.333_331_45
+            + s * (0.199_935_5
+                + s * (-0.142_089
+                    + s * (0.106_562_64
+                        + s * (-0.075_289_64 + s * (0.042_909_61 + s * (-0.016_165_737 + s * 0.002_866_226)))))));
+    let base = t * even;
+    let steep = if y > size { FRAC_PI_2 - base } else { base };
+    if x < 0.0 { 2.0 * FRAC_PI_2 - steep } else { steep }
+}
+
+/// `exp(x)` for |x| < 80, to within 3e-6 of its value.
+#[inline(always)]
+fn exp(x: f32) -> f32 {
+    // adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the lowest bits
+    const MAGIC: f32 = 12_582_912.0;
+    let t = x * std::f32::consts::LOG2_E;
+    let shifted = t + MAGIC;
+    let f = (t - (shifted - MAGIC)) * std::f32::consts::LN_2;
+    let power = 1.0 + f * (1.0 + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0 + f / 720.0)))));
+    f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
 /// Orientation of a gradient in -pi/2..pi/2; the published guard for a vertical one.
@@ -59,6 +115,24 @@ mod tests {
     fn a_lost_or_turned_gradient_scores_almost_nothing() {
         assert!(preservation((30.0, 0.0), (0.5, 0.0)) < 0.01);
         assert!(preservation((30.0, 5.0), (-5.0, 30.0)) < 0.01);
+    }
+
+    #[test]
+    fn many_at_once_agree_with_one_by_one() {
+        let values = [-255.0f32, -80.5, -3.0, -0.1, 0.0, 0.1, 1.0, 3.3, 80.25, 255.0];
+        for &ax in &values {
+            for &ay in &values {
+                let (fx, fy): (Vec<f32>, Vec<f32>) = values.iter().flat_map(|&x| values.map(|y| (x, y))).unzip();
+                let source = (vec![ax; fx.len()], vec![ay; fx.len()]);
+                let mut out = vec![0.0; fx.len()];
+                preservations((&source.0, &source.1), (&fx, &fy), &mut out);
+                for ((x, y), found) in fx.into_iter().zip(fy).zip(out) {
+                    let expected = preservation((ax, ay), (x, y));
+                    // the published guard for a vertical gradient turns a zero one by a hair
+                    assert!((found - expected).abs() < 2e-5, "({ax}, {ay}), ({x}, {y}): {found}, not {expected}");
+                }
+            }
+        }
     }
 
     #[test]

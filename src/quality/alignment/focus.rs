@@ -12,30 +12,59 @@ use crate::imaging::{Plane, Rect};
 /// A slice is near the focus of a window when it holds this share of the fine texture of the sharpest slice.
 const NEAR: f64 = 0.4;
 
+/// So many pairs of neighbours are compared per window.
+const MOST_PAIRS: usize = 4;
+/// In a stack of so many slices, texture comes and goes with focus ...
+const MANY: usize = 5;
+/// ... by this factor at least; what stays the same is noise, or a pattern that belongs to the camera.
+const COMES_AND_GOES: f64 = 1.5;
+
 /// The fine texture of every window in every slice.
 pub(super) struct Focus {
     /// By slice, then window.
     texture: Vec<Vec<f64>>,
-    /// The largest of all slices, by window.
+    /// The largest of all slices, by window; infinite where no focus shows.
     sharpest: Vec<f64>,
 }
 
 impl Focus {
     pub(super) fn of(slices: usize, read: &Window<'_>, windows: &[Rect]) -> Self {
-        let of_window =
-            |slice: usize, window: &Rect| read(slice, *window).map_or(0.0, |(luma, valid)| fine_texture(&luma, &valid));
+        let of_strip =
+            |slice: usize, strip: Rect| read(slice, strip).map_or(0.0, |(luma, valid)| fine_texture(&luma, &valid));
+        let of_window = |slice: usize, window: &Rect| strips(*window).map(|strip| of_strip(slice, strip)).iter().sum();
         let of_slice = |slice: usize| windows.iter().map(|window| of_window(slice, window)).collect();
         let texture: Vec<Vec<f64>> = (0..slices).into_par_iter().map(of_slice).collect();
-        let largest = |index: usize| texture.iter().map(|slice: &Vec<f64>| slice[index]).fold(0.0, f64::max);
-        let sharpest = (0..windows.len()).map(largest).collect();
+        let sharpest = |index: usize| {
+            let of_slices = || texture.iter().map(|slice: &Vec<f64>| slice[index]).filter(|&value| value > 0.0);
+            let (least, largest) = (of_slices().fold(f64::INFINITY, f64::min), of_slices().fold(0.0, f64::max));
+            let shows_focus = of_slices().count() < MANY || largest >= COMES_AND_GOES * least;
+            if shows_focus { largest } else { f64::INFINITY }
+        };
+        let sharpest = (0..windows.len()).map(sharpest).collect();
         Self { texture, sharpest }
     }
 
-    /// Whether both slices show window `index` near its focus.
-    pub(super) fn in_both(&self, from: usize, to: usize, index: usize) -> bool {
-        let near = |slice: usize| self.texture[slice][index] >= NEAR * self.sharpest[index];
-        near(from) && near(to)
+    /// The pairs of neighbours that show window `index` nearest to its focus, by their first slice.
+    pub(super) fn pairs(&self, index: usize) -> Vec<usize> {
+        let texture = |slice: usize| self.texture[slice][index];
+        let weaker = |slice: usize| texture(slice).min(texture(slice + 1));
+        let slices = self.texture.len();
+        let near = |slice: &usize| weaker(*slice) >= NEAR * self.sharpest[index];
+        let mut pairs: Vec<usize> = (0..slices.saturating_sub(1)).filter(near).collect();
+        pairs.sort_by(|a, b| weaker(*b).total_cmp(&weaker(*a)).then(a.cmp(b)));
+        pairs.truncate(MOST_PAIRS);
+        pairs
     }
+}
+
+/// Parts of a window that tell its texture.
+fn strips(window: Rect) -> [Rect; 3] {
+    let height = (window.height / 8).max(5).min(window.height);
+    [1, 3, 5].map(|sixths| {
+        let middle = window.y + window.height * sixths / 6;
+        let y = middle.saturating_sub(height / 2).clamp(window.y, window.y + window.height - height);
+        Rect { y, height, ..window }
+    })
 }
 
 /// Mean squared difference of pixels two apart in both directions, over what is valid: 0 without any. Two

@@ -8,6 +8,8 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use rustfft::{Fft, FftPlanner, num_complex::Complex32};
 
+use crate::quality::lanes;
+
 /// Share of the votes that must agree with the peak, 0 (none) to 1 (all).
 const AGREEMENT: f32 = 0.5;
 /// A peak must be this much higher than any other far from it.
@@ -31,14 +33,30 @@ const LEAST_COMMON: f32 = 0.07;
 pub(super) struct Correlator {
     side: usize,
     taper: Vec<f32>,
+    /// The frequencies that vote.
+    places: Vec<Place>,
     forward: Arc<dyn Fft<f32>>,
     backward: Arc<dyn Fft<f32>>,
 }
 
-/// One frequency of the common spectrum, in radians per px.
-struct Vote {
+/// One frequency of half the plane.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Radians per px.
     u: f32,
     v: f32,
+    /// Cycles per px.
+    frequency: f32,
+    /// Where it and its opposite lie in a spectrum.
+    at: usize,
+    opposite: usize,
+    /// Where they lie in a spectrum of half as many frequencies each way.
+    coarse: (usize, usize),
+}
+
+/// What the common spectrum says at one frequency.
+struct Vote {
+    place: Place,
     cross: Complex32,
     /// Energies of the two windows there.
     energies: (f32, f32),
@@ -49,7 +67,8 @@ impl Correlator {
         let hann: Vec<f32> = (0..side).map(|i| 0.5 - 0.5 * (TAU * (i as f32 + 0.5) / side as f32).cos()).collect();
         let taper = hann.iter().flat_map(|&y| hann.iter().map(move |&x| x * y)).collect();
         let mut planner = FftPlanner::new();
-        Self { side, taper, forward: planner.plan_fft_forward(side), backward: planner.plan_fft_inverse(side) }
+        let (forward, backward) = (planner.plan_fft_forward(side), planner.plan_fft_inverse(side / 2));
+        Self { side, taper, places: places(side), forward, backward }
     }
 
     /// How far the content of `b` lies from where it is in `a`, px (x, y), by the pixels where `valid`; none
@@ -62,7 +81,10 @@ impl Correlator {
         if total <= 0.0 || !total.is_finite() {
             return None;
         }
-        self.transform(&mut surface, &self.backward);
+        // columns, which lie as rows, then rows: every other pixel of the surface, which holds no finer detail
+        self.backward.process(&mut surface);
+        transpose(&mut surface, self.side / 2);
+        self.backward.process(&mut surface);
         let start = self.peak(&surface)?;
         let (x, y) = refine(&votes, start)?;
         let agreeing: f32 = votes
@@ -74,91 +96,104 @@ impl Correlator {
 
     /// Without mean, tapered to the borders, zero where not valid.
     fn prepared(&self, window: &[f32], valid: &[bool]) -> Option<Vec<f32>> {
-        let weights = || self.taper.iter().zip(valid).map(|(&taper, &valid)| if valid { taper } else { 0.0 });
+        let weights: Vec<f32> =
+            self.taper.iter().zip(valid).map(|(&taper, &valid)| if valid { taper } else { 0.0 }).collect();
         // a value where the slice does not cover may be anything
-        let values = || window.iter().zip(valid).map(|(&value, &valid)| if valid { value } else { 0.0 });
-        let sum: f32 = weights().sum();
-        let mean = values().zip(weights()).map(|(v, w)| v * w).sum::<f32>() / sum;
-        let tapered: Vec<f32> = values().zip(weights()).map(|(v, w)| (v - mean) * w).collect();
-        let energy: f32 = tapered.iter().zip(weights()).filter(|(_, w)| *w > 0.0).map(|(t, w)| t * t / w).sum();
-        let contrast = (energy / sum).sqrt();
-        (contrast.is_finite() && contrast >= LEAST_CONTRAST).then_some(tapered)
+        let mut values: Vec<f32> =
+            window.iter().zip(valid).map(|(&value, &valid)| if valid { value } else { 0.0 }).collect();
+        let sum = lanes::sum(&weights);
+        let mean = (lanes::dot(&values, &weights) / sum) as f32;
+        values.iter_mut().for_each(|value| *value -= mean);
+        let mut tapered = values.clone();
+        tapered.iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
+        let contrast = (lanes::dot(&tapered, &values) / sum).sqrt();
+        (contrast.is_finite() && contrast >= f64::from(LEAST_CONTRAST)).then_some(tapered)
     }
 
-    /// Rows, then columns.
-    fn transform(&self, data: &mut [Complex32], fft: &Arc<dyn Fft<f32>>) {
-        fft.process(data);
-        transpose(data, self.side);
-        fft.process(data);
-        transpose(data, self.side);
-    }
-
-    /// The votes of half the plane, and their spectrum over the whole of it. Both windows are real, so one
-    /// transform of `a + i b` holds both spectra.
+    /// The votes of half the plane, and their spectrum over the whole of it, without the upper half of the frequencies
+    /// each way, where none lies. Both windows are real, so one transform of `a + i b` holds both spectra.
     fn cross_spectrum(&self, mut both: Vec<Complex32>) -> (Vec<Vote>, Vec<Complex32>) {
-        self.transform(&mut both, &self.forward);
-        let side = self.side;
-        let opposite = |i: usize| (side - i) % side;
-        let mut votes = Vec::new();
-        let mut spectrum = vec![Complex32::default(); side * side];
-        let frequency = |i: usize| if i <= side / 2 { i as f32 } else { i as f32 - side as f32 } / side as f32;
-        for row in 0..side {
-            for column in 0..=side / 2 {
-                let (u, v) = (frequency(column), frequency(row));
-                let radius = u.hypot(v);
-                if !(BAND.0..=BAND.1).contains(&radius) || (column == 0 && row > side / 2) {
-                    continue;
-                }
-                let here = both[row * side + column];
-                let there = both[opposite(row) * side + opposite(column)].conj();
-                let a = (here + there) * 0.5;
-                let b = (here - there) * Complex32::new(0.0, -0.5);
-                let energies = (a.norm_sqr(), b.norm_sqr());
-                votes.push(Vote { u: TAU * u, v: TAU * v, cross: a.conj() * b, energies });
-            }
-        }
-        let common = common_band(&votes, side);
-        votes.retain(|vote| vote.frequency() <= common);
+        self.forward.process(&mut both);
+        transpose(&mut both, self.side);
+        self.forward.process(&mut both);
+        let vote = |&place: &Place| {
+            let (here, there) = (both[place.at], both[place.opposite].conj());
+            let a = (here + there) * 0.5;
+            let b = (here - there) * Complex32::new(0.0, -0.5);
+            Vote { place, cross: a.conj() * b, energies: (a.norm_sqr(), b.norm_sqr()) }
+        };
+        let mut votes: Vec<Vote> = self.places.iter().map(vote).collect();
+        let common = common_band(&votes, self.side);
+        votes.retain(|vote| vote.place.frequency <= common);
         if common < LEAST_COMMON {
             votes.clear();
         }
         whiten(&mut votes);
+        let half = self.side / 2;
+        let mut spectrum = vec![Complex32::default(); half * half];
         for vote in &votes {
-            let column = (vote.u / TAU * side as f32).round() as isize;
-            let row = (vote.v / TAU * side as f32).round() as isize;
-            let wrap = |i: isize| i.rem_euclid(side as isize) as usize;
-            spectrum[wrap(row) * side + wrap(column)] = vote.cross;
-            spectrum[wrap(-row) * side + wrap(-column)] = vote.cross.conj();
+            spectrum[vote.place.coarse.0] = vote.cross;
+            spectrum[vote.place.coarse.1] = vote.cross.conj();
         }
         (votes, spectrum)
     }
 
     /// The highest point, px, when no other one comes near it.
     fn peak(&self, surface: &[Complex32]) -> Option<(f32, f32)> {
-        let side = self.side;
+        let side = self.side / 2;
         let highest = (0..surface.len()).max_by(|&i, &j| surface[i].re.total_cmp(&surface[j].re))?;
-        let signed = |i: usize| if i < side / 2 { i as f32 } else { i as f32 - side as f32 };
+        let signed = |i: usize| 2.0 * if i < side / 2 { i as f32 } else { i as f32 - side as f32 };
         let place = |i: usize| (signed(i % side), signed(i / side));
         let (x, y) = place(highest);
-        let away = |a: f32, b: f32| ((a - b).abs()).min(side as f32 - (a - b).abs());
-        let second = (0..surface.len())
-            .filter(|&i| away(place(i).0, x).hypot(away(place(i).1, y)) > APART)
-            .map(|i| surface[i].re)
-            .fold(0.0, f32::max);
+        let away = |a: f32, b: f32| ((a - b).abs()).min(self.side as f32 - (a - b).abs());
+        let mut second = 0.0f32;
+        for row in 0..side {
+            let down = away(place(row * side).1, y);
+            for (column, value) in surface[row * side..(row + 1) * side].iter().enumerate() {
+                // hardly any is high enough for its distance to matter
+                if value.re > second && away(place(column).0, x).powi(2) + down * down > APART * APART {
+                    second = value.re;
+                }
+            }
+        }
         (surface[highest].re > PEAK_RATIO * second).then_some((x, y))
     }
 }
 
 impl Vote {
-    /// Cycles per px.
-    fn frequency(&self) -> f32 {
-        self.u.hypot(self.v) / TAU
-    }
-
     /// Phase that a shift by (x, y) explains, radians.
     fn phase(&self, x: f32, y: f32) -> f32 {
-        self.u * x + self.v * y
+        self.place.u * x + self.place.v * y
     }
+}
+
+/// The frequencies of the band, each once. Spectra are transposed: rows are frequencies across.
+fn places(side: usize) -> Vec<Place> {
+    let half = side / 2;
+    let opposite = |i: usize| (side - i) % side;
+    let frequency = |i: usize| if i <= half { i as f32 } else { i as f32 - side as f32 } / side as f32;
+    // in half as many frequencies the negative ones come sooner
+    let coarse = |i: usize| if i < half { i } else { i - half };
+    let mut places = Vec::new();
+    for across in 0..=half {
+        for down in 0..side {
+            let (u, v) = (frequency(across), frequency(down));
+            let radius = u.hypot(v);
+            if !(BAND.0..BAND.1).contains(&radius) || (across == 0 && down > half) {
+                continue;
+            }
+            let coarse_at = |across: usize, down: usize| coarse(across) * half + coarse(down);
+            places.push(Place {
+                u: TAU * u,
+                v: TAU * v,
+                frequency: radius,
+                at: across * side + down,
+                opposite: opposite(across) * side + opposite(down),
+                coarse: (coarse_at(across, down), coarse_at(opposite(across), opposite(down))),
+            });
+        }
+    }
+    places
 }
 
 /// The highest frequency up to which neither window is damped away against the other, cycles per px.
@@ -167,7 +202,7 @@ fn common_band(votes: &[Vote], side: usize) -> f32 {
     let ring = |frequency: f32| ((frequency - BAND.0) * side as f32 / 4.0) as usize;
     let mut energies = vec![(0.0f32, 0.0f32); ring(BAND.1) + 1];
     for vote in votes {
-        if let Some(sums) = energies.get_mut(ring(vote.frequency())) {
+        if let Some(sums) = energies.get_mut(ring(vote.place.frequency)) {
             sums.0 += vote.energies.0;
             sums.1 += vote.energies.1;
         }
@@ -203,11 +238,11 @@ fn refine(votes: &[Vote], (start_x, start_y): (f32, f32)) -> Option<(f32, f32)> 
             let (sin, cos) = vote.phase(x, y).sin_cos();
             let agreeing = vote.cross.re * cos - vote.cross.im * sin;
             let turned = vote.cross.re * sin + vote.cross.im * cos;
-            gx -= vote.u * turned;
-            gy -= vote.v * turned;
-            xx += vote.u * vote.u * agreeing;
-            xy += vote.u * vote.v * agreeing;
-            yy += vote.v * vote.v * agreeing;
+            gx -= vote.place.u * turned;
+            gy -= vote.place.v * turned;
+            xx += vote.place.u * vote.place.u * agreeing;
+            xy += vote.place.u * vote.place.v * agreeing;
+            yy += vote.place.v * vote.place.v * agreeing;
         }
         let determinant = xx * yy - xy * xy;
         if xx <= 0.0 || determinant <= 1e-6 * xx * yy {
@@ -216,7 +251,7 @@ fn refine(votes: &[Vote], (start_x, start_y): (f32, f32)) -> Option<(f32, f32)> 
         let (step_x, step_y) = ((yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant);
         x += step_x;
         y += step_y;
-        if (x - start_x).hypot(y - start_y) > 1.5 {
+        if (x - start_x).hypot(y - start_y) > 2.5 {
             return None;
         }
         if step_x.hypot(step_y) < 1e-4 {

@@ -20,6 +20,6 @@ const HIGHEST: f32 = 12.0;
 /// their sharpest slice, finds none there, and on a plain background finds only the lower tail of the noise.)
 pub(super) fn floor(saliency: &[f32]) -> f32 {
     let mut alive: Vec<f32> = saliency.iter().copied().filter(|&value| value > DEAD).collect();
-    let quiet = statistics::quantile(&mut alive, QUIET).unwrap_or(0.0);
+    let quiet = statistics::nth(&mut alive, QUIET).unwrap_or(0.0);
     (MARGIN * quiet).clamp(LOWEST, HIGHEST)
 }

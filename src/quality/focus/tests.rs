@@ -1,5 +1,5 @@
 use super::*;
-use crate::quality::slice::Observer;
+use crate::quality::slice::{Fingerprint, Observer, Warped};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
@@ -32,19 +32,28 @@ impl Stack {
 
     fn judged(&self) -> Coverage {
         let slices = self.places.len();
-        let observer = Observer::new(WIDTH, HEIGHT, slices, slices / 2);
-        let luma = Plane::filled(WIDTH, HEIGHT, 100.0f32);
         let planes: Vec<Plane<f32>> =
             (0..slices).map(|n| Plane::from_fn(WIDTH, HEIGHT, |x, y| self.saliency(n, x, y))).collect();
-        let valid = Plane::filled(WIDTH, HEIGHT, 255u8);
-        let seen: Vec<Seen> =
-            planes.iter().enumerate().map(|(n, plane)| observer.slice(n, &luma, &valid, plane, 1.0)).collect();
         let index = Plane::from_fn(WIDTH, HEIGHT, |x, y| {
             let higher = |best: usize, n: usize| if planes[n].at(x, y) > planes[best].at(x, y) { n } else { best };
             (1..slices).fold(0, higher) as u16
         });
-        coverage(&seen, &index, self.object.as_ref())
+        judge(&planes, &index, self.object.as_ref())
     }
+}
+
+/// Coverage by slices whose saliency is known everywhere.
+fn judge(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&Plane<u8>>) -> Coverage {
+    let observer = Observer::new(WIDTH, HEIGHT, saliency.len(), saliency.len() / 2, object);
+    let grey = vec![100u8; WIDTH * HEIGHT];
+    let everywhere = crate::imaging::Coverage::full(WIDTH, HEIGHT);
+    let see = |(n, plane): (usize, &Plane<f32>)| {
+        let picked = observer.points().positions().map(|(x, y)| plane.at(x, y)).collect();
+        let slice = Warped { samples: &grey[..], channels: 1, coverage: &everywhere, gain: 1.0 };
+        observer.slice(n, &slice, picked, Fingerprint::default())
+    };
+    let seen: Vec<Seen> = saliency.iter().enumerate().map(see).collect();
+    coverage(&seen, observer.points(), index, object.is_some())
 }
 
 #[test]
@@ -132,10 +141,7 @@ fn two_slices_cannot_say_where_the_object_ends() {
 #[test]
 fn no_slice_and_no_covered_pixel_give_no_number() {
     let index = Plane::filled(WIDTH, HEIGHT, u16::MAX);
-    assert_eq!(coverage(&[], &index, None), Coverage::default());
-    let flat = Plane::filled(WIDTH, HEIGHT, 1.0f32);
-    let nowhere = Plane::filled(WIDTH, HEIGHT, 0u8);
-    let seen = Observer::new(WIDTH, HEIGHT, 1, 0).slice(0, &flat, &nowhere, &flat, 1.0);
-    let found = coverage(&[seen], &index, None);
+    assert_eq!(judge(&[], &index, None), Coverage::default());
+    let found = judge(&[Plane::filled(WIDTH, HEIGHT, f32::NAN)], &index, None);
     assert_eq!((found.metrics, found.contribution), (FocusMetrics::default(), vec![None]));
 }

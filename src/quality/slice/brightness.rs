@@ -1,63 +1,108 @@
-//! Brightness of a slice over that of the reference, from means of blocks that both cover.
+//! Brightness of a slice over that of the reference, from means of cells that both cover.
 
-use super::is_clipped;
-use crate::imaging::Plane;
+use super::Warped;
+use crate::{
+    imaging::{Rect, Sample},
+    quality::{FULL, statistics},
+};
 
-/// About this many blocks over the canvas: large against any defocus, small against uneven light.
-const BLOCKS: usize = 768;
-/// No block is smaller than this, px.
+/// About this many cells over the canvas: large against any defocus, small against uneven light.
+const CELLS: usize = 768;
+/// No cell is smaller than this, px.
 const LEAST_SIDE: usize = 16;
-/// Blocks darker than this (0..255) say more of noise and black level than of light.
+/// About so many rows of a large cell are looked at.
+const ROWS: usize = 10;
+/// Cells darker than this (0..255) say more of noise and black level than of light.
 const LEAST_MEAN: f32 = 4.0;
-/// Blocks with a larger share of clipped pixels are passed over.
+/// Cells with a larger share of clipped samples are passed over.
 const MOST_CLIPPED: f32 = 0.01;
 
-/// Mean brightness before gain per block; NaN where the slice does not cover the whole block, or too dark,
-/// or clipped.
+/// Mean brightness before gain per cell: luma, then red, green and blue. NaN where the slice does not cover the whole
+/// cell, or is too dark there, or clipped.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Blocks {
-    means: Vec<f32>,
+pub(crate) struct Brightness {
+    means: Vec<[f32; 4]>,
 }
 
-impl Blocks {
-    pub(super) fn of(luma: &Plane<f32>, valid: &Plane<u8>, gain: f32) -> Self {
-        let side = ((luma.data.len() / BLOCKS) as f64).sqrt() as usize;
-        let side = side.max(LEAST_SIDE).min(luma.width.min(luma.height)).max(1);
-        let (across, down) = (luma.width / side, luma.height / side);
-        let mut means = Vec::with_capacity(across * down);
-        for block_y in 0..down {
-            for block_x in 0..across {
-                means.push(mean(luma, valid, gain, (block_x * side, block_y * side), side));
-            }
-        }
-        Self { means }
+impl Brightness {
+    pub(super) fn of<S: Sample>(slice: &Warped<'_, S>, gain: f64) -> Self {
+        let (width, height) = (slice.coverage.width(), slice.coverage.height());
+        let side = ((width * height / CELLS) as f64).sqrt() as usize;
+        let side = side.max(LEAST_SIDE).min(width.min(height)).max(1);
+        let cells = (0..height / side)
+            .flat_map(|y| (0..width / side).map(move |x| Rect { x: x * side, y: y * side, width: side, height: side }));
+        let mean = |cell: Rect| if slice.coverage.contains(cell) { mean(slice, gain, cell) } else { [f32::NAN; 4] };
+        Self { means: cells.map(mean).collect() }
     }
 
-    /// Median over the blocks that both have; none when they share none.
+    /// Median over the cells that both have of the luma; none when they share none.
     pub(crate) fn exposure_ratio(&self, reference: &Self) -> Option<f64> {
+        self.median(reference, |mine, its| mine[0] / its[0])
+    }
+
+    /// The same of red over green and of blue over green.
+    pub(crate) fn balance_ratio(&self, reference: &Self) -> Option<[f64; 2]> {
+        let over_green = |channel: usize| {
+            self.median(reference, move |mine, its| (mine[channel] / its[channel]) / (mine[2] / its[2]))
+        };
+        Some([over_green(1)?, over_green(3)?])
+    }
+
+    fn median(&self, reference: &Self, ratio: impl Fn(&[f32; 4], &[f32; 4]) -> f32) -> Option<f64> {
         if self.means.len() != reference.means.len() {
             return None;
         }
         let pairs = self.means.iter().zip(&reference.means);
-        let mut ratios: Vec<f32> = pairs.map(|(mine, its)| mine / its).filter(|ratio| ratio.is_finite()).collect();
-        crate::quality::statistics::median(&mut ratios).map(f64::from)
+        let mut ratios: Vec<f32> =
+            pairs.map(|(mine, its)| ratio(mine, its)).filter(|ratio| ratio.is_finite()).collect();
+        statistics::median(&mut ratios).map(f64::from)
     }
 }
 
-fn mean(luma: &Plane<f32>, valid: &Plane<u8>, gain: f32, (x, y): (usize, usize), side: usize) -> f32 {
-    let (mut sum, mut clipped) = (0.0f64, 0);
-    for row in y..y + side {
-        let (values, covered) = (&luma.row(row)[x..x + side], &valid.row(row)[x..x + side]);
-        if covered.contains(&0) {
-            return f32::NAN;
+fn mean<S: Sample>(slice: &Warped<'_, S>, gain: f64, cell: Rect) -> [f32; 4] {
+    let (width, channels) = (slice.coverage.width(), slice.channels);
+    let scale = S::DEPTH.max() / 255.0;
+    let full = (FULL * scale).min(FULL * scale * gain as f32) as u32;
+    let step = (cell.height / ROWS).max(1);
+    let (mut sums, mut clipped, mut rows) = ([0u64; 3], 0, 0);
+    for y in (cell.y..cell.y + cell.height).step_by(step) {
+        let row = &slice.samples[(y * width + cell.x) * channels..(y * width + cell.x + cell.width) * channels];
+        let (of_row, clipped_here) = row_sums(row, channels, full);
+        sums.iter_mut().zip(of_row).for_each(|(sum, more)| *sum += u64::from(more));
+        clipped += clipped_here;
+        rows += 1;
+    }
+    let samples = (rows * cell.width) as f32;
+    let unit = 1.0 / (samples * scale * gain as f32);
+    let [red, green, blue] = sums.map(|sum| sum as f32 * unit);
+    let luma = 0.299 * red + 0.587 * green + 0.114 * blue;
+    if clipped as f32 > MOST_CLIPPED * samples * channels as f32 || luma < LEAST_MEAN {
+        return [f32::NAN; 4];
+    }
+    [luma, red, green, blue]
+}
+
+/// Samples side by side whose sums are kept apart: whole pixels of 1 and of 3 channels, and whole vectors.
+const LANES: usize = 24;
+
+/// Sums per channel (of grey ones, three times the same), and how many samples are at `full` or over it.
+fn row_sums<S: Sample>(row: &[S], channels: usize, full: u32) -> ([u32; 3], u32) {
+    let (mut sums, mut clipped) = ([0u32; LANES], [0u32; LANES]);
+    let chunks = row.chunks_exact(LANES);
+    let rest = chunks.remainder();
+    for chunk in chunks {
+        for ((sum, clipped), sample) in sums.iter_mut().zip(&mut clipped).zip(chunk) {
+            *sum += sample.integer();
+            *clipped += u32::from(sample.integer() >= full);
         }
-        sum += super::sum_of(values);
-        clipped += values.iter().filter(|&&value| is_clipped(value, gain)).count();
     }
-    let pixels = (side * side) as f32;
-    let mean = sum as f32 / pixels / gain;
-    if clipped as f32 > MOST_CLIPPED * pixels || mean < LEAST_MEAN {
-        return f32::NAN;
+    for ((sum, clipped), sample) in sums.iter_mut().zip(&mut clipped).zip(rest) {
+        *sum += sample.integer();
+        *clipped += u32::from(sample.integer() >= full);
     }
-    mean
+    let of_channel = |channel: usize| match channels {
+        1 => sums.iter().sum(),
+        _ => sums.iter().skip(channel).step_by(3).sum(),
+    };
+    ([0, 1, 2].map(of_channel), clipped.iter().sum())
 }

@@ -1,7 +1,7 @@
 //! Visual information fidelity for fusion (Han, Cai, Cao & Xu, Information Fusion 14(2), 2013), from the
 //! formulas of the paper.
 
-use crate::{imaging::Plane, quality::tile::same_shape};
+use crate::{imaging::Plane, quality::score::same_shape};
 
 /// Variance of the visual noise.
 const NOISE: f64 = 0.005 * 255.0 * 255.0;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::quality::{piella, two_source, xydeas};
+use crate::quality::{piella, sampling::Blocks, two_source, xydeas};
 
 /// A textured picture, and the same in focus at one column and the more blurred the farther from it.
 mod ramp {
@@ -71,12 +71,8 @@ mod ramp {
     }
 }
 
-fn covered(of: &Plane<f32>) -> Plane<u8> {
-    Plane::filled(of.width, of.height, 255)
-}
-
 fn scored(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
-    score(fused, &mut slices.iter().map(|slice| (slice.clone(), covered(slice))), None).metrics()
+    score(fused, &mut slices.iter().map(|slice| (slice.clone(), None)), None).metrics()
 }
 
 fn mean(slices: &[Plane<f32>]) -> Plane<f32> {
@@ -107,6 +103,37 @@ fn the_ideal_image_beats_its_blur_and_the_mean_whatever_the_number_of_slices() {
         }
         assert!(ideal[0] > 0.8 && ideal[1] > 0.98 && ideal[2] > 0.95, "{count} slices: {numbers:?}");
         assert!((0.9..=1.02).contains(&ideal[3]), "{count} slices: {numbers:?}");
+    }
+}
+
+/// The score in the blocks of a sampled canvas alone.
+fn sampled(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
+    let blocks = Blocks::of(fused.width, fused.height, None).rects;
+    let pixels: usize = blocks.iter().map(|block| block.width * block.height).sum();
+    assert!(pixels * 2 < fused.data.len(), "the canvas is too small to be sampled");
+    let mut sums = Sums::default();
+    for block in blocks {
+        let cut = |p: &Plane<f32>| Plane::from_fn(block.width, block.height, |x, y| p.at(block.x + x, block.y + y));
+        sums.merge(&score(&cut(fused), &mut slices.iter().map(|slice| (cut(slice), None)), None));
+    }
+    sums.metrics()
+}
+
+#[test]
+fn the_order_is_the_same_where_the_canvas_is_only_sampled() {
+    let ideal = ramp::ideal(720, 400);
+    let blurred = ramp::disk(&ideal, 2.0).map(f32::round);
+    for count in [2, 5, 10, 20] {
+        let slices = ramp::slices(&ideal, count);
+        let numbers = [&ideal, &blurred, &mean(&slices)].map(|fused| {
+            let scored = sampled(fused, &slices);
+            [scored.q_g_top.unwrap(), scored.q_w_top.unwrap(), scored.sharpness_retention.unwrap()]
+        });
+        let [ideal, blur, mean] = numbers;
+        for (name, k) in [("q_g_top", 0), ("q_w_top", 1), ("retention", 2)] {
+            assert!(ideal[k] > blur[k] + 0.1 && ideal[k] > mean[k] + 0.02, "{name}, {count} slices: {numbers:?}");
+            assert!(count < 10 || blur[k] > mean[k], "{name}, {count} slices: {numbers:?}");
+        }
     }
 }
 
@@ -181,14 +208,11 @@ fn what_a_slice_does_not_cover_enters_no_sum() {
     let valid = Plane::from_fn(64, 48, |x, _| if x < 40 { 255u8 } else { 0 });
     for wild in [f32::NAN, f32::INFINITY, 1e30] {
         let torn = Plane::from_fn(64, 48, |x, y| if x < 40 { picture.at(x, y) } else { wild });
-        let with = score(
-            &picture,
-            &mut [(picture.clone(), covered(&picture)), (torn.clone(), valid.clone())].into_iter(),
-            None,
-        );
+        let with =
+            score(&picture, &mut [(picture.clone(), None), (torn.clone(), Some(valid.clone()))].into_iter(), None);
         assert_eq!(with.metrics(), scored(&picture, std::slice::from_ref(&picture)));
         let cut = |p: &Plane<f32>| Plane::from_fn(40, 48, |x, y| p.at(x, y));
-        let alone = score(&torn, &mut std::iter::once((torn.clone(), valid.clone())), None).metrics();
+        let alone = score(&torn, &mut std::iter::once((torn.clone(), Some(valid.clone()))), None).metrics();
         let expected = scored(&cut(&picture), &[cut(&picture)]);
         assert_eq!((alone.q_g_top, alone.tenengrad), (expected.q_g_top, expected.tenengrad));
         assert_eq!(alone.q_w_top, expected.q_w_top);
@@ -202,7 +226,7 @@ fn a_wild_background_does_not_touch_the_score_of_the_object() {
     let object = Plane::from_fn(64, 48, |x, _| if x < 40 { 255u8 } else { 0 });
     // spoiled from two columns beyond the object on: out of reach of any gradient of it
     let spoiled = Plane::from_fn(64, 48, |x, y| if x < 42 { picture.at(x, y) } else { ((x * y) % 251) as f32 });
-    let slices = || [(picture.clone(), covered(&picture))].into_iter();
+    let slices = || [(picture.clone(), None)].into_iter();
     let (clean, wild) = (score(&picture, &mut slices(), Some(&object)), score(&spoiled, &mut slices(), Some(&object)));
     assert_eq!(clean, wild);
     assert!(score(&spoiled, &mut slices(), None).metrics().q_w_top.unwrap() < 0.9);
@@ -214,7 +238,7 @@ fn nothing_to_measure_gives_no_number() {
     let flat = Plane::filled(20, 20, 100.0f32);
     assert_eq!(score(&flat, &mut std::iter::empty(), None).metrics(), none);
     let object = Plane::filled(20, 20, 0u8);
-    assert_eq!(score(&flat, &mut std::iter::once((flat.clone(), covered(&flat))), Some(&object)).metrics(), none);
+    assert_eq!(score(&flat, &mut std::iter::once((flat.clone(), None)), Some(&object)).metrics(), none);
     let found = scored(&flat, std::slice::from_ref(&flat));
     assert_eq!((found.q_g_top, found.q_w_top, found.sharpness_retention), (None, None, None));
     assert_eq!((found.tenengrad, found.overshoot_fraction), (Some(0.0), Some(0.0)));
@@ -231,7 +255,7 @@ fn tiles_merge_to_the_sums_of_all_their_pixels() {
     let part = |from: usize, to: usize| {
         let cut = |p: &Plane<f32>| Plane::from_fn(to - from, 48, |x, y| p.at(from + x, y));
         let slices = [cut(&picture), cut(&soft)];
-        score(&cut(&soft), &mut slices.iter().map(|slice| (slice.clone(), covered(slice))), None)
+        score(&cut(&soft), &mut slices.iter().map(|slice| (slice.clone(), None)), None)
     };
     let mut merged = part(0, 32);
     merged.merge(&part(32, 64));

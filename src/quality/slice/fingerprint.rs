@@ -1,0 +1,62 @@
+//! What tells whether two files hold the same picture.
+
+use crate::imaging::Sample;
+
+/// Sample points in each direction.
+const GRID: usize = 96;
+/// Pictures whose fine texture is correlated more than this are one and the same. Two exposures of the same scene have
+/// different noise, which is as strong as fine texture, and stay well under it.
+const SAME: f64 = 0.9999;
+/// Mean squared difference under which there is nothing to compare, grey levels squared.
+const LEAST_ENERGY: f64 = 0.25;
+
+/// Fine differences at points over the whole slice, as it was in the file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Fingerprint {
+    differences: Vec<i16>,
+}
+
+impl Fingerprint {
+    /// The fingerprint of a `width` x `height` picture of interleaved samples in `channels` 1 or 3.
+    pub fn of<S: Sample>(samples: &[S], channels: usize, width: usize, height: usize) -> Self {
+        if width < 4 || height < 4 || samples.len() != width * height * channels {
+            return Self::default();
+        }
+        let green = channels / 2;
+        let shift = if S::BYTES == 2 { 1 } else { 0 };
+        let at = |x: usize, y: usize| (samples[(y * width + x) * channels + green].integer() >> shift) as i32;
+        let (across, down) = (GRID.min(width - 2), GRID.min(height - 2));
+        let mut differences = Vec::with_capacity(across * down);
+        for j in 0..down {
+            let y = j * (height - 2) / down;
+            for i in 0..across {
+                let x = i * (width - 2) / across;
+                let difference = at(x, y) - at(x + 1, y) - at(x, y + 1) + at(x + 1, y + 1);
+                differences.push(difference.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16);
+            }
+        }
+        Self { differences }
+    }
+
+    /// Whether both are of one picture, perhaps written twice. Never when there is nothing fine to compare.
+    pub(crate) fn same(&self, other: &Self) -> bool {
+        if self.differences.len() != other.differences.len() {
+            return false;
+        }
+        let (mut aa, mut bb, mut ab) = (0.0f64, 0.0f64, 0.0f64);
+        // most pairs are told apart by their first rows
+        let chunks = self.differences.chunks(8 * GRID).zip(other.differences.chunks(8 * GRID));
+        for (a, b) in chunks {
+            let product =
+                |a: &[i16], b: &[i16]| a.iter().zip(b).map(|(&a, &b)| i64::from(a) * i64::from(b)).sum::<i64>() as f64;
+            aa += product(a, a);
+            bb += product(b, b);
+            ab += product(a, b);
+            if ab < 0.9 * (aa * bb).sqrt() {
+                return false;
+            }
+        }
+        let least = LEAST_ENERGY * self.differences.len() as f64;
+        aa > least && bb > least && ab > SAME * (aa * bb).sqrt()
+    }
+}
