@@ -63,7 +63,7 @@ pub struct Corner {
 }
 
 /// Mean square of a family's bias at the corner, px^2, over the slices: expected, and no less than what could hide in
-/// the scatter of so many slices.
+/// the scatter of so many slices, nor than half of what is seen (all slices share the errors of the reference).
 pub fn bias(corners: &[Corner]) -> (f64, f64) {
     if corners.is_empty() {
         return (0.0, 0.0);
@@ -72,8 +72,9 @@ pub fn bias(corners: &[Corner]) -> (f64, f64) {
     let mean = |of: &dyn Fn(&Corner) -> f64| corners.iter().map(of).sum::<f64>() / count;
     let noise = mean(&|c| (c.full_sigma.powi(2) - c.sigma.powi(2)).max(0.0));
     // the largest of four distances scatters more than each
-    let seen = (mean(&|c| c.apart.powi(2)) - 1.7 * noise).max(0.0);
-    (seen, seen + noise * (2.0 / count).sqrt())
+    let apart = mean(&|c| c.apart.powi(2));
+    let seen = (apart - 1.7 * noise).max(0.0);
+    (seen, (seen + noise * (2.0 / count).sqrt()).max(0.5 * apart))
 }
 
 /// Judges every family by `corners` of it and takes one. `away`: positions counted from the reference slice; `half`: px

@@ -6,6 +6,8 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::lattice::{Label, Places};
 use super::shape::{Placed, Shape};
 use super::working::median;
@@ -45,6 +47,8 @@ pub struct Completed {
     pub drawn: Plane<f32>,
     /// What all dots that are there look like.
     pub picture: Plane<f32>,
+    /// 1 where the ink is made up: drawn in or painted over.
+    pub made_up: Plane<f32>,
 }
 
 /// Completes `ink`. `known` are dots that the target has, `beside` places where it may or may not have one; both in px
@@ -62,7 +66,7 @@ pub fn complete(ink: &Plane<f32>, known: &Places, beside: &Places, pitch: f64, c
     let list = |dots: &BTreeMap<Label, Placed>| dots.values().copied().collect::<Vec<_>>();
     let free = placed(beside);
     // until it is known what is there, only what is nearer to a known dot counts
-    let shut = around(&list(&free), &list(&dots), pitch, width, height).map(|beyond| u8::from(!beyond));
+    let shut = around(&list(&free), &list(&dots), pitch, width, height).map(|beyond| u8::from(beyond == OURS));
     let shape = Shape::measure(ink, &shut, &list(&dots), REACH * pitch)?;
     let picture = shape.picture(&list(&dots), width, height);
     let merged = shape.merges(pitch);
@@ -111,17 +115,40 @@ pub fn complete(ink: &Plane<f32>, known: &Places, beside: &Places, pitch: f64, c
     let all = list(&dots);
     // beyond the target may be a table, a hand, lettering: there the picture is made up altogether
     let beyond = around(&foul_dots, &all, pitch, width, height);
-    let ours = beyond.map(|beyond| u8::from(!beyond));
+    let ours = beyond.map(|beyond| u8::from(beyond == OURS));
     let shape = Shape::measure(ink, &ours, &all, REACH * pitch)?;
     let picture = shape.picture(&all, width, height);
     let open = if clean { without_strangers(ink, &picture, &ours, &shape) } else { Plane::filled(width, height, 1) };
     let drawn = shape.picture(&missing, width, height);
-    let made_up = |k: usize| open.data[k] == 0 || beyond.data[k];
-    let data =
-        (0..ink.data.len()).map(|k| drawn.data[k] + if made_up(k) { picture.data[k] } else { ink.data[k] }).collect();
+    // where the surface of the ground misses the light (glare), it misses it beyond the target too: else there would be
+    // a step at half a pitch from the outermost dots, and it would draw them outward
+    let left_over = left_over(ink, &picture, &open, &ours, &all, 0.5 * pitch);
+    let levels: Vec<Level> = foul_dots.iter().map(|dot| Level::near(dot.at, &left_over, 2.6 * pitch)).collect();
+    let sample = |k: usize| match levels.get(beyond.data[k] as usize) {
+        Some(level) => picture.data[k] + level.at([(k % width) as f64, (k / width) as f64]) as f32,
+        None if open.data[k] == 0 => picture.data[k],
+        None => ink.data[k],
+    };
+    let data = (0..ink.data.len()).map(|k| drawn.data[k] + sample(k)).collect();
+    let made_up = (0..ink.data.len()).map(|k| {
+        let own = beyond.data[k] >= NOBODYS && open.data[k] != 0 && drawn.data[k].abs() < 0.02;
+        f32::from(u8::from(!own))
+    });
+    let made_up = Plane { width, height, data: made_up.collect() };
     let ground = open.data.iter().zip(&ours.data).map(|(a, b)| a & b).collect();
     let ground = Plane { width, height, data: ground };
-    Some(Completed { ink: Plane { width, height, data }, open, ground, shape, grown, hidden, foul, drawn, picture })
+    Some(Completed {
+        ink: Plane { width, height, data },
+        open,
+        ground,
+        shape,
+        grown,
+        hidden,
+        foul,
+        drawn,
+        picture,
+        made_up,
+    })
 }
 
 /// Mean strength of the dots around a place of the grid; 1 when there are none.
@@ -193,35 +220,100 @@ fn strength(
     Some(if alike > ALIKE { c / vs.max(1e-12) } else { 0.0 })
 }
 
-/// True for samples that are nearer to a missing dot than to one that is there.
-fn around(missing: &[Placed], there: &[Placed], pitch: f64, width: usize, height: usize) -> Plane<bool> {
+/// Marks samples that are nearest to a dot that is there.
+const OURS: u32 = u32::MAX;
+/// Marks samples that are near to no dot at all.
+const NOBODYS: u32 = u32::MAX - 1;
+
+/// For samples that are nearer to a missing dot than to one that is there, which of the missing ones.
+fn around(missing: &[Placed], there: &[Placed], pitch: f64, width: usize, height: usize) -> Plane<u32> {
     let reach = 0.75 * pitch;
-    let mut nearest = Plane::filled(width, height, (f32::MAX, false));
-    for (dots, is_missing) in [(there, false), (missing, true)] {
-        for dot in dots {
-            let range = |v: f64, size: usize| {
-                let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
-                low..((v + reach).floor() + 1.0).clamp(low as f64, size as f64) as usize
-            };
-            for y in range(dot.at[1], height) {
-                for x in range(dot.at[0], width) {
-                    let far = ((x as f64 - dot.at[0]).powi(2) + (y as f64 - dot.at[1]).powi(2)) as f32;
-                    let here = &mut nearest.data[y * width + x];
-                    if far < here.0 {
-                        *here = (far, is_missing);
-                    }
+    let mut nearest = Plane::filled(width, height, (f32::MAX, NOBODYS));
+    let there = there.iter().map(|dot| (dot, OURS));
+    for (dot, which) in there.chain(missing.iter().zip(0..)) {
+        let range = |v: f64, size: usize| {
+            let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
+            low..((v + reach).floor() + 1.0).clamp(low as f64, size as f64) as usize
+        };
+        for y in range(dot.at[1], height) {
+            for x in range(dot.at[0], width) {
+                let far = ((x as f64 - dot.at[0]).powi(2) + (y as f64 - dot.at[1]).powi(2)) as f32;
+                let here = &mut nearest.data[y * width + x];
+                if far < here.0 {
+                    *here = (far, which);
                 }
             }
         }
     }
-    nearest.map(|(_, is_missing)| is_missing)
+    nearest.map(|(_, which)| which)
+}
+
+/// Mean of what the dots do not explain, around each dot.
+fn left_over(
+    ink: &Plane<f32>,
+    picture: &Plane<f32>,
+    open: &Plane<u8>,
+    ours: &Plane<u8>,
+    dots: &[Placed],
+    reach: f64,
+) -> Vec<([f64; 2], f64)> {
+    let mean = |dot: &Placed| {
+        let range = |v: f64, size: usize| {
+            let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
+            low..((v + reach).floor() + 1.0).clamp(low as f64, size as f64) as usize
+        };
+        let (mut sum, mut count) = (0.0_f64, 0.0_f64);
+        for y in range(dot.at[1], ink.height) {
+            for x in range(dot.at[0], ink.width) {
+                let k = y * ink.width + x;
+                if open.data[k] & ours.data[k] != 0 {
+                    sum += f64::from(ink.data[k] - picture.data[k]);
+                    count += 1.0;
+                }
+            }
+        }
+        (count > 0.25 * reach * reach).then(|| (dot.at, sum / count))
+    };
+    dots.iter().filter_map(mean).collect()
+}
+
+/// What is left over near a place, as a plane.
+struct Level {
+    at: [f64; 2],
+    numbers: Vector3<f64>,
+}
+
+impl Level {
+    /// Through the means of the dots within `reach` px of a place.
+    fn near(at: [f64; 2], means: &[([f64; 2], f64)], reach: f64) -> Self {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for (p, mean) in means {
+            let [x, y] = [0, 1].map(|a| (p[a] - at[a]) / reach);
+            let weight = 1.0 - x * x - y * y;
+            if weight > 0.0 {
+                let row = Vector3::new(1.0, x, y);
+                normal += weight * row * row.transpose();
+                right += weight * *mean * row;
+            }
+        }
+        // a slope that the dots do not tell is none
+        let slope = 0.05 * normal[(0, 0)];
+        normal += Matrix3::from_diagonal(&Vector3::new(1e-9, slope, slope));
+        let numbers = normal.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * right);
+        Self { at, numbers: Vector3::new(numbers[0], numbers[1] / reach, numbers[2] / reach) }
+    }
+
+    fn at(&self, p: [f64; 2]) -> f64 {
+        self.numbers.dot(&Vector3::new(1.0, p[0] - self.at[0], p[1] - self.at[1]))
+    }
 }
 
 /// 1 but where the dots do not explain the ink at all: dust, scratches, lettering.
 fn without_strangers(ink: &Plane<f32>, picture: &Plane<f32>, ours: &Plane<u8>, shape: &Shape) -> Plane<u8> {
     let stride = (ink.data.len() / 50_000).max(1) | 1;
     let left_over = |k: usize| (ink.data[k] - picture.data[k]).abs();
-    let mut sizes: Vec<f64> = (0..ink.data.len()).step_by(stride).map(|k| f64::from(left_over(k))).collect();
+    let target = (0..ink.data.len()).step_by(stride).filter(|&k| ours.data[k] != 0);
+    let mut sizes: Vec<f64> = target.map(|k| f64::from(left_over(k))).collect();
     let most = (8.0 * 1.4826 * median(&mut sizes)).max(0.35 * shape.top()) as f32;
     let mut open = Plane::filled(ink.width, ink.height, 1_u8);
     for y in 0..ink.height {

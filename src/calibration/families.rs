@@ -120,8 +120,10 @@ pub struct Match {
 pub struct Fit {
     /// Its free numbers.
     pub free: DVector<f64>,
-    /// Their covariance, scatter of the dots included.
+    /// Their covariance, scatter of the dots included, as if every dot erred by itself.
     pub covariance: DMatrix<f64>,
+    /// Their covariance as whole blocks of neighbouring dots show it, which may err together.
+    pub by_blocks: DMatrix<f64>,
 }
 
 /// Residuals beyond this many standard deviations count less and less.
@@ -162,16 +164,62 @@ pub fn fit(family: Family, matches: &[Match]) -> Option<Fit> {
         if !free.iter().all(|v| v.is_finite()) {
             return None;
         }
-        if round >= 4 && step.amax() < 1e-9 {
+        if (round >= 4 && step.amax() < 1e-9) || round == 24 {
             let freedom = (2.0 * matches.len() as f64 - size as f64).max(1.0);
-            return Some(Fit { free, covariance: inverse * (square / freedom).max(LEAST_SCATTER * LEAST_SCATTER) });
-        }
-        if round == 24 {
-            let freedom = (2.0 * matches.len() as f64 - size as f64).max(1.0);
-            return Some(Fit { free, covariance: inverse * (square / freedom).max(LEAST_SCATTER * LEAST_SCATTER) });
+            let covariance = &inverse * (square / freedom).max(LEAST_SCATTER * LEAST_SCATTER);
+            let by_blocks = by_blocks(family, matches, &free, HUBER * scatter);
+            return Some(Fit { free, covariance, by_blocks });
         }
     }
     None
+}
+
+/// Fewest and most blocks along a side of the dots' bounding box.
+const BLOCKS: (usize, usize) = (3, 5);
+
+/// Covariance by leaving out each block of neighbouring dots in turn (delete-a-group jackknife, one step of
+/// Gauss-Newton). Glare, dust and light beyond the target move dots that are near to one another alike; a covariance from
+/// the scatter of single dots takes that for many independent witnesses.
+fn by_blocks(family: Family, matches: &[Match], free: &DVector<f64>, limit: f64) -> DMatrix<f64> {
+    let size = family.size();
+    let p = family.departure(free);
+    let side = ((matches.len() as f64 / 9.0).sqrt().round() as usize).clamp(BLOCKS.0, BLOCKS.1);
+    let [low, high] = [f64::min, f64::max]
+        .map(|pick: fn(f64, f64) -> f64| [0, 1].map(|a| matches.iter().map(|m| m.base[a]).reduce(pick).unwrap_or(0.0)));
+    let cell = |m: &Match| {
+        let [x, y] = [0, 1].map(|a| {
+            let share = (m.base[a] - low[a]) / (high[a] - low[a]).max(1e-12);
+            ((share * side as f64) as usize).min(side - 1)
+        });
+        y * side + x
+    };
+    let mut sums = vec![(DMatrix::zeros(size, size), DVector::zeros(size)); side * side];
+    for m in matches {
+        let sent = send(&p, m.base);
+        let r = [0, 1].map(|a| (m.here[a] - sent[a]) / m.sigma);
+        let weight = (limit / r[0].hypot(r[1]).max(1e-12)).min(1.0);
+        let [jx, jy] = slopes(&p, m.base).map(|s| family.gathered(&s) / m.sigma);
+        let (normal, right) = &mut sums[cell(m)];
+        *normal += weight * (&jx * jx.transpose() + &jy * jy.transpose());
+        *right += weight * (r[0] * jx + r[1] * jy);
+    }
+    let whole: DMatrix<f64> = sums.iter().map(|s| &s.0).sum();
+    let mut out = DMatrix::zeros(size, size);
+    let (mut used, mut count) = (0.0, 0.0);
+    for (normal, right) in sums.iter().filter(|s| s.0.trace() > 0.0) {
+        count += 1.0;
+        // a block without which nothing is known says nothing about how sure the rest is
+        let Some(rest) = (&whole - normal).try_inverse() else { continue };
+        let step = rest * right;
+        out += &step * step.transpose();
+        used += 1.0;
+    }
+    if used < 2.0 {
+        return out;
+    }
+    // so few blocks tell little about their own scatter: as much more as the tails of a t distribution ask for
+    let caution = 1.0 + 2.5 / (2.0 * count - size as f64).max(2.0);
+    out * ((count - 1.0) / used * caution * caution)
 }
 
 /// Where a map sends a point, units.

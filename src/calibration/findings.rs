@@ -3,6 +3,7 @@
 use super::capture;
 use super::chain::Seen;
 use super::events::Event;
+use super::gains::UNSURE;
 use super::lattice::Places;
 use super::solve::Solution;
 use crate::imaging::Slices;
@@ -104,15 +105,28 @@ fn which(facts: &Facts, test: impl Fn(usize) -> bool) -> Vec<usize> {
 }
 
 fn light(facts: &Facts) -> Vec<Warning> {
+    let mut out = Vec::new();
     let clipped = which(facts, |i| facts.seen.sightings[i].as_ref().is_some_and(|s| s.clipped > 0.05));
-    if clipped.is_empty() {
-        return Vec::new();
+    if !clipped.is_empty() {
+        let detail = format!(
+            "the white of the target is clipped in {}: their gains are not to be relied on; expose less",
+            list(facts.slices, &clipped)
+        );
+        out.push(Warning::new("clipped_white", detail));
     }
-    let detail = format!(
-        "the white of the target is clipped in {}: their gains are not to be relied on; expose less",
-        list(facts.slices, &clipped)
-    );
-    vec![Warning::new("clipped_white", detail)]
+    let sigma = |i: usize| facts.solution.slices[i].gain_sigma;
+    let unsure = which(facts, |i| sigma(i) > UNSURE);
+    if !unsure.is_empty() {
+        let worst = unsure.iter().map(|&i| sigma(i)).fold(0.0, f64::max);
+        let by = if worst < 0.5 { format!("by {:.1} %", 100.0 * worst) } else { "altogether".to_owned() };
+        let detail = format!(
+            "the gains are uncertain {by} in {}: use dark dots on white, evenly lit and not clipped, in raw or linear \
+             pictures",
+            list(facts.slices, &unsure)
+        );
+        out.push(Warning::new("uncertain_gains", detail));
+    }
+    out
 }
 
 fn dots(facts: &Facts) -> Vec<Warning> {

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use super::blobs::Blob;
+use super::dlt;
 use super::working::median;
 
 /// Column and row of a dot in the grid. Which dot is (0, 0) and which way columns run is arbitrary, but the
@@ -19,6 +20,19 @@ pub struct Lattice {
     pub places: Places,
     /// Distance between neighbouring dots: mean over both directions, px.
     pub pitch: f64,
+}
+
+impl Lattice {
+    /// True when this is rather the grid than `other`, found in the same picture in the other polarity. The larger one is;
+    /// but the gaps between two neighbouring dots make a grid too, of twice as many places, turned by 45 degrees.
+    pub fn outdoes(&self, other: &Self) -> bool {
+        let between = |ratio: f64| (ratio / std::f64::consts::SQRT_2 - 1.0).abs() < 0.03;
+        match self.pitch / other.pitch {
+            ratio if between(ratio) => 3 * self.places.len() > other.places.len(),
+            ratio if between(1.0 / ratio) => self.places.len() > 3 * other.places.len(),
+            _ => self.places.len() > other.places.len(),
+        }
+    }
 }
 
 /// Fewest dots that make a grid.
@@ -86,7 +100,40 @@ pub fn beside(places: &Places) -> Places {
         }
     }
     ring.extend(corners);
-    ring
+    evened(places, ring)
+}
+
+/// Most dots that the map of the whole grid is made from.
+const MAPPED: usize = 400;
+
+/// The places beside the grid by the map of the whole grid and what the dots nearby are off it on average. Two dots in
+/// line alone would double what the outer one is off; and where a dot is drawn in too far out, the dot beside it is
+/// measured too far out the next time.
+fn evened(places: &Places, ring: Places) -> Places {
+    let unit = |l: &Label| l.map(f64::from);
+    // those inside, where there are enough: the outermost are the ones that lean on what is drawn in beside them
+    let is_inner = |l: &Label| STEPS.iter().all(|[i, j]| places.contains_key(&[l[0] + i, l[1] + j]));
+    let mut inner: Places = places.iter().filter(|(l, _)| is_inner(l)).map(|(l, p)| (*l, *p)).collect();
+    if inner.len() < LEAST_DOTS {
+        inner.clone_from(places);
+    }
+    let every = inner.len().div_ceil(MAPPED).max(1);
+    let pairs: Vec<dlt::Pair> = inner.iter().step_by(every).map(|(l, p)| (unit(l), *p)).collect();
+    let Some(grid) = (pairs.len() >= LEAST_DOTS).then(|| dlt::fit(&pairs)).flatten() else { return ring };
+    let even = |label: Label| {
+        let around = (-2..=2).flat_map(|i| (-2..=2).map(move |j| [label[0] + i, label[1] + j]));
+        let (mut off, mut count) = ([0.0, 0.0], 0.0_f64);
+        for (l, p) in around.filter_map(|l| inner.get(&l).map(|p| (l, p))) {
+            let there = grid.apply(unit(&l));
+            off = [off[0] + p[0] - there[0], off[1] + p[1] - there[1]];
+            count += 1.0;
+        }
+        let at = grid.apply(unit(&label));
+        let count = count.max(1.0);
+        let place = [at[0] + off[0] / count, at[1] + off[1] / count];
+        (label, place)
+    };
+    ring.into_keys().map(even).collect()
 }
 
 fn in_line(places: &Places) -> Places {

@@ -105,10 +105,17 @@ pub fn clear_blur(fill: f64, polarity: Polarity) -> f64 {
     (edge - 0.09).max(0.02)
 }
 
-/// Median over shared dots of reference over slice: what the slice must be multiplied by. `None` when fewer than six
-/// dots have the measure in both.
-pub fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> Option<f64> {
+/// Median over shared dots of reference over slice, what the slice must be multiplied by, and its relative standard
+/// deviation. `None` when fewer than six dots have the measure in both.
+pub fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> Option<(f64, f64)> {
     let mut ratios: Vec<f64> =
         pairs.filter_map(|(slice, base)| Some(base? / slice.filter(|s| *s > 0.5)?)).filter(|r| r.is_finite()).collect();
-    (ratios.len() >= 6).then(|| median(&mut ratios))
+    if ratios.len() < 6 {
+        return None;
+    }
+    let value = median(&mut ratios);
+    let mut off: Vec<f64> = ratios.iter().map(|r| (r - value).abs()).collect();
+    // of a median, over windows that overlap
+    let sigma = 1.4826 * median(&mut off) * (1.57 * lockin::OVERLAP / ratios.len() as f64).sqrt();
+    Some((value, sigma / value.abs().max(1e-9)))
 }

@@ -94,8 +94,13 @@ pub fn settled(own: &[Option<Own>], positions: &[f64], jump: Option<usize>, inde
     };
     let from_law = DMatrix::from_diagonal(&spread.map(|v| 1.0 / v.max(1e-30)));
     let from_dots = mine.covariance.clone().try_inverse()?;
+    // where the two contradict one another more than both allow for, neither is as sure as it says
+    let apart = &mine.free - &expected;
+    let together = (&mine.covariance + DMatrix::from_diagonal(&spread)).try_inverse()?;
+    let contradiction = ((apart.transpose() * together * &apart)[(0, 0)] / apart.len() as f64).max(1.0);
     let covariance = (&from_dots + &from_law).try_inverse()?;
     let free = &covariance * (from_dots * &mine.free + from_law * expected);
+    let covariance = covariance * contradiction;
     Some((Own { free, covariance }, Source::Dots))
 }
 

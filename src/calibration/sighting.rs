@@ -20,10 +20,14 @@ use crate::model::{Cancelled, Control};
 pub struct Spotted {
     /// Centre.
     pub at: [f64; 2],
-    /// Standard deviation of each coordinate as noise alone would have it.
+    /// Standard deviation of each coordinate as noise and what spoils its window would have it.
     pub sigma: f64,
     /// The light around it.
     pub light: Light,
+    /// The part of that which its neighbours share.
+    pub doubt: f64,
+    /// Share of its window that is made up or at full scale: the light there is not to be relied on.
+    pub spoilt: f64,
 }
 
 /// What one slice showed. Holds no pixels.
@@ -85,6 +89,10 @@ const SURE: f64 = 6.0;
 const MOST: usize = 1200;
 /// About how many dots' light is looked at.
 const LIT: usize = 200;
+/// Standard deviation, in steps of the grid, per share of a dot's window that is made up, while that is small.
+const MADE_UP: f64 = 3e-3;
+/// The same per sine of the full-scale samples in its window.
+const CUT: f64 = 0.04;
 /// Shifts, in steps of the grid, beyond which a dot is not where it was expected.
 const LOST: f64 = 0.3;
 
@@ -100,7 +108,7 @@ pub fn blind(slice: &Raster, control: &dyn Control) -> Result<Option<(Target, La
     for polarity in [likely, likely.other()] {
         let found = grid(&working, polarity, control)?;
         if let Some(found) = found
-            && best.as_ref().is_none_or(|(_, b)| found.places.len() > b.places.len())
+            && best.as_ref().is_none_or(|(_, b)| found.outdoes(b))
         {
             best = Some((polarity, found));
         }
@@ -335,7 +343,15 @@ fn sighting(
     let amplitude = |l: &Locked| 0.5 * (l.wave[0].amplitude(sign) + l.wave[1].amplitude(sign));
     let mut ripples: Vec<f64> = Vec::new();
     let mut dots = BTreeMap::new();
-    for (label, (at, locked)) in measured {
+    let windows: Vec<Site> = measured.values().map(|(at, _)| Site { at: *at, steps }).collect();
+    let made_up = lockin::lock(&completed.made_up, None, &windows);
+    let full = working.full.as_ref().map(|full| lockin::lock(full, None, &windows));
+    for (k, (label, (at, locked))) in measured.iter().enumerate() {
+        let made_up = made_up[k].map_or(0.0, |l| l.mean);
+        let full = full.as_ref().and_then(|f| f[k]);
+        // where full scale lies on one side of a dot its wave is cut there
+        let cut = full.map_or(0.0, |f| f.wave[0].sine.hypot(f.wave[1].sine));
+        let doubt = pitch * (MADE_UP * made_up * (1.0 + 10.0 * made_up)).hypot(CUT * cut) * bin;
         let light = light::around(&working.plane, field, &completed.drawn, *at, steps, locked);
         let sigma = pitch * lockin::shift_sigma(noise, amplitude(locked), steps) * bin;
         // mean ink is what the light lacks: amplitude over mean light, whatever the ground is taken to be
@@ -344,7 +360,8 @@ fn sighting(
             Polarity::LightOnDark => light.mean / field.span,
         };
         ripples.push(sign * amplitude(locked) / mean.max(0.02));
-        dots.insert(*label, Spotted { at: working.to_slice(*at), sigma, light });
+        let spoilt = made_up + full.map_or(0.0, |f| f.mean);
+        dots.insert(*label, Spotted { at: working.to_slice(*at), sigma: sigma.hypot(doubt), doubt, light, spoilt });
     }
     // the light is smooth: some of the dots tell it
     let every = dots.len().div_ceil(LIT);

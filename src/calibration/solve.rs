@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::{DMatrix, DVector};
+
 use super::chain::Seen;
 use super::choice::{self, Corner, Evidence, Model};
 use super::dlt::Pair;
 use super::events::{self, Event};
 use super::families::{self, Departure, Family, Frame, Match};
-use super::gains;
+use super::gains::{self, Gain};
 use super::joint::Joint;
 use super::lattice::{LEAST_DOTS, Label};
 use super::lockin::OVERLAP;
@@ -30,6 +32,8 @@ pub struct Solved {
     pub by_law: Option<Homography>,
     /// Multiply by this to match the reference.
     pub gain: f64,
+    /// Relative standard deviation of that.
+    pub gain_sigma: f64,
     /// Standard deviation of the worst corner, px.
     pub corner_sigma: f64,
     /// RMS of the inliers in the reference slice, px; `None` when predicted.
@@ -78,6 +82,9 @@ const FAINT: f64 = 0.4;
 /// What no count of dots takes away: lens distortion, printing, the shape of pixels; px, and as a share of the pitch.
 const FLOOR: (f64, f64) = (0.006, 4e-4);
 
+/// About how many neighbours what spoils their windows moves alike.
+const NEIGHBOURS: f64 = 9.0;
+
 /// Solves every slice. `positions` on the rail when they were told.
 ///
 /// # Errors
@@ -105,7 +112,7 @@ pub fn solve(
 
     // scale, rotation and shift tell what the rail did, whatever family is taken in the end
     let mut positions: Vec<f64> = told.map_or_else(|| (0..count).map(|i| i as f64).collect(), <[f64]>::to_vec);
-    let similar = |agreed: &[Agreed]| owns(Family::Similarity, agreed, reference);
+    let similar = |agreed: &[Agreed]| owns(Family::Similarity, agreed, reference, &frame, [width, height]);
     let first = similar(&agreed);
     drop_strays(&mut agreed, &first, &positions, seen, base);
     let own = similar(&agreed);
@@ -125,11 +132,13 @@ pub fn solve(
 
     let away: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
     let evidence: Vec<Evidence> = agreed.iter().map(|a| a.evidence.clone()).collect();
-    let setting = Setting { frame: &frame, width, height, reference, positions: &positions, away: &away, jump };
+    let floors = floors(seen, base.pitch);
+    let setting =
+        Setting { frame: &frame, width, height, reference, positions: &positions, away: &away, jump, floors: &floors };
     let every: Vec<(Model, Vec<Option<Mapped>>)> = [Model::Joint]
         .into_iter()
         .chain(families::ALL.map(Model::PerSlice))
-        .map(|model| (model, maps(model, &agreed, &setting, base.pitch)))
+        .map(|model| (model, maps(model, &agreed, &setting)))
         .collect();
     let of = |model: Model| every.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
     let corners = |model: Model| corners(of(model), of(Model::PerSlice(Family::Homography)), &agreed, &setting);
@@ -142,16 +151,19 @@ pub fn solve(
         candidate.corner_sigma_px = worst.map(|all| all.into_iter().fold(0.0, f64::max));
     }
     let mut maps = every.into_iter().find(|e| e.0 == model).map(|e| e.1).unwrap_or_default();
-    maps.iter_mut().flatten().for_each(|m| m.sigma = m.sigma.hypot(hidden.sqrt()));
+    // what hides grows with the distance on the rail, as all that the maps do
+    let mean_away = away.iter().map(|z| z * z).sum::<f64>() / count as f64;
+    for (map, z) in maps.iter_mut().zip(&away) {
+        let share = 0.2 + 0.8 * z * z / mean_away.max(1e-30);
+        map.iter_mut().for_each(|m| m.sigma = m.sigma.hypot((hidden * share).sqrt()));
+    }
     let lost: Vec<usize> = (0..count)
         .filter(|&i| i != reference && maps[i].as_ref().is_none_or(|m| m.source == Source::Law && m.sigma > WORST))
         .collect();
     if !lost.is_empty() {
         let worst = lost.iter().filter_map(|&i| maps[i].as_ref().map(|m| m.sigma)).fold(0.0, f64::max);
         let why = if worst > 0.0 {
-            format!(
-                ", and the other slices do not lie evenly enough on the rail to predict them (they would be off by {worst:.1} px)"
-            )
+            format!(", and from the other slices they could be predicted to {worst:.1} px only ({WORST} px is allowed)")
         } else {
             ", and too few other slices could be to predict them".to_owned()
         };
@@ -194,10 +206,14 @@ struct Agreed {
 
 /// `None` when too few agree.
 fn agree(sighting: &Sighting, base: &Sighting, frame: &Frame) -> Option<Agreed> {
-    let shared: Vec<(Label, Pair, f64)> = sighting
+    let shared: Vec<(Label, Pair, [f64; 2])> = sighting
         .dots
         .iter()
-        .filter_map(|(label, dot)| base.dots.get(label).map(|b| (*label, (dot.at, b.at), dot.sigma.hypot(b.sigma))))
+        .filter_map(|(label, dot)| {
+            let b = base.dots.get(label)?;
+            let sigma = [dot.sigma.hypot(b.sigma), dot.doubt.hypot(b.doubt)];
+            Some((*label, (dot.at, b.at), sigma))
+        })
         .collect();
     let pairs: Vec<Pair> = shared.iter().map(|s| s.1).collect();
     if pairs.len() < LEAST_DOTS {
@@ -212,33 +228,49 @@ fn agree(sighting: &Sighting, base: &Sighting, frame: &Frame) -> Option<Agreed> 
     let kept = shared.iter().zip(&consensus.agrees).filter(|(_, agrees)| **agrees);
     let matches = kept
         .clone()
-        .map(|((_, (here, at), sigma), _)| Match {
+        .map(|((_, (here, at), [sigma, _]), _)| Match {
             base: frame.unit(*at),
             here: frame.unit(*here),
             sigma: sigma.hypot(floor) / frame.half,
         })
         .collect();
+    // what neighbours share (light beyond the target, glare) is not averaged away among them
+    let (weights, alike) = kept.clone().fold((0.0, 0.0), |(weights, alike), ((_, _, [sigma, doubt]), _)| {
+        let weight = 1.0 / (sigma * sigma + floor * floor);
+        (weights + weight, alike + weight * weight * doubt * doubt)
+    });
+    let alike = 1.0 + (NEIGHBOURS - 1.0) * alike / weights.max(1e-30);
     let labels = kept.map(|(s, _)| s.0).collect();
     // where many had to be left out, those that were kept are not as good as their scatter says
     let chosen = (pairs.len() as f64 / inliers as f64).powi(4);
-    let overlap = (OVERLAP * sighting.density).max(1.0) * chosen;
+    let overlap = (OVERLAP * sighting.density).max(1.0) * chosen * alike;
     let agrees = shared.iter().map(|s| s.0).zip(consensus.agrees.iter().copied()).collect();
     Some(Agreed { evidence: Evidence { labels, matches, overlap }, agrees })
 }
 
 /// What each slice says by itself in one family; the reference is the identity, exactly.
-fn owns(family: Family, agreed: &[Agreed], reference: usize) -> Vec<Option<Own>> {
+fn owns(
+    family: Family,
+    agreed: &[Agreed],
+    reference: usize,
+    frame: &Frame,
+    [width, height]: [u32; 2],
+) -> Vec<Option<Own>> {
     agreed
         .iter()
         .enumerate()
         .map(|(index, agreed)| {
             let size = family.size();
             if index == reference {
-                let covariance = nalgebra::DMatrix::identity(size, size) * 1e-16;
-                return Some(Own { free: nalgebra::DVector::zeros(size), covariance });
+                let covariance = DMatrix::identity(size, size) * 1e-16;
+                return Some(Own { free: DVector::zeros(size), covariance });
             }
             let fit = families::fit(family, &agreed.evidence.matches)?;
-            Some(Own { free: fit.free, covariance: fit.covariance * agreed.evidence.overlap })
+            let covariance = &fit.covariance * agreed.evidence.overlap;
+            // at the corners, which is what counts: numbers apart from one another are too many for so few blocks
+            let at_corners = |c: &DMatrix<f64>| families::corner_sigma(family, &fit.free, c, frame, width, height);
+            let more = (at_corners(&fit.by_blocks) / at_corners(&covariance).max(1e-12)).max(1.0);
+            Some(Own { covariance: covariance * (more * more), free: fit.free })
         })
         .collect()
 }
@@ -286,6 +318,7 @@ struct Setting<'a> {
     positions: &'a [f64],
     away: &'a [f64],
     jump: Option<usize>,
+    floors: &'a [f64],
 }
 
 /// The map of one slice.
@@ -311,20 +344,27 @@ fn corners(maps: &[Option<Mapped>], full: &[Option<Mapped>], agreed: &[Agreed], 
 }
 
 /// The maps of all slices in one family; `None` where there is neither a measurement nor a law.
-fn maps(model: Model, agreed: &[Agreed], setting: &Setting, pitch: f64) -> Vec<Option<Mapped>> {
+fn maps(model: Model, agreed: &[Agreed], setting: &Setting) -> Vec<Option<Mapped>> {
     match model {
-        Model::Joint => joint_maps(agreed, setting, pitch),
-        Model::PerSlice(family) => slice_maps(family, agreed, setting, pitch),
+        Model::Joint => joint_maps(agreed, setting),
+        Model::PerSlice(family) => slice_maps(family, agreed, setting),
     }
 }
 
-fn floor(pitch: f64) -> f64 {
-    FLOOR.0 + FLOOR.1 * pitch
+/// What no count of dots takes away, px, per slice: it weighs the more the less blur has left of the pattern.
+fn floors(seen: &Seen, pitch: f64) -> Vec<f64> {
+    let strongest = seen.sightings.iter().flatten().map(|s| s.ripple).fold(1e-9, f64::max);
+    let left = |s: &Sighting| (s.ripple / strongest).abs().clamp(0.05, 1.0);
+    let floor = |s: &Option<Sighting>| {
+        let blurred = s.as_ref().map_or(1.0, |s| 0.5 + 0.5 / left(s));
+        (FLOOR.0 + FLOOR.1 * pitch) * blurred
+    };
+    seen.sightings.iter().map(floor).collect()
 }
 
-fn slice_maps(family: Family, agreed: &[Agreed], s: &Setting, pitch: f64) -> Vec<Option<Mapped>> {
-    let own = owns(family, agreed, s.reference);
-    let map = |free: &nalgebra::DVector<f64>| s.frame.homography(&family.departure(free));
+fn slice_maps(family: Family, agreed: &[Agreed], s: &Setting) -> Vec<Option<Mapped>> {
+    let own = owns(family, agreed, s.reference, s.frame, [s.width, s.height]);
+    let map = |free: &DVector<f64>| s.frame.homography(&family.departure(free));
     (0..own.len())
         .map(|index| {
             let (settled, source) = rail::settled(&own, s.positions, s.jump, index)?;
@@ -339,16 +379,22 @@ fn slice_maps(family: Family, agreed: &[Agreed], s: &Setting, pitch: f64) -> Vec
                 .map_or(0.0, |o| families::corner_sigma(family, &o.free, &o.covariance, s.frame, s.width, s.height));
             // its dots had a say, but hardly a voice
             let source = if by_itself > FAINT && sigma < 0.5 * by_itself { Source::Law } else { source };
-            Some(Mapped { homography: map(&settled.free)?, by_law, off_law, sigma: sigma.hypot(floor(pitch)), source })
+            Some(Mapped {
+                homography: map(&settled.free)?,
+                by_law,
+                off_law,
+                sigma: sigma.hypot(s.floors[index]),
+                source,
+            })
         })
         .collect()
 }
 
-fn joint_maps(agreed: &[Agreed], s: &Setting, pitch: f64) -> Vec<Option<Mapped>> {
+fn joint_maps(agreed: &[Agreed], s: &Setting) -> Vec<Option<Mapped>> {
     let matches: Vec<Vec<Match>> = agreed.iter().map(|a| a.evidence.matches.clone()).collect();
     let overlap = agreed.iter().map(|a| a.evidence.overlap).fold(1.0, f64::max);
     let Some(joint) = Joint::fit(&matches, s.away) else { return agreed.iter().map(|_| None).collect() };
-    let own = owns(Family::Homography, agreed, s.reference);
+    let own = owns(Family::Homography, agreed, s.reference, s.frame, [s.width, s.height]);
     let map = |p: &Departure| s.frame.homography(p);
     let off = |index: usize| {
         let mine = own[index].as_ref().and_then(|o| map(&Family::Homography.departure(&o.free)))?;
@@ -363,7 +409,7 @@ fn joint_maps(agreed: &[Agreed], s: &Setting, pitch: f64) -> Vec<Option<Mapped>>
                 .map_or(0.0, |h| h.corner_distance(&homography, s.width, s.height));
             let sigma = s.frame.half * joint.corner_sigma(s.away[index]) * overlap.sqrt();
             let source = if agreed[index].evidence.matches.is_empty() { Source::Law } else { Source::Dots };
-            let sigma = sigma.hypot(floor(pitch)).hypot(0.5 * similar);
+            let sigma = sigma.hypot(s.floors[index]).hypot(0.5 * similar);
             Some(Mapped { homography, by_law: Some(homography), off_law: off(index), sigma, source })
         })
         .collect()
@@ -381,6 +427,7 @@ fn itself(base: &Sighting) -> Solved {
         homography: Homography::IDENTITY,
         by_law: None,
         gain: 1.0,
+        gain_sigma: 0.0,
         corner_sigma: 0.0,
         rms: Some(0.0),
         p95: Some(0.0),
@@ -390,7 +437,7 @@ fn itself(base: &Sighting) -> Solved {
     }
 }
 
-fn finished(map: Mapped, agreed: &Agreed, seen: &Seen, index: usize, base: &Sighting, gain: f64) -> Solved {
+fn finished(map: Mapped, agreed: &Agreed, seen: &Seen, index: usize, base: &Sighting, gain: Gain) -> Solved {
     let interpolated = map.source == Source::Law;
     let far = |label: &Label, at: [f64; 2]| {
         base.dots.get(label).is_some_and(|b| robust::miss(&map.homography, &(at, b.at)) > STRAY * base.pitch)
@@ -413,7 +460,8 @@ fn finished(map: Mapped, agreed: &Agreed, seen: &Seen, index: usize, base: &Sigh
     Solved {
         homography: map.homography,
         by_law: map.by_law,
-        gain,
+        gain: gain.value,
+        gain_sigma: gain.sigma,
         corner_sigma: map.sigma,
         rms,
         p95: rms.map(|_| quantile(&mut misses, 0.95)),
@@ -432,15 +480,32 @@ fn blind_reference(slices: &dyn Slices, reference: usize) -> Fault {
     Fault::new(Code::TargetNotFound, detail).in_file(name, Some(reference as u32))
 }
 
+/// The slices that are to be left out at the ends, `None` when that would leave a gap or too few.
+fn ends(count: usize, lost: &[usize]) -> Option<String> {
+    let first = (0..count).take_while(|i| lost.contains(i)).count();
+    let last = (0..count).rev().take_while(|i| lost.contains(i)).count();
+    if first + last != lost.len() || count < first + last + 2 {
+        return None;
+    }
+    let some = |n: usize, end: &str| match n {
+        0 => None,
+        1 => Some(format!("the {end} slice")),
+        n => Some(format!("the {end} {n} slices")),
+    };
+    Some([some(first, "first"), some(last, "last")].into_iter().flatten().collect::<Vec<_>>().join(" and "))
+}
+
 fn unseen(slices: &dyn Slices, indices: &[usize], why: &str) -> Fault {
     let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
     if indices.len() > names.len() {
         names.push("...");
     }
     let detail = format!(
-        "the dots could not be measured in {}{why}: use a target with larger, wider spaced dots (pitch at least 2.5 \
-         times the largest blur radius) or leave these slices out",
-        names.join(", ")
+        "the dots could not be measured in {}{why}: {}use a target with larger, wider spaced dots (pitch at least 2.5 \
+         times the largest blur radius)",
+        names.join(", "),
+        ends(slices.count(), indices)
+            .map_or_else(String::new, |ends| format!("leave {ends} out, of the target and of every stack alike, or ")),
     );
     let mut fault = Fault::new(Code::TargetNotFound, detail);
     for &index in indices {
@@ -452,4 +517,17 @@ fn unseen(slices: &dyn Slices, indices: &[usize], why: &str) -> Fault {
         });
     }
     fault
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ends;
+
+    #[test]
+    fn slices_at_the_ends_can_be_left_out_and_those_between_cannot() {
+        assert_eq!(ends(9, &[0, 1, 8]).as_deref(), Some("the first 2 slices and the last slice"));
+        assert_eq!(ends(9, &[7, 8]).as_deref(), Some("the last 2 slices"));
+        assert_eq!(ends(9, &[0, 4]), None);
+        assert_eq!(ends(3, &[0, 2]), None);
+    }
 }

@@ -14,6 +14,8 @@ pub struct Working {
     pub bin: usize,
     /// Share of the slice's pixels that are at full scale.
     pub clipped: f64,
+    /// The same per sample; `None` where it is hardly one pixel in ten thousand.
+    pub full: Option<Plane<f32>>,
 }
 
 /// Grey levels from here on count as clipped, of 255.
@@ -38,27 +40,27 @@ impl Working {
         let (width, height) = (slice.width / bin, slice.height / bin);
         let scale = 1.0 / (bin * bin) as f32;
         let mut data = vec![0.0_f32; width * height];
-        let clipped: u64 = data
-            .par_chunks_exact_mut(width)
-            .enumerate()
-            .map(|(y, out)| {
-                let mut full = 0_u64;
+        let mut full = vec![0.0_f32; width * height];
+        data.par_chunks_exact_mut(width).zip(full.par_chunks_exact_mut(width)).enumerate().for_each(
+            |(y, (out, full))| {
                 for row in y * bin..(y + 1) * bin {
                     let first = row * slice.width;
-                    for (x, sum) in out.iter_mut().enumerate() {
+                    for (x, (sum, full)) in out.iter_mut().zip(full.iter_mut()).enumerate() {
+                        let mut over = 0_u32;
                         for k in first + x * bin..first + (x + 1) * bin {
                             let value = grey(k);
                             *sum += value;
-                            full += u64::from(value >= FULL);
+                            over += u32::from(value >= FULL);
                         }
+                        *full += scale * over as f32;
                     }
                 }
                 out.iter_mut().for_each(|v| *v *= scale);
-                full
-            })
-            .sum();
-        let clipped = clipped as f64 / (width * height * bin * bin).max(1) as f64;
-        Self { plane: Plane { width, height, data }, bin, clipped }
+            },
+        );
+        let clipped = full.iter().map(|v| f64::from(*v)).sum::<f64>() / full.len().max(1) as f64;
+        let full = (clipped > 1e-4).then_some(Plane { width, height, data: full });
+        Self { plane: Plane { width, height, data }, bin, clipped, full }
     }
 
     /// A place of this plane in pixels of the slice.
