@@ -7,9 +7,16 @@ use std::sync::{
 
 use rayon::prelude::*;
 
-use super::{Run, form, locked, scratch::Scratch, unlocked, winner::Winner};
+use super::{
+    Run, form, locked,
+    measure::{Measure, Rows},
+    scratch::Scratch,
+    unlocked,
+    unveiled::Survey,
+    winner::Winner,
+};
 use crate::{
-    imaging::{Coverage, Plane, Raster, Sample, filter::saliency::Saliency, grey, warp::Warp},
+    imaging::{Coverage, Plane, Raster, Sample, grey, warp::Warp},
     model::{Code, Fault, Stop},
     quality::slice::{Fingerprint, Observer, Seen, Warped},
 };
@@ -29,6 +36,8 @@ pub(super) struct Aligned {
     pub coverages: Vec<Coverage>,
     /// The sharpest slice per pixel.
     pub index: Plane<u16>,
+    /// What only fusion by labels asks for: how sharp that slice is there, and what was seen of wide surroundings.
+    pub surveyed: Option<(Plane<f32>, Survey)>,
     /// What the observer noted, slice by slice; empty without an observer.
     pub seen: Vec<Seen>,
 }
@@ -41,13 +50,14 @@ pub(super) fn align<S: Sample, const C: usize>(
 ) -> Result<Aligned, Stop> {
     let plan = run.plan;
     let slices = plan.homographies.len();
-    let pass = Pass {
+    let pass = Pass::<S> {
         run,
         observer,
         scratch: Scratch::create(run.scratch_dir, plan.width, plan.height, C)?,
         winner: Winner::new(plan.width, plan.height, plan.reference),
-        saliency: Saliency::new(plan.params.r_g as usize, plan.params.sigma_g),
+        measure: Measure::of(plan),
         first: Mutex::new(Some(first)),
+        buffers: Mutex::new(Vec::new()),
     };
     let (next, done) = (AtomicUsize::new(0), Mutex::new(0));
     let failure: Mutex<Option<(usize, Stop)>> = Mutex::new(None);
@@ -59,7 +69,7 @@ pub(super) fn align<S: Sample, const C: usize>(
         while locked(&failure).is_none() {
             let slice = next.fetch_add(1, Ordering::Relaxed);
             let Some(result) = results.get(slice) else { return };
-            match pass.slice::<S, C>(slice) {
+            match pass.slice::<C>(slice) {
                 Ok(outcome) => {
                     // each slice is taken by one lane only, so that the cell is empty
                     let _ = result.set(outcome);
@@ -81,24 +91,33 @@ pub(super) fn align<S: Sample, const C: usize>(
     }
     let (coverages, seen): (Vec<_>, Vec<_>) = results.into_iter().filter_map(OnceLock::into_inner).unzip();
     let seen = seen.into_iter().flatten().collect();
-    Ok(Aligned { scratch: pass.scratch, coverages, index: pass.winner.finish(), seen })
+    let (index, surveyed) = match pass.measure.into_survey() {
+        None => (pass.winner.finish(), None),
+        Some(survey) => {
+            let (index, values) = pass.winner.finish_with_values();
+            (index, Some((values, survey)))
+        }
+    };
+    Ok(Aligned { scratch: pass.scratch, coverages, index, surveyed, seen })
 }
 
 /// What all slices of the first pass share.
-struct Pass<'a> {
+struct Pass<'a, S> {
     run: &'a Run<'a>,
     observer: Option<&'a Observer<'a>>,
     scratch: Scratch,
     winner: Winner,
-    saliency: Saliency,
+    measure: Measure,
     first: Mutex<Option<Raster>>,
+    /// Room for warped slices, at most one per lane: new memory costs as much as a filter.
+    buffers: Mutex<Vec<Vec<S>>>,
 }
 
-impl Pass<'_> {
-    fn slice<S: Sample, const C: usize>(&self, slice: usize) -> Result<(Coverage, Option<Seen>), Stop> {
+impl<S: Sample> Pass<'_, S> {
+    fn slice<const C: usize>(&self, slice: usize) -> Result<(Coverage, Option<Seen>), Stop> {
         let plan = self.run.plan;
         self.run.control.check()?;
-        let samples = self.load::<S, C>(slice)?;
+        let samples = self.load::<C>(slice)?;
         self.run.control.check()?;
         let fingerprint = self.observer.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
 
@@ -106,14 +125,16 @@ impl Pass<'_> {
         let warp = Warp::new(&plan.homographies[slice], plan.gains[slice], size, size).ok_or_else(|| {
             Fault::new(Code::InvalidProfile, format!("the homography of slice {slice} cannot be inverted"))
         })?;
-        let warped = warp.apply_unless(samples, C, || self.run.control.check())?;
+        let buffer = locked(&self.buffers).pop().unwrap_or_default();
+        let warped = warp.apply_unless(samples, C, buffer, || self.run.control.check())?;
         self.scratch.write(slice, &warped)?;
         let coverage = warp.coverage().clone();
-        let seen = self.measure::<S, C>(slice, &warped, &coverage, fingerprint)?;
+        let seen = self.measure::<C>(slice, &warped, &coverage, fingerprint)?;
+        locked(&self.buffers).push(warped);
         Ok((coverage, seen))
     }
 
-    fn load<S: Sample, const C: usize>(&self, slice: usize) -> Result<Vec<S>, Stop> {
+    fn load<const C: usize>(&self, slice: usize) -> Result<Vec<S>, Stop> {
         let loaded = if slice == 0 { locked(&self.first).take() } else { None };
         let raster = match loaded {
             Some(raster) => raster,
@@ -132,7 +153,7 @@ impl Pass<'_> {
     }
 
     /// Saliency of a warped slice: entered into the running argmax, and shown to the observer.
-    fn measure<S: Sample, const C: usize>(
+    fn measure<const C: usize>(
         &self,
         slice: usize,
         warped: &[S],
@@ -141,28 +162,32 @@ impl Pass<'_> {
     ) -> Result<Option<Seen>, Stop> {
         let plan = self.run.plan;
         let (width, height) = (plan.width, plan.height);
-        let supported = covered.eroded(self.saliency.reach());
+        let supported = covered.eroded(self.measure.reach());
 
-        let of_band = |band: usize| -> Result<Vec<f32>, Stop> {
+        let mut sheet = self.measure.sheet();
+        let of_band = |rows: &mut Rows, (band, cells): (usize, &mut [f32])| -> Result<Vec<f32>, Stop> {
             self.run.control.check()?;
-            let rows = self.winner.rows(band);
-            let start = rows.start;
-            let mut values = vec![0.0f32; rows.len() * width];
             let mut picked = Vec::new();
             let luma_of = |y: usize, out: &mut [f32]| {
                 grey::luma_row(&warped[y * width * C..(y + 1) * width * C], C, out);
             };
-            self.saliency.rows((width, height), rows, luma_of, |y, _, saliency| {
-                values[(y - start) * width..(y - start + 1) * width].copy_from_slice(saliency);
+            let band = self.winner.rows(band);
+            self.measure.rows((width, height), band.clone(), rows, luma_of, |y, values, saliency| {
+                self.winner.update(y, slice, values, covered, &supported);
+                let sure = supported.span(y);
                 if let Some(observer) = self.observer {
-                    observer.points().pick(y, saliency, &supported.span(y), &mut picked);
+                    observer.points().pick(y, saliency, &sure, &mut picked);
                 }
+                self.measure.note(cells, y - band.start, values, sure);
             });
-            self.winner.update(band, slice, &values, covered, &supported);
             Ok(picked)
         };
-        let picked: Vec<Vec<f32>> =
-            (0..self.winner.bands()).into_par_iter().map(of_band).collect::<Result<_, Stop>>()?;
+        let cells = self.measure.cells_of(super::winner::BAND);
+        let mut parts: Vec<&mut [f32]> = sheet.chunks_mut(cells.max(1)).collect();
+        parts.resize_with(self.winner.bands(), Default::default);
+        let bands = parts.into_par_iter().enumerate();
+        let picked: Vec<Vec<f32>> = bands.map_init(Rows::default, of_band).collect::<Result<_, Stop>>()?;
+        self.measure.enter(slice, sheet);
 
         let seen = self.observer.zip(fingerprint).map(|(observer, fingerprint)| {
             let warped = Warped { samples: warped, channels: C, coverage: covered, gain: plan.gains[slice] };

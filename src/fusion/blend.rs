@@ -22,10 +22,23 @@ pub(super) struct Blended<S> {
     pub clamped: usize,
 }
 
-/// Runs the second pass.
+/// Runs the second pass of guided filtering.
 pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Stop> {
-    let (width, height) = (run.plan.width, run.plan.height);
     let presence = Presence::new(&aligned.index, aligned.coverages.len());
+    let blender = || Blender::<S>::new(&run.plan.params);
+    in_tiles::<S, C, _>(run, blender, |blender, rect, out| {
+        blender.tile::<C>(rect, aligned, &presence, run.control, out)
+    })
+}
+
+/// Makes a picture tile by tile, in parallel. `tile` fuses a rectangle into the samples it is given, interleaved, with
+/// what `tools` has made for its thread, and says in how many pixels a sample had to be clamped.
+pub(super) fn in_tiles<S: Sample, const C: usize, T>(
+    run: &Run<'_>,
+    tools: impl Fn() -> T + Sync,
+    tile: impl Fn(&mut T, Rect, &mut Vec<S>) -> Result<usize, Stop> + Sync,
+) -> Result<Blended<S>, Stop> {
+    let (width, height) = (run.plan.width, run.plan.height);
     let (columns, rows) = (pieces(width, run.tile), pieces(height, run.tile));
     let tiles: Vec<(usize, Rect)> = rows
         .iter()
@@ -48,10 +61,10 @@ pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned)
         .par_iter()
         .with_max_len(1)
         .map_init(
-            || (Blender::<S>::new(&run.plan.params), Vec::new()),
-            |(blender, out), &(row, rect)| -> Result<usize, Stop> {
+            || (tools(), Vec::new()),
+            |(tools, out), &(row, rect)| -> Result<usize, Stop> {
                 run.control.check()?;
-                let clamped = blender.tile::<C>(rect, aligned, &presence, run.control, out)?;
+                let clamped = tile(tools, rect, out)?;
                 let mut band = locked(&bands[row]);
                 for (y, line) in out.chunks_exact(rect.width * C).enumerate() {
                     let start = (y * width + rect.x) * C;

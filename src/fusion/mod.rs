@@ -14,10 +14,14 @@ mod blend;
 pub mod crop;
 mod form;
 pub mod mask;
+mod measure;
 mod observe;
 mod presence;
+mod pyramid;
 mod scratch;
+mod sums;
 mod tile;
+mod unveiled;
 mod winner;
 
 #[cfg(test)]
@@ -30,7 +34,10 @@ use std::{
 
 use crate::{
     imaging::{Depth, Plane, Raster, Rect, Sample, Slices},
-    model::{Code, Control, Fault, Homography, Stop, Warning, options::GuidedParams},
+    model::{
+        Code, Control, Fault, Homography, Stop, Warning,
+        options::{GuidedParams, Method},
+    },
     quality::{StackQuality, score::Sums},
 };
 use form::Form;
@@ -54,13 +61,21 @@ pub struct Plan {
     pub gains: Vec<f64>,
     /// 0-based index of the reference slice: chosen where nothing is sharp anywhere.
     pub reference: usize,
-    /// Parameters of the method.
+    /// How the slices are fused.
+    pub method: Method,
+    /// Parameters of [`Method::Guided`].
     pub params: GuidedParams,
+    /// Where on the rail each slice was taken, in any unit: tells how far apart in focus slices are. Without
+    /// it their distances are taken to be equal.
+    pub rail: Option<Vec<f64>>,
+    /// Whether the first slice is in focus nearest to the camera, and the last farthest from it; without it the
+    /// slices are asked.
+    pub near_first: Option<bool>,
 }
 
 impl Plan {
     /// A plan for `slices` slices that are aligned already and equally bright, with the middle one as the
-    /// reference and the parameters of Li, Kang & Hu 2013.
+    /// reference, guided filtering and the parameters of Li, Kang & Hu 2013.
     pub fn aligned(width: usize, height: usize, slices: usize) -> Self {
         Self {
             width,
@@ -68,28 +83,39 @@ impl Plan {
             homographies: vec![Homography::IDENTITY; slices],
             gains: vec![1.0; slices],
             reference: slices / 2,
+            method: Method::Guided,
             params: GuidedParams::default(),
+            rail: None,
+            near_first: None,
         }
     }
 
     /// Bytes of memory that [`fuse`] holds at most, in round numbers, with `threads` threads and samples of
     /// `depth` in three channels: for whoever shares the memory of a machine. It does not depend on the number
     /// of slices. `metrics` says whether [`Watch::metrics`] will be set.
+    ///
+    /// With `s` bytes per sample, per pixel of the canvas, in the first pass: 6 for the best saliency and its slice, and for
+    /// each slice in flight (one per thread, at most four) `9 s` for its file, its samples and the warped ones, and 12 for
+    /// the planes that metrics look at. In the second pass `3 + 3 s`. For each thread 48 MiB of tiles and rows, and 32 MiB
+    /// for everything else.
     pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
         let pixels = (self.width * self.height) as u64;
         let pixel = 3 * depth.bytes() as u64;
-        // decoded and warped
-        let in_flight = 2 * pixel;
+        // decoded, warped, and a buffer for the next
+        let in_flight = 3 * pixel;
         let first_pass = 6 + in_flight * align::lanes(threads, self.homographies.len()) as u64;
-        let second_pass = 3 + pixel;
+        let labels = if self.method == Method::Unveiled { 14 } else { 0 };
+        let second_pass = 3 + pixel.max(labels);
         // what is kept at the points and in the blocks of the metrics
         let kept = if metrics { 32 } else { 0 };
         pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + kept) * (1 << 20)
     }
 
-    /// Bytes of the scratch file that [`fuse`] makes for `slices` slices of `channels` samples of `depth`.
+    /// Bytes of the scratch file that [`fuse`] makes for slices of `channels` samples of `depth`: their samples, and what
+    /// fills the squares that they are cut into.
     pub fn scratch_bytes(&self, channels: usize, depth: Depth) -> u64 {
-        (self.width * self.height * channels * depth.bytes()) as u64 * self.homographies.len() as u64
+        let side = |length: usize| length.next_multiple_of(scratch::BLOCK) as u64;
+        side(self.width) * side(self.height) * (channels * depth.bytes() * self.homographies.len()) as u64
     }
 
     fn check(&self, slices: usize) -> Result<(), Fault> {
@@ -199,16 +225,24 @@ impl Run<'_> {
     fn fuse<S: Sample, const C: usize>(&self, first: Raster) -> Result<Fused, Stop> {
         let (width, height) = (self.plan.width, self.plan.height);
         let observer = observe::observer(self.plan, self.watch);
-        let aligned = align::align::<S, C>(self, first, observer.as_ref())?;
+        let mut aligned = align::align::<S, C>(self, first, observer.as_ref())?;
         let alignment = observe::alignment::<S>(&aligned, self.plan, self.watch, self.control)?;
-        let blended = blend::blend::<S, C>(self, &aligned)?;
+        let blended = match aligned.surveyed.take() {
+            None if self.plan.method == Method::Pyramid => pyramid::blend::<S, C>(self, &aligned)?,
+            None => blend::blend::<S, C>(self, &aligned)?,
+            Some((energy, survey)) => {
+                let (blended, labels) = unveiled::fuse::<S, C>(self, &aligned, &energy, survey)?;
+                aligned.index = labels;
+                blended
+            }
+        };
         let sums = match &observer {
             Some(observer) => observe::score::<S, C>(self, &aligned, observer.blocks(), &blended.pixels)?,
             None => Sums::default(),
         };
 
         let valid = aligned.index.map(|slice| if slice == UNCOVERED { 0 } else { 255 });
-        let quality = observe::finish(self, observer.as_ref(), aligned.seen, sums, alignment, &aligned.index);
+        let quality = observe::finish(self, observer.as_ref(), aligned.seen, &sums, alignment, &aligned.index);
         let covered = valid.data.iter().filter(|&&v| v != 0).count();
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let warnings = warnings(Rect::whole(width, height), covered, blended.clamped);

@@ -41,8 +41,9 @@ pub(super) fn alignment<S: Sample>(
         aligned.scratch.read::<S>(slice, rect, &mut samples, &mut bytes).ok()?;
         Some((luma(&samples, rect), coverage.mask(rect)))
     };
-    let found = quality::alignment::measure(aligned.coverages.len(), &read, plan.width, plan.height, watch.object);
+    let mut found = quality::alignment::measure(aligned.coverages.len(), &read, plan.width, plan.height, watch.object);
     control.check()?;
+    found.metrics.common_fraction = common_fraction(aligned);
     Ok(found)
 }
 
@@ -102,12 +103,22 @@ pub(super) fn finish(
     run: &Run<'_>,
     observer: Option<&Observer<'_>>,
     seen: Vec<Seen>,
-    sums: Sums,
+    sums: &Sums,
     alignment: Alignment,
     index: &Plane<u16>,
 ) -> Option<StackQuality> {
-    observer.map(|observer| quality::finish(observer, seen, sums, alignment, index, run.watch.object))
+    let names = (0..run.slices.count()).map(|slice| run.slices.name(slice).to_owned()).collect();
+    observer.map(|observer| quality::finish(observer, seen, sums, alignment, index, names))
 }
 
+/// Share of the canvas that every slice covers.
+fn common_fraction(aligned: &Aligned) -> Option<f64> {
+    let (first, rest) = aligned.coverages.split_first()?;
+    let common = rest.iter().fold(first.clone(), |common, coverage| common.intersection(coverage));
+    Some(common.pixels() as f64 / (common.width() * common.height()).max(1) as f64)
+}
+
+#[cfg(test)]
+mod diagnostics;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,8 @@
 //! Fusion as a whole: on truth, by property, and against its definition.
 
 mod oracle;
+mod pyramid;
+mod unveiled;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 

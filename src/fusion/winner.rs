@@ -3,10 +3,16 @@
 use std::sync::Mutex;
 
 use super::UNCOVERED;
-use crate::imaging::{Coverage, Plane};
+use crate::imaging::{
+    Coverage, Plane,
+    simd::{self, Avx2},
+};
 
 /// Rows that are updated under one lock.
-pub(super) const BAND: usize = 64;
+pub(super) const BAND: usize = 128;
+
+/// Pixels that are looked through for ties before they are updated.
+const PART: usize = 256;
 
 /// Saliency of a slice where part of what the saliency looks at is not covered: below everything.
 const UNSUPPORTED: f32 = -1.0;
@@ -18,6 +24,7 @@ pub(super) struct Winner {
     width: usize,
     height: usize,
     reference: usize,
+    simd: Option<Avx2>,
     bands: Vec<Mutex<Band>>,
 }
 
@@ -32,7 +39,8 @@ impl Winner {
             let pixels = BAND.min(height - start) * width;
             Mutex::new(Band { best: vec![f32::NEG_INFINITY; pixels], slice: vec![UNCOVERED; pixels] })
         };
-        Self { width, height, reference, bands: (0..height).step_by(BAND).map(band).collect() }
+        let simd = Avx2::detect();
+        Self { width, height, reference, simd, bands: (0..height).step_by(BAND).map(band).collect() }
     }
 
     pub fn bands(&self) -> usize {
@@ -44,28 +52,42 @@ impl Winner {
         band * BAND..((band + 1) * BAND).min(self.height)
     }
 
-    /// Enters the saliency of `slice` in the rows of `band`. `covered` is what the slice covers, `supported`
-    /// where its saliency saw covered pixels alone.
-    pub fn update(&self, band: usize, slice: usize, saliency: &[f32], covered: &Coverage, supported: &Coverage) {
-        let mut held = super::locked(&self.bands[band]);
+    /// Enters the saliency of `slice` in row `y`. `covered` is what the slice covers, `supported` where its saliency saw
+    /// covered pixels alone.
+    pub fn update(&self, y: usize, slice: usize, saliency: &[f32], covered: &Coverage, supported: &Coverage) {
+        let mut held = super::locked(&self.bands[y / BAND]);
+        let start = y % BAND * self.width;
         let Band { best, slice: winners } = &mut *held;
-        for (row, y) in self.rows(band).enumerate() {
-            let start = row * self.width;
-            let (whole, sure) = (covered.span(y), supported.span(y));
-            let sure = if sure.is_empty() { whole.end..whole.end } else { sure };
-            for (span, is_sure) in
-                [(whole.start..sure.start, false), (sure.clone(), true), (sure.end..whole.end, false)]
-            {
-                let pixels = start + span.start..start + span.end;
-                let entries = best[pixels.clone()].iter_mut().zip(&mut winners[pixels.clone()]);
-                for ((best, winner), &saliency) in entries.zip(&saliency[pixels]) {
-                    let saliency = if is_sure { saliency } else { UNSUPPORTED };
-                    if saliency > *best || (saliency == *best && self.comes_first(saliency, slice, *winner)) {
-                        *best = saliency;
-                        *winner = slice as u16;
-                    }
+        let (best, winners) = (&mut best[start..start + self.width], &mut winners[start..start + self.width]);
+        let (whole, sure) = (covered.span(y), supported.span(y));
+        let sure = if sure.is_empty() { whole.end..whole.end } else { sure };
+        for unsure in [whole.start..sure.start, sure.end..whole.end] {
+            for (best, winner) in best[unsure.clone()].iter_mut().zip(&mut winners[unsure]) {
+                self.enter(slice, UNSUPPORTED, best, winner);
+            }
+        }
+        let saliency = &saliency[sure.clone()];
+        let (best, winners) = (&mut best[sure.clone()], &mut winners[sure]);
+        let parts = best.chunks_mut(PART).zip(winners.chunks_mut(PART)).zip(saliency.chunks(PART));
+        for ((best, winners), saliency) in parts {
+            let ties = simd::run(
+                self.simd,
+                #[inline(always)]
+                || larger(slice as u16, saliency, best, winners),
+            );
+            if ties {
+                for ((best, winner), &saliency) in best.iter_mut().zip(winners).zip(saliency) {
+                    self.enter(slice, saliency, best, winner);
                 }
             }
+        }
+    }
+
+    #[inline]
+    fn enter(&self, slice: usize, saliency: f32, best: &mut f32, winner: &mut u16) {
+        if saliency > *best || (saliency == *best && self.comes_first(saliency, slice, *winner)) {
+            *best = saliency;
+            *winner = slice as u16;
         }
     }
 
@@ -88,6 +110,35 @@ impl Winner {
         }
         Plane { width: self.width, height: self.height, data }
     }
+
+    /// The same, and how sharp it is there.
+    pub fn finish_with_values(self) -> (Plane<u16>, Plane<f32>) {
+        let (width, height) = (self.width, self.height);
+        let (mut slices, mut values) = (Vec::with_capacity(width * height), Vec::with_capacity(width * height));
+        for band in self.bands {
+            let Band { best, slice } = super::unlocked(band);
+            slices.extend(slice);
+            values.extend(best);
+        }
+        (Plane { width, height, data: slices }, Plane { width, height, data: values })
+    }
+}
+
+/// Enters saliencies if none of them equals the best so far; otherwise it changes nothing, and says `true`.
+#[inline(always)]
+fn larger(slice: u16, saliency: &[f32], best: &mut [f32], winners: &mut [u16]) -> bool {
+    let mut ties = false;
+    for (saliency, best) in saliency.iter().zip(best.iter()) {
+        ties |= saliency == best;
+    }
+    if !ties {
+        for ((winner, best), &saliency) in winners.iter_mut().zip(best).zip(saliency) {
+            let wins = saliency > *best;
+            *winner = if wins { slice } else { *winner };
+            *best = if wins { saliency } else { *best };
+        }
+    }
+    ties
 }
 
 #[cfg(test)]

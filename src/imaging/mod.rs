@@ -6,6 +6,7 @@ pub mod filter;
 pub mod grey;
 pub mod raster;
 pub mod sample;
+pub mod simd;
 pub mod slices;
 pub mod warp;
 

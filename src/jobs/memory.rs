@@ -38,7 +38,10 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
         homographies: vec![Homography::IDENTITY; slices],
         gains: vec![1.0; slices],
         reference: 0,
+        method: request.options.method,
         params: GuidedParams::default(),
+        rail: None,
+        near_first: None,
     };
     let silhouette = if layout.back.is_empty() { 0 } else { pixels(layout) };
     let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(silhouette);

@@ -20,13 +20,14 @@ use crate::{
         codec::{self, Metadata},
     },
     model::{
-        Code, Control, Fault, Stop, Warning,
-        metrics::{Metrics, StageTime, Timing},
-        options::MaskMode,
+        Code, Control, Fault, Homography, Stop, Warning,
+        metrics::{Metrics, Severity, StageTime, Timing},
+        options::{MaskMode, Method},
         outcome::{ImageInfo, JobOutcome, StackOutcome},
-        profile::Profile,
+        profile::{CaptureMode, Profile, ProfileInput},
         request::StackRequest,
     },
+    quality::VERSIONS,
 };
 
 /// What a fusion spends its time on.
@@ -64,7 +65,9 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
     let silhouette = if with_back {
         let control = Phase::new(watcher, &FUSING, READ, middle);
-        let back = fusion::fuse(archive.back(), &plan, &Watch::default(), &bench.scratch, &control)?;
+        // a silhouette is white against black: there is nothing behind it to be unveiled
+        let guided = Plan { method: Method::Guided, ..plan.clone() };
+        let back = fusion::fuse(archive.back(), &guided, &Watch::default(), &bench.scratch, &control)?;
         times.end("fusing the back light");
         let phase = Phase::new(watcher, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
@@ -94,7 +97,10 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     pressed.extend(files);
     times.end("writing");
 
-    let metrics = metrics(front, &archive, silhouette, times);
+    let metrics = metrics(front, silhouette, times);
+    // notes wait in the metrics for whoever looks for them
+    let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
+    warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
     let (artifacts, files) = pressed.into_iter().unzip();
     let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics });
     Ok(Made { outcome, warnings: once(warnings), profile: None, files })
@@ -108,7 +114,27 @@ fn plan(profile: &Profile, request: &StackRequest) -> Plan {
         homographies: input.homographies.clone(),
         gains: input.gains.clone().unwrap_or_else(|| vec![1.0; input.homographies.len()]),
         reference: input.reference_index as usize,
+        method: request.options.method,
         params: request.options.guided(),
+        rail: input.rail_positions_mm.clone(),
+        near_first: near_first(input),
+    }
+}
+
+/// Whether the first slice is in focus nearest to the camera, as far as the profile tells: with a fixed lens the image
+/// grows as the sensor moves back and the focus comes nearer, and with a moving lens the target grows as the
+/// camera, and the focus with it, moves away from the viewer.
+fn near_first(input: &ProfileInput) -> Option<bool> {
+    /// Scales that differ by less over the stack tell nothing.
+    const TELLING: f64 = 2e-3;
+    let scale =
+        |homography: &Homography| (homography.0[0] * homography.0[4] - homography.0[1] * homography.0[3]).sqrt();
+    let (first, last) = (scale(input.homographies.first()?), scale(input.homographies.last()?));
+    let grows = (first / last).ln();
+    match input.capture_mode? {
+        _ if grows.abs() < TELLING || !grows.is_finite() => None,
+        CaptureMode::FixedLens => Some(grows < 0.0),
+        CaptureMode::MovingLens => Some(grows > 0.0),
     }
 }
 
@@ -200,19 +226,16 @@ fn alpha(valid: &Plane<u8>, silhouette: Option<&Silhouette>) -> Plane<u8> {
     }
 }
 
-fn metrics(front: Fused, archive: &StackArchive, silhouette: Option<Silhouette>, times: Times) -> Metrics {
+fn metrics(front: Fused, silhouette: Option<Silhouette>, times: Times) -> Metrics {
     let quality = front.quality.unwrap_or_default();
-    let slices = archive.front();
-    let mut measured = quality.slices;
-    for slice in &mut measured {
-        slice.name = slices.name(slice.index as usize).to_owned();
-    }
     Metrics {
         fusion: quality.fusion,
         focus: quality.focus,
-        slices: measured,
+        slices: quality.slices,
         alignment: quality.alignment,
         mask: silhouette.map(|silhouette| silhouette.metrics),
+        findings: quality.findings,
+        versions: VERSIONS.map(str::to_owned).to_vec(),
         timing_ms: times.done(),
     }
 }

@@ -17,8 +17,38 @@ pub struct Metrics {
     pub alignment: AlignmentMetrics,
     /// Null without a back-light stack.
     pub mask: Option<MaskMetrics>,
+    /// What is wrong with the stack, or could be better, in sentences; the worst first.
+    #[serde(default)]
+    pub findings: Vec<Finding>,
+    /// How the numbers were computed, `name:version`: only numbers of equal versions can be compared.
+    #[serde(default)]
+    pub versions: Vec<String>,
     /// Time spent.
     pub timing_ms: Timing,
+}
+
+/// Something that a technician should know about a stack.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Finding {
+    /// Stable machine-readable code, `snake_case`.
+    pub code: String,
+    /// `warning`: the result suffers; `note`: it does not, but the next stack can be better or smaller.
+    pub severity: Severity,
+    /// What, which slices, what to do.
+    pub detail: String,
+    /// 0-based slices that it is about; empty when it is about all.
+    #[serde(default)]
+    pub slices: Vec<u32>,
+}
+
+/// How much a finding matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// The result suffers.
+    Warning,
+    /// The result does not suffer.
+    Note,
 }
 
 /// Quality of the fused image, on 8-bit grey (16-bit slices are scaled to 0..255), on valid pixels and on
@@ -62,6 +92,42 @@ pub struct FocusMetrics {
     pub redundant_slices: Vec<u32>,
     /// `n` means: between slices n and n + 1 the step is too large for the depth of field.
     pub coverage_gaps: Vec<u32>,
+    /// `n` means: from slice n to n + 1 focus moves much farther than between the others.
+    #[serde(default)]
+    pub uneven_steps: Vec<u32>,
+    /// Share of the textured pixels that are sharpest in the first slice and get less sharp from there on.
+    #[serde(default)]
+    pub peak_at_first_fraction: Option<f64>,
+    /// The same of the last slice.
+    #[serde(default)]
+    pub peak_at_last_fraction: Option<f64>,
+    /// Share of the textured pixels whose slice is not that of most of their 5x5 neighbours.
+    #[serde(default)]
+    pub label_noise: Option<f64>,
+    /// Median over the textured pixels of how far the second sharpest slice is below the sharpest, 0 (not at all) to 1.
+    #[serde(default)]
+    pub ambiguity: Option<f64>,
+    /// The largest connected part of the object that no slice shows in focus. Null without a mask.
+    #[serde(default)]
+    pub unfocused_area: Option<UnfocusedArea>,
+    /// The slices in the order of focus (or its reverse), when they do not come in that order; else null.
+    #[serde(default)]
+    pub order: Option<Vec<u32>>,
+}
+
+/// A part of the object without texture, or never in focus. Place and size on the canvas, px.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct UnfocusedArea {
+    /// Share of the object.
+    pub fraction: f64,
+    /// Left column of its bounding box.
+    pub x: u32,
+    /// Top row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
 }
 
 /// One slice.
@@ -80,6 +146,12 @@ pub struct SliceMetrics {
     /// Red over green and blue over green, each over that of the reference slice: away from 1 the colour of the light drifts.
     #[serde(default)]
     pub balance_ratio: Option<[f64; 2]>,
+    /// Brightness after the gain over that of the slices around it: away from 1 the light flickers.
+    #[serde(default)]
+    pub flicker_ratio: Option<f64>,
+    /// 0-based slice before it that is the very same picture.
+    #[serde(default)]
+    pub duplicate_of: Option<u32>,
     /// Share of pixels at full scale or at zero.
     pub clipped_fraction: Option<f64>,
     /// Share of the canvas that the warped slice covers.
@@ -95,8 +167,31 @@ pub struct AlignmentMetrics {
     pub residual_p50_px: Option<f64>,
     /// 95th percentile, px; over 0.5 is worth a look, over 1 the profile does not fit.
     pub residual_p95_px: Option<f64>,
-    /// Mean relative scale between neighbours; away from 1 the profile is another lens's.
+    /// Relative scale from a slice to the next that is left; away from 1 the profile is another lens's.
     pub residual_scale: Option<f64>,
+    /// What all steps from slice to slice have in common.
+    #[serde(default)]
+    pub similarity: Option<ResidualSimilarity>,
+    /// Share of the canvas that every slice covers.
+    #[serde(default)]
+    pub common_fraction: Option<f64>,
+}
+
+/// Shift, scale and rotation per step from slice to slice that the profile leaves: nothing, when it fits.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ResidualSimilarity {
+    /// Scale per step.
+    pub scale: f64,
+    /// Rotation per step, degrees, clockwise on the screen.
+    pub rotation_deg: f64,
+    /// Shift of the middle of the picture per step (x, y), px.
+    pub shift_px: [f64; 2],
+    /// What that adds up to from the first slice to the last in the corner of the picture that moves most, px.
+    pub corner_drift_px: f64,
+    /// Standard deviation of that, px.
+    pub corner_drift_sigma_px: f64,
+    /// Number of windows' shifts that it was fitted to.
+    pub shifts: u32,
 }
 
 /// The cut-out.

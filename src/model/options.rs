@@ -100,6 +100,10 @@ pub enum Method {
     /// Guided filtering (Li, Kang & Hu 2013), the paper's method.
     #[default]
     Guided,
+    /// Laplacian pyramids (Burt & Adelson 1983), the other classic.
+    Pyramid,
+    /// One label per pixel, and the blur of near parts taken off what lies behind them.
+    Unveiled,
 }
 
 /// A threshold found in the picture or given.

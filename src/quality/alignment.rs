@@ -9,8 +9,9 @@ use rayon::prelude::*;
 use super::statistics;
 use crate::{
     imaging::{Plane, Rect},
-    model::metrics::AlignmentMetrics,
+    model::metrics::{AlignmentMetrics, ResidualSimilarity},
 };
+use similarity::Similarity;
 
 /// Gives the luma (0..255) and validity (255 valid) of a rectangle of warped slice `n`; none where it
 /// cannot be had.
@@ -36,6 +37,16 @@ pub struct Alignment {
     pub metrics: AlignmentMetrics,
     /// Per slice: median length of the residual shift against the slice before it, px; the first is none.
     pub per_slice: Vec<Option<f64>>,
+    /// Per pair of neighbours: the middle shift that the common similarity does not explain, px, and its standard
+    /// deviation.
+    pub(super) own: Vec<Option<OwnShift>>,
+}
+
+/// The shift of one slice against the one before it, beyond what all do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct OwnShift {
+    pub(super) shift: (f64, f64),
+    pub(super) sigma: f64,
 }
 
 /// The shift of one window from a slice to the next, px.
@@ -75,13 +86,38 @@ pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, ob
     let pairs: Vec<Vec<Shift>> = of_pair.par_iter().enumerate().map(pair).collect();
     let mut per_slice = vec![None; slices.min(1)];
     per_slice.extend(pairs.iter().map(|shifts| length_quantile(shifts.iter(), 0.5)));
-    let scales: Vec<f64> = pairs.iter().filter_map(|shifts| similarity::scale(shifts)).collect();
+    let all: Vec<Shift> = pairs.iter().flatten().copied().collect();
+    let common = Similarity::robust(&all);
+    let steps = slices.saturating_sub(1) as f64;
     let metrics = AlignmentMetrics {
-        residual_p50_px: length_quantile(pairs.iter().flatten(), 0.5),
-        residual_p95_px: length_quantile(pairs.iter().flatten(), 0.95),
-        residual_scale: (!scales.is_empty()).then(|| scales.iter().sum::<f64>() / scales.len() as f64),
+        residual_p50_px: length_quantile(all.iter(), 0.5),
+        residual_p95_px: length_quantile(all.iter(), 0.95),
+        residual_scale: common.map(|common| common.scale()),
+        similarity: common.map(|common| residual(&common, (width, height), steps, all.len())),
+        common_fraction: None,
     };
-    Alignment { metrics, per_slice }
+    let own = pairs.iter().map(|shifts| {
+        let (shift, sigma) = similarity::own_shift(shifts, common.as_ref(), LEAST_SHIFTS)?;
+        Some(OwnShift { shift, sigma })
+    });
+    Alignment { metrics, per_slice, own: own.collect() }
+}
+
+/// A similarity per step as the contract shows it, with what it makes of a picture's corners over `steps` steps.
+fn residual(common: &Similarity, (width, height): (usize, usize), steps: f64, windows: usize) -> ResidualSimilarity {
+    let (right, bottom) = (width as f64 - 1.0, height as f64 - 1.0);
+    let length = |corner: &(f64, f64)| common.at(*corner).0.hypot(common.at(*corner).1);
+    let corners = [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)];
+    let worst = corners.into_iter().max_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or_default();
+    let (x, y) = common.at((right / 2.0, bottom / 2.0));
+    ResidualSimilarity {
+        scale: common.scale(),
+        rotation_deg: common.rotation_deg(),
+        shift_px: [x, y],
+        corner_drift_px: steps * length(&worst),
+        corner_drift_sigma_px: steps * common.sigma_at(worst),
+        shifts: u32::try_from(windows).unwrap_or(u32::MAX),
+    }
 }
 
 fn length_quantile<'a>(shifts: impl Iterator<Item = &'a Shift>, q: f64) -> Option<f64> {

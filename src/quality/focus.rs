@@ -1,9 +1,11 @@
 //! Whether the slices cover the object in depth, from the saliency of every slice on a sparse grid.
 
+mod area;
 mod curve;
+mod labels;
 mod noise;
 
-use super::{sampling::Points, slice::Seen, statistics};
+use super::{order::Curves, sampling::Points, slice::Seen, statistics};
 use crate::{imaging::Plane, model::metrics::FocusMetrics};
 
 /// Fewer textured samples than this say nothing about single slices.
@@ -14,8 +16,15 @@ const REDUNDANT: f64 = 0.002;
 const REDUNDANT_OF_MEAN: f64 = 0.1;
 /// More than this share of the textured pixels in focus beyond an end: the range is too short there.
 const BEYOND: f64 = 0.01;
-/// Texture that falls to less than this, from its peak to the next slice, both ways, was missed between.
-const GAP: f32 = 0.3;
+/// Halfway between two slices, texture that falls to less than this from either to the other is less than 0.7 as sharp
+/// as in focus: it was missed.
+const GAP: f32 = 0.37;
+/// A step this many times the usual one is uneven ...
+const UNEVEN: f32 = 1.7;
+/// ... when texture falls to less than this over it.
+const UNEVEN_FALL: f32 = 0.6;
+/// Fewer pairs than this do not say what is usual.
+const LEAST_FOR_USUAL: usize = 4;
 /// Fewer pixels than this on a side say nothing about a gap.
 const LEAST_FOR_GAP: usize = 30;
 /// Only texture this much over the noise floor can show how deep the valley between two slices is.
@@ -26,6 +35,8 @@ const STRONG: f32 = 2.0;
 pub(super) struct Coverage {
     pub(super) metrics: FocusMetrics,
     pub(super) contribution: Vec<Option<f64>>,
+    /// Per pair of neighbours: about how many usual steps focus moves.
+    pub(super) steps: Vec<Option<f32>>,
 }
 
 /// The samples that count: covered by some slice and, with a mask, of the object.
@@ -34,13 +45,15 @@ struct Samples {
     saliency: Vec<f32>,
     /// The slice that fusion took.
     winner: Vec<usize>,
+    /// Where they lie.
+    at: Vec<(usize, usize)>,
     slices: usize,
 }
 
 impl Samples {
     fn of(seen: &[Seen], points: &Points, index: &Plane<u16>) -> Self {
         let slices = seen.len();
-        let mut samples = Self { saliency: Vec::new(), winner: Vec::new(), slices };
+        let mut samples = Self { saliency: Vec::new(), winner: Vec::new(), at: Vec::new(), slices };
         for (i, (x, y)) in points.positions().enumerate() {
             if x >= index.width || y >= index.height {
                 continue;
@@ -50,6 +63,7 @@ impl Samples {
                 continue;
             }
             samples.winner.push(winner);
+            samples.at.push((x, y));
             let value = |seen: &Seen| seen.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0);
             samples.saliency.extend(seen.iter().map(value));
         }
@@ -71,33 +85,63 @@ pub(super) fn coverage(seen: &[Seen], points: &Points, index: &Plane<u16>, maske
         return unknown;
     }
     let floor = noise::floor(&samples.saliency);
+    let is_textured: Vec<bool> =
+        samples.each().map(|(_, saliency)| saliency.iter().any(|&value| value > floor)).collect();
     let textured: Vec<(usize, &[f32])> =
-        samples.each().filter(|(_, saliency)| saliency.iter().any(|&value| value > floor)).collect();
+        samples.each().zip(&is_textured).filter(|(_, textured)| **textured).map(|(sample, _)| sample).collect();
     let share = textured.len() as f64 / samples.winner.len() as f64;
     let mut metrics = FocusMetrics {
         textured_fraction: Some(share),
         unfocused_fraction: masked.then_some(1.0 - share),
+        unfocused_area: if masked { area::largest(points, &samples.at, &is_textured) } else { None },
         ..FocusMetrics::default()
     };
     if textured.len() < LEAST_TEXTURED {
         return Coverage { metrics, ..unknown };
     }
+    let at: Vec<(usize, usize)> =
+        samples.at.iter().zip(&is_textured).filter(|(_, textured)| **textured).map(|(&at, _)| at).collect();
     let mut counts = vec![0usize; slices];
     textured.iter().for_each(|&(winner, _)| counts[winner] += 1);
     let contribution: Vec<f64> = counts.iter().map(|&count| count as f64 / textured.len() as f64).collect();
     metrics.redundant_slices = redundant(&contribution);
-    metrics.coverage_gaps = gaps(&textured, floor, slices);
+    let falls = falls(&textured, floor, slices);
+    let steps = steps(&falls);
+    let pairs = |wanted: &dyn Fn(usize) -> bool| (0..falls.len()).filter(|&n| wanted(n)).map(|n| n as u32).collect();
+    metrics.coverage_gaps = pairs(&|n| falls[n].is_some_and(|fall| fall < GAP));
+    metrics.uneven_steps =
+        pairs(&|n| steps[n].is_some_and(|step| step > UNEVEN) && falls[n].is_some_and(|fall| fall < UNEVEN_FALL));
+    metrics.label_noise = labels::noise(index, &at);
+    metrics.ambiguity = labels::ambiguity(textured.iter().map(|(_, saliency)| *saliency));
+    metrics.order = Curves::of(
+        at.into_iter().zip(textured.iter().map(|(_, saliency)| *saliency)),
+        (index.width, index.height),
+        slices,
+    )
+    .other_order();
     if slices >= 3 {
-        let beyond = |ends: fn(&[f32]) -> [f32; 3], end: usize| {
-            let past = |&&(winner, saliency): &&(usize, &[f32])| {
-                winner == end && curve::peaks_before(ends(saliency), floor / noise::MARGIN)
-            };
-            textured.iter().filter(past).count() as f64 > BEYOND * textured.len() as f64
+        type Ends = fn(&[f32]) -> [f32; 3];
+        let count = |past: &dyn Fn(usize, &[f32]) -> bool| {
+            textured.iter().filter(|&&(winner, saliency)| past(winner, saliency)).count() as f64 / textured.len() as f64
         };
-        metrics.range_too_short_near = Some(beyond(|s| [s[0], s[1], s[2]], 0));
-        metrics.range_too_short_far = Some(beyond(|s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]], slices - 1));
+        let first: Ends = |s| [s[0], s[1], s[2]];
+        let last: Ends = |s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]];
+        let falling = |ends: Ends, end: usize| {
+            count(&|winner, saliency| {
+                let [a, b, c] = ends(saliency);
+                winner == end && a > b && b > c && c > 0.0
+            })
+        };
+        let beyond = |ends: Ends, end: usize| {
+            let noise = floor / noise::MARGIN;
+            count(&|winner, saliency| winner == end && curve::peaks_before(ends(saliency), noise)) > BEYOND
+        };
+        metrics.peak_at_first_fraction = Some(falling(first, 0));
+        metrics.peak_at_last_fraction = Some(falling(last, slices - 1));
+        metrics.range_too_short_near = Some(beyond(first, 0));
+        metrics.range_too_short_far = Some(beyond(last, slices - 1));
     }
-    Coverage { metrics, contribution: contribution.into_iter().map(Some).collect() }
+    Coverage { metrics, contribution: contribution.into_iter().map(Some).collect(), steps }
 }
 
 /// Slices between the first and the last that hardly any textured pixel needs.
@@ -107,8 +151,8 @@ fn redundant(contribution: &[f64]) -> Vec<u32> {
     inner.filter(|&n| contribution[n] < least).map(|n| n as u32).collect()
 }
 
-/// Pairs of neighbours between which strong texture is lost: seen from either, it falls too far in the other.
-fn gaps(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<u32> {
+/// Per pair of neighbours: to what share strong texture falls from the slice where it peaks to the other, seen from both.
+fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<f32>> {
     // per slice: how far what peaks there has fallen in the slice before and in the slice after it
     let mut before = vec![Vec::new(); slices];
     let mut after = vec![Vec::new(); slices];
@@ -130,15 +174,19 @@ fn gaps(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<u32> {
         ..LEAST_FOR_GAP => None,
         _ => statistics::median(ratios),
     };
-    let mut gaps = Vec::new();
-    for n in 0..slices.saturating_sub(1) {
-        if let (Some(down), Some(up)) = (fallen(&mut after[n]), fallen(&mut before[n + 1]))
-            && (down * up).sqrt() < GAP
-        {
-            gaps.push(n as u32);
-        }
+    let mut pair = |n: usize| Some((fallen(&mut after[n])? * fallen(&mut before[n + 1])?).sqrt());
+    (0..slices.saturating_sub(1)).map(&mut pair).collect()
+}
+
+/// How far focus moves from slice to slice, in usual steps: saliency falls with defocus about as 1 / (1 + (z / w)^2).
+fn steps(falls: &[Option<f32>]) -> Vec<Option<f32>> {
+    let distance = |fall: f32| (1.0 / fall.max(0.01) - 1.0).max(0.0).sqrt();
+    let mut known: Vec<f32> = falls.iter().flatten().map(|&fall| distance(fall)).collect();
+    if known.len() < LEAST_FOR_USUAL {
+        return vec![None; falls.len()];
     }
-    gaps
+    let usual = statistics::median(&mut known).filter(|&usual| usual > 0.0);
+    falls.iter().map(|fall| Some(distance((*fall)?) / usual?)).collect()
 }
 
 #[cfg(test)]

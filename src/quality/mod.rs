@@ -6,8 +6,11 @@
 //! picture, and [`finish`] at the end. Where they look, [`sampling`] says: at a part of a large canvas, spread evenly.
 
 pub mod alignment;
+mod findings;
+mod flicker;
 mod focus;
 mod lanes;
+mod order;
 pub mod piella;
 pub mod sampling;
 pub mod score;
@@ -19,7 +22,7 @@ pub mod xydeas;
 
 use crate::{
     imaging::Plane,
-    model::metrics::{AlignmentMetrics, FocusMetrics, FusionMetrics, SliceMetrics},
+    model::metrics::{AlignmentMetrics, Finding, FocusMetrics, FusionMetrics, SliceMetrics},
 };
 
 /// Everything measured about one light of a stack. The names of the slices are empty: whoever knows the
@@ -34,7 +37,19 @@ pub struct StackQuality {
     pub alignment: AlignmentMetrics,
     /// One entry per slice, in order.
     pub slices: Vec<SliceMetrics>,
+    /// What a technician should know, the worst first.
+    pub findings: Vec<Finding>,
 }
+
+/// How the numbers are computed. Whoever changes one so that its value changes gives it another version.
+pub const VERSIONS: [&str; 6] = [
+    "q_g:yl2019-top1",
+    "q_w:piella2003-8x8-top1",
+    "sampling:blocks-1",
+    "focus:2",
+    "alignment:similarity-1",
+    "exposure:cells-2",
+];
 
 /// Luma from which a pixel is at full scale, and under which it is at zero (0..255).
 const FULL: f32 = 254.0;
@@ -43,33 +58,61 @@ const ZERO: f32 = 0.5;
 /// Puts the parts together.
 ///
 /// `seen` holds one entry per slice, in any order; `index` is the slice that won each pixel (`u16::MAX`:
-/// no slice covers it); `object`, 0 or 255, restricts the numbers to the object.
+/// no slice covers it); `names` are what the user calls the slices.
 pub fn finish(
     observer: &slice::Observer<'_>,
     seen: Vec<slice::Seen>,
-    sums: score::Sums,
+    sums: &score::Sums,
     alignment: alignment::Alignment,
     index: &Plane<u16>,
-    object: Option<&Plane<u8>>,
+    names: Vec<String>,
 ) -> StackQuality {
     let mut seen = seen;
     seen.sort_by_key(|seen| seen.index);
-    let coverage = focus::coverage(&seen, observer.points(), index, object.is_some());
+    let coverage = focus::coverage(&seen, observer.points(), index, observer.masked());
     let reference = seen.iter().find(|seen| seen.index == seen.reference);
-    let slices = seen
+    let exposures: Vec<Option<f64>> = seen
         .iter()
+        .map(|slice| reference.and_then(|reference| slice.brightness.exposure_ratio(&reference.brightness)))
+        .collect();
+    // as bright as fusion sees them: what the gains even out is no flicker
+    let evened = seen.iter().zip(&exposures).map(|(slice, ratio)| {
+        let of_reference = reference.map_or(1.0, |reference| reference.gain);
+        ratio.map(|ratio| ratio * slice.gain / of_reference)
+    });
+    let evened: Vec<Option<f64>> = evened.collect();
+    let flicker = flicker::ratios(&evened);
+    let mut names = names;
+    names.resize(seen.len(), String::new());
+    let slices: Vec<SliceMetrics> = seen
+        .iter()
+        .zip(names)
         .enumerate()
-        .map(|(n, slice)| SliceMetrics {
+        .map(|(n, (slice, name))| SliceMetrics {
             index: slice.index as u32,
-            name: String::new(),
+            name,
             contribution: coverage.contribution.get(n).copied().flatten(),
             sharpness: slice.tenengrad,
-            exposure_ratio: reference.and_then(|reference| slice.brightness.exposure_ratio(&reference.brightness)),
+            exposure_ratio: exposures[n],
             balance_ratio: reference.and_then(|reference| slice.brightness.balance_ratio(&reference.brightness)),
+            flicker_ratio: flicker[n],
+            duplicate_of: seen[..n]
+                .iter()
+                .position(|other| other.fingerprint.same(&slice.fingerprint))
+                .map(|n| n as u32),
             clipped_fraction: slice.clipped,
             valid_fraction: slice.covered,
             residual_px: alignment.per_slice.get(slice.index).copied().flatten(),
         })
         .collect();
-    StackQuality { fusion: sums.metrics(), focus: coverage.metrics, alignment: alignment.metrics, slices }
+    let mut quality = StackQuality {
+        fusion: sums.metrics(),
+        focus: coverage.metrics,
+        alignment: alignment.metrics,
+        slices,
+        findings: Vec::new(),
+    };
+    quality.findings =
+        findings::of(&quality, &findings::More { own: &alignment.own, steps: &coverage.steps, evened: &evened });
+    quality
 }

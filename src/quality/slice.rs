@@ -82,6 +82,11 @@ impl<'a> Observer<'a> {
         &self.points
     }
 
+    /// Whether an object restricts the numbers.
+    pub fn masked(&self) -> bool {
+        self.object.is_some()
+    }
+
     /// Where pictures are to be scored.
     pub fn blocks(&self) -> &Blocks {
         &self.blocks

@@ -68,7 +68,7 @@ fn a_slice_shows_what_is_in_focus_where_its_homography_says_as_bright_as_its_gai
 #[test]
 fn every_scene_has_something_to_focus_on_in_every_slice_and_the_right_slice_is_the_sharpest() {
     let rig = small().ideal();
-    for scene in [Scene::insect(1), Scene::flower(1), Scene::plates(1)] {
+    for scene in [Scene::insect(1), Scene::flower(1), Scene::plates(1), Scene::weave(1), Scene::wing(1)] {
         let stage = Stage::new(&rig, &scene);
         let truth = stage.truth();
         let slices: Vec<_> = (0..rig.slices()).map(|i| stage.render(Light::Front, i).luma()).collect();

@@ -86,6 +86,6 @@ fn sampling_error_over_scenes() {
         }
     }
     for (name, sums) in ["whole", "object"].into_iter().zip(squares.0) {
-        println!("rms, {name}: {}", sums.map(|sum| format!("{:.4}", (sum / squares.1 as f64).sqrt())).join("  "));
+        println!("rms, {name}: {}", sums.map(|sum| format!("{:.4}", (sum / squares.1).sqrt())).join("  "));
     }
 }

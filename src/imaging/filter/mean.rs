@@ -2,20 +2,47 @@
 
 use std::ops::Range;
 
-use crate::imaging::{Rect, Sample};
+use crate::imaging::{
+    Rect, Sample,
+    simd::{self, Avx2},
+};
 
 /// A mean filter and its buffers.
 #[derive(Debug)]
 pub struct MeanFilter {
+    simd: Option<Avx2>,
     radius: usize,
+    /// Sums per column, for the columns of `inner` and the radius around them.
     columns: Vec<u32>,
+    running: Vec<u32>,
     counts: Vec<u32>,
+    running_counts: Vec<u32>,
+    /// 1 / number of valid pixels, per sample.
+    shares: Vec<f32>,
+}
+
+/// Which columns of a picture the sums are of.
+#[derive(Debug, Clone, Copy)]
+struct Columns {
+    /// First one that is in the picture.
+    first: usize,
+    /// How many are.
+    count: usize,
+    /// How many the border stands for, to the left of the first.
+    left: usize,
+    /// Columns with those that the border stands for.
+    length: usize,
 }
 
 impl MeanFilter {
     /// Windows of `side` x `side` px; `side` is odd, at most 255.
     pub fn new(side: usize) -> Self {
-        Self { radius: side / 2, columns: Vec::new(), counts: Vec::new() }
+        Self::with(Avx2::detect(), side)
+    }
+
+    fn with(simd: Option<Avx2>, side: usize) -> Self {
+        let (columns, running, counts, running_counts) = Default::default();
+        Self { simd, radius: side / 2, columns, running, counts, running_counts, shares: Vec::new() }
     }
 
     /// How far from a pixel its mean looks.
@@ -35,76 +62,160 @@ impl MeanFilter {
         inner: Rect,
         out: &mut [f32],
     ) {
-        if inner.width == 0 || inner.height == 0 {
+        let mut rows = self.rows::<S, C>(pixels, width, valid, inner);
+        for out in out.chunks_exact_mut((inner.width * C).max(1)) {
+            rows.next(out);
+        }
+    }
+
+    /// The same row by row, for who works on while they are in the cache.
+    pub fn rows<'a, S: Sample, const C: usize>(
+        &'a mut self,
+        pixels: &'a [S],
+        width: usize,
+        valid: &'a [Range<usize>],
+        inner: Rect,
+    ) -> Rows<'a, S, C> {
+        let (radius, side, height) = (self.radius, 2 * self.radius + 1, valid.len());
+        let taps = inner.grown(radius, width, height);
+        let length = inner.width + 2 * radius;
+        let columns = Columns { first: taps.x, count: taps.width, left: radius - (inner.x - taps.x), length };
+        let covers = |span: &Range<usize>| span.start <= taps.x && span.end >= taps.x + taps.width;
+        let whole = valid[taps.y..taps.y + taps.height].iter().all(covers);
+        for (sums, length) in [(&mut self.columns, length * C), (&mut self.counts, length)] {
+            sums.clear();
+            sums.resize(length, 0);
+        }
+        self.running.resize(length * C + C, 0);
+        self.running_counts.resize(length + 1, 0);
+        self.shares.clear();
+        self.shares.resize(inner.width * C, 1.0 / (side * side) as f32);
+        let picture = Picture { pixels, width, valid };
+        Rows { filter: self, picture, columns, whole, next: inner.y, held: false, end: inner.y + inner.height }
+    }
+
+    /// Adds a row to the column sums, and takes one out.
+    fn exchange<S: Sample, const C: usize>(
+        &mut self,
+        picture: &Picture<'_, S>,
+        columns: Columns,
+        enters: Option<usize>,
+        leaves: Option<usize>,
+    ) {
+        if enters == leaves {
             return;
         }
-        self.columns.clear();
-        self.columns.resize(width * C, 0);
-        self.counts.clear();
-        self.counts.resize(width, 0);
-        let (radius, last) = (self.radius as isize, valid.len() as isize - 1);
-        let clamp = |y: isize| y.clamp(0, last) as usize;
-        let top = inner.y as isize;
-        for y in top - radius..top + radius {
-            self.add_row::<S, C, true>(pixels, width, valid, clamp(y));
-        }
-        for (y, out) in (top..).zip(out.chunks_exact_mut(inner.width * C)) {
-            self.add_row::<S, C, true>(pixels, width, valid, clamp(y + radius));
-            self.means::<C>(width, inner, out);
-            self.add_row::<S, C, false>(pixels, width, valid, clamp(y - radius));
-        }
-    }
-
-    fn add_row<S: Sample, const C: usize, const ENTERS: bool>(
-        &mut self,
-        pixels: &[S],
-        width: usize,
-        valid: &[Range<usize>],
-        y: usize,
-    ) {
-        let span = valid[y].clone();
-        let row = &pixels[y * width * C..(y + 1) * width * C];
-        let samples = &row[span.start * C..span.end * C];
-        for (sum, sample) in self.columns[span.start * C..span.end * C].iter_mut().zip(samples) {
-            *sum = if ENTERS { *sum + sample.integer() } else { *sum - sample.integer() };
-        }
-        for count in &mut self.counts[span] {
-            *count = if ENTERS { *count + 1 } else { *count - 1 };
-        }
-    }
-
-    fn means<const C: usize>(&self, width: usize, inner: Rect, out: &mut [f32]) {
-        let (radius, last) = (self.radius as isize, width as isize - 1);
-        let column = |x: isize| {
-            let x = x.clamp(0, last) as usize;
-            let mut sums = [0u32; C];
-            sums.copy_from_slice(&self.columns[x * C..(x + 1) * C]);
-            (sums, self.counts[x])
+        let simd = self.simd;
+        let end = columns.first + columns.count;
+        let mut row = |y: usize| {
+            let span = &picture.valid[y];
+            let span = span.start.clamp(columns.first, end)..span.end.clamp(columns.first, end);
+            let samples = &picture.pixels[(y * picture.width + span.start) * C..(y * picture.width + span.end) * C];
+            let to = span.start - columns.first + columns.left..span.end - columns.first + columns.left;
+            (to, samples)
         };
-        let left = inner.x as isize;
-        let (mut sums, mut count) = ([0u32; C], 0u32);
-        for x in left - radius..left + radius {
-            let entering = column(x);
-            for (sum, value) in sums.iter_mut().zip(entering.0) {
-                *sum += value;
+        match (enters.map(&mut row), leaves.map(&mut row)) {
+            // the counts stay as they are
+            (Some((to, enters)), Some((from, leaves))) if to == from => {
+                let sums = &mut self.columns[to.start * C..to.end * C];
+                simd::run(
+                    simd,
+                    #[inline(always)]
+                    || exchanged(sums, enters, leaves),
+                );
             }
-            count += entering.1;
+            (enters, leaves) => {
+                if let Some((to, samples)) = enters {
+                    self.counts[to.clone()].iter_mut().for_each(|count| *count += 1);
+                    let sums = self.columns[to.start * C..to.end * C].iter_mut();
+                    sums.zip(samples).for_each(|(sum, sample)| *sum += sample.integer());
+                }
+                if let Some((from, samples)) = leaves {
+                    self.counts[from.clone()].iter_mut().for_each(|count| *count -= 1);
+                    let sums = self.columns[from.start * C..from.end * C].iter_mut();
+                    sums.zip(samples).for_each(|(sum, sample)| *sum -= sample.integer());
+                }
+            }
         }
-        for (x, out) in (left..).zip(out.chunks_exact_mut(C)) {
-            let (entering, leaving) = (column(x + radius), column(x - radius));
-            for (sum, value) in sums.iter_mut().zip(entering.0) {
-                *sum += value;
-            }
-            count += entering.1;
-            let share = 1.0 / f64::from(count.max(1));
-            for (out, sum) in out.iter_mut().zip(sums) {
-                *out = (f64::from(sum) * share) as f32;
-            }
-            for (sum, value) in sums.iter_mut().zip(leaving.0) {
-                *sum -= value;
-            }
-            count -= leaving.1;
+    }
+
+    /// Lets the columns beyond the picture be as the outermost ones in it.
+    fn repeat_border<const C: usize>(&mut self, Columns { count, left, length, .. }: Columns) {
+        for x in (0..left).chain(left + count..length) {
+            let of = x.clamp(left, left + count - 1);
+            self.columns.copy_within(of * C..(of + 1) * C, x * C);
+            self.counts[x] = self.counts[of];
         }
+    }
+}
+
+/// The means of a picture, from the top row down.
+#[derive(Debug)]
+pub struct Rows<'a, S, const C: usize> {
+    filter: &'a mut MeanFilter,
+    picture: Picture<'a, S>,
+    columns: Columns,
+    whole: bool,
+    next: usize,
+    /// Whether the sums are those of the row before.
+    held: bool,
+    end: usize,
+}
+
+impl<S: Sample, const C: usize> Rows<'_, S, C> {
+    /// Puts the next row into `out`; after the last one it leaves `out` as it is.
+    ///
+    /// # Panics
+    /// When `out` is not a row of the rectangle that is filtered.
+    pub fn next(&mut self, out: &mut [f32]) {
+        if self.next == self.end || out.is_empty() {
+            return;
+        }
+        let Self { filter, picture, columns, .. } = self;
+        let (y, radius, last) = (self.next as isize, filter.radius as isize, picture.valid.len() as isize - 1);
+        let row = |y: isize| Some(y.clamp(0, last) as usize);
+        match self.held {
+            false => (y - radius..=y + radius).for_each(|y| filter.exchange::<S, C>(picture, *columns, row(y), None)),
+            true => filter.exchange::<S, C>(picture, *columns, row(y + radius), row(y - radius - 1)),
+        }
+        filter.repeat_border::<C>(*columns);
+        simd::prefix::<C>(filter.simd, &filter.columns, &mut filter.running);
+        let side = 2 * filter.radius + 1;
+        if !self.whole {
+            simd::prefix::<1>(filter.simd, &filter.counts, &mut filter.running_counts);
+            let (starts, ends) = (&filter.running_counts, &filter.running_counts[side..]);
+            for (shares, (start, end)) in filter.shares.chunks_exact_mut(C).zip(starts.iter().zip(ends)) {
+                shares.fill(1.0 / end.wrapping_sub(*start).max(1) as f32);
+            }
+        }
+        let (running, shares) = (&filter.running, &filter.shares);
+        simd::run(
+            filter.simd,
+            #[inline(always)]
+            || means(running, &running[side * C..], shares, out),
+        );
+        (self.held, self.next) = (true, self.next + 1);
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Picture<'a, S> {
+    pixels: &'a [S],
+    width: usize,
+    valid: &'a [Range<usize>],
+}
+
+#[inline(always)]
+fn exchanged<S: Sample>(sums: &mut [u32], enters: &[S], leaves: &[S]) {
+    for ((sum, enters), leaves) in sums.iter_mut().zip(enters).zip(leaves) {
+        *sum = sum.wrapping_add(enters.integer()).wrapping_sub(leaves.integer());
+    }
+}
+
+#[inline(always)]
+fn means(starts: &[u32], ends: &[u32], shares: &[f32], out: &mut [f32]) {
+    for ((out, share), (start, end)) in out.iter_mut().zip(shares).zip(starts.iter().zip(ends)) {
+        *out = end.wrapping_sub(*start) as f32 * share;
     }
 }
 
@@ -140,6 +251,26 @@ mod tests {
                     assert!((got - expected).abs() < 0.01, "at {x}, {y}: {got} instead of {expected}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn vector_instructions_give_the_same_bits() {
+        let (pixels, valid) = case();
+        let eight: Vec<u8> = pixels.iter().map(|&v| v as u8).collect();
+        let spans = [valid, vec![0..24; 18], vec![3..20; 18]];
+        for (valid, inner) in spans.iter().flat_map(|valid| {
+            [Rect::whole(24, 18), Rect { x: 3, y: 2, width: 13, height: 9 }].map(|inner| (valid, inner))
+        }) {
+            let both = |simd: Option<Avx2>| {
+                let mut out = [(); 3].map(|()| vec![0.0; inner.width * inner.height * 3]);
+                MeanFilter::with(simd, 7).apply::<u16, 3>(&pixels, 24, valid, inner, &mut out[0]);
+                MeanFilter::with(simd, 7).apply::<u8, 3>(&eight, 24, valid, inner, &mut out[1]);
+                out[2].truncate(inner.width * inner.height);
+                MeanFilter::with(simd, 9).apply::<u8, 1>(&eight[..24 * 18], 24, valid, inner, &mut out[2]);
+                out
+            };
+            assert_eq!(both(None), both(Avx2::detect()));
         }
     }
 

@@ -1,10 +1,25 @@
 //! The focus measure of guided filtering fusion (Li, Kang & Hu 2013): `|Laplacian|`, smoothed by a Gaussian.
 
+use crate::imaging::simd::{self, Avx2};
+
 /// Shape of the Gaussian that smooths `|Laplacian|`.
 #[derive(Debug, Clone)]
 pub struct Saliency {
     /// Half of the symmetric kernel: `weights[d]` is the weight at distance `d`.
     weights: Vec<f32>,
+    simd: Option<Avx2>,
+}
+
+/// Rows that are looked at more than once, for [`Saliency::rows`] to use again and again.
+#[derive(Debug, Default)]
+pub struct Rows {
+    /// Luma, as many rows as the Laplacian sees and the ones whose saliency is still to come.
+    grey: Vec<f32>,
+    /// One row of the Laplacian, with its border repeated.
+    padded: Vec<f32>,
+    /// Laplacian smoothed along x, as many rows as the Gaussian sees.
+    blurred: Vec<f32>,
+    out: Vec<f32>,
 }
 
 impl Saliency {
@@ -12,7 +27,7 @@ impl Saliency {
     pub fn new(radius: usize, sigma: f64) -> Self {
         let half: Vec<f64> = (0..=radius).map(|d| (-((d * d) as f64) / (2.0 * sigma * sigma)).exp()).collect();
         let sum = half[0] + 2.0 * half[1..].iter().sum::<f64>();
-        Self { weights: half.iter().map(|w| (w / sum) as f32).collect() }
+        Self { weights: half.iter().map(|w| (w / sum) as f32).collect(), simd: Avx2::detect() }
     }
 
     /// How far from a pixel its saliency looks: the Gaussian and one pixel of the Laplacian.
@@ -29,53 +44,76 @@ impl Saliency {
         &self,
         (width, height): (usize, usize),
         rows: std::ops::Range<usize>,
+        buffers: &mut Rows,
         luma: impl Fn(usize, &mut [f32]),
         mut emit: impl FnMut(usize, &[f32], &[f32]),
     ) {
         if width == 0 || rows.is_empty() {
             return;
         }
-        let radius = self.weights.len() - 1;
-        let first_lap = rows.start.saturating_sub(radius);
-        let last_lap = (rows.end - 1 + radius).min(height - 1);
-        let first_luma = first_lap.saturating_sub(1);
-        let last_luma = (last_lap + 1).min(height - 1);
+        let (radius, last) = (self.weights.len() - 1, height - 1);
+        let Rows { grey, padded, blurred, out } = buffers;
+        // rings: row y lies in place y modulo their length
+        let (greys, blurs) = (radius + 3, 2 * radius + 1);
+        grey.resize(greys * width, 0.0);
+        blurred.resize(blurs * width, 0.0);
+        padded.resize(width + 2 * radius, 0.0);
+        out.resize(width, 0.0);
+        let grey_at = |y: usize| y % greys * width..y % greys * width + width;
+        let blur_at = |y: usize| y % blurs * width..y % blurs * width + width;
 
-        let mut grey = vec![0.0f32; (last_luma - first_luma + 1) * width];
-        for (i, row) in grey.chunks_exact_mut(width).enumerate() {
-            luma(first_luma + i, row);
-        }
-        let grey_row = |y: usize| &grey[(y - first_luma) * width..(y - first_luma + 1) * width];
-
-        let mut padded = vec![0.0f32; width + 2 * radius];
-        let mut blurred = vec![0.0f32; (last_lap - first_lap + 1) * width];
-        for (i, out) in blurred.chunks_exact_mut(width).enumerate() {
-            let y = first_lap + i;
-            let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
-            laplacian(grey_row(above), grey_row(y), grey_row(below), &mut padded[radius..radius + width]);
-            let (left, right) = (padded[radius], padded[radius + width - 1]);
-            padded[..radius].fill(left);
-            padded[radius + width..].fill(right);
-            weighted(out, &padded[radius..radius + width], self.weights[0]);
-            for (d, &weight) in self.weights.iter().enumerate().skip(1) {
-                add_pair(out, &padded[radius - d..], &padded[radius + d..], weight);
-            }
-        }
-        let blurred_row = |y: usize| &blurred[(y - first_lap) * width..(y - first_lap + 1) * width];
-
-        let mut out = vec![0.0f32; width];
+        let mut next_blur = rows.start.saturating_sub(radius);
+        let mut next_grey = next_blur.saturating_sub(1);
         for y in rows {
-            weighted(&mut out, blurred_row(y), self.weights[0]);
-            for (d, &weight) in self.weights.iter().enumerate().skip(1) {
-                add_pair(&mut out, blurred_row(y.saturating_sub(d)), blurred_row((y + d).min(height - 1)), weight);
+            while next_blur <= (y + radius).min(last) {
+                while next_grey <= (next_blur + 1).min(last) {
+                    luma(next_grey, &mut grey[grey_at(next_grey)]);
+                    next_grey += 1;
+                }
+                let around = [next_blur.saturating_sub(1), next_blur, (next_blur + 1).min(last)];
+                let around = around.map(|y| &grey[grey_at(y)]);
+                simd::run(
+                    self.simd,
+                    #[inline(always)]
+                    || laplacian(around, &mut padded[radius..radius + width]),
+                );
+                let (left, right) = (padded[radius], padded[radius + width - 1]);
+                padded[..radius].fill(left);
+                padded[radius + width..].fill(right);
+                let taps = |d: isize| &padded[radius.wrapping_add_signed(d)..][..width];
+                self.smooth(taps, &mut blurred[blur_at(next_blur)]);
+                next_blur += 1;
             }
-            emit(y, grey_row(y), &out);
+            let taps = |d: isize| &blurred[blur_at(y.saturating_add_signed(d).min(last))];
+            self.smooth(taps, out);
+            emit(y, &grey[grey_at(y)], out);
+        }
+    }
+
+    /// The weighted sum of the rows `taps(-radius)..=taps(radius)`, neighbours added in pairs.
+    fn smooth<'a>(&self, taps: impl Fn(isize) -> &'a [f32], out: &mut [f32]) {
+        match <&[f32; 6]>::try_from(self.weights.as_slice()) {
+            Ok(weights) => {
+                let pairs = std::array::from_fn(|d| [taps(-(d as isize)), taps(d as isize)]);
+                simd::run(
+                    self.simd,
+                    #[inline(always)]
+                    || smooth_by_six(weights, pairs, out),
+                );
+            }
+            Err(_) => {
+                weighted(out, taps(0), self.weights[0]);
+                for (d, &weight) in self.weights.iter().enumerate().skip(1) {
+                    add_pair(out, taps(-(d as isize)), taps(d as isize), weight);
+                }
+            }
         }
     }
 }
 
 /// `|Laplacian|` of the middle row. Neighbours are added in pairs, so that a constant gives exactly 0.
-fn laplacian(above: &[f32], middle: &[f32], below: &[f32], out: &mut [f32]) {
+#[inline(always)]
+fn laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
     let width = middle.len();
     let value = |x: usize, left: usize, right: usize| {
         ((above[x] + below[x]) + (middle[left] + middle[right]) - 4.0 * middle[x]).abs()
@@ -89,6 +127,21 @@ fn laplacian(above: &[f32], middle: &[f32], below: &[f32], out: &mut [f32]) {
     let columns = above[1..width - 1].iter().zip(&middle[1..width - 1]).zip(&below[1..width - 1]);
     for (((out, left), right), ((above, here), below)) in inner.zip(columns) {
         *out = ((above + below) + (left + right) - 4.0 * here).abs();
+    }
+}
+
+/// The usual kernel of 11 taps in one go. The order of the additions is that of any other kernel.
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+fn smooth_by_six(weights: &[f32; 6], taps: [[&[f32]; 2]; 6], out: &mut [f32]) {
+    let count = out.len();
+    let taps = taps.map(|pair| pair.map(|row| &row[..count]));
+    for x in 0..count {
+        let mut sum = weights[0] * taps[0][0][x];
+        for d in 1..6 {
+            sum += weights[d] * (taps[d][0][x] + taps[d][1][x]);
+        }
+        out[x] = sum;
     }
 }
 
@@ -115,11 +168,12 @@ mod tests {
 
     fn all_rows(picture: &Plane<f32>, saliency: &Saliency, band: usize) -> Plane<f32> {
         let mut out = Plane::filled(picture.width, picture.height, 0.0);
+        let mut buffers = Rows::default();
         let size = (picture.width, picture.height);
         for start in (0..picture.height).step_by(band) {
             let rows = start..(start + band).min(picture.height);
             let luma = |y: usize, row: &mut [f32]| row.copy_from_slice(picture.row(y));
-            saliency.rows(size, rows, luma, |y, _, values| out.row_mut(y).copy_from_slice(values));
+            saliency.rows(size, rows, &mut buffers, luma, |y, _, values| out.row_mut(y).copy_from_slice(values));
         }
         out
     }
@@ -157,6 +211,18 @@ mod tests {
         let whole = all_rows(&picture, &saliency, 50);
         assert_eq!(all_rows(&picture, &saliency, 7), whole);
         assert_eq!(all_rows(&picture, &saliency, 1), whole);
+    }
+
+    #[test]
+    fn vector_instructions_give_the_same_bits() {
+        for (width, height) in [(1, 1), (3, 40), (37, 21), (64, 9)] {
+            let picture = Plane::from_fn(width, height, speckle);
+            for radius in [5, 2] {
+                let best = Saliency::new(radius, 5.0);
+                let portable = Saliency { simd: None, ..best.clone() };
+                assert_eq!(all_rows(&picture, &best, 8), all_rows(&picture, &portable, 8));
+            }
+        }
     }
 
     #[test]

@@ -1,34 +1,69 @@
-//! The scale between two slices, from the shifts of windows.
+//! What is left of shift, scale and rotation between neighbours, and how sure it is.
 
-use super::Shift;
+use super::{Shift, statistics};
 
-/// Fewer windows than this do not determine a scale.
+/// Fewer windows than this do not determine a similarity.
 const LEAST: usize = 4;
+/// Windows that disagree by more than this many deviations are left out.
+const OUTLIER: f64 = 3.0;
+/// No shift is measured better than this, px: windows look at moving veils and at curved parts.
+const LEAST_SIGMA: f64 = 0.05;
+/// One window is compared in several pairs of slices, and its faults repeat: there are fewer independent shifts than
+/// there are shifts.
+const REPEATED: f64 = 2.0;
 
-/// Relative scale of the similarity `shift = t + (s R - 1) x` that fits the shifts best (least squares,
-/// twice more with windows that disagree left out); none when the windows are too few or on one spot.
-pub(super) fn scale(shifts: &[Shift]) -> Option<f64> {
-    let mut kept: Vec<Shift> = shifts.to_vec();
-    let mut fit = Similarity::fit(&kept)?;
-    for _ in 0..2 {
-        let mut residuals: Vec<f32> = shifts.iter().map(|shift| fit.residual(shift) as f32).collect();
-        let middle = f64::from(super::statistics::median(&mut residuals)?);
-        let limit = (3.0 * middle).max(0.05);
-        kept = shifts.iter().filter(|shift| fit.residual(shift) <= limit).copied().collect();
-        fit = Similarity::fit(&kept)?;
-    }
-    Some((1.0 + fit.a).hypot(fit.b))
-}
-
-/// `dx = a x - b y + tx`, `dy = b x + a y + ty`, about the centre of the windows.
-struct Similarity {
+/// `dx = a x - b y + tx`, `dy = b x + a y + ty`, about `centre`, with what the scatter of the windows says about its
+/// uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Similarity {
     centre: (f64, f64),
-    a: f64,
-    b: f64,
+    pub(super) a: f64,
+    pub(super) b: f64,
     shift: (f64, f64),
+    /// Standard deviations of a and b, and of either part of the shift.
+    turn_sigma: f64,
+    shift_sigma: f64,
 }
 
 impl Similarity {
+    /// The similarity that fits the shifts best, windows that disagree left out; none when the windows are too few or
+    /// on one spot.
+    pub(super) fn robust(shifts: &[Shift]) -> Option<Self> {
+        let mut kept: Vec<Shift> = shifts.to_vec();
+        let mut fit = Self::fit(&kept)?;
+        for _ in 0..4 {
+            let mut residuals: Vec<f32> = shifts.iter().map(|shift| fit.residual(shift) as f32).collect();
+            // the median length of a two-dimensional normal deviation is 1.18 sigma
+            let sigma = f64::from(statistics::median(&mut residuals)?) / 1.18;
+            let limit = (OUTLIER * sigma).max(OUTLIER * LEAST_SIGMA);
+            kept = shifts.iter().filter(|shift| fit.residual(shift) <= limit).copied().collect();
+            fit = Self::fit(&kept)?;
+        }
+        Some(fit)
+    }
+
+    /// Scale left.
+    pub(super) fn scale(&self) -> f64 {
+        (1.0 + self.a).hypot(self.b)
+    }
+
+    /// Rotation left, degrees, from x to y.
+    pub(super) fn rotation_deg(&self) -> f64 {
+        self.b.atan2(1.0 + self.a).to_degrees()
+    }
+
+    /// Displacement of the place (x, y), px.
+    pub(super) fn at(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let (x, y) = (x - self.centre.0, y - self.centre.1);
+        (self.a * x - self.b * y + self.shift.0, self.b * x + self.a * y + self.shift.1)
+    }
+
+    /// Standard deviation of either part of the displacement of (x, y), px.
+    pub(super) fn sigma_at(&self, (x, y): (f64, f64)) -> f64 {
+        let distance = (x - self.centre.0).hypot(y - self.centre.1);
+        self.shift_sigma.hypot(distance * self.turn_sigma)
+    }
+
     fn fit(shifts: &[Shift]) -> Option<Self> {
         if shifts.len() < LEAST {
             return None;
@@ -44,13 +79,35 @@ impl Similarity {
             along += x * s.dx + y * s.dy;
             across += x * s.dy - y * s.dx;
         }
-        (spread > count).then(|| Self { centre, a: along / spread, b: across / spread, shift })
+        if spread <= count {
+            return None;
+        }
+        let mut fit = Self { centre, a: along / spread, b: across / spread, shift, turn_sigma: 0.0, shift_sigma: 0.0 };
+        let squares: f64 = shifts.iter().map(|shift| fit.residual(shift).powi(2)).sum();
+        let sigma = (squares / (2.0 * count - 4.0)).sqrt().max(LEAST_SIGMA) * REPEATED.sqrt();
+        (fit.turn_sigma, fit.shift_sigma) = (sigma / spread.sqrt(), sigma / count.sqrt());
+        Some(fit)
     }
 
     fn residual(&self, s: &Shift) -> f64 {
-        let (x, y) = (s.x - self.centre.0, s.y - self.centre.1);
-        let dx = self.a * x - self.b * y + self.shift.0;
-        let dy = self.b * x + self.a * y + self.shift.1;
+        let (dx, dy) = self.at((s.x, s.y));
         (s.dx - dx).hypot(s.dy - dy)
     }
+}
+
+/// The middle shift of some windows beyond what `common` explains, px, with its standard deviation: what one slice does
+/// that the others do not. None of too few.
+pub(super) fn own_shift(shifts: &[Shift], common: Option<&Similarity>, least: usize) -> Option<((f64, f64), f64)> {
+    if shifts.len() < least {
+        return None;
+    }
+    let rest = |shift: &Shift| {
+        let (dx, dy) = common.map_or((0.0, 0.0), |common| common.at((shift.x, shift.y)));
+        ((shift.dx - dx) as f32, (shift.dy - dy) as f32)
+    };
+    let (mut xs, mut ys): (Vec<f32>, Vec<f32>) = shifts.iter().map(rest).unzip();
+    let (x, y) = (statistics::median(&mut xs)?, statistics::median(&mut ys)?);
+    let mut away: Vec<f32> = shifts.iter().map(rest).map(|(dx, dy)| (dx - x).hypot(dy - y)).collect();
+    let sigma = (f64::from(statistics::median(&mut away)?) / 1.18).max(LEAST_SIGMA);
+    Some(((f64::from(x), f64::from(y)), 1.25 * sigma / (shifts.len() as f64).sqrt()))
 }

@@ -58,7 +58,7 @@ fn judge(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&Plane<u8>>
 
 #[test]
 fn a_good_stack_names_no_fault() {
-    let Coverage { metrics, contribution } = Stack::good().judged();
+    let Coverage { metrics, contribution, .. } = Stack::good().judged();
     assert_eq!(metrics.textured_fraction, Some(1.0));
     assert_eq!(metrics.unfocused_fraction, None);
     assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (Some(false), Some(false)));
@@ -125,7 +125,7 @@ fn smooth_parts_of_the_object_are_unfocused() {
 
 #[test]
 fn noise_alone_is_no_texture_and_judges_no_slice() {
-    let Coverage { metrics, contribution } = Stack { depth: |_, _| None, ..Stack::good() }.judged();
+    let Coverage { metrics, contribution, .. } = Stack { depth: |_, _| None, ..Stack::good() }.judged();
     assert_eq!(metrics.textured_fraction, Some(0.0));
     assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (None, None));
     assert_eq!((metrics.redundant_slices, metrics.coverage_gaps), (vec![], vec![]));

@@ -151,7 +151,7 @@ mod tests {
             assert!((0.8..1.2).contains(&share), "{width} x {height}: {share}");
             assert_apart_and_inside(&blocks, width, height);
             let of_quarter = |right: bool, low: bool| {
-                let here = |r: &&Rect| (r.x * 2 > width) == right && (r.y * 2 > height) == low;
+                let here = |r: &&Rect| (r.x * 2 + r.width > width) == right && (r.y * 2 + r.height > height) == low;
                 blocks.rects.iter().filter(here).count()
             };
             let counts = [(false, false), (true, false), (false, true), (true, true)].map(|(r, l)| of_quarter(r, l));

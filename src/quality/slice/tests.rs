@@ -83,7 +83,8 @@ fn only_the_object_counts_for_clipping_and_sharpness() {
     let (alone, all) = (see(&observer(Some(&object)), &black, &covered(WIDTH), 1.0), seen(&black, 1.0));
     assert_eq!(alone.clipped, Some(0.0));
     assert!(all.clipped.unwrap() > 0.6);
-    assert!(alone.tenengrad.unwrap() > 2.0 * all.tenengrad.unwrap());
+    // of black there is twice as much, but it has an edge where the object ends
+    assert!(alone.tenengrad.unwrap() > 1.4 * all.tenengrad.unwrap());
 }
 
 #[test]

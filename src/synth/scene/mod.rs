@@ -9,6 +9,8 @@ mod insect;
 mod plates;
 mod shape;
 mod skin;
+mod weave;
+mod wing;
 
 pub use shape::{Shape, Stroke};
 pub use skin::{Pattern, Skin};
@@ -109,5 +111,15 @@ impl Scene {
     /// Nine overlapping plates at hard steps of depth, with windows in them and hairs across.
     pub fn plates(seed: u64) -> Self {
         plates::scene(seed)
+    }
+
+    /// A thicket of blades and bristles that cross each other at many depths.
+    pub fn weave(seed: u64) -> Self {
+        weave::scene(seed)
+    }
+
+    /// Wings before a body in segments: two veined membranes, and a net of veins through which one sees.
+    pub fn wing(seed: u64) -> Self {
+        wing::scene(seed)
     }
 }

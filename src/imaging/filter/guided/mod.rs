@@ -6,17 +6,24 @@
 //!
 //! Exactness: the guide is an integer (0..65535), so the window sums of `I`, `I^2`, `p` and `I p` are exact,
 //! and `var` and `cov` come from exact numerators; with `eps` of 1e-6 single precision would lose 6 % of it.
-//! `a` and `b` are rounded to 2^-18 and summed exactly too. Hence the result is the same for any tiling, and
-//! where `p` is constant in reach it is exactly that constant.
+//! `a` and `b` are rounded to a power of two, 2^-18 or as fine as their sums allow, and summed exactly too. Hence the
+//! result is the same for any tiling, and where `p` is constant in reach it is exactly that constant.
+//!
+//! Ordinary parameters go the way of [`narrow`], whose sums of 32 bits vector instructions are good at; what does not
+//! fit there goes the way of [`wide`].
+
+mod narrow;
+mod parts;
+mod wide;
 
 use std::ops::Range;
 
-use crate::imaging::{Plane, Rect};
+use crate::imaging::{Plane, Rect, simd::Avx2};
+use narrow::Narrow;
+use wide::Wide;
 
 /// Full scale of the guide.
 const SCALE: f64 = 65_535.0;
-/// `a` and `b` are kept in units of 2^-18: they stay below 8192 for every allowed `eps` (|a| <= 1/(4 sqrt eps)).
-const UNIT: f64 = 262_144.0;
 
 /// A window of a picture with what the guided filter needs of it.
 #[derive(Debug, Clone, Copy)]
@@ -31,30 +38,27 @@ pub struct Guide<'a> {
 #[derive(Debug)]
 pub struct GuidedFilter {
     radius: usize,
-    eps: f64,
-    columns: Vec<Sums>,
-    lines: Vec<Line>,
-    averaged: Vec<Sums>,
+    way: Way,
 }
 
-/// Sums of `[I, I^2, p, I p]` (or of `[a, b]`) and the number of pixels in them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sums {
-    values: [f64; 4],
-    count: f64,
-}
-
-/// Coefficients of one window, in units of 2^-18.
-#[derive(Debug, Clone, Copy, Default)]
-struct Line {
-    a: i32,
-    b: i32,
+#[derive(Debug)]
+enum Way {
+    Narrow(Box<Narrow>),
+    Wide(Wide),
 }
 
 impl GuidedFilter {
     /// A guided filter with windows of `(2 * radius + 1)^2` px and regularisation `eps` for intensities in 0..1.
     pub fn new(radius: usize, eps: f64) -> Self {
-        Self { radius, eps, columns: Vec::new(), lines: Vec::new(), averaged: Vec::new() }
+        Self::with(Avx2::detect(), radius, eps)
+    }
+
+    fn with(simd: Option<Avx2>, radius: usize, eps: f64) -> Self {
+        let way = match Narrow::new(simd, radius, eps) {
+            Some(narrow) => Way::Narrow(Box::new(narrow)),
+            None => Way::Wide(Wide::new(radius, eps)),
+        };
+        Self { radius, way }
     }
 
     /// How far from a pixel its result looks.
@@ -68,97 +72,50 @@ impl GuidedFilter {
     /// The edges of the guide count as the end of the picture: give it [`GuidedFilter::reach`] px around
     /// `inner` wherever the picture goes on.
     pub fn apply(&mut self, guide: Guide<'_>, map: &Plane<bool>, inner: Rect, out: &mut [f32]) {
-        let (width, height) = (guide.grey.width, guide.grey.height);
-        let centres = inner.grown(self.radius, width, height);
-        self.fit(guide, map, centres);
-        self.average(guide, centres, inner, out);
-    }
-
-    /// `a` and `b` of the windows centred on the pixels of `centres`.
-    fn fit(&mut self, guide: Guide<'_>, map: &Plane<bool>, centres: Rect) {
-        let (radius, eps) = (self.radius, self.eps);
-        let (width, height) = (guide.grey.width, guide.grey.height);
-        let taps = centres.grown(radius, width, height);
-        let pad = Padding::new(centres, taps, radius);
-        self.columns.clear();
-        self.columns.resize(pad.length, Sums::default());
-        self.lines.clear();
-        self.lines.resize(centres.width * centres.height, Line::default());
-
-        let mut rows = Window::new(radius, height);
-        for (y, line) in (centres.y..).zip(self.lines.chunks_exact_mut(centres.width.max(1))) {
-            let columns = &mut self.columns[pad.left..pad.left + taps.width];
-            rows.slide(y, |row, sign| {
-                let span = clip(&guide.valid[row], taps.x, taps.width);
-                let grey = &guide.grey.row(row)[taps.x..taps.x + taps.width];
-                let map = &map.row(row)[taps.x..taps.x + taps.width];
-                for ((sums, &grey), &inside) in
-                    columns[span.clone()].iter_mut().zip(&grey[span.clone()]).zip(&map[span])
-                {
-                    let (grey, p) = (f64::from(grey) * sign, f64::from(u8::from(inside)));
-                    let square = grey * grey * sign;
-                    sums.values[0] += grey;
-                    sums.values[1] += square;
-                    sums.values[2] += p * sign;
-                    sums.values[3] += grey * p;
-                    sums.count += sign;
-                }
-            });
-            let valid = clip(&guide.valid[y], centres.x, centres.width);
-            sliding_sums(&self.columns, radius, centres.width, |x, sums| {
-                if valid.contains(&x) {
-                    line[x] = window_line(sums, eps);
-                }
-            });
+        let mut rows = self.rows(guide, map, inner);
+        for out in out.chunks_exact_mut(inner.width.max(1)) {
+            rows.next(out);
         }
     }
 
-    /// Means of `a` and `b` over the valid centres around each pixel, applied to the guide.
-    fn average(&mut self, guide: Guide<'_>, centres: Rect, inner: Rect, out: &mut [f32]) {
-        let radius = self.radius;
-        let pad = Padding::new(inner, centres, radius);
-        self.averaged.clear();
-        self.averaged.resize(pad.length, Sums::default());
-
-        let mut rows = Window::new(radius, guide.grey.height);
-        for (y, out) in (inner.y..).zip(out.chunks_exact_mut(inner.width.max(1))) {
-            let columns = &mut self.averaged[pad.left..pad.left + centres.width];
-            let lines = &self.lines;
-            rows.slide(y, |row, sign| {
-                let span = clip(&guide.valid[row], centres.x, centres.width);
-                let start = (row - centres.y) * centres.width;
-                let lines = &lines[start + span.start..start + span.end];
-                for (sums, line) in columns[span].iter_mut().zip(lines) {
-                    sums.values[0] += f64::from(line.a) * sign;
-                    sums.values[1] += f64::from(line.b) * sign;
-                    sums.count += sign;
-                }
-            });
-            let valid = clip(&guide.valid[y], inner.x, inner.width);
-            let grey = &guide.grey.row(y)[inner.x..inner.x + inner.width];
-            sliding_sums(&self.averaged, radius, inner.width, |x, sums| {
-                let [a, b, ..] = sums.values;
-                let value = (a * f64::from(grey[x]) / SCALE + b) / (sums.count * UNIT);
-                out[x] = if valid.contains(&x) { value as f32 } else { 0.0 };
-            });
+    /// The same row by row, for who works on while they are in the cache.
+    pub fn rows<'a>(&'a mut self, guide: Guide<'a>, map: &'a Plane<bool>, inner: Rect) -> Rows<'a> {
+        match &mut self.way {
+            Way::Narrow(filter) => filter.start(guide, inner),
+            Way::Wide(filter) => filter.start(guide, map, inner),
         }
+        Rows { way: &mut self.way, guide, map, left: if inner.width == 0 { 0 } else { inner.height } }
     }
 }
 
-/// `a` and `b` of one window from its sums.
-#[inline(always)]
-fn window_line(sums: &Sums, eps: f64) -> Line {
-    let [i, ii, p, ip] = sums.values;
-    let n = sums.count;
-    // Both numerators are differences of whole numbers, so that a flat map gives exactly a = 0.
-    let covariance = n * ip - i * p;
-    let variance = n * ii - i * i;
-    let a = covariance * SCALE / (variance + eps * (n * SCALE) * (n * SCALE));
-    let b = (p - a * i / SCALE) / n;
-    Line { a: (a * UNIT).round() as i32, b: (b * UNIT).round() as i32 }
+/// The results of a filter, from the top row down.
+#[derive(Debug)]
+pub struct Rows<'a> {
+    way: &'a mut Way,
+    guide: Guide<'a>,
+    map: &'a Plane<bool>,
+    left: usize,
+}
+
+impl Rows<'_> {
+    /// Puts the next row into `out`; after the last one it leaves `out` as it is.
+    ///
+    /// # Panics
+    /// When `out` is not a row of the rectangle that is filtered.
+    pub fn next(&mut self, out: &mut [f32]) {
+        if self.left == 0 {
+            return;
+        }
+        self.left -= 1;
+        match self.way {
+            Way::Narrow(filter) => filter.row(self.guide, self.map, out),
+            Way::Wide(filter) => filter.row(out),
+        }
+    }
 }
 
 /// The rows of a window that slides down: each row is added once and taken out once.
+#[derive(Debug)]
 struct Window {
     radius: usize,
     height: usize,
@@ -171,58 +128,29 @@ impl Window {
     }
 
     /// Moves to row `y`; `update(row, sign)` adds (+1) or takes out (-1) a row. `y` grows from call to call.
-    fn slide(&mut self, y: usize, mut update: impl FnMut(usize, f64)) {
-        let wanted = y.saturating_sub(self.radius)..(y + self.radius + 1).min(self.height);
-        let from = if self.held.is_empty() { wanted.start } else { self.held.end };
-        for row in from..wanted.end {
-            update(row, 1.0);
-        }
-        if !self.held.is_empty() {
-            for row in self.held.start..wanted.start {
-                update(row, -1.0);
+    fn slide(&mut self, y: usize, mut update: impl FnMut(usize, i8)) {
+        self.exchange(y, |enters, leaves| {
+            if let Some(row) = enters {
+                update(row, 1);
             }
+            if let Some(row) = leaves {
+                update(row, -1);
+            }
+        });
+    }
+
+    /// The same, with a row to add and a row to take out at a time.
+    fn exchange(&mut self, y: usize, mut update: impl FnMut(Option<usize>, Option<usize>)) {
+        let wanted = y.saturating_sub(self.radius)..(y + self.radius + 1).min(self.height);
+        if self.held.is_empty() {
+            self.held = wanted.start..wanted.start;
+        }
+        let mut enters = self.held.end..wanted.end;
+        let mut leaves = self.held.start..wanted.start;
+        while !enters.is_empty() || !leaves.is_empty() {
+            update(enters.next(), leaves.next());
         }
         self.held = wanted;
-    }
-}
-
-/// Where column sums lie in a buffer with room for windows that hang over the ends of the picture.
-struct Padding {
-    left: usize,
-    length: usize,
-}
-
-impl Padding {
-    /// For windows of `radius` around the columns of `centres`, with sums of the columns of `taps`.
-    fn new(centres: Rect, taps: Rect, radius: usize) -> Self {
-        Self { left: radius - (centres.x - taps.x), length: centres.width + 2 * radius }
-    }
-}
-
-/// Calls `each(x, sums)` with the sums of `columns[x..=x + 2 * radius]` for `x` in `0..count`.
-#[inline(always)]
-fn sliding_sums(columns: &[Sums], radius: usize, count: usize, mut each: impl FnMut(usize, &Sums)) {
-    if count == 0 {
-        return;
-    }
-    let mut sums = Sums::default();
-    for column in &columns[..2 * radius] {
-        for (sum, value) in sums.values.iter_mut().zip(column.values) {
-            *sum += value;
-        }
-        sums.count += column.count;
-    }
-    let (leaving, entering) = (&columns[..count], &columns[2 * radius..2 * radius + count]);
-    for (x, (leaving, entering)) in leaving.iter().zip(entering).enumerate() {
-        for (sum, value) in sums.values.iter_mut().zip(entering.values) {
-            *sum += value;
-        }
-        sums.count += entering.count;
-        each(x, &sums);
-        for (sum, value) in sums.values.iter_mut().zip(leaving.values) {
-            *sum -= value;
-        }
-        sums.count -= leaving.count;
     }
 }
 
@@ -326,6 +254,62 @@ mod tests {
                 assert_eq!(got[y * 20..(y + 1) * 20], whole[start..start + 20]);
             }
         }
+    }
+
+    #[test]
+    fn vector_instructions_give_the_same_bits() {
+        for width in [1, 7, 64, 83] {
+            let whole = Case::new(width, 50, |_| 0..width);
+            let cut = Case::new(width, 50, |y| (y / 3).min(width / 2)..width - (y / 7).min(width / 3));
+            for (case, inner) in [whole, cut].iter().flat_map(|case| {
+                let part = Rect { x: width / 3, y: 11, width: width - width / 2, height: 17 };
+                [Rect::whole(width, 50), part].map(|inner| (case, inner))
+            }) {
+                for (radius, eps) in [(7, 1e-6), (12, 0.3), (45, 0.3)] {
+                    let both = [None, Avx2::detect()].map(|simd| {
+                        let mut out = vec![f32::NAN; inner.width * inner.height];
+                        let guide = Guide { grey: &case.grey, valid: &case.valid };
+                        GuidedFilter::with(simd, radius, eps).apply(guide, &case.map, inner, &mut out);
+                        out
+                    });
+                    assert_eq!(both[0], both[1]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_left_out_where_the_map_is_constant_makes_no_difference() {
+        // wide parts without any of the map, and wide parts within it
+        let mut case = Case::new(420, 60, |_| 0..420);
+        case.map = Plane::from_fn(420, 60, |x, y| (190..410).contains(&x) && (y > 20 || x % 40 < 3));
+        for radius in [3, 7] {
+            let guide = Guide { grey: &case.grey, valid: &case.valid };
+            let narrow = case.filter(radius, 1e-6, Rect::whole(420, 60));
+            let mut wide = GuidedFilter { radius, way: Way::Wide(Wide::new(radius, 1e-6)) };
+            let mut out = vec![f32::NAN; 420 * 60];
+            wide.apply(guide, &case.map, Rect::whole(420, 60), &mut out);
+            let furthest = out.iter().zip(&narrow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(furthest < 1e-5, "{furthest}");
+            assert!(out.iter().zip(&narrow).all(|(a, b)| a == b || (*a != 0.0 && *a != 1.0)));
+        }
+    }
+
+    #[test]
+    fn both_ways_agree() {
+        let case = Case::new(70, 60, |y| if y == 20 { 5..66 } else { 0..70 });
+        let guide = Guide { grey: &case.grey, valid: &case.valid };
+        for (radius, eps) in [(7, 1e-6), (30, 0.3)] {
+            let narrow = case.filter(radius, eps, Rect::whole(70, 60));
+            let mut wide = GuidedFilter { radius, way: Way::Wide(Wide::new(radius, eps)) };
+            let mut out = vec![f32::NAN; 70 * 60];
+            wide.apply(guide, &case.map, Rect::whole(70, 60), &mut out);
+            let furthest = out.iter().zip(&narrow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(furthest < 1e-5, "{furthest}");
+        }
+        // sums that 32 bits do not hold, and lines that are too steep for them
+        assert!(matches!(GuidedFilter::new(200, 0.3).way, Way::Wide(_)));
+        assert!(matches!(GuidedFilter::new(40, 1e-9).way, Way::Wide(_)));
     }
 
     #[test]

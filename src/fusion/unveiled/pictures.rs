@@ -1,0 +1,66 @@
+//! Parts of warped slices, read back from the scratch file as planes of floats.
+
+use crate::{
+    fusion::align::Aligned,
+    imaging::{Coverage, Plane, Rect, Sample, grey},
+    model::{Control, Stop},
+};
+
+/// The warped slices of a stack.
+pub(crate) struct Pictures<'a, S, const C: usize> {
+    aligned: &'a Aligned,
+    control: &'a dyn Control,
+    kind: std::marker::PhantomData<fn() -> S>,
+}
+
+impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
+    pub fn new(aligned: &'a Aligned, control: &'a dyn Control) -> Self {
+        Self { aligned, control, kind: std::marker::PhantomData }
+    }
+
+    /// Number of slices.
+    pub fn count(&self) -> usize {
+        self.aligned.coverages.len()
+    }
+
+    /// Columns and rows of the canvas.
+    pub fn size(&self) -> (usize, usize) {
+        (self.aligned.index.width, self.aligned.index.height)
+    }
+
+    /// What a slice covers.
+    pub fn coverage(&self, slice: usize) -> &Coverage {
+        &self.aligned.coverages[slice]
+    }
+
+    /// Whether a slice covers all of `rect`.
+    pub fn covers(&self, slice: usize, rect: Rect) -> bool {
+        self.coverage(slice).contains(rect)
+    }
+
+    /// Samples of `rect`, interleaved, as the slice has them.
+    pub fn samples(&self, slice: usize, rect: Rect) -> Result<Vec<S>, Stop> {
+        self.control.check()?;
+        let (mut samples, mut bytes) = (Vec::new(), Vec::new());
+        self.aligned.scratch.read(slice, rect, &mut samples, &mut bytes)?;
+        Ok(samples)
+    }
+
+    /// Luma 0..255 of `rect`.
+    pub fn luma(&self, slice: usize, rect: Rect) -> Result<Plane<f32>, Stop> {
+        let samples = self.samples(slice, rect)?;
+        let mut plane = Plane::filled(rect.width, rect.height, 0.0);
+        grey::luma_row(&samples, C, &mut plane.data);
+        Ok(plane)
+    }
+
+    /// The channels of `rect`, in the scale of the samples.
+    pub fn channels(&self, slice: usize, rect: Rect) -> Result<[Plane<f32>; C], Stop> {
+        let samples = self.samples(slice, rect)?;
+        Ok(std::array::from_fn(|channel| Plane {
+            width: rect.width,
+            height: rect.height,
+            data: samples.chunks_exact(C).map(|pixel| pixel[channel].value()).collect(),
+        }))
+    }
+}

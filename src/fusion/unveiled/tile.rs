@@ -1,0 +1,139 @@
+//! One tile: slices mixed over the borders of their labels, then the veil taken off.
+
+use super::{labels::Labels, optics::Optics, pictures::Pictures, veil::Veil};
+use crate::{
+    fusion::{
+        Run, UNCOVERED,
+        blend::{Blended, in_tiles},
+    },
+    imaging::{Rect, Sample, filter::focus::Rows},
+    model::Stop,
+};
+
+/// Labels of neighbouring slices are mixed over a square of `2 * MIX + 1` px: no border shows, and noise is averaged.
+const MIX: usize = 3;
+
+/// What each slice weighs that is not apart from a pixel's own, in labels of that square, where there is no detail: there
+/// such slices differ by noise alone.
+const WITHOUT_DETAIL: u8 = 100;
+
+/// Runs the second pass.
+pub(super) fn blend<S: Sample, const C: usize>(
+    run: &Run<'_>,
+    pictures: &Pictures<'_, S, C>,
+    labels: &Labels,
+    optics: &Optics,
+) -> Result<Blended<S>, Stop> {
+    let veil = Veil { pictures, labels, optics };
+    in_tiles::<S, C, _>(run, Rows::default, |rows, rect, out| tile(&veil, rect, out, rows))
+}
+
+/// Fuses `rect` into `out`; the number of pixels with a sample that had to be clamped by more than a grey level.
+fn tile<S: Sample, const C: usize>(
+    veil: &Veil<'_, S, C>,
+    rect: Rect,
+    out: &mut Vec<S>,
+    rows: &mut Rows,
+) -> Result<usize, Stop> {
+    let mut values = mixed(veil, rect)?;
+    veil.take_off(rect, &mut values, rows)?;
+    let level = S::DEPTH.max() / 255.0;
+    let (low, high) = (-level, S::DEPTH.max() + level);
+    out.clear();
+    out.extend(values.iter().map(|&value| S::rounded(value.max(0.0))));
+    let outside = |pixel: &&[f32]| pixel.iter().any(|&value| value < low || value > high);
+    Ok(values.chunks_exact(C).filter(outside).count())
+}
+
+/// Each pixel from the slices of the labels around it that are not apart from its own, weighted by their number; where
+/// there is no detail, from all slices that are not apart.
+fn mixed<S: Sample, const C: usize>(veil: &Veil<'_, S, C>, rect: Rect) -> Result<Vec<f32>, Stop> {
+    let Veil { pictures, labels, optics } = veil;
+    let (width, height) = pictures.size();
+    let window = rect.grown(MIX, width, height);
+    let mut present = vec![false; pictures.count()];
+    for y in window.y..window.y + window.height {
+        for &label in &labels.slice.row(y)[window.x..window.x + window.width] {
+            if let Some(present) = present.get_mut(usize::from(label)) {
+                *present = true;
+            }
+        }
+    }
+    let mut plain = vec![false; pictures.count()];
+    for y in rect.y..rect.y + rect.height {
+        let columns = rect.x..rect.x + rect.width;
+        for (&label, &sure) in labels.slice.row(y)[columns.clone()].iter().zip(&labels.sure.row(y)[columns]) {
+            if let (false, Some(plain)) = (sure, plain.get_mut(usize::from(label))) {
+                *plain = optics.is_known();
+            }
+        }
+    }
+    for label in (0..plain.len()).filter(|&label| plain[label]) {
+        for (slice, present) in present.iter_mut().enumerate() {
+            *present |= !optics.apart(slice, label);
+        }
+    }
+    let pixels = rect.width * rect.height;
+    let mut only = (0..present.len()).filter(|&slice| present[slice]);
+    if let (Some(alone), None) = (only.next(), only.next())
+        && pictures.covers(alone, rect)
+    {
+        return Ok(pictures.samples(alone, rect)?.iter().map(|sample| sample.value()).collect());
+    }
+    let (mut values, mut weights) = (vec![0.0f32; pixels * C], vec![0.0f32; pixels]);
+    for slice in (0..present.len()).filter(|&slice| present[slice]) {
+        let counts = counts(veil, slice as u16, rect, window);
+        let friends: Vec<bool> = (0..present.len()).map(|other| !optics.apart(slice, other)).collect();
+        let samples = pictures.samples(slice, rect)?;
+        for y in 0..rect.height {
+            let covered = pictures.coverage(slice).span(rect.y + y);
+            let own = &labels.slice.row(rect.y + y)[rect.x..rect.x + rect.width];
+            let sure = &labels.sure.row(rect.y + y)[rect.x..rect.x + rect.width];
+            for x in covered.start.max(rect.x)..covered.end.min(rect.x + rect.width) {
+                let x = x - rect.x;
+                let at = y * rect.width + x;
+                let steady = if sure[x] || !optics.is_known() { 0 } else { WITHOUT_DETAIL };
+                let weight = counts[at] + steady;
+                if weight == 0 || own[x] == UNCOVERED || !friends[usize::from(own[x])] {
+                    continue;
+                }
+                let weight = f32::from(weight);
+                weights[at] += weight;
+                for (value, sample) in values[at * C..(at + 1) * C].iter_mut().zip(&samples[at * C..(at + 1) * C]) {
+                    *value += weight * sample.value();
+                }
+            }
+        }
+    }
+    for (pixel, &weight) in values.chunks_exact_mut(C).zip(&weights) {
+        let share = if weight > 0.0 { 1.0 / weight } else { 0.0 };
+        pixel.iter_mut().for_each(|value| *value *= share);
+    }
+    Ok(values)
+}
+
+/// How many labels of the square around each pixel of `rect` are `slice`.
+fn counts<S: Sample, const C: usize>(veil: &Veil<'_, S, C>, slice: u16, rect: Rect, window: Rect) -> Vec<u8> {
+    let left = rect.x - window.x;
+    let mut across = vec![0u8; rect.width * window.height];
+    for (y, out) in across.chunks_exact_mut(rect.width).enumerate() {
+        let row = &veil.labels.slice.row(window.y + y)[window.x..window.x + window.width];
+        let is = |x: usize| u8::from(row.get(x) == Some(&slice));
+        let mut sum: u8 = (left.saturating_sub(MIX)..left + MIX).map(is).sum();
+        for (x, out) in (left..).zip(out) {
+            sum += is(x + MIX);
+            *out = sum;
+            sum -= if x >= MIX { is(x - MIX) } else { 0 };
+        }
+    }
+    let top = rect.y - window.y;
+    let mut counts = vec![0u8; rect.width * rect.height];
+    for (y, out) in counts.chunks_exact_mut(rect.width).enumerate() {
+        let middle = y + top;
+        for row in middle.saturating_sub(MIX)..(middle + MIX + 1).min(window.height) {
+            let row = &across[row * rect.width..(row + 1) * rect.width];
+            out.iter_mut().zip(row).for_each(|(count, more)| *count += more);
+        }
+    }
+    counts
+}

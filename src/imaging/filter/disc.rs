@@ -1,0 +1,194 @@
+//! Blur by a disc: what a lens does to what is out of focus.
+
+use crate::imaging::{
+    Plane,
+    simd::{self, Avx2},
+};
+
+/// From this radius on, px, a picture is blurred at half its size, from twice as much at a quarter, and so on:
+/// what is left of it has no detail that this would lose.
+const COARSE_FROM: f32 = 12.0;
+
+/// A disc of a radius.
+#[derive(Debug, Clone)]
+pub struct Disc {
+    /// Half of the chord in each row of pixels, averaged over the height of the row.
+    half_chords: Vec<f32>,
+    inverse_area: f32,
+    /// How often the picture is halved first.
+    halvings: usize,
+    simd: Option<Avx2>,
+}
+
+impl Disc {
+    /// A disc of `radius` px; under half a pixel it does nothing.
+    pub fn new(radius: f32) -> Self {
+        let halvings = (0..5).find(|&k| radius / ((1u32 << k) as f32) < COARSE_FROM).unwrap_or(5);
+        let radius = radius / (1u32 << halvings) as f32;
+        let simd = Avx2::detect();
+        if radius <= 0.5 {
+            return Self { half_chords: vec![0.5], inverse_area: 1.0, halvings: 0, simd };
+        }
+        // summing whole pixels spreads a disc by the second moment of a pixel (1/12 per axis, a disc's is r^2 / 4)
+        let radius = f64::from((radius * radius - 1.0 / 3.0).max(0.3).sqrt());
+        let reach = (radius - 0.5).ceil() as i64;
+        // area under the circle's upper arc from 0 to y
+        let primitive = |y: f64| {
+            let y = y.clamp(-radius, radius);
+            0.5 * (y * (radius * radius - y * y).max(0.0).sqrt() + radius * radius * (y / radius).asin())
+        };
+        let chord = |row: i64| (primitive(row as f64 + 0.5) - primitive(row as f64 - 0.5)) as f32;
+        let half_chords: Vec<f32> = (-reach..=reach).map(chord).collect();
+        let inverse_area = 1.0 / (2.0 * half_chords.iter().sum::<f32>());
+        Self { half_chords, inverse_area, halvings, simd }
+    }
+
+    /// How far from a pixel its blurred value looks, px.
+    pub fn reach(&self) -> usize {
+        (self.half_chords.len() / 2 + 2) << self.halvings
+    }
+
+    /// The blurred plane, of the same size; beyond its border it is repeated.
+    pub fn blurred(&self, plane: &Plane<f32>) -> Plane<f32> {
+        if self.half_chords.len() == 1 || plane.data.is_empty() {
+            return plane.clone();
+        }
+        match self.halvings {
+            0 => self.at_full_size(plane),
+            _ => {
+                let mut small = halved(plane);
+                for _ in 1..self.halvings {
+                    small = halved(&small);
+                }
+                enlarged(&self.at_full_size(&small), 1 << self.halvings, plane.width, plane.height)
+            }
+        }
+    }
+
+    fn at_full_size(&self, plane: &Plane<f32>) -> Plane<f32> {
+        let (width, height) = (plane.width, plane.height);
+        let reach = self.half_chords.len() / 2;
+        let pad = reach + 2;
+        // sums of all pixels to the left, per row: every chord is the difference of two of them
+        let length = width + 2 * pad + 1;
+        let mut sums = vec![0.0f32; length * height];
+        for (row, sums) in plane.data.chunks_exact(width).zip(sums.chunks_exact_mut(length)) {
+            // about the row's first pixel, so that sums stay small
+            let base = row[0];
+            let mut sum = 0.0;
+            for (x, out) in sums[1..].iter_mut().enumerate() {
+                sum += row[x.saturating_sub(pad).min(width - 1)] - base;
+                *out = sum;
+            }
+        }
+        let mut out = Plane::filled(width, height, 0.0f32);
+        for y in 0..height {
+            let target = out.row_mut(y);
+            for (k, &half) in self.half_chords.iter().enumerate() {
+                let source = (y + k).saturating_sub(reach).min(height - 1);
+                let base = plane.data[source * width];
+                let sums = &sums[source * length..(source + 1) * length];
+                let right = pad as f32 + 0.5 + half;
+                let (right, left) = (right, 2.0 * pad as f32 + 1.0 - right);
+                let taps = [right, left].map(|at| {
+                    let whole = at.floor();
+                    (&sums[whole as usize..][..width], &sums[whole as usize + 1..][..width], at - whole)
+                });
+                simd::run(
+                    self.simd,
+                    #[inline(always)]
+                    || add_chord(target, taps, 2.0 * half * base),
+                );
+            }
+            target.iter_mut().for_each(|value| *value *= self.inverse_area);
+        }
+        out
+    }
+}
+
+#[inline(always)]
+fn add_chord(out: &mut [f32], [right, left]: [(&[f32], &[f32], f32); 2], base: f32) {
+    let count = out.len();
+    let (r0, r1, l0, l1) = (&right.0[..count], &right.1[..count], &left.0[..count], &left.1[..count]);
+    for x in 0..count {
+        let to = r0[x] + right.2 * (r1[x] - r0[x]);
+        let from = l0[x] + left.2 * (l1[x] - l0[x]);
+        out[x] += (to - from) + base;
+    }
+}
+
+/// Means of 2x2 pixels; a last odd row or column is repeated.
+fn halved(plane: &Plane<f32>) -> Plane<f32> {
+    let (width, height) = (plane.width.div_ceil(2), plane.height.div_ceil(2));
+    Plane::from_fn(width, height, |x, y| {
+        let (x0, y0) = (2 * x, 2 * y);
+        let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
+        0.25 * (plane.at(x0, y0) + plane.at(x1, y0) + plane.at(x0, y1) + plane.at(x1, y1))
+    })
+}
+
+/// A plane of means of `side` x `side` pixels, interpolated between their centres.
+fn enlarged(small: &Plane<f32>, side: usize, width: usize, height: usize) -> Plane<f32> {
+    let taps = |length: usize, count: usize| -> Vec<(usize, usize, f32)> {
+        (0..length)
+            .map(|x| {
+                let at = ((x as f32 + 0.5) / side as f32 - 0.5).clamp(0.0, count as f32 - 1.0);
+                let whole = at as usize;
+                (whole, (whole + 1).min(count - 1), at - whole as f32)
+            })
+            .collect()
+    };
+    let (columns, rows) = (taps(width, small.width), taps(height, small.height));
+    let mut out = Plane::filled(width, height, 0.0);
+    let mut between = vec![0.0f32; small.width];
+    for (y, &(above, below, share)) in rows.iter().enumerate() {
+        for (out, (a, b)) in between.iter_mut().zip(small.row(above).iter().zip(small.row(below))) {
+            *out = a + share * (b - a);
+        }
+        for (out, &(left, right, share)) in out.row_mut(y).iter_mut().zip(&columns) {
+            *out = between[left] + share * (between[right] - between[left]);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_constant_stays_and_small_radii_change_nothing() {
+        let flat = Plane::filled(37, 21, 93.0f32);
+        for radius in [0.3, 0.6, 1.0, 3.7, 11.9, 13.0, 30.0] {
+            let blurred = Disc::new(radius).blurred(&flat);
+            assert!(blurred.data.iter().all(|v| (v - 93.0).abs() < 1e-3), "radius {radius}");
+        }
+        let speckle = Plane::from_fn(9, 7, |x, y| ((x * 31 + y * 17) % 97) as f32);
+        assert_eq!(Disc::new(0.4).blurred(&speckle), speckle);
+    }
+
+    #[test]
+    fn a_point_becomes_a_disc_of_the_radius() {
+        for radius in [1.5f32, 4.0, 9.3, 14.0, 26.0] {
+            let middle = 64;
+            let point = Plane::from_fn(129, 129, |x, y| if (x, y) == (middle, middle) { 1e4f32 } else { 0.0 });
+            let disc = Disc::new(radius);
+            let spread = disc.blurred(&point);
+            let (mut sum, mut second) = (0.0f64, 0.0f64);
+            for y in 0..129usize {
+                for x in 0..129usize {
+                    let value = f64::from(spread.at(x, y));
+                    let distance = ((x as f64 - 64.0).powi(2) + (y as f64 - 64.0).powi(2)).sqrt();
+                    sum += value;
+                    second += value * distance * distance;
+                    let far = distance > f64::from(radius) + f64::from(2 << disc.halvings);
+                    assert!(!far || value.abs() < 0.01, "radius {radius}: {value} at {distance}");
+                }
+            }
+            assert!((sum / 1e4 - 1.0).abs() < 1e-3, "radius {radius} keeps {sum}");
+            // a disc's mean squared radius is r^2 / 2
+            let measured = (2.0 * second / sum).sqrt();
+            assert!((measured / f64::from(radius) - 1.0).abs() < 0.05, "radius {radius} came out as {measured}");
+        }
+    }
+}

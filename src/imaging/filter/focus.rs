@@ -1,0 +1,276 @@
+//! A focus measure that noise does not fool: the energy of the Laplacian of a slightly smoothed picture.
+//!
+//! Smoothing by a Gaussian before the Laplacian leaves out the highest frequencies, where noise is strongest and
+//! where resampling weakens it differently in each slice: without it the reference slice, which alone is not
+//! resampled, wins wherever there is little texture.
+
+use crate::imaging::{
+    Plane,
+    simd::{self, Avx2},
+};
+
+/// Taps of half a kernel of the first Gaussian (radius 3).
+const BEFORE: usize = 4;
+
+/// Squared Laplacian of Gaussian, averaged by another Gaussian.
+#[derive(Debug, Clone)]
+pub struct FocusEnergy {
+    before: [f32; BEFORE],
+    after: After,
+    simd: Option<Avx2>,
+}
+
+/// The second Gaussian: half a kernel.
+#[derive(Debug, Clone)]
+enum After {
+    Near([f32; 4]),
+    Wide([f32; 7]),
+}
+
+/// Rows that are looked at more than once, for [`FocusEnergy::rows`] to use again and again.
+#[derive(Debug, Default)]
+pub struct Rows {
+    /// One row of luma, with its border repeated.
+    luma: Vec<f32>,
+    /// Luma smoothed along x, a ring.
+    across: Vec<f32>,
+    /// Smoothed luma, a ring of three.
+    smooth: Vec<f32>,
+    /// One row of the squared Laplacian, with its border repeated.
+    squared: Vec<f32>,
+    /// The same averaged along x, a ring.
+    averaged: Vec<f32>,
+    out: Vec<f32>,
+}
+
+impl FocusEnergy {
+    /// Labels of pixels: a Gaussian of 1 px before the Laplacian and one of 2 px after it.
+    pub fn steady() -> Self {
+        Self { before: half(1.0), after: After::Wide(half(2.0)), simd: Avx2::detect() }
+    }
+
+    /// Places of edges: Gaussians of 0.7 px and of 1 px.
+    pub fn fine() -> Self {
+        Self { before: half(0.7), after: After::Near(half(1.0)), simd: Avx2::detect() }
+    }
+
+    /// How far from a pixel its energy looks.
+    pub fn reach(&self) -> usize {
+        let after = match &self.after {
+            After::Near(half) => half.len(),
+            After::Wide(half) => half.len(),
+        };
+        BEFORE + after - 1
+    }
+
+    /// Energy of the rows `rows` of a `width` x `height` picture, in squared grey levels. `luma(y, out)` fills `out`
+    /// with row `y` of its luma; `emit(y, energy)` gets the rows in ascending order. Beyond the picture its
+    /// border is repeated. A row's result does not depend on the range it is computed in.
+    pub fn rows(
+        &self,
+        size: (usize, usize),
+        rows: std::ops::Range<usize>,
+        buffers: &mut Rows,
+        luma: impl Fn(usize, &mut [f32]),
+        emit: impl FnMut(usize, &[f32]),
+    ) {
+        match &self.after {
+            After::Near(after) => self.run(after, size, rows, buffers, luma, emit),
+            After::Wide(after) => self.run(after, size, rows, buffers, luma, emit),
+        }
+    }
+
+    /// Energy of a whole plane of luma (or of a difference of two).
+    pub fn plane(&self, luma: &Plane<f32>, buffers: &mut Rows) -> Plane<f32> {
+        let mut out = Plane::filled(luma.width, luma.height, 0.0);
+        let size = (luma.width, luma.height);
+        let row = |y: usize, row: &mut [f32]| row.copy_from_slice(luma.row(y));
+        self.rows(size, 0..luma.height, buffers, row, |y, energy| out.row_mut(y).copy_from_slice(energy));
+        out
+    }
+
+    fn run<const N: usize>(
+        &self,
+        after: &[f32; N],
+        (width, height): (usize, usize),
+        rows: std::ops::Range<usize>,
+        buffers: &mut Rows,
+        luma_of: impl Fn(usize, &mut [f32]),
+        mut emit: impl FnMut(usize, &[f32]),
+    ) {
+        if width == 0 || rows.is_empty() {
+            return;
+        }
+        let last = height - 1;
+        let (acrosses, averages) = (2 * BEFORE - 1, 2 * N - 1);
+        let Rows { luma, across, smooth, squared, averaged, out } = buffers;
+        luma.resize(width + 2 * (BEFORE - 1), 0.0);
+        squared.resize(width + 2 * (N - 1), 0.0);
+        for (ring, length) in [(&mut *across, acrosses), (smooth, 3), (averaged, averages), (out, 1)] {
+            ring.resize(length * width, 0.0);
+        }
+        // rings: row y lies in place y modulo their length
+        let place = |y: usize, length: usize| y % length * width..y % length * width + width;
+        let reach = |d: usize| d - 1;
+        let mut next_averaged = rows.start.saturating_sub(reach(N));
+        let mut next_smooth = next_averaged.saturating_sub(1);
+        let mut next_across = next_smooth.saturating_sub(reach(BEFORE));
+        for y in rows {
+            while next_averaged <= (y + reach(N)).min(last) {
+                while next_smooth <= (next_averaged + 1).min(last) {
+                    while next_across <= (next_smooth + reach(BEFORE)).min(last) {
+                        let inner = reach(BEFORE)..reach(BEFORE) + width;
+                        luma_of(next_across, &mut luma[inner.clone()]);
+                        repeat_border(luma, inner);
+                        let pairs = pairs::<BEFORE>(|d| &luma[reach(BEFORE).wrapping_add_signed(d)..][..width]);
+                        self.gaussian(&self.before, pairs, &mut across[place(next_across, acrosses)]);
+                        next_across += 1;
+                    }
+                    let taps = |d: isize| &across[place(next_smooth.saturating_add_signed(d).min(last), acrosses)];
+                    self.gaussian(&self.before, pairs::<BEFORE>(taps), &mut smooth[place(next_smooth, 3)]);
+                    next_smooth += 1;
+                }
+                let around = [next_averaged.saturating_sub(1), next_averaged, (next_averaged + 1).min(last)];
+                let around = around.map(|y| &smooth[place(y, 3)]);
+                let inner = reach(N)..reach(N) + width;
+                simd::run(
+                    self.simd,
+                    #[inline(always)]
+                    || squared_laplacian(around, &mut squared[inner.clone()]),
+                );
+                repeat_border(squared, inner);
+                let pairs = pairs::<N>(|d| &squared[reach(N).wrapping_add_signed(d)..][..width]);
+                self.gaussian(after, pairs, &mut averaged[place(next_averaged, averages)]);
+                next_averaged += 1;
+            }
+            let taps = |d: isize| &averaged[place(y.saturating_add_signed(d).min(last), averages)];
+            self.gaussian(after, pairs::<N>(taps), out);
+            emit(y, out);
+        }
+    }
+
+    fn gaussian<const N: usize>(&self, half: &[f32; N], taps: [[&[f32]; 2]; N], out: &mut [f32]) {
+        simd::run(
+            self.simd,
+            #[inline(always)]
+            || {
+                let count = out.len();
+                let taps = taps.map(|pair| pair.map(|row| &row[..count]));
+                for x in 0..count {
+                    let mut sum = half[0] * taps[0][0][x];
+                    for d in 1..N {
+                        sum += half[d] * (taps[d][0][x] + taps[d][1][x]);
+                    }
+                    out[x] = sum;
+                }
+            },
+        );
+    }
+}
+
+/// Half of a normalised Gaussian kernel.
+fn half<const N: usize>(sigma: f64) -> [f32; N] {
+    let half: [f64; N] = std::array::from_fn(|d| (-((d * d) as f64) / (2.0 * sigma * sigma)).exp());
+    let sum = half[0] + 2.0 * half[1..].iter().sum::<f64>();
+    half.map(|weight| (weight / sum) as f32)
+}
+
+/// The rows at distance `d` on both sides, for each `d`.
+fn pairs<'a, const N: usize>(taps: impl Fn(isize) -> &'a [f32]) -> [[&'a [f32]; 2]; N] {
+    std::array::from_fn(|d| [taps(-(d as isize)), taps(d as isize)])
+}
+
+fn repeat_border(row: &mut [f32], inner: std::ops::Range<usize>) {
+    let (left, right) = (row[inner.start], row[inner.end - 1]);
+    row[..inner.start].fill(left);
+    row[inner.end..].fill(right);
+}
+
+/// The squared Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) of the middle row, its border repeated.
+#[inline(always)]
+fn squared_laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
+    let width = middle.len();
+    let value = |x: usize, left: usize, right: usize| {
+        let laplacian = (above[x] + below[x]) + (middle[left] + middle[right]) - 4.0 * middle[x];
+        laplacian * laplacian
+    };
+    out[0] = value(0, 0, 1.min(width - 1));
+    out[width - 1] = value(width - 1, width.saturating_sub(2), width - 1);
+    for (x, out) in out.iter_mut().enumerate().take(width - 1).skip(1) {
+        *out = value(x, x - 1, x + 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn speckle(x: usize, y: usize) -> f32 {
+        ((x * 7919 + y * 104_729 + x * y * 31) % 251) as f32
+    }
+
+    /// The definition in f64, pixel by pixel.
+    fn definition(picture: &Plane<f32>, before: f64, after: f64, radius: i64) -> Plane<f32> {
+        let clamp = |v: i64, n: usize| v.clamp(0, n as i64 - 1) as usize;
+        let gaussian = |source: &Plane<f64>, sigma: f64, radius: i64| {
+            let weight = |d: i64| (-((d * d) as f64) / (2.0 * sigma * sigma)).exp();
+            let sum: f64 = (-radius..=radius).map(weight).sum();
+            Plane::from_fn(source.width, source.height, |x, y| {
+                let mut total = 0.0;
+                for dy in -radius..=radius {
+                    for dx in -radius..=radius {
+                        let at = (clamp(x as i64 + dx, source.width), clamp(y as i64 + dy, source.height));
+                        total += weight(dx) * weight(dy) / (sum * sum) * source.at(at.0, at.1);
+                    }
+                }
+                total
+            })
+        };
+        let smooth = gaussian(&picture.map(f64::from), before, 3);
+        let at = |x: i64, y: i64| smooth.at(clamp(x, smooth.width), clamp(y, smooth.height));
+        let squared = Plane::from_fn(smooth.width, smooth.height, |x, y| {
+            let (x, y) = (x as i64, y as i64);
+            (at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1) - 4.0 * at(x, y)).powi(2)
+        });
+        gaussian(&squared, after, radius).map(|v| v as f32)
+    }
+
+    #[test]
+    fn it_is_the_smoothed_square_of_the_laplacian_of_the_smoothed_picture() {
+        let picture = Plane::from_fn(29, 23, speckle);
+        for (measure, before, after, radius) in
+            [(FocusEnergy::steady(), 1.0, 2.0, 6), (FocusEnergy::fine(), 0.7, 1.0, 3)]
+        {
+            let expected = definition(&picture, before, after, radius);
+            let got = measure.plane(&picture, &mut Rows::default());
+            for (got, expected) in got.data.iter().zip(&expected.data) {
+                assert!((got - expected).abs() < 1e-3 * expected.max(1.0), "{got} instead of {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn rows_do_not_depend_on_the_band_they_are_computed_in() {
+        let picture = Plane::from_fn(40, 50, speckle);
+        let measure = FocusEnergy::steady();
+        let whole = measure.plane(&picture, &mut Rows::default());
+        for band in [1, 7, 16] {
+            let mut buffers = Rows::default();
+            for start in (0..50).step_by(band) {
+                let luma = |y: usize, row: &mut [f32]| row.copy_from_slice(picture.row(y));
+                let rows = start..(start + band).min(50);
+                measure.rows((40, 50), rows, &mut buffers, luma, |y, energy| assert_eq!(energy, whole.row(y)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_flat_picture_has_none_and_small_pictures_are_fine() {
+        let flat = FocusEnergy::steady().plane(&Plane::filled(20, 20, 77.0), &mut Rows::default());
+        assert!(flat.data.iter().all(|&v| v < 1e-6));
+        for (width, height) in [(1, 1), (1, 7), (2, 2), (5, 1)] {
+            let picture = Plane::from_fn(width, height, speckle);
+            assert!(FocusEnergy::fine().plane(&picture, &mut Rows::default()).data.iter().all(|v| v.is_finite()));
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! Brightness of a slice over that of the slices around it.
+
+/// So many slices on each side let expect the brightness of one.
+const SIDE: usize = 3;
+/// Through fewer slices no trend is laid: one bright slice among them would tilt it.
+const FEWEST: usize = 5;
+
+/// Per slice, in order: its brightness over what the slices around it let expect. A steady drift is none. None where a
+/// slice has no brightness or fewer than two neighbours.
+pub(super) fn ratios(brightness: &[Option<f64>]) -> Vec<Option<f64>> {
+    let ratio = |(n, own): (usize, &Option<f64>)| {
+        let expected = expected(brightness, n).filter(|expected| *expected > 0.0)?;
+        Some((*own)? / expected)
+    };
+    brightness.iter().enumerate().map(ratio).collect()
+}
+
+/// Where the line of Theil and Sen through the slices around slice `n` passes it: it follows a drift, also at the
+/// ends of the stack, and no single flash.
+fn expected(brightness: &[Option<f64>], n: usize) -> Option<f64> {
+    let window = (2 * SIDE + 1).min(brightness.len());
+    let first = n.saturating_sub(SIDE).min(brightness.len() - window);
+    let around: Vec<(f64, f64)> = (first..first + window)
+        .filter(|&i| i != n)
+        .filter_map(|i| Some((i as f64 - n as f64, brightness[i]?)))
+        .collect();
+    if around.len() < 2 {
+        return None;
+    }
+    let pairs = around.iter().enumerate().flat_map(|(i, a)| around[i + 1..].iter().map(move |b| (a, b)));
+    let slope = match around.len() {
+        0..FEWEST => 0.0,
+        _ => median(pairs.map(|(a, b)| (b.1 - a.1) / (b.0 - a.0)).collect()),
+    };
+    Some(median(around.iter().map(|(step, value)| value - slope * step).collect()))
+}
+
+/// The middle value of at least one.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    if values.len().is_multiple_of(2) { f64::midpoint(values[middle - 1], values[middle]) } else { values[middle] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn worst_but(ratios: &[Option<f64>], but: usize) -> f64 {
+        let others = ratios.iter().enumerate().filter(|(n, _)| *n != but);
+        others.filter_map(|(_, ratio)| *ratio).map(|ratio| (ratio - 1.0).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_steady_drift_is_no_flicker() {
+        let drift: Vec<Option<f64>> = (0..9).map(|n| Some(1.0 - 0.015 * f64::from(n))).collect();
+        assert!(worst_but(&ratios(&drift), usize::MAX) < 1e-9, "{:?}", ratios(&drift));
+    }
+
+    #[test]
+    fn one_bright_slice_is_named_alone_wherever_it_stands() {
+        for bright in 0..9 {
+            let stack: Vec<Option<f64>> = (0..9).map(|n| Some(if n == bright { 1.08 } else { 1.0 })).collect();
+            let found = ratios(&stack);
+            assert!((found[bright].unwrap() - 1.08).abs() < 1e-9, "{bright}: {found:?}");
+            assert!(worst_but(&found, bright) < 1e-9, "{bright}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn too_few_slices_have_no_flicker() {
+        assert_eq!(ratios(&[Some(1.0), Some(2.0)]), [None, None]);
+        assert_eq!(ratios(&[Some(1.0); 3]), [Some(1.0); 3]);
+        assert_eq!(ratios(&[None, Some(2.0), None]), [None, None, None]);
+        assert_eq!(ratios(&[]), []);
+    }
+}
