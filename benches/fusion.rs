@@ -47,12 +47,12 @@ fn kernels(criterion: &mut Criterion) {
     if let Some(warp) = Warp::new(&keystone, 1.02, (WIDTH, HEIGHT), (WIDTH, HEIGHT)) {
         group.bench_function("warp rgb8 cubic", |bench| bench.iter(|| warp.apply(pixels.clone(), 3)));
     }
-    let saliency = Saliency::new(5, 5.0);
+    let (saliency, mut buffers) = (Saliency::new(5, 5.0), Default::default());
     group.bench_function("saliency", |bench| {
         bench.iter(|| {
             let mut sum = 0.0;
             let rows = |y: usize, out: &mut [f32]| out.copy_from_slice(luma.row(y));
-            saliency.rows((WIDTH, HEIGHT), 0..HEIGHT, rows, |_, _, values| sum += values[0]);
+            saliency.rows((WIDTH, HEIGHT), 0..HEIGHT, &mut buffers, rows, |_, _, values| sum += values[0]);
             sum
         });
     });

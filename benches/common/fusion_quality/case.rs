@@ -1,0 +1,114 @@
+//! One scene before one rig, rendered, and fused.
+
+use pinstack::{
+    fusion::{Fused, Plan, Watch, fuse},
+    imaging::{Coverage, Raster, Sample, Samples, warp::Warp},
+    model::{
+        Unwatched,
+        options::{GuidedParams, Method},
+    },
+    synth::{Light, Rig, Scene, Stage, Truth},
+};
+use rayon::prelude::*;
+
+pub const SLICES: usize = 13;
+
+/// A scene that follows from a seed.
+type Make = fn(u64) -> Scene;
+
+/// The scenes, each of which makes other trouble.
+pub const SCENES: [(&str, Make); 5] = [
+    ("insect", Scene::insect),
+    ("flower", Scene::flower),
+    ("plates", Scene::plates),
+    ("weave", Scene::weave),
+    ("wing", Scene::wing),
+];
+
+/// What is to be rendered.
+#[derive(Debug, Clone)]
+pub struct Case {
+    pub scene: &'static str,
+    pub make: Make,
+    pub seed: u64,
+    pub size: (usize, usize),
+    /// Times the blur of the rig as it is.
+    pub blur: f64,
+}
+
+impl Case {
+    pub fn name(&self) -> String {
+        format!("{} {} {}x{} blur {}", self.scene, self.seed, self.size.0, self.size.1, self.blur)
+    }
+
+    pub fn render(&self) -> Stack {
+        let mut rig = Rig { seed: self.seed, ..Rig::sized(self.size.0, self.size.1, SLICES) };
+        rig.f_number /= self.blur;
+        let stage = Stage::new(&rig, &(self.make)(self.seed));
+        let slices = (0..SLICES).map(|i| stage.render(Light::Front, i)).collect();
+        Stack { truth: stage.truth(), slices, rig }
+    }
+}
+
+/// A rendered stack.
+pub struct Stack {
+    pub rig: Rig,
+    pub slices: Vec<Raster>,
+    pub truth: Truth,
+}
+
+impl Stack {
+    pub fn fuse(&self, method: Method) -> Fused {
+        let indices = 0..self.slices.len();
+        let plan = Plan {
+            width: self.rig.width,
+            height: self.rig.height,
+            homographies: indices.clone().map(|i| self.rig.homography(i)).collect(),
+            gains: indices.map(|i| self.rig.gain(i)).collect(),
+            reference: self.rig.reference,
+            method,
+            params: GuidedParams::default(),
+            rail: Some(self.rig.rail_mm.clone()),
+            near_first: Some(true),
+        };
+        let (slices, folder) = (&self.slices[..], std::env::temp_dir());
+        fuse(&slices, &plan, &Watch::default(), &folder, &Unwatched).expect("the stack can be fused")
+    }
+
+    /// The slices as other programs get them: warped by the true homographies, equally bright, and filled from
+    /// the nearest pixel of a row where they cover nothing, which is kinder than black.
+    pub fn warped(&self) -> Vec<Raster> {
+        let size = (self.rig.width, self.rig.height);
+        (0..self.slices.len())
+            .into_par_iter()
+            .map(|i| {
+                let warp = Warp::new(&self.rig.homography(i), self.rig.gain(i), size, size).expect("a sane rig");
+                let mut samples = warp.apply(samples(&self.slices[i]).to_vec(), 3);
+                fill(&mut samples, size.0, warp.coverage());
+                Raster::eight(size.0, size.1, 3, samples)
+            })
+            .collect()
+    }
+}
+
+/// The samples of a rendered picture: RGB of 8 bits.
+pub fn samples(raster: &Raster) -> &[u8] {
+    match &raster.samples {
+        Samples::Eight(_) => u8::of(&raster.samples).unwrap_or_default(),
+        Samples::Sixteen(_) => panic!("the rigs of this bench have 8 bits"),
+    }
+}
+
+fn fill(samples: &mut [u8], width: usize, coverage: &Coverage) {
+    let height = coverage.height();
+    let covered: Vec<usize> = (0..height).filter(|&y| !coverage.span(y).is_empty()).collect();
+    let source = samples.to_vec();
+    for y in 0..height {
+        let Some(&row) = covered.iter().min_by_key(|row| row.abs_diff(y)) else { return };
+        let span = coverage.span(row);
+        for x in (0..width).filter(|x| row != y || !span.contains(x)) {
+            let from = (row * width + x.clamp(span.start, span.end - 1)) * 3;
+            samples[(y * width + x) * 3..][..3].copy_from_slice(&source[from..from + 3]);
+        }
+    }
+}

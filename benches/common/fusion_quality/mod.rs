@@ -1,0 +1,11 @@
+//! The parts of the quality bench of fusion: stacks with their truth, other programs, figures, crops.
+
+mod case;
+mod crops;
+mod peers;
+mod score;
+
+pub use case::{Case, SCENES};
+pub use crops::{Crop, worst};
+pub use peers::Peers;
+pub use score::{Regions, Scores, Table};

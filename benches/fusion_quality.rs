@@ -1,0 +1,99 @@
+//! What fusion is worth: synthetic stacks of which the truth is known, fused by every method and by what other
+//! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--crops FOLDER]`
+//!
+//! Asks `enfuse` when it is on the path, and shinestacker when the environment variable PINSTACK_SHINESTACKER
+//! names a Python interpreter that has it. All get the same slices, warped by the true homographies.
+
+#[path = "common/fusion_quality/mod.rs"]
+mod fusion_quality;
+
+use std::{fs, path::PathBuf};
+
+use fusion_quality::{Case, Crop, Peers, Regions, SCENES, Scores, Table, worst};
+use pinstack::{imaging::Raster, model::options::Method};
+
+const METHODS: [(&str, Method); 3] =
+    [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("unveiled", Method::Unveiled)];
+
+#[derive(Default)]
+struct Arguments {
+    quick: bool,
+    scene: Option<String>,
+    crops: Option<PathBuf>,
+}
+
+fn arguments() -> Result<Arguments, String> {
+    let mut found = Arguments::default();
+    let mut rest = std::env::args().skip(1);
+    while let Some(argument) = rest.next() {
+        let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
+        match argument.as_str() {
+            // what `cargo bench` adds by itself
+            "--bench" => {}
+            "--quick" => found.quick = true,
+            "--scene" => found.scene = Some(value()?),
+            "--crops" => found.crops = Some(value()?.into()),
+            other => return Err(format!("{other} is not known: --quick, --scene NAME, --crops FOLDER")),
+        }
+    }
+    Ok(found)
+}
+
+/// Three seeds in two sizes, and one of the smaller with more blur; the first of them alone when it must be quick.
+fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack::synth::Scene) -> Vec<Case> {
+    let case = |seed, size, blur| Case { scene, make, seed, size, blur };
+    let (small, large) = ((600, 400), (1200, 800));
+    if arguments.quick {
+        return vec![case(1, small, 1.0)];
+    }
+    let plain = [small, large].into_iter().flat_map(|size| (1..=3).map(move |seed| case(seed, size, 1.0)));
+    plain.chain([case(1, small, 1.5)]).collect()
+}
+
+fn main() {
+    let arguments = arguments().unwrap_or_else(|why| {
+        eprintln!("{why}");
+        std::process::exit(2)
+    });
+    let peers = Peers::found();
+    let mut all = Table::default();
+    for (scene, make) in SCENES {
+        if arguments.scene.as_ref().is_some_and(|wanted| wanted != scene) {
+            continue;
+        }
+        let mut of_scene = Table::default();
+        for (number, case) in cases(&arguments, scene, make).iter().enumerate() {
+            let stack = case.render();
+            let mut pictures: Vec<(&str, bool, Raster)> = Vec::new();
+            let mut regions = None;
+            for (name, method) in METHODS {
+                let fused = stack.fuse(method);
+                regions.get_or_insert_with(|| Regions::of(&stack.truth, &fused.valid));
+                pictures.push((name, true, fused.image));
+            }
+            pictures.extend(peers.fuse(&stack.warped()).into_iter().map(|(name, picture)| (name, false, picture)));
+            let Some(regions) = regions else { continue };
+            let mut best: Option<(f64, usize)> = None;
+            for (at, (name, ours, picture)) in pictures.iter().enumerate() {
+                let scores = Scores::of(picture, &stack.truth, &regions);
+                eprintln!("{:28} {name:24} {}", case.name(), scores.0.map(|v| format!("{v:6.2}")).join(" "));
+                of_scene.enter(name, *ours, scores);
+                all.enter(name, *ours, scores);
+                if !ours && best.is_none_or(|(edges, _)| scores.0[3] > edges) {
+                    best = Some((scores.0[3], at));
+                }
+            }
+            if let Some(folder) = arguments.crops.as_ref().filter(|_| number == 0) {
+                let ours = pictures.iter().filter(|picture| picture.1);
+                let shown = best.map(|(_, at)| &pictures[at]).into_iter().chain(ours);
+                let beside: Vec<&Raster> =
+                    std::iter::once(&stack.truth.sharp).chain(shown.map(|picture| &picture.2)).collect();
+                let crop = Crop::of(&beside, worst(&pictures[0].2, &stack.truth.sharp));
+                fs::create_dir_all(folder).expect("the folder for the crops can be made");
+                fs::write(folder.join(format!("{scene}.jpg")), crop.jpeg()).expect("a crop can be written");
+            }
+        }
+        of_scene.print(scene);
+    }
+    all.print("All scenes");
+}
