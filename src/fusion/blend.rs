@@ -26,15 +26,16 @@ pub(super) struct Blended<S> {
 pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Stop> {
     let presence = Presence::new(&aligned.index, aligned.coverages.len());
     let blender = || Blender::<S>::new(&run.plan.params);
-    in_tiles::<S, C, _>(run, blender, |blender, rect, out| {
+    in_tiles::<S, C, _>(run, "fusing", blender, |blender, rect, out| {
         blender.tile::<C>(rect, aligned, &presence, run.control, out)
     })
 }
 
-/// Makes a picture tile by tile, in parallel. `tile` fuses a rectangle into the samples it is given, interleaved, with
+/// Makes a picture tile by tile, in parallel; `stage` is what its progress is called. `tile` fuses a rectangle into the samples it is given, interleaved, with
 /// what `tools` has made for its thread, and says in how many pixels a sample had to be clamped.
 pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     run: &Run<'_>,
+    stage: &'static str,
     tools: impl Fn() -> T + Sync,
     tile: impl Fn(&mut T, Rect, &mut Vec<S>) -> Result<usize, Stop> + Sync,
 ) -> Result<Blended<S>, Stop> {
@@ -56,7 +57,7 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     }
 
     let done = Mutex::new(0);
-    run.control.progress("fusing", 0, tiles.len());
+    run.control.progress(stage, 0, tiles.len());
     let clamped = tiles
         .par_iter()
         .with_max_len(1)
@@ -73,7 +74,7 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
                 drop(band);
                 let mut done = locked(&done);
                 *done += 1;
-                run.control.progress("fusing", *done, tiles.len());
+                run.control.progress(stage, *done, tiles.len());
                 Ok(clamped)
             },
         )

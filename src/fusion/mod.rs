@@ -96,7 +96,8 @@ impl Plan {
     ///
     /// With `s` bytes per sample, per pixel of the canvas, in the first pass: 6 for the best saliency and its slice, and for
     /// each slice in flight (one per thread, at most four) `9 s` for its file, its samples and the warped ones, and 12 for
-    /// the planes that metrics look at. In the second pass `3 + 3 s`. For each thread 48 MiB of tiles and rows, and 32 MiB
+    /// the planes that metrics look at. In the second pass `3 + 3 s`, and `14 + 3 s` more for
+    /// [`Method::Unveiled`]. For each thread 48 MiB of tiles and rows, and 32 MiB
     /// for everything else.
     pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
         let pixels = (self.width * self.height) as u64;
@@ -104,8 +105,9 @@ impl Plan {
         // decoded, warped, and a buffer for the next
         let in_flight = 3 * pixel;
         let first_pass = 6 + in_flight * align::lanes(threads, self.homographies.len()) as u64;
-        let labels = if self.method == Method::Unveiled { 14 } else { 0 };
-        let second_pass = 3 + pixel.max(labels);
+        // labels beside the picture from pyramids
+        let labels = if self.method == Method::Unveiled { 14 + pixel } else { 0 };
+        let second_pass = 3 + pixel + labels;
         // what is kept at the points and in the blocks of the metrics
         let kept = if metrics { 32 } else { 0 };
         pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + kept) * (1 << 20)

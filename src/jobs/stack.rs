@@ -32,6 +32,10 @@ use crate::{
 
 /// What a fusion spends its time on.
 const FUSING: [Stage; 2] = [("aligning", 3.0), ("fusing", 2.0)];
+
+/// The same, when the veil of near parts is taken off.
+const UNVEILING: [Stage; 3] = [("aligning", 3.0), ("fusing", 3.0), ("unveiling", 3.0)];
+
 /// Where reading ends and where writing begins, as fractions of the job.
 const READ: f64 = 0.02;
 const FUSED: f64 = 0.9;
@@ -85,7 +89,8 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
         None
     };
 
-    let control = Phase::new(watcher, &FUSING, middle, FUSED);
+    let stages: &[Stage] = if plan.method == Method::Unveiled { &UNVEILING } else { &FUSING };
+    let control = Phase::new(watcher, stages, middle, FUSED);
     let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.alpha) };
     let front = fusion::fuse(archive.front(), &plan, &watch, &bench.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);

@@ -98,11 +98,11 @@ pub enum UnderAlpha {
 #[serde(rename_all = "snake_case")]
 pub enum Method {
     /// Guided filtering (Li, Kang & Hu 2013), the paper's method.
-    #[default]
     Guided,
     /// Laplacian pyramids (Burt & Adelson 1983), the other classic.
     Pyramid,
-    /// One label per pixel, and the blur of near parts taken off what lies behind them.
+    /// Pyramids, one label per pixel where that is better, and the blur of near parts taken off what lies behind them.
+    #[default]
     Unveiled,
 }
 

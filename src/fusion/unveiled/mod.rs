@@ -2,19 +2,20 @@
 //!
 //! Every mosaic of slices has a halo where a near part overlaps a far one: in each slice that shows the far part
 //! sharp, the near part's blur lies over it. The slices of a calibrated stack say how large that blur is, and
-//! the slice of the near part shows the place unveiled. See [`veil`] for the formula and [`labels`] for what decides
-//! which slice a pixel is from.
+//! the slice of the near part shows the place unveiled. See [`veil`] for the formula, [`labels`] for what decides
+//! which slice a pixel is from, and [`trust`] for where pyramids do better.
 
 mod labels;
 mod optics;
 mod pictures;
 mod survey;
 mod tile;
+mod trust;
 mod veil;
 
 pub(super) use survey::Survey;
 
-use super::{Run, align::Aligned, blend::Blended};
+use super::{Run, align::Aligned, blend::Blended, pyramid};
 use crate::{
     imaging::{Plane, Sample},
     model::Stop,
@@ -37,6 +38,12 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let plan = run.plan;
     let optics = Optics::measure(&pictures, &aligned.index, &sure, plan.rail.as_deref(), plan.near_first)?;
     let labels = labels::refine(&pictures, &aligned.index, sure, energy, &surveyed, &optics)?;
-    let blended = tile::blend(run, &pictures, &labels, &optics)?;
+    let pyramids = pyramid::blend::<S, C>(run, aligned)?;
+    // without the blur labels are doubted nowhere, and no veil can be taken off
+    if !optics.is_known() {
+        return Ok((pyramids, labels.slice));
+    }
+    let mut blended = tile::blend(run, &pictures, &labels, &optics, &pyramids.pixels)?;
+    blended.clamped = blended.clamped.max(pyramids.clamped);
     Ok((blended, labels.slice))
 }

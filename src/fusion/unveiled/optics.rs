@@ -21,8 +21,9 @@ const APART: f32 = 1.8;
 /// Larger blur radii than this are taken for this, px: surroundings of a tile must end somewhere.
 pub(super) const WIDEST: f32 = 64.0;
 
-/// Side of the blocks in which blur is measured, how many of them are looked at, and how many must give a number.
-const BLOCK: usize = 64;
+/// Sides of the blocks in which blur is measured, px: smaller ones where there are too few of the larger, because in a
+/// thicket no part is large. How many of them are looked at, and how many numbers they must give.
+const SIDES: [usize; 3] = [64, 32, 20];
 const BLOCKS: usize = 24;
 const FEWEST: usize = 4;
 
@@ -167,7 +168,22 @@ fn blur<S: Sample, const C: usize>(
     sure: &Plane<bool>,
     places: &[f32],
 ) -> Result<f32, Stop> {
-    let blocks = blocks(labels, sure);
+    for side in SIDES {
+        let mut found = in_blocks(pictures, &blocks(labels, sure, side), places)?;
+        found.sort_by(f32::total_cmp);
+        if found.len() >= FEWEST {
+            return Ok(found[found.len() / 2]);
+        }
+    }
+    Ok(0.0)
+}
+
+/// What each of some blocks says of the blur of what is one step out of focus.
+fn in_blocks<S: Sample, const C: usize>(
+    pictures: &Pictures<'_, S, C>,
+    blocks: &[(Rect, usize)],
+    places: &[f32],
+) -> Result<Vec<f32>, Stop> {
     let stride = blocks.len().div_ceil(BLOCKS).max(1);
     let nearest: &[isize] = if places.len() < 6 { &[-2, -1, 1, 2] } else { &[-3, -2, 2, 3] };
     let found: Vec<Vec<f32>> = blocks
@@ -186,29 +202,27 @@ fn blur<S: Sample, const C: usize>(
             Ok(found)
         })
         .collect::<Result<_, Stop>>()?;
-    let mut found = found.concat();
-    found.sort_by(f32::total_cmp);
-    Ok(if found.len() < FEWEST { 0.0 } else { found[found.len() / 2] })
+    Ok(found.concat())
 }
 
-/// Blocks that are nearly all on one slice, with that slice.
-fn blocks(labels: &Plane<u16>, sure: &Plane<bool>) -> Vec<(Rect, usize)> {
-    const ENOUGH: usize = BLOCK * BLOCK * 9 / 10;
+/// Blocks of a side that are nearly all on one slice, with that slice.
+fn blocks(labels: &Plane<u16>, sure: &Plane<bool>, side: usize) -> Vec<(Rect, usize)> {
+    let enough = side * side * 9 / 10;
     let mut blocks = Vec::new();
-    for y in (0..(labels.height + 1).saturating_sub(BLOCK)).step_by(BLOCK / 2) {
-        for x in (0..(labels.width + 1).saturating_sub(BLOCK)).step_by(BLOCK / 2) {
-            let rows = y..y + BLOCK;
+    for y in (0..(labels.height + 1).saturating_sub(side)).step_by(side / 2) {
+        for x in (0..(labels.width + 1).saturating_sub(side)).step_by(side / 2) {
+            let rows = y..y + side;
             let certain: usize =
-                rows.clone().map(|y| sure.row(y)[x..x + BLOCK].iter().filter(|&&sure| sure).count()).sum();
-            if certain < ENOUGH {
+                rows.clone().map(|y| sure.row(y)[x..x + side].iter().filter(|&&sure| sure).count()).sum();
+            if certain < enough {
                 continue;
             }
-            let mut all: Vec<u16> = rows.flat_map(|y| &labels.row(y)[x..x + BLOCK]).copied().collect();
+            let mut all: Vec<u16> = rows.flat_map(|y| &labels.row(y)[x..x + side]).copied().collect();
             let middle = all.len() / 2;
             let median = *all.select_nth_unstable(middle).1;
             let alike = all.iter().filter(|&&label| label.abs_diff(median) <= 1).count();
-            if median != UNCOVERED && alike >= ENOUGH {
-                blocks.push((Rect { x, y, width: BLOCK, height: BLOCK }, usize::from(median)));
+            if median != UNCOVERED && alike >= enough {
+                blocks.push((Rect { x, y, width: side, height: side }, usize::from(median)));
             }
         }
     }
@@ -233,15 +247,15 @@ fn radius_between<S: Sample, const C: usize>(
     let misfit = |step: usize| -> f64 {
         let blurred = Disc::new(FIRST * GROWTH.powi(step as i32)).blurred(&sharp);
         let (mut sum, mut squares) = (0.0f64, 0.0f64);
-        for y in y..y + BLOCK {
-            for (a, b) in blurred.row(y)[x..x + BLOCK].iter().zip(&other.row(y)[x..x + BLOCK]) {
+        for y in y..y + block.height {
+            for (a, b) in blurred.row(y)[x..x + block.width].iter().zip(&other.row(y)[x..x + block.width]) {
                 let difference = f64::from(a - b);
                 sum += difference;
                 squares += difference * difference;
             }
         }
         // brightness may differ: that is no blur
-        squares - sum * sum / (BLOCK * BLOCK) as f64
+        squares - sum * sum / (block.width * block.height) as f64
     };
     let misfits: Vec<f64> = (0..RADII).map(misfit).collect();
     let Some(best) = (1..RADII - 1).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])) else { return Ok(None) };

@@ -1,12 +1,15 @@
-//! One tile: slices mixed over the borders of their labels, then the veil taken off.
+//! One tile: slices mixed over the borders of their labels, the veil taken off, and pyramids where labels are no good.
 
-use super::{labels::Labels, optics::Optics, pictures::Pictures, veil::Veil};
+use super::{labels::Labels, optics::Optics, pictures::Pictures, trust, veil::Veil};
 use crate::{
     fusion::{
         Run, UNCOVERED,
         blend::{Blended, in_tiles},
     },
-    imaging::{Rect, Sample, filter::focus::Rows},
+    imaging::{
+        Rect, Sample,
+        filter::focus::{FocusEnergy, Rows},
+    },
     model::Stop,
 };
 
@@ -17,32 +20,46 @@ const MIX: usize = 3;
 /// such slices differ by noise alone.
 const WITHOUT_DETAIL: u8 = 100;
 
-/// Runs the second pass.
+/// Runs the pass that takes the veil off; `pyramids` are the samples of the picture put together from pyramids.
 pub(super) fn blend<S: Sample, const C: usize>(
     run: &Run<'_>,
     pictures: &Pictures<'_, S, C>,
     labels: &Labels,
     optics: &Optics,
+    pyramids: &[S],
 ) -> Result<Blended<S>, Stop> {
     let veil = Veil { pictures, labels, optics };
-    in_tiles::<S, C, _>(run, Rows::default, |rows, rect, out| tile(&veil, rect, out, rows))
+    in_tiles::<S, C, _>(run, "unveiling", Rows::default, |rows, rect, out| tile(&veil, pyramids, rect, out, rows))
 }
 
 /// Fuses `rect` into `out`; the number of pixels with a sample that had to be clamped by more than a grey level.
 fn tile<S: Sample, const C: usize>(
     veil: &Veil<'_, S, C>,
+    pyramids: &[S],
     rect: Rect,
     out: &mut Vec<S>,
     rows: &mut Rows,
 ) -> Result<usize, Stop> {
-    let mut values = mixed(veil, rect)?;
-    veil.take_off(rect, &mut values, rows)?;
+    let (width, height) = veil.pictures.size();
+    let window = rect.grown(trust::REACH + FocusEnergy::fine().reach(), width, height);
+    let mut values = mixed(veil, window)?;
+    let before = values.clone();
+    veil.take_off(window, &mut values, rows)?;
+    let taken: Vec<f32> = (values.chunks_exact(C).zip(before.chunks_exact(C)))
+        .map(|(after, before)| after.iter().zip(before).map(|(a, b)| (a - b).abs()).sum::<f32>() / C as f32)
+        .collect();
+    let labelled: Vec<S> = values.iter().map(|&value| S::rounded(value.max(0.0))).collect();
+    let rows_of = window.y..window.y + window.height;
+    let pyramids: Vec<S> =
+        rows_of.flat_map(|y| &pyramids[(y * width + window.x) * C..][..window.width * C]).copied().collect();
+    trust::Pair { window, labelled: &labelled, pyramids: &pyramids, veil: &taken }.mixed::<C>(rect, rows, out);
+
     let level = S::DEPTH.max() / 255.0;
     let (low, high) = (-level, S::DEPTH.max() + level);
-    out.clear();
-    out.extend(values.iter().map(|&value| S::rounded(value.max(0.0))));
-    let outside = |pixel: &&[f32]| pixel.iter().any(|&value| value < low || value > high);
-    Ok(values.chunks_exact(C).filter(outside).count())
+    let (left, top) = (rect.x - window.x, rect.y - window.y);
+    let inner = (top..top + rect.height)
+        .flat_map(|y| values[(y * window.width + left) * C..][..rect.width * C].chunks_exact(C));
+    Ok(inner.filter(|pixel| pixel.iter().any(|&value| value < low || value > high)).count())
 }
 
 /// Each pixel from the slices of the labels around it that are not apart from its own, weighted by their number; where

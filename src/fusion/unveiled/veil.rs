@@ -42,6 +42,10 @@ const NONE: f32 = 0.02;
 const FROM: f32 = 0.05;
 const WHOLLY: f32 = 0.3;
 
+/// How far a pixel without its veil may lie beyond what both slices show there, grey levels of 255: a highlight that clips
+/// or moves is no blur of the other slice, and must not be taken off as if it were.
+const BEYOND: f32 = 8.0;
+
 /// Side of the squares that are corrected in one go, px.
 const BLOCK: usize = 128;
 
@@ -115,7 +119,7 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         for (at, taken) in taken.iter_mut().enumerate() {
             let (x, y) = (rect.x + at % rect.width, rect.y + at / rect.width);
             let (near, farthest) = (labels.at(x, y), farthest[at]);
-            if near == UNCOVERED || farthest == UNCOVERED || !self.veils(near, farthest) {
+            if near == UNCOVERED || farthest == UNCOVERED || !self.labels.sure.at(x, y) || !self.veils(near, farthest) {
                 continue;
             }
             let far = offsets.iter().find_map(|&(dx, dy)| {
@@ -252,15 +256,21 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         let near_part = self.pictures.channels(near, bounds)?;
         let coarse = far_part.each_ref().map(|channel| disc.blurred(channel));
         let shares = self.detail_shares(near, far, bounds, tasks, rows)?;
+        let beyond = BEYOND * S::DEPTH.max() / 255.0;
         for task in tasks {
             let (x, y) = (rect.x + task.at % rect.width, rect.y + task.at / rect.width);
             let there = (y - window.y) * window.width + x - window.x;
             let here = (y - bounds.y) * bounds.width + x - bounds.x;
+            let plain = !self.labels.sure.at(x, y);
             for (c, out) in out[task.at * C..(task.at + 1) * C].iter_mut().enumerate() {
-                match task.share {
-                    Some(share) => *out -= share * (coarse[c].data[there] - near_part[c].data[here]),
-                    None => *out += shares.data[here] * (far_part[c].data[there] - coarse[c].data[there]),
-                }
+                let (near, far, coarse) = (near_part[c].data[here], far_part[c].data[there], coarse[c].data[there]);
+                let unveiled = match task.share {
+                    Some(share) if plain => *out + share * (near - *out),
+                    Some(share) => *out - share * (coarse - near),
+                    None => *out + shares.data[here] * (far - coarse),
+                };
+                let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
+                *out = unveiled.clamp(low, high);
             }
         }
         Ok(())

@@ -60,7 +60,7 @@ pub struct StackForm {
         ("bit_depth" = Option<String>, Query, description = "`auto`, `8` or `16`; default `auto`: as the slices"),
         ("crop" = Option<String>, Query, description = "`none`, `valid` or `x,y,w,h`; default `none`"),
         ("under_alpha" = Option<crate::model::options::UnderAlpha>, Query, description = "Colour where alpha is 0; default `black`"),
-        ("method" = Option<crate::model::options::Method>, Query, description = "How slices are fused; default `guided`, the paper's method"),
+        ("method" = Option<crate::model::options::Method>, Query, description = "How slices are fused; default `unveiled`; `guided` is the paper's method, and the following seven are its parameters"),
         ("r1" = Option<u32>, Query, description = "Radius of the guided filter for the base weights, px; default 45"),
         ("eps1" = Option<f64>, Query, description = "Its regularisation; default 0.3"),
         ("r2" = Option<u32>, Query, description = "Radius of the guided filter for the detail weights, px; default 7"),
