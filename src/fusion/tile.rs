@@ -11,7 +11,7 @@ use crate::{
     imaging::{
         Plane, Rect, Sample,
         filter::{
-            guided::{Guide, GuidedFilter},
+            guided::{GRID, Guide, GuidedFilter},
             mean::MeanFilter,
         },
         grey,
@@ -104,6 +104,8 @@ impl<S: Sample> Blender<S> {
     ) -> Result<(), Stop> {
         let margin = self.for_base.reach().max(self.for_detail.reach()).max(self.mean.reach());
         let whole = rect.grown(margin, aligned.index.width, aligned.index.height);
+        let (x, y) = (whole.x / GRID * GRID, whole.y / GRID * GRID);
+        let whole = Rect { x, y, width: whole.x + whole.width - x, height: whole.y + whole.height - y };
         let inner = Rect { x: rect.x - whole.x, y: rect.y - whole.y, ..rect };
         self.region.load::<C>(slice, whole, aligned)?;
 
