@@ -70,14 +70,16 @@ impl Sums {
                 let detail = detail.0.chunks_mut(PART * C).zip(detail.1.chunks_mut(PART));
                 let weights = for_base.chunks_mut(PART).zip(for_detail.chunks_mut(PART)).zip(won.chunks(PART));
                 let pixels = samples.chunks(PART * C).zip(row.means.chunks(PART * C));
+                // one for all parts: to fill new ones with zeros would cost as much as the sums
+                let mut repeated = [0.0; PART_SAMPLES];
                 for (((base, detail), ((for_base, for_detail), won)), (samples, means)) in
                     base.zip(detail).zip(weights).zip(pixels)
                 {
                     if clamp(for_base, won) {
-                        add_base::<C>(base.0, base.1, for_base, means);
+                        add_base::<C>(base.0, base.1, for_base, means, &mut repeated);
                     }
                     if clamp(for_detail, won) {
-                        add_detail::<S, C>(detail.0, detail.1, for_detail, samples, means);
+                        add_detail::<S, C>(detail.0, detail.1, for_detail, samples, means, &mut repeated);
                     }
                 }
             },
@@ -98,7 +100,12 @@ impl Sums {
                 let base = base.0.chunks(PART * C).zip(base.1.chunks(PART));
                 let detail = detail.0.chunks(PART * C).zip(detail.1.chunks(PART));
                 let parts = out.chunks_mut(PART * C).zip(base.zip(detail));
-                parts.map(|(out, (base, detail))| finish_part::<S, C>(base, detail, out)).sum()
+                let mut repeated = [[0.0; PART_SAMPLES]; 2];
+                let mut outside = 0;
+                for (out, (base, detail)) in parts {
+                    outside += finish_part::<S, C>(base, detail, out, &mut repeated);
+                }
+                outside
             },
         )
     }
@@ -107,40 +114,45 @@ impl Sums {
 /// Clamps weights to 0..=1 and raises those of the winner; says whether any is above 0.
 #[inline(always)]
 fn clamp(weights: &mut [f32], won: &[bool]) -> bool {
-    let mut largest = 0.0f32;
+    // of numbers that are not negative, one is above 0 if it has any bit: the largest would be a chain of comparisons
+    let mut bits = 0;
     for (weight, &won) in weights.iter_mut().zip(won) {
         let floor = if won { FLOOR } else { 0.0 };
         *weight = weight.clamp(0.0, 1.0) + floor;
-        largest = if *weight > largest { *weight } else { largest };
+        bits |= weight.to_bits();
     }
-    largest > 0.0
+    bits != 0
 }
 
-/// `values`, each `C` times.
+/// `values`, each `C` times, into `out`, of which the rest stays as it was.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
-fn repeated<const C: usize>(values: &[f32]) -> [f32; PART_SAMPLES] {
-    let mut out = [0.0; PART_SAMPLES];
+fn repeat<const C: usize>(values: &[f32], out: &mut [f32; PART_SAMPLES]) {
     if let (Some(values), 3) = (values.first_chunk::<PART>(), C) {
         for i in 0..PART {
             (out[3 * i], out[3 * i + 1], out[3 * i + 2]) = (values[i], values[i], values[i]);
         }
-        return out;
+        return;
     }
     for (out, value) in out.chunks_exact_mut(C).zip(values) {
         out.fill(*value);
     }
-    out
 }
 
 #[inline(always)]
-fn add_base<const C: usize>(sums: &mut [f32], totals: &mut [f32], weights: &[f32], means: &[f32]) {
+fn add_base<const C: usize>(
+    sums: &mut [f32],
+    totals: &mut [f32],
+    weights: &[f32],
+    means: &[f32],
+    repeated: &mut [f32; PART_SAMPLES],
+) {
     for (total, weight) in totals.iter_mut().zip(weights) {
         *total += weight;
     }
-    let weights = repeated::<C>(weights);
-    for ((sum, weight), mean) in sums.iter_mut().zip(&weights).zip(means) {
-        *sum += weight * mean;
+    repeat::<C>(weights, repeated);
+    for ((sum, weight), mean) in sums.iter_mut().zip(repeated).zip(means) {
+        *sum += *weight * mean;
     }
 }
 
@@ -151,28 +163,35 @@ fn add_detail<S: Sample, const C: usize>(
     weights: &[f32],
     samples: &[S],
     means: &[f32],
+    repeated: &mut [f32; PART_SAMPLES],
 ) {
     for (total, weight) in totals.iter_mut().zip(weights) {
         *total += weight;
     }
-    let weights = repeated::<C>(weights);
-    for (((sum, weight), sample), mean) in sums.iter_mut().zip(&weights).zip(samples).zip(means) {
-        *sum += weight * (sample.value() - mean);
+    repeat::<C>(weights, repeated);
+    for (((sum, weight), sample), mean) in sums.iter_mut().zip(repeated).zip(samples).zip(means) {
+        *sum += *weight * (sample.value() - mean);
     }
 }
 
 #[inline(always)]
-fn finish_part<S: Sample, const C: usize>(base: (&[f32], &[f32]), detail: (&[f32], &[f32]), out: &mut [S]) -> usize {
+fn finish_part<S: Sample, const C: usize>(
+    base: (&[f32], &[f32]),
+    detail: (&[f32], &[f32]),
+    out: &mut [S],
+    [base_totals, detail_totals]: &mut [[f32; PART_SAMPLES]; 2],
+) -> usize {
     // up to one grey level of 8 bits beyond the range is no halo that anyone could see
     let level = S::DEPTH.max() / 255.0;
     let (low, high) = (-level, S::DEPTH.max() + level);
-    let totals = (repeated::<C>(base.1), repeated::<C>(detail.1));
+    repeat::<C>(base.1, base_totals);
+    repeat::<C>(detail.1, detail_totals);
     let mut values = [0.0f32; PART_SAMPLES];
-    let layers = base.0.iter().zip(&totals.0).zip(detail.0.iter().zip(&totals.1));
+    let layers = base.0.iter().zip(base_totals).zip(detail.0.iter().zip(detail_totals));
     let mut outside = false;
     for (value, ((base, base_total), (detail, detail_total))) in values.iter_mut().zip(layers) {
         // not a number where both are 0, which is neither below nor above anything and is rounded to 0
-        *value = base / base_total + detail / detail_total;
+        *value = base / *base_total + detail / *detail_total;
         outside |= (*value < low) | (*value > high);
     }
     for (out, value) in out.iter_mut().zip(values) {
