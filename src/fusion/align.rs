@@ -172,7 +172,8 @@ impl<S: Sample> Pass<'_, S> {
                 grey::luma_row(&warped[y * width * C..(y + 1) * width * C], C, out);
             };
             let band = self.winner.rows(band);
-            self.measure.rows((width, height), band.clone(), rows, luma_of, |y, values, saliency| {
+            let levels = self.observer.is_some();
+            self.measure.rows((width, height), band.clone(), rows, levels, luma_of, |y, values, saliency| {
                 self.winner.update(y, slice, values, covered, &supported);
                 let sure = supported.span(y);
                 if let Some(observer) = self.observer {

@@ -49,12 +49,13 @@ impl Measure {
     }
 
     /// The measure of `rows`, from the luma of rows; `emit(y, values, saliency)` gets what slices are compared by, and
-    /// the same in grey levels, as metrics want it.
+    /// the same in grey levels, as metrics want it, if they do (`levels`).
     pub fn rows(
         &self,
         size: (usize, usize),
         rows: Range<usize>,
         buffers: &mut Rows,
+        levels: bool,
         luma: impl Fn(usize, &mut [f32]),
         mut emit: impl FnMut(usize, &[f32], &[f32]),
     ) {
@@ -66,7 +67,9 @@ impl Measure {
                 let root = &mut buffers.root;
                 root.resize(size.0, 0.0);
                 energy.rows(size, rows, &mut buffers.energy, luma, |y, values| {
-                    root.iter_mut().zip(values).for_each(|(root, value)| *root = value.sqrt());
+                    if levels {
+                        root.iter_mut().zip(values).for_each(|(root, value)| *root = value.sqrt());
+                    }
                     emit(y, values, root);
                 });
             }

@@ -3,12 +3,13 @@
 use super::{labels::Labels, optics::Optics, pictures::Pictures, trust, veil::Veil};
 use crate::{
     fusion::{
-        Run, UNCOVERED,
+        Run,
         blend::{Blended, in_tiles},
     },
     imaging::{
         Rect, Sample,
         filter::focus::{FocusEnergy, Rows},
+        simd::{self, Avx2},
     },
     model::Stop,
 };
@@ -98,28 +99,35 @@ fn mixed<S: Sample, const C: usize>(veil: &Veil<'_, S, C>, rect: Rect) -> Result
         return Ok(pictures.samples(alone, rect)?.iter().map(|sample| sample.value()).collect());
     }
     let (mut values, mut weights) = (vec![0.0f32; pixels * C], vec![0.0f32; pixels]);
+    let (mut shares, simd) = (Vec::with_capacity(rect.width), Avx2::detect());
     for slice in (0..present.len()).filter(|&slice| present[slice]) {
         let counts = counts(veil, slice as u16, rect, window);
         let friends: Vec<bool> = (0..present.len()).map(|other| !optics.apart(slice, other)).collect();
         let samples = pictures.samples(slice, rect)?;
         for y in 0..rect.height {
             let covered = pictures.coverage(slice).span(rect.y + y);
-            let own = &labels.slice.row(rect.y + y)[rect.x..rect.x + rect.width];
-            let sure = &labels.sure.row(rect.y + y)[rect.x..rect.x + rect.width];
-            for x in covered.start.max(rect.x)..covered.end.min(rect.x + rect.width) {
-                let x = x - rect.x;
-                let at = y * rect.width + x;
-                let steady = if sure[x] || !optics.is_known() { 0 } else { WITHOUT_DETAIL };
-                let weight = counts[at] + steady;
-                if weight == 0 || own[x] == UNCOVERED || !friends[usize::from(own[x])] {
-                    continue;
-                }
-                let weight = f32::from(weight);
-                weights[at] += weight;
-                for (value, sample) in values[at * C..(at + 1) * C].iter_mut().zip(&samples[at * C..(at + 1) * C]) {
-                    *value += weight * sample.value();
-                }
+            let columns = covered.start.max(rect.x)..covered.end.min(rect.x + rect.width);
+            if columns.is_empty() {
+                continue;
             }
+            let line = y * rect.width + columns.start - rect.x..y * rect.width + columns.end - rect.x;
+            let own = &labels.slice.row(rect.y + y)[columns.clone()];
+            let sure = &labels.sure.row(rect.y + y)[columns];
+            let counts = &counts[line.clone()];
+            shares.clear();
+            shares.extend(own.iter().zip(sure).zip(counts).map(|((&own, &sure), &count)| {
+                // what no slice covers has no friends
+                let friend = friends.get(usize::from(own)).is_some_and(|&friend| friend);
+                let steady = if sure | !optics.is_known() { 0 } else { WITHOUT_DETAIL };
+                if friend { f32::from(count + steady) } else { 0.0 }
+            }));
+            let samples = &samples[line.start * C..line.end * C];
+            let (values, weights) = (&mut values[line.start * C..line.end * C], &mut weights[line]);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || add::<S, C>(&shares, samples, values, weights),
+            );
         }
     }
     for (pixel, &weight) in values.chunks_exact_mut(C).zip(&weights) {
@@ -127,6 +135,26 @@ fn mixed<S: Sample, const C: usize>(veil: &Veil<'_, S, C>, rect: Rect) -> Result
         pixel.iter_mut().for_each(|value| *value *= share);
     }
     Ok(values)
+}
+
+/// Adds samples, weighted, to the sums. Parts without any weight are left out.
+#[inline(always)]
+fn add<S: Sample, const C: usize>(shares: &[f32], samples: &[S], values: &mut [f32], weights: &mut [f32]) {
+    const PART: usize = 32;
+    let parts = shares.chunks(PART).zip(weights.chunks_mut(PART));
+    let pixels = samples.chunks(PART * C).zip(values.chunks_mut(PART * C));
+    for ((shares, weights), (samples, values)) in parts.zip(pixels) {
+        if shares.iter().fold(0, |bits, share| bits | share.to_bits()) == 0 {
+            continue;
+        }
+        weights.iter_mut().zip(shares).for_each(|(weight, share)| *weight += share);
+        let pixels = values.chunks_exact_mut(C).zip(samples.chunks_exact(C));
+        for (&share, (value, sample)) in shares.iter().zip(pixels) {
+            for c in 0..C {
+                value[c] += share * sample[c].value();
+            }
+        }
+    }
 }
 
 /// How many labels of the square around each pixel of `rect` are `slice`.

@@ -69,52 +69,108 @@ impl Disc {
         let (width, height) = (plane.width, plane.height);
         let reach = self.half_chords.len() / 2;
         let pad = reach + 2;
-        // sums of all pixels to the left, per row: every chord is the difference of two of them
         let length = width + 2 * pad + 1;
         let mut sums = vec![0.0f32; length * height];
-        for (row, sums) in plane.data.chunks_exact(width).zip(sums.chunks_exact_mut(length)) {
-            // about the row's first pixel, so that sums stay small
-            let base = row[0];
-            let mut sum = 0.0;
-            for (x, out) in sums[1..].iter_mut().enumerate() {
-                sum += row[x.saturating_sub(pad).min(width - 1)] - base;
-                *out = sum;
-            }
-        }
+        let lines = plane.data.chunks(SIDE_BY_SIDE * width).zip(sums.chunks_mut(SIDE_BY_SIDE * length));
+        lines.for_each(|(rows, sums)| sum_up(rows, width, pad, sums, length));
         let mut out = Plane::filled(width, height, 0.0f32);
+        let mut chords = Vec::with_capacity(self.half_chords.len());
         for y in 0..height {
-            let target = out.row_mut(y);
+            chords.clear();
+            let mut base = 0.0;
             for (k, &half) in self.half_chords.iter().enumerate() {
                 let source = (y + k).saturating_sub(reach).min(height - 1);
-                let base = plane.data[source * width];
                 let sums = &sums[source * length..(source + 1) * length];
+                // a chord begins as far before the middle of its pixel as it ends after it
                 let right = pad as f32 + 0.5 + half;
-                let (right, left) = (right, 2.0 * pad as f32 + 1.0 - right);
-                let taps = [right, left].map(|at| {
-                    let whole = at.floor();
-                    (&sums[whole as usize..][..width], &sums[whole as usize + 1..][..width], at - whole)
+                let last = right.floor() as usize;
+                let first = 2 * pad - last;
+                chords.push(Chord {
+                    inner: [&sums[first + 1..][..width], &sums[last..][..width]],
+                    outer: [&sums[first..][..width], &sums[last + 1..][..width]],
+                    share: right - right.floor(),
                 });
-                simd::run(
-                    self.simd,
-                    #[inline(always)]
-                    || add_chord(target, taps, 2.0 * half * base),
-                );
+                base += 2.0 * half * plane.data[source * width];
             }
-            target.iter_mut().for_each(|value| *value *= self.inverse_area);
+            let target = out.row_mut(y);
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || add_chords(&chords, base, self.inverse_area, target),
+            );
         }
         out
     }
 }
 
-#[inline(always)]
-fn add_chord(out: &mut [f32], [right, left]: [(&[f32], &[f32], f32); 2], base: f32) {
-    let count = out.len();
-    let (r0, r1, l0, l1) = (&right.0[..count], &right.1[..count], &left.0[..count], &left.1[..count]);
-    for x in 0..count {
-        let to = r0[x] + right.2 * (r1[x] - r0[x]);
-        let from = l0[x] + left.2 * (l1[x] - l0[x]);
-        out[x] += (to - from) + base;
+/// Rows that are summed up at the same time: each sum waits for the one before it, and meanwhile there is something to
+/// do.
+const SIDE_BY_SIDE: usize = 8;
+
+/// Sums of all pixels to the left, per row of `width` pixels: every chord is the difference of two of them. The border
+/// is repeated `pad` px far; a row of sums is one longer than that.
+fn sum_up(rows: &[f32], width: usize, pad: usize, sums: &mut [f32], length: usize) {
+    let count = rows.len() / width;
+    // about a row's first pixel, so that sums stay small
+    let (mut bases, mut running) = ([0.0f32; SIDE_BY_SIDE], [0.0f32; SIDE_BY_SIDE]);
+    for (base, row) in bases.iter_mut().zip(rows.chunks_exact(width)) {
+        *base = row[0];
     }
+    // the last rows may be fewer: the last of them then stands for the others
+    let row_of: [usize; SIDE_BY_SIDE] = std::array::from_fn(|i| i.min(count - 1));
+    let starts = row_of.map(|row| row * width);
+    let places = row_of.map(|row| row * length);
+    let bases = row_of.map(|row| bases[row]);
+    for x in 0..length - 1 {
+        let from = x.saturating_sub(pad).min(width - 1);
+        for i in 0..SIDE_BY_SIDE {
+            running[i] += rows[starts[i] + from] - bases[i];
+            sums[places[i] + x + 1] = running[i];
+        }
+    }
+}
+
+/// One row of pixels within a disc, as sums up to its first and up to its last border between pixels: those just within
+/// it and those just beyond it, of which the latter get `share`.
+struct Chord<'a> {
+    inner: [&'a [f32]; 2],
+    outer: [&'a [f32]; 2],
+    share: f32,
+}
+
+/// Pixels whose sums are held in registers.
+const PART: usize = 16;
+
+#[inline(always)]
+fn add_chords(chords: &[Chord<'_>], base: f32, share: f32, out: &mut [f32]) {
+    let count = out.len();
+    if count < PART {
+        for (x, out) in out.iter_mut().enumerate() {
+            [*out] = chords_of(chords, base, share, x);
+        }
+        return;
+    }
+    for x in (0..count).step_by(PART) {
+        // the last part begins within the one before it: rows are often short, and pixels one by one are slow
+        let x = x.min(count - PART);
+        out[x..x + PART].copy_from_slice(&chords_of::<PART>(chords, base, share, x));
+    }
+}
+
+/// The blurred pixels from `x` on.
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+fn chords_of<const N: usize>(chords: &[Chord<'_>], base: f32, share: f32, x: usize) -> [f32; N] {
+    let mut sums = [base; N];
+    for chord in chords {
+        let [i0, i1] = [&chord.inner[0][x..x + N], &chord.inner[1][x..x + N]];
+        let [o0, o1] = [&chord.outer[0][x..x + N], &chord.outer[1][x..x + N]];
+        for k in 0..N {
+            let (inner, outer) = (i1[k] - i0[k], o1[k] - o0[k]);
+            sums[k] += inner + chord.share * (outer - inner);
+        }
+    }
+    sums.map(|sum| sum * share)
 }
 
 /// Means of 2x2 pixels; a last odd row or column is repeated.

@@ -153,19 +153,47 @@ impl FocusEnergy {
         simd::run(
             self.simd,
             #[inline(always)]
-            || {
-                let count = out.len();
-                let taps = taps.map(|pair| pair.map(|row| &row[..count]));
-                for x in 0..count {
-                    let mut sum = half[0] * taps[0][0][x];
-                    for d in 1..N {
-                        sum += half[d] * (taps[d][0][x] + taps[d][1][x]);
-                    }
-                    out[x] = sum;
-                }
-            },
+            || weigh(half, taps, out),
         );
     }
+}
+
+/// Pixels whose sums are held in registers.
+const PART: usize = 16;
+
+/// Sums of rows in pairs. Part by part, so that nothing is written before all is read and the compiler need not prove
+/// that `out` is none of the many rows.
+#[inline(always)]
+fn weigh<const N: usize>(half: &[f32; N], taps: [[&[f32]; 2]; N], out: &mut [f32]) {
+    let (half, count) = (*half, out.len());
+    if count < PART {
+        for (x, out) in out.iter_mut().enumerate() {
+            [*out] = weigh_part(&half, &taps, x);
+        }
+        return;
+    }
+    for x in (0..count).step_by(PART) {
+        // the last part begins within the one before it: rows are often short, and pixels one by one are slow
+        let x = x.min(count - PART);
+        out[x..x + PART].copy_from_slice(&weigh_part::<N, PART>(&half, &taps, x));
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+fn weigh_part<const N: usize, const P: usize>(half: &[f32; N], taps: &[[&[f32]; 2]; N], x: usize) -> [f32; P] {
+    let middle = &taps[0][0][x..x + P];
+    let mut sums = [0.0; P];
+    for k in 0..P {
+        sums[k] = half[0] * middle[k];
+    }
+    for d in 1..N {
+        let (one, other) = (&taps[d][0][x..x + P], &taps[d][1][x..x + P]);
+        for k in 0..P {
+            sums[k] += half[d] * (one[k] + other[k]);
+        }
+    }
+    sums
 }
 
 /// Half of a normalised Gaussian kernel.
@@ -196,8 +224,14 @@ fn squared_laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
     };
     out[0] = value(0, 0, 1.min(width - 1));
     out[width - 1] = value(width - 1, width.saturating_sub(2), width - 1);
-    for (x, out) in out.iter_mut().enumerate().take(width - 1).skip(1) {
-        *out = value(x, x - 1, x + 1);
+    if width < 3 {
+        return;
+    }
+    let inner = out[1..width - 1].iter_mut().zip(&middle[..width - 2]).zip(&middle[2..]);
+    let columns = above[1..width - 1].iter().zip(&middle[1..width - 1]).zip(&below[1..width - 1]);
+    for (((out, left), right), ((above, here), below)) in inner.zip(columns) {
+        let laplacian = (above + below) + (left + right) - 4.0 * here;
+        *out = laplacian * laplacian;
     }
 }
 
