@@ -11,7 +11,7 @@ use crate::imaging::{
 /// Rows that are updated under one lock.
 pub(super) const BAND: usize = 128;
 
-/// Pixels that are looked through for ties before they are updated.
+/// Pixels that are looked through for ties at a time.
 const PART: usize = 256;
 
 /// Saliency of a slice where part of what the saliency looks at is not covered: below everything.
@@ -124,21 +124,18 @@ impl Winner {
     }
 }
 
-/// Enters saliencies if none of them equals the best so far; otherwise it changes nothing, and says `true`.
+/// Enters saliencies, and says whether any of them equalled the best so far: then it is still to be decided which slice
+/// comes first, which changes nothing where the slice was entered already.
 #[inline(always)]
 fn larger(slice: u16, saliency: &[f32], best: &mut [f32], winners: &mut [u16]) -> bool {
-    let mut ties = false;
-    for (saliency, best) in saliency.iter().zip(best.iter()) {
-        ties |= saliency == best;
+    let mut ties = 0u32;
+    for ((winner, best), &saliency) in winners.iter_mut().zip(best).zip(saliency) {
+        ties |= u32::from(saliency == *best);
+        let wins = saliency > *best;
+        *winner = if wins { slice } else { *winner };
+        *best = if wins { saliency } else { *best };
     }
-    if !ties {
-        for ((winner, best), &saliency) in winners.iter_mut().zip(best).zip(saliency) {
-            let wins = saliency > *best;
-            *winner = if wins { slice } else { *winner };
-            *best = if wins { saliency } else { *best };
-        }
-    }
-    ties
+    ties != 0
 }
 
 #[cfg(test)]

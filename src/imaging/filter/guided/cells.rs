@@ -210,13 +210,20 @@ impl Cells {
             let line = cells * taps.width..(cells + 1) * taps.width;
             let n = &mut n[line.clone()];
             n.fill(0);
+            let place = |k: usize| (taps.y + cells) * CELL + k;
+            let mut whole = [false; CELL];
             for (k, (grey, map_row)) in rows.grey.iter_mut().zip(&mut rows.map).enumerate() {
-                let y = (taps.y + cells) * CELL + k;
+                let y = place(k);
                 let there = width.min(guide.grey.width - start);
                 let span = match y < guide.grey.height {
                     true => clip(&guide.valid[y], start, there),
                     false => 0..0,
                 };
+                whole[k] = span == (0..width);
+                if whole[k] {
+                    n.iter_mut().for_each(|n| *n += CELL as u64);
+                    continue;
+                }
                 grey.clear();
                 grey.resize(span.start, 0);
                 map_row.clear();
@@ -233,8 +240,15 @@ impl Cells {
                 grey.resize(width, 0);
                 map_row.resize(width, false);
             }
-            let grey = rows.grey.each_ref().map(Vec::as_slice);
-            let map = rows.map.each_ref().map(Vec::as_slice);
+            let columns = start..start + width;
+            let grey = std::array::from_fn(|k| match whole[k] {
+                true => &guide.grey.row(place(k))[columns.clone()],
+                false => rows.grey[k].as_slice(),
+            });
+            let map = std::array::from_fn(|k| match whole[k] {
+                true => &map.row(place(k))[columns.clone()],
+                false => rows.map[k].as_slice(),
+            });
             let sums = [&mut i[line.clone()], &mut ip[line.clone()], &mut p[line.clone()], &mut ii[line]];
             simd::run(
                 *simd,

@@ -105,6 +105,8 @@ struct Counts {
     n: Vec<f64>,
     /// 1 / n, 0 where there is none.
     share: Vec<f64>,
+    /// Whether they are those of `columns`: most rows enter where others of the same span leave.
+    fresh: bool,
 }
 
 impl Narrow {
@@ -372,6 +374,7 @@ struct Part<'a> {
 impl Counts {
     fn start(&mut self, pad: Padding, width: usize) {
         self.whole_rows = None;
+        self.fresh = false;
         self.columns.clear();
         self.columns.resize(pad.length, 0);
         self.running.resize(pad.length + 1, 0);
@@ -394,6 +397,10 @@ impl Counts {
 
     /// Adds the valid columns of one row, and takes out those of another.
     fn exchange(&mut self, enters: Option<Range<usize>>, leaves: Option<Range<usize>>, pad: Padding) {
+        if enters == leaves {
+            return;
+        }
+        self.fresh = false;
         let columns = &mut self.columns[pad.left..];
         if let Some(span) = enters {
             columns[span].iter_mut().for_each(|count| *count += 1);
@@ -405,6 +412,10 @@ impl Counts {
 
     /// Works out `n` from the columns.
     fn window(&mut self, simd: Option<Avx2>, radius: usize) {
+        if self.fresh {
+            return;
+        }
+        self.fresh = true;
         simd::prefix_u32(simd, &self.columns, &mut self.running);
         let (starts, ends) = (&self.running, &self.running[2 * radius + 1..]);
         let (n, share) = (&mut self.n, &mut self.share);
