@@ -1,5 +1,7 @@
 //! What fusing a stack costs, stage by stage, beside what decoding its slices costs alone:
-//! `cargo bench --bench stack -- [--quick] [--slices N] [--threads N]`. `--quick` leaves out the large pictures.
+//! `cargo bench --bench stack -- [--quick | --large] [--only typical|dense|sixteen] [--slices N] [--threads N]
+//! [--no-enfuse]`. `--quick` leaves out the large pictures, `--large` the small ones. `METHOD=guided|pyramid|unveiled`
+//! in the environment says how slices are fused.
 //!
 //! Each row of the table is a process of its own, so that its peak of memory is its own. CPU time counts, not wall time,
 //! because others may be using the machine; the ratio to the decoder in the same run is the figure to watch. Files come
@@ -18,7 +20,10 @@ use std::{
 
 use pinstack::{
     archive::{ArchiveLimits, StackArchive, open, pack},
-    fusion::{Plan, Watch, fuse},
+    fusion::{
+        Plan, Watch, fuse,
+        mask::{MaskParams, cut_out},
+    },
     imaging::{
         Plane, Raster, Rect, Samples, Slices, codec,
         codec::Metadata,
@@ -28,7 +33,7 @@ use pinstack::{
     },
     model::{
         Cancelled, Control,
-        options::{GuidedParams, Method},
+        options::{GuidedParams, Method, StackOptions},
     },
     synth::{
         Light, Rig, Scene, Stage,
@@ -42,6 +47,7 @@ const ENFUSE: [&str; 5] =
 
 /// Rendered size, from which larger pictures are put together.
 const RENDERED: (usize, usize) = (1800, 1200);
+const LARGE: (usize, usize) = (6000, 4000);
 
 #[derive(Debug, Clone, Copy)]
 struct Case {
@@ -255,8 +261,17 @@ impl Control for Passes {
 }
 
 /// The stages that are measured, each in a process of its own.
-const STAGES: [&str; 7] =
-    ["decode only", "warp", "saliency", "first pass", "second pass", "whole", "PNG of the result"];
+const STAGES: [&str; 9] = [
+    "decode only",
+    "warp",
+    "saliency",
+    "first pass",
+    "second pass",
+    "whole",
+    "with metrics",
+    "back light",
+    "PNG of the result",
+];
 
 /// What the child does: one stage.
 fn stage(name: &str, case: Case, folder: &Path) -> Cost {
@@ -318,6 +333,19 @@ fn stage(name: &str, case: Case, folder: &Path) -> Cost {
                 });
             }
             watch.cost()
+        }
+        "with metrics" => {
+            let watch = Watch { metrics: true, object: None };
+            fuse(archive.front(), &plan, &watch, folder, &passes).expect("it can be fused");
+            since(started)
+        }
+        // what a back light costs beside the front: slices like those of the front, fused as a job does, and cut out
+        "back light" => {
+            let plan = Plan { method: Method::Guided, ..plan };
+            let back = fuse(archive.front(), &plan, &Watch::default(), folder, &passes).expect("it can be fused");
+            let params = MaskParams::from_options(&StackOptions::default(), case.width, case.height);
+            std::hint::black_box(cut_out(&back.image, &back.valid, &params));
+            since(started)
         }
         "PNG of the result" => {
             let image = fused(&passes).image;
@@ -439,11 +467,19 @@ fn main() {
     };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (slices, threads) = (number("--slices", 10), number("--threads", cores));
-    let sizes = if has("--quick") { vec![(1800, 1200)] } else { vec![(1800, 1200), (6000, 4000)] };
+    let only = arguments.iter().position(|word| word == "--only").and_then(|at| arguments.get(at + 1));
+    let sizes = match (has("--quick"), has("--large")) {
+        (true, _) => vec![RENDERED],
+        (_, true) => vec![LARGE],
+        _ => vec![RENDERED, LARGE],
+    };
 
     println!("{threads} threads; CPU and wall time in s, CPU time per pixel of all slices, peak memory in MB");
     for (width, height) in sizes {
-        for (dense, sixteen) in [(false, false), (true, false), (false, true)] {
+        for (kind, dense, sixteen) in [("typical", false, false), ("dense", true, false), ("sixteen", false, true)] {
+            if only.is_some_and(|only| only != kind) {
+                continue;
+            }
             let case = Case { dense, width, height, sixteen, slices };
             let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
             make(case, folder.path());
@@ -458,7 +494,9 @@ fn main() {
                 let decode = *decode.get_or_insert(cost);
                 line(name, cost, Some(decode), pixels);
             }
-            if let Some(cost) = enfuse(case, folder.path()) {
+            if !has("--no-enfuse")
+                && let Some(cost) = enfuse(case, folder.path())
+            {
                 line("enfuse", cost, decode, pixels);
             }
         }
