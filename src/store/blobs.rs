@@ -2,6 +2,7 @@
 //! never from a client's name.
 
 pub mod local;
+mod partial;
 
 use std::{
     path::{Path, PathBuf},
@@ -9,6 +10,7 @@ use std::{
 };
 
 use async_trait::async_trait;
+use bytes::Bytes;
 use uuid::Uuid;
 
 use super::StoreResult;
@@ -33,6 +35,27 @@ pub trait Blobs: Send + Sync + 'static {
     async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>>;
     /// Bytes that can still be written.
     async fn room(&self) -> StoreResult<u64>;
+
+    /// The file of an upload that arrives in pieces, for this caller alone until it is dropped, however the process ends.
+    /// `None` when somebody else has it, in this process or another.
+    async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>>;
+    /// Removes the file of an upload, if there is one.
+    async fn remove_partial(&self, id: Uuid) -> StoreResult<()>;
+    /// The uploads that have a file, or had one.
+    async fn partials(&self) -> StoreResult<Vec<Uuid>>;
+}
+
+/// The file of an upload that arrives in pieces.
+#[async_trait]
+pub trait Partial: Send {
+    /// Goes on behind the first `offset` bytes; what lies behind them goes. False when there are not so many.
+    async fn start_at(&mut self, offset: u64) -> StoreResult<bool>;
+    /// Writes what comes next.
+    async fn write(&mut self, bytes: Bytes) -> StoreResult<()>;
+    /// On return, what was written survives a crash.
+    async fn sync(&mut self) -> StoreResult<()>;
+    /// Where it lies: on the same file system as the spool folder, so that it can be published.
+    fn path(&self) -> &Path;
 }
 
 /// A job that has blobs.

@@ -5,6 +5,7 @@ pub(crate) mod blobs;
 pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod profiles;
+pub(crate) mod uploads;
 
 use std::{sync::Arc, time::Duration};
 

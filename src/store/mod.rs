@@ -9,11 +9,13 @@ pub mod clock;
 pub mod digest;
 pub mod sqlite;
 pub mod sweep;
+pub mod uploads;
 
 #[cfg(test)]
 pub(crate) mod conformance;
 
 pub use clock::{Clock, ManualClock, SystemClock};
+pub use uploads::UploadRows;
 
 use async_trait::async_trait;
 use jiff::Timestamp;
@@ -260,7 +262,7 @@ pub struct JobCounts {
 
 /// The rows. One narrow seam with one conformance suite that runs on every engine.
 #[async_trait]
-pub trait Rows: Send + Sync + 'static {
+pub trait Rows: UploadRows + Send + Sync + 'static {
     /// Stores the next revision of (rig, lens). Revision numbers are never used twice, even after a delete.
     async fn put_profile(
         &self,

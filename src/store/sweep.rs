@@ -1,7 +1,8 @@
 //! Clean-up: what no live row names goes, what one names stays.
 //!
 //! A job that failed or was cancelled keeps its upload (its row names it, and it tells why it failed) and loses its
-//! results; a running job keeps the results of its present lease; a job without a row loses everything.
+//! results; a running job keeps the results of its present lease; a job without a row loses everything. An upload that
+//! arrives in pieces keeps its bytes until its time is over.
 
 use std::time::Duration;
 
@@ -20,9 +21,11 @@ pub struct Swept {
     pub expired: usize,
     /// Jobs without a row whose blobs were removed.
     pub orphans: usize,
+    /// Uploads that nobody went on with.
+    pub given_up: usize,
 }
 
-/// Removes expired jobs, the blobs of jobs that have no row, and results that were never published.
+/// Removes expired jobs and uploads, the blobs of jobs that have no row, and results that were never published.
 ///
 /// # Errors
 /// When rows or blobs cannot be read or removed; what was done until then stays done, and the next sweep goes on.
@@ -32,7 +35,18 @@ pub async fn sweep(rows: &dyn Rows, blobs: &dyn Blobs, grace: Duration) -> Store
         blobs.delete_job(id).await?;
         swept.expired += 1;
     }
+    for id in rows.delete_expired_uploads().await? {
+        tidy_upload(rows, blobs, id).await?;
+        swept.given_up += 1;
+    }
+    for id in blobs.partials().await? {
+        tidy_upload(rows, blobs, id).await?;
+    }
     for job in blobs.jobs_with_blobs().await? {
+        if rows.upload_is_open(job.id).await? {
+            // all its bytes are here, and the job is about to be made
+            continue;
+        }
         if rows.blob_owner(job.id).await?.is_some() {
             tidy_job(rows, blobs, job.id).await?;
         } else if job.untouched_for >= grace {
@@ -41,6 +55,22 @@ pub async fn sweep(rows: &dyn Rows, blobs: &dyn Blobs, grace: Duration) -> Store
         }
     }
     Ok(swept)
+}
+
+/// Removes the bytes of an upload that is not open any more: its row comes before its bytes, so there is nothing to wait
+/// for. What a job was made of is the job's.
+///
+/// # Errors
+/// When rows or blobs cannot be read or removed.
+pub async fn tidy_upload(rows: &dyn Rows, blobs: &dyn Blobs, id: Uuid) -> StoreResult<()> {
+    if rows.upload_is_open(id).await? {
+        return Ok(());
+    }
+    blobs.remove_partial(id).await?;
+    if rows.blob_owner(id).await?.is_none() {
+        blobs.delete_job(id).await?;
+    }
+    Ok(())
 }
 
 /// Removes what the row of one job does not name any more: after its end, and after it was deleted. Not for a job

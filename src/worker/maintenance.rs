@@ -30,7 +30,9 @@ pub fn start(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, every: Duration) -> Mai
         loop {
             clock.tick().await;
             match sweep(&*rows, &*blobs, GRACE).await {
-                Ok(swept) => tracing::info!(expired = swept.expired, orphans = swept.orphans, "swept"),
+                Ok(swept) => {
+                    tracing::info!(expired = swept.expired, orphans = swept.orphans, given_up = swept.given_up, "swept")
+                }
                 Err(error) => tracing::error!(?error, "the sweep failed; the next one goes on"),
             }
         }

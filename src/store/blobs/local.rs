@@ -13,11 +13,16 @@ use anyhow::{Context, anyhow};
 use async_trait::async_trait;
 use uuid::Uuid;
 
-use super::{Blobs, JobBlobs};
+use super::{
+    Blobs, JobBlobs, Partial,
+    partial::{self, LocalPartial},
+};
 use crate::store::{StoreError, StoreResult};
 
 /// Folder of the uploads, one file per job.
 const UPLOADS: &str = "uploads";
+/// Folder of the uploads that arrive in pieces, one file and its lock per upload.
+const PARTIALS: &str = "partial";
 /// Folder of the results, one folder per job and in it one per lease.
 const RESULTS: &str = "results";
 
@@ -26,6 +31,7 @@ const RESULTS: &str = "results";
 pub struct LocalBlobs {
     root: PathBuf,
     spool: PathBuf,
+    partials: PathBuf,
     /// Held while this process lives; the kernel lets go of it however the process ends.
     _spool_lock: File,
 }
@@ -45,7 +51,8 @@ impl LocalBlobs {
     fn open_folders(data_dir: &Path) -> io::Result<Self> {
         let root = data_dir.join("blobs");
         let spools = data_dir.join("spool");
-        for folder in [&root.join(UPLOADS), &root.join(RESULTS), &spools] {
+        let partials = data_dir.join(PARTIALS);
+        for folder in [&root.join(UPLOADS), &root.join(RESULTS), &spools, &partials] {
             fs::create_dir_all(folder)?;
         }
         for folder in [&root, data_dir] {
@@ -60,7 +67,7 @@ impl LocalBlobs {
         spool_lock.lock()?;
         let spool = spools.join(name);
         fs::create_dir(&spool)?;
-        Ok(Self { root, spool, _spool_lock: spool_lock })
+        Ok(Self { root, spool, partials, _spool_lock: spool_lock })
     }
 
     /// Where a key lies. Keys are made by us; one that could leave the folder is refused all the same.
@@ -97,7 +104,7 @@ fn remove_dead_spools(spools: &Path) -> io::Result<()> {
 }
 
 /// Removes a file or a folder with all in it; one that is gone already is fine.
-fn remove(path: &Path) -> io::Result<()> {
+pub(super) fn remove(path: &Path) -> io::Result<()> {
     let removed = match fs::symlink_metadata(path) {
         Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
         Ok(_) => fs::remove_file(path),
@@ -110,11 +117,11 @@ fn remove(path: &Path) -> io::Result<()> {
 }
 
 /// Makes the names in a folder durable.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
-fn failed(error: io::Error, what: String) -> StoreError {
+pub(super) fn failed(error: io::Error, what: String) -> StoreError {
     match error.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StoreError::NoRoom(what),
         _ => StoreError::Other(anyhow::Error::new(error).context(what)),
@@ -143,7 +150,9 @@ fn make_and_rename(from: &Path, to: &Path, folder: &Path) -> io::Result<()> {
 }
 
 /// Runs file work off the async threads.
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> StoreResult<T> + Send + 'static) -> StoreResult<T> {
+pub(super) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> StoreResult<T> + Send + 'static,
+) -> StoreResult<T> {
     tokio::task::spawn_blocking(work).await.context("a file task died")?
 }
 
@@ -201,6 +210,24 @@ impl Blobs for LocalBlobs {
             Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
         })
         .await
+    }
+
+    async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>> {
+        let folder = self.partials.clone();
+        blocking(move || LocalPartial::hold(&folder, id).map_err(|e| failed(e, format!("cannot hold upload {id}"))))
+            .await
+            .map(|held| held.map(|partial| Box::new(partial) as Box<dyn Partial>))
+    }
+
+    async fn remove_partial(&self, id: Uuid) -> StoreResult<()> {
+        let folder = self.partials.clone();
+        blocking(move || partial::delete(&folder, id).map_err(|e| failed(e, format!("cannot remove upload {id}"))))
+            .await
+    }
+
+    async fn partials(&self) -> StoreResult<Vec<Uuid>> {
+        let folder = self.partials.clone();
+        blocking(move || partial::list(&folder).map_err(|e| failed(e, "cannot list the uploads".into()))).await
     }
 }
 

@@ -38,6 +38,8 @@ conforms!(
     no_key_leads_out_of_the_store,
     deleting_a_job_removes_its_blobs_and_no_others,
     only_results_of_older_leases_are_stale,
+    an_upload_in_pieces_is_held_by_one_at_a_time,
+    what_lies_behind_the_offset_goes_and_what_is_missing_is_told,
 );
 
 #[tokio::test]

@@ -131,3 +131,41 @@ pub(crate) async fn the_blobs_of_expired_and_deleted_jobs_go(store: Fresh, blobs
     assert_eq!(sweep(rows, blobs, GRACE).await.unwrap().expired, 1);
     assert!(blobs.jobs_with_blobs().await.unwrap().is_empty());
 }
+
+pub(crate) async fn an_upload_in_pieces_is_held_by_one_at_a_time(blobs: &dyn Blobs) {
+    let (id, other) = (Uuid::now_v7(), Uuid::now_v7());
+    let held = blobs.hold_partial(id).await.unwrap().expect("nobody has it");
+    assert!(blobs.hold_partial(id).await.unwrap().is_none());
+    assert!(blobs.hold_partial(other).await.unwrap().is_some(), "another upload is free");
+    drop(held);
+    assert!(blobs.hold_partial(id).await.unwrap().is_some(), "let go of, it is free again");
+    let mut listed = blobs.partials().await.unwrap();
+    listed.sort();
+    assert_eq!(listed, [id, other]);
+    for id in [id, other] {
+        blobs.remove_partial(id).await.unwrap();
+        blobs.remove_partial(id).await.unwrap();
+    }
+    assert!(blobs.partials().await.unwrap().is_empty());
+}
+
+pub(crate) async fn what_lies_behind_the_offset_goes_and_what_is_missing_is_told(blobs: &dyn Blobs) {
+    let id = Uuid::now_v7();
+    let mut partial = blobs.hold_partial(id).await.unwrap().expect("nobody has it");
+    assert!(partial.write("x".into()).await.is_err(), "it is not known where to begin");
+    assert!(!partial.start_at(4).await.unwrap(), "there are no 4 bytes");
+    assert!(partial.start_at(0).await.unwrap());
+    for piece in ["0123", "4567"] {
+        partial.write(piece.into()).await.unwrap();
+    }
+    partial.sync().await.unwrap();
+    assert!(!partial.start_at(9).await.unwrap(), "there are 8 bytes");
+    assert!(partial.start_at(6).await.unwrap());
+    partial.write("ab".into()).await.unwrap();
+    partial.sync().await.unwrap();
+    assert!(partial.start_at(7).await.unwrap());
+    blobs.publish(partial.path(), &upload_key(id)).await.unwrap();
+    let published = blobs.local_path(&upload_key(id)).await.unwrap().expect("it is published");
+    assert_eq!(std::fs::read(published).unwrap(), b"012345a");
+    assert!(!partial.start_at(7).await.unwrap(), "it is elsewhere now");
+}

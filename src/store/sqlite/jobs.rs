@@ -1,6 +1,6 @@
 //! Accepting jobs, and reading them.
 
-use sqlx::{Executor, Sqlite};
+use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
 use super::{
@@ -15,14 +15,29 @@ const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;
 
 pub(super) async fn enqueue(store: &SqliteRows, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
     let mut tx = store.write().await?;
+    let enqueued = insert(store, &mut tx, job, queue_limit).await?;
+    if let Enqueue::Accepted(_) = &enqueued {
+        tx.commit().await?;
+        store.changed(job.id);
+    }
+    Ok(enqueued)
+}
+
+/// Puts a job into the queue, as part of a transaction that the caller commits.
+pub(super) async fn insert(
+    store: &SqliteRows,
+    connection: &mut SqliteConnection,
+    job: &NewJob,
+    queue_limit: u64,
+) -> StoreResult<Enqueue> {
     if let Some((key, fingerprint)) = &job.idempotency
-        && let Some((first, its_fingerprint)) = by_idempotency_key(&mut *tx, key).await?
+        && let Some((first, its_fingerprint)) = by_idempotency_key(&mut *connection, key).await?
     {
         let same = its_fingerprint == *fingerprint;
         return Ok(if same { Enqueue::Repeated(Box::new(first)) } else { Enqueue::KeyReused });
     }
     let waiting: i64 =
-        sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *tx).await?;
+        sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *connection).await?;
     let waiting = u64::try_from(waiting).unwrap_or(0);
     if waiting >= queue_limit {
         return Ok(Enqueue::QueueFull { waiting });
@@ -45,10 +60,8 @@ pub(super) async fn enqueue(store: &SqliteRows, job: &NewJob, queue_limit: u64) 
     .bind(serde_json::to_string(&job.warnings)?)
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
-    .fetch_one(&mut *tx)
+    .fetch_one(&mut *connection)
     .await?;
-    tx.commit().await?;
-    store.changed(job.id);
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
 }
 
@@ -118,7 +131,7 @@ pub(super) async fn blob_owner(store: &SqliteRows, id: Uuid) -> StoreResult<Opti
     row.map(|(name, lease_token)| Ok((state(&name)?, lease_token))).transpose()
 }
 
-fn kind_name(kind: JobKind) -> &'static str {
+pub(super) fn kind_name(kind: JobKind) -> &'static str {
     match kind {
         JobKind::Stack => "stack",
         JobKind::Calibration => "calibration",

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use uuid::Uuid;
 
 use super::{Job, StoreError, StoreResult};
-use crate::model::{JobState, Name, Progress};
+use crate::model::{JobKind, JobState, Name, Progress};
 
 /// Every column of `jobs` that makes a [`Job`], under the column's name.
 #[derive(sqlx::FromRow)]
@@ -69,6 +69,14 @@ pub(super) fn name(text: String) -> StoreResult<Name> {
 
 pub(super) fn time(ms: i64) -> StoreResult<Timestamp> {
     Ok(Timestamp::from_millisecond(ms).context("a row holds a time that cannot be")?)
+}
+
+pub(super) fn kind(text: &str) -> StoreResult<JobKind> {
+    match text {
+        "stack" => Ok(JobKind::Stack),
+        "calibration" => Ok(JobKind::Calibration),
+        _ => Err(anyhow!("a row holds the unknown kind '{text}'").into()),
+    }
 }
 
 pub(super) fn state(text: &str) -> StoreResult<JobState> {

@@ -6,7 +6,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::store::{
-    ManualClock,
+    ManualClock, UploadRows,
     conformance::{self, Fresh},
 };
 
@@ -54,6 +54,15 @@ conforms!(jobs:
     a_deleted_job_is_gone_and_a_running_one_goes_with_its_worker,
     a_job_expires_only_after_its_days,
     every_visible_change_is_announced_and_counted,
+);
+
+conforms!(uploads:
+    an_upload_grows_only_from_where_it_is,
+    a_newer_wish_has_a_larger_number_and_is_announced,
+    a_whole_upload_becomes_one_job_and_a_torn_one_none,
+    a_refused_upload_becomes_no_job,
+    an_upload_goes_when_its_time_is_over_and_each_piece_gives_it_more,
+    only_open_uploads_are_counted,
 );
 
 conforms!(leases:
@@ -137,6 +146,17 @@ async fn a_revision_cannot_be_changed_even_by_sql() {
     assert!(sqlx::query("UPDATE revisions SET body = '{}'").execute(&rows.writer).await.is_err());
     assert!(sqlx::query("DELETE FROM revisions").execute(&rows.writer).await.is_err());
     assert_eq!(rows.profile(&put.rig, &put.lens, None).await.unwrap(), Some(put));
+}
+
+#[tokio::test]
+async fn an_offset_never_goes_back_even_by_sql() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let id = conformance::uploads::begun(&rows, 100).await;
+    assert!(rows.advance_upload(id, &conformance::uploads::advance(0, 60)).await.unwrap());
+    assert!(sqlx::query("UPDATE uploads SET received = 59").execute(&rows.writer).await.is_err());
+    assert!(sqlx::query("UPDATE uploads SET received = 101").execute(&rows.writer).await.is_err());
+    assert_eq!(rows.upload(id).await.unwrap().unwrap().offset, 60);
 }
 
 #[tokio::test]

@@ -1,0 +1,216 @@
+//! Uploads that arrive in pieces.
+
+use std::time::Duration;
+
+use async_trait::async_trait;
+use uuid::Uuid;
+
+use super::{
+    Enqueue, NewJob, SqliteRows, StoreError, StoreResult, jobs,
+    row::{JobRow, kind, time},
+};
+use crate::{
+    model::Fault,
+    store::uploads::{Advance, NewUpload, PartialUpload, UploadRows, UploadState},
+};
+
+/// A row of `uploads`.
+#[derive(sqlx::FromRow)]
+struct UploadRow {
+    id: Uuid,
+    length: i64,
+    received: i64,
+    digest: Vec<u8>,
+    metadata: String,
+    job_kind: Option<String>,
+    fault: Option<String>,
+    wanted: i64,
+    created_at: i64,
+    expires_at: i64,
+}
+
+impl TryFrom<UploadRow> for PartialUpload {
+    type Error = StoreError;
+
+    fn try_from(row: UploadRow) -> StoreResult<Self> {
+        let state = match (row.job_kind, row.fault) {
+            (Some(name), _) => UploadState::Complete(kind(&name)?),
+            (None, Some(fault)) => UploadState::Refused(serde_json::from_str(&fault)?),
+            (None, None) => UploadState::Receiving,
+        };
+        Ok(Self {
+            id: row.id,
+            length: unsigned(row.length),
+            offset: unsigned(row.received),
+            digest: row.digest,
+            metadata: row.metadata,
+            state,
+            wanted: row.wanted,
+            created_at: time(row.created_at)?,
+            expires_at: time(row.expires_at)?,
+        })
+    }
+}
+
+#[async_trait]
+impl UploadRows for SqliteRows {
+    async fn create_upload(&self, upload: &NewUpload, limit: u64) -> StoreResult<Option<PartialUpload>> {
+        let now = self.clock.now_ms();
+        let mut tx = self.write().await?;
+        let open: i64 = sqlx::query_scalar(
+            "SELECT count(*) FROM uploads WHERE job_kind IS NULL AND fault IS NULL AND expires_at > ?1",
+        )
+        .bind(now)
+        .fetch_one(&mut *tx)
+        .await?;
+        if unsigned(open) >= limit {
+            return Ok(None);
+        }
+        let row: UploadRow = sqlx::query_as(
+            "INSERT INTO uploads (id, length, received, digest, metadata, wanted, created_at, expires_at)
+             VALUES (?1, ?2, 0, ?3, ?4, 0, ?5, ?6)
+             RETURNING *",
+        )
+        .bind(upload.id)
+        .bind(signed(upload.length))
+        .bind(&upload.digest)
+        .bind(&upload.metadata)
+        .bind(now)
+        .bind(after(now, upload.keep))
+        .fetch_one(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        Ok(Some(row.try_into()?))
+    }
+
+    async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>> {
+        let row: Option<UploadRow> = sqlx::query_as("SELECT * FROM uploads WHERE id = ?1 AND expires_at > ?2")
+            .bind(id)
+            .bind(self.clock.now_ms())
+            .fetch_optional(&self.readers)
+            .await?;
+        row.map(PartialUpload::try_from).transpose()
+    }
+
+    async fn want_upload(&self, id: Uuid) -> StoreResult<Option<i64>> {
+        let mut tx = self.write().await?;
+        let wanted: Option<i64> = sqlx::query_scalar(
+            "UPDATE uploads SET wanted = wanted + 1 WHERE id = ?1 AND expires_at > ?2 RETURNING wanted",
+        )
+        .bind(id)
+        .bind(self.clock.now_ms())
+        .fetch_optional(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        self.changed(id);
+        Ok(wanted)
+    }
+
+    async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let advanced = sqlx::query(
+            "UPDATE uploads SET received = ?3, digest = ?4, expires_at = ?5
+             WHERE id = ?1 AND received = ?2 AND job_kind IS NULL AND fault IS NULL",
+        )
+        .bind(id)
+        .bind(signed(advance.from))
+        .bind(signed(advance.to))
+        .bind(&advance.digest)
+        .bind(after(self.clock.now_ms(), advance.keep))
+        .execute(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        Ok(advanced.rows_affected() == 1)
+    }
+
+    async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>> {
+        let mut tx = self.write().await?;
+        let made: Option<(Option<String>, Option<String>)> =
+            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = ?1 AND received = length")
+                .bind(job.id)
+                .fetch_optional(&mut *tx)
+                .await?;
+        match made {
+            None | Some((_, Some(_))) => return Ok(None),
+            Some((Some(_), None)) => {
+                let row: Option<JobRow> =
+                    sqlx::query_as("SELECT * FROM jobs WHERE id = ?1").bind(job.id).fetch_optional(&mut *tx).await?;
+                let job = row.map(TryInto::try_into).transpose()?;
+                return Ok(job.map(|job| Enqueue::Repeated(Box::new(job))));
+            }
+            Some((None, None)) => {}
+        }
+        let enqueued = jobs::insert(self, &mut tx, job, queue_limit).await?;
+        if let Enqueue::Accepted(_) = &enqueued {
+            sqlx::query("UPDATE uploads SET job_kind = ?2 WHERE id = ?1")
+                .bind(job.id)
+                .bind(jobs::kind_name(job.request.kind()))
+                .execute(&mut *tx)
+                .await?;
+            tx.commit().await?;
+            self.changed(job.id);
+        }
+        Ok(Some(enqueued))
+    }
+
+    async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let refused = sqlx::query("UPDATE uploads SET fault = ?2 WHERE id = ?1 AND job_kind IS NULL")
+            .bind(id)
+            .bind(serde_json::to_string(fault)?)
+            .execute(&mut *tx)
+            .await?;
+        tx.commit().await?;
+        Ok(refused.rows_affected() == 1)
+    }
+
+    async fn delete_upload(&self, id: Uuid) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let deleted = sqlx::query("DELETE FROM uploads WHERE id = ?1").bind(id).execute(&mut *tx).await?;
+        tx.commit().await?;
+        self.changed(id);
+        Ok(deleted.rows_affected() == 1)
+    }
+
+    async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>> {
+        let mut tx = self.write().await?;
+        let gone: Vec<Uuid> = sqlx::query_scalar("DELETE FROM uploads WHERE expires_at <= ?1 RETURNING id")
+            .bind(self.clock.now_ms())
+            .fetch_all(&mut *tx)
+            .await?;
+        tx.commit().await?;
+        Ok(gone)
+    }
+
+    async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool> {
+        let open: Option<i64> =
+            sqlx::query_scalar("SELECT 1 FROM uploads WHERE id = ?1 AND job_kind IS NULL AND fault IS NULL")
+                .bind(id)
+                .fetch_optional(&self.readers)
+                .await?;
+        Ok(open.is_some())
+    }
+
+    async fn awaited_bytes(&self) -> StoreResult<u64> {
+        let bytes: i64 = sqlx::query_scalar(
+            "SELECT COALESCE(SUM(length - received), 0) FROM uploads
+             WHERE job_kind IS NULL AND fault IS NULL AND expires_at > ?1",
+        )
+        .bind(self.clock.now_ms())
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(unsigned(bytes))
+    }
+}
+
+fn signed(bytes: u64) -> i64 {
+    i64::try_from(bytes).unwrap_or(i64::MAX)
+}
+
+fn unsigned(number: i64) -> u64 {
+    u64::try_from(number).unwrap_or(0)
+}
+
+fn after(now_ms: i64, time: Duration) -> i64 {
+    now_ms.saturating_add(i64::try_from(time.as_millis()).unwrap_or(i64::MAX))
+}
