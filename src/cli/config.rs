@@ -45,6 +45,8 @@ pub struct ServeConfig {
     pub min_free_bytes: u64,
     /// An upload that sends nothing for this long is given up, seconds.
     pub body_idle_timeout_s: u64,
+    /// A resumable upload waits for its next piece so long, seconds.
+    pub upload_keep_s: u64,
     /// Log filter: `info`, `debug`, `pinstack=debug,info`, ...
     pub log: String,
     /// How the log is written.
@@ -76,7 +78,7 @@ pub struct Flags {
     #[arg(long, value_name = "MIB")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory_mb: Option<u64>,
-    /// Largest upload [default: 20 GiB] [env: PINSTACK_MAX_UPLOAD_BYTES]
+    /// Largest upload [default: 64 GiB] [env: PINSTACK_MAX_UPLOAD_BYTES]
     #[arg(long, value_name = "BYTES")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_upload_bytes: Option<u64>,
@@ -92,6 +94,10 @@ pub struct Flags {
     #[arg(long, value_name = "SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub body_idle_timeout_s: Option<u64>,
+    /// A resumable upload waits for its next piece so long [default: 86400] [env: PINSTACK_UPLOAD_KEEP_S]
+    #[arg(long, value_name = "SECONDS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub upload_keep_s: Option<u64>,
     /// Log filter [default: info] [env: PINSTACK_LOG]
     #[arg(long, value_name = "FILTER")]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -118,6 +124,7 @@ impl Default for ServeConfig {
             queue_limit: policy.queue_limit,
             min_free_bytes: policy.min_free_bytes,
             body_idle_timeout_s: policy.body_idle_timeout.as_secs(),
+            upload_keep_s: policy.upload_keep.as_secs(),
             log: "info".to_owned(),
             log_format: LogFormat::Text,
             port_file: None,
@@ -126,7 +133,7 @@ impl Default for ServeConfig {
 }
 
 /// Names of the settings, as the file spells them.
-const KEYS: [&str; 11] = [
+const KEYS: [&str; 12] = [
     "listen",
     "data_dir",
     "workers",
@@ -135,6 +142,7 @@ const KEYS: [&str; 11] = [
     "queue_limit",
     "min_free_bytes",
     "body_idle_timeout_s",
+    "upload_keep_s",
     "log",
     "log_format",
     "port_file",
@@ -174,6 +182,7 @@ impl ServeConfig {
             ("max_upload_bytes", self.max_upload_bytes >= 1024, "must be at least 1024"),
             ("queue_limit", self.queue_limit >= 1, "must be at least 1"),
             ("body_idle_timeout_s", (1..=86_400).contains(&self.body_idle_timeout_s), "must be 1 to 86400"),
+            ("upload_keep_s", (60..=31_536_000).contains(&self.upload_keep_s), "must be 60 to 31536000"),
         ];
         for (key, holds, rule) in rules {
             if !holds {

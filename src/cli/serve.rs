@@ -106,6 +106,7 @@ fn policy(config: &ServeConfig) -> Policy {
         queue_limit: config.queue_limit,
         min_free_bytes: config.min_free_bytes,
         body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
+        upload_keep: Duration::from_secs(config.upload_keep_s),
         workers: config.workers,
         ..Policy::default()
     }

@@ -13,6 +13,7 @@ pub mod serve;
 pub mod stacks;
 pub mod state;
 pub mod system;
+pub mod uploads;
 pub mod views;
 pub mod watch;
 

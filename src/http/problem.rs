@@ -64,6 +64,7 @@ impl From<Fault> for ApiError {
         let mut headers = HeaderMap::new();
         match fault.code {
             Code::QueueFull => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("30")),
+            Code::Locked => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1")),
             Code::Unavailable => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("5")),
             Code::Unauthorized => _ = headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer")),
             _ => {}
@@ -141,6 +142,8 @@ pub fn status(code: Code) -> StatusCode {
         Code::PreconditionFailed => StatusCode::PRECONDITION_FAILED,
         Code::UploadTooLarge => StatusCode::PAYLOAD_TOO_LARGE,
         Code::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+        Code::Locked => StatusCode::LOCKED,
+        Code::ChecksumMismatch => checksum_mismatch(),
         Code::RangeNotSatisfiable => StatusCode::RANGE_NOT_SATISFIABLE,
         Code::IdempotencyKeyReused
         | Code::InvalidArchive
@@ -156,6 +159,11 @@ pub fn status(code: Code) -> StatusCode {
         Code::InsufficientStorage => StatusCode::INSUFFICIENT_STORAGE,
         Code::WorkerLost | Code::Internal => StatusCode::INTERNAL_SERVER_ERROR,
     }
+}
+
+/// tus has a status of its own for a wrong checksum.
+fn checksum_mismatch() -> StatusCode {
+    StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST)
 }
 
 /// The code that fits a bare status, for answers that libraries make without asking us.
@@ -191,6 +199,8 @@ pub fn title(code: Code) -> &'static str {
         Code::RangeNotSatisfiable => "The range lies outside the file",
         Code::UploadTooLarge => "The upload is too large",
         Code::UploadIncomplete => "The upload did not arrive whole",
+        Code::ChecksumMismatch => "The bytes are not those that were promised",
+        Code::Locked => "Another request holds it",
         Code::InsufficientStorage => "No room left",
         Code::QueueFull => "The queue is full",
         Code::InvalidArchive => "The archive is not valid",

@@ -1,6 +1,11 @@
 //! The table of contents: every URL of the service.
 
-use axum::{Router, extract::DefaultBodyLimit, middleware::from_fn, routing::put};
+use axum::{
+    Router,
+    extract::DefaultBodyLimit,
+    middleware::from_fn,
+    routing::{post, put},
+};
 use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::OpenApi;
 use utoipa_axum::{router::OpenApiRouter, routes};
@@ -10,7 +15,7 @@ use super::{
     middleware::{observe, problems, request_id, security},
     profiles, stacks,
     state::App,
-    system,
+    system, uploads,
 };
 
 /// Every documented URL.
@@ -43,7 +48,10 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::artifacts::depth))
         .routes(routes!(stacks::artifacts::preview))
         .routes(routes!(stacks::cancel::cancel))
-        // uploads (tus), scans, poses, optics, targets: their places
+        // uploads in pieces (tus)
+        .routes(routes!(uploads::create::create, uploads::options::options))
+        .routes(routes!(uploads::get::get, uploads::head::head, uploads::patch::patch, uploads::delete::delete))
+        // scans, poses, optics, targets: their places
         // the service about itself
         .routes(routes!(system::healthz::healthz))
         .routes(routes!(system::readyz::readyz))
@@ -60,12 +68,15 @@ pub fn service(app: App) -> Router {
         .route("/v1/stacks", put(stacks::create::create))
         .route("/v1/profiles/{rig}/{lens}/calibrations", put(calibrations::create::create))
         .route("/v1/profiles/{rig}/{lens}/import", put(profiles::import::import))
+        // tus, where only GET and POST get through
+        .route("/v1/uploads/{id}", post(uploads::patch::overridden).options(uploads::options::options))
         .merge(system::docs::routes())
         // uploads count their bytes themselves, JSON bodies have their own limit
         .layer(DefaultBodyLimit::disable())
         .layer(CatchPanicLayer::custom(problems::from_panic))
         .layer(from_fn(problems::complete))
         .layer(from_fn(security::headers))
+        .layer(from_fn(uploads::protocol::name_version))
         .layer(from_fn(observe::requests))
         .layer(from_fn(request_id::keep_or_make))
         .with_state(app)

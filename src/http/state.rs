@@ -29,6 +29,8 @@ pub struct Policy {
     pub min_free_bytes: u64,
     /// An upload that sends nothing for this long is given up.
     pub body_idle_timeout: Duration,
+    /// An upload that arrives in pieces waits so long for its next one.
+    pub upload_keep: Duration,
     /// How often waiting requests look at the rows by themselves: other processes may change them too.
     pub poll_interval: Duration,
     /// Worker threads of this process, for `/v1/info`.
@@ -38,11 +40,12 @@ pub struct Policy {
 impl Default for Policy {
     fn default() -> Self {
         Self {
-            max_upload_bytes: 20 << 30,
+            max_upload_bytes: 64 << 30,
             archive: ArchiveLimits::default(),
             queue_limit: 1000,
             min_free_bytes: 512 << 20,
             body_idle_timeout: Duration::from_secs(60),
+            upload_keep: Duration::from_secs(24 * 60 * 60),
             poll_interval: Duration::from_secs(1),
             workers: 0,
         }

@@ -38,6 +38,10 @@ pub enum Code {
     UploadTooLarge,
     /// The body ended early or stopped coming.
     UploadIncomplete,
+    /// The bytes of a request are not those of its `Upload-Checksum`.
+    ChecksumMismatch,
+    /// Another request holds the upload and does not let go.
+    Locked,
     /// No room on the disk or in the quota.
     InsufficientStorage,
     /// Too many jobs wait already.

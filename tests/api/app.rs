@@ -157,6 +157,12 @@ impl TestApp {
         Artifact { name: name.into(), key, media_type: "image/png".into(), bytes: bytes.len() as u64, sha256 }
     }
 
+    /// Bytes that the file of an upload has, safe or not; 0 without one.
+    pub fn partial_bytes(&self, id: Uuid) -> u64 {
+        let path = self.data.path().join("partial").join(format!("{id}.part"));
+        path.metadata().map(|m| m.len()).unwrap_or(0)
+    }
+
     /// Files in the spool folder.
     pub fn spooled(&self) -> usize {
         std::fs::read_dir(self.blobs.spool_dir()).expect("the spool can be read").count()

@@ -12,4 +12,5 @@ mod profiles_elsewhere;
 mod reports;
 mod results;
 mod service;
+mod uploads;
 mod watching;

@@ -8,4 +8,4 @@ pub mod path;
 pub mod prefer;
 
 pub use page::PageQuery;
-pub use path::{JobId, ProfileKey};
+pub use path::{JobId, ProfileKey, UploadId};

@@ -48,6 +48,23 @@ impl<S: Send + Sync> FromRequestParts<S> for JobId {
     }
 }
 
+/// `{id}` of an upload.
+#[derive(Debug, Clone, Copy)]
+pub struct UploadId(pub Uuid);
+
+impl<S: Send + Sync> FromRequestParts<S> for UploadId {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let segments = segments(parts, state).await?;
+        let text = segments.get("id").map(String::as_str).unwrap_or_default();
+        match Uuid::parse_str(text) {
+            Ok(id) => Ok(Self(id)),
+            Err(_) => Err(ApiError::new(Code::NotFound, format!("there is no upload '{}'", shortened(text)))),
+        }
+    }
+}
+
 async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<HashMap<String, String>, ApiError> {
     match Path::from_request_parts(parts, state).await {
         Ok(Path(segments)) => Ok(segments),

@@ -1,5 +1,7 @@
 //! From a whole file on the disk to a job.
 
+use std::path::PathBuf;
+
 use axum::{
     Json,
     http::{HeaderMap, HeaderValue, StatusCode, header},
@@ -66,7 +68,7 @@ async fn accept<O: Order>(app: App, order: O, file: Spooled, key: Option<String>
     {
         return Ok(Accepted { job, replayed: true });
     }
-    let (file, layout, mut warnings) = look_into(&app, file).await?;
+    let (layout, mut warnings) = look_into(&app, file.path().to_owned()).await?;
     warnings.extend(order.check(&layout)?);
 
     let id = Uuid::now_v7();
@@ -97,11 +99,15 @@ async fn accept<O: Order>(app: App, order: O, file: Spooled, key: Option<String>
     outcome
 }
 
-async fn look_into(app: &App, file: Spooled) -> ApiResult<(Spooled, StackLayout, Vec<Warning>)> {
+/// What the directory of a zip and the headers of its pictures tell.
+///
+/// # Errors
+/// Whatever is wrong with them.
+pub async fn look_into(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let limits = app.policy.archive;
     let looked = tokio::task::spawn_blocking(move || -> Result<_, Fault> {
-        let archive = archive::open(file.path(), &limits)?;
-        Ok((file, archive.layout().clone(), archive.warnings().to_vec()))
+        let archive = archive::open(&file, &limits)?;
+        Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });
     Ok(looked.await.map_err(ApiError::internal)??)
 }

@@ -41,7 +41,8 @@ pub async fn admit(app: &App, headers: &HeaderMap, max_bytes: u64, is_repeat: bo
 /// `insufficient_storage` with figures.
 pub async fn require_room(app: &App, bytes: u64) -> ApiResult<()> {
     let room = app.blobs.room().await?;
-    let (promised, reserve) = (app.promised_bytes(), app.policy.min_free_bytes);
+    let promised = app.promised_bytes().saturating_add(app.rows.awaited_bytes().await?);
+    let reserve = app.policy.min_free_bytes;
     if room >= bytes.saturating_add(promised).saturating_add(reserve) {
         return Ok(());
     }

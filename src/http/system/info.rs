@@ -45,6 +45,8 @@ pub struct LimitsInfo {
     queue_limit: u64,
     /// An upload that sends nothing for this long is given up, seconds.
     body_idle_timeout_s: f64,
+    /// A resumable upload waits for its next piece so long, seconds.
+    upload_keep_s: u64,
     /// Longest `Prefer: wait`, seconds.
     max_wait_s: u64,
 }
@@ -53,7 +55,7 @@ pub struct LimitsInfo {
 #[derive(Serialize, ToSchema)]
 pub struct FormatsInfo {
     /// Kinds of upload.
-    uploads: [&'static str; 2],
+    uploads: [&'static str; 3],
     /// Kinds of slice.
     slices: [&'static str; 3],
     /// Bits per sample of a slice.
@@ -79,10 +81,11 @@ pub async fn info(State(app): State<App>) -> Json<Info> {
             max_pixels: archive.image.max_pixels,
             queue_limit: policy.queue_limit,
             body_idle_timeout_s: policy.body_idle_timeout.as_secs_f64(),
+            upload_keep_s: policy.upload_keep.as_secs(),
             max_wait_s: MAX_WAIT_S,
         },
         formats: FormatsInfo {
-            uploads: ["application/zip", "multipart/form-data"],
+            uploads: ["application/zip", "multipart/form-data", "application/offset+octet-stream"],
             slices: ["image/jpeg", "image/png", "image/tiff"],
             bit_depths: [8, 16],
             images: ["image/png", "image/tiff"],

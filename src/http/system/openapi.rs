@@ -28,6 +28,7 @@ use crate::{
         (name = "profiles", description = "One homography and one gain per slice, by rig and lens"),
         (name = "calibrations", description = "Profiles measured from a dot-target stack"),
         (name = "stacks", description = "Focus stacks, fused and masked"),
+        (name = "uploads", description = "Stacks and dot targets sent in pieces: tus 1.0.0"),
         (name = "service", description = "The service about itself"),
     ),
     components(schemas(Problem, Code, FaultPlace))

@@ -1,0 +1,128 @@
+//! `POST /v1/uploads`
+
+use axum::{
+    body::Body,
+    extract::State,
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    response::{IntoResponse, Response},
+};
+use uuid::Uuid;
+
+use super::{
+    checksum::Checksum,
+    digest::RunningDigest,
+    metadata::Metadata,
+    patch::receive_piece,
+    protocol::{UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, bytes, is_piece, require_version, tell, url},
+    receive::require_fit,
+};
+use crate::{
+    http::{
+        calibrations::order::CalibrationOrder,
+        intake::{
+            admission::{queue_full, require_room},
+            body::too_large,
+            order::Order,
+        },
+        problem::{ApiError, ApiResult},
+        stacks::order::StackOrder,
+        state::App,
+    },
+    model::{Code, JobKind},
+    store::uploads::{NewUpload, PartialUpload},
+};
+
+/// Begin a resumable upload
+///
+/// tus 1.0.0: creation, and creation with upload when the body is a piece. `Upload-Metadata` says what it is for: `rig`, `lens`,
+/// `options` (JSON, as of a form), `filename`, and `purpose calibration` for a dot target. Everything that can be known
+/// is checked now: names, options, profile, length, room, queue.
+#[utoipa::path(
+    post,
+    path = "/v1/uploads",
+    tag = "uploads",
+    params(
+        ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
+        ("Upload-Length" = u64, Header, description = "Bytes of the zip"),
+        ("Upload-Metadata" = Option<String>, Header, description = "`name base64,name base64`: rig, lens, options, filename, purpose"),
+        ("Upload-Checksum" = Option<String>, Header, description = "`sha1` or `sha256` and the checksum of the body in base64"),
+    ),
+    request_body(description = "Nothing, or the first piece", content((Vec<u8> = "application/offset+octet-stream"))),
+    responses(
+        (status = 201, description = "It has begun", headers(
+            ("Location" = String, description = "The upload"),
+            ("Upload-Offset" = u64, description = "Bytes on stable storage"),
+            ("Upload-Expires" = String, description = "When it goes unless something comes before"),
+            ("Pinstack-Job" = String, description = "The job, when the body was the whole zip"))),
+        (status = 400, description = "`invalid_request`: a header, name or option that breaks its rule; `upload_incomplete`: the body broke off (what arrived is kept)"),
+        (status = 404, description = "`profile_not_found`"),
+        (status = 412, description = "`precondition_failed`: another version of tus"),
+        (status = 413, description = "`upload_too_large`"),
+        (status = 415, description = "`unsupported_media_type`: a body that is no piece"),
+        (status = 422, description = "The body was the whole zip and is refused as at `POST /v1/stacks`"),
+        (status = 460, description = "`checksum_mismatch`: none of the body was kept"),
+        (status = 503, description = "`queue_full`: too many jobs wait, or too many uploads are open"),
+        (status = 507, description = "`insufficient_storage`, with figures"),
+    )
+)]
+pub async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> ApiResult<Response> {
+    require_version(&headers)?;
+    let checksum = Checksum::of_request(&headers)?;
+    let brings_piece = is_piece(&headers);
+    if !brings_piece && has_body(&headers) {
+        let detail = "the body of a new upload must be a piece: application/offset+octet-stream, or nothing";
+        return Err(ApiError::new(Code::UnsupportedMediaType, detail));
+    }
+    let mut upload = begin(&app, &headers).await?;
+    if brings_piece {
+        require_fit(&headers, 0, upload.length)?;
+        upload = receive_piece(&app, &headers, upload.id, body, 0, checksum).await?;
+    }
+    let mut response = StatusCode::CREATED.into_response();
+    tell(response.headers_mut(), &upload);
+    if let Ok(location) = HeaderValue::from_str(&url(upload.id)) {
+        response.headers_mut().insert(header::LOCATION, location);
+    }
+    Ok(response)
+}
+
+async fn begin(app: &App, headers: &HeaderMap) -> ApiResult<PartialUpload> {
+    if headers.contains_key(UPLOAD_DEFER_LENGTH) {
+        let detail = "Upload-Defer-Length is not supported: say Upload-Length, the size of the zip";
+        return Err(ApiError::new(Code::InvalidRequest, detail));
+    }
+    let length = bytes(headers, &UPLOAD_LENGTH)?;
+    if length == 0 {
+        return Err(ApiError::new(Code::InvalidRequest, "Upload-Length is 0; an empty file is no zip"));
+    }
+    if length > app.policy.max_upload_bytes {
+        return Err(too_large(app.policy.max_upload_bytes).into());
+    }
+    let (text, metadata) = Metadata::of_request(headers)?;
+    match metadata.purpose()? {
+        JobKind::Stack => _ = StackOrder::read(app, &metadata.fields()).await?,
+        JobKind::Calibration => _ = CalibrationOrder::read(app, &metadata.fields()).await?,
+    }
+    require_room(app, length).await?;
+    let waiting = app.rows.counts().await?.queued;
+    if waiting >= app.policy.queue_limit {
+        return Err(queue_full(waiting));
+    }
+    let new = NewUpload {
+        id: Uuid::now_v7(),
+        length,
+        digest: RunningDigest::default().state(),
+        metadata: text,
+        keep: app.policy.upload_keep,
+    };
+    app.rows.create_upload(&new, app.policy.queue_limit).await?.ok_or_else(|| {
+        let detail =
+            format!("{} uploads are open already; end or finish some, or try again later", app.policy.queue_limit);
+        ApiError::new(Code::QueueFull, detail)
+    })
+}
+
+fn has_body(headers: &HeaderMap) -> bool {
+    let is_empty = headers.get(header::CONTENT_LENGTH).is_none_or(|length| length == "0");
+    !is_empty || headers.contains_key(header::TRANSFER_ENCODING)
+}

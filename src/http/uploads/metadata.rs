@@ -1,0 +1,117 @@
+//! `Upload-Metadata`: what a client says about its upload.
+
+use std::collections::BTreeMap;
+
+use axum::http::HeaderMap;
+use base64::{Engine, prelude::BASE64_STANDARD};
+
+use super::protocol::UPLOAD_METADATA;
+use crate::{
+    http::{
+        intake::{filename, order::Fields},
+        problem::{ApiError, ApiResult},
+    },
+    model::{Code, JobKind},
+};
+
+/// Longest header that is kept.
+const MAX_LENGTH: usize = 16 << 10;
+
+/// What was said, by name. Names that mean nothing here are kept and shown: clients send their own.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Metadata(pub BTreeMap<String, String>);
+
+impl Metadata {
+    /// The header of a request and what it says; a request without one says nothing.
+    ///
+    /// # Errors
+    /// As [`Metadata::parse`].
+    pub fn of_request(headers: &HeaderMap) -> ApiResult<(String, Self)> {
+        let text = match headers.get(UPLOAD_METADATA).map(|value| value.to_str()) {
+            None => "",
+            Some(Ok(text)) => text,
+            Some(Err(_)) => return Err(refuse("Upload-Metadata holds something that is not ASCII")),
+        };
+        Ok((text.to_owned(), Self::parse(text)?))
+    }
+
+    /// `name base64,name base64,name`.
+    ///
+    /// # Errors
+    /// `invalid_request` that says which part is wrong.
+    pub fn parse(text: &str) -> ApiResult<Self> {
+        if text.len() > MAX_LENGTH {
+            return Err(refuse(&format!("Upload-Metadata is longer than {MAX_LENGTH} bytes")));
+        }
+        let mut pairs = BTreeMap::new();
+        for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {
+            let (name, value) = part.split_once(' ').unwrap_or((part, ""));
+            let decoded = BASE64_STANDARD.decode(value.trim()).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+            let Some(value) = decoded else {
+                return Err(refuse(&format!("Upload-Metadata: the value of '{name}' is not UTF-8 text in base64")));
+            };
+            if pairs.insert(name.to_owned(), value).is_some() {
+                return Err(refuse(&format!("Upload-Metadata names '{name}' twice")));
+            }
+        }
+        Ok(Self(pairs))
+    }
+
+    /// What the upload is to become.
+    ///
+    /// # Errors
+    /// `invalid_request` for a purpose that is none.
+    pub fn purpose(&self) -> ApiResult<JobKind> {
+        match self.0.get("purpose").map(String::as_str) {
+            None | Some("stack") => Ok(JobKind::Stack),
+            Some("calibration") => Ok(JobKind::Calibration),
+            Some(other) => {
+                let other: String = other.chars().take(80).collect();
+                Err(refuse(&format!("Upload-Metadata: purpose is '{other}'; it must be stack or calibration")))
+            }
+        }
+    }
+
+    /// The name of the file.
+    pub fn filename(&self) -> Option<String> {
+        self.0.get("filename").and_then(|name| filename::tidy(name))
+    }
+
+    /// The texts that say what is wanted, as those of a form.
+    pub fn fields(&self) -> Fields {
+        let pairs = ["rig", "lens"].into_iter().filter_map(|name| Some((name.to_owned(), self.0.get(name)?.clone())));
+        Fields { pairs: pairs.collect(), options: self.0.get("options").map(|text| text.clone().into_bytes()) }
+    }
+}
+
+fn refuse(detail: &str) -> ApiError {
+    ApiError::new(Code::InvalidRequest, detail)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_with_and_without_a_value_are_read_and_foreign_ones_kept() {
+        let read = Metadata::parse("rig cmlnLTE=, lens bGVucw== ,relativePath bnVsbA==,is_secret").expect("valid");
+        assert_eq!(read.0["rig"], "rig-1");
+        assert_eq!((read.0["relativePath"].as_str(), read.0["is_secret"].as_str()), ("null", ""));
+        assert_eq!(read.fields().pairs, [("rig".into(), "rig-1".into()), ("lens".into(), "lens".into())]);
+        assert_eq!(read.purpose().expect("the default"), JobKind::Stack);
+        assert_eq!(Metadata::parse("").expect("nothing is fine"), Metadata::default());
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_refused_with_its_name() {
+        for (text, told) in [
+            ("rig %%%", "'rig' is not UTF-8"),
+            ("rig /w==", "'rig' is not UTF-8"),
+            ("rig cmln,rig cmln", "'rig' twice"),
+            ("purpose bHVuY2g=", "purpose is 'lunch'"),
+        ] {
+            let refused = Metadata::parse(text).and_then(|read| read.purpose()).expect_err(text);
+            assert!(refused.fault().detail.contains(told), "{:?}", refused.fault());
+        }
+    }
+}

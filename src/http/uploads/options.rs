@@ -1,0 +1,37 @@
+//! `OPTIONS /v1/uploads`
+
+use axum::{
+    extract::State,
+    http::{HeaderMap, HeaderValue, StatusCode},
+    response::{IntoResponse, Response},
+};
+
+use super::{
+    checksum::ALGORITHMS,
+    protocol::{TUS_CHECKSUM_ALGORITHM, TUS_EXTENSION, TUS_MAX_SIZE, TUS_VERSION, VERSION},
+};
+use crate::http::state::App;
+
+/// Extensions of tus that are understood.
+const EXTENSIONS: &str = "creation,creation-with-upload,checksum,termination,expiration";
+
+/// What resumable uploads can do
+#[utoipa::path(
+    options,
+    path = "/v1/uploads",
+    tag = "uploads",
+    responses((status = 204, description = "Version, extensions and limits", headers(
+        ("Tus-Version" = String, description = "`1.0.0`"),
+        ("Tus-Extension" = String, description = "Extensions that are understood"),
+        ("Tus-Max-Size" = u64, description = "Largest upload"),
+        ("Tus-Checksum-Algorithm" = String, description = "`sha1,sha256`"))))
+)]
+pub async fn options(State(app): State<App>) -> Response {
+    let headers = HeaderMap::from_iter([
+        (TUS_VERSION, VERSION),
+        (TUS_EXTENSION, HeaderValue::from_static(EXTENSIONS)),
+        (TUS_MAX_SIZE, HeaderValue::from(app.policy.max_upload_bytes)),
+        (TUS_CHECKSUM_ALGORITHM, HeaderValue::from_static(ALGORITHMS)),
+    ]);
+    (StatusCode::NO_CONTENT, headers).into_response()
+}

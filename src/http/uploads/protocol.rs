@@ -1,0 +1,125 @@
+//! The headers of tus 1.0.0, and what every answer of it carries.
+
+use axum::{
+    extract::Request,
+    http::{HeaderMap, HeaderName, HeaderValue, header},
+    middleware::Next,
+    response::Response,
+};
+use jiff::{Timestamp, fmt::rfc2822::DateTimePrinter};
+use uuid::Uuid;
+
+use crate::{
+    http::problem::{ApiError, ApiResult},
+    model::{Code, JobKind},
+    store::uploads::{PartialUpload, UploadState},
+};
+
+/// Version of the protocol, in every request and answer.
+pub const TUS_RESUMABLE: HeaderName = HeaderName::from_static("tus-resumable");
+/// Versions that are understood.
+pub const TUS_VERSION: HeaderName = HeaderName::from_static("tus-version");
+/// Extensions that are understood.
+pub const TUS_EXTENSION: HeaderName = HeaderName::from_static("tus-extension");
+/// Largest upload.
+pub const TUS_MAX_SIZE: HeaderName = HeaderName::from_static("tus-max-size");
+/// Checksums that are understood.
+pub const TUS_CHECKSUM_ALGORITHM: HeaderName = HeaderName::from_static("tus-checksum-algorithm");
+/// Bytes on stable storage.
+pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
+/// Bytes in all.
+pub const UPLOAD_LENGTH: HeaderName = HeaderName::from_static("upload-length");
+/// What the client says about the upload.
+pub const UPLOAD_METADATA: HeaderName = HeaderName::from_static("upload-metadata");
+/// When it goes unless something comes before.
+pub const UPLOAD_EXPIRES: HeaderName = HeaderName::from_static("upload-expires");
+/// Checksum of the bytes of one request.
+pub const UPLOAD_CHECKSUM: HeaderName = HeaderName::from_static("upload-checksum");
+/// Says that the length comes later: not understood here.
+pub const UPLOAD_DEFER_LENGTH: HeaderName = HeaderName::from_static("upload-defer-length");
+/// For clients behind proxies that let GET and POST through alone.
+pub const METHOD_OVERRIDE: HeaderName = HeaderName::from_static("x-http-method-override");
+/// The job that the upload became.
+pub const PINSTACK_JOB: HeaderName = HeaderName::from_static("pinstack-job");
+
+/// The version that is spoken.
+pub const VERSION: HeaderValue = HeaderValue::from_static("1.0.0");
+/// Kind of body of a piece.
+pub const PIECE: &str = "application/offset+octet-stream";
+
+/// The layer: every answer under `/v1/uploads` names the version.
+pub async fn name_version(request: Request, next: Next) -> Response {
+    let is_upload = request.uri().path().starts_with("/v1/uploads");
+    let mut response = next.run(request).await;
+    if is_upload {
+        response.headers_mut().insert(TUS_RESUMABLE, VERSION);
+    }
+    response
+}
+
+/// Refuses a request of another version, or of none.
+///
+/// # Errors
+/// `precondition_failed` with the version that is spoken.
+pub fn require_version(headers: &HeaderMap) -> ApiResult<()> {
+    if headers.get(TUS_RESUMABLE).is_some_and(|version| *version == VERSION) {
+        return Ok(());
+    }
+    let detail = "this URL speaks tus 1.0.0: send the header Tus-Resumable: 1.0.0, or use a tus client; a zip in one \
+                  request goes to POST /v1/stacks";
+    Err(ApiError::new(Code::PreconditionFailed, detail).with_header(TUS_VERSION, VERSION))
+}
+
+/// A header with a number of bytes.
+///
+/// # Errors
+/// `invalid_request` when it is missing or no whole number.
+pub fn bytes(headers: &HeaderMap, name: &HeaderName) -> ApiResult<u64> {
+    let refuse = |what: String| Err(ApiError::new(Code::InvalidRequest, what));
+    let Some(value) = headers.get(name) else {
+        return refuse(format!("the header {name} is missing; it is a number of bytes"));
+    };
+    match value.to_str().ok().filter(|text| text.bytes().all(|b| b.is_ascii_digit())).and_then(|text| text.parse().ok())
+    {
+        Some(number) => Ok(number),
+        None => refuse(format!("the header {name} is {value:?}; it must be a number of bytes")),
+    }
+}
+
+/// True when the body is a piece of an upload.
+pub fn is_piece(headers: &HeaderMap) -> bool {
+    let kind = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    kind.split(';').next().unwrap_or_default().trim().eq_ignore_ascii_case(PIECE)
+}
+
+/// Where an upload lives.
+pub fn url(id: Uuid) -> String {
+    format!("/v1/uploads/{id}")
+}
+
+/// Where the job lives that an upload became.
+pub fn job_url(id: Uuid, kind: JobKind) -> String {
+    match kind {
+        JobKind::Stack => format!("/v1/stacks/{id}"),
+        JobKind::Calibration => format!("/v1/calibrations/{id}"),
+    }
+}
+
+/// The headers that tell where an upload is.
+pub fn tell(headers: &mut HeaderMap, upload: &PartialUpload) {
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(UPLOAD_OFFSET, HeaderValue::from(upload.offset));
+    if let Some(date) = http_date(upload.expires_at) {
+        headers.insert(UPLOAD_EXPIRES, date);
+    }
+    if let UploadState::Complete(kind) = upload.state
+        && let Ok(job) = HeaderValue::from_str(&job_url(upload.id, kind))
+    {
+        headers.insert(PINSTACK_JOB, job);
+    }
+}
+
+fn http_date(time: Timestamp) -> Option<HeaderValue> {
+    let text = DateTimePrinter::new().timestamp_to_rfc9110_string(&time).ok()?;
+    HeaderValue::from_str(&text).ok()
+}
