@@ -1,17 +1,20 @@
-//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, a browser.
+//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, tus clients, a browser.
 //!
 //! Each test needs programs that a fresh machine may lack; it is skipped where they are missing, and fails when
 //! `PINSTACK_TEST_TOOLS=required` says that they must be there.
 
 mod browser;
 mod crash;
+mod durability;
 mod metadata;
+mod proxy;
 mod server;
+mod tus;
 mod zips;
 
 use std::process::Command;
 
-/// True when every program is here.
+/// True when every program is here. `tuspy` and `tus-js-client` are libraries that Python and node must find.
 fn have(programs: &[&str]) -> bool {
     let missing: Vec<&str> = programs.iter().copied().filter(|p| !is_here(p)).collect();
     if missing.is_empty() {
@@ -24,7 +27,12 @@ fn have(programs: &[&str]) -> bool {
 }
 
 fn is_here(program: &str) -> bool {
-    let found = Command::new("sh").args(["-c", &format!("command -v {program}")]).output();
+    let command = match program {
+        "tuspy" => "python3 -c 'import tusclient'".to_owned(),
+        "tus-js-client" => "node -e 'require(\"tus-js-client\")'".to_owned(),
+        program => format!("command -v {program}"),
+    };
+    let found = Command::new("sh").args(["-c", &command]).output();
     found.is_ok_and(|output| output.status.success())
 }
 

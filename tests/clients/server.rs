@@ -31,6 +31,17 @@ impl Server {
         Self { process, url, folder }
     }
 
+    /// The same, with every call that writes, syncs, renames or answers in the file `trace` of its folder.
+    pub fn start_traced() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut strace = Command::new("strace");
+        strace.args(["-D", "-f", "-y", "-s", "16", "-e"]);
+        strace.arg("trace=write,pwrite64,writev,sendto,sendmsg,fsync,fdatasync,rename,renameat,renameat2");
+        strace.arg("-o").arg(folder.path().join("trace")).arg(env!("CARGO_BIN_EXE_pinstack"));
+        let (process, url) = serve_by(strace, &folder);
+        Self { process, url, folder }
+    }
+
     /// SIGKILL, then another process on the same data.
     pub fn kill_and_start_again(&mut self) {
         self.process.kill().expect("it can be killed");
@@ -78,9 +89,13 @@ impl Server {
 }
 
 fn serve(folder: &TempDir) -> (Child, String) {
+    serve_by(Command::new(env!("CARGO_BIN_EXE_pinstack")), folder)
+}
+
+fn serve_by(mut command: Command, folder: &TempDir) -> (Child, String) {
     let port = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port();
     let address = format!("127.0.0.1:{port}");
-    let mut process = Command::new(env!("CARGO_BIN_EXE_pinstack"))
+    let mut process = command
         .args(["serve", "--listen", &address, "--data-dir"])
         .arg(folder.path().join("data"))
         .stdout(Stdio::null())
