@@ -13,6 +13,8 @@ FROM debian:bookworm-slim
 RUN useradd --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin pinstack \
     && install -d -o pinstack -g pinstack /data
 COPY --from=build /usr/local/bin/pinstack /usr/local/bin/pinstack
+# In a container every address is one that others may reach: without a token (pinstack token add, on /data) or PINSTACK_AUTH=none
+# it does not start, and says so.
 USER 10001:10001
 ENV PINSTACK_LISTEN=0.0.0.0:8080 PINSTACK_DATA_DIR=/data
 VOLUME /data

@@ -11,6 +11,8 @@ use figment::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::access::Auth;
+
 /// Where the server listens when nobody says otherwise.
 pub const DEFAULT_LISTEN: &str = "127.0.0.1:8080";
 
@@ -47,6 +49,10 @@ pub struct ServeConfig {
     pub body_idle_timeout_s: u64,
     /// A resumable upload waits for its next piece so long, seconds.
     pub upload_keep_s: u64,
+    /// Whether tokens are asked for.
+    pub auth: Auth,
+    /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
+    pub isolate_tokens: bool,
     /// Log filter: `info`, `debug`, `pinstack=debug,info`, ...
     pub log: String,
     /// How the log is written.
@@ -98,6 +104,14 @@ pub struct Flags {
     #[arg(long, value_name = "SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub upload_keep_s: Option<u64>,
+    /// Whether tokens are asked for; auto: when there are any, and wherever other machines can reach the server [default: auto] [env: PINSTACK_AUTH]
+    #[arg(long, value_name = "WHEN")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub auth: Option<Auth>,
+    /// A token sees only the stacks and uploads that it sent, unless it is an admin's [default: false] [env: PINSTACK_ISOLATE_TOKENS]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub isolate_tokens: Option<bool>,
     /// Log filter [default: info] [env: PINSTACK_LOG]
     #[arg(long, value_name = "FILTER")]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -125,6 +139,8 @@ impl Default for ServeConfig {
             min_free_bytes: policy.min_free_bytes,
             body_idle_timeout_s: policy.body_idle_timeout.as_secs(),
             upload_keep_s: policy.upload_keep.as_secs(),
+            auth: Auth::default(),
+            isolate_tokens: false,
             log: "info".to_owned(),
             log_format: LogFormat::Text,
             port_file: None,
@@ -133,7 +149,7 @@ impl Default for ServeConfig {
 }
 
 /// Names of the settings, as the file spells them.
-const KEYS: [&str; 12] = [
+const KEYS: [&str; 14] = [
     "listen",
     "data_dir",
     "workers",
@@ -143,6 +159,8 @@ const KEYS: [&str; 12] = [
     "min_free_bytes",
     "body_idle_timeout_s",
     "upload_keep_s",
+    "auth",
+    "isolate_tokens",
     "log",
     "log_format",
     "port_file",

@@ -1,11 +1,13 @@
 //! The command line: one command per file.
 
+pub mod access;
 pub mod config;
 pub mod demo;
 pub mod health;
 pub mod logging;
 pub mod openapi;
 pub mod serve;
+pub mod token;
 
 use std::process::ExitCode;
 
@@ -30,6 +32,7 @@ enum Command {
     Demo(demo::Demo),
     /// Print the OpenAPI document
     Openapi,
+    Token(token::Token),
     /// Ask a running server whether it is ready; the exit code tells
     Health(health::Flags),
 }
@@ -42,6 +45,7 @@ pub fn main() -> ExitCode {
         Some(Command::Serve(flags)) => serve::run(flags),
         Some(Command::Demo(demo)) => demo.run(),
         Some(Command::Openapi) => openapi::run(),
+        Some(Command::Token(token)) => token.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };
     match done {

@@ -7,6 +7,7 @@ use tokio::{net::TcpListener, task::JoinHandle};
 use tokio_util::sync::CancellationToken;
 
 use super::{
+    access::asks_for_tokens,
     config::{Flags, ServeConfig},
     logging,
 };
@@ -69,7 +70,9 @@ impl Service {
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
         let address = listener.local_addr()?;
 
-        let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy(config));
+        let auth_required = asks_for_tokens(config.auth, address.ip(), &*rows).await?;
+        let policy = Policy { auth_required, ..policy(config) };
+        let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
         let shutdown = app.shutdown.clone();
         let science = Science { archive_limits: app.policy.archive, ..Science::default() };
         let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), work: Arc::new(science) };
@@ -107,6 +110,7 @@ fn policy(config: &ServeConfig) -> Policy {
         min_free_bytes: config.min_free_bytes,
         body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
         upload_keep: Duration::from_secs(config.upload_keep_s),
+        isolate_tokens: config.isolate_tokens,
         workers: config.workers,
         ..Policy::default()
     }

@@ -2,6 +2,7 @@
 //! [`problem`] is the only place where an error becomes a status.
 
 pub mod artifacts;
+pub mod auth;
 pub mod calibrations;
 pub mod extract;
 pub mod intake;

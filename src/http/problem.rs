@@ -135,6 +135,7 @@ pub fn status(code: Code) -> StatusCode {
     match code {
         Code::InvalidRequest | Code::UploadIncomplete => StatusCode::BAD_REQUEST,
         Code::Unauthorized => StatusCode::UNAUTHORIZED,
+        Code::Forbidden => StatusCode::FORBIDDEN,
         Code::NotFound | Code::ProfileNotFound | Code::NoResult => StatusCode::NOT_FOUND,
         Code::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
         Code::NotAcceptable => StatusCode::NOT_ACCEPTABLE,
@@ -170,6 +171,7 @@ fn checksum_mismatch() -> StatusCode {
 pub fn code_of(status: StatusCode) -> Code {
     match status {
         StatusCode::UNAUTHORIZED => Code::Unauthorized,
+        StatusCode::FORBIDDEN => Code::Forbidden,
         StatusCode::NOT_FOUND => Code::NotFound,
         StatusCode::METHOD_NOT_ALLOWED => Code::MethodNotAllowed,
         StatusCode::NOT_ACCEPTABLE => Code::NotAcceptable,
@@ -186,6 +188,7 @@ pub fn title(code: Code) -> &'static str {
     match code {
         Code::InvalidRequest => "The request breaks a rule of the contract",
         Code::Unauthorized => "A token is needed",
+        Code::Forbidden => "The token does not allow this",
         Code::NotFound => "No such thing",
         Code::MethodNotAllowed => "This method is not allowed here",
         Code::ProfileNotFound => "No profile for this rig and lens",

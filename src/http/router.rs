@@ -3,7 +3,7 @@
 use axum::{
     Router,
     extract::DefaultBodyLimit,
-    middleware::from_fn,
+    middleware::{from_fn, from_fn_with_state},
     routing::{post, put},
 };
 use tower_http::catch_panic::CatchPanicLayer;
@@ -12,7 +12,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
     calibrations,
-    middleware::{observe, problems, request_id, security},
+    middleware::{auth, observe, problems, request_id, security},
     profiles, stacks,
     state::App,
     system, uploads,
@@ -73,6 +73,7 @@ pub fn service(app: App) -> Router {
         .merge(system::docs::routes())
         // uploads count their bytes themselves, JSON bodies have their own limit
         .layer(DefaultBodyLimit::disable())
+        .layer(from_fn_with_state(app.clone(), auth::check))
         .layer(CatchPanicLayer::custom(problems::from_panic))
         .layer(from_fn(problems::complete))
         .layer(from_fn(security::headers))

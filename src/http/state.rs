@@ -33,6 +33,10 @@ pub struct Policy {
     pub upload_keep: Duration,
     /// How often waiting requests look at the rows by themselves: other processes may change them too.
     pub poll_interval: Duration,
+    /// A token is asked for.
+    pub auth_required: bool,
+    /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
+    pub isolate_tokens: bool,
     /// Worker threads of this process, for `/v1/info`.
     pub workers: usize,
 }
@@ -47,6 +51,8 @@ impl Default for Policy {
             body_idle_timeout: Duration::from_secs(60),
             upload_keep: Duration::from_secs(24 * 60 * 60),
             poll_interval: Duration::from_secs(1),
+            auth_required: false,
+            isolate_tokens: false,
             workers: 0,
         }
     }

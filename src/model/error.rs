@@ -12,6 +12,8 @@ pub enum Code {
     InvalidRequest,
     /// No token, or one that is not known.
     Unauthorized,
+    /// The token does not allow this.
+    Forbidden,
     /// No such URL, job, file or revision.
     NotFound,
     /// The URL exists, the method does not.

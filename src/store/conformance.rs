@@ -5,6 +5,7 @@ pub(crate) mod blobs;
 pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod profiles;
+pub(crate) mod tokens;
 pub(crate) mod uploads;
 
 use std::{sync::Arc, time::Duration};
@@ -89,6 +90,7 @@ pub(crate) fn stack() -> NewJob {
         }),
         warnings: vec![],
         idempotency: None,
+        owner: None,
     }
 }
 

@@ -9,12 +9,14 @@ pub mod clock;
 pub mod digest;
 pub mod sqlite;
 pub mod sweep;
+pub mod tokens;
 pub mod uploads;
 
 #[cfg(test)]
 pub(crate) mod conformance;
 
 pub use clock::{Clock, ManualClock, SystemClock};
+pub use tokens::TokenRows;
 pub use uploads::UploadRows;
 
 use async_trait::async_trait;
@@ -132,6 +134,8 @@ pub struct JobFilter {
     pub lens: Option<Name>,
     /// Of this scan.
     pub scan: Option<Name>,
+    /// Sent by this token.
+    pub owner: Option<Uuid>,
 }
 
 /// A job as its row has it.
@@ -186,6 +190,8 @@ pub struct NewJob {
     pub warnings: Vec<Warning>,
     /// `Idempotency-Key` and the fingerprint of the request (parameters and body digest).
     pub idempotency: Option<(String, String)>,
+    /// The token that sent it; `None` when nobody was asked.
+    pub owner: Option<Uuid>,
 }
 
 /// How accepting a job ended.
@@ -262,7 +268,7 @@ pub struct JobCounts {
 
 /// The rows. One narrow seam with one conformance suite that runs on every engine.
 #[async_trait]
-pub trait Rows: UploadRows + Send + Sync + 'static {
+pub trait Rows: UploadRows + TokenRows + Send + Sync + 'static {
     /// Stores the next revision of (rig, lens). Revision numbers are never used twice, even after a delete.
     async fn put_profile(
         &self,

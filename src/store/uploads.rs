@@ -26,6 +26,8 @@ pub struct NewUpload {
     pub metadata: String,
     /// How long it waits for its next byte.
     pub keep: Duration,
+    /// The token that sends it; `None` when nobody was asked. The job is its too.
+    pub owner: Option<Uuid>,
 }
 
 /// Bytes of an upload that are on stable storage now.

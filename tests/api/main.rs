@@ -1,6 +1,7 @@
 //! The contract, through HTTP: a server of its own on a free port for each test, workers driven by hand, so that
 //! nothing waits for a clock.
 
+mod access;
 mod app;
 mod bad_requests;
 mod configuration;

@@ -10,6 +10,7 @@ use axum::{
 use super::order::CalibrationOrder;
 use crate::{
     http::{
+        auth::Caller,
         extract::{ProfileKey, params},
         intake::{accept::upload, order::Fields},
         problem::{ApiError, ApiResult},
@@ -52,6 +53,7 @@ use crate::{
 )]
 pub async fn create(
     State(app): State<App>,
+    caller: Caller,
     key: ProfileKey,
     uri: Uri,
     headers: HeaderMap,
@@ -63,5 +65,5 @@ pub async fn create(
     }
     fields.set("rig", key.rig.to_string());
     fields.set("lens", key.lens.to_string());
-    upload::<CalibrationOrder, Calibration>(&app, &headers, body, fields, Calibration::of).await
+    upload::<CalibrationOrder, Calibration>(&app, &caller, &headers, body, fields, Calibration::of).await
 }

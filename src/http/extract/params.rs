@@ -82,7 +82,7 @@ struct JobParameters {
 /// `invalid_request` that names the parameter.
 pub fn job_filter(kind: JobKind, pairs: &[(String, String)]) -> Result<JobFilter, ApiError> {
     let JobParameters { state, rig, lens, scan } = typed(pairs)?;
-    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan })
+    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan, owner: None })
 }
 
 /// Why a parameter is refused.

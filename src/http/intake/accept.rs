@@ -20,6 +20,7 @@ use super::{
 use crate::{
     archive,
     http::{
+        auth::Caller,
         extract::prefer,
         problem::{ApiError, ApiResult},
         state::App,
@@ -44,24 +45,31 @@ pub struct Accepted {
 /// Every refusal that the contract lists under "What a bad request gets".
 pub async fn upload<O: Order, V: Serialize>(
     app: &App,
+    caller: &Caller,
     headers: &HeaderMap,
     body: axum::body::Body,
     fields: Fields,
     view: fn(&Job) -> Option<V>,
 ) -> ApiResult<Response> {
-    let key = idempotency::key(headers)?;
+    let key = idempotency::key(headers)?.map(|key| idempotency::of_caller(key, caller.sees_only(app)));
     let is_repeat = match &key {
         Some(key) => app.rows.by_idempotency_key(key).await?.is_some(),
         None => false,
     };
     let (order, file) = receive::<O>(app, headers, body, fields, is_repeat).await?;
     // from here on the bytes are ours: the job is made also when the client does not wait for the answer
-    let accepting = tokio::spawn(accept(app.clone(), order, file, key));
+    let accepting = tokio::spawn(accept(app.clone(), caller.id(), order, file, key));
     let accepted = accepting.await.map_err(ApiError::internal)??;
     answer(app, headers, accepted, view).await
 }
 
-async fn accept<O: Order>(app: App, order: O, file: Spooled, key: Option<String>) -> ApiResult<Accepted> {
+async fn accept<O: Order>(
+    app: App,
+    owner: Option<Uuid>,
+    order: O,
+    file: Spooled,
+    key: Option<String>,
+) -> ApiResult<Accepted> {
     let fingerprint = idempotency::fingerprint(O::KIND, &order.asked(), &file.sha256);
     if let Some(key) = &key
         && let Some(job) = idempotency::earlier(&app, key, &fingerprint).await?
@@ -84,6 +92,7 @@ async fn accept<O: Order>(app: App, order: O, file: Spooled, key: Option<String>
         request: order.request(upload, layout),
         warnings,
         idempotency: key.clone().map(|key| (key, fingerprint)),
+        owner,
     };
     let stored = app.rows.enqueue(&new, app.policy.queue_limit).await;
     // an error here does not say whether the row was stored: the sweep decides about the blob

@@ -1,5 +1,6 @@
 //! What happens to every request and every answer.
 
+pub mod auth;
 pub mod observe;
 pub mod problems;
 pub mod request_id;

@@ -12,6 +12,7 @@ use utoipa::ToSchema;
 use super::order::StackOrder;
 use crate::{
     http::{
+        auth::Caller,
         extract::params,
         intake::{accept::upload, order::Fields},
         problem::ApiResult,
@@ -96,7 +97,13 @@ pub struct StackForm {
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
-pub async fn create(State(app): State<App>, uri: Uri, headers: HeaderMap, body: Body) -> ApiResult<Response> {
+pub async fn create(
+    State(app): State<App>,
+    caller: Caller,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> ApiResult<Response> {
     let fields = Fields { pairs: params::pairs(&uri)?, options: None };
-    upload::<StackOrder, Stack>(&app, &headers, body, fields, Stack::of).await
+    upload::<StackOrder, Stack>(&app, &caller, &headers, body, fields, Stack::of).await
 }

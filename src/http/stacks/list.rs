@@ -4,6 +4,7 @@ use axum::{Json, extract::State, http::Uri};
 
 use crate::{
     http::{
+        auth::Caller,
         extract::{PageQuery, params},
         problem::ApiResult,
         state::App,
@@ -33,10 +34,10 @@ use crate::{
         (status = 400, description = "`invalid_request`: a parameter that breaks its rule"),
     )
 )]
-pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<StackList>> {
+pub async fn list(State(app): State<App>, caller: Caller, uri: Uri) -> ApiResult<Json<StackList>> {
     let mut pairs = params::pairs(&uri)?;
     let page = PageQuery::take(&mut pairs)?;
-    let filter: JobFilter = params::job_filter(JobKind::Stack, &pairs)?;
+    let filter = JobFilter { owner: caller.sees_only(&app), ..params::job_filter(JobKind::Stack, &pairs)? };
     let page = app.rows.jobs(&filter, &page).await?;
     let items = page.items.iter().filter_map(Stack::of).collect();
     Ok(Json(StackList { items, next_cursor: page.next_cursor }))

@@ -1,15 +1,16 @@
 //! `GET /openapi.json`, and how the document is made.
 
 use axum::{
-    http::header,
+    http::{Method, header},
     response::{IntoResponse, Response},
 };
 use serde_json::{Value, json};
 use utoipa::OpenApi;
 
 use crate::{
-    http::{problem::PROBLEM_JSON, router},
+    http::{auth::needs, problem::PROBLEM_JSON, router},
     model::{Code, Problem, error::FaultPlace},
+    store::tokens::names,
 };
 
 /// What no endpoint says by itself.
@@ -61,6 +62,12 @@ pub fn document() -> Value {
     let (_, document) = router::routes().split_for_parts();
     let mut document = serde_json::to_value(document).unwrap_or_default();
     let Some(paths) = document["paths"].as_object_mut() else { return document };
+    for (path, item) in paths.iter_mut() {
+        let Some(operations) = item.as_object_mut() else { continue };
+        for (method, operation) in operations.iter_mut() {
+            protect(path, method, operation);
+        }
+    }
     for operation in paths.values_mut().filter_map(Value::as_object_mut).flat_map(|item| item.values_mut()) {
         let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { continue };
         responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: our own fault" }));
@@ -68,7 +75,23 @@ pub fn document() -> Value {
             complete(status, response);
         }
     }
+    document["components"]["securitySchemes"]["token"] = json!({
+        "type": "http", "scheme": "bearer",
+        "description": "A token made by `pinstack token add`. A service may be set up to ask for none."
+    });
     document
+}
+
+/// What the table of scopes says about an operation.
+fn protect(path: &str, method: &str, operation: &mut Value) {
+    let method = Method::from_bytes(method.to_uppercase().as_bytes()).unwrap_or_default();
+    let Some(scopes) = needs(&method, path) else { return };
+    operation["security"] = scopes.iter().map(|scope| json!({ "token": [scope.as_str()] })).collect();
+    operation["responses"]["401"] =
+        json!({ "description": "`unauthorized`: a token is asked for, and there was no valid one" });
+    let scopes = names(scopes, "` or `");
+    operation["responses"]["403"] =
+        json!({ "description": format!("`forbidden`: the token does not allow `{scopes}`") });
 }
 
 fn complete(status: &str, response: &mut Value) {

@@ -68,6 +68,8 @@ async fn make<O: Order>(app: &App, held: &mut Held, metadata: &Metadata) -> ApiR
         request: order.request(stored(&upload, key, metadata)?, layout),
         warnings,
         idempotency: None,
+        // the upload's row says whose it is
+        owner: None,
     };
     match app.rows.complete_upload(&job, app.policy.queue_limit).await? {
         Some(Enqueue::Accepted(_) | Enqueue::Repeated(_)) => Ok(O::KIND),

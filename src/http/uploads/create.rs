@@ -18,6 +18,7 @@ use super::{
 };
 use crate::{
     http::{
+        auth::Caller,
         calibrations::order::CalibrationOrder,
         intake::{
             admission::{queue_full, require_room},
@@ -29,7 +30,10 @@ use crate::{
         state::App,
     },
     model::{Code, JobKind},
-    store::uploads::{NewUpload, PartialUpload},
+    store::{
+        tokens::Scope,
+        uploads::{NewUpload, PartialUpload},
+    },
 };
 
 /// Begin a resumable upload
@@ -65,7 +69,7 @@ use crate::{
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
-pub async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> ApiResult<Response> {
+pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, body: Body) -> ApiResult<Response> {
     require_version(&headers)?;
     let checksum = Checksum::of_request(&headers)?;
     let brings_piece = is_piece(&headers);
@@ -73,7 +77,7 @@ pub async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> A
         let detail = "the body of a new upload must be a piece: application/offset+octet-stream, or nothing";
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
-    let mut upload = begin(&app, &headers).await?;
+    let mut upload = begin(&app, &caller, &headers).await?;
     if brings_piece {
         require_fit(&headers, 0, upload.length)?;
         upload = receive_piece(&app, &headers, upload.id, body, 0, checksum).await?;
@@ -86,7 +90,7 @@ pub async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> A
     Ok(response)
 }
 
-async fn begin(app: &App, headers: &HeaderMap) -> ApiResult<PartialUpload> {
+async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<PartialUpload> {
     if headers.contains_key(UPLOAD_DEFER_LENGTH) {
         let detail = "Upload-Defer-Length is not supported: say Upload-Length, the size of the zip";
         return Err(ApiError::new(Code::InvalidRequest, detail));
@@ -100,8 +104,14 @@ async fn begin(app: &App, headers: &HeaderMap) -> ApiResult<PartialUpload> {
     }
     let (text, metadata) = Metadata::of_request(headers)?;
     match metadata.purpose()? {
-        JobKind::Stack => _ = StackOrder::read(app, &metadata.fields()).await?,
-        JobKind::Calibration => _ = CalibrationOrder::read(app, &metadata.fields()).await?,
+        JobKind::Stack => {
+            caller.require(&[Scope::StacksWrite])?;
+            StackOrder::read(app, &metadata.fields()).await?;
+        }
+        JobKind::Calibration => {
+            caller.require(&[Scope::ProfilesWrite])?;
+            CalibrationOrder::read(app, &metadata.fields()).await?;
+        }
     }
     require_room(app, length).await?;
     let waiting = app.rows.counts().await?.queued;
@@ -114,6 +124,7 @@ async fn begin(app: &App, headers: &HeaderMap) -> ApiResult<PartialUpload> {
         digest: RunningDigest::default().state(),
         metadata: text,
         keep: app.policy.upload_keep,
+        owner: caller.id(),
     };
     app.rows.create_upload(&new, app.policy.queue_limit).await?.ok_or_else(|| {
         let detail =

@@ -16,7 +16,8 @@ use crate::{
 const KEEP: Duration = Duration::from_secs(3600);
 
 pub(crate) async fn begun(rows: &dyn UploadRows, length: u64) -> Uuid {
-    let new = NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: "rig cmln".into(), keep: KEEP };
+    let new =
+        NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: "rig cmln".into(), keep: KEEP, owner: None };
     let upload = rows.create_upload(&new, 1000).await.unwrap().expect("there is room for it");
     assert_eq!((upload.id, upload.length, upload.offset, upload.state), (new.id, length, 0, UploadState::Receiving));
     assert_eq!((upload.digest, upload.metadata.as_str()), (vec![0], "rig cmln"));
@@ -107,7 +108,8 @@ pub(crate) async fn only_open_uploads_are_counted(store: Fresh) {
     rows.complete_upload(&job(whole), 10).await.unwrap();
     rows.refuse_upload(refused, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
     assert_eq!(rows.awaited_bytes().await.unwrap(), 70);
-    let new = NewUpload { id: Uuid::now_v7(), length: 1, digest: vec![0], metadata: String::new(), keep: KEEP };
+    let new =
+        NewUpload { id: Uuid::now_v7(), length: 1, digest: vec![0], metadata: String::new(), keep: KEEP, owner: None };
     assert_eq!(rows.create_upload(&new, 1).await.unwrap(), None, "one is open");
     assert!(rows.create_upload(&new, 2).await.unwrap().is_some());
     store.clock.advance(KEEP);

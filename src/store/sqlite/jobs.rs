@@ -45,8 +45,8 @@ pub(super) async fn insert(
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
-                           idempotency_key, fingerprint)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11)
+                           idempotency_key, fingerprint, owner)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11, ?12)
          RETURNING *",
     )
     .bind(job.id)
@@ -60,6 +60,7 @@ pub(super) async fn insert(
     .bind(serde_json::to_string(&job.warnings)?)
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
+    .bind(job.owner)
     .fetch_one(&mut *connection)
     .await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
@@ -91,6 +92,7 @@ pub(super) async fn list(store: &SqliteRows, filter: &JobFilter, page: &PageRequ
          WHERE seq < ?1 AND delete_requested = 0
            AND (?2 IS NULL OR kind = ?2) AND (?3 IS NULL OR state = ?3)
            AND (?4 IS NULL OR rig = ?4) AND (?5 IS NULL OR lens = ?5) AND (?6 IS NULL OR scan = ?6)
+           AND (?8 IS NULL OR owner IS NULL OR owner = ?8)
          ORDER BY seq DESC LIMIT ?7",
     )
     .bind(window.before)
@@ -100,6 +102,7 @@ pub(super) async fn list(store: &SqliteRows, filter: &JobFilter, page: &PageRequ
     .bind(filter.lens.as_ref().map(Name::as_str))
     .bind(filter.scan.as_ref().map(Name::as_str))
     .bind(window.rows)
+    .bind(filter.owner)
     .fetch_all(&store.readers)
     .await?;
     let jobs: StoreResult<Vec<(i64, Job)>> = rows.into_iter().map(|row| Ok((row.seq, row.try_into()?))).collect();

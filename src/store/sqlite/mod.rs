@@ -10,6 +10,7 @@ mod lease;
 mod page;
 mod profiles;
 mod row;
+mod tokens;
 mod uploads;
 
 use std::{fs::File, path::Path, sync::Arc, time::Duration};
@@ -38,8 +39,11 @@ const READERS: u32 = 4;
 const CHANGES: usize = 1024;
 
 /// Every change of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 2] =
-    [(1, "rows", include_str!("schema/0001_rows.sql")), (2, "uploads", include_str!("schema/0002_uploads.sql"))];
+const SCHEMA: [(i64, &str, &str); 3] = [
+    (1, "rows", include_str!("schema/0001_rows.sql")),
+    (2, "uploads", include_str!("schema/0002_uploads.sql")),
+    (3, "tokens", include_str!("schema/0003_tokens.sql")),
+];
 
 /// Rows in one SQLite file.
 pub struct SqliteRows {

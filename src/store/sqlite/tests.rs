@@ -65,6 +65,11 @@ conforms!(uploads:
     only_open_uploads_are_counted,
 );
 
+conforms!(tokens:
+    a_token_comes_back_as_it_was_added_until_it_is_revoked,
+    a_list_can_be_kept_to_what_one_token_sent,
+);
+
 conforms!(leases:
     jobs_are_claimed_in_the_order_of_acceptance,
     no_job_is_claimed_twice_however_many_claim_at_once,

@@ -67,8 +67,8 @@ impl UploadRows for SqliteRows {
             return Ok(None);
         }
         let row: UploadRow = sqlx::query_as(
-            "INSERT INTO uploads (id, length, received, digest, metadata, wanted, created_at, expires_at)
-             VALUES (?1, ?2, 0, ?3, ?4, 0, ?5, ?6)
+            "INSERT INTO uploads (id, length, received, digest, metadata, wanted, created_at, expires_at, owner)
+             VALUES (?1, ?2, 0, ?3, ?4, 0, ?5, ?6, ?7)
              RETURNING *",
         )
         .bind(upload.id)
@@ -77,6 +77,7 @@ impl UploadRows for SqliteRows {
         .bind(&upload.metadata)
         .bind(now)
         .bind(after(now, upload.keep))
+        .bind(upload.owner)
         .fetch_one(&mut *tx)
         .await?;
         tx.commit().await?;
@@ -145,6 +146,11 @@ impl UploadRows for SqliteRows {
             sqlx::query("UPDATE uploads SET job_kind = ?2 WHERE id = ?1")
                 .bind(job.id)
                 .bind(jobs::kind_name(job.request.kind()))
+                .execute(&mut *tx)
+                .await?;
+            // whoever ends an upload, the job is of the one who began it
+            sqlx::query("UPDATE jobs SET owner = (SELECT owner FROM uploads WHERE id = ?1) WHERE id = ?1")
+                .bind(job.id)
                 .execute(&mut *tx)
                 .await?;
             tx.commit().await?;

@@ -1,0 +1,96 @@
+//! `pinstack token`: who may do what.
+
+use anyhow::{Context, bail};
+use clap::{Args, Subcommand};
+
+use super::config::{Flags, ServeConfig};
+use crate::{
+    model::Name,
+    store::{
+        sqlite::SqliteRows,
+        tokens::{Scope, TokenRows, mint, names},
+    },
+};
+
+/// Who may do what: make, list and revoke tokens. Works on the data folder, also while a server runs on it.
+#[derive(Debug, Args)]
+pub struct Token {
+    #[command(subcommand)]
+    command: Command,
+    /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
+    #[arg(long, value_name = "DIR", global = true)]
+    data_dir: Option<std::path::PathBuf>,
+    /// TOML file with the settings of the server [env: PINSTACK_CONFIG]
+    #[arg(long, value_name = "FILE", global = true)]
+    config: Option<std::path::PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a token and print it, once
+    Add {
+        /// Name that people know it by: 1 to 64 of A-Z a-z 0-9 . _ -
+        name: String,
+        /// What it allows: profiles:write, stacks:write, read, admin; may be given several times
+        #[arg(long = "scope", value_name = "SCOPE", required = true)]
+        scopes: Vec<Scope>,
+    },
+    /// List the tokens, without their secrets
+    List,
+    /// Make a token worthless at once
+    Revoke {
+        /// Its name
+        name: String,
+    },
+}
+
+impl Token {
+    /// Does it.
+    ///
+    /// # Errors
+    /// When the name breaks the rule or is taken, or the database cannot be used.
+    pub fn run(self) -> anyhow::Result<()> {
+        let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
+        let data_dir = ServeConfig::load(&flags)?.data_dir;
+        std::fs::create_dir_all(&data_dir)
+            .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(async {
+            let rows = SqliteRows::open(data_dir.join("pinstack.sqlite")).await?;
+            let done = match self.command {
+                Command::Add { name, scopes } => add(&rows, name, &scopes).await,
+                Command::List => list(&rows).await,
+                Command::Revoke { name } => revoke(&rows, name).await,
+            };
+            rows.close().await;
+            done
+        })
+    }
+}
+
+async fn add(rows: &SqliteRows, name: String, scopes: &[Scope]) -> anyhow::Result<()> {
+    let name = Name::new(name)?;
+    let (id, secret, text) = mint().context("the system has no random bytes")?;
+    if !rows.add_token(id, &name, secret.digest(), scopes).await? {
+        bail!("there is, or was, a token '{name}'; take another name");
+    }
+    eprintln!("This is the only time that the token is shown; the service keeps a digest of it.");
+    println!("{text}");
+    Ok(())
+}
+
+async fn list(rows: &SqliteRows) -> anyhow::Result<()> {
+    for token in rows.tokens().await? {
+        let state = token.revoked_at.map(|at| format!("revoked {at:.0}")).unwrap_or_else(|| "valid".to_owned());
+        println!("{}\t{}\tmade {:.0}\t{state}", token.name, names(&token.scopes, ","), token.created_at);
+    }
+    Ok(())
+}
+
+async fn revoke(rows: &SqliteRows, name: String) -> anyhow::Result<()> {
+    let name = Name::new(name)?;
+    if !rows.revoke_token(&name).await? {
+        bail!("there is no valid token '{name}'; 'pinstack token list' shows them");
+    }
+    Ok(())
+}

@@ -1,0 +1,94 @@
+//! Tokens.
+
+use anyhow::anyhow;
+use async_trait::async_trait;
+use uuid::Uuid;
+
+use super::{
+    SqliteRows, StoreError, StoreResult,
+    row::{name, time},
+};
+use crate::{
+    model::Name,
+    store::tokens::{Scope, Token, TokenRows, names},
+};
+
+/// A row of `tokens`.
+#[derive(sqlx::FromRow)]
+struct TokenRow {
+    id: Uuid,
+    name: String,
+    digest: Vec<u8>,
+    scopes: String,
+    created_at: i64,
+    revoked_at: Option<i64>,
+}
+
+impl TryFrom<TokenRow> for Token {
+    type Error = StoreError;
+
+    fn try_from(row: TokenRow) -> StoreResult<Self> {
+        let scopes: Result<Vec<Scope>, String> = row.scopes.split_whitespace().map(str::parse).collect();
+        Ok(Self {
+            id: row.id,
+            name: name(row.name)?,
+            scopes: scopes.map_err(|e| anyhow!("a row holds an unknown scope: {e}"))?,
+            digest: row.digest.try_into().map_err(|_| anyhow!("a row holds a digest of the wrong length"))?,
+            created_at: time(row.created_at)?,
+            revoked_at: row.revoked_at.map(time).transpose()?,
+        })
+    }
+}
+
+#[async_trait]
+impl TokenRows for SqliteRows {
+    async fn add_token(&self, id: Uuid, name: &Name, digest: [u8; 32], scopes: &[Scope]) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let added = sqlx::query(
+            "INSERT INTO tokens (id, name, digest, scopes, created_at) VALUES (?1, ?2, ?3, ?4, ?5)
+             ON CONFLICT (name) DO NOTHING",
+        )
+        .bind(id)
+        .bind(name.as_str())
+        .bind(digest.as_slice())
+        .bind(names(scopes, " "))
+        .bind(self.clock.now_ms())
+        .execute(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        Ok(added.rows_affected() == 1)
+    }
+
+    async fn token(&self, id: Uuid) -> StoreResult<Option<Token>> {
+        let row: Option<TokenRow> =
+            sqlx::query_as("SELECT * FROM tokens WHERE id = ?1").bind(id).fetch_optional(&self.readers).await?;
+        row.map(Token::try_from).transpose()
+    }
+
+    async fn tokens(&self) -> StoreResult<Vec<Token>> {
+        let rows: Vec<TokenRow> =
+            sqlx::query_as("SELECT * FROM tokens ORDER BY created_at, id").fetch_all(&self.readers).await?;
+        rows.into_iter().map(Token::try_from).collect()
+    }
+
+    async fn revoke_token(&self, name: &Name) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let revoked = sqlx::query("UPDATE tokens SET revoked_at = ?2 WHERE name = ?1 AND revoked_at IS NULL")
+            .bind(name.as_str())
+            .bind(self.clock.now_ms())
+            .execute(&mut *tx)
+            .await?;
+        tx.commit().await?;
+        Ok(revoked.rows_affected() == 1)
+    }
+
+    async fn owner(&self, id: Uuid) -> StoreResult<Option<Uuid>> {
+        let owner: Option<Option<Uuid>> = sqlx::query_scalar(
+            "SELECT owner FROM jobs WHERE id = ?1 UNION ALL SELECT owner FROM uploads WHERE id = ?1 LIMIT 1",
+        )
+        .bind(id)
+        .fetch_optional(&self.readers)
+        .await?;
+        Ok(owner.flatten())
+    }
+}

@@ -1,0 +1,292 @@
+//! Who may do what.
+
+use std::{
+    path::Path,
+    process::{Child, Command, Stdio},
+};
+
+use pinstack::{
+    model::Name,
+    store::tokens::{Scope, mint},
+};
+use reqwest::{RequestBuilder, StatusCode};
+use serde_json::{Value, json};
+use uuid::Uuid;
+
+use crate::app::{TestApp, id, problem, profile, stack_zip};
+
+const POST: &str = "/v1/stacks?rig=rig&lens=lens";
+
+async fn token(app: &TestApp, name: &str, scopes: &[Scope]) -> String {
+    let (id, secret, text) = mint().unwrap();
+    assert!(app.rows.add_token(id, &Name::new(name).unwrap(), secret.digest(), scopes).await.unwrap());
+    text
+}
+
+/// What stands behind the public part; it may have a `_` of its own.
+fn secret_of(token: &str) -> &str {
+    token.splitn(3, '_').nth(2).expect("a token has three parts")
+}
+
+async fn guarded() -> TestApp {
+    TestApp::start_with(|policy| policy.auth_required = true).await
+}
+
+async fn status(request: RequestBuilder, token: &str) -> u16 {
+    request.bearer_auth(token).send().await.unwrap().status().as_u16()
+}
+
+#[tokio::test]
+async fn without_a_token_only_health_and_the_contract_are_shown() {
+    let app = guarded().await;
+    for open in ["/healthz", "/readyz", "/openapi.json", "/docs/"] {
+        assert_eq!(app.get(open).send().await.unwrap().status(), StatusCode::OK, "{open}");
+    }
+    for closed in ["/v1/info", "/metrics", "/v1/stacks", "/v1/nothing"] {
+        let answer = app.get(closed).send().await.unwrap();
+        assert_eq!(answer.headers()["www-authenticate"], "Bearer", "{closed}");
+        problem(answer, 401, "unauthorized").await;
+    }
+    // the reason arrives although the client is still sending
+    problem(app.post(POST).body(vec![0; 8 << 20]).send().await.unwrap(), 401, "unauthorized").await;
+}
+
+#[tokio::test]
+async fn each_scope_allows_what_it_says_and_no_more() {
+    let app = guarded().await;
+    let (profiles, stacks, read, admin) = (
+        token(&app, "profiles", &[Scope::ProfilesWrite]).await,
+        token(&app, "stacks", &[Scope::StacksWrite]).await,
+        token(&app, "read", &[Scope::Read]).await,
+        token(&app, "admin", &[Scope::Admin]).await,
+    );
+    for (token, allowed) in [(&stacks, false), (&read, false), (&profiles, true), (&admin, true)] {
+        let put = app.put("/v1/profiles/rig/lens").json(&profile(2)).bearer_auth(token).send().await.unwrap();
+        if allowed {
+            assert!(put.status().is_success());
+        } else {
+            let told = problem(put, 403, "forbidden").await;
+            assert!(told["detail"].as_str().unwrap().contains("needs: profiles:write"), "{told}");
+        }
+    }
+    for (token, wanted) in [(&profiles, 403), (&read, 403), (&stacks, 202), (&admin, 202)] {
+        assert_eq!(status(app.post(POST).body(stack_zip(2, 0)), token).await, wanted);
+    }
+    for (token, wanted) in [(&profiles, 403), (&stacks, 403), (&read, 200), (&admin, 200)] {
+        assert_eq!(status(app.get("/v1/stacks"), token).await, wanted);
+    }
+}
+
+#[tokio::test]
+async fn an_upload_in_pieces_needs_the_scope_of_what_it_becomes() {
+    let app = guarded().await;
+    let profiles = token(&app, "profiles", &[Scope::ProfilesWrite]).await;
+    let stacks = token(&app, "stacks", &[Scope::StacksWrite]).await;
+    assert!(
+        app.put("/v1/profiles/rig/lens")
+            .json(&profile(2))
+            .bearer_auth(&profiles)
+            .send()
+            .await
+            .unwrap()
+            .status()
+            .is_success()
+    );
+    let begin = |purpose: &str| {
+        let metadata = format!("rig cmln,lens bGVucw==,purpose {purpose}");
+        let create = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", 100);
+        create.header("upload-metadata", metadata)
+    };
+    let (stack, calibration) = ("c3RhY2s=", "Y2FsaWJyYXRpb24=");
+    for (token, purpose, wanted) in
+        [(&stacks, stack, 201), (&stacks, calibration, 403), (&profiles, stack, 403), (&profiles, calibration, 201)]
+    {
+        assert_eq!(status(begin(purpose), token).await, wanted);
+    }
+}
+
+#[tokio::test]
+async fn a_token_is_worth_nothing_with_another_secret_or_once_revoked() {
+    let app = guarded().await;
+    let good = token(&app, "rig-pc", &[Scope::Read]).await;
+    let other = token(&app, "other", &[Scope::Read]).await;
+    assert_eq!(status(app.get("/v1/stacks"), &good).await, 200);
+    // the id of one with the secret of another
+    let mixed = good.replace(secret_of(&good), secret_of(&other));
+    for wrong in [mixed, good[..good.len() - 2].to_owned(), "pinstack_".into(), "x".into()] {
+        assert_eq!(status(app.get("/v1/stacks"), &wrong).await, 401, "{wrong}");
+    }
+    let basic = app.get("/v1/stacks").header("authorization", format!("Basic {good}")).send().await.unwrap();
+    problem(basic, 401, "unauthorized").await;
+    assert!(app.rows.revoke_token(&Name::new("rig-pc").unwrap()).await.unwrap());
+    problem(app.get("/v1/stacks").bearer_auth(&good).send().await.unwrap(), 401, "unauthorized").await;
+    assert_eq!(status(app.get("/v1/stacks"), &other).await, 200);
+}
+
+#[tokio::test]
+async fn where_so_configured_a_token_sees_only_its_own_stacks() {
+    let app = TestApp::start_with(|policy| (policy.auth_required, policy.isolate_tokens) = (true, true)).await;
+    let both = [Scope::StacksWrite, Scope::Read];
+    let (ann, ben) = (token(&app, "ann", &both).await, token(&app, "ben", &both).await);
+    let admin = token(&app, "admin", &[Scope::Admin]).await;
+    assert!(
+        app.put("/v1/profiles/rig/lens")
+            .json(&profile(2))
+            .bearer_auth(&admin)
+            .send()
+            .await
+            .unwrap()
+            .status()
+            .is_success()
+    );
+    let send = |token: &str| {
+        app.post(POST).header("idempotency-key", "view 1").bearer_auth(token).body(stack_zip(2, 0)).send()
+    };
+    let of_ann: Value = send(&ann).await.unwrap().json().await.unwrap();
+    // the same key of another token is another key
+    let answer = send(&ben).await.unwrap();
+    assert!(answer.headers().get("idempotency-replayed").is_none());
+    let of_ben: Value = answer.json().await.unwrap();
+    assert_ne!(id(&of_ann), id(&of_ben));
+    assert!(send(&ann).await.unwrap().headers().contains_key("idempotency-replayed"));
+
+    let url = format!("/v1/stacks/{}", id(&of_ann));
+    for path in ["", "/events", "/image", "/metrics", "/preview"] {
+        let path = format!("{url}{path}");
+        problem(app.get(&path).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
+    }
+    problem(app.post(&format!("{url}/cancel")).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
+    problem(app.delete(&url).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
+    for token in [&ann, &admin] {
+        assert_eq!(status(app.get(&url), token).await, 200);
+    }
+    for (token, wanted) in
+        [(&ann, vec![id(&of_ann)]), (&ben, vec![id(&of_ben)]), (&admin, vec![id(&of_ben), id(&of_ann)])]
+    {
+        let page: Value = app.get("/v1/stacks").bearer_auth(token).send().await.unwrap().json().await.unwrap();
+        let listed: Vec<Uuid> = page["items"].as_array().unwrap().iter().map(id).collect();
+        assert_eq!(listed, wanted);
+    }
+
+    // an upload in pieces, and the stack that it becomes
+    let zip = stack_zip(2, 0);
+    let create = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", zip.len());
+    let create = create.header("upload-metadata", "rig cmln,lens bGVucw==").bearer_auth(&ann);
+    let upload = create.send().await.unwrap().headers()["location"].to_str().unwrap().to_owned();
+    let piece = |token: &str| {
+        let patch = app.client.patch(format!("{}{upload}", app.base)).header("tus-resumable", "1.0.0");
+        let patch = patch.header("upload-offset", 0).header("content-type", "application/offset+octet-stream");
+        patch.bearer_auth(token).body(zip.clone()).send()
+    };
+    problem(app.get(&upload).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
+    problem(piece(&ben).await.unwrap(), 404, "not_found").await;
+    let job = piece(&ann).await.unwrap().headers()["pinstack-job"].to_str().unwrap().to_owned();
+    assert_eq!(status(app.get(&job), &ann).await, 200);
+    problem(app.get(&job).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
+}
+
+#[tokio::test]
+async fn the_contract_says_which_scope_each_call_needs() {
+    let document = pinstack::http::system::openapi::document();
+    let needed = |path: &str, method: &str| document["paths"][path][method]["security"].clone();
+    assert_eq!(needed("/v1/stacks", "post"), json!([{ "token": ["stacks:write"] }]));
+    assert_eq!(needed("/v1/stacks/{id}/image", "get"), json!([{ "token": ["read"] }]));
+    assert_eq!(needed("/healthz", "get"), Value::Null);
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let admin = json!([{ "token": ["admin"] }]);
+            assert_ne!(operation["security"], admin, "{method} {path}: the table of scopes has no line for it");
+        }
+    }
+}
+
+/// A server of its own process, killed when dropped.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn pinstack(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
+    command.current_dir(folder).args(arguments);
+    command
+}
+
+/// What a command says: whether it went well, its output, its errors.
+fn said(folder: &Path, arguments: &[&str]) -> (bool, String, String) {
+    let output = pinstack(folder, arguments).output().expect("the program runs");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_owned();
+    (output.status.success(), text(&output.stdout), text(&output.stderr))
+}
+
+/// Starts a server that logs everything into `log`, and waits for its address.
+fn serving(folder: &Path, arguments: &[&str]) -> (Process, String) {
+    let log = std::fs::File::create(folder.join("log")).expect("a log");
+    let port_file = folder.join("port");
+    let mut command = pinstack(folder, &["serve", "--workers", "0", "--log", "trace", "--port-file", "port"]);
+    command.args(arguments).stdout(log.try_clone().expect("a log")).stderr(Stdio::from(log));
+    let mut process = Process(command.spawn().expect("the program starts"));
+    loop {
+        if let Ok(address) = std::fs::read_to_string(&port_file) {
+            return (process, address.trim().to_owned());
+        }
+        let ended = process.0.try_wait().expect("it can be asked");
+        assert!(ended.is_none(), "{}", std::fs::read_to_string(folder.join("log")).unwrap_or_default());
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn nobody_is_let_in_from_other_machines_unless_somebody_said_who() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let (went_well, _, told) = said(folder, &["serve", "--listen", "0.0.0.0:0"]);
+    assert!(!went_well && told.contains("pinstack token add") && told.contains("--auth none"), "{told}");
+    let (process, _) = serving(folder, &["--listen", "0.0.0.0:0", "--auth", "none"]);
+    drop(process);
+    std::fs::remove_file(folder.join("port")).expect("the port file");
+    assert!(said(folder, &["token", "add", "rig-pc", "--scope", "read"]).0);
+    let (_process, address) = serving(folder, &["--listen", "0.0.0.0:0"]);
+    let port = address.rsplit(':').next().expect("a port");
+    let (went_well, _, told) = said(folder, &["health", &format!("http://127.0.0.1:{port}")]);
+    assert!(went_well, "health needs no token: {told}");
+}
+
+#[tokio::test]
+async fn tokens_are_made_shown_once_listed_and_revoked_and_their_secrets_are_written_nowhere() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let add = ["token", "add", "rig-pc", "--scope", "read", "--scope", "stacks:write"];
+    let (went_well, token, _) = said(folder, &add);
+    assert!(went_well && token.starts_with("pinstack_") && !token.contains(char::is_whitespace), "{token}");
+    let secret = secret_of(&token).to_owned();
+    assert!(said(folder, &add).2.contains("take another name"));
+    assert!(said(folder, &["token", "add", "x", "--scope", "everything"]).2.contains("profiles:write"));
+    assert!(said(folder, &["token", "add", "../x", "--scope", "read"]).2.contains("A-Z"));
+    let (_, listed, _) = said(folder, &["token", "list"]);
+    assert!(listed.contains("rig-pc\tread,stacks:write\t") && listed.contains("\tvalid"), "{listed}");
+    assert!(!listed.contains(&secret));
+
+    // there is a token, so it is asked for on the loopback address too
+    let (process, address) = serving(folder, &["--listen", "127.0.0.1:0"]);
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let ask = |token: &str| client.get(format!("http://{address}/v1/stacks")).bearer_auth(token).send();
+    assert_eq!(ask(&token).await.unwrap().status(), 200);
+    assert_eq!(ask(&format!("{token}x")).await.unwrap().status(), 401);
+    let (went_well, _, told) = said(folder, &["token", "revoke", "rig-pc"]);
+    assert!(went_well, "{told}");
+    assert_eq!(ask(&token).await.unwrap().status(), 401);
+    assert!(!said(folder, &["token", "revoke", "rig-pc"]).0);
+    assert!(said(folder, &["token", "list"]).1.contains("\trevoked "));
+    drop(process);
+    let log = std::fs::read_to_string(folder.join("log")).expect("the log");
+    assert!(log.contains("/v1/stacks"), "it logs what it is asked: {log}");
+    for file in ["log", "pinstack-data/pinstack.sqlite", "pinstack-data/pinstack.sqlite-wal"] {
+        let bytes = std::fs::read(folder.join(file)).unwrap_or_default();
+        assert!(!bytes.windows(secret.len()).any(|window| window == secret.as_bytes()), "{file}");
+    }
+}
