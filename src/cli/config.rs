@@ -53,6 +53,16 @@ pub struct ServeConfig {
     pub auth: Auth,
     /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
     pub isolate_tokens: bool,
+    /// Certificate for TLS, PEM; with `tls_key`.
+    pub tls_cert: Option<PathBuf>,
+    /// Its private key, PEM.
+    pub tls_key: Option<PathBuf>,
+    /// Most connections at a time; more wait.
+    pub max_connections: usize,
+    /// A client that takes longer for the head of a request is hung up on, seconds.
+    pub header_timeout_s: u64,
+    /// Origins whose pages may use the service from a browser.
+    pub cors_origins: Vec<String>,
     /// Log filter: `info`, `debug`, `pinstack=debug,info`, ...
     pub log: String,
     /// How the log is written.
@@ -112,6 +122,26 @@ pub struct Flags {
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub isolate_tokens: Option<bool>,
+    /// Speak TLS, with this certificate (PEM, the chain below it) [env: PINSTACK_TLS_CERT]
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tls_cert: Option<PathBuf>,
+    /// Private key of the certificate (PEM) [env: PINSTACK_TLS_KEY]
+    #[arg(long, value_name = "FILE")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tls_key: Option<PathBuf>,
+    /// Most connections at a time; more wait [default: 1024] [env: PINSTACK_MAX_CONNECTIONS]
+    #[arg(long, value_name = "N")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_connections: Option<usize>,
+    /// Hang up on a client that takes longer for the head of a request [default: 20] [env: PINSTACK_HEADER_TIMEOUT_S]
+    #[arg(long, value_name = "SECONDS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub header_timeout_s: Option<u64>,
+    /// Origin whose pages may use the service from a browser, https://lab.example say; may be given several times [default: none] [env: PINSTACK_CORS_ORIGINS, as ["..."]]
+    #[arg(long = "cors-origin", value_name = "ORIGIN")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub cors_origins: Vec<String>,
     /// Log filter [default: info] [env: PINSTACK_LOG]
     #[arg(long, value_name = "FILTER")]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -141,6 +171,11 @@ impl Default for ServeConfig {
             upload_keep_s: policy.upload_keep.as_secs(),
             auth: Auth::default(),
             isolate_tokens: false,
+            tls_cert: None,
+            tls_key: None,
+            max_connections: policy.max_connections,
+            header_timeout_s: policy.header_timeout.as_secs(),
+            cors_origins: policy.cors_origins,
             log: "info".to_owned(),
             log_format: LogFormat::Text,
             port_file: None,
@@ -149,7 +184,7 @@ impl Default for ServeConfig {
 }
 
 /// Names of the settings, as the file spells them.
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 19] = [
     "listen",
     "data_dir",
     "workers",
@@ -161,6 +196,11 @@ const KEYS: [&str; 14] = [
     "upload_keep_s",
     "auth",
     "isolate_tokens",
+    "tls_cert",
+    "tls_key",
+    "max_connections",
+    "header_timeout_s",
+    "cors_origins",
     "log",
     "log_format",
     "port_file",
@@ -200,6 +240,18 @@ impl ServeConfig {
             ("max_upload_bytes", self.max_upload_bytes >= 1024, "must be at least 1024"),
             ("queue_limit", self.queue_limit >= 1, "must be at least 1"),
             ("body_idle_timeout_s", (1..=86_400).contains(&self.body_idle_timeout_s), "must be 1 to 86400"),
+            (
+                "tls_cert",
+                self.tls_cert.is_some() == self.tls_key.is_some(),
+                "and tls_key belong together: give both or none",
+            ),
+            ("max_connections", (1..=1_000_000).contains(&self.max_connections), "must be 1 to 1000000"),
+            ("header_timeout_s", (1..=3600).contains(&self.header_timeout_s), "must be 1 to 3600"),
+            (
+                "cors_origins",
+                self.cors_origins.iter().all(|origin| is_origin(origin)),
+                "must be origins as browsers send them: https://lab.example or http://localhost:3000, no path, no *",
+            ),
             ("upload_keep_s", (60..=31_536_000).contains(&self.upload_keep_s), "must be 60 to 31536000"),
         ];
         for (key, holds, rule) in rules {
@@ -210,6 +262,14 @@ impl ServeConfig {
         }
         Ok(())
     }
+}
+
+/// Scheme and host, perhaps a port, and nothing behind.
+fn is_origin(text: &str) -> bool {
+    let host = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"));
+    host.is_some_and(|host| {
+        !host.is_empty() && host.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b"-.:[]".contains(&b))
+    })
 }
 
 /// Where a value came from, for the end of a sentence.

@@ -1,8 +1,16 @@
 //! `pinstack health`: for the health check of a container, which has no curl.
 
-use std::time::Duration;
+use std::{path::PathBuf, time::Duration};
 
 use anyhow::{Context, bail};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+    time::timeout,
+};
+use tokio_rustls::rustls::pki_types::ServerName;
+
+use super::tls;
 
 /// How long the server may take to answer.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -12,6 +20,9 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub struct Flags {
     /// Base URL of the server [default: the address in PINSTACK_LISTEN, or http://127.0.0.1:8080]
     url: Option<String>,
+    /// The certificate that a server with TLS must show [env: PINSTACK_TLS_CERT]
+    #[arg(long, value_name = "FILE", env = "PINSTACK_TLS_CERT", hide_env = true)]
+    tls_cert: Option<PathBuf>,
 }
 
 /// Asks `GET /readyz`.
@@ -20,8 +31,13 @@ pub struct Flags {
 /// When the server does not answer, or is not ready.
 pub fn run(flags: &Flags) -> anyhow::Result<()> {
     let url = flags.url.clone().unwrap_or_else(|| listened_url(std::env::var("PINSTACK_LISTEN").ok().as_deref()));
-    let url = format!("{}/readyz", url.trim_end_matches('/'));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    if let Some(certificate) = &flags.tls_cert {
+        let address = url.split_once("://").map_or(url.as_str(), |(_, address)| address).trim_end_matches('/');
+        let asked = runtime.block_on(async { timeout(PATIENCE, ask_by_tls(address, certificate)).await });
+        return asked.with_context(|| format!("https://{address} does not answer"))?;
+    }
+    let url = format!("{}/readyz", url.trim_end_matches('/'));
     runtime.block_on(async {
         // a proxy of the environment does not lead to this machine
         let client = reqwest::Client::builder().no_proxy().timeout(PATIENCE).build()?;
@@ -34,6 +50,30 @@ pub fn run(flags: &Flags) -> anyhow::Result<()> {
         }
         Ok(())
     })
+}
+
+/// The same through TLS.
+async fn ask_by_tls(address: &str, certificate: &std::path::Path) -> anyhow::Result<()> {
+    let connector = tls::pinned_connector(certificate)?;
+    let stream = TcpStream::connect(address).await.with_context(|| format!("https://{address} does not answer"))?;
+    let name = ServerName::from(stream.peer_addr()?.ip());
+    let mut stream = connector
+        .connect(name, stream)
+        .await
+        .with_context(|| format!("https://{address} does not show the certificate {}", certificate.display()))?;
+    let request = format!("GET /readyz HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).await?;
+    stream.flush().await?;
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).await?;
+    let answer = String::from_utf8_lossy(&answer);
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
+    println!("{body}");
+    let status = head.split_whitespace().nth(1).unwrap_or("nothing");
+    if status != "200" {
+        bail!("https://{address}/readyz answers {status}");
+    }
+    Ok(())
 }
 
 /// Where a server that listens on `listen` can be reached from this machine.

@@ -7,6 +7,7 @@ pub mod health;
 pub mod logging;
 pub mod openapi;
 pub mod serve;
+pub mod tls;
 pub mod token;
 
 use std::process::ExitCode;
@@ -27,7 +28,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Serve the API and work on jobs (the default)
-    Serve(config::Flags),
+    Serve(Box<config::Flags>),
     /// Run the main job end to end on a synthetic stack, and compare with the truth
     Demo(demo::Demo),
     /// Print the OpenAPI document
@@ -42,7 +43,7 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let done = match arguments.command {
         None => serve::run(arguments.serve),
-        Some(Command::Serve(flags)) => serve::run(flags),
+        Some(Command::Serve(flags)) => serve::run(*flags),
         Some(Command::Demo(demo)) => demo.run(),
         Some(Command::Openapi) => openapi::run(),
         Some(Command::Token(token)) => token.run(),

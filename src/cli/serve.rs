@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use super::{
     access::asks_for_tokens,
     config::{Flags, ServeConfig},
-    logging,
+    logging, tls,
 };
 use crate::{
     http::{self, App, Policy},
@@ -35,7 +35,8 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let service = Service::start(&config).await?;
-        eprintln!("listening on http://{}", service.address());
+        let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
+        eprintln!("listening on {scheme}://{}", service.address());
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
@@ -60,6 +61,10 @@ impl Service {
     /// # Errors
     /// When the data folder cannot be used or the address is taken.
     pub async fn start(config: &ServeConfig) -> anyhow::Result<Self> {
+        let tls = match (&config.tls_cert, &config.tls_key) {
+            (Some(certificate), Some(key)) => Some(tls::acceptor(certificate, key)?),
+            _ => None,
+        };
         let data_dir = &config.data_dir;
         std::fs::create_dir_all(data_dir)
             .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
@@ -83,7 +88,7 @@ impl Service {
         };
         let pool = Pool::start(deps, workers);
         let maintenance = maintenance::start(rows, blobs, maintenance::EVERY);
-        let server = tokio::spawn(http::serve(app, listener));
+        let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
     }
 
@@ -111,6 +116,9 @@ fn policy(config: &ServeConfig) -> Policy {
         body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
         upload_keep: Duration::from_secs(config.upload_keep_s),
         isolate_tokens: config.isolate_tokens,
+        max_connections: config.max_connections,
+        header_timeout: Duration::from_secs(config.header_timeout_s),
+        cors_origins: config.cors_origins.clone(),
         workers: config.workers,
         ..Policy::default()
     }

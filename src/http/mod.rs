@@ -18,5 +18,5 @@ pub mod uploads;
 pub mod views;
 pub mod watch;
 
-pub use serve::serve;
+pub use serve::{serve, serve_over};
 pub use state::{App, Policy};

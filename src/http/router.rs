@@ -12,7 +12,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
     calibrations,
-    middleware::{auth, observe, problems, request_id, security},
+    middleware::{auth, cors, observe, problems, request_id, security},
     profiles, stacks,
     state::App,
     system, uploads,
@@ -78,6 +78,7 @@ pub fn service(app: App) -> Router {
         .layer(from_fn(problems::complete))
         .layer(from_fn(security::headers))
         .layer(from_fn(uploads::protocol::name_version))
+        .layer(from_fn_with_state(app.clone(), cors::answer))
         .layer(from_fn(observe::requests))
         .layer(from_fn(request_id::keep_or_make))
         .with_state(app)

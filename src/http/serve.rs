@@ -1,8 +1,21 @@
-//! The service on a socket.
+//! The service on a socket: connections taken, limited, and let end.
 
-use std::{future::IntoFuture, time::Duration};
+use std::{io, sync::Arc, time::Duration};
 
-use tokio::{net::TcpListener, time::timeout};
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    server::graceful::{GracefulShutdown, Watcher},
+    service::TowerToHyperService,
+};
+use tokio::{
+    io::{AsyncRead, AsyncWrite},
+    net::{TcpListener, TcpStream},
+    sync::{OwnedSemaphorePermit, Semaphore},
+    time::{sleep, timeout},
+};
+use tokio_rustls::TlsAcceptor;
 
 use super::{router, state::App, system};
 
@@ -10,36 +23,110 @@ use super::{router, state::App, system};
 const GRACE: Duration = Duration::from_secs(30);
 /// How often the samples of the request times are put into their buckets: they pile up until then.
 const UPKEEP: Duration = Duration::from_secs(5);
+/// Pause when no connection can be taken, because there are no file handles left, say.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(500);
 
 /// Serves until `app.shutdown` fires, then lets requests in progress end.
 ///
 /// # Errors
-/// When the socket fails.
-pub async fn serve(app: App, listener: TcpListener) -> std::io::Result<()> {
-    let shutdown = app.shutdown.clone();
+/// Never, at present: a connection that fails is not the server's failure.
+pub async fn serve(app: App, listener: TcpListener) -> io::Result<()> {
+    serve_over(app, listener, None).await
+}
+
+/// The same, over TLS when there is an acceptor.
+///
+/// # Errors
+/// As [`serve`].
+pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor>) -> io::Result<()> {
     let upkeep = tokio::spawn(upkeep());
-    let server = axum::serve(listener, router::service(app))
-        .with_graceful_shutdown(shutdown.clone().cancelled_owned())
-        .into_future();
-    tokio::pin!(server);
-    let served = tokio::select! {
-        served = &mut server => served,
-        () = shutdown.cancelled() => match timeout(GRACE, &mut server).await {
-            Ok(served) => served,
-            Err(_) => {
-                tracing::warn!("requests were still in progress and are cut off");
-                Ok(())
-            }
-        },
-    };
+    let connections = GracefulShutdown::new();
+    accept_all(&app, &listener, tls, &connections).await;
+    drop(listener);
+    if timeout(GRACE, connections.shutdown()).await.is_err() {
+        tracing::warn!("requests were still in progress and are cut off");
+    }
     upkeep.abort();
-    served
+    Ok(())
+}
+
+/// Takes connections until the server goes down. One over the limit waits before the door, in the kernel's queue.
+async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>, connections: &GracefulShutdown) {
+    let service = router::service(app.clone());
+    let slots = Arc::new(Semaphore::new(app.policy.max_connections));
+    let next = async || {
+        let slot = Arc::clone(&slots).acquire_owned().await.map_err(io::Error::other)?;
+        let (stream, _) = listener.accept().await?;
+        Ok::<_, io::Error>((stream, slot))
+    };
+    loop {
+        let accepted = tokio::select! {
+            () = app.shutdown.cancelled() => return,
+            accepted = next() => accepted,
+        };
+        match accepted {
+            Ok((stream, slot)) => {
+                let connection = Connection {
+                    service: service.clone(),
+                    header_timeout: app.policy.header_timeout,
+                    watcher: connections.watcher(),
+                    _slot: slot,
+                };
+                tokio::spawn(connection.serve(stream, tls.clone()));
+            }
+            Err(error) if is_of_one_connection(&error) => {}
+            Err(error) => {
+                tracing::error!(%error, "cannot take a connection");
+                sleep(ACCEPT_PAUSE).await;
+            }
+        }
+    }
+}
+
+/// The client went away before it was taken: nothing is wrong here.
+fn is_of_one_connection(error: &io::Error) -> bool {
+    use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
+    matches!(error.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset)
+}
+
+/// One connection; its slot is free again once it has ended.
+struct Connection {
+    service: Router,
+    header_timeout: Duration,
+    watcher: Watcher,
+    _slot: OwnedSemaphorePermit,
+}
+
+impl Connection {
+    async fn serve(self, stream: TcpStream, tls: Option<TlsAcceptor>) {
+        // answers are written whole: waiting for more only delays them
+        if let Err(error) = stream.set_nodelay(true) {
+            tracing::debug!(%error, "TCP_NODELAY");
+        }
+        let Some(tls) = tls else { return self.speak(stream).await };
+        match timeout(self.header_timeout, tls.accept(stream)).await {
+            Ok(Ok(stream)) => self.speak(stream).await,
+            Ok(Err(error)) => tracing::debug!(%error, "no TLS connection came about"),
+            Err(_) => tracing::debug!("a client was too slow with its TLS handshake"),
+        }
+    }
+
+    async fn speak(self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
+        let connection = http1::Builder::new()
+            .timer(TokioTimer::new())
+            // a head that comes byte by byte, and a connection on which nothing is asked, do not hold a slot for ever
+            .header_read_timeout(self.header_timeout)
+            .serve_connection(TokioIo::new(stream), TowerToHyperService::new(self.service));
+        if let Err(error) = self.watcher.watch(connection).await {
+            tracing::debug!(%error, "a connection broke");
+        }
+    }
 }
 
 async fn upkeep() {
     let Ok(recorder) = system::metrics::recorder() else { return };
     loop {
-        tokio::time::sleep(UPKEEP).await;
+        sleep(UPKEEP).await;
         recorder.run_upkeep();
     }
 }

@@ -37,6 +37,12 @@ pub struct Policy {
     pub auth_required: bool,
     /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
     pub isolate_tokens: bool,
+    /// Most connections at a time; more wait.
+    pub max_connections: usize,
+    /// A client that takes longer for the head of a request, or asks nothing for so long, is hung up on.
+    pub header_timeout: Duration,
+    /// Origins whose pages may use the service from a browser.
+    pub cors_origins: Vec<String>,
     /// Worker threads of this process, for `/v1/info`.
     pub workers: usize,
 }
@@ -53,6 +59,9 @@ impl Default for Policy {
             poll_interval: Duration::from_secs(1),
             auth_required: false,
             isolate_tokens: false,
+            max_connections: 1024,
+            header_timeout: Duration::from_secs(20),
+            cors_origins: Vec::new(),
             workers: 0,
         }
     }

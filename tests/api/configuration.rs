@@ -38,6 +38,15 @@ fn a_value_of_the_wrong_kind_and_an_unknown_key_are_refused() {
 }
 
 #[test]
+fn an_origin_that_no_browser_would_send_is_refused() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    for origin in ["*", "lab.example", "https://lab.example/", "https://Lab.example", "https://"] {
+        let told = refusal(folder.path(), &["--cors-origin", origin], &[]);
+        assert!(told.contains("cors_origins must be origins") && told.contains("https://lab.example"), "{told}");
+    }
+}
+
+#[test]
 fn the_program_prints_the_contract_and_tells_health_by_its_exit_code() {
     let output = Command::new(env!("CARGO_BIN_EXE_pinstack")).arg("openapi").output().expect("the program runs");
     assert_eq!(String::from_utf8_lossy(&output.stdout), pinstack::http::system::openapi::text());

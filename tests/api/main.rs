@@ -5,6 +5,7 @@ mod access;
 mod app;
 mod bad_requests;
 mod configuration;
+mod connections;
 mod forms;
 mod lifecycle;
 mod profile_files;

@@ -9,6 +9,7 @@ mod durability;
 mod metadata;
 mod proxy;
 mod server;
+mod tls;
 mod tus;
 mod zips;
 
