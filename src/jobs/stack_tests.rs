@@ -161,7 +161,7 @@ fn progress_runs_from_start_to_end_and_never_back() {
     assert!(widest < 0.3, "the largest jump is {widest}");
     let mut stages: Vec<&str> = reports.iter().map(|progress| progress.stage.as_str()).collect();
     stages.dedup();
-    assert_eq!(stages, ["reading", "aligning", "fusing", "masking", "aligning", "fusing", "writing"]);
+    assert_eq!(stages, ["reading", "aligning", "fusing", "masking", "aligning", "fusing", "unveiling", "writing"]);
 }
 
 #[test]
