@@ -22,7 +22,7 @@ use crate::{
     model::{
         Code, Control, Fault, Homography, Stop, Warning,
         metrics::{Metrics, Severity, StageTime, Timing},
-        options::{MaskMode, Method},
+        options::{GuidedParams, MaskMode, Method},
         outcome::{ImageInfo, JobOutcome, StackOutcome},
         profile::{CaptureMode, Profile, ProfileInput},
         request::StackRequest,
@@ -60,6 +60,7 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
     let plan = plan(profile, request);
+    warnings.extend(unused_parameters(&plan));
     reading.progress("reading", 1, 1);
     times.end("reading");
 
@@ -69,9 +70,8 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
     let silhouette = if with_back {
         let control = Phase::new(watcher, &FUSING, READ, middle);
-        // a silhouette is white against black: there is nothing behind it to be unveiled
-        let guided = Plan { method: Method::Guided, ..plan.clone() };
-        let back = fusion::fuse(archive.back(), &guided, &Watch::default(), &bench.scratch, &control)?;
+        let back = Plan { method: of_back_light(plan.method), ..plan.clone() };
+        let back = fusion::fuse(archive.back(), &back, &Watch::default(), &bench.scratch, &control)?;
         times.end("fusing the back light");
         let phase = Phase::new(watcher, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
@@ -124,6 +124,27 @@ fn plan(profile: &Profile, request: &StackRequest) -> Plan {
         rail: input.rail_positions_mm.clone(),
         near_first: near_first(input),
     }
+}
+
+/// The paper's method fuses both lights alike. Beside it, pyramids keep more hairs of a silhouette; it is white against
+/// black, so there is nothing behind it to be unveiled.
+fn of_back_light(front: Method) -> Method {
+    match front {
+        Method::Guided => Method::Guided,
+        Method::Pyramid | Method::Unveiled => Method::Pyramid,
+    }
+}
+
+/// Who sets parameters of guided filtering expects them to count.
+fn unused_parameters(plan: &Plan) -> Option<Warning> {
+    let unused = plan.method != Method::Guided && plan.params != GuidedParams::default();
+    unused.then(|| {
+        Warning::new(
+            "unused_parameters",
+            "r1, eps1, r2, eps2, average, r_g and sigma_g are parameters of method=guided, and this stack's front light was \
+             fused by another method, which does not use them; send method=guided to have them count",
+        )
+    })
 }
 
 /// Whether the first slice is in focus nearest to the camera, as far as the profile tells: with a fixed lens the image

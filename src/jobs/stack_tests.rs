@@ -110,6 +110,16 @@ fn a_stack_without_back_light_is_opaque_wherever_a_slice_covers_it() {
 }
 
 #[test]
+fn parameters_of_guided_filtering_that_do_not_count_are_named() {
+    let warned = |method: Method| {
+        let laid = Laid::stack(&front_zip(), StackOptions { method, r1: 20, ..options() });
+        done(&laid).0.warnings.iter().any(|warning| warning.code == "unused_parameters")
+    };
+    assert!(warned(Method::Unveiled) && warned(Method::Pyramid));
+    assert!(!warned(Method::Guided));
+}
+
+#[test]
 fn mask_none_does_not_look_at_the_back_light() {
     let laid = Laid::stack(&both_zip(), StackOptions { mask: MaskMode::None, ..options() });
     let (_, outcome) = done(&laid);
