@@ -2,7 +2,10 @@
 //!
 //! Every pixel is computed by the same operations in the same order, whatever the rectangle it is computed in.
 
-use crate::imaging::Rect;
+use crate::imaging::{
+    Rect,
+    simd::{self, Avx2},
+};
 
 /// A pixel: three channels (of a grey picture the first), and a weight.
 pub(super) type Pixel = [f32; 4];
@@ -58,6 +61,7 @@ const SMOOTH: [f32; 9] = [
 /// Reach of [`Filters::smooth`], px.
 pub(super) const SMOOTHING: usize = SMOOTH.len() / 2;
 
+#[inline(always)]
 fn add(sum: &mut Pixel, weight: f32, pixel: &Pixel) {
     for (sum, value) in sum.iter_mut().zip(pixel) {
         *sum += weight * value;
@@ -83,13 +87,28 @@ fn taps(fine: usize, length: usize) -> (isize, [f32; 3]) {
 }
 
 /// Buffers of the filters.
-#[derive(Default)]
 pub(super) struct Filters {
+    simd: Option<Avx2>,
+    nothing: Vec<Pixel>,
     line: Vec<Pixel>,
     wide: Vec<Pixel>,
     half: Patch<Pixel>,
     narrow: Vec<f32>,
     across: Patch<f32>,
+}
+
+impl Default for Filters {
+    fn default() -> Self {
+        Self {
+            simd: Avx2::detect(),
+            nothing: Vec::new(),
+            line: Vec::new(),
+            wide: Vec::new(),
+            half: Patch::default(),
+            narrow: Vec::new(),
+            across: Patch::default(),
+        }
+    }
 }
 
 impl Filters {
@@ -101,20 +120,26 @@ impl Filters {
         let length = 2 * rect.width + 3;
         for y in fine.rect.y..fine.rect.y + fine.rect.height {
             laid(fine.row(y), skipped, length, &mut self.line);
-            for (c, out) in self.half.row_mut(y).iter_mut().enumerate() {
-                for (weight, pixel) in REDUCE.iter().zip(&self.line[2 * c..]) {
-                    add(out, *weight, pixel);
-                }
-            }
+            let (line, row) = (&self.line[..], self.half.row_mut(y));
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || halve(row, line),
+            );
         }
         out.reset(rect, [0.0; 4]);
+        self.nothing.resize(rect.width, [0.0; 4]);
         for y in rect.y..rect.y + rect.height {
-            for (tap, weight) in REDUCE.iter().enumerate() {
-                let Some(from) = (2 * y + tap).checked_sub(2).filter(|&from| self.half.has_row(from)) else { continue };
-                for (out, pixel) in out.row_mut(y).iter_mut().zip(self.half.row(from)) {
-                    add(out, *weight, pixel);
-                }
-            }
+            let rows = std::array::from_fn(|tap| {
+                let from = (2 * y + tap).checked_sub(2).filter(|&from| self.half.has_row(from));
+                from.map_or(&self.nothing[..], |from| self.half.row(from)).as_flattened()
+            });
+            let row = out.row_mut(y).as_flattened_mut();
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || weigh(row, rows, &REDUCE),
+            );
         }
     }
 
@@ -140,18 +165,21 @@ impl Filters {
             self.line.resize(coarse.rect.width + 3, [0.0; 4]);
             for (from, weight) in (first..).zip(weights) {
                 if weight > 0.0 {
-                    let row = coarse.row(from as usize);
-                    self.line[1..].iter_mut().zip(row).for_each(|(sum, pixel)| add(sum, weight, pixel));
+                    let (line, row) = (self.line[1..].as_flattened_mut(), coarse.row(from as usize).as_flattened());
+                    simd::run(
+                        self.simd,
+                        #[inline(always)]
+                        || line.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value),
+                    );
                 }
             }
-            self.wide.clear();
-            self.wide.extend(columns.iter().map(|(first, weights)| {
-                let mut sum = [0.0; 4];
-                for (weight, pixel) in weights.iter().zip(&self.line[*first..]) {
-                    add(&mut sum, *weight, pixel);
-                }
-                sum
-            }));
+            self.wide.resize(columns.len(), [0.0; 4]);
+            let (line, wide) = (&self.line[..], &mut self.wide[..]);
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || widen(wide, line, &columns),
+            );
             each(y, &self.wide);
         }
     }
@@ -167,30 +195,72 @@ impl Filters {
         self.convolve(&REDUCE, values, rect, out);
     }
 
-    fn convolve(&mut self, kernel: &[f32], values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
+    fn convolve<const K: usize>(&mut self, kernel: &[f32; K], values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
         let reach = kernel.len() / 2;
         self.across.reset(Rect { x: rect.x, width: rect.width, ..values.rect }, 0.0);
         let skipped = values.rect.x as isize + reach as isize - rect.x as isize;
         for y in values.rect.y..values.rect.y + values.rect.height {
             laid(values.row(y), skipped, rect.width + 2 * reach, &mut self.narrow);
-            let row = self.across.row_mut(y);
-            for (tap, weight) in kernel.iter().enumerate() {
-                for (out, value) in row.iter_mut().zip(&self.narrow[tap..]) {
-                    *out += weight * value;
-                }
-            }
+            let (row, line) = (self.across.row_mut(y), &self.narrow[..]);
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || weigh(row, std::array::from_fn(|tap| &line[tap..]), kernel),
+            );
         }
         out.reset(rect, 0.0);
+        self.narrow.clear();
+        self.narrow.resize(rect.width, 0.0);
         for y in rect.y..rect.y + rect.height {
-            for (tap, weight) in kernel.iter().enumerate() {
-                let Some(from) = (y + tap).checked_sub(reach).filter(|&from| self.across.has_row(from)) else {
-                    continue;
-                };
-                for (out, value) in out.row_mut(y).iter_mut().zip(self.across.row(from)) {
-                    *out += weight * value;
-                }
-            }
+            let rows = std::array::from_fn(|tap| {
+                let from = (y + tap).checked_sub(reach).filter(|&from| self.across.has_row(from));
+                from.map_or(&self.narrow[..], |from| self.across.row(from))
+            });
+            let row = out.row_mut(y);
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || weigh(row, rows, kernel),
+            );
         }
+    }
+}
+
+/// Sums of `K` rows, each with its weight.
+#[inline(always)]
+fn weigh<const K: usize>(out: &mut [f32], rows: [&[f32]; K], kernel: &[f32; K]) {
+    let count = out.len();
+    let rows = rows.map(|row| &row[..count]);
+    for (x, out) in out.iter_mut().enumerate() {
+        let mut sum = 0.0;
+        for tap in 0..K {
+            sum += kernel[tap] * rows[tap][x];
+        }
+        *out = sum;
+    }
+}
+
+/// Every other pixel of `line`, from its third on, with its neighbours.
+#[inline(always)]
+fn halve(out: &mut [Pixel], line: &[Pixel]) {
+    for (out, around) in out.iter_mut().zip(line.windows(REDUCE.len()).step_by(2)) {
+        let mut sum = [0.0; 4];
+        for (weight, pixel) in REDUCE.iter().zip(around) {
+            add(&mut sum, *weight, pixel);
+        }
+        *out = sum;
+    }
+}
+
+/// Fine pixels, each of three of `line` from the given one on.
+#[inline(always)]
+fn widen(out: &mut [Pixel], line: &[Pixel], columns: &[(usize, [f32; 3])]) {
+    for (out, (first, weights)) in out.iter_mut().zip(columns) {
+        let mut sum = [0.0; 4];
+        for (weight, pixel) in weights.iter().zip(&line[*first..*first + 3]) {
+            add(&mut sum, *weight, pixel);
+        }
+        *out = sum;
     }
 }
 
