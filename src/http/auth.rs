@@ -7,6 +7,7 @@ use axum::{
     extract::FromRequestParts,
     http::{HeaderMap, Method, header, request::Parts},
 };
+use percent_encoding::percent_decode_str;
 use uuid::Uuid;
 
 use super::{
@@ -112,12 +113,25 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
 /// The stack or upload that a path is about: where tokens see only their own, others' are not to be found.
 pub fn owned_by_someone(path: &str) -> Option<Uuid> {
     let rest = path.strip_prefix("/v1/stacks/").or_else(|| path.strip_prefix("/v1/uploads/"))?;
-    Uuid::parse_str(rest.split('/').next()?).ok()
+    // handlers get the id decoded, so it must be looked at decoded here
+    let id = percent_decode_str(rest.split('/').next()?).decode_utf8().ok()?;
+    Uuid::parse_str(&id).ok()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_owner_is_asked_for_however_the_id_is_written() {
+        let id = Uuid::now_v7();
+        let encoded: String = id.to_string().bytes().map(|byte| format!("%{byte:02x}")).collect();
+        for written in [id.to_string(), id.simple().to_string(), id.to_string().to_uppercase(), encoded] {
+            for path in [format!("/v1/stacks/{written}"), format!("/v1/uploads/{written}/x")] {
+                assert_eq!(owned_by_someone(&path), Some(id), "{path}");
+            }
+        }
+    }
 
     #[test]
     fn each_request_needs_its_scope_and_an_unknown_one_admin() {

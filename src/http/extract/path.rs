@@ -39,12 +39,7 @@ impl<S: Send + Sync> FromRequestParts<S> for JobId {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        let segments = segments(parts, state).await?;
-        let text = segments.get("id").map(String::as_str).unwrap_or_default();
-        match Uuid::parse_str(text) {
-            Ok(id) => Ok(Self(id)),
-            Err(_) => Err(ApiError::new(Code::NotFound, format!("there is no job '{}'", shortened(text)))),
-        }
+        Ok(Self(id(parts, state, "job").await?))
     }
 }
 
@@ -56,13 +51,15 @@ impl<S: Send + Sync> FromRequestParts<S> for UploadId {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        let segments = segments(parts, state).await?;
-        let text = segments.get("id").map(String::as_str).unwrap_or_default();
-        match Uuid::parse_str(text) {
-            Ok(id) => Ok(Self(id)),
-            Err(_) => Err(ApiError::new(Code::NotFound, format!("there is no upload '{}'", shortened(text)))),
-        }
+        Ok(Self(id(parts, state, "upload").await?))
     }
+}
+
+async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &str) -> Result<Uuid, ApiError> {
+    let segments = segments(parts, state).await?;
+    let text = segments.get("id").map(String::as_str).unwrap_or_default();
+    Uuid::parse_str(text)
+        .map_err(|_| ApiError::new(Code::NotFound, format!("there is no {what} '{}'", shortened(text))))
 }
 
 async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<HashMap<String, String>, ApiError> {
