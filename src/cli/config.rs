@@ -1,7 +1,7 @@
 //! Configuration: flags over `PINSTACK_*` environment over a TOML file over defaults. A bad value is refused with
 //! where it came from.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
 use anyhow::anyhow;
 use clap::ValueEnum;
@@ -12,6 +12,7 @@ use figment::{
 use serde::{Deserialize, Serialize};
 
 use super::access::Auth;
+use crate::store::sweep::Retention;
 
 /// Where the server listens when nobody says otherwise.
 pub const DEFAULT_LISTEN: &str = "127.0.0.1:8080";
@@ -39,6 +40,8 @@ pub struct ServeConfig {
     pub workers: usize,
     /// Memory for all running jobs together, MiB.
     pub memory_mb: u64,
+    /// A job whose worker is not heard of for so long is taken by another, seconds.
+    pub lease_s: u64,
     /// Largest upload, bytes.
     pub max_upload_bytes: u64,
     /// Most jobs that may wait.
@@ -49,6 +52,12 @@ pub struct ServeConfig {
     pub body_idle_timeout_s: u64,
     /// A resumable upload waits for its next piece so long, seconds.
     pub upload_keep_s: u64,
+    /// Stacks that went well go so many days after their end, unless their own `keep_days` say otherwise.
+    pub keep_stacks_days: Option<u32>,
+    /// Stacks and calibrations that failed or were cancelled go so many days after their end.
+    pub keep_failed_days: Option<u32>,
+    /// The zips of stacks and calibrations that went well go so many days after their end; the results stay.
+    pub keep_uploads_days: Option<u32>,
     /// Whether tokens are asked for.
     pub auth: Auth,
     /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
@@ -94,6 +103,10 @@ pub struct Flags {
     #[arg(long, value_name = "MIB")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory_mb: Option<u64>,
+    /// A job whose worker is not heard of for so long is taken by another [default: 15] [env: PINSTACK_LEASE_S]
+    #[arg(long, value_name = "SECONDS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lease_s: Option<u64>,
     /// Largest upload [default: 64 GiB] [env: PINSTACK_MAX_UPLOAD_BYTES]
     #[arg(long, value_name = "BYTES")]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -114,6 +127,18 @@ pub struct Flags {
     #[arg(long, value_name = "SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub upload_keep_s: Option<u64>,
+    /// Remove stacks that went well so many days after their end, unless their own keep_days say otherwise [default: never] [env: PINSTACK_KEEP_STACKS_DAYS]
+    #[arg(long, value_name = "DAYS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keep_stacks_days: Option<u32>,
+    /// Remove stacks and calibrations that failed or were cancelled so many days after their end [default: never] [env: PINSTACK_KEEP_FAILED_DAYS]
+    #[arg(long, value_name = "DAYS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keep_failed_days: Option<u32>,
+    /// Remove the zips of stacks and calibrations that went well so many days after their end; the results stay [default: never] [env: PINSTACK_KEEP_UPLOADS_DAYS]
+    #[arg(long, value_name = "DAYS")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keep_uploads_days: Option<u32>,
     /// Whether tokens are asked for; auto: when there are any, and wherever other machines can reach the server [default: auto] [env: PINSTACK_AUTH]
     #[arg(long, value_name = "WHEN")]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -164,11 +189,15 @@ impl Default for ServeConfig {
             data_dir: PathBuf::from("pinstack-data"),
             workers: 1,
             memory_mb: 4096,
+            lease_s: crate::worker::Config::default().lease.as_secs(),
             max_upload_bytes: policy.max_upload_bytes,
             queue_limit: policy.queue_limit,
             min_free_bytes: policy.min_free_bytes,
             body_idle_timeout_s: policy.body_idle_timeout.as_secs(),
             upload_keep_s: policy.upload_keep.as_secs(),
+            keep_stacks_days: None,
+            keep_failed_days: None,
+            keep_uploads_days: None,
             auth: Auth::default(),
             isolate_tokens: false,
             tls_cert: None,
@@ -184,16 +213,20 @@ impl Default for ServeConfig {
 }
 
 /// Names of the settings, as the file spells them.
-const KEYS: [&str; 19] = [
+const KEYS: [&str; 23] = [
     "listen",
     "data_dir",
     "workers",
     "memory_mb",
+    "lease_s",
     "max_upload_bytes",
     "queue_limit",
     "min_free_bytes",
     "body_idle_timeout_s",
     "upload_keep_s",
+    "keep_stacks_days",
+    "keep_failed_days",
+    "keep_uploads_days",
     "auth",
     "isolate_tokens",
     "tls_cert",
@@ -232,11 +265,22 @@ impl ServeConfig {
         Ok(config)
     }
 
+    /// How long what has ended is kept.
+    pub fn retention(&self) -> Retention {
+        let days = |days: Option<u32>| days.map(|days| Duration::from_secs(u64::from(days) * 24 * 60 * 60));
+        Retention {
+            stacks: days(self.keep_stacks_days),
+            failed: days(self.keep_failed_days),
+            uploads: days(self.keep_uploads_days),
+        }
+    }
+
     fn check(&self, figment: &Figment) -> anyhow::Result<()> {
         let rules = [
             ("listen", self.listen.contains(':'), "must be an address and a port, 127.0.0.1:8080 say"),
             ("workers", self.workers <= 256, "must be 0 to 256"),
             ("memory_mb", (64..=16 << 20).contains(&self.memory_mb), "must be 64 to 16777216 MiB"),
+            ("lease_s", (2..=3600).contains(&self.lease_s), "must be 2 to 3600"),
             ("max_upload_bytes", self.max_upload_bytes >= 1024, "must be at least 1024"),
             ("queue_limit", self.queue_limit >= 1, "must be at least 1"),
             ("body_idle_timeout_s", (1..=86_400).contains(&self.body_idle_timeout_s), "must be 1 to 86400"),

@@ -1,14 +1,18 @@
 //! The command line: one command per file.
 
 pub mod access;
+pub mod backup;
 pub mod config;
 pub mod demo;
+pub mod gc;
 pub mod health;
 pub mod logging;
 pub mod openapi;
 pub mod serve;
+pub mod store;
 pub mod tls;
 pub mod token;
+pub mod verify;
 
 use std::process::ExitCode;
 
@@ -34,12 +38,17 @@ enum Command {
     /// Print the OpenAPI document
     Openapi,
     Token(token::Token),
+    Gc(gc::Gc),
+    Verify(verify::Verify),
+    Backup(backup::Backup),
+    Restore(backup::Restore),
     /// Ask a running server whether it is ready; the exit code tells
     Health(health::Flags),
 }
 
 /// Runs the command that the arguments name.
 pub fn main() -> ExitCode {
+    crate::store::step::arm();
     let arguments = Arguments::parse();
     let done = match arguments.command {
         None => serve::run(arguments.serve),
@@ -47,6 +56,10 @@ pub fn main() -> ExitCode {
         Some(Command::Demo(demo)) => demo.run(),
         Some(Command::Openapi) => openapi::run(),
         Some(Command::Token(token)) => token.run(),
+        Some(Command::Gc(gc)) => gc.run(),
+        Some(Command::Verify(verify)) => verify.run(),
+        Some(Command::Backup(backup)) => backup.run(),
+        Some(Command::Restore(restore)) => restore.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };
     match done {

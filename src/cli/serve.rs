@@ -16,6 +16,7 @@ use crate::{
     jobs::Science,
     store::{
         Rows,
+        backup::DATABASE,
         blobs::{Blobs, local::LocalBlobs},
         sqlite::SqliteRows,
     },
@@ -68,7 +69,7 @@ impl Service {
         let data_dir = &config.data_dir;
         std::fs::create_dir_all(data_dir)
             .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
-        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data_dir.join("pinstack.sqlite")).await?);
+        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data_dir.join(DATABASE)).await?);
         let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data_dir)?);
         let listener = TcpListener::bind(&config.listen)
             .await
@@ -84,10 +85,13 @@ impl Service {
         let workers = worker::Config {
             workers: config.workers,
             memory_budget: config.memory_mb << 20,
+            min_free_bytes: config.min_free_bytes,
+            lease: Duration::from_secs(config.lease_s),
+            beat: Duration::from_secs(config.lease_s) / worker::BEATS_PER_LEASE,
             ..worker::Config::default()
         };
         let pool = Pool::start(deps, workers);
-        let maintenance = maintenance::start(rows, blobs, maintenance::EVERY);
+        let maintenance = maintenance::start(rows, blobs, maintenance::EVERY, config.retention());
         let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
     }

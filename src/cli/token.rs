@@ -7,10 +7,15 @@ use super::config::{Flags, ServeConfig};
 use crate::{
     model::Name,
     store::{
+        Rows,
+        backup::DATABASE,
         sqlite::SqliteRows,
-        tokens::{Scope, TokenRows, mint, names},
+        tokens::{NewToken, Scope, TokenRows, mint, names},
     },
 };
+
+/// Bytes in a GB.
+const GB: u64 = 1_000_000_000;
 
 /// Who may do what: make, list and revoke tokens. Works on the data folder, also while a server runs on it.
 #[derive(Debug, Args)]
@@ -34,6 +39,9 @@ enum Command {
         /// What it allows: profiles:write, stacks:write, read, admin; may be given several times
         #[arg(long = "scope", value_name = "SCOPE", required = true)]
         scopes: Vec<Scope>,
+        /// Most that its stacks and uploads may take on the disk together, GB (10^9 bytes) [default: no limit]
+        #[arg(long, value_name = "GB")]
+        quota_gb: Option<u64>,
     },
     /// List the tokens, without their secrets
     List,
@@ -56,9 +64,9 @@ impl Token {
             .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
-            let rows = SqliteRows::open(data_dir.join("pinstack.sqlite")).await?;
+            let rows = SqliteRows::open(data_dir.join(DATABASE)).await?;
             let done = match self.command {
-                Command::Add { name, scopes } => add(&rows, name, &scopes).await,
+                Command::Add { name, scopes, quota_gb } => add(&rows, name, scopes, quota_gb).await,
                 Command::List => list(&rows).await,
                 Command::Revoke { name } => revoke(&rows, name).await,
             };
@@ -68,11 +76,13 @@ impl Token {
     }
 }
 
-async fn add(rows: &SqliteRows, name: String, scopes: &[Scope]) -> anyhow::Result<()> {
+async fn add(rows: &SqliteRows, name: String, scopes: Vec<Scope>, quota_gb: Option<u64>) -> anyhow::Result<()> {
     let name = Name::new(name)?;
     let (id, secret, text) = mint().context("the system has no random bytes")?;
-    if !rows.add_token(id, &name, secret.digest(), scopes).await? {
-        bail!("there is, or was, a token '{name}'; take another name");
+    let quota_bytes = quota_gb.map(|gb| gb.saturating_mul(GB));
+    let token = NewToken { id, name, digest: secret.digest(), scopes, quota_bytes };
+    if !rows.add_token(&token).await? {
+        bail!("there is, or was, a token '{}'; take another name", token.name);
     }
     eprintln!("This is the only time that the token is shown; the service keeps a digest of it.");
     println!("{text}");
@@ -82,7 +92,10 @@ async fn add(rows: &SqliteRows, name: String, scopes: &[Scope]) -> anyhow::Resul
 async fn list(rows: &SqliteRows) -> anyhow::Result<()> {
     for token in rows.tokens().await? {
         let state = token.revoked_at.map(|at| format!("revoked {at:.0}")).unwrap_or_else(|| "valid".to_owned());
-        println!("{}\t{}\tmade {:.0}\t{state}", token.name, names(&token.scopes, ","), token.created_at);
+        let used = rows.bytes_of(token.id).await? as f64 / GB as f64;
+        let quota = token.quota_bytes.map(|bytes| format!(" of {} GB", bytes / GB)).unwrap_or_else(|| " GB".to_owned());
+        let (name, scopes, made) = (&token.name, names(&token.scopes, ","), token.created_at);
+        println!("{name}\t{scopes}\tmade {made:.0}\t{state}\t{used:.1}{quota} used");
     }
     Ok(())
 }

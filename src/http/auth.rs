@@ -29,6 +29,27 @@ impl Caller {
         self.0.as_ref().map(|token| token.id)
     }
 
+    /// Refuses bytes that would not fit into what the token may take. Requests that arrive at the same moment may pass it
+    /// together.
+    ///
+    /// # Errors
+    /// `insufficient_storage` with figures.
+    pub async fn require_quota(&self, app: &App, bytes: u64) -> ApiResult<()> {
+        let Some((token, quota)) = self.0.as_ref().and_then(|token| Some((token, token.quota_bytes?))) else {
+            return Ok(());
+        };
+        let used = app.rows.bytes_of(token.id).await?;
+        if used.saturating_add(bytes) <= quota {
+            return Ok(());
+        }
+        let detail = format!(
+            "no room for this upload in the quota of token '{}': it needs {bytes} bytes, and {used} of {quota} are used; \
+             delete old stacks, or ask for a larger quota",
+            token.name
+        );
+        Err(ApiError::new(Code::InsufficientStorage, detail))
+    }
+
     /// The token whose stacks alone are shown; `None`: all are.
     pub fn sees_only(&self, app: &App) -> Option<Uuid> {
         let token = self.0.as_ref().filter(|token| app.policy.isolate_tokens && !token.allows(&[]))?;

@@ -2,13 +2,14 @@
 //! second decoding.
 
 use std::{
-    fs,
+    fs, io,
     path::{Path, PathBuf},
 };
 
 use crate::{
     imaging::{Raster, Samples, Slices},
     model::{Code, Fault},
+    store::step::step,
 };
 
 /// Long side of a copy at most, px.
@@ -51,8 +52,20 @@ impl Slices for Copying<'_> {
 
     fn load(&self, index: usize) -> Result<Raster, Fault> {
         let slice = self.slices.load(index)?;
-        fs::write(self.path(index), packed(&smaller(&slice))).map_err(|error| failed(&error))?;
+        step("copy.write")
+            .and_then(|()| fs::write(self.path(index), packed(&smaller(&slice))))
+            .map_err(|e| unwritten(&e))?;
         Ok(slice)
+    }
+}
+
+fn unwritten(error: &io::Error) -> Fault {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Fault::new(
+            Code::InsufficientStorage,
+            "the disk of the service is full, so the job could not go on; make room and send the target again",
+        ),
+        _ => failed(error),
     }
 }
 

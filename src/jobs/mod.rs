@@ -3,6 +3,7 @@
 pub mod calibration;
 pub mod compose;
 mod copies;
+pub mod disk;
 pub mod memory;
 mod press;
 pub mod preview;
@@ -38,6 +39,10 @@ impl Default for Science {
 impl Work for Science {
     fn memory_need(&self, request: &JobRequest) -> u64 {
         memory::memory_need(request, self.threads)
+    }
+
+    fn disk_need(&self, request: &JobRequest) -> u64 {
+        disk::disk_need(request)
     }
 
     fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
@@ -101,6 +106,9 @@ pub trait Watcher: Sync {
 pub trait Work: Send + Sync + 'static {
     /// Bytes of memory that the job will need at its peak.
     fn memory_need(&self, request: &JobRequest) -> u64;
+
+    /// Bytes that it may write at most, beyond its upload.
+    fn disk_need(&self, request: &JobRequest) -> u64;
 
     /// Does the job, on a thread that may block.
     ///

@@ -15,7 +15,7 @@ use crate::{
         codec::{Metadata, encode_png, encode_tiff},
     },
     model::{Code, Fault, Stop, options::ImageFormat, outcome::Artifact},
-    store::{blobs::result_key, digest::hex},
+    store::{blobs::result_key, digest::hex, step::step},
 };
 
 /// Writes the artifacts of one job.
@@ -78,6 +78,7 @@ impl<'a> Press<'a> {
         path: &std::path::Path,
         fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
     ) -> io::Result<(u64, String)> {
+        step("artifact.make")?;
         let file = File::options().create_new(true).read(true).write(true).open(path)?;
         let mut out = BufWriter::with_capacity(1 << 20, Watched { file, watcher: self.watcher });
         fill(&mut out)?;
@@ -134,6 +135,7 @@ impl Watched<'_> {
 impl Write for Watched<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.check()?;
+        step("artifact.write")?;
         self.file.write(bytes)
     }
     fn flush(&mut self) -> io::Result<()> {

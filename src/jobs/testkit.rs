@@ -147,6 +147,7 @@ impl Laid {
         let layout = archive::open(&path, &ArchiveLimits::default()).expect("a sound zip").layout().clone();
         let upload = Upload { key: String::new(), bytes: archive.len() as u64, sha256: String::new(), filename: None };
         let job = Job {
+            upload_removed: false,
             id: Uuid::now_v7(),
             rig: Name::new("rig").expect("a name"),
             lens: Name::new("lens").expect("a name"),

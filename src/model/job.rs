@@ -51,7 +51,8 @@ impl JobState {
 /// How far a job is.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
-    /// What is being done: `waiting`, `reading`, `aligning`, `fusing`, `masking`, `writing`, `detecting`, ...
+    /// What is being done: `waiting`, `reading`, `aligning`, `fusing`, `masking`, `writing`, `detecting`, ...;
+    /// `waiting for room on the disk` when a worker has it and the disk is too full to begin.
     pub stage: String,
     /// Steps of this stage that are done.
     pub completed: u32,

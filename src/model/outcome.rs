@@ -79,6 +79,11 @@ pub enum JobOutcome {
 }
 
 impl JobOutcome {
+    /// Bytes of all files together.
+    pub fn bytes(&self) -> u64 {
+        self.artifacts().iter().map(|artifact| artifact.bytes).sum()
+    }
+
     /// The files.
     pub fn artifacts(&self) -> &[Artifact] {
         match self {

@@ -28,13 +28,15 @@ pub trait Blobs: Send + Sync + 'static {
     async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>>;
     /// Removes every blob of a job (`uploads/{id}.zip`, `results/{id}/`).
     async fn delete_job(&self, id: Uuid) -> StoreResult<()>;
+    /// Removes the upload of a job, and nothing else of it.
+    async fn delete_upload(&self, id: Uuid) -> StoreResult<()>;
     /// Removes the results of leases older than `first_kept`. Newer ones stay: a worker may have claimed the job again
     /// since the caller looked.
     async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()>;
     /// The jobs that have blobs.
     async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>>;
-    /// Bytes that can still be written.
-    async fn room(&self) -> StoreResult<u64>;
+    /// Bytes that can still be written, and how many could be if nothing were stored.
+    async fn room(&self) -> StoreResult<Room>;
 
     /// The file of an upload that arrives in pieces, for this caller alone until it is dropped, however the process ends.
     /// `None` when somebody else has it, in this process or another.
@@ -56,6 +58,15 @@ pub trait Partial: Send {
     async fn sync(&mut self) -> StoreResult<()>;
     /// Where it lies: on the same file system as the spool folder, so that it can be published.
     fn path(&self) -> &Path;
+}
+
+/// What a disk has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Room {
+    /// Bytes that can still be written.
+    pub free: u64,
+    /// Bytes that it has in all.
+    pub total: u64,
 }
 
 /// A job that has blobs.

@@ -119,6 +119,13 @@ pub(crate) async fn claim(rows: &dyn Rows) -> Option<Job> {
     rows.claim(LEASE, ATTEMPTS).await.expect("claim")
 }
 
+/// A job whose worker was not heard of for a whole lease, as a process claims it that did not know of it before.
+pub(crate) async fn claim_from_the_dead(rows: &dyn Rows, clock: &ManualClock) -> Job {
+    assert_eq!(claim(rows).await, None, "its worker may be alive");
+    clock.advance(LEASE);
+    claim(rows).await.expect("its worker is dead")
+}
+
 pub(crate) async fn job(rows: &dyn Rows, id: Uuid) -> Job {
     rows.job(id).await.expect("read the job").expect("the job is there")
 }

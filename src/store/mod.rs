@@ -4,13 +4,16 @@
 //! each later write of the worker says `WHERE id = ? AND lease_token = ?`, so a worker that comes back from
 //! the dead can write bytes but never publish them.
 
+pub mod backup;
 pub mod blobs;
 pub mod clock;
 pub mod digest;
 pub mod sqlite;
+pub mod step;
 pub mod sweep;
 pub mod tokens;
 pub mod uploads;
+pub mod verify;
 
 #[cfg(test)]
 pub(crate) mod conformance;
@@ -29,6 +32,7 @@ use crate::model::{
     profile::{HomographyModel, Profile, ProfileInput, ProfileOrigin, ProfileSlice, ProfileSource},
     request::JobRequest,
 };
+use sweep::Retention;
 
 /// Why the store could not do it. Never shown to a client as it is.
 #[derive(Debug, thiserror::Error)]
@@ -42,6 +46,16 @@ pub enum StoreError {
     /// Anything else: said in the log.
     #[error(transparent)]
     Other(#[from] anyhow::Error),
+}
+
+impl StoreError {
+    /// What an error of the file system means here; `what` was to be done.
+    pub(crate) fn of_io(error: std::io::Error, what: String) -> Self {
+        match error.kind() {
+            std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => Self::NoRoom(what),
+            _ => Self::Other(anyhow::Error::new(error).context(what)),
+        }
+    }
 }
 
 /// Shorthand.
@@ -171,6 +185,8 @@ pub struct Job {
     pub error: Option<Fault>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+    /// The zip is gone, because its time was over; what was made of it is there.
+    pub upload_removed: bool,
     /// What it made.
     pub outcome: Option<JobOutcome>,
 }
@@ -238,6 +254,26 @@ pub enum Finish {
     Failed(Fault),
     /// Because it was asked for.
     Cancelled,
+}
+
+/// A row, as the clean-up sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BlobOwner {
+    /// Where the job is.
+    pub state: JobState,
+    /// Results of older leases are nobody's.
+    pub lease_token: i64,
+    /// The zip is not needed any more.
+    pub upload_removed: bool,
+}
+
+/// Whether an attempt that was given up counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Attempt {
+    /// The job may be why: it counts towards the most that are made.
+    Counts,
+    /// The server goes down: the job has nothing to do with it.
+    IsFree,
 }
 
 /// How asking for the end of a job ended.
@@ -320,23 +356,28 @@ pub trait Rows: UploadRows + TokenRows + Send + Sync + 'static {
     /// before wins over success and over failure: then this is still true, the job is `cancelled` and what it made is
     /// garbage ([`sweep::tidy_job`]).
     async fn finish(&self, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool>;
-    /// Gives a job back unfinished (the server goes down); this attempt does not count. A job that should end or go
-    /// ends or goes instead. False when the lease was lost.
-    async fn release(&self, id: Uuid, lease_token: i64) -> StoreResult<bool>;
+    /// Gives a job back unfinished. A job that should end or go ends or goes instead. False when the lease was lost.
+    async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool>;
     /// Asks for the end of a job. `None` when there is no such job.
     async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>>;
     /// Removes a job that has ended or waits; a running one is told to cancel, is not to be seen any more, and is
     /// removed when its worker lets go. False when there is no such job. Its blobs become garbage for the sweep.
     async fn delete_job(&self, id: Uuid) -> StoreResult<bool>;
-    /// Removes the jobs whose `keep_days` have passed since they ended; their ids.
-    async fn delete_expired(&self) -> StoreResult<Vec<Uuid>>;
-    /// True when a live row still needs the blobs of this job (`uploads/{id}...`, `results/{id}/...`): the sweep asks
-    /// before it deletes. `lease_token` of the row, for results of older leases. `None`: no row, nothing is needed.
-    async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<(JobState, i64)>>;
+    /// Removes the jobs whose time since their end is over, by their own `keep_days` or by `keep`; their ids.
+    async fn delete_expired(&self, keep: &Retention) -> StoreResult<Vec<Uuid>>;
+    /// Says of the jobs whose zip is over its time that it is gone; their ids. The blobs go afterwards.
+    async fn expire_job_uploads(&self, keep: &Retention) -> StoreResult<Vec<Uuid>>;
+    /// Bytes that the stacks, calibrations and open uploads of a token take.
+    async fn bytes_of(&self, owner: Uuid) -> StoreResult<u64>;
+    /// What a live row still needs of the blobs of this job (`uploads/{id}...`, `results/{id}/...`): the sweep asks before
+    /// it deletes. `None`: no row, nothing is needed.
+    async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>>;
 
     /// Fires (with the job's id) after each visible change made by this process; listeners poll as well,
     /// because other processes may change rows too.
     fn changes(&self) -> tokio::sync::broadcast::Receiver<Uuid>;
+    /// What the database itself finds wrong with its file: a sentence each.
+    async fn objections(&self) -> StoreResult<Vec<String>>;
     /// True when the database answers.
     async fn healthy(&self) -> bool;
 }

@@ -73,10 +73,27 @@ pub struct Token {
     pub scopes: Vec<Scope>,
     /// SHA-256 of the secret.
     pub digest: [u8; 32],
+    /// Bytes that its stacks and uploads may take together; `None`: as many as there is room for.
+    pub quota_bytes: Option<u64>,
     /// When it was made.
     pub created_at: Timestamp,
     /// Since when it is worth nothing; `None` while it is valid.
     pub revoked_at: Option<Timestamp>,
+}
+
+/// A token about to be stored.
+#[derive(Clone)]
+pub struct NewToken {
+    /// The public part.
+    pub id: Uuid,
+    /// Name that people know it by.
+    pub name: Name,
+    /// SHA-256 of the secret.
+    pub digest: [u8; 32],
+    /// What it allows.
+    pub scopes: Vec<Scope>,
+    /// Bytes that its stacks and uploads may take together; `None`: as many as there is room for.
+    pub quota_bytes: Option<u64>,
 }
 
 impl fmt::Debug for Token {
@@ -136,7 +153,7 @@ pub fn parse(text: &str) -> Option<(Uuid, Secret)> {
 #[async_trait]
 pub trait TokenRows: Send + Sync + 'static {
     /// Stores a token; false when the name is taken, by a revoked one too.
-    async fn add_token(&self, id: Uuid, name: &Name, digest: [u8; 32], scopes: &[Scope]) -> StoreResult<bool>;
+    async fn add_token(&self, token: &NewToken) -> StoreResult<bool>;
     /// One token, valid or revoked.
     async fn token(&self, id: Uuid) -> StoreResult<Option<Token>>;
     /// All of them, the oldest first.
@@ -161,6 +178,7 @@ mod tests {
             scopes: vec![Scope::Read],
             digest: secret.digest(),
             created_at: Timestamp::UNIX_EPOCH,
+            quota_bytes: None,
             revoked_at: None,
         };
         let (read_id, read) = parse(&text).expect("a token");
@@ -183,6 +201,7 @@ mod tests {
             scopes: scopes.to_vec(),
             digest: [0; 32],
             created_at: Timestamp::UNIX_EPOCH,
+            quota_bytes: None,
             revoked_at: None,
         };
         assert!(with(&[Scope::Admin]).allows(&[Scope::ProfilesWrite]));

@@ -100,6 +100,8 @@ pub trait UploadRows: Send + Sync + 'static {
     async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>>;
     /// True when the bytes of this upload are still needed as such: it is there, and waits for bytes or for its job.
     async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool>;
+    /// The uploads whose bytes are still needed as such.
+    async fn open_uploads(&self) -> StoreResult<Vec<Uuid>>;
     /// Bytes that open uploads have still to bring.
     async fn awaited_bytes(&self) -> StoreResult<u64>;
 }

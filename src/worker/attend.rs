@@ -8,11 +8,12 @@ use tokio_util::sync::CancellationToken;
 use super::{
     Config, Deps,
     lifeline::{Lifeline, Why},
+    room::Disk,
 };
 use crate::{
     jobs::{Bench, Made},
     model::{Code, Fault, Stop, profile::Profile, request::JobRequest},
-    store::{Finish, Job, StoreError, StoreResult, sweep::tidy_job},
+    store::{Attempt, Finish, Job, StoreError, StoreResult, step::step, sweep::tidy_job},
 };
 
 /// Unit of the memory budget.
@@ -26,6 +27,8 @@ pub(super) struct Shared {
     pub(super) config: Config,
     /// In megabytes.
     pub(super) memory: Arc<Semaphore>,
+    /// What running jobs may still write.
+    pub(super) disk: Disk,
     /// Tells running jobs to go back to the queue.
     pub(super) abandon: CancellationToken,
 }
@@ -51,7 +54,7 @@ impl Shared {
             () = line.beat(&self.deps, &self.config, &job, &self.abandon) => Err(Stop::Cancelled(crate::model::Cancelled)),
         };
         let kind = job.request.kind();
-        let ending = Ending::of(result, line.why());
+        let ending = Ending::of(result, line.why(), job.attempt < self.config.max_attempts);
         tracing::info!(job = %job.id, ?kind, attempt = job.attempt, ending = ending.name(), "job leaves its worker");
         metrics::counter!("pinstack_jobs_ended_total", "ending" => ending.name()).increment(1);
         metrics::histogram!("pinstack_job_seconds", "ending" => ending.name()).record(started.elapsed().as_secs_f64());
@@ -74,13 +77,16 @@ impl Shared {
             () = line.stopped() => return Err(Stop::Cancelled(crate::model::Cancelled)),
         };
         let _gate = suspect.then_some(gate);
+        let _room = self.room_for(job, line).await?;
 
         let profile = self.profile_of(job).await.map_err(internal)??;
         let archive = self.archive_of(job).await.map_err(internal)??;
+        step("scratch.make")
+            .map_err(|error| internal(StoreError::of_io(error, "cannot make a scratch folder".into())))?;
         let scratch = tempfile::Builder::new()
             .prefix("job-")
             .tempdir_in(self.deps.blobs.spool_dir())
-            .map_err(|error| internal(StoreError::Other(error.into())))?;
+            .map_err(|error| internal(StoreError::of_io(error, "cannot make a scratch folder".into())))?;
         let bench = Bench { job: job.clone(), profile, archive, scratch: scratch.path().to_owned(), started };
         let made = self.on_a_thread(bench, Arc::clone(line)).await?;
         for file in &made.files {
@@ -127,12 +133,7 @@ impl Shared {
         let mut pause = Duration::from_millis(100);
         let mut tries = 1;
         loop {
-            let written = match ending {
-                Ending::Finished(finish) => self.deps.rows.finish(job.id, job.lease_token, finish).await,
-                Ending::Released => self.deps.rows.release(job.id, job.lease_token).await,
-                Ending::Lost => return Ok(()),
-            };
-            match written {
+            match self.write_end_once(job, ending).await {
                 Ok(true) => return Ok(()),
                 Ok(false) => {
                     tracing::warn!(job = %job.id, "the lease was lost before the end; nothing was published");
@@ -146,24 +147,39 @@ impl Shared {
             tries += 1;
         }
     }
+
+    /// True when it was this worker's to write.
+    async fn write_end_once(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
+        step("worker.end").map_err(|error| StoreError::of_io(error, "cannot write the end of a job".into()))?;
+        match ending {
+            Ending::Finished(finish) => self.deps.rows.finish(job.id, job.lease_token, finish).await,
+            Ending::Released(attempt) => self.deps.rows.release(job.id, job.lease_token, *attempt).await,
+            Ending::Lost => Ok(true),
+        }
+    }
 }
 
 /// What becomes of a job that left its worker.
 enum Ending {
     Finished(Finish),
-    Released,
+    Released(Attempt),
     Lost,
 }
 
 impl Ending {
     /// A job that was done or failed by itself ends so, even if it was told to stop meanwhile: the store decides who
     /// was first.
-    fn of(result: Result<Finish, Stop>, why: Option<Why>) -> Self {
+    fn of(result: Result<Finish, Stop>, why: Option<Why>, may_try_again: bool) -> Self {
         match (result, why) {
             (Ok(finish), _) => Self::Finished(finish),
+            // whoever filled the disk, the upload is here: the next attempt waits for room before it begins
+            (Err(Stop::Fault(fault)), _) if fault.code == Code::InsufficientStorage && may_try_again => {
+                tracing::warn!(detail = fault.detail, "the disk became full under a job; it goes back to the queue");
+                Self::Released(Attempt::Counts)
+            }
             (Err(Stop::Fault(fault)), _) => Self::Finished(Finish::Failed(fault)),
             (Err(Stop::Cancelled(_)), Some(Why::Lost)) => Self::Lost,
-            (Err(Stop::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released,
+            (Err(Stop::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released(Attempt::IsFree),
             (Err(Stop::Cancelled(_)), Some(Why::Cancelled)) => Self::Finished(Finish::Cancelled),
             (Err(Stop::Cancelled(_)), None) => {
                 let detail = "the job stopped although nobody asked it to; this is a bug of the service";
@@ -177,14 +193,14 @@ impl Ending {
             Self::Finished(Finish::Succeeded { .. }) => "succeeded",
             Self::Finished(Finish::Failed(_)) => "failed",
             Self::Finished(Finish::Cancelled) => "cancelled",
-            Self::Released => "released",
+            Self::Released(_) => "released",
             Self::Lost => "lost",
         }
     }
 }
 
 /// What a client is told when rows or blobs fail under a job.
-fn internal(error: StoreError) -> Stop {
+pub(super) fn internal(error: StoreError) -> Stop {
     tracing::error!(?error, "the store failed under a job");
     let fault = match error {
         StoreError::NoRoom(_) => Fault::new(

@@ -7,7 +7,7 @@ use tokio::task::JoinHandle;
 use crate::store::{
     Rows,
     blobs::Blobs,
-    sweep::{GRACE, sweep},
+    sweep::{GRACE, Retention, sweep},
 };
 
 /// Time between two sweeps.
@@ -23,16 +23,20 @@ impl Drop for Maintenance {
 }
 
 /// Sweeps now and then again after each `every`.
-pub fn start(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, every: Duration) -> Maintenance {
+pub fn start(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, every: Duration, keep: Retention) -> Maintenance {
     Maintenance(tokio::spawn(async move {
         let mut clock = tokio::time::interval(every);
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             clock.tick().await;
-            match sweep(&*rows, &*blobs, GRACE).await {
-                Ok(swept) => {
-                    tracing::info!(expired = swept.expired, orphans = swept.orphans, given_up = swept.given_up, "swept")
-                }
+            match sweep(&*rows, &*blobs, GRACE, &keep).await {
+                Ok(swept) => tracing::info!(
+                    expired = swept.expired,
+                    uploads = swept.uploads,
+                    orphans = swept.orphans,
+                    given_up = swept.given_up,
+                    "swept"
+                ),
                 Err(error) => tracing::error!(?error, "the sweep failed; the next one goes on"),
             }
         }

@@ -4,6 +4,7 @@ mod attend;
 mod lifeline;
 pub mod maintenance;
 mod pool;
+mod room;
 
 pub use pool::Pool;
 
@@ -13,6 +14,9 @@ use crate::{
     jobs::Work,
     store::{Rows, blobs::Blobs},
 };
+
+/// Beats in the length of a lease: a few may be late before anybody takes a worker for dead.
+pub const BEATS_PER_LEASE: u32 = 15;
 
 /// What workers work with.
 #[derive(Clone)]
@@ -42,10 +46,13 @@ pub struct Config {
     pub max_attempts: u32,
     /// Memory for all running jobs together, bytes. A job that needs more than all of it runs alone.
     pub memory_budget: u64,
+    /// Room that must stay free on the disk, bytes: a job that would take it waits.
+    pub min_free_bytes: u64,
 }
 
 impl Default for Config {
-    /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 2 GiB.
+    /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 2 GiB of
+    /// memory, the disk to its last byte.
     fn default() -> Self {
         Self {
             workers: 1,
@@ -55,6 +62,7 @@ impl Default for Config {
             poll: Duration::from_secs(1),
             max_attempts: 3,
             memory_budget: 2 << 30,
+            min_free_bytes: 0,
         }
     }
 }

@@ -1,6 +1,13 @@
 //! Workers on a real store with jobs that the test holds in its hand: they wait for a message, never for time.
 
-use std::sync::{Mutex, mpsc};
+use std::{
+    path::{Path, PathBuf},
+    sync::{
+        Mutex,
+        atomic::{AtomicU64, Ordering},
+        mpsc,
+    },
+};
 
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -17,9 +24,9 @@ use crate::{
         request::{CalibrationRequest, JobRequest, StackLayout, StackRequest, Upload},
     },
     store::{
-        Job, ManualClock, NewJob,
-        blobs::{local::LocalBlobs, result_key, upload_key},
-        conformance::{self, ATTEMPTS, LEASE, accept},
+        Job, ManualClock, NewJob, StoreResult,
+        blobs::{JobBlobs, Partial, Room, local::LocalBlobs, result_key, upload_key},
+        conformance::{self, LEASE, accept},
         digest::hex,
         sqlite::SqliteRows,
     },
@@ -33,6 +40,8 @@ enum Order {
     WaitForStop,
     Succeed,
     Fail,
+    /// The disk became full under it.
+    Full,
     Panic,
 }
 
@@ -41,11 +50,16 @@ struct Puppet {
     began: async_mpsc::UnboundedSender<Uuid>,
     orders: Mutex<mpsc::Receiver<Order>>,
     need: u64,
+    disk_need: u64,
 }
 
 impl Work for Puppet {
     fn memory_need(&self, _request: &JobRequest) -> u64 {
         self.need
+    }
+
+    fn disk_need(&self, _request: &JobRequest) -> u64 {
+        self.disk_need
     }
 
     fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
@@ -61,6 +75,7 @@ impl Work for Puppet {
                     std::thread::yield_now();
                 },
                 Ok(Order::Fail) => return Err(Fault::new(Code::InvalidImage, "torn").into()),
+                Ok(Order::Full) => return Err(Fault::new(Code::InsufficientStorage, "full").into()),
                 Ok(Order::Panic) => panic!("a bug, made for the test"),
                 Ok(Order::Succeed) => return Ok(made(bench)),
                 Err(_) => return Err(Fault::new(Code::Internal, "the test is over").into()),
@@ -93,13 +108,17 @@ fn config(workers: usize) -> Config {
 }
 
 async fn stage_with_need(need: u64) -> Stage {
+    stage_with_needs(need, 0).await
+}
+
+async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     let folder = tempfile::tempdir().unwrap();
     let clock = Arc::new(ManualClock::default());
     let rows = SqliteRows::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.unwrap();
     let blobs = LocalBlobs::open(folder.path()).unwrap();
     let (began_here, began) = async_mpsc::unbounded_channel();
     let (orders, to_puppet) = mpsc::channel();
-    let work = Puppet { began: began_here, orders: Mutex::new(to_puppet), need };
+    let work = Puppet { began: began_here, orders: Mutex::new(to_puppet), need, disk_need };
     let deps = Deps { rows: Arc::new(rows), blobs: Arc::new(blobs), work: Arc::new(work) };
     conformance::put(&*deps.rows, "rig", "lens", 1.5).await;
     Stage { folder, clock, deps, began, orders }
@@ -267,8 +286,7 @@ worker_test! {
         // another process takes the job over when the lease has run out, and ends it
         let path = stage.folder.path().join("rows.db");
         let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
-        stage.clock.advance(LEASE);
-        let taken = other.claim(LEASE, ATTEMPTS).await.unwrap().expect("the lease ran out");
+        let taken = conformance::claim_from_the_dead(&other, &stage.clock).await;
         assert_eq!((taken.id, taken.lease_token), (id, 2));
         stage.order(Order::Succeed); // the sleeper wakes up and has a result
         pool.shutdown(Duration::from_secs(30)).await;
@@ -290,10 +308,11 @@ worker_test! {
         let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
         // beats come between, so the lease must run out and be taken before the next one
         let taken = loop {
-            stage.clock.advance(LEASE);
+            // seen by the other, and then silent for a whole lease
             if let Some(taken) = other.claim(LEASE, 1000).await.unwrap() {
                 break taken;
             }
+            stage.clock.advance(LEASE);
         };
         pool.shutdown(Duration::from_secs(30)).await;
         assert_eq!(conformance::job(&other, id).await.lease_token, taken.lease_token);
@@ -442,5 +461,97 @@ worker_test! {
             let bytes = std::fs::read(path).unwrap();
             assert_eq!((hex(&Sha256::digest(&bytes)), bytes.len() as u64), (artifact.sha256, artifact.bytes));
         }
+    }
+}
+
+worker_test! {
+    async fn a_job_under_which_the_disk_becomes_full_is_tried_again_and_not_for_ever() {
+        let stage = stage().await;
+        let _pool = Pool::start(stage.deps.clone(), config(1));
+        let id = stage.accept().await;
+        stage.order(Order::Full);
+        stage.order(Order::Succeed);
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Succeeded, 2));
+        let id = stage.accept().await;
+        for _ in 0..3 {
+            stage.order(Order::Full);
+        }
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Failed, 3));
+        assert_eq!(job.error.unwrap().code, Code::InsufficientStorage);
+    }
+}
+
+worker_test! {
+    async fn a_job_that_could_never_fit_on_the_disk_fails_with_figures() {
+        let stage = stage_with_needs(1, u64::MAX).await;
+        let _pool = Pool::start(stage.deps.clone(), config(1));
+        let job = stage.ended(stage.accept().await).await;
+        let error = job.error.expect("it failed");
+        assert_eq!(error.code, Code::InsufficientStorage);
+        assert!(error.detail.contains(&u64::MAX.to_string()), "{}", error.detail);
+    }
+}
+
+worker_test! {
+    async fn a_job_waits_for_room_on_the_disk_and_can_be_cancelled_meanwhile() {
+        let stage = stage_with_needs(1, 1).await;
+        let full = Arc::new(FullDisk { blobs: Arc::clone(&stage.deps.blobs), free: AtomicU64::new(0) });
+        let deps = Deps { blobs: full.clone(), ..stage.deps.clone() };
+        let _pool = Pool::start(deps, config(1));
+        let (cancelled, waiting) = (stage.accept().await, stage.accept().await);
+        let waits = |job: &Job| job.state == JobState::Running && job.progress.stage.contains("room on the disk");
+        stage.until(cancelled, waits).await;
+        stage.deps.rows.cancel(cancelled).await.unwrap();
+        assert_eq!(stage.ended(cancelled).await.state, JobState::Cancelled);
+        stage.until(waiting, waits).await;
+        full.free.store(1, Ordering::SeqCst);
+        stage.order(Order::Succeed);
+        let job = stage.ended(waiting).await;
+        assert_eq!((job.state, job.attempt), (JobState::Succeeded, 1));
+    }
+}
+
+/// Blobs on a disk that has as much room as a test says.
+struct FullDisk {
+    blobs: Arc<dyn Blobs>,
+    free: AtomicU64,
+}
+
+#[async_trait::async_trait]
+impl Blobs for FullDisk {
+    async fn room(&self) -> StoreResult<Room> {
+        Ok(Room { free: self.free.load(Ordering::SeqCst), total: 1000 })
+    }
+    fn spool_dir(&self) -> &Path {
+        self.blobs.spool_dir()
+    }
+    async fn publish(&self, path: &Path, key: &str) -> StoreResult<()> {
+        self.blobs.publish(path, key).await
+    }
+    async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {
+        self.blobs.local_path(key).await
+    }
+    async fn delete_job(&self, id: Uuid) -> StoreResult<()> {
+        self.blobs.delete_job(id).await
+    }
+    async fn delete_upload(&self, id: Uuid) -> StoreResult<()> {
+        self.blobs.delete_upload(id).await
+    }
+    async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()> {
+        self.blobs.delete_stale_results(id, first_kept).await
+    }
+    async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>> {
+        self.blobs.jobs_with_blobs().await
+    }
+    async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>> {
+        self.blobs.hold_partial(id).await
+    }
+    async fn remove_partial(&self, id: Uuid) -> StoreResult<()> {
+        self.blobs.remove_partial(id).await
+    }
+    async fn partials(&self) -> StoreResult<Vec<Uuid>> {
+        self.blobs.partials().await
     }
 }

@@ -7,7 +7,7 @@ use std::{
 
 use pinstack::{
     model::Name,
-    store::tokens::{Scope, mint},
+    store::tokens::{NewToken, Scope, mint},
 };
 use reqwest::{RequestBuilder, StatusCode};
 use serde_json::{Value, json};
@@ -18,8 +18,14 @@ use crate::app::{TestApp, id, problem, profile, stack_zip};
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
 async fn token(app: &TestApp, name: &str, scopes: &[Scope]) -> String {
+    token_with_quota(app, name, scopes, None).await
+}
+
+async fn token_with_quota(app: &TestApp, name: &str, scopes: &[Scope], quota_bytes: Option<u64>) -> String {
     let (id, secret, text) = mint().unwrap();
-    assert!(app.rows.add_token(id, &Name::new(name).unwrap(), secret.digest(), scopes).await.unwrap());
+    let new =
+        NewToken { id, name: Name::new(name).unwrap(), digest: secret.digest(), scopes: scopes.to_vec(), quota_bytes };
+    assert!(app.rows.add_token(&new).await.unwrap());
     text
 }
 
@@ -289,4 +295,34 @@ async fn tokens_are_made_shown_once_listed_and_revoked_and_their_secrets_are_wri
         let bytes = std::fs::read(folder.join(file)).unwrap_or_default();
         assert!(!bytes.windows(secret.len()).any(|window| window == secret.as_bytes()), "{file}");
     }
+}
+
+#[tokio::test]
+async fn a_token_takes_no_more_than_its_quota() {
+    let app = TestApp::start_with(|policy| policy.auth_required = true).await;
+    let zip = stack_zip(2, 2);
+    let length = zip.len() as u64;
+    let admin = token(&app, "admin", &[Scope::Admin]).await;
+    let stored = app.put("/v1/profiles/rig/lens").bearer_auth(&admin).json(&profile(2)).send().await.unwrap();
+    assert_eq!(stored.status(), StatusCode::CREATED);
+    let small = token_with_quota(&app, "small", &[Scope::StacksWrite, Scope::Read], Some(length * 3 / 2)).await;
+    let post = |token: &str| app.post(POST).bearer_auth(token).body(zip.clone());
+    let first: Value = post(&small).send().await.unwrap().json().await.unwrap();
+    assert_eq!(first["state"], "queued", "{first}");
+
+    let told = problem(post(&small).send().await.unwrap(), 507, "insufficient_storage").await;
+    let detail = told["detail"].as_str().unwrap();
+    assert!(["'small'", &format!("{length} of {} are used", length * 3 / 2)].iter().all(|part| detail.contains(part)));
+    // how long it is only its end tells
+    let chunks = futures::stream::iter([Ok::<_, std::io::Error>(zip.clone())]);
+    let streamed = app.post(POST).bearer_auth(&small).body(reqwest::Body::wrap_stream(chunks));
+    problem(streamed.send().await.unwrap(), 507, "insufficient_storage").await;
+    let in_pieces = app.post("/v1/uploads").bearer_auth(&small).header("tus-resumable", "1.0.0");
+    let in_pieces = in_pieces.header("upload-length", length).header("upload-metadata", "rig cmln,lens bGVucw==");
+    problem(in_pieces.send().await.unwrap(), 507, "insufficient_storage").await;
+    assert_eq!(post(&admin).send().await.unwrap().status(), StatusCode::ACCEPTED, "others have their own");
+
+    let gone = app.delete(&format!("/v1/stacks/{}", id(&first))).bearer_auth(&small).send().await.unwrap();
+    assert_eq!(gone.status(), StatusCode::NO_CONTENT);
+    assert_eq!(post(&small).send().await.unwrap().status(), StatusCode::ACCEPTED, "and there is room again");
 }

@@ -7,7 +7,7 @@ use tokio::{
     net::TcpStream,
 };
 
-use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, stack_zip, zip};
+use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, profile, stack_zip, zip};
 
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
@@ -36,6 +36,19 @@ async fn a_full_disk_is_told_with_figures() {
     app.with_profile(2).await;
     let detail = refused(&app, POST, stack_zip(2, 0), 507, "insufficient_storage").await;
     assert!(detail.contains(&(1_u64 << 60).to_string()), "{detail}");
+}
+
+#[tokio::test]
+async fn a_stack_whose_job_would_not_fit_is_refused_before_it_is_read() {
+    let app = TestApp::start().await;
+    let mut huge = profile(1000);
+    huge["image_width"] = 60_000.into();
+    huge["image_height"] = 60_000.into();
+    let stored = app.put("/v1/profiles/rig/lens").json(&huge).send().await.unwrap();
+    assert!(stored.status().is_success(), "{}", stored.text().await.unwrap());
+    // 3.6 gigapixels of three bytes, a thousand times, as they lie in the scratch file
+    let detail = refused(&app, POST, stack_zip(2, 0), 507, "insufficient_storage").await;
+    assert!(detail.contains("its job up to 108"), "{detail}");
 }
 
 #[tokio::test]

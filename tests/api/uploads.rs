@@ -6,7 +6,7 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 use pinstack::store::{
     UploadRows,
     blobs::upload_key,
-    sweep::{GRACE, sweep},
+    sweep::{GRACE, Retention, sweep},
 };
 use reqwest::{Method, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
@@ -136,7 +136,10 @@ async fn a_zip_in_pieces_becomes_a_stack_like_one_in_a_single_request() {
     let stack = shown(&app, &job).await;
     assert_eq!((&stack["state"], &stack["options"]["r1"]), (&json!("queued"), &json!(20)));
     let sha256: String = Sha256::digest(&zip).iter().map(|b| format!("{b:02x}")).collect();
-    assert_eq!(stack["upload"], json!({ "bytes": zip.len(), "sha256": sha256, "filename": "bee 01.zip" }));
+    assert_eq!(
+        stack["upload"],
+        json!({ "bytes": zip.len(), "sha256": sha256, "filename": "bee 01.zip", "removed": false })
+    );
     assert_eq!(std::fs::read(app.blobs.local_path(&upload_key(id_of(&url))).await.unwrap().unwrap()).unwrap(), zip);
     assert!(app.blobs.partials().await.unwrap().is_empty(), "nothing is left of the pieces");
 
@@ -351,7 +354,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
     problem(refused, 503, "queue_full").await;
     assert_eq!(head(&app, &url).await.status(), StatusCode::SERVICE_UNAVAILABLE);
     // nothing is lost meanwhile, whatever is cleaned up
-    sweep(&*app.rows, &*app.blobs, Duration::ZERO).await.unwrap();
+    sweep(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
     assert_eq!(shown(&app, &url).await["offset"], json!(zip.len()));
 
     app.claim().await;
@@ -361,7 +364,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
         assert_eq!(header(answer, "pinstack-job"), format!("/v1/stacks/{}", id_of(&url)));
     }
     assert_eq!(app.rows.counts().await.unwrap().queued, 1, "one job, however often it is asked for");
-    sweep(&*app.rows, &*app.blobs, Duration::ZERO).await.unwrap();
+    sweep(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
     assert_eq!(std::fs::read(app.blobs.local_path(&upload_key(id_of(&url))).await.unwrap().unwrap()).unwrap(), zip);
 }
 
@@ -411,9 +414,9 @@ async fn an_upload_that_nobody_goes_on_with_goes() {
     drop(partial);
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;
     assert_eq!(app.rows.awaited_bytes().await.unwrap(), 0, "its room is free again");
-    assert_eq!(sweep(&*app.rows, &*app.blobs, GRACE).await.unwrap().given_up, 1);
+    assert_eq!(sweep(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 1);
     assert!(app.blobs.partials().await.unwrap().is_empty());
-    assert_eq!(sweep(&*app.rows, &*app.blobs, GRACE).await.unwrap().given_up, 0);
+    assert_eq!(sweep(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 0);
 }
 
 #[tokio::test]

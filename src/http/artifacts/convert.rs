@@ -19,6 +19,7 @@ use crate::{
     },
     imaging::{Raster, codec},
     model::{Code, outcome::Artifact},
+    store::step::step,
 };
 
 /// Largest side of a result.
@@ -49,8 +50,19 @@ pub async fn converted(
     // each conversion holds the whole image
     let _turn = app.conversions.acquire().await.map_err(ApiError::internal)?;
     let made = tokio::task::spawn_blocking(move || convert(&path, &spool, media_type));
-    let (file, length) = made.await.map_err(ApiError::internal)?.map_err(|e| ApiError::internal(format!("{e:#}")))?;
+    let (file, length) = made.await.map_err(ApiError::internal)?.map_err(|e| cannot(&e))?;
     Ok(Download { file: tokio::fs::File::from_std(file), length, tag, media_type: media_type.to_owned(), name })
+}
+
+fn cannot(error: &anyhow::Error) -> ApiError {
+    use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+    let is_full = |cause: &std::io::Error| matches!(cause.kind(), StorageFull | QuotaExceeded);
+    if error.chain().filter_map(|cause| cause.downcast_ref()).any(is_full) {
+        let detail = "the disk of the server is full, so the image could not be converted; ask for it as it is stored \
+                      (no Accept), or make room";
+        return ApiError::new(Code::InsufficientStorage, detail);
+    }
+    ApiError::internal(format!("{error:#}"))
 }
 
 /// Writes the converted image into a file without a name: it goes when nobody reads it any more.
@@ -59,6 +71,7 @@ fn convert(path: &Path, spool: &PathBuf, media_type: &str) -> anyhow::Result<(Fi
     let metadata = codec::metadata(&bytes);
     let raster = decode(&bytes)?;
     drop(bytes);
+    step("convert.make")?;
     let mut file = tempfile::tempfile_in(spool).context("cannot make a file in the spool")?;
     let mut out = BufWriter::new(&mut file);
     match media_type {

@@ -45,6 +45,11 @@ impl Order for CalibrationOrder {
         (&self.rig, &self.lens)
     }
 
+    fn disk_need(&self) -> u64 {
+        // nobody knows yet how many slices there are, and what is written of each is small
+        0
+    }
+
     fn asked(&self) -> serde_json::Value {
         serde_json::json!({ "rig": self.rig, "lens": self.lens, "options": self.options })
     }

@@ -11,7 +11,7 @@ use serde::Serialize;
 use uuid::Uuid;
 
 use super::{
-    admission::queue_full,
+    admission::{content_length, queue_full},
     idempotency,
     order::{Fields, Order},
     receive::receive,
@@ -56,16 +56,19 @@ pub async fn upload<O: Order, V: Serialize>(
         Some(key) => app.rows.by_idempotency_key(key).await?.is_some(),
         None => false,
     };
+    if !is_repeat {
+        caller.require_quota(app, content_length(headers).unwrap_or(0)).await?;
+    }
     let (order, file) = receive::<O>(app, headers, body, fields, is_repeat).await?;
     // from here on the bytes are ours: the job is made also when the client does not wait for the answer
-    let accepting = tokio::spawn(accept(app.clone(), caller.id(), order, file, key));
+    let accepting = tokio::spawn(accept(app.clone(), caller.clone(), order, file, key));
     let accepted = accepting.await.map_err(ApiError::internal)??;
     answer(app, headers, accepted, view).await
 }
 
 async fn accept<O: Order>(
     app: App,
-    owner: Option<Uuid>,
+    caller: Caller,
     order: O,
     file: Spooled,
     key: Option<String>,
@@ -76,6 +79,8 @@ async fn accept<O: Order>(
     {
         return Ok(Accepted { job, replayed: true });
     }
+    // how long it is may have been told only by its end
+    caller.require_quota(&app, file.bytes).await?;
     let (layout, mut warnings) = look_into(&app, file.path().to_owned()).await?;
     warnings.extend(order.check(&layout)?);
 
@@ -92,7 +97,7 @@ async fn accept<O: Order>(
         request: order.request(upload, layout),
         warnings,
         idempotency: key.clone().map(|key| (key, fingerprint)),
-        owner,
+        owner: caller.id(),
     };
     let stored = app.rows.enqueue(&new, app.policy.queue_limit).await;
     // an error here does not say whether the row was stored: the sweep decides about the blob

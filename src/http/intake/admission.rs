@@ -14,17 +14,24 @@ use crate::{
 /// What a form may have around the zip itself.
 pub const FORM_OVERHEAD: u64 = 1 << 20;
 
-/// Lets an upload in, or says why not. The promise holds its room until it is written or dropped.
+/// Lets an upload in, or says why not. `job_bytes` is what the job of it may write; it is looked for, not promised: a job
+/// waits for its room. The promise holds the room of the upload until it is written or dropped.
 ///
 /// # Errors
 /// `upload_too_large`, `insufficient_storage` with figures, `queue_full`.
-pub async fn admit(app: &App, headers: &HeaderMap, max_bytes: u64, is_repeat: bool) -> ApiResult<Promise> {
+pub async fn admit(
+    app: &App,
+    headers: &HeaderMap,
+    max_bytes: u64,
+    is_repeat: bool,
+    job_bytes: u64,
+) -> ApiResult<Promise> {
     let length = content_length(headers);
     if length.is_some_and(|length| length > max_bytes) {
         return Err(too_large(app.policy.max_upload_bytes).into());
     }
     let length = length.unwrap_or(0);
-    require_room(app, length).await?;
+    require_room(app, length, job_bytes).await?;
     // a repeat makes no new job
     if !is_repeat {
         let waiting = app.rows.counts().await?.queued;
@@ -35,20 +42,20 @@ pub async fn admit(app: &App, headers: &HeaderMap, max_bytes: u64, is_repeat: bo
     Ok(app.promise(length))
 }
 
-/// Checks that `bytes` more can be written, next to what other uploads were promised and what must stay free.
+/// Checks that an upload of `bytes` and `job_bytes` of its job can be written, next to what other uploads were promised and what must stay free.
 ///
 /// # Errors
 /// `insufficient_storage` with figures.
-pub async fn require_room(app: &App, bytes: u64) -> ApiResult<()> {
-    let room = app.blobs.room().await?;
+pub async fn require_room(app: &App, bytes: u64, job_bytes: u64) -> ApiResult<()> {
+    let room = app.blobs.room().await?.free;
     let promised = app.promised_bytes().saturating_add(app.rows.awaited_bytes().await?);
     let reserve = app.policy.min_free_bytes;
-    if room >= bytes.saturating_add(promised).saturating_add(reserve) {
+    if room >= bytes.saturating_add(job_bytes).saturating_add(promised).saturating_add(reserve) {
         return Ok(());
     }
     let detail = format!(
-        "no room for this upload: it needs {bytes} bytes, {room} are free, of which {promised} are promised to \
-         uploads in progress and {reserve} must stay free; delete old stacks or enlarge the disk"
+        "no room for this upload: it needs {bytes} bytes and its job up to {job_bytes}; {room} are free, of which {promised} \
+         are promised to uploads in progress and {reserve} must stay free; delete old stacks or enlarge the disk"
     );
     Err(ApiError::new(Code::InsufficientStorage, detail))
 }
@@ -63,6 +70,7 @@ pub fn waits_for_continue(headers: &HeaderMap) -> bool {
     headers.get(header::EXPECT).is_some_and(|v| v.as_bytes().eq_ignore_ascii_case(b"100-continue"))
 }
 
-fn content_length(headers: &HeaderMap) -> Option<u64> {
+/// What the client says its body has, bytes.
+pub fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }

@@ -67,6 +67,9 @@ pub trait Order: Sized + Send + 'static {
     /// The rig and the lens.
     fn key(&self) -> (&Name, &Name);
 
+    /// Bytes that the job may write beyond its upload, as far as can be known before the upload arrives.
+    fn disk_need(&self) -> u64;
+
     /// What the client asked for, for the fingerprint of an `Idempotency-Key`.
     fn asked(&self) -> serde_json::Value;
 

@@ -49,11 +49,10 @@ pub async fn receive<O: Order>(
     let max_body = if is_form { max_bytes.saturating_add(FORM_OVERHEAD) } else { max_bytes };
     let body = WatchedBody::new(body, max_body, app.policy.body_idle_timeout, waits_for_continue(headers));
     if is_form {
-        if O::is_addressed(&fields) {
-            // what the URL says can be checked at once
-            O::read(app, &fields).await?;
-        }
-        let promise = admit(app, headers, max_body, is_repeat).await?;
+        // what the URL says can be checked at once
+        let is_addressed = O::is_addressed(&fields);
+        let job_bytes = if is_addressed { O::read(app, &fields).await?.disk_need() } else { 0 };
+        let promise = admit(app, headers, max_body, is_repeat, job_bytes).await?;
         return multipart::receive(app, headers, body, fields, promise).await;
     }
     if !kind.is_empty() && !ZIP_TYPES.contains(&kind.as_str()) {
@@ -61,7 +60,7 @@ pub async fn receive<O: Order>(
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
     let order = O::read(app, &fields).await?;
-    let promise = admit(app, headers, max_body, is_repeat).await?;
+    let promise = admit(app, headers, max_body, is_repeat, order.disk_need()).await?;
     let verdict = body.verdict();
     let file = spool(app, body, promise, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
     Ok((order, file))

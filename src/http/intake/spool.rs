@@ -15,6 +15,7 @@ use crate::{
         state::{App, Promise},
     },
     model::Code,
+    store::step::step,
 };
 
 /// Room on the disk is looked at again after each of these.
@@ -56,6 +57,7 @@ pub async fn spool<E>(
     filename: Option<String>,
     broken: impl Fn(E) -> ApiError,
 ) -> ApiResult<Spooled> {
+    step("upload.make").map_err(cannot_write)?;
     let made = tempfile::Builder::new().prefix("upload-").tempfile_in(app.blobs.spool_dir()).map_err(cannot_write)?;
     let (file, path) = made.into_parts();
     let mut file = tokio::fs::File::from_std(file);
@@ -64,14 +66,16 @@ pub async fn spool<E>(
     while let Some(chunk) = chunks.next().await {
         let chunk = chunk.map_err(&broken)?;
         hash.update(&chunk);
+        step("upload.write").map_err(cannot_write)?;
         file.write_all(&chunk).await.map_err(cannot_write)?;
         bytes += chunk.len() as u64;
         promise.written(chunk.len() as u64);
         if bytes - checked >= ROOM_CHECK_BYTES {
             checked = bytes;
-            require_room(app, 0).await?;
+            require_room(app, 0, 0).await?;
         }
     }
+    step("upload.flush").map_err(cannot_write)?;
     file.flush().await.map_err(cannot_write)?;
     Ok(Spooled { path, bytes, sha256: hex(&hash.finalize()), filename })
 }
@@ -79,7 +83,8 @@ pub async fn spool<E>(
 fn cannot_write(error: std::io::Error) -> ApiError {
     use std::io::ErrorKind::{QuotaExceeded, StorageFull};
     if matches!(error.kind(), StorageFull | QuotaExceeded) {
-        let detail = "the disk of the server became full while the upload arrived; nothing was stored";
+        let detail = "the disk of the server became full while the upload arrived; nothing was stored: send it again \
+                      once there is room";
         return ApiError::new(Code::InsufficientStorage, detail);
     }
     ApiError::internal(format!("spool file: {error}"))

@@ -8,6 +8,7 @@ use crate::{
         profiles::not_found,
         state::App,
     },
+    jobs::disk::disk_need_by_profile,
     model::{
         Code, Fault, JobKind, Name, Warning,
         options::{Crop, MaskMode, StackOptions},
@@ -48,6 +49,10 @@ impl Order for StackOrder {
 
     fn key(&self) -> (&Name, &Name) {
         (&self.profile.rig, &self.profile.lens)
+    }
+
+    fn disk_need(&self) -> u64 {
+        disk_need_by_profile(&self.profile.input)
     }
 
     fn asked(&self) -> serde_json::Value {

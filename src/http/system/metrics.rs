@@ -59,7 +59,7 @@ pub async fn metrics(State(app): State<App>) -> ApiResult<Response> {
         ::metrics::gauge!("pinstack_jobs", "state" => state).set(count as f64);
     }
     if let Ok(room) = app.blobs.room().await {
-        ::metrics::gauge!("pinstack_disk_free_bytes").set(room as f64);
+        ::metrics::gauge!("pinstack_disk_free_bytes").set(room.free as f64);
     }
     ::metrics::gauge!("pinstack_upload_promised_bytes").set(app.promised_bytes() as f64);
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], recorder.render()).into_response())

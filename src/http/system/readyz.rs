@@ -61,8 +61,11 @@ pub struct DiskCheck {
     )
 )]
 pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
-    let free_bytes = app.blobs.room().await.ok();
-    let (promised_bytes, reserve_bytes) = (app.promised_bytes(), app.policy.min_free_bytes);
+    let free_bytes = app.blobs.room().await.ok().map(|room| room.free);
+    // what open uploads have still to bring is as good as taken
+    let awaited_bytes = app.rows.awaited_bytes().await.unwrap_or(0);
+    let promised_bytes = app.promised_bytes().saturating_add(awaited_bytes);
+    let reserve_bytes = app.policy.min_free_bytes;
     let has_room = free_bytes.is_some_and(|free| free > promised_bytes.saturating_add(reserve_bytes));
     let checks = Checks {
         database: Check { ok: app.rows.healthy().await },

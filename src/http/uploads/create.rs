@@ -103,17 +103,18 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
         return Err(too_large(app.policy.max_upload_bytes).into());
     }
     let (text, metadata) = Metadata::of_request(headers)?;
-    match metadata.purpose()? {
+    let job_bytes = match metadata.purpose()? {
         JobKind::Stack => {
             caller.require(&[Scope::StacksWrite])?;
-            StackOrder::read(app, &metadata.fields()).await?;
+            StackOrder::read(app, &metadata.fields()).await?.disk_need()
         }
         JobKind::Calibration => {
             caller.require(&[Scope::ProfilesWrite])?;
-            CalibrationOrder::read(app, &metadata.fields()).await?;
+            CalibrationOrder::read(app, &metadata.fields()).await?.disk_need()
         }
-    }
-    require_room(app, length).await?;
+    };
+    caller.require_quota(app, length).await?;
+    require_room(app, length, job_bytes).await?;
     let waiting = app.rows.counts().await?.queued;
     if waiting >= app.policy.queue_limit {
         return Err(queue_full(waiting));

@@ -73,7 +73,7 @@ pub async fn receive(
         growing.write(chunk).await?;
         if checksum.is_none() && growing.is_due() {
             growing.save().await?;
-            require_room(app, 0).await?;
+            require_room(app, 0, 0).await?;
         }
     };
     match (ended, checksum) {

@@ -54,6 +54,9 @@ pub struct UploadView {
     pub sha256: String,
     /// Name that the client gave; null when it gave none.
     pub filename: Option<String>,
+    /// True once it was removed because its time was over (`keep_uploads_days` of the server); the results are there.
+    #[serde(default)]
+    pub removed: bool,
 }
 
 /// A file that the job made.
@@ -88,7 +91,7 @@ impl JobView {
             finished_at: job.finished_at,
             error: job.error.as_ref().map(|fault| problem::problem(fault, Some(url(job)))),
             warnings: job.warnings.clone(),
-            upload: UploadView { bytes, sha256, filename },
+            upload: UploadView { bytes, sha256, filename, removed: job.upload_removed },
         }
     }
 }

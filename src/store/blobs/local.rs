@@ -14,10 +14,10 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::{
-    Blobs, JobBlobs, Partial,
+    Blobs, JobBlobs, Partial, Room,
     partial::{self, LocalPartial},
 };
-use crate::store::{StoreError, StoreResult};
+use crate::store::{StoreError, StoreResult, step::step};
 
 /// Folder of the uploads, one file per job.
 const UPLOADS: &str = "uploads";
@@ -45,7 +45,7 @@ impl LocalBlobs {
     pub fn open(data_dir: impl AsRef<Path>) -> StoreResult<Self> {
         let data_dir = data_dir.as_ref();
         let opened = Self::open_folders(data_dir);
-        opened.map_err(|error| failed(error, format!("cannot use the folder {}", data_dir.display())))
+        opened.map_err(|error| StoreError::of_io(error, format!("cannot use the folder {}", data_dir.display())))
     }
 
     fn open_folders(data_dir: &Path) -> io::Result<Self> {
@@ -53,19 +53,23 @@ impl LocalBlobs {
         let spools = data_dir.join("spool");
         let partials = data_dir.join(PARTIALS);
         for folder in [&root.join(UPLOADS), &root.join(RESULTS), &spools, &partials] {
+            step("open.folders")?;
             fs::create_dir_all(folder)?;
         }
         for folder in [&root, data_dir] {
             sync_folder(folder)?;
         }
         // One process at a time looks and makes, so that nobody takes a folder in the making for a dead one.
+        step("spool.gate")?;
         let gate = File::options().create(true).truncate(false).write(true).open(data_dir.join("spool.lock"))?;
         gate.lock()?;
         remove_dead_spools(&spools)?;
         let name = Uuid::now_v7().to_string();
+        step("spool.lock")?;
         let spool_lock = File::options().create_new(true).write(true).open(spools.join(format!("{name}.lock")))?;
         spool_lock.lock()?;
         let spool = spools.join(name);
+        step("spool.folder")?;
         fs::create_dir(&spool)?;
         Ok(Self { root, spool, partials, _spool_lock: spool_lock })
     }
@@ -104,7 +108,8 @@ fn remove_dead_spools(spools: &Path) -> io::Result<()> {
 }
 
 /// Removes a file or a folder with all in it; one that is gone already is fine.
-pub(super) fn remove(path: &Path) -> io::Result<()> {
+pub(in crate::store) fn remove(path: &Path) -> io::Result<()> {
+    step("remove")?;
     let removed = match fs::symlink_metadata(path) {
         Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
         Ok(_) => fs::remove_file(path),
@@ -117,19 +122,14 @@ pub(super) fn remove(path: &Path) -> io::Result<()> {
 }
 
 /// Makes the names in a folder durable.
-pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(in crate::store) fn sync_folder(folder: &Path) -> io::Result<()> {
+    step("folder.sync")?;
     File::open(folder)?.sync_all()
-}
-
-pub(super) fn failed(error: io::Error, what: String) -> StoreError {
-    match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => StoreError::NoRoom(what),
-        _ => StoreError::Other(anyhow::Error::new(error).context(what)),
-    }
 }
 
 /// fsync file, make the folders, rename, fsync every folder up to the root: on return a crash loses nothing.
 fn publish(from: &Path, to: &Path, root: &Path) -> io::Result<()> {
+    step("publish.sync")?;
     // opened for writing: some file systems refuse to sync a file that is open for reading alone
     File::options().write(true).open(from)?.sync_all()?;
     let folder = to.parent().unwrap_or(root);
@@ -145,7 +145,9 @@ fn publish(from: &Path, to: &Path, root: &Path) -> io::Result<()> {
 }
 
 fn make_and_rename(from: &Path, to: &Path, folder: &Path) -> io::Result<()> {
+    step("publish.folders")?;
     fs::create_dir_all(folder)?;
+    step("publish.rename")?;
     fs::rename(from, to)
 }
 
@@ -165,7 +167,8 @@ impl Blobs for LocalBlobs {
     async fn publish(&self, path: &Path, key: &str) -> StoreResult<()> {
         let to = self.path_of(key)?;
         let (from, root, key) = (path.to_owned(), self.root.clone(), key.to_owned());
-        blocking(move || publish(&from, &to, &root).map_err(|e| failed(e, format!("cannot publish {key}")))).await
+        blocking(move || publish(&from, &to, &root).map_err(|e| StoreError::of_io(e, format!("cannot publish {key}"))))
+            .await
     }
 
     async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {
@@ -174,7 +177,7 @@ impl Blobs for LocalBlobs {
             Ok(metadata) if metadata.is_file() => Ok(Some(path)),
             Ok(_) => Ok(None),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(failed(error, "cannot look for a blob".into())),
+            Err(error) => Err(StoreError::of_io(error, "cannot look for a blob".into())),
         })
         .await
     }
@@ -184,7 +187,15 @@ impl Blobs for LocalBlobs {
         let results = self.root.join(RESULTS).join(id.to_string());
         blocking(move || {
             let removed = remove(&results).and_then(|()| remove(&upload));
-            removed.map_err(|e| failed(e, format!("cannot remove the blobs of job {id}")))
+            removed.map_err(|e| StoreError::of_io(e, format!("cannot remove the blobs of job {id}")))
+        })
+        .await
+    }
+
+    async fn delete_upload(&self, id: Uuid) -> StoreResult<()> {
+        let upload = self.path_of(&super::upload_key(id))?;
+        blocking(move || {
+            remove(&upload).map_err(|e| StoreError::of_io(e, format!("cannot remove the upload of job {id}")))
         })
         .await
     }
@@ -193,41 +204,48 @@ impl Blobs for LocalBlobs {
         let results = self.root.join(RESULTS).join(id.to_string());
         blocking(move || {
             let removed = remove_leases_before(&results, first_kept);
-            removed.map_err(|e| failed(e, format!("cannot remove old results of job {id}")))
+            removed.map_err(|e| StoreError::of_io(e, format!("cannot remove old results of job {id}")))
         })
         .await
     }
 
     async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>> {
         let root = self.root.clone();
-        blocking(move || jobs_below(&root).map_err(|e| failed(e, "cannot list the blobs".into()))).await
+        blocking(move || jobs_below(&root).map_err(|e| StoreError::of_io(e, "cannot list the blobs".into()))).await
     }
 
-    async fn room(&self) -> StoreResult<u64> {
+    async fn room(&self) -> StoreResult<Room> {
         let root = self.root.clone();
         blocking(move || {
-            let stat = rustix::fs::statvfs(&root).map_err(|e| failed(e.into(), "cannot ask for disk room".into()))?;
-            Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
+            let stat = rustix::fs::statvfs(&root)
+                .map_err(|e| StoreError::of_io(e.into(), "cannot ask for disk room".into()))?;
+            let bytes = |blocks: u64| blocks.saturating_mul(stat.f_frsize);
+            Ok(Room { free: bytes(stat.f_bavail), total: bytes(stat.f_blocks) })
         })
         .await
     }
 
     async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>> {
         let folder = self.partials.clone();
-        blocking(move || LocalPartial::hold(&folder, id).map_err(|e| failed(e, format!("cannot hold upload {id}"))))
-            .await
-            .map(|held| held.map(|partial| Box::new(partial) as Box<dyn Partial>))
+        blocking(move || {
+            LocalPartial::hold(&folder, id).map_err(|e| StoreError::of_io(e, format!("cannot hold upload {id}")))
+        })
+        .await
+        .map(|held| held.map(|partial| Box::new(partial) as Box<dyn Partial>))
     }
 
     async fn remove_partial(&self, id: Uuid) -> StoreResult<()> {
         let folder = self.partials.clone();
-        blocking(move || partial::delete(&folder, id).map_err(|e| failed(e, format!("cannot remove upload {id}"))))
-            .await
+        blocking(move || {
+            partial::delete(&folder, id).map_err(|e| StoreError::of_io(e, format!("cannot remove upload {id}")))
+        })
+        .await
     }
 
     async fn partials(&self) -> StoreResult<Vec<Uuid>> {
         let folder = self.partials.clone();
-        blocking(move || partial::list(&folder).map_err(|e| failed(e, "cannot list the uploads".into()))).await
+        blocking(move || partial::list(&folder).map_err(|e| StoreError::of_io(e, "cannot list the uploads".into())))
+            .await
     }
 }
 
@@ -247,6 +265,7 @@ fn remove_leases_before(results: &Path, first_kept: i64) -> io::Result<()> {
         }
     }
     if !kept {
+        step("results.prune")?;
         // Fails, as it should, when a worker made a new folder in it meanwhile.
         let _ = fs::remove_dir(results);
     }

@@ -54,6 +54,12 @@ async fn the_blobs_of_expired_and_deleted_jobs_go() {
     suite::the_blobs_of_expired_and_deleted_jobs_go(fresh_rows(&folder).await, &blobs).await;
 }
 
+#[tokio::test]
+async fn what_is_over_its_time_goes_by_its_class() {
+    let (folder, blobs) = fresh();
+    suite::what_is_over_its_time_goes_by_its_class(fresh_rows(&folder).await, &blobs).await;
+}
+
 #[test]
 fn a_start_removes_the_spool_of_the_dead_and_not_that_of_the_living() {
     let (folder, living) = fresh();

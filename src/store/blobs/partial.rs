@@ -14,9 +14,9 @@ use uuid::Uuid;
 
 use super::{
     Partial,
-    local::{blocking, failed, remove, sync_folder},
+    local::{blocking, remove, sync_folder},
 };
-use crate::store::{StoreError, StoreResult};
+use crate::store::{StoreError, StoreResult, step::step};
 
 /// A held upload.
 pub(super) struct LocalPartial {
@@ -29,6 +29,7 @@ pub(super) struct LocalPartial {
 impl LocalPartial {
     /// Takes the lock, if nobody has it.
     pub(super) fn hold(folder: &Path, id: Uuid) -> io::Result<Option<Self>> {
+        step("partial.lock")?;
         let lock = File::options().create(true).truncate(false).write(true).open(folder.join(format!("{id}.lock")))?;
         match lock.try_lock() {
             Ok(()) => Ok(Some(Self { path: folder.join(format!("{id}.part")), file: None, _lock: lock })),
@@ -46,7 +47,7 @@ impl LocalPartial {
 
 fn cannot(what: &str) -> impl FnOnce(io::Error) -> StoreError {
     let what = format!("cannot {what} an upload");
-    move |error| failed(error, what)
+    move |error| StoreError::of_io(error, what)
 }
 
 #[async_trait]
@@ -63,12 +64,14 @@ impl Partial for LocalPartial {
     }
 
     async fn write(&mut self, bytes: Bytes) -> StoreResult<()> {
+        step("partial.write").map_err(cannot("write"))?;
         self.file()?.write_all(&bytes).await.map_err(cannot("write"))
     }
 
     async fn sync(&mut self) -> StoreResult<()> {
         let file = self.file()?;
         file.flush().await.map_err(cannot("write"))?;
+        step("partial.sync").map_err(cannot("sync"))?;
         file.sync_data().await.map_err(cannot("sync"))
     }
 
@@ -80,6 +83,7 @@ impl Partial for LocalPartial {
 /// The file with `offset` bytes; it is made (and its name made durable) when none are wanted.
 fn open(path: &Path, offset: u64) -> io::Result<Option<File>> {
     let opened = if offset == 0 {
+        step("partial.make")?;
         let file = File::options().create(true).truncate(true).write(true).open(path)?;
         if let Some(folder) = path.parent() {
             sync_folder(folder)?;
@@ -94,6 +98,7 @@ fn open(path: &Path, offset: u64) -> io::Result<Option<File>> {
     if opened.metadata()?.len() < offset {
         return Ok(None);
     }
+    step("partial.cut")?;
     opened.set_len(offset)?;
     Ok(Some(opened))
 }

@@ -3,10 +3,16 @@
 use std::{fs, path::PathBuf};
 
 use super::*;
-use crate::store::{
-    blobs::{Blobs, result_key, upload_key},
-    sweep::{GRACE, sweep, tidy_job},
+use crate::{
+    model::JobState,
+    store::{
+        blobs::{Blobs, result_key, upload_key},
+        sweep::{GRACE, Retention, sweep, tidy_job},
+    },
 };
+
+/// For ever, where the job itself says nothing.
+const KEEP: Retention = Retention { stacks: None, failed: None, uploads: None };
 
 fn spooled(blobs: &dyn Blobs, bytes: &[u8]) -> PathBuf {
     let path = blobs.spool_dir().join(Uuid::now_v7().to_string());
@@ -29,7 +35,8 @@ pub(crate) async fn a_published_file_is_the_blob_and_leaves_the_spool(blobs: &dy
     assert!(!path.exists());
     let found = blobs.local_path(&upload_key(job)).await.unwrap().expect("it is there");
     assert_eq!(fs::read(found).unwrap(), b"zip");
-    assert!(blobs.room().await.unwrap() > 0);
+    let room = blobs.room().await.unwrap();
+    assert!(room.free > 0 && room.free <= room.total);
 }
 
 pub(crate) async fn no_key_leads_out_of_the_store(blobs: &dyn Blobs) {
@@ -94,10 +101,10 @@ pub(crate) async fn the_sweep_keeps_what_a_row_names_and_removes_the_rest(store:
     publish(blobs, &upload_key(orphan)).await;
     publish(blobs, &result_key(orphan, 1, "image.png")).await;
 
-    let swept = sweep(rows, blobs, GRACE).await.unwrap();
+    let swept = sweep(rows, blobs, GRACE, &KEEP).await.unwrap();
     assert_eq!(swept.orphans, 0, "a row may be on its way");
     assert!(is_there(blobs, &upload_key(orphan)).await);
-    let swept = sweep(rows, blobs, Duration::ZERO).await.unwrap();
+    let swept = sweep(rows, blobs, Duration::ZERO, &KEEP).await.unwrap();
     assert_eq!(swept.orphans, 1);
     for (id, upload, result) in [
         (succeeded, true, true),
@@ -128,8 +135,53 @@ pub(crate) async fn the_blobs_of_expired_and_deleted_jobs_go(store: Fresh, blobs
     assert!(!is_there(blobs, &upload_key(ids[0])).await);
     assert!(is_there(blobs, &upload_key(ids[1])).await);
     store.clock.advance(Duration::from_secs(24 * 60 * 60));
-    assert_eq!(sweep(rows, blobs, GRACE).await.unwrap().expired, 1);
+    assert_eq!(sweep(rows, blobs, GRACE, &KEEP).await.unwrap().expired, 1);
     assert!(blobs.jobs_with_blobs().await.unwrap().is_empty());
+}
+
+pub(crate) async fn what_is_over_its_time_goes_by_its_class(store: Fresh, blobs: &dyn Blobs) {
+    const DAY: Duration = Duration::from_secs(24 * 60 * 60);
+    let rows = &*store.rows;
+    let mut ids = Vec::new();
+    for keep_days in [None, Some(30), None, None] {
+        let job = stack_with(|request| request.options.keep_days = keep_days);
+        publish(blobs, &upload_key(job.id)).await;
+        accept(rows, &job).await;
+        assert_eq!(claim(rows).await.unwrap().id, job.id);
+        publish(blobs, &result_key(job.id, 1, "image.png")).await;
+        ids.push(job.id);
+    }
+    let [plain, own, failed, running] = ids[..] else { panic!("four jobs") };
+    for id in [plain, own] {
+        assert!(rows.finish(id, 1, &success()).await.unwrap());
+    }
+    let fault = crate::model::Fault::new(crate::model::Code::Internal, "no");
+    assert!(rows.finish(failed, 1, &super::super::Finish::Failed(fault)).await.unwrap());
+    let keep = Retention { stacks: Some(DAY * 10), failed: Some(DAY * 2), uploads: Some(DAY) };
+    let there = async |id| {
+        let upload = is_there(blobs, &upload_key(id)).await;
+        (upload, is_there(blobs, &result_key(id, 1, "image.png")).await)
+    };
+
+    store.clock.advance(DAY);
+    let swept = sweep(rows, blobs, GRACE, &keep).await.unwrap();
+    assert_eq!((swept.uploads, swept.expired), (2, 0));
+    assert_eq!((there(plain).await, there(own).await), ((false, true), (false, true)), "results stay");
+    assert!(job(rows, plain).await.upload_removed && !job(rows, failed).await.upload_removed);
+    assert_eq!((there(failed).await, there(running).await), ((true, false), (true, true)));
+    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().uploads, 0, "once");
+
+    store.clock.advance(DAY);
+    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
+    assert_eq!((there(failed).await, rows.job(failed).await.unwrap()), ((false, false), None));
+
+    store.clock.advance(DAY * 8);
+    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
+    assert_eq!((there(plain).await, there(own).await), ((false, false), (false, true)), "its own days come first");
+    assert_eq!(job(rows, running).await.state, JobState::Running);
+    store.clock.advance(DAY * 20);
+    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
+    assert_eq!(there(own).await, (false, false));
 }
 
 pub(crate) async fn an_upload_in_pieces_is_held_by_one_at_a_time(blobs: &dyn Blobs) {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::{
     model::{Code, Fault, JobKind, JobState, Warning, profile::Profile},
-    store::{CancelRequest, Finish, JobCounts, JobFilter},
+    store::{BlobOwner, CancelRequest, Finish, JobCounts, JobFilter, sweep::Retention},
 };
 
 pub(crate) async fn an_accepted_job_waits_with_all_that_was_asked(store: Fresh) {
@@ -202,7 +202,10 @@ pub(crate) async fn a_deleted_job_is_gone_and_a_running_one_goes_with_its_worker
     assert!(rows.jobs(&JobFilter::default(), &page(10, None)).await.unwrap().items.is_empty());
     assert!(!rows.delete_job(running.id).await.unwrap());
     assert_eq!(rows.cancel(running.id).await.unwrap(), None);
-    assert_eq!(rows.blob_owner(running.id).await.unwrap(), Some((JobState::Running, running.lease_token)));
+    assert_eq!(
+        rows.blob_owner(running.id).await.unwrap(),
+        Some(BlobOwner { state: JobState::Running, lease_token: running.lease_token, upload_removed: false })
+    );
     assert!(rows.finish(running.id, running.lease_token, &success()).await.unwrap());
     assert_eq!(rows.blob_owner(running.id).await.unwrap(), None);
     assert_eq!(rows.counts().await.unwrap(), JobCounts::default());
@@ -215,12 +218,15 @@ pub(crate) async fn a_job_expires_only_after_its_days(store: Fresh) {
     let claimed = claim(rows).await.unwrap();
     let day = Duration::from_secs(24 * 60 * 60);
     store.clock.advance(day * 5);
-    assert!(rows.delete_expired().await.unwrap().is_empty(), "days count from the end, and it runs");
+    assert!(
+        rows.delete_expired(&Retention::default()).await.unwrap().is_empty(),
+        "days count from the end, and it runs"
+    );
     assert!(rows.finish(claimed.id, claimed.lease_token, &success()).await.unwrap());
     store.clock.advance(day * 2 - Duration::from_secs(1));
-    assert!(rows.delete_expired().await.unwrap().is_empty());
+    assert!(rows.delete_expired(&Retention::default()).await.unwrap().is_empty());
     store.clock.advance(Duration::from_secs(1));
-    assert_eq!(rows.delete_expired().await.unwrap(), [claimed.id]);
+    assert_eq!(rows.delete_expired(&Retention::default()).await.unwrap(), [claimed.id]);
     assert_eq!(rows.job(claimed.id).await.unwrap(), None);
     assert!(rows.job(kept).await.unwrap().is_some());
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::*;
 use crate::{
     model::{Code, JobState, Progress},
-    store::{CancelRequest, Heartbeat},
+    store::{Attempt, CancelRequest, Heartbeat},
 };
 
 fn progress(completed: u32) -> Progress {
@@ -78,7 +78,7 @@ pub(crate) async fn a_worker_back_from_the_dead_cannot_publish(store: Fresh) {
     let beat = rows.heartbeat(dead.id, dead.lease_token, LEASE, &progress(9)).await.unwrap();
     assert_eq!(beat, Heartbeat::Lost);
     assert!(!rows.finish(dead.id, dead.lease_token, &success()).await.unwrap());
-    assert!(!rows.release(dead.id, dead.lease_token).await.unwrap());
+    assert!(!rows.release(dead.id, dead.lease_token, Attempt::IsFree).await.unwrap());
     assert_eq!(job(rows, dead.id).await, living, "nothing of the dead worker is to be seen");
 
     assert!(rows.finish(living.id, living.lease_token, &success()).await.unwrap());
@@ -118,7 +118,7 @@ pub(crate) async fn a_released_job_waits_again_and_the_attempt_does_not_count(st
         let claimed = claim(rows).await.unwrap();
         assert_eq!((claimed.id, claimed.attempt), (id, 1));
         rows.heartbeat(id, claimed.lease_token, LEASE, &progress(3)).await.unwrap();
-        assert!(rows.release(id, claimed.lease_token).await.unwrap());
+        assert!(rows.release(id, claimed.lease_token, Attempt::IsFree).await.unwrap());
         let waiting = job(rows, id).await;
         assert_eq!((waiting.state, waiting.progress.fraction), (JobState::Queued, 0.0));
         assert!(!rows.finish(id, claimed.lease_token, &success()).await.unwrap(), "the lease went with the release");
@@ -155,8 +155,8 @@ pub(crate) async fn a_released_job_that_was_to_end_ends(store: Fresh) {
     let (cancelled, deleted) = (claim(rows).await.unwrap(), claim(rows).await.unwrap());
     rows.cancel(cancelled.id).await.unwrap();
     rows.delete_job(deleted.id).await.unwrap();
-    assert!(rows.release(cancelled.id, cancelled.lease_token).await.unwrap());
-    assert!(rows.release(deleted.id, deleted.lease_token).await.unwrap());
+    assert!(rows.release(cancelled.id, cancelled.lease_token, Attempt::IsFree).await.unwrap());
+    assert!(rows.release(deleted.id, deleted.lease_token, Attempt::IsFree).await.unwrap());
     assert_eq!(job(rows, cancelled.id).await.state, JobState::Cancelled);
     assert_eq!(rows.blob_owner(deleted.id).await.unwrap(), None);
     assert_eq!(claim(rows).await, None);
@@ -170,4 +170,28 @@ pub(crate) async fn a_deleted_job_whose_worker_died_goes_with_the_next_claim(sto
     store.clock.advance(LEASE);
     assert_eq!(claim(rows).await, None);
     assert_eq!(rows.blob_owner(dead.id).await.unwrap(), None);
+}
+
+pub(crate) async fn a_clock_that_leaps_forward_takes_no_job_from_a_living_worker(store: Fresh) {
+    let rows = &*store.rows;
+    accept(rows, &stack()).await;
+    let claimed = claim(rows).await.unwrap();
+    store.clock.advance(Duration::from_secs(1));
+    store.clock.set_wall_by(10 * 365 * 24 * 60 * 60 * 1000);
+    assert_eq!(claim(rows).await, None, "it was heard of a second ago");
+    rows.heartbeat(claimed.id, claimed.lease_token, LEASE, &progress(1)).await.unwrap();
+    store.clock.advance(LEASE - Duration::from_secs(1));
+    assert_eq!(claim(rows).await, None, "the lease holds");
+    assert!(rows.finish(claimed.id, claimed.lease_token, &success()).await.unwrap());
+}
+
+pub(crate) async fn a_clock_that_leaps_back_keeps_no_job_with_a_dead_worker(store: Fresh) {
+    let rows = &*store.rows;
+    accept(rows, &stack()).await;
+    let dead = claim(rows).await.unwrap();
+    store.clock.set_wall_by(-10 * 365 * 24 * 60 * 60 * 1000);
+    assert_eq!(claim(rows).await, None);
+    store.clock.advance(LEASE);
+    let living = claim(rows).await.expect("nothing was heard of its worker for a whole lease");
+    assert_eq!((living.id, living.attempt), (dead.id, 2));
 }

@@ -1,27 +1,36 @@
 //! Tokens.
 
+use std::time::Duration;
+
 use uuid::Uuid;
 
-use super::{Fresh, accept, name, stack};
+use super::{Fresh, accept, claim, name, stack, success};
 use crate::store::{
     JobFilter, NewJob, PageRequest,
-    tokens::{Scope, mint},
+    sweep::Retention,
+    tokens::{NewToken, Scope, mint},
+    uploads::NewUpload,
 };
 
 pub(crate) async fn a_token_comes_back_as_it_was_added_until_it_is_revoked(store: Fresh) {
     let rows = &*store.rows;
     let (id, secret, _) = mint().unwrap();
     let scopes = [Scope::Read, Scope::ProfilesWrite];
-    assert!(rows.add_token(id, &name("ann"), secret.digest(), &scopes).await.unwrap());
+    let add = async |id, text, digest, scopes: &[Scope], quota_bytes| {
+        let token = NewToken { id, name: name(text), digest, scopes: scopes.to_vec(), quota_bytes };
+        rows.add_token(&token).await.unwrap()
+    };
+    assert!(add(id, "ann", secret.digest(), &scopes, Some(7)).await);
     let token = rows.token(id).await.unwrap().expect("it was added");
     assert_eq!((token.name.as_str(), token.scopes.as_slice(), token.revoked_at), ("ann", &scopes[..], None));
     assert!(token.is_opened_by(&secret));
-    assert!(!rows.add_token(Uuid::now_v7(), &name("ann"), [0; 32], &scopes).await.unwrap(), "the name is taken");
-    assert!(rows.add_token(Uuid::now_v7(), &name("ben"), [1; 32], &[Scope::Admin]).await.unwrap());
+    assert_eq!(token.quota_bytes, Some(7));
+    assert!(!add(Uuid::now_v7(), "ann", [0; 32], &scopes, None).await, "the name is taken");
+    assert!(add(Uuid::now_v7(), "ben", [1; 32], &[Scope::Admin], None).await);
     assert!(rows.revoke_token(&name("ann")).await.unwrap());
     assert!(!rows.revoke_token(&name("ann")).await.unwrap() && !rows.revoke_token(&name("nobody")).await.unwrap());
     assert!(!rows.token(id).await.unwrap().expect("it is remembered").is_opened_by(&secret));
-    assert!(!rows.add_token(Uuid::now_v7(), &name("ann"), [0; 32], &scopes).await.unwrap(), "and so is its name");
+    assert!(!add(Uuid::now_v7(), "ann", [0; 32], &scopes, None).await, "and so is its name");
     let listed: Vec<String> = rows.tokens().await.unwrap().iter().map(|token| token.name.to_string()).collect();
     assert_eq!(listed, ["ann", "ben"]);
     assert_eq!(rows.token(Uuid::now_v7()).await.unwrap(), None);
@@ -43,4 +52,32 @@ pub(crate) async fn a_list_can_be_kept_to_what_one_token_sent(store: Fresh) {
     assert_eq!(listed(Some(ann)).await, [of_nobody, of_ann]);
     assert_eq!(listed(Some(ben)).await, [of_nobody, of_ben]);
     assert_eq!(listed(None).await, [of_nobody, of_ben, of_ann]);
+}
+
+pub(crate) async fn what_a_token_takes_is_counted_until_it_is_gone(store: Fresh) {
+    const DAY: Duration = Duration::from_secs(24 * 60 * 60);
+    let rows = &*store.rows;
+    let (ann, ben) = (Uuid::now_v7(), Uuid::now_v7());
+    let id = accept(rows, &NewJob { owner: Some(ann), ..stack() }).await.id;
+    // as the requests and outcomes of these tests say
+    let (upload, results) = (12, 3);
+    assert_eq!((rows.bytes_of(ann).await.unwrap(), rows.bytes_of(ben).await.unwrap()), (upload, 0));
+    assert!(rows.finish(claim(rows).await.unwrap().id, 1, &success()).await.unwrap());
+    assert_eq!(rows.bytes_of(ann).await.unwrap(), upload + results);
+    let arriving = NewUpload {
+        id: Uuid::now_v7(),
+        length: 1000,
+        digest: vec![],
+        metadata: String::new(),
+        keep: DAY,
+        owner: Some(ann),
+    };
+    rows.create_upload(&arriving, 10).await.unwrap().expect("room for it");
+    assert_eq!(rows.bytes_of(ann).await.unwrap(), 1000 + upload + results, "what is to come is counted whole");
+    store.clock.advance(DAY);
+    let keep = Retention { uploads: Some(DAY), ..Retention::default() };
+    assert_eq!(rows.expire_job_uploads(&keep).await.unwrap(), [id]);
+    assert_eq!(rows.bytes_of(ann).await.unwrap(), results);
+    rows.delete_job(id).await.unwrap();
+    assert_eq!(rows.bytes_of(ann).await.unwrap(), 0);
 }

@@ -1,10 +1,10 @@
-//! How jobs end: finished by their worker, cancelled, deleted, expired. Each write looks and acts inside one
+//! How jobs end: finished by their worker, cancelled, deleted. Each write looks and acts inside one
 //! transaction that holds the write lock, so a cancel and a finish that meet have exactly one winner.
 
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{CancelRequest, Finish, SqliteRows, StoreResult, profiles, row};
+use super::{CancelRequest, Finish, SqliteRows, StoreResult, profiles, row, uploads::signed};
 use crate::model::{Fault, JobState, Warning, outcome::JobOutcome};
 
 /// What a row becomes at its end.
@@ -50,7 +50,7 @@ pub(super) async fn finish(store: &SqliteRows, id: Uuid, lease_token: i64, finis
         };
         write_end(&mut tx, id, now, &end).await?;
     }
-    tx.commit().await?;
+    store.commit(tx, "rows.finish").await?;
     store.changed(id);
     Ok(true)
 }
@@ -58,7 +58,7 @@ pub(super) async fn finish(store: &SqliteRows, id: Uuid, lease_token: i64, finis
 async fn write_end(connection: &mut SqliteConnection, id: Uuid, now: i64, end: &End<'_>) -> StoreResult<()> {
     sqlx::query(
         "UPDATE jobs
-         SET state = ?2, finished_at = ?3, lease_until = NULL, version = version + 1,
+         SET state = ?2, finished_at = ?3, lease_until = NULL, version = version + 1, result_bytes = ?7,
              error = ?4, warnings = COALESCE(?5, warnings), outcome = ?6,
              stage = iif(?2 = 'succeeded', 'done', stage),
              completed = iif(?2 = 'succeeded', 1, completed),
@@ -72,6 +72,7 @@ async fn write_end(connection: &mut SqliteConnection, id: Uuid, now: i64, end: &
     .bind(end.error.map(serde_json::to_string).transpose()?)
     .bind(end.warnings.map(serde_json::to_string).transpose()?)
     .bind(end.outcome.as_ref().map(serde_json::to_string).transpose()?)
+    .bind(signed(end.outcome.as_ref().map_or(0, JobOutcome::bytes)))
     .execute(connection)
     .await?;
     Ok(())
@@ -101,7 +102,7 @@ pub(super) async fn cancel(store: &SqliteRows, id: Uuid) -> StoreResult<Option<C
             CancelRequest::Cancelled
         }
     };
-    tx.commit().await?;
+    store.commit(tx, "rows.cancel").await?;
     store.changed(id);
     Ok(Some(answer))
 }
@@ -117,27 +118,9 @@ pub(super) async fn delete(store: &SqliteRows, id: Uuid) -> StoreResult<bool> {
         "DELETE FROM jobs WHERE id = ?1"
     };
     sqlx::query(sql).bind(id).execute(&mut *tx).await?;
-    tx.commit().await?;
+    store.commit(tx, "rows.delete").await?;
     store.changed(id);
     Ok(true)
-}
-
-pub(super) async fn delete_expired(store: &SqliteRows) -> StoreResult<Vec<Uuid>> {
-    let mut tx = store.write().await?;
-    let gone: Vec<Uuid> = sqlx::query_scalar(
-        "DELETE FROM jobs
-         WHERE keep_ms IS NOT NULL AND finished_at IS NOT NULL AND finished_at + keep_ms <= ?1
-           AND state IN ('succeeded', 'failed', 'cancelled')
-         RETURNING id",
-    )
-    .bind(store.clock.now_ms())
-    .fetch_all(&mut *tx)
-    .await?;
-    tx.commit().await?;
-    for id in &gone {
-        store.changed(*id);
-    }
-    Ok(gone)
 }
 
 /// The state of a job that clients can see, and whether a worker holds a lease on it.

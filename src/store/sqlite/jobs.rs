@@ -4,9 +4,10 @@ use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
 use super::{
-    Enqueue, Job, JobCounts, JobFilter, NewJob, Page, PageRequest, SqliteRows, StoreResult,
+    BlobOwner, Enqueue, Job, JobCounts, JobFilter, NewJob, Page, PageRequest, SqliteRows, StoreResult,
     page::Window,
     row::{JobRow, state},
+    uploads::signed,
 };
 use crate::model::{JobKind, JobState, Name, request::JobRequest};
 
@@ -17,7 +18,7 @@ pub(super) async fn enqueue(store: &SqliteRows, job: &NewJob, queue_limit: u64) 
     let mut tx = store.write().await?;
     let enqueued = insert(store, &mut tx, job, queue_limit).await?;
     if let Enqueue::Accepted(_) = &enqueued {
-        tx.commit().await?;
+        store.commit(tx, "rows.enqueue").await?;
         store.changed(job.id);
     }
     Ok(enqueued)
@@ -45,8 +46,8 @@ pub(super) async fn insert(
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
-                           idempotency_key, fingerprint, owner)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11, ?12)
+                           idempotency_key, fingerprint, owner, upload_bytes)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11, ?12, ?13)
          RETURNING *",
     )
     .bind(job.id)
@@ -61,6 +62,7 @@ pub(super) async fn insert(
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
+    .bind(signed(job.request.upload().bytes))
     .fetch_one(&mut *connection)
     .await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
@@ -126,12 +128,16 @@ pub(super) async fn counts(store: &SqliteRows) -> StoreResult<JobCounts> {
     Ok(counts)
 }
 
-pub(super) async fn blob_owner(store: &SqliteRows, id: Uuid) -> StoreResult<Option<(JobState, i64)>> {
-    let row: Option<(String, i64)> = sqlx::query_as("SELECT state, lease_token FROM jobs WHERE id = ?1")
-        .bind(id)
-        .fetch_optional(&store.readers)
-        .await?;
-    row.map(|(name, lease_token)| Ok((state(&name)?, lease_token))).transpose()
+pub(super) async fn blob_owner(store: &SqliteRows, id: Uuid) -> StoreResult<Option<BlobOwner>> {
+    let row: Option<(String, i64, bool)> =
+        sqlx::query_as("SELECT state, lease_token, upload_removed FROM jobs WHERE id = ?1")
+            .bind(id)
+            .fetch_optional(&store.readers)
+            .await?;
+    let owner = |(name, lease_token, upload_removed): (String, i64, bool)| {
+        Ok(BlobOwner { state: state(&name)?, lease_token, upload_removed })
+    };
+    row.map(owner).transpose()
 }
 
 pub(super) fn kind_name(kind: JobKind) -> &'static str {

@@ -5,49 +5,76 @@ use std::time::Duration;
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{Heartbeat, Job, Progress, SqliteRows, StoreResult, row::JobRow};
+use super::{Attempt, Heartbeat, Job, Progress, SqliteRows, StoreResult, lost::Lease, row::JobRow};
 use crate::model::{Code, Fault};
 
 pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
     let now = store.clock.now_ms();
     let mut tx = store.write().await?;
-    let ended = end_the_lost(&mut tx, now, max_attempts).await?;
+    let lost = lost(store, &mut tx, lease, now).await?;
+    let ended = end_the_lost(&mut tx, now, &lost, max_attempts).await?;
     let row: Option<JobRow> = sqlx::query_as(
         "UPDATE jobs
          SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
              attempt = attempt + 1, lease_token = lease_token + 1, lease_until = ?1, version = version + 1,
              started_at = COALESCE(started_at, ?2)
          WHERE seq = (SELECT seq FROM jobs
-                      WHERE state = 'queued' OR (state = 'running' AND lease_until <= ?2)
+                      WHERE state = 'queued'
+                         OR (state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?3)))
                       ORDER BY seq LIMIT 1)
          RETURNING *",
     )
     .bind(until(now, lease))
     .bind(now)
+    .bind(&lost)
     .fetch_optional(&mut *tx)
     .await?;
-    tx.commit().await?;
+    store.commit(tx, "rows.claim").await?;
     let job = row.map(Job::try_from).transpose()?;
+    if let Some(job) = &job {
+        let given = Lease { token: job.lease_token, until: until(now, lease) };
+        store.leases.given(job.id, given, store.clock.steady());
+    }
     for id in ended.into_iter().chain(job.as_ref().map(|job| job.id)) {
         store.changed(id);
     }
     Ok(job)
 }
 
+/// The jobs whose worker is gone, as a JSON list of their ids in hex.
+async fn lost(store: &SqliteRows, connection: &mut SqliteConnection, lease: Duration, now: i64) -> StoreResult<String> {
+    let rows: Vec<(Uuid, i64, i64)> =
+        sqlx::query_as("SELECT id, lease_token, COALESCE(lease_until, 0) FROM jobs WHERE state = 'running'")
+            .fetch_all(connection)
+            .await?;
+    let leases: Vec<(Uuid, Lease)> = rows.into_iter().map(|(id, token, until)| (id, Lease { token, until })).collect();
+    let lost = store.leases.lost(&leases, lease, now, store.clock.steady());
+    Ok(serde_json::to_string(&lost.iter().map(|id| id.simple().to_string()).collect::<Vec<_>>())?)
+}
+
 /// Ends the jobs whose worker is gone and that nobody shall try again: deleted, cancelled, or lost too often.
-async fn end_the_lost(connection: &mut SqliteConnection, now: i64, max_attempts: u32) -> StoreResult<Vec<Uuid>> {
+async fn end_the_lost(
+    connection: &mut SqliteConnection,
+    now: i64,
+    lost: &str,
+    max_attempts: u32,
+) -> StoreResult<Vec<Uuid>> {
     let mut ended: Vec<Uuid> = sqlx::query_scalar(
-        "DELETE FROM jobs WHERE state = 'running' AND lease_until <= ?1 AND delete_requested = 1 RETURNING id",
+        "DELETE FROM jobs
+         WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?1)) AND delete_requested = 1
+         RETURNING id",
     )
-    .bind(now)
+    .bind(lost)
     .fetch_all(&mut *connection)
     .await?;
     ended.extend(
         sqlx::query_scalar::<_, Uuid>(
             "UPDATE jobs SET state = 'cancelled', finished_at = ?1, lease_until = NULL, version = version + 1
-             WHERE state = 'running' AND lease_until <= ?1 AND cancel_requested = 1 RETURNING id",
+             WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?2)) AND cancel_requested = 1
+             RETURNING id",
         )
         .bind(now)
+        .bind(lost)
         .fetch_all(&mut *connection)
         .await?,
     );
@@ -62,11 +89,13 @@ async fn end_the_lost(connection: &mut SqliteConnection, now: i64, max_attempts:
         sqlx::query_scalar::<_, Uuid>(
             "UPDATE jobs
              SET state = 'failed', error = ?3, finished_at = ?1, lease_until = NULL, version = version + 1
-             WHERE state = 'running' AND lease_until <= ?1 AND attempt >= ?2 RETURNING id",
+             WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?4)) AND attempt >= ?2
+             RETURNING id",
         )
         .bind(now)
         .bind(max_attempts)
         .bind(serde_json::to_string(&fault)?)
+        .bind(lost)
         .fetch_all(&mut *connection)
         .await?,
     );
@@ -100,13 +129,13 @@ pub(super) async fn heartbeat(
     .bind(fraction)
     .fetch_optional(&mut *tx)
     .await?;
-    tx.commit().await?;
+    store.commit(tx, "rows.heartbeat").await?;
     let Some((cancel_requested, _)) = beat else { return Ok(Heartbeat::Lost) };
     store.changed(id);
     Ok(if cancel_requested { Heartbeat::CancelRequested } else { Heartbeat::Alive })
 }
 
-pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64) -> StoreResult<bool> {
+pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
     let mut tx = store.write().await?;
     let deleted = sqlx::query(
         "DELETE FROM jobs WHERE id = ?1 AND lease_token = ?2 AND state = 'running' AND delete_requested = 1",
@@ -123,15 +152,16 @@ pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64) -> S
              completed = iif(cancel_requested, completed, 0),
              total = iif(cancel_requested, total, 0),
              fraction = iif(cancel_requested, fraction, 0.0),
-             attempt = attempt - 1, lease_until = NULL, version = version + 1
+             attempt = attempt - ?4, lease_until = NULL, version = version + 1
          WHERE id = ?1 AND lease_token = ?2 AND state = 'running'",
     )
     .bind(id)
     .bind(lease_token)
     .bind(store.clock.now_ms())
+    .bind(i64::from(attempt == Attempt::IsFree))
     .execute(&mut *tx)
     .await?;
-    tx.commit().await?;
+    store.commit(tx, "rows.release").await?;
     let held = deleted.rows_affected() + released.rows_affected() > 0;
     if held {
         store.changed(id);

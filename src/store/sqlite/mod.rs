@@ -7,8 +7,10 @@ mod end;
 mod error;
 mod jobs;
 mod lease;
+mod lost;
 mod page;
 mod profiles;
+mod retention;
 mod row;
 mod tokens;
 mod uploads;
@@ -26,10 +28,11 @@ use tokio::sync::broadcast;
 use uuid::Uuid;
 
 use super::{
-    CancelRequest, Clock, Enqueue, Finish, Heartbeat, Job, JobCounts, JobFilter, NewJob, Page, PageRequest,
-    Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock,
+    Attempt, BlobOwner, CancelRequest, Clock, Enqueue, Finish, Heartbeat, Job, JobCounts, JobFilter, NewJob, Page,
+    PageRequest, Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock, step::step,
+    sweep::Retention,
 };
-use crate::model::{JobState, Name, Progress, profile::Profile};
+use crate::model::{Name, Progress, profile::Profile};
 
 /// How long a statement waits for another process that writes.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
@@ -39,10 +42,11 @@ const READERS: u32 = 4;
 const CHANGES: usize = 1024;
 
 /// Every change of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 3] = [
+const SCHEMA: [(i64, &str, &str); 4] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
+    (4, "retention", include_str!("schema/0004_retention.sql")),
 ];
 
 /// Rows in one SQLite file.
@@ -50,6 +54,7 @@ pub struct SqliteRows {
     writer: SqlitePool,
     readers: SqlitePool,
     clock: Arc<dyn Clock>,
+    leases: lost::Watched,
     changes: broadcast::Sender<Uuid>,
 }
 
@@ -78,12 +83,26 @@ impl SqliteRows {
             .foreign_keys(true)
             .busy_timeout(BUSY_TIMEOUT);
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
+        step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
         migrator().run(&writer).await.with_context(|| format!("cannot bring {} up to date", path.display()))?;
         drop(lock);
         let reading = options.pragma("query_only", "ON");
         let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(reading).await?;
         let (changes, _) = broadcast::channel(CHANGES);
-        Ok(Self { writer, readers, clock, changes })
+        Ok(Self { writer, readers, clock, leases: lost::Watched::default(), changes })
+    }
+
+    /// Writes all rows, as they are at this moment, into a new file at `path`. Whoever writes meanwhile waits for nothing.
+    ///
+    /// # Errors
+    /// When the file is there already or cannot be written.
+    pub async fn snapshot_to(&self, path: &Path) -> StoreResult<()> {
+        let path = path.to_str().context("the path of a copy must be UTF-8")?;
+        step("backup.snapshot").map_err(|error| StoreError::of_io(error, "cannot copy the rows".into()))?;
+        // the readers may only query, and this is a query to all but the new file
+        let mut connection = self.writer.acquire().await?;
+        sqlx::query("VACUUM INTO ?1").bind(path).execute(&mut *connection).await?;
+        Ok(())
     }
 
     /// Waits for running statements and closes the file.
@@ -95,6 +114,15 @@ impl SqliteRows {
     /// A transaction that holds the write lock from its first statement on.
     async fn write(&self) -> StoreResult<Transaction<'static, Sqlite>> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// Commits, with a step before and one behind: an error behind it leaves it open whether the rows were stored, as a
+    /// real one may.
+    async fn commit(&self, transaction: Transaction<'static, Sqlite>, name: &'static str) -> StoreResult<()> {
+        let broken = |error| StoreError::of_io(error, format!("cannot commit {name}"));
+        step(name).map_err(broken)?;
+        transaction.commit().await?;
+        step(name).map_err(broken)
     }
 
     /// Tells the listeners of this process; nobody listening is fine.
@@ -115,6 +143,7 @@ async fn lock_beside(path: &Path) -> StoreResult<File> {
     let mut name = path.as_os_str().to_owned();
     name.push(".lock");
     let locked = tokio::task::spawn_blocking(move || {
+        step("rows.lock")?;
         let file = File::options().create(true).truncate(false).write(true).open(&name)?;
         file.lock()?;
         Ok::<_, std::io::Error>(file)
@@ -202,8 +231,8 @@ impl Rows for SqliteRows {
         end::finish(self, id, lease_token, finish).await
     }
 
-    async fn release(&self, id: Uuid, lease_token: i64) -> StoreResult<bool> {
-        lease::release(self, id, lease_token).await
+    async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
+        lease::release(self, id, lease_token, attempt).await
     }
 
     async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>> {
@@ -214,16 +243,35 @@ impl Rows for SqliteRows {
         end::delete(self, id).await
     }
 
-    async fn delete_expired(&self) -> StoreResult<Vec<Uuid>> {
-        end::delete_expired(self).await
+    async fn delete_expired(&self, keep: &Retention) -> StoreResult<Vec<Uuid>> {
+        retention::delete_expired(self, keep).await
     }
 
-    async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<(JobState, i64)>> {
+    async fn expire_job_uploads(&self, keep: &Retention) -> StoreResult<Vec<Uuid>> {
+        retention::expire_job_uploads(self, keep).await
+    }
+
+    async fn bytes_of(&self, owner: Uuid) -> StoreResult<u64> {
+        retention::bytes_of(self, owner).await
+    }
+
+    async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>> {
         jobs::blob_owner(self, id).await
     }
 
     fn changes(&self) -> broadcast::Receiver<Uuid> {
         self.changes.subscribe()
+    }
+
+    async fn objections(&self) -> StoreResult<Vec<String>> {
+        let found: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check").fetch_all(&self.readers).await?;
+        let loose: Vec<(String, Option<i64>, String, i64)> =
+            sqlx::query_as("PRAGMA foreign_key_check").fetch_all(&self.readers).await?;
+        let found = found.into_iter().filter(|line| line != "ok").map(|line| format!("the database: {line}"));
+        let loose = loose.into_iter().map(|(table, row, parent, _)| {
+            format!("the database: row {row:?} of {table} names a row of {parent} that is not there")
+        });
+        Ok(found.chain(loose).collect())
     }
 
     async fn healthy(&self) -> bool {

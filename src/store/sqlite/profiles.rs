@@ -23,7 +23,7 @@ pub(super) async fn put(
         return Ok(PutProfile::PreconditionFailed(current));
     }
     let profile = insert(&mut tx, rig, lens, draft, store.clock.now_ms()).await?;
-    tx.commit().await?;
+    store.commit(tx, "rows.put_profile").await?;
     Ok(match current {
         None => PutProfile::Created(profile),
         Some(_) => PutProfile::Updated(profile),
@@ -171,7 +171,7 @@ pub(super) async fn delete(
         .bind(store.clock.now_ms())
         .execute(&mut *tx)
         .await?;
-    tx.commit().await?;
+    store.commit(tx, "rows.delete_profile").await?;
     Ok(Ok(true))
 }
 

@@ -30,6 +30,7 @@ pub(super) struct JobRow {
     error: Option<String>,
     warnings: String,
     outcome: Option<String>,
+    upload_removed: bool,
     pub(super) fingerprint: Option<String>,
 }
 
@@ -58,6 +59,7 @@ impl TryFrom<JobRow> for Job {
             cancel_requested: row.cancel_requested,
             error: row.error.as_deref().map(serde_json::from_str).transpose()?,
             warnings: serde_json::from_str(&row.warnings)?,
+            upload_removed: row.upload_removed,
             outcome: row.outcome.as_deref().map(serde_json::from_str).transpose()?,
         })
     }

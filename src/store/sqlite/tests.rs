@@ -68,9 +68,12 @@ conforms!(uploads:
 conforms!(tokens:
     a_token_comes_back_as_it_was_added_until_it_is_revoked,
     a_list_can_be_kept_to_what_one_token_sent,
+    what_a_token_takes_is_counted_until_it_is_gone,
 );
 
 conforms!(leases:
+    a_clock_that_leaps_forward_takes_no_job_from_a_living_worker,
+    a_clock_that_leaps_back_keeps_no_job_with_a_dead_worker,
     jobs_are_claimed_in_the_order_of_acceptance,
     no_job_is_claimed_twice_however_many_claim_at_once,
     a_heartbeat_renews_the_lease_and_shows_the_progress,

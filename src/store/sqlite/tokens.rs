@@ -7,10 +7,11 @@ use uuid::Uuid;
 use super::{
     SqliteRows, StoreError, StoreResult,
     row::{name, time},
+    uploads::{signed, unsigned},
 };
 use crate::{
     model::Name,
-    store::tokens::{Scope, Token, TokenRows, names},
+    store::tokens::{NewToken, Scope, Token, TokenRows, names},
 };
 
 /// A row of `tokens`.
@@ -22,6 +23,7 @@ struct TokenRow {
     scopes: String,
     created_at: i64,
     revoked_at: Option<i64>,
+    quota_bytes: Option<i64>,
 }
 
 impl TryFrom<TokenRow> for Token {
@@ -34,6 +36,7 @@ impl TryFrom<TokenRow> for Token {
             name: name(row.name)?,
             scopes: scopes.map_err(|e| anyhow!("a row holds an unknown scope: {e}"))?,
             digest: row.digest.try_into().map_err(|_| anyhow!("a row holds a digest of the wrong length"))?,
+            quota_bytes: row.quota_bytes.map(unsigned),
             created_at: time(row.created_at)?,
             revoked_at: row.revoked_at.map(time).transpose()?,
         })
@@ -42,20 +45,21 @@ impl TryFrom<TokenRow> for Token {
 
 #[async_trait]
 impl TokenRows for SqliteRows {
-    async fn add_token(&self, id: Uuid, name: &Name, digest: [u8; 32], scopes: &[Scope]) -> StoreResult<bool> {
+    async fn add_token(&self, token: &NewToken) -> StoreResult<bool> {
         let mut tx = self.write().await?;
         let added = sqlx::query(
-            "INSERT INTO tokens (id, name, digest, scopes, created_at) VALUES (?1, ?2, ?3, ?4, ?5)
+            "INSERT INTO tokens (id, name, digest, scopes, created_at, quota_bytes) VALUES (?1, ?2, ?3, ?4, ?5, ?6)
              ON CONFLICT (name) DO NOTHING",
         )
-        .bind(id)
-        .bind(name.as_str())
-        .bind(digest.as_slice())
-        .bind(names(scopes, " "))
+        .bind(token.id)
+        .bind(token.name.as_str())
+        .bind(token.digest.as_slice())
+        .bind(names(&token.scopes, " "))
         .bind(self.clock.now_ms())
+        .bind(token.quota_bytes.map(signed))
         .execute(&mut *tx)
         .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.add_token").await?;
         Ok(added.rows_affected() == 1)
     }
 
@@ -78,7 +82,7 @@ impl TokenRows for SqliteRows {
             .bind(self.clock.now_ms())
             .execute(&mut *tx)
             .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.revoke_token").await?;
         Ok(revoked.rows_affected() == 1)
     }
 

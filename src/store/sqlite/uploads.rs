@@ -80,7 +80,7 @@ impl UploadRows for SqliteRows {
         .bind(upload.owner)
         .fetch_one(&mut *tx)
         .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.create_upload").await?;
         Ok(Some(row.try_into()?))
     }
 
@@ -102,7 +102,7 @@ impl UploadRows for SqliteRows {
         .bind(self.clock.now_ms())
         .fetch_optional(&mut *tx)
         .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.want_upload").await?;
         self.changed(id);
         Ok(wanted)
     }
@@ -120,7 +120,7 @@ impl UploadRows for SqliteRows {
         .bind(after(self.clock.now_ms(), advance.keep))
         .execute(&mut *tx)
         .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.advance_upload").await?;
         Ok(advanced.rows_affected() == 1)
     }
 
@@ -153,7 +153,7 @@ impl UploadRows for SqliteRows {
                 .bind(job.id)
                 .execute(&mut *tx)
                 .await?;
-            tx.commit().await?;
+            self.commit(tx, "rows.complete_upload").await?;
             self.changed(job.id);
         }
         Ok(Some(enqueued))
@@ -166,14 +166,14 @@ impl UploadRows for SqliteRows {
             .bind(serde_json::to_string(fault)?)
             .execute(&mut *tx)
             .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.refuse_upload").await?;
         Ok(refused.rows_affected() == 1)
     }
 
     async fn delete_upload(&self, id: Uuid) -> StoreResult<bool> {
         let mut tx = self.write().await?;
         let deleted = sqlx::query("DELETE FROM uploads WHERE id = ?1").bind(id).execute(&mut *tx).await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.delete_upload").await?;
         self.changed(id);
         Ok(deleted.rows_affected() == 1)
     }
@@ -184,7 +184,7 @@ impl UploadRows for SqliteRows {
             .bind(self.clock.now_ms())
             .fetch_all(&mut *tx)
             .await?;
-        tx.commit().await?;
+        self.commit(tx, "rows.expire_uploads").await?;
         Ok(gone)
     }
 
@@ -195,6 +195,12 @@ impl UploadRows for SqliteRows {
                 .fetch_optional(&self.readers)
                 .await?;
         Ok(open.is_some())
+    }
+
+    async fn open_uploads(&self) -> StoreResult<Vec<Uuid>> {
+        Ok(sqlx::query_scalar("SELECT id FROM uploads WHERE job_kind IS NULL AND fault IS NULL ORDER BY id")
+            .fetch_all(&self.readers)
+            .await?)
     }
 
     async fn awaited_bytes(&self) -> StoreResult<u64> {
@@ -209,11 +215,11 @@ impl UploadRows for SqliteRows {
     }
 }
 
-fn signed(bytes: u64) -> i64 {
+pub(super) fn signed(bytes: u64) -> i64 {
     i64::try_from(bytes).unwrap_or(i64::MAX)
 }
 
-fn unsigned(number: i64) -> u64 {
+pub(super) fn unsigned(number: i64) -> u64 {
     u64::try_from(number).unwrap_or(0)
 }
 

@@ -1,0 +1,190 @@
+//! A copy of everything, taken while a server works. It is a data folder itself: `verify` looks at it, a server can
+//! run on it, and restoring is copying it back.
+//!
+//! First the rows, as they are at one moment; then the files that these rows name. Files never change under their key, so
+//! what an earlier copy has already is not copied again. What was deleted meanwhile is deleted in the copy too. Uploads
+//! that are still arriving are not copied: their clients have them.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use anyhow::{Context, anyhow};
+
+use super::{
+    Job, JobFilter, PageRequest, Rows, StoreError, StoreResult, UploadRows,
+    blobs::{
+        Blobs,
+        local::{LocalBlobs, remove, sync_folder},
+    },
+    sqlite::SqliteRows,
+    step::step,
+    sweep::{Retention, sweep},
+};
+
+/// Name of the database in a data folder.
+pub const DATABASE: &str = "pinstack.sqlite";
+/// Rows read at a time.
+const PAGE: u32 = 200;
+
+/// What was copied.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Copied {
+    /// Jobs in the copy.
+    pub jobs: usize,
+    /// Files that are new in it.
+    pub files: usize,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Files that it had already.
+    pub kept: usize,
+}
+
+/// Brings the folder `to` up to date with a store: everything in it, nothing else. `to` is made when it is missing.
+/// When this ends early the copy that was there before is still whole, or there is none.
+///
+/// # Errors
+/// When `to` holds something else than a copy or an empty folder, a file that a row names is missing, or either side cannot be
+/// read or written.
+pub async fn copy(rows: &SqliteRows, blobs: &dyn Blobs, to: &Path) -> StoreResult<Copied> {
+    let io = |what: &'static str| move |error: io::Error| StoreError::of_io(error, format!("{what} of the copy"));
+    require_copy_or_nothing(to).map_err(io("cannot use the folder"))?;
+    step("backup.folder").and_then(|()| fs::create_dir_all(to)).map_err(io("cannot make the folder"))?;
+    let target = LocalBlobs::open(to)?;
+    let (database, snapshot) = (to.join(DATABASE), to.join(format!("{DATABASE}.new")));
+    let mut copied = Copied::default();
+    while !copy_once(rows, blobs, &snapshot, &target, &mut copied).await? {
+        tracing::info!("a file was deleted while it was to be copied; the rows are copied again");
+    }
+    if database.exists() {
+        // the journal of a copy that was looked at and not closed must not be taken for one of the new file
+        SqliteRows::open(&database).await?.close().await;
+    }
+    put_in_place(&snapshot, &database, to).map_err(io("cannot put the database in place"))?;
+    let now = SqliteRows::open(&database).await?;
+    sweep(&now, &target, Duration::ZERO, &Retention::default()).await?;
+    now.close().await;
+    Ok(copied)
+}
+
+/// Copies the rows as they are now, and the files that they name. False when one of these was deleted meanwhile: what is
+/// there already stays for the next time.
+async fn copy_once(
+    rows: &SqliteRows,
+    blobs: &dyn Blobs,
+    snapshot: &Path,
+    target: &LocalBlobs,
+    copied: &mut Copied,
+) -> StoreResult<bool> {
+    for left in [snapshot, &beside(snapshot, "-wal"), &beside(snapshot, "-shm")] {
+        remove(left).map_err(|error| StoreError::of_io(error, "cannot clean the folder of the copy".into()))?;
+    }
+    rows.snapshot_to(snapshot).await?;
+    let copied_rows = SqliteRows::open(snapshot).await?;
+    for id in copied_rows.open_uploads().await? {
+        copied_rows.delete_upload(id).await?;
+    }
+    copied.jobs = 0;
+    let mut is_whole = true;
+    for job in every_job(&copied_rows).await? {
+        is_whole = copy_job(rows, blobs, target, &job, copied).await?;
+        copied.jobs += 1;
+        if !is_whole {
+            break;
+        }
+    }
+    // closed, the file holds everything and has no journal beside it
+    copied_rows.close().await;
+    Ok(is_whole)
+}
+
+fn require_copy_or_nothing(to: &Path) -> io::Result<()> {
+    let mut entries = match fs::read_dir(to) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        other => other?,
+    };
+    // a copy that was broken off has its blobs already, and no database yet
+    if entries.next().is_none() || to.join(DATABASE).is_file() || to.join("blobs").is_dir() {
+        return Ok(());
+    }
+    let why = format!("{} holds something that is no copy of a data folder; name an empty or a new one", to.display());
+    Err(io::Error::other(why))
+}
+
+fn put_in_place(snapshot: &Path, database: &Path, folder: &Path) -> io::Result<()> {
+    step("backup.sync")?;
+    fs::File::options().write(true).open(snapshot)?.sync_all()?;
+    step("backup.rename")?;
+    fs::rename(snapshot, database)?;
+    sync_folder(folder)
+}
+
+fn beside(file: &Path, ending: &str) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(ending);
+    name.into()
+}
+
+async fn every_job(rows: &dyn Rows) -> StoreResult<Vec<Job>> {
+    let (mut jobs, mut cursor) = (Vec::new(), None);
+    loop {
+        let page = rows.jobs(&JobFilter::default(), &PageRequest { limit: PAGE, cursor }).await?;
+        jobs.extend(page.items);
+        cursor = page.next_cursor;
+        if cursor.is_none() {
+            return Ok(jobs);
+        }
+    }
+}
+
+/// Copies the files of one job. False when one was deleted meanwhile, because the job was or its zip's time was over.
+async fn copy_job(
+    rows: &dyn Rows,
+    blobs: &dyn Blobs,
+    target: &LocalBlobs,
+    job: &Job,
+    copied: &mut Copied,
+) -> StoreResult<bool> {
+    let upload = (!job.upload_removed).then(|| job.request.upload().key.as_str());
+    let results = job.outcome.as_ref().map(|outcome| outcome.artifacts()).unwrap_or_default();
+    for key in upload.into_iter().chain(results.iter().map(|artifact| artifact.key.as_str())) {
+        if target.local_path(key).await?.is_some() {
+            copied.kept += 1;
+            continue;
+        }
+        let there = match blobs.local_path(key).await? {
+            Some(from) => copy_file(from, target, key).await?,
+            None => None,
+        };
+        match there {
+            Some(bytes) => {
+                copied.files += 1;
+                copied.bytes += bytes;
+            }
+            None if rows.job(job.id).await?.is_none_or(|now| now.upload_removed != job.upload_removed) => {
+                return Ok(false);
+            }
+            None => {
+                let detail =
+                    format!("{key} is not there, and job {} needs it; 'pinstack verify' looks for more", job.id);
+                return Err(anyhow!(detail).into());
+            }
+        }
+    }
+    Ok(true)
+}
+
+/// Copies one file, durably. `None` when it went meanwhile.
+async fn copy_file(from: PathBuf, target: &LocalBlobs, key: &str) -> StoreResult<Option<u64>> {
+    let spooled = target.spool_dir().join(uuid::Uuid::now_v7().to_string());
+    let to = spooled.clone();
+    let copied = tokio::task::spawn_blocking(move || step("backup.copy").and_then(|()| fs::copy(&from, &to)));
+    let bytes = match copied.await.context("the task that copies died")? {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        other => other.map_err(|error| StoreError::of_io(error, format!("cannot copy {key}")))?,
+    };
+    target.publish(&spooled, key).await?;
+    Ok(Some(bytes))
+}

@@ -1,0 +1,130 @@
+//! Copies of a store: taken while it works, looked at, restored; and broken off in the middle.
+
+use std::{fs, path::Path};
+
+use tempfile::TempDir;
+
+use crate::{
+    service::{armed_command, command},
+    story::Story,
+};
+
+/// Steps of a copy.
+pub const STEPS: [&str; 5] = ["backup.folder", "backup.copy", "backup.snapshot", "backup.sync", "backup.rename"];
+
+fn text(output: &std::process::Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+fn backup(data: &Path, to: &Path) -> String {
+    let done = command(data, &["backup", "--to", to.to_str().expect("UTF-8")]);
+    assert!(done.status.success(), "{}", text(&done));
+    text(&done)
+}
+
+fn verified(data: &Path) -> String {
+    let done = command(data, &["verify"]);
+    assert!(done.status.success(), "{}", text(&done));
+    text(&done)
+}
+
+async fn with_two_stacks() -> (Story, [String; 2], String) {
+    let mut story = Story::begin("").await;
+    story.profile().await.expect("a profile");
+    let stacks = [story.post("a").await.expect("a stack"), story.post("b").await.expect("a stack")];
+    let image = story.image(&stacks[0]).await.expect("an image");
+    assert_eq!(story.image(&stacks[1]).await.expect("an image"), image);
+    (story, stacks, image)
+}
+
+#[tokio::test]
+async fn a_copy_taken_while_the_service_works_is_whole_and_can_be_restored_and_served() {
+    let (mut story, [first, second], image) = with_two_stacks().await;
+    story.begin_upload().await.expect("an upload that never goes on");
+    let folder = TempDir::new().expect("a folder");
+    let (copy, restored) = (folder.path().join("copy"), folder.path().join("restored"));
+    let told = backup(&story.data(), &copy);
+    assert!(told.starts_with("2 jobs; 12 files copied"), "{told}");
+    assert!(verified(&copy).starts_with("2 jobs, 12 files"));
+
+    // brought up to date: what is new comes, what was deleted goes, the rest stays
+    story.delete(&first).await.expect("deleted");
+    let third = story.post("c").await.expect("a stack");
+    story.image(&third).await.expect("an image");
+    let told = backup(&story.data(), &copy);
+    assert!(told.starts_with("2 jobs; 6 files copied") && told.contains("6 were there already"), "{told}");
+    assert!(verified(&copy).contains("; 0 jobs' files"));
+
+    let done = command(&restored, &["restore", "--from", copy.to_str().expect("UTF-8")]);
+    assert!(done.status.success(), "{}", text(&done));
+    let again = command(&restored, &["restore", "--from", copy.to_str().expect("UTF-8")]);
+    assert!(!again.status.success() && text(&again).contains("has a database"), "{}", text(&again));
+    let mut served = Story::on(&restored).await;
+    assert_eq!(served.image(&second).await.expect("an image"), image);
+    assert_eq!(served.count().await.expect("a list"), 2);
+    served.delete(&first).await.expect("it was gone before");
+    let fourth = served.post("d").await.expect("a stack");
+    assert_eq!(served.image(&fourth).await.expect("an image"), image, "and it goes on working");
+}
+
+#[tokio::test]
+async fn a_copy_that_is_killed_at_any_step_leaves_the_one_before_whole_and_can_be_taken_again() {
+    let (mut story, _, _) = with_two_stacks().await;
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy");
+    let to = ["backup", "--to", copy.to_str().expect("UTF-8")];
+    for has_one_before in [false, true] {
+        for step in STEPS {
+            for fault in ["kill", "full"] {
+                let third = story.post(&format!("{has_one_before} {step} {fault}")).await.expect("a stack");
+                story.image(&third).await.expect("an image");
+                let broken = armed_command(&story.data(), &to, &format!("{step}=return({fault})"));
+                assert!(!broken.status.success(), "{step}: {}", text(&broken));
+                if has_one_before {
+                    verified(&copy);
+                } else {
+                    assert!(!copy.join("pinstack.sqlite").exists(), "there is no copy yet");
+                }
+            }
+        }
+        backup(&story.data(), &copy);
+        assert!(verified(&copy).contains("; 0 jobs' files"));
+    }
+}
+
+#[tokio::test]
+async fn a_folder_with_something_else_in_it_is_not_taken_for_a_copy() {
+    let (story, _, _) = with_two_stacks().await;
+    let folder = TempDir::new().expect("a folder");
+    fs::write(folder.path().join("thesis.tex"), "x").expect("written");
+    let done = command(&story.data(), &["backup", "--to", folder.path().to_str().expect("UTF-8")]);
+    assert!(!done.status.success() && text(&done).contains("no copy"), "{}", text(&done));
+    let nowhere = command(&folder.path().join("mistyped"), &["verify"]);
+    assert!(!nowhere.status.success() && text(&nowhere).contains("--data-dir"), "{}", text(&nowhere));
+}
+
+#[tokio::test]
+async fn what_is_missing_or_changed_is_named() {
+    let (story, [first, second], _) = with_two_stacks().await;
+    let data = story.data();
+    verified(&data);
+    let id = |path: &str| path.rsplit('/').next().expect("an id").to_owned();
+    let mask = data.join(format!("blobs/results/{}/1/mask.png", id(&first)));
+    let mut bytes = fs::read(&mask).expect("a mask");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&mask, bytes).expect("a bit flipped");
+    fs::remove_file(data.join(format!("blobs/uploads/{}.zip", id(&second)))).expect("removed");
+    let found = command(&data, &["verify"]);
+    let said = text(&found);
+    assert!(!found.status.success(), "{said}");
+    for part in
+        [&format!("job {}: mask", id(&first)), "its bytes have changed", &format!("job {}: the upload", id(&second))]
+    {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let quick = command(&data, &["verify", "--quick"]);
+    assert!(!text(&quick).contains("have changed") && text(&quick).contains("is not there"), "{}", text(&quick));
+    let copied = command(&data, &["backup", "--to", data.with_extension("copy").to_str().expect("UTF-8")]);
+    assert!(!copied.status.success() && text(&copied).contains(&id(&second)), "{}", text(&copied));
+}

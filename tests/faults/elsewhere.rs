@@ -1,0 +1,130 @@
+//! Steps that the story of the matrix does not come to: of commands, of the clean-up, of calibrations.
+
+use std::path::Path;
+
+use pinstack::{
+    archive,
+    imaging::codec,
+    synth::{DotTarget, Rig, target_stack},
+};
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::{
+    service::{armed_command, clean_up, command},
+    story::Story,
+};
+
+/// Steps of `pinstack token`.
+const TOKENS: [&str; 2] = ["rows.add_token", "rows.revoke_token"];
+/// Steps of the clean-up.
+const CLEANING: [&str; 2] = ["rows.expire_job_uploads", "results.prune"];
+/// Steps of a calibration.
+const CALIBRATION: &str = "copy.write";
+
+/// All of them.
+pub fn steps() -> Vec<&'static str> {
+    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS].concat()
+}
+
+fn text(output: &std::process::Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+fn listed(data: &Path) -> String {
+    text(&command(data, &["token", "list"]))
+}
+
+#[test]
+fn a_token_is_there_or_not_wherever_its_making_is_killed() {
+    for (time, is_there) in [(0, false), (1, true)] {
+        let folder = TempDir::new().expect("a folder");
+        let data = folder.path().join("data");
+        let at = |step: &str| format!("{step}={time}*off->1*return(kill)->off");
+        let add = ["token", "add", "ann", "--scope", "read"];
+        assert!(!armed_command(&data, &add, &at(TOKENS[0])).status.success());
+        assert_eq!(listed(&data).contains("ann\tread"), is_there, "killed before it was stored, or after");
+        if !is_there {
+            assert!(command(&data, &add).status.success());
+        }
+        let revoke = ["token", "revoke", "ann"];
+        assert!(!armed_command(&data, &revoke, &at(TOKENS[1])).status.success());
+        assert_eq!(listed(&data).contains("revoked"), is_there);
+    }
+}
+
+#[tokio::test]
+async fn zips_over_their_time_go_wherever_the_clean_up_is_killed_and_the_results_stay() {
+    for time in [0, 1] {
+        let mut story = Story::begin("").await;
+        story.profile().await.expect("a profile");
+        let stack = story.post("a").await.expect("a stack");
+        let image = story.image(&stack).await.expect("an image");
+        let data = story.data();
+        let broken = clean_up(&data, Some(&format!("{}={time}*off->1*return(kill)->off", CLEANING[0])));
+        assert!(!broken.status.success(), "{}", text(&broken));
+        let done = clean_up(&data, None);
+        assert!(done.status.success(), "{}", text(&done));
+        let uploads = std::fs::read_dir(data.join("blobs/uploads")).expect("a folder").count();
+        assert_eq!(uploads, 0, "the row says that the zip is gone, and so it is");
+        let shown = story.ended(&stack).await.expect("a stack");
+        assert_eq!(shown["upload"]["removed"], true, "{shown}");
+        assert_eq!(story.image(&stack).await.expect("an image"), image);
+        let copy = data.with_extension("copy");
+        let copied = command(&data, &["backup", "--to", copy.to_str().expect("UTF-8")]);
+        assert!(copied.status.success(), "{}", text(&copied));
+        story.end().await;
+    }
+}
+
+#[tokio::test]
+async fn results_that_nobody_will_publish_go_though_the_clean_up_is_killed() {
+    // the worker dies with all its results published and its end not written, and nobody wants the stack any more
+    let mut story = Story::begin("rows.finish=1*return(kill)->off").await;
+    story.profile().await.expect("a profile");
+    let stack = story.post("a").await.expect("a stack");
+    while story.ended(&stack).await.is_ok() {}
+    story.cancel(&stack).await.expect("an answer");
+    let ended = story.ended(&stack).await.expect("a stack");
+    assert_eq!(ended["state"], "cancelled", "{ended}");
+    let results = story.data().join("blobs/results");
+    let left = || std::fs::read_dir(&results).expect("a folder").count();
+    assert_eq!(left(), 1);
+    let broken = armed_command(&story.data(), &["gc"], &format!("{}=return(kill)", CLEANING[1]));
+    assert!(!broken.status.success(), "{}", text(&broken));
+    assert!(command(&story.data(), &["gc"]).status.success());
+    assert_eq!(left(), 0);
+    story.end().await;
+}
+
+fn target() -> Vec<u8> {
+    let rig = Rig::sized(240, 180, 5);
+    let slices = target_stack(&rig, &DotTarget::for_rig(&rig, 12));
+    let members = slices.iter().enumerate().map(|(i, s)| (format!("{i}.jpg"), codec::encode_jpeg(s, 95)));
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    archive::pack(file.reopen().expect("a file"), members).expect("a zip");
+    std::fs::read(file.path()).expect("the zip")
+}
+
+#[tokio::test]
+async fn a_calibration_makes_one_revision_wherever_it_is_killed_or_the_disk_becomes_full() {
+    for (step, times) in [(CALIBRATION, 0..1), ("rows.finish", 0..2), ("artifact.make", 2..3)] {
+        for time in times {
+            for fault in ["kill", "full"] {
+                let armed = format!("{step}={time}*off->1*return({fault})->off");
+                let mut story = Story::begin(&armed).await;
+                let job = story.calibrate(target()).await.expect("accepted before anything breaks");
+                let ended = loop {
+                    if let Ok(ended) = story.ended(&job).await {
+                        break ended;
+                    }
+                };
+                assert_eq!(ended["state"], "succeeded", "{armed}: {ended}");
+                let revisions: Value = story.revisions().await.expect("a list");
+                assert_eq!(revisions.as_array().map(Vec::len), Some(1), "{armed}: {revisions}");
+                assert_eq!(revisions[0]["calibration_id"], ended["id"], "{armed}");
+                story.end().await;
+            }
+        }
+    }
+}

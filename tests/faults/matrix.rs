@@ -1,0 +1,124 @@
+//! Every step, every way to break there, at the first time and at later ones.
+
+use std::{sync::Arc, time::Duration};
+
+use tokio::{sync::Semaphore, task::JoinSet};
+
+use crate::{
+    elsewhere, steps,
+    story::{Broken, Story},
+};
+
+/// A step is broken at its first time, its second, ... as long as the story comes to it so often, up to this.
+const TIMES: usize = 8;
+/// Steps that a story comes to so often that it says nothing new, and that depend on how fast it is.
+const FEW: [&str; 2] = ["rows.heartbeat", "rows.claim"];
+/// Stories at a time: most of their time they wait for leases.
+const SIDE_BY_SIDE: usize = 6;
+/// What must happen first for the story to come to a step: a job whose disk is full goes back to the queue.
+const BEFORE: [(&str, &str); 2] = [
+    ("rows.release", "artifact.make=1*return(full)->off;"),
+    // a job takes less than the time between two beats
+    ("rows.heartbeat", "artifact.make=1*sleep(600)->off;"),
+];
+
+/// Does something until it was done and told so.
+macro_rules! insist {
+    ($story:ident . $call:ident ( $($argument:expr),* )) => {{
+        let mut tries = 0;
+        loop {
+            match $story.$call($($argument),*).await {
+                Ok(told) => break told,
+                Err(Broken::Died | Broken::Refused) if tries < 3 => tries += 1,
+                Err(broken) => panic!("it never works: {broken:?}"),
+            }
+        }
+    }};
+}
+
+/// What a day of the service holds: where it broke, as often as it did.
+async fn day(fault: &str) -> Vec<String> {
+    let mut story = Story::begin(fault).await;
+    insist!(story.profile());
+
+    let whole = insist!(story.post("first"));
+    assert_eq!(insist!(story.post("first")), whole, "a repeat is answered with the first stack");
+    assert_eq!(insist!(story.count()), 1, "however often it was asked for");
+    let image = insist!(story.image(&whole));
+
+    insist!(story.converted(&whole));
+    insist!(story.garbage());
+
+    let upload = insist!(story.begin_upload());
+    let (length, mut told) = (story.length(), 0);
+    insist!(story.piece(&upload, &mut told, length / 2));
+    let in_pieces = loop {
+        if let Some(job) = insist!(story.piece(&upload, &mut told, length)) {
+            break job;
+        }
+    };
+    assert_eq!(insist!(story.image(&in_pieces)), image, "the same stack gives the same bytes");
+    assert_eq!(insist!(story.count()), 2, "an upload in pieces becomes one stack");
+
+    let third = insist!(story.post("third"));
+    let promised = insist!(story.cancel(&third));
+    let ended = insist!(story.ended(&third));
+    assert!(!promised || ended["state"] == "cancelled", "a cancel that was promised wins: {ended}");
+
+    let given_up = insist!(story.begin_upload());
+    insist!(story.delete(&given_up));
+    insist!(story.delete(&whole));
+    insist!(story.delete("/v1/profiles/rig/lens"));
+    assert_eq!(insist!(story.image(&in_pieces)), image, "what nobody deleted is there");
+    assert_eq!(insist!(story.count()), 2);
+    story.end().await
+}
+
+async fn every_step(fault: &'static str) {
+    let side_by_side = Arc::new(Semaphore::new(SIDE_BY_SIDE));
+    let mut stories = JoinSet::new();
+    for name in steps::names() {
+        if elsewhere::steps().contains(&name.as_str()) {
+            continue;
+        }
+        let side_by_side = Arc::clone(&side_by_side);
+        stories.spawn(async move {
+            let mut broke = 0;
+            for time in 0..if FEW.contains(&name.as_str()) { 2 } else { TIMES } {
+                let _turn = side_by_side.acquire().await.expect("open");
+                let before = BEFORE.iter().find(|(step, _)| *step == name).map(|(_, fault)| *fault).unwrap_or_default();
+                let armed = format!("{before}{name}={time}*off->1*return({fault})->off");
+                let day = tokio::time::timeout(Duration::from_secs(300), day(&armed));
+                let breaks = day.await.unwrap_or_else(|_| panic!("{armed}: it hangs"));
+                // a fault that no request showed is one that the service got over by itself
+                if fault == "kill" && breaks.is_empty() {
+                    break;
+                }
+                broke += 1;
+            }
+            assert!(
+                broke > 0,
+                "the story never comes to the step {name}: make it, or break the service there elsewhere"
+            );
+            (name, broke)
+        });
+    }
+    let mut failed = Vec::new();
+    while let Some(story) = stories.join_next().await {
+        match story {
+            Ok((name, broke)) => println!("{name}: {fault} {broke} times"),
+            Err(error) => failed.push(error.to_string()),
+        }
+    }
+    assert!(failed.is_empty(), "{} of the steps: {failed:#?}", failed.len());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn nothing_that_was_told_is_lost_wherever_the_service_is_killed() {
+    every_step("kill").await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn nothing_is_torn_wherever_the_disk_becomes_full() {
+    every_step("full").await;
+}

@@ -1,0 +1,117 @@
+//! A process of the service that can be broken.
+
+use std::{
+    path::Path,
+    process::{Child, Command, ExitStatus, Output, Stdio},
+    time::Duration,
+};
+
+use tokio::time::sleep;
+
+/// Between two looks at a condition.
+pub const LOOK: Duration = Duration::from_millis(10);
+
+/// A running `pinstack serve`; killed when dropped.
+pub struct Service {
+    process: Child,
+    pub url: String,
+}
+
+fn pinstack() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
+    command.env_remove("FAILPOINTS").stdin(Stdio::null());
+    command
+}
+
+/// Runs a command of `pinstack` on a data folder, to its end.
+pub fn command(data: &Path, arguments: &[&str]) -> Output {
+    pinstack().args(arguments).arg("--data-dir").arg(data).output().expect("pinstack starts")
+}
+
+/// The same, broken where `fault` says.
+pub fn armed_command(data: &Path, arguments: &[&str], fault: &str) -> Output {
+    let mut command = pinstack();
+    command.env("FAILPOINTS", fault).args(arguments).arg("--data-dir").arg(data);
+    command.output().expect("pinstack starts")
+}
+
+/// Removes what is over its time, zips of all that went well among it.
+pub fn clean_up(data: &Path, fault: Option<&str>) -> Output {
+    let mut command = pinstack();
+    command.env("PINSTACK_KEEP_UPLOADS_DAYS", "0").env("FAILPOINTS", fault.unwrap_or_default());
+    command.args(["gc", "--data-dir"]).arg(data).output().expect("pinstack starts")
+}
+
+impl Service {
+    /// Starts one; it breaks where `fault` says, in the language of the crate `fail`. `None`: it was killed before it listened.
+    pub async fn start(data: &Path, fault: Option<&str>, more: &[&str]) -> Option<Self> {
+        let port = data.with_extension(format!("port-{}", uuid::Uuid::now_v7()));
+        let log = std::fs::File::options().create(true).append(true).open(data.with_extension("log")).expect("a log");
+        let mut command = pinstack();
+        command.args(["serve", "--listen", "127.0.0.1:0", "--lease-s", "2", "--min-free-bytes", "0", "--data-dir"]);
+        command.arg(data).arg("--port-file").arg(&port).args(more).stdout(Stdio::null()).stderr(log);
+        if let Some(fault) = fault {
+            command.env("FAILPOINTS", fault);
+        }
+        let mut process = command.spawn().expect("pinstack starts");
+        loop {
+            if let Ok(address) = std::fs::read_to_string(&port) {
+                return Some(Self { process, url: format!("http://{}", address.trim()) });
+            }
+            if process.try_wait().expect("it can be asked").is_some() {
+                return None;
+            }
+            sleep(LOOK).await;
+        }
+    }
+
+    /// Waits for its end.
+    pub async fn ended(&mut self) -> ExitStatus {
+        loop {
+            if let Some(status) = self.process.try_wait().expect("it can be asked") {
+                return status;
+            }
+            sleep(LOOK).await;
+        }
+    }
+
+    /// Sends it a signal: `TERM`, `CONT`.
+    pub fn signal(&self, name: &str) {
+        let pid = self.process.id().to_string();
+        let sent = Command::new("kill").args(["-s", name, &pid]).status().expect("kill starts");
+        assert!(sent.success(), "no signal could be sent");
+    }
+
+    /// True while it is stopped by a signal.
+    pub fn is_stopped(&self) -> bool {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.process.id())).unwrap_or_default();
+        // after the name in parentheses, which may hold blanks
+        stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('T'))
+    }
+
+    /// Files and sockets that it has open.
+    pub fn descriptors(&self) -> usize {
+        std::fs::read_dir(format!("/proc/{}/fd", self.process.id())).expect("it lives").count()
+    }
+
+    /// The most memory that it had at a time, kB.
+    pub fn peak_memory_kb(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).expect("it lives");
+        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("Linux says so");
+        peak.trim().trim_end_matches(" kB").parse().expect("a number")
+    }
+
+    /// Ends it politely.
+    pub async fn stop(mut self) {
+        self.signal("TERM");
+        let status = self.ended().await;
+        assert!(status.success(), "it did not end well: {status}");
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

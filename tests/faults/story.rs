@@ -1,0 +1,362 @@
+//! What a client does with the service, and what it was told. Where the service breaks under it, it does what clients do:
+//! it comes back and asks again. Then it looks whether what it was told still holds.
+
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use base64::{Engine, prelude::BASE64_STANDARD};
+use pinstack::{
+    archive,
+    imaging::{Raster, codec},
+};
+use reqwest::{Client, Method, RequestBuilder, StatusCode, header::HeaderMap};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use tempfile::TempDir;
+
+use crate::service::{LOOK, Service, command};
+
+const SIDE: u32 = 64;
+
+/// Why a request did not do what it should.
+#[derive(Debug)]
+pub enum Broken {
+    /// The service died under it; another is there now.
+    Died,
+    /// It was refused for want of room.
+    Refused,
+}
+
+type Told<T> = Result<T, Broken>;
+
+pub struct Answer {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: Vec<u8>,
+}
+
+impl Answer {
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or(Value::Null)
+    }
+
+    fn header(&self, name: &str) -> &str {
+        self.headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default()
+    }
+}
+
+/// A client with its service.
+pub struct Story {
+    folder: TempDir,
+    service: Option<Service>,
+    client: Client,
+    /// Deaths and refusals so far.
+    pub broke: Vec<String>,
+    zip: Vec<u8>,
+    flags: &'static [&'static str],
+}
+
+/// Two lights of three slices each.
+pub fn zip() -> Vec<u8> {
+    let slice = |seed: u32| {
+        let value = |i: u32| ((i / 3 % SIDE / 4 * 37 + i / 3 / SIDE / 4 * (91 + seed)) % 251) as u8;
+        codec::encode_jpeg(
+            &Raster::eight(SIDE as usize, SIDE as usize, 3, (0..SIDE * SIDE * 3).map(value).collect()),
+            90,
+        )
+    };
+    let members =
+        ["front", "back"].into_iter().flat_map(|folder| (0..3).map(move |i| (format!("{folder}/{i}.jpg"), i)));
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    archive::pack(file.reopen().expect("a file"), members.map(|(name, i)| (name, slice(i)))).expect("a zip");
+    std::fs::read(file.path()).expect("the zip")
+}
+
+/// A profile for them.
+pub fn profile() -> Value {
+    let homographies: Vec<Value> = [1.0, 1.001, 1.002].iter().map(|s| json!([s, 0, 0, 0, s, 0, 0, 0, 1])).collect();
+    json!({ "image_width": SIDE, "image_height": SIDE, "reference_index": 0, "homographies": homographies })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+impl Story {
+    /// Begins with a service that breaks as `fault` says.
+    pub async fn begin(fault: &str) -> Self {
+        Self::in_folder(TempDir::new().expect("a folder"), fault, &[]).await
+    }
+
+    async fn in_folder(folder: TempDir, fault: &str, flags: &'static [&'static str]) -> Self {
+        let client = Client::builder().no_proxy().pool_max_idle_per_host(0).build().expect("a client");
+        let mut story = Self { folder, service: None, client, broke: Vec::new(), zip: zip(), flags };
+        story.service = Service::start(&story.data(), Some(fault), flags).await;
+        if story.service.is_none() {
+            story.broke.push("it died before it listened".into());
+            story.start_again().await;
+        }
+        story
+    }
+
+    /// A client with a service on a data folder that is there already, which it does not break.
+    pub async fn on(data: &Path) -> Self {
+        Self::on_with(data, &[]).await
+    }
+
+    /// The same, with more flags.
+    pub async fn on_with(data: &Path, flags: &'static [&'static str]) -> Self {
+        let folder = TempDir::new().expect("a folder");
+        std::os::unix::fs::symlink(data, folder.path().join("data")).expect("a link");
+        Self::in_folder(folder, "", flags).await
+    }
+
+    pub fn data(&self) -> PathBuf {
+        self.folder.path().join("data")
+    }
+
+    async fn start_again(&mut self) {
+        self.service = Service::start(&self.data(), None, self.flags).await;
+        assert!(self.service.is_some(), "a service without a fault starts; its log:\n{}", self.log());
+    }
+
+    pub fn log(&self) -> String {
+        std::fs::read_to_string(self.data().with_extension("log")).unwrap_or_default()
+    }
+
+    /// One request. When the service dies under it, another one is started.
+    async fn send(&mut self, make: impl FnOnce(&Client, &str) -> RequestBuilder) -> Told<Answer> {
+        let url = self.service.as_ref().expect("it runs").url.clone();
+        let sent = make(&self.client, &url).timeout(Duration::from_secs(60)).send().await;
+        let answer = match sent {
+            Ok(answer) => {
+                let (status, headers) = (answer.status(), answer.headers().clone());
+                answer.bytes().await.map(|body| Answer { status, headers, body: body.to_vec() })
+            }
+            Err(error) => Err(error),
+        };
+        match answer {
+            Ok(answer) if answer.status == StatusCode::INSUFFICIENT_STORAGE => {
+                let problem = answer.json();
+                // the answer to HEAD has no body
+                assert!(problem.is_null() || problem["code"] == "insufficient_storage", "{problem}");
+                self.broke.push(problem["detail"].to_string());
+                Err(Broken::Refused)
+            }
+            Ok(answer) => {
+                assert_ne!(answer.status, StatusCode::INTERNAL_SERVER_ERROR, "{}\n{}", answer.json(), self.log());
+                Ok(answer)
+            }
+            Err(error) => {
+                let ended =
+                    tokio::time::timeout(Duration::from_secs(20), self.service.as_mut().expect("it ran").ended());
+                assert!(ended.await.is_ok(), "the service lives, but a request failed: {error:?}\n{}", self.log());
+                self.broke.push("it died under a request".into());
+                self.start_again().await;
+                Err(Broken::Died)
+            }
+        }
+    }
+
+    async fn get(&mut self, path: &str) -> Told<Answer> {
+        self.send(|client, url| client.get(format!("{url}{path}")).header("prefer", "wait=5")).await
+    }
+
+    /// A profile for the slices. The service may have stored it without saying so.
+    pub async fn profile(&mut self) -> Told<()> {
+        let path = "/v1/profiles/rig/lens";
+        let put = self
+            .send(|client, url| client.put(format!("{url}{path}")).header("if-none-match", "*").json(&profile()))
+            .await?;
+        assert!([StatusCode::CREATED, StatusCode::PRECONDITION_FAILED].contains(&put.status), "{}", put.json());
+        assert_eq!(self.get(path).await?.json()["revision"], 1);
+        Ok(())
+    }
+
+    /// A stack in one request, under a key: its path.
+    pub async fn post(&mut self, key: &str) -> Told<String> {
+        let zip = self.zip.clone();
+        let posted = self
+            .send(|client, url| {
+                client.post(format!("{url}/v1/stacks?rig=rig&lens=lens")).header("idempotency-key", key).body(zip)
+            })
+            .await?;
+        assert_eq!(posted.status, StatusCode::ACCEPTED, "{}", posted.json());
+        Ok(posted.header("location").to_owned())
+    }
+
+    /// A dot target to be measured: the path of the calibration.
+    pub async fn calibrate(&mut self, target: Vec<u8>) -> Told<String> {
+        let path = "/v1/profiles/rig/lens/calibrations";
+        let posted = self.send(|client, url| client.post(format!("{url}{path}")).body(target)).await?;
+        assert_eq!(posted.status, StatusCode::ACCEPTED, "{}", posted.json());
+        Ok(posted.header("location").to_owned())
+    }
+
+    /// The revisions of the profile.
+    pub async fn revisions(&mut self) -> Told<Value> {
+        Ok(self.get("/v1/profiles/rig/lens/revisions").await?.json()["items"].take())
+    }
+
+    /// The image as a TIFF, made on the way.
+    pub async fn converted(&mut self, path: &str) -> Told<()> {
+        let image =
+            self.send(|client, url| client.get(format!("{url}{path}/image")).header("accept", "image/tiff")).await?;
+        assert_eq!((image.status, image.header("content-type")), (StatusCode::OK, "image/tiff"), "{}", image.json());
+        Ok(())
+    }
+
+    /// An upload in pieces that is no zip: it is refused, and says so afterwards too.
+    pub async fn garbage(&mut self) -> Told<()> {
+        let length = self.zip.len();
+        let path = self.begin_upload().await?;
+        let sent = self
+            .send(|client, url| {
+                let piece = Self::tus(client, Method::PATCH, &format!("{url}{path}")).header("upload-offset", 0);
+                piece.header("content-type", "application/offset+octet-stream").body(vec![0; length])
+            })
+            .await?;
+        assert_eq!(sent.json()["code"], "invalid_archive", "{}", sent.json());
+        assert_eq!(self.get(&path).await?.json()["state"], "refused");
+        Ok(())
+    }
+
+    /// A stack that is refused for want of room, whether its length is told before or not: with this sentence.
+    pub async fn refused(&mut self, path: &str, streamed: bool) -> String {
+        let chunks = futures::stream::iter([Ok::<_, std::io::Error>(self.zip.clone())]);
+        let body = if streamed { reqwest::Body::wrap_stream(chunks) } else { self.zip.clone().into() };
+        let answer = self.send(|client, url| client.post(format!("{url}{path}")).body(body)).await;
+        assert!(matches!(answer, Err(Broken::Refused)), "the disk is full");
+        self.broke.last().cloned().unwrap_or_default()
+    }
+
+    /// A stack as it is now.
+    pub async fn shown(&mut self, path: &str) -> Value {
+        let answer = self.send(|client, url| client.get(format!("{url}{path}"))).await;
+        answer.expect("an answer").json()
+    }
+
+    /// How many stacks there are.
+    pub async fn count(&mut self) -> Told<usize> {
+        let list = self.get("/v1/stacks?limit=100").await?.json();
+        Ok(list["items"].as_array().expect("a list").len())
+    }
+
+    /// Waits for the end of a stack that must go well: the digest of its image.
+    pub async fn image(&mut self, path: &str) -> Told<String> {
+        let stack = self.ended(path).await?;
+        assert_eq!(stack["state"], "succeeded", "{stack}\n{}", self.log());
+        let image = self.get(&format!("{path}/image")).await?;
+        assert_eq!(image.status, StatusCode::OK, "{}", image.json());
+        let digest = hex(&Sha256::digest(&image.body));
+        assert_eq!(image.header("etag").trim_matches('"'), digest, "a result is whole");
+        Ok(digest)
+    }
+
+    /// Waits for the end of a stack.
+    pub async fn ended(&mut self, path: &str) -> Told<Value> {
+        loop {
+            let answer = self.get(path).await?;
+            let stack = answer.json();
+            assert_eq!(answer.status, StatusCode::OK, "a stack that was told of is there: {stack}");
+            if ["succeeded", "failed", "cancelled"].iter().any(|state| stack["state"] == *state) {
+                return Ok(stack);
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+
+    fn tus(client: &Client, method: Method, url: &str) -> RequestBuilder {
+        client.request(method, url).header("tus-resumable", "1.0.0")
+    }
+
+    /// Begins an upload in pieces: its path.
+    pub async fn begin_upload(&mut self) -> Told<String> {
+        let metadata = format!("rig {},lens {}", BASE64_STANDARD.encode("rig"), BASE64_STANDARD.encode("lens"));
+        let length = self.zip.len();
+        let begun = self
+            .send(|client, url| {
+                let creation = Self::tus(client, Method::POST, &format!("{url}/v1/uploads"));
+                creation.header("upload-length", length).header("upload-metadata", metadata)
+            })
+            .await?;
+        assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.json());
+        Ok(begun.header("location").to_owned())
+    }
+
+    /// Where an upload is, and its job once it has one.
+    async fn offset(&mut self, path: &str) -> Told<(usize, Option<String>)> {
+        let head = self.send(|client, url| Self::tus(client, Method::HEAD, &format!("{url}{path}"))).await?;
+        assert_eq!(head.status, StatusCode::OK, "an upload that was told of is there");
+        let job = head.header("pinstack-job");
+        Ok((head.header("upload-offset").parse().expect("a number"), (!job.is_empty()).then(|| job.to_owned())))
+    }
+
+    /// Sends the piece up to `to`, from wherever the upload is, which is nowhere before `told`: the new offset.
+    pub async fn piece(&mut self, path: &str, told: &mut usize, to: usize) -> Told<Option<String>> {
+        let (at, job) = self.offset(path).await?;
+        assert!((*told..=self.zip.len()).contains(&at), "{told} bytes were told, now there are {at}");
+        *told = at;
+        if at >= to || job.is_some() {
+            return Ok(job);
+        }
+        let bytes = self.zip[at..to].to_vec();
+        let sent = self
+            .send(|client, url| {
+                let piece = Self::tus(client, Method::PATCH, &format!("{url}{path}")).header("upload-offset", at);
+                piece.header("content-type", "application/offset+octet-stream").body(bytes)
+            })
+            .await?;
+        assert_eq!(sent.status, StatusCode::NO_CONTENT, "{}", sent.json());
+        *told = sent.header("upload-offset").parse().expect("a number");
+        assert_eq!(*told, to);
+        let job = sent.header("pinstack-job");
+        Ok((!job.is_empty()).then(|| job.to_owned()))
+    }
+
+    /// Bytes of the whole upload.
+    pub fn length(&self) -> usize {
+        self.zip.len()
+    }
+
+    /// Asks for the end of a stack: true when it was promised.
+    pub async fn cancel(&mut self, path: &str) -> Told<bool> {
+        let answer = self.send(|client, url| client.post(format!("{url}{path}/cancel"))).await?;
+        assert!([StatusCode::ACCEPTED, StatusCode::CONFLICT].contains(&answer.status), "{}", answer.json());
+        Ok(answer.status == StatusCode::ACCEPTED)
+    }
+
+    /// Removes something: gone when this returns, whoever removed it.
+    pub async fn delete(&mut self, path: &str) -> Told<()> {
+        let answer =
+            self.send(|client, url| client.delete(format!("{url}{path}")).header("tus-resumable", "1.0.0")).await?;
+        assert!([StatusCode::NO_CONTENT, StatusCode::NOT_FOUND].contains(&answer.status), "{}", answer.json());
+        let after = self.get(path).await?;
+        assert_eq!(after.status, StatusCode::NOT_FOUND, "what was deleted is gone: {}", after.json());
+        Ok(())
+    }
+
+    /// Ends the service.
+    pub async fn end_without_looking(mut self) {
+        self.service.take().expect("it runs").stop().await;
+    }
+
+    /// Ends the service, cleans up, and looks at all that lies there: nothing is missing, nothing is too much.
+    pub async fn end(mut self) -> Vec<String> {
+        let service = self.service.take().expect("it runs");
+        service.stop().await;
+        let data = self.data();
+        for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
+            let done = command(&data, arguments);
+            let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+            assert!(done.status.success(), "{arguments:?}: {text}\n{}", self.log());
+            assert!(arguments[0] != "verify" || text.contains("; 0 jobs' files"), "{text}");
+        }
+        let spooled = std::fs::read_dir(data.join("spool")).expect("the spool");
+        let left: Vec<_> = spooled.map(|entry| entry.expect("an entry").file_name()).collect();
+        assert!(left.len() <= 2, "the spool of the dead is removed, only the last command's own may be left: {left:?}");
+        self.broke
+    }
+}

@@ -1,0 +1,93 @@
+//! Two processes on one store, one of them stopped in the middle.
+
+use std::{path::Path, time::Duration};
+
+use sqlx::{ConnectOptions, sqlite::SqliteConnectOptions};
+use tempfile::TempDir;
+
+use crate::{
+    service::{LOOK, Service, command},
+    story::{profile, zip},
+};
+
+async fn json(url: &str) -> serde_json::Value {
+    let client = reqwest::Client::builder().no_proxy().build().expect("a client");
+    client.get(url).send().await.expect("an answer").json().await.expect("JSON")
+}
+
+async fn prepared(url: &str) -> String {
+    let client = reqwest::Client::builder().no_proxy().build().expect("a client");
+    client.put(format!("{url}/v1/profiles/rig/lens")).json(&profile()).send().await.expect("a profile");
+    let posted = client.post(format!("{url}/v1/stacks?rig=rig&lens=lens")).body(zip()).send().await.expect("a stack");
+    posted.headers()["location"].to_str().expect("a path").to_owned()
+}
+
+/// A worker that stopped at `step`, and the path of its stack.
+async fn stopped_once(step: &str, time: usize) -> (TempDir, Service, String) {
+    let folder = TempDir::new().expect("a folder");
+    let data = folder.path().join("data");
+    let asleep = format!("{step}={}*off->1*return(stop)->off", time - 1);
+    let sleeper = Service::start(&data, Some(&asleep), &[]).await.expect("it listens");
+    let stack = prepared(&sleeper.url).await;
+    while !sleeper.is_stopped() {
+        tokio::time::sleep(LOOK).await;
+    }
+    (folder, sleeper, stack)
+}
+
+async fn holds_the_lock(data: &Path) -> bool {
+    let options = SqliteConnectOptions::new().filename(data.join("pinstack.sqlite")).busy_timeout(Duration::ZERO);
+    let mut connection = options.connect().await.expect("the database");
+    sqlx::query("BEGIN IMMEDIATE").execute(&mut connection).await.is_err()
+}
+
+/// Stops a worker at `step`, lets another process end its job, wakes it up, and looks what it does.
+async fn stopped_at(step: &str, time: usize) {
+    // stopped in the middle of a transaction, a process holds the lock of the database, and all others wait for it: that is
+    // not what is looked at here
+    let (folder, mut sleeper, stack) = loop {
+        let found = stopped_once(step, time).await;
+        if !holds_the_lock(&found.0.path().join("data")).await {
+            break found;
+        }
+    };
+    let data = folder.path().join("data");
+    let other = Service::start(&data, None, &[]).await.expect("a second process on the same store");
+    let ended = loop {
+        let stack = json(&format!("{}{stack}", other.url)).await;
+        if stack["state"] != "running" && stack["state"] != "queued" {
+            break stack;
+        }
+        tokio::time::sleep(LOOK).await;
+    };
+    assert_eq!((ended["state"].as_str(), ended["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{ended}");
+
+    sleeper.signal("CONT");
+    sleeper.signal("TERM");
+    assert!(sleeper.ended().await.success(), "it wakes up, sees that the job is not its own any more, and ends well");
+    let after = json(&format!("{}{stack}", other.url)).await;
+    assert_eq!(after, ended, "nothing of the sleeper is to be seen");
+    other.stop().await;
+    for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
+        let done = command(&data, arguments);
+        let text = String::from_utf8_lossy(&done.stdout).into_owned();
+        assert!(done.status.success() && (arguments[0] == "gc" || text.contains("; 0 jobs' files")), "{text}");
+    }
+}
+
+#[tokio::test]
+async fn a_worker_that_was_stopped_while_it_worked_publishes_nothing_when_it_wakes_up() {
+    stopped_at("artifact.make", 1).await;
+}
+
+#[tokio::test]
+async fn a_worker_that_was_stopped_while_it_published_publishes_nothing_when_it_wakes_up() {
+    // its first time is that of the upload
+    stopped_at("publish.rename", 2).await;
+}
+
+#[tokio::test]
+async fn a_worker_that_was_stopped_before_it_wrote_the_end_publishes_nothing_when_it_wakes_up() {
+    // its end itself it writes in one step with the database locked: who is stopped there stops all others
+    stopped_at("worker.end", 1).await;
+}
