@@ -2,6 +2,7 @@
 
 mod oracle;
 mod pyramid;
+mod silhouette;
 mod unveiled;
 
 use std::sync::atomic::{AtomicUsize, Ordering};

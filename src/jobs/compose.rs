@@ -45,24 +45,29 @@ pub fn depth(asked: BitDepth, slices: Depth) -> Depth {
     }
 }
 
-/// The RGBA picture of `rect`: colour of `image` (grey is spread to RGB), straight alpha 0 or full scale from `alpha`
-/// (0 or 255). 8 bits become 16 by `v * 257`, 16 become 8 by rounding. Both planes are of the size of the canvas.
+/// The RGBA picture of `rect`: colour of `image` (grey is spread to RGB), straight alpha from `alpha` (255 is opaque).
+/// 8 bits become 16 by `v * 257`, 16 become 8 by rounding. Both planes are of the size of the canvas.
 pub fn rgba(image: &Raster, alpha: &Plane<u8>, rect: Rect, depth: Depth, under: UnderAlpha) -> Raster {
     let (width, height) = (rect.width, rect.height);
     match (&image.samples, depth) {
         (Samples::Eight(s), Depth::Eight) => {
-            Raster::eight(width, height, 4, pixels(image, s, alpha, rect, under, |v| v, u8::MAX))
+            Raster::eight(width, height, 4, pixels(image, s, alpha, rect, under, |v| v, |a| a))
         }
         (Samples::Eight(s), Depth::Sixteen) => {
-            Raster::sixteen(width, height, 4, pixels(image, s, alpha, rect, under, |v| u16::from(v) * 257, u16::MAX))
+            Raster::sixteen(width, height, 4, pixels(image, s, alpha, rect, under, wide, wide))
         }
         (Samples::Sixteen(s), Depth::Sixteen) => {
-            Raster::sixteen(width, height, 4, pixels(image, s, alpha, rect, under, |v| v, u16::MAX))
+            Raster::sixteen(width, height, 4, pixels(image, s, alpha, rect, under, |v| v, wide))
         }
         (Samples::Sixteen(s), Depth::Eight) => {
-            Raster::eight(width, height, 4, pixels(image, s, alpha, rect, under, narrowed, u8::MAX))
+            Raster::eight(width, height, 4, pixels(image, s, alpha, rect, under, narrowed, |a| a))
         }
     }
+}
+
+/// 8 bits to 16, full scale to full scale.
+fn wide(value: u8) -> u16 {
+    u16::from(value) * 257
 }
 
 /// 16 bits to the nearest of 8.
@@ -78,7 +83,7 @@ fn pixels<S: Copy, T: Copy + Default>(
     rect: Rect,
     under: UnderAlpha,
     convert: impl Fn(S) -> T,
-    opaque: T,
+    opacity: impl Fn(u8) -> T,
 ) -> Vec<T> {
     let step = image.channels;
     let mut out = Vec::with_capacity(rect.width * rect.height * 4);
@@ -91,8 +96,7 @@ fn pixels<S: Copy, T: Copy + Default>(
                 continue;
             }
             let [r, g, b] = if step == 1 { [pixel[0]; 3] } else { [pixel[0], pixel[1], pixel[2]] };
-            let a = if covered == 0 { T::default() } else { opaque };
-            out.extend([convert(r), convert(g), convert(b), a]);
+            out.extend([convert(r), convert(g), convert(b), opacity(covered)]);
         }
     }
     out

@@ -6,7 +6,7 @@ use crate::{
     imaging::Depth,
     model::{
         Homography,
-        options::{BitDepth, GuidedParams},
+        options::{BitDepth, GuidedParams, MaskEdge},
         request::{CalibrationRequest, JobRequest, StackLayout, StackRequest},
     },
 };
@@ -43,15 +43,20 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
         rail: None,
         near_first: None,
     };
-    let silhouette = if layout.back.is_empty() { 0 } else { pixels(layout) };
-    let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(silhouette);
+    // a hard and, when it is asked for, a soft one
+    let silhouettes = match request.options.mask_edge {
+        _ if layout.back.is_empty() => 0,
+        MaskEdge::Hard => 1,
+        MaskEdge::Soft => 2,
+    };
+    let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(silhouettes * pixels(layout));
     let sample = match request.options.bit_depth {
         BitDepth::Auto => sample(layout),
         BitDepth::Eight => 1,
         BitDepth::Sixteen => 2,
     };
-    // index 2, validity 1, silhouette 1
-    let composing = pixels(layout).saturating_mul(3 * self::sample(layout) + 4 + 4 * sample);
+    // index 2, validity 1, alpha 1
+    let composing = pixels(layout).saturating_mul(3 * self::sample(layout) + 4 + silhouettes + 4 * sample);
     fusing.max(composing)
 }
 
@@ -120,6 +125,8 @@ mod tests {
         let front = stack(10, 6000, 8);
         let JobRequest::Stack(mut request) = front.clone() else { panic!("a stack") };
         request.layout.back = request.layout.front.clone();
-        assert_eq!(memory_need(&JobRequest::Stack(request), 4), memory_need(&front, 4) + 24_000_000);
+        assert_eq!(memory_need(&JobRequest::Stack(request.clone()), 4), memory_need(&front, 4) + 24_000_000);
+        request.options.mask_edge = MaskEdge::Soft;
+        assert_eq!(memory_need(&JobRequest::Stack(request), 4), memory_need(&front, 4) + 48_000_000);
     }
 }

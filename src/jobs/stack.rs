@@ -224,8 +224,10 @@ fn pictures(
     let colours = Metadata { icc: metadata.icc.clone(), exif: None };
     step(&mut pressed, press.png("preview", &preview(&image), &colours)?);
     drop(image);
-    if silhouette.is_some() {
-        let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&alpha, rect));
+    if let Some(silhouette) = silhouette {
+        // the mask is for tools that know two values alone
+        let hard = within(&front.valid, &silhouette.alpha);
+        let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&hard, rect));
         step(&mut pressed, press.png("mask", &mask, &Metadata::default())?);
     }
     let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
@@ -241,15 +243,15 @@ fn pictures(
     Ok((info, pressed))
 }
 
-/// Opaque where a slice covers the canvas and, with a back light, the object is.
+/// Opaque where a slice covers the canvas and, with a back light, the object is; at its edge as soft as asked.
 fn alpha(valid: &Plane<u8>, silhouette: Option<&Silhouette>) -> Plane<u8> {
-    match silhouette {
-        None => valid.clone(),
-        Some(silhouette) => {
-            let data = valid.data.iter().zip(&silhouette.alpha.data).map(|(&v, &a)| v & a).collect();
-            Plane { width: valid.width, height: valid.height, data }
-        }
-    }
+    silhouette.map_or_else(|| valid.clone(), |silhouette| within(valid, silhouette.of_picture()))
+}
+
+/// `alpha` where `valid` is 255.
+fn within(valid: &Plane<u8>, alpha: &Plane<u8>) -> Plane<u8> {
+    let data = valid.data.iter().zip(&alpha.data).map(|(&v, &a)| v & a).collect();
+    Plane { width: valid.width, height: valid.height, data }
 }
 
 fn metrics(front: Fused, silhouette: Option<Silhouette>, times: Times) -> Metrics {

@@ -3,10 +3,10 @@
 use super::*;
 use crate::{
     imaging::Samples,
-    jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, stack, zip},
+    jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, png, stack, zip},
     model::{
         metrics::Metrics,
-        options::{BitDepth, Crop, ImageFormat, MaskThreshold, StackOptions, UnderAlpha},
+        options::{BitDepth, Crop, ImageFormat, MaskEdge, MaskThreshold, StackOptions, UnderAlpha},
         request::JobRequest,
     },
     store::digest::hex,
@@ -134,6 +134,52 @@ fn a_required_mask_that_cannot_be_made_fails_the_job() {
         let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
         assert_eq!(fault.code, Code::MaskFailed);
         assert!(fault.detail.contains("mask=required"), "{}", fault.detail);
+    }
+}
+
+#[test]
+fn a_soft_edge_is_in_the_image_and_the_mask_stays_hard() {
+    let alphas = |edge: MaskEdge| {
+        let (made, _) = done(&Laid::stack(&both_zip(), StackOptions { mask_edge: edge, ..options() }));
+        let (_, image) = picture(&made, "image");
+        let Samples::Eight(samples) = &image.samples else { panic!("8 bits") };
+        let alpha: Vec<u8> = samples.iter().skip(3).step_by(4).copied().collect();
+        (alpha, grey(&picture(&made, "mask").1))
+    };
+    let ((hard, mask), (soft, same)) = (alphas(MaskEdge::Hard), alphas(MaskEdge::Soft));
+    assert_eq!(mask, same);
+    assert_eq!(hard, mask);
+    assert!(soft.iter().zip(&mask).all(|(&soft, &mask)| (soft >= 128) == (mask == 255)));
+    // nearer to what the object truly covers
+    let off = |alpha: &[u8]| {
+        let pairs = alpha.iter().zip(&stack().truth.cover.data);
+        pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum::<f64>()
+    };
+    assert!(off(&soft) < 0.5 * off(&hard), "{} against {}", off(&soft), off(&hard));
+}
+
+#[test]
+fn a_black_and_a_white_back_light_are_named_as_such() {
+    let of = |level: u8| {
+        let pictures = |folder: &str, slices: &[Raster]| -> Vec<(String, Vec<u8>)> {
+            (0..).zip(slices).map(|(i, slice)| (format!("{folder}/img_{i}.png"), png(slice))).collect()
+        };
+        let plain: Vec<Raster> = stack()
+            .back
+            .iter()
+            .map(|slice| Raster::eight(slice.width, slice.height, 3, vec![level; slice.width * slice.height * 3]))
+            .collect();
+        let mut members = pictures("front", &stack().front);
+        members.extend(pictures("back", &plain));
+        zip(members)
+    };
+    for (level, code, says) in [(0, "mask_full", "back light on"), (255, "mask_empty", "the mask is empty")] {
+        let (made, _) = done(&Laid::stack(&of(level), options()));
+        let told: Vec<&str> = made.warnings.iter().filter(|w| w.code == code).map(|w| w.detail.as_str()).collect();
+        assert!(told.len() == 1 && told[0].contains(says), "{code}: {:?}", made.warnings);
+        let required = Laid::stack(&of(level), StackOptions { mask: MaskMode::Required, ..options() });
+        let Err(Stop::Fault(fault)) = run_with(&required, &Recorder::default()) else { panic!("must fail") };
+        assert!(fault.code == Code::MaskFailed && fault.detail.contains(says), "{}", fault.detail);
     }
 }
 

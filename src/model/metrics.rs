@@ -209,6 +209,13 @@ pub struct MaskMetrics {
     pub components: u32,
     /// Holes in it.
     pub holes: u32,
+    /// How much the back light loses from the brightest to the dimmest place of the background, 0 to 1; null when it was
+    /// not asked (a threshold was given) or too little background is seen.
+    #[serde(default)]
+    pub light_falloff: Option<f64>,
+    /// Share of the object that the back light shines through, and that counts as object all the same.
+    #[serde(default)]
+    pub translucent_fraction: f64,
 }
 
 /// Time spent, milliseconds of wall clock.

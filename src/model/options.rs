@@ -110,7 +110,7 @@ pub enum Method {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "TextOrNumber", into = "String")]
 pub enum MaskThreshold {
-    /// Otsu's threshold of the fused back light.
+    /// Half-way between the object and the back light, which is made even first.
     #[default]
     Auto,
     /// Share of full scale, 0 to 1: darker is object.
@@ -138,6 +138,17 @@ impl From<MaskThreshold> for String {
             MaskThreshold::Fixed(value) => value.to_string(),
         }
     }
+}
+
+/// What the alpha of the image is at the edge of the object.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MaskEdge {
+    /// 0 or full: what tools for reconstruction ask for.
+    #[default]
+    Hard,
+    /// The share of the pixel that is object, so that hairs keep their width. The separate mask stays hard.
+    Soft,
 }
 
 /// Which part of the reference slice's canvas comes out.
@@ -220,13 +231,15 @@ pub struct StackOptions {
     pub profile_revision: Option<u32>,
     /// Whether the object is cut out.
     pub mask: MaskMode,
-    /// Threshold of the fused back light: `auto` (Otsu) or 0 to 1.
+    /// Threshold of the fused back light: `auto` (half-way between object and background) or 0 to 1.
     #[schema(value_type = String, example = "auto")]
     pub mask_threshold: MaskThreshold,
     /// Object parts smaller than this are removed, px. Default: 0.002 % of the image, at least 4.
     pub mask_min_blob_px: Option<u32>,
     /// Holes smaller than this are filled, px. Default: 0.0005 % of the image, at least 4.
     pub mask_min_hole_px: Option<u32>,
+    /// What the alpha of the image is at the edge of the object.
+    pub mask_edge: MaskEdge,
     /// File format of the image.
     pub format: ImageFormat,
     /// Bits per sample of the image.
@@ -281,6 +294,7 @@ impl Default for StackOptions {
             mask_threshold: MaskThreshold::default(),
             mask_min_blob_px: None,
             mask_min_hole_px: None,
+            mask_edge: MaskEdge::default(),
             format: ImageFormat::default(),
             bit_depth: BitDepth::default(),
             crop: Crop::default(),

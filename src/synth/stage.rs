@@ -22,6 +22,8 @@ pub struct Truth {
     pub sharp: Raster,
     /// 255 where the object covers at least half of the pixel, else 0.
     pub mask: Plane<u8>,
+    /// Share of the pixel that the object covers, 255 all of it.
+    pub cover: Plane<u8>,
     /// Index of the slice in which the pixel is in focus, with a fraction between slices; NaN on the
     /// background.
     pub slice: Plane<f32>,
@@ -82,12 +84,14 @@ impl Stage {
         let sharp = quantise(rig, &light, |_, value| value);
         let coverage = self.picture::<1>(&view, |_| [0.0], |[below], [cover]| [below * (1.0 - cover) + cover]);
         let mask = coverage.iter().map(|&[cover]| if cover >= 0.5 { 255 } else { 0 }).collect();
+        let cover = coverage.iter().map(|&[cover]| (255.0 * cover).round() as u8).collect();
         let slice = (0..rig.width * rig.height)
             .into_par_iter()
             .map(|at| self.slice_in_focus(at % rig.width, at / rig.width))
             .collect();
-        let plane = |data: Vec<f32>| Plane { width: rig.width, height: rig.height, data };
-        Truth { sharp, mask: Plane { width: rig.width, height: rig.height, data: mask }, slice: plane(slice) }
+        let bytes = |data: Vec<u8>| Plane { width: rig.width, height: rig.height, data };
+        let slice = Plane { width: rig.width, height: rig.height, data: slice };
+        Truth { sharp, mask: bytes(mask), cover: bytes(cover), slice }
     }
 
     /// The part that contributes most to the pixel decides.

@@ -53,6 +53,19 @@ impl Histogram {
         (variance > 0.0).then(|| between / variance)
     }
 
+    /// Value under which `share` of all that lies from `from` up to, and without, `to` lies; none when nothing does.
+    pub fn quantile(&self, from: f64, to: f64, share: f64) -> Option<f64> {
+        let bin = |value: f64| ((value * (BINS - 1) as f64 + 0.5).max(0.0) as usize).min(BINS);
+        let counts = self.counts.get(bin(from)..bin(to))?;
+        let wanted = share * counts.iter().map(|&n| n as f64).sum::<f64>();
+        let mut below = 0.0;
+        let at = counts.iter().position(|&n| {
+            below += n as f64;
+            n > 0 && below >= wanted
+        })?;
+        Some((bin(from) + at) as f64 / (BINS - 1) as f64)
+    }
+
     /// Between-class variance when the bins `0..=i` are one class.
     fn between(&self) -> Vec<f64> {
         let all: f64 = self.counts.iter().map(|&n| n as f64).sum();
@@ -88,6 +101,15 @@ mod tests {
         let otsu = Histogram::of([0.2f32; 30].into_iter().chain([0.8; 10])).otsu().unwrap();
         assert!((otsu.threshold - 0.5).abs() < 0.001, "{otsu:?}");
         assert!((otsu.separability - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_quantile_is_of_the_part_that_is_asked_for() {
+        let histogram = Histogram::of((0..=100).map(|i| i as f32 / 100.0));
+        assert!((histogram.quantile(0.0, 0.5, 0.5).unwrap() - 0.25).abs() < 0.011);
+        assert!((histogram.quantile(0.5, 2.0, 0.5).unwrap() - 0.75).abs() < 0.011);
+        assert!((histogram.quantile(0.5, 2.0, 1.0).unwrap() - 1.0).abs() < 0.001);
+        assert_eq!(Histogram::of([0.9f32; 5].into_iter()).quantile(0.0, 0.5, 0.5), None);
     }
 
     #[test]

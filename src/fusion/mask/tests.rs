@@ -10,7 +10,7 @@ fn scene(rows: &[&str]) -> (Raster, Plane<u8>) {
 }
 
 fn params(min_blob_px: u32, min_hole_px: u32) -> MaskParams {
-    MaskParams { threshold: MaskThreshold::Auto, min_blob_px, min_hole_px }
+    MaskParams { threshold: MaskThreshold::Auto, min_blob_px, min_hole_px, edge: MaskEdge::Hard }
 }
 
 fn drawn(alpha: &Plane<u8>) -> Vec<String> {
@@ -92,6 +92,134 @@ fn an_object_at_the_border_is_told() {
 fn a_background_darker_than_the_object_is_told() {
     let (light, valid) = scene(&["########", "###..###", "###..###", "########"]);
     assert_eq!(codes(&cut_out(&light, &valid, &params(1, 1))), ["mask_inverted"]);
+}
+
+/// A picture of `width` x `height` px from shares of full scale, with noise of about one grey level.
+fn picture(width: usize, height: usize, share: impl Fn(f64, f64) -> f64) -> Raster {
+    let at = |at: usize| {
+        let (x, y) = (at % width, at / width);
+        let noise = ((x * 7919 + y * 104_729 + x * y) % 97) as f64 / 97.0 - 0.5;
+        (255.0 * share(x as f64, y as f64) + 2.0 * noise).round().clamp(0.0, 255.0) as u8
+    };
+    Raster::eight(width, height, 1, (0..width * height).map(at).collect())
+}
+
+/// 0 inside a disc, 1 outside, with an edge of one pixel.
+fn outside(x: f64, y: f64, centre: [f64; 2], radius: f64) -> f64 {
+    ((x - centre[0]).hypot(y - centre[1]) - radius + 0.5).clamp(0.0, 1.0)
+}
+
+fn of_all(raster: &Raster, params: &MaskParams) -> Silhouette {
+    cut_out(raster, &Plane::filled(raster.width, raster.height, 255u8), params)
+}
+
+#[test]
+fn a_wing_that_the_light_shines_through_is_object_and_told() {
+    let at = |passes: f64| {
+        picture(300, 200, move |x, y| {
+            let (body, wing) = (outside(x, y, [120.0, 100.0], 45.0), outside(x, y, [190.0, 90.0], 40.0));
+            0.03 + 0.85 * body * (passes + (1.0 - passes) * wing)
+        })
+    };
+    for passes in [0.3, 0.5, 0.7] {
+        let result = of_all(&at(passes), &params(10, 10));
+        assert_eq!(codes(&result), ["mask_translucent"], "{passes}");
+        for (x, y) in [(120, 100), (190, 90), (215, 90), (190, 120)] {
+            assert_eq!(result.alpha.at(x, y), 255, "{passes} at {x}, {y}");
+        }
+        for (x, y) in [(236, 90), (190, 136), (120, 150), (60, 60)] {
+            assert_eq!(result.alpha.at(x, y), 0, "{passes} at {x}, {y}");
+        }
+        let thin = result.metrics.translucent_fraction;
+        assert!((0.2..0.5).contains(&thin), "{passes}: {thin}");
+        assert!((result.metrics.threshold - 0.455).abs() < 0.03, "{passes}: {:?}", result.metrics);
+    }
+    let opaque = of_all(&at(0.0), &params(10, 10));
+    assert_eq!((codes(&opaque).len(), opaque.metrics.translucent_fraction), (0, 0.0));
+    // who gives a threshold means it
+    let fixed = of_all(&at(0.7), &MaskParams { threshold: MaskThreshold::Fixed(0.4), ..params(10, 10) });
+    assert_eq!((codes(&fixed).len(), fixed.alpha.at(215, 90)), (0, 0));
+}
+
+#[test]
+fn a_reflection_on_the_object_is_no_hole_and_a_hole_is_one() {
+    let light = picture(300, 200, |x, y| {
+        let body = outside(x, y, [150.0, 100.0], 80.0);
+        let glint = 0.45 * (1.0 - outside(x, y, [120.0, 80.0], 6.0));
+        let flash = 1.0 - outside(x, y, [180.0, 120.0], 4.0);
+        let window = 0.77 * (1.0 - outside(x, y, [180.0, 80.0], 6.0));
+        (0.03 + 0.77 * body + glint.max(flash).max(window)).min(1.0)
+    });
+    let result = of_all(&light, &params(4, 4));
+    assert_eq!((result.alpha.at(120, 80), result.alpha.at(180, 120)), (255, 255), "reflections");
+    assert_eq!((result.alpha.at(180, 80), result.metrics.holes), (0, 1), "a window");
+}
+
+#[test]
+fn a_light_that_falls_off_by_far_is_evened_out_and_told() {
+    let lit = |falloff: f64| {
+        picture(300, 200, move |x, y| {
+            let light = 0.9 * (1.0 - falloff * x / 299.0);
+            0.02 + light * outside(x, y, [150.0, 100.0], 60.0)
+        })
+    };
+    let truth = of_all(&lit(0.0), &params(4, 4)).alpha;
+    for falloff in [0.2, 0.4, 0.6, 0.8] {
+        let result = of_all(&lit(falloff), &params(4, 4));
+        let differ = result.alpha.data.iter().zip(&truth.data).filter(|(a, b)| a != b).count();
+        assert!(differ < 60, "{falloff}: {differ} px of {}", truth.data.len());
+        // the shade adds to the light
+        assert!((result.metrics.light_falloff.unwrap() - falloff * 0.9 / 0.92).abs() < 0.05, "{:?}", result.metrics);
+        let expected: &[&str] = if falloff > 0.7 { &["mask_uneven_light"] } else { &[] };
+        assert_eq!(codes(&result), expected, "{falloff}");
+    }
+}
+
+#[test]
+fn a_soft_edge_is_the_share_of_the_pixel_that_is_object() {
+    let light = picture(300, 200, |x, y| {
+        let body = outside(x, y, [150.0, 100.0], 40.0);
+        // a hair of 0.4 px that stands out from it
+        let hair = if (140.0..290.0).contains(&x) { (0.9 - (y - 100.3).abs()).clamp(0.0, 0.4) } else { 0.0 };
+        0.03 + 0.8 * body * (1.0 - hair)
+    });
+    let hard = of_all(&light, &params(4, 4));
+    assert_eq!(hard.soft, None);
+    assert_eq!(hard.of_picture(), &hard.alpha);
+    let soft = of_all(&light, &MaskParams { edge: MaskEdge::Soft, ..params(4, 4) });
+    assert_eq!(soft.alpha, hard.alpha);
+    let alpha = soft.of_picture();
+    for (at, (&soft, &hard)) in alpha.data.iter().zip(&hard.alpha.data).enumerate() {
+        assert_eq!(soft >= 128, hard == 255, "at {at}");
+    }
+    // the hair is too thin for the hard mask and is kept, 0.4 of a pixel
+    assert_eq!(hard.alpha.at(250, 100), 0);
+    assert!((f64::from(alpha.at(250, 100)) / 255.0 - 0.4).abs() < 0.05, "{}", alpha.at(250, 100));
+    let mut worst = 0.0f64;
+    for y in 20..96 {
+        for x in 60..240 {
+            let truth = 1.0 - outside(x as f64, y as f64, [150.0, 100.0], 40.0);
+            worst = worst.max((f64::from(alpha.at(x, y)) / 255.0 - truth).abs());
+        }
+    }
+    assert!(worst < 0.16, "{worst}");
+    assert!(alpha.row(190).iter().all(|&v| v == 0));
+}
+
+#[test]
+fn the_end_of_a_hair_stays_though_it_hangs_on_it_by_little() {
+    let hair = |gap: u8| {
+        let at = |at: usize| match (at % 40, at / 40) {
+            (2..=12, 5..=15) => 20u8,
+            (13..=20 | 24..=26, 10) => 20,
+            (21..=23, 10) => gap,
+            _ => 220,
+        };
+        Raster::eight(40, 20, 1, (0..800).map(at).collect())
+    };
+    let tip = |gap: u8| of_all(&hair(gap), &params(8, 4)).alpha.at(25, 10);
+    assert_eq!((tip(150), tip(220)), (255, 0));
+    assert_eq!(of_all(&hair(150), &params(8, 4)).metrics.components, 1);
 }
 
 #[test]
