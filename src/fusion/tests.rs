@@ -2,6 +2,7 @@
 
 mod oracle;
 mod pyramid;
+mod robust;
 mod silhouette;
 mod unveiled;
 
