@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{Plan, Run, Watch, align::Aligned};
 use crate::{
     imaging::{Plane, Rect, Sample, grey},
-    model::{Control, Stop},
+    model::{Control, Stop, options::Method},
     quality::{
         self, StackQuality,
         alignment::Alignment,
@@ -108,7 +108,8 @@ pub(super) fn finish(
     index: &Plane<u16>,
 ) -> Option<StackQuality> {
     let names = (0..run.slices.count()).map(|slice| run.slices.name(slice).to_owned()).collect();
-    observer.map(|observer| quality::finish(observer, seen, sums, alignment, index, names))
+    let choice = quality::Choice { index, settled: run.plan.method == Method::Unveiled };
+    observer.map(|observer| quality::finish(observer, seen, sums, alignment, &choice, names))
 }
 
 /// Share of the canvas that every slice covers.

@@ -8,7 +8,7 @@ use crate::model::metrics::{Finding, Severity};
 /// Brightness off that of the slices around by more than this flickers.
 const FLICKER: f64 = 0.03;
 /// Brightness after the gains off that of the reference slice by more than this drifts; colour likewise.
-const DRIFT: f64 = 0.06;
+const DRIFT: f64 = 0.03;
 const BALANCE: f64 = 0.03;
 /// A profile that leaves less than this in the corners, from the first slice to the last, fits, px ...
 const MISFIT_PX: f64 = 1.0;

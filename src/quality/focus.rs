@@ -2,10 +2,11 @@
 
 mod area;
 mod curve;
+mod ends;
 mod labels;
 mod noise;
 
-use super::{order::Curves, sampling::Points, slice::Seen, statistics};
+use super::{Choice, order::Curves, sampling::Points, slice::Seen, statistics};
 use crate::{imaging::Plane, model::metrics::FocusMetrics};
 
 /// Fewer textured samples than this say nothing about single slices.
@@ -14,8 +15,6 @@ const LEAST_TEXTURED: usize = 200;
 const REDUNDANT: f64 = 0.002;
 /// ... or, in long stacks, with a smaller part of the mean share.
 const REDUNDANT_OF_MEAN: f64 = 0.1;
-/// More than this share of the textured pixels in focus beyond an end: the range is too short there.
-const BEYOND: f64 = 0.01;
 /// Halfway between two slices, texture that falls to less than this from either to the other is less than 0.7 as sharp
 /// as in focus: it was missed.
 const GAP: f32 = 0.37;
@@ -77,7 +76,8 @@ impl Samples {
 }
 
 /// Judges the coverage; `seen` in the order of the slices, `masked` when the points are of the object alone.
-pub(super) fn coverage(seen: &[Seen], points: &Points, index: &Plane<u16>, masked: bool) -> Coverage {
+pub(super) fn coverage(seen: &[Seen], points: &Points, choice: &Choice<'_>, masked: bool) -> Coverage {
+    let index = choice.index;
     let slices = seen.len();
     let unknown = Coverage { contribution: vec![None; slices], ..Coverage::default() };
     let samples = Samples::of(seen, points, index);
@@ -114,7 +114,7 @@ pub(super) fn coverage(seen: &[Seen], points: &Points, index: &Plane<u16>, maske
     metrics.label_noise = labels::noise(index, &at);
     metrics.ambiguity = labels::ambiguity(textured.iter().map(|(_, saliency)| *saliency));
     metrics.order = Curves::of(
-        at.into_iter().zip(textured.iter().map(|(_, saliency)| *saliency)),
+        at.iter().copied().zip(textured.iter().map(|(_, saliency)| *saliency)),
         (index.width, index.height),
         slices,
     )
@@ -133,8 +133,10 @@ pub(super) fn coverage(seen: &[Seen], points: &Points, index: &Plane<u16>, maske
             })
         };
         let beyond = |ends: Ends, end: usize| {
-            let noise = floor / noise::MARGIN;
-            count(&|winner, saliency| winner == end && curve::peaks_before(ends(saliency), noise)) > BEYOND
+            let of_end = textured.iter().zip(&at).filter(|((winner, _), _)| *winner == end);
+            let size = (index.width, index.height);
+            let curves = of_end.map(|((_, saliency), &at)| (at, ends(saliency)));
+            ends::goes_on(curves, textured.len(), size, floor / noise::MARGIN, choice.settled)
         };
         metrics.peak_at_first_fraction = Some(falling(first, 0));
         metrics.peak_at_last_fraction = Some(falling(last, slices - 1));
@@ -156,8 +158,10 @@ fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<
     // per slice: how far what peaks there has fallen in the slice before and in the slice after it
     let mut before = vec![Vec::new(); slices];
     let mut after = vec![Vec::new(); slices];
-    for &(winner, saliency) in textured {
-        let peak = saliency[winner];
+    for (_, saliency) in textured {
+        // how deep the valley is shows in what was measured, whichever slice fusion took
+        let sharpest = saliency.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0)));
+        let Some((winner, &peak)) = sharpest else { continue };
         if peak < STRONG * floor {
             continue;
         }

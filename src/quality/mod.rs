@@ -46,7 +46,7 @@ pub const VERSIONS: [&str; 6] = [
     "q_g:yl2019-top1",
     "q_w:piella2003-8x8-top1",
     "sampling:blocks-1",
-    "focus:2",
+    "focus:3",
     "alignment:similarity-1",
     "exposure:cells-2",
 ];
@@ -55,21 +55,29 @@ pub const VERSIONS: [&str; 6] = [
 const FULL: f32 = 254.0;
 const ZERO: f32 = 0.5;
 
+/// Which slice each pixel comes from.
+#[derive(Debug, Clone, Copy)]
+pub struct Choice<'a> {
+    /// Index of the slice; `u16::MAX` where no slice covers the pixel.
+    pub index: &'a Plane<u16>,
+    /// Whether doubtful choices were settled from their surroundings; else each is the slice of the highest saliency.
+    pub settled: bool,
+}
+
 /// Puts the parts together.
 ///
-/// `seen` holds one entry per slice, in any order; `index` is the slice that won each pixel (`u16::MAX`:
-/// no slice covers it); `names` are what the user calls the slices.
+/// `seen` holds one entry per slice, in any order; `choice` is the slice that won each pixel; `names` are what the user calls the slices.
 pub fn finish(
     observer: &slice::Observer<'_>,
     seen: Vec<slice::Seen>,
     sums: &score::Sums,
     alignment: alignment::Alignment,
-    index: &Plane<u16>,
+    choice: &Choice<'_>,
     names: Vec<String>,
 ) -> StackQuality {
     let mut seen = seen;
     seen.sort_by_key(|seen| seen.index);
-    let coverage = focus::coverage(&seen, observer.points(), index, observer.masked());
+    let coverage = focus::coverage(&seen, observer.points(), choice, observer.masked());
     let reference = seen.iter().find(|seen| seen.index == seen.reference);
     let exposures: Vec<Option<f64>> = seen
         .iter()

@@ -8,8 +8,9 @@ use crate::{
     model::{
         Homography, Unwatched,
         metrics::{Finding, Severity},
+        options::Method,
     },
-    synth::{Light, Rig, Scene, Stage},
+    synth::{Light, Rig, Scene, Stage, scene::Relief},
 };
 
 /// A stack with its profile, as it was taken or with a fault.
@@ -23,8 +24,14 @@ struct Stack {
 impl Stack {
     fn of(rig: &Rig, scene: &Scene) -> Self {
         let stage = Stage::new(rig, scene);
-        let mut plan = Plan::aligned(rig.width, rig.height, rig.slices());
-        plan.reference = rig.reference;
+        // as the job does it
+        let mut plan = Plan {
+            method: Method::Unveiled,
+            reference: rig.reference,
+            rail: Some(rig.rail_mm.clone()),
+            near_first: Some(true),
+            ..Plan::aligned(rig.width, rig.height, rig.slices())
+        };
         for i in 0..rig.slices() {
             (plan.homographies[i], plan.gains[i]) = (rig.homography(i), rig.gain(i));
         }
@@ -52,6 +59,7 @@ impl Stack {
         self.slices = kept.iter().map(pick).collect();
         self.plan.homographies = kept.iter().map(|&n| self.plan.homographies[n]).collect();
         self.plan.gains = kept.iter().map(|&n| self.plan.gains[n]).collect();
+        self.plan.rail = self.plan.rail.map(|rail| kept.iter().map(|&n| rail[n]).collect());
         self.plan.reference = kept.len() / 2;
         self
     }
@@ -143,7 +151,7 @@ const FAULTS: [Fault; 14] = [
         let n = stack.count() as f64;
         stack.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2]))
     }),
-    ("clipped", |stack| (0..stack.count()).fold(stack, |s, i| s.lit(i, [2.4; 3]))),
+    ("clipped", |stack| (0..stack.count()).fold(stack, |s, i| s.lit(i, [3.0; 3]))),
 ];
 
 /// Codes of the warnings of a stack.
@@ -161,7 +169,8 @@ fn each_fault_alone(rig: &Rig, scene: &Scene, but: &[&str]) {
         .filter_map(|(fault, make)| {
             let expected: Vec<&str> = if fault.is_empty() { Vec::new() } else { vec![fault] };
             let found = warned(&make(clean.clone()), true);
-            (found != expected).then(|| format!("{expected:?} was told as {found:?}"))
+            let as_good = AS_GOOD.iter().any(|(name, other)| name == fault && found == [*other]);
+            (found != expected && !as_good).then(|| format!("{expected:?} was told as {found:?}"))
         })
         .collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
@@ -170,16 +179,152 @@ fn each_fault_alone(rig: &Rig, scene: &Scene, but: &[&str]) {
 #[test]
 fn each_fault_is_named_alone_on_an_insect() {
     // one slice of so fine a step may be missing without loss
-    let but = ["uneven_step", "exposure_drift"];
-    each_fault_alone(&Rig::sized(480, 360, 11), &Scene::insect(1), &but);
-    each_fault_alone(&Rig { seed: 2, ..Rig::sized(640, 440, 9) }, &Scene::insect(2), &["exposure_drift"]);
+    each_fault_alone(&Rig::sized(480, 360, 11), &Scene::insect(1), &["uneven_step"]);
+    // and little of this one is bright in all colours
+    let but = ["uneven_step", "clipped"];
+    each_fault_alone(&Rig { seed: 2, ..Rig::sized(640, 440, 9) }, &Scene::insect(2), &but);
 }
 
 #[test]
 fn each_fault_is_named_alone_on_a_flower() {
     // little of it lies near, and none of it is bright
-    let but = ["uneven_step", "exposure_drift", "range_too_short_near", "clipped"];
+    let but = ["uneven_step", "range_too_short_near", "clipped"];
     each_fault_alone(&Rig::sized(480, 360, 11), &Scene::flower(1), &but);
+}
+
+type Named = (&'static str, fn(u64) -> Scene);
+
+const SCENES: [Named; 5] = [
+    ("insect", Scene::insect),
+    ("flower", Scene::flower),
+    ("plates", Scene::plates),
+    ("weave", Scene::weave),
+    ("wing", Scene::wing),
+];
+
+#[test]
+fn a_clean_stack_of_any_scene_is_told_nothing() {
+    let mut wrong = Vec::new();
+    for (name, scene) in SCENES {
+        for (width, height, count) in [(480, 360, 11), (360, 240, 9)] {
+            for seed in 1..=3 {
+                let stack = Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
+                let found = warned(&stack, true);
+                println!("{name} {width} x {height}, seed {seed}: {found:?}");
+                if !found.is_empty() {
+                    wrong.push(format!("{name} {width} x {height}, seed {seed}: {found:?}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Faults that a scene cannot show: one slice of so fine a step is missing without loss, or too little of it is bright.
+const CANNOT_SHOW: [&[&str]; 5] =
+    [&["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"]];
+
+/// What is as good a name: a gap that is just not lost is a step that is too long, and where a slice shows too little to
+/// be compared with the next one, nobody can say whether the picture came back.
+const AS_GOOD: [(&str, &str); 2] = [("coverage_gap", "uneven_step"), ("slice_misaligned", "picture_jumps")];
+
+#[test]
+fn each_fault_is_named_on_all_scenes_that_can_show_it() {
+    let mut wrong = Vec::new();
+    for ((name, scene), but) in SCENES.into_iter().zip(CANNOT_SHOW) {
+        let clean = Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4));
+        for (fault, make) in FAULTS.iter().filter(|(fault, _)| !fault.is_empty()) {
+            let found = warned(&make(clean.clone()), true);
+            println!("{name} [{fault}]: {found:?}");
+            let is_named = |code: &String| code == fault || AS_GOOD.contains(&(fault, code.as_str()));
+            if !but.contains(fault) && !found.iter().any(is_named) {
+                wrong.push(format!("{fault} on {name} was told as {found:?}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The same scene with nothing in the middle of the range: near parts come nearer, far ones go farther.
+fn parted(mut scene: Scene) -> Scene {
+    let away = |depth: f64| if depth < 0.5 { 0.5 * depth } else { 0.5 + 0.5 * depth };
+    for part in &mut scene.parts {
+        match &mut part.relief {
+            Relief::Dome { depth, slope, bulge, .. } => {
+                *depth = away(*depth);
+                *slope = slope.map(|slope| 0.3 * slope);
+                *bulge *= 0.3;
+            }
+            Relief::Along { depths, .. } => {
+                let middle = f64::midpoint(depths[0], depths[1]);
+                *depths = depths.map(|depth| away(middle) + 0.3 * (depth - middle));
+            }
+        }
+    }
+    scene
+}
+
+#[test]
+fn slices_of_depths_where_nothing_lies_are_noted() {
+    for &(name, scene) in &SCENES[..4] {
+        let stack = Stack::of(&Rig { seed: 6, ..Rig::sized(480, 360, 15) }, &parted(scene(6)));
+        let findings = stack.findings(true);
+        let noted = findings.iter().find(|finding| finding.code == "redundant_slices");
+        println!("{name}: {noted:?}, {:?}", warned(&stack, true));
+        // (the reference slice, 7, gets what is sharp nowhere)
+        let slices = noted.map(|finding| finding.slices.clone()).unwrap_or_default();
+        assert!(slices.contains(&6) && slices.iter().all(|slice| (3..=11).contains(slice)), "{name}: {findings:?}");
+    }
+}
+
+#[test]
+fn a_profile_that_does_not_fit_is_named_though_slices_are_clipped() {
+    for (name, scene) in [SCENES[0], SCENES[2], SCENES[4]] {
+        let clean = Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4));
+        let clipped = (0..clean.count()).fold(clean, |stack, slice| stack.lit(slice, [2.0; 3]));
+        let right = warned(&clipped, true);
+        let n = clipped.count() as f64;
+        let wrong = warned(&clipped.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2])), true);
+        println!("{name}: {right:?}, {wrong:?}");
+        assert!(right.iter().all(|code| code != "profile_misfit"), "{name}: {right:?}");
+        assert!(wrong.iter().any(|code| code == "profile_misfit"), "{name}: {wrong:?}");
+    }
+}
+
+/// A stack whose brightness drifts by `share` from the first slice to the last.
+fn drifting(clean: &Stack, share: f32) -> Stack {
+    let last = (clean.count() - 1) as f32;
+    (0..clean.count()).fold(clean.clone(), |stack, slice| stack.lit(slice, [1.0 - share * slice as f32 / last; 3]))
+}
+
+#[test]
+fn a_drift_of_brightness_is_named_when_the_ends_are_off_by_more_than_three_per_cent() {
+    for (name, scene) in SCENES {
+        let clean = Stack::of(&Rig { seed: 5, ..Rig::sized(360, 240, 9) }, &scene(5));
+        // against the reference slice in the middle it is about half of this
+        for (share, told) in [(0.0, false), (0.02, false), (0.04, false), (0.08, true), (0.15, true)] {
+            let found = warned(&drifting(&clean, share), true);
+            println!("{name} {share}: {found:?}");
+            assert_eq!(found.iter().any(|code| code == "exposure_drift"), told, "{name} {share}: {found:?}");
+        }
+    }
+}
+
+/// For `docs/METRICS.md`: from which drift on `exposure_drift` is told.
+#[test]
+#[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
+fn which_drift_is_named() {
+    for (name, scene) in SCENES {
+        for (width, height, count) in [(480, 360, 11), (720, 480, 13)] {
+            let of_seed = |seed: u64| Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
+            let stacks: Vec<Stack> = (1..=3).map(of_seed).collect();
+            for share in [0.0, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.15, 0.2] {
+                let told = |stack: &Stack| warned(&drifting(stack, share), true).contains(&"exposure_drift".to_owned());
+                let count = stacks.iter().filter(|stack| told(stack)).count();
+                println!("{name} {width} x {height}, {:.0} %: {count} of 3", 100.0 * share);
+            }
+        }
+    }
 }
 
 /// For `docs/METRICS.md`: what is named on which stack.

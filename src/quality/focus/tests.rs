@@ -53,7 +53,7 @@ fn judge(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&Plane<u8>>
         observer.slice(n, &slice, picked, Fingerprint::default())
     };
     let seen: Vec<Seen> = saliency.iter().enumerate().map(see).collect();
-    coverage(&seen, observer.points(), index, object.is_some())
+    coverage(&seen, observer.points(), &Choice { index, settled: false }, object.is_some())
 }
 
 #[test]
