@@ -113,7 +113,18 @@ impl StackArchive {
 /// - [`Code::InvalidImage`]: a slice that is no picture, or declares an absurd size, or lies turned
 /// - [`Code::SizeMismatch`], [`Code::SliceCountMismatch`]: slices that do not belong together
 pub fn open(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
-    let container = Container::open(path, limits)?;
+    checked(Container::open(path, limits)?, limits)
+}
+
+/// The same for a small zip that is in memory.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
+    checked(Container::in_memory(zip, limits)?, limits)
+}
+
+fn checked(container: Container, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
     let mut warnings = Vec::new();
     let sorted = layout::sort(&container, limits, &mut warnings)?;
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);

@@ -93,7 +93,11 @@ impl Order for CalibrationOrder {
     }
 }
 
-fn check_options(options: &CalibrationOptions) -> ApiResult<()> {
+/// Checks the rules that types alone do not hold.
+///
+/// # Errors
+/// `invalid_request` that names the option.
+pub fn check_options(options: &CalibrationOptions) -> ApiResult<()> {
     let rules = [
         ("target_pitch_mm", options.target_pitch_mm, 1e-4..=1000.0),
         ("pixel_pitch_mm", options.pixel_pitch_mm, 1e-5..=1.0),

@@ -3,11 +3,11 @@
 pub mod delete;
 pub mod drift;
 pub mod export;
-mod file;
+pub mod file;
 pub mod get;
 pub mod import;
 pub mod list;
-mod numbers;
+pub mod numbers;
 pub mod put;
 pub mod revisions;
 pub mod rig_parameters;

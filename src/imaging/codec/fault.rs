@@ -68,6 +68,17 @@ pub enum ImageFault {
 /// What to do with pictures in colours that are not read.
 pub(super) const SAVE_PLAIN: &str = "save all slices as 8 or 16-bit grey or RGB (JPEG, PNG or TIFF)";
 
+/// Longest clause of a decoder, in characters.
+const MAX_CLAUSE: usize = 160;
+
+/// The beginning of what a decoder says: some copy whole lists out of the file into their sentences.
+fn shortened(clause: &str) -> String {
+    match clause.char_indices().nth(MAX_CLAUSE) {
+        Some((end, _)) => format!("{}...", &clause[..end]),
+        None => clause.to_owned(),
+    }
+}
+
 impl ImageFault {
     /// The fault of the file `name` (slice `slice`, 0-based).
     pub fn in_file(&self, name: &str, slice: Option<u32>) -> Fault {
@@ -80,12 +91,12 @@ impl ImageFault {
 
     /// A picture in colours that are not read.
     pub(super) fn unsupported(what: impl Into<String>) -> Self {
-        Self::Unsupported { what: what.into(), advice: SAVE_PLAIN }
+        Self::Unsupported { what: shortened(&what.into()), advice: SAVE_PLAIN }
     }
 
     /// A file that breaks its own format.
     pub(super) fn damaged(format: Format, why: impl ToString) -> Self {
-        Self::Damaged { format, why: why.to_string() }
+        Self::Damaged { format, why: shortened(&why.to_string()) }
     }
 
     /// What a failed read means: an early end is a torn file, anything else is not the picture's fault.

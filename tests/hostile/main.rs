@@ -1,0 +1,4 @@
+//! Input that means harm, or looks as if it did: what the fuzzer found.
+
+mod replay;
+mod targets;

@@ -1,0 +1,97 @@
+//! Every kept input, judged as the fuzzer judges it.
+
+use std::{fs, path::Path};
+
+use crate::targets::{TARGETS, Target, run};
+
+fn corpus(target: &Target) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hostile/corpus").join(target.corpus);
+    let mut inputs = (target.seeds)();
+    for entry in fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.expect("the corpus can be read").path();
+        let name = path.file_name().expect("a file").to_string_lossy().into_owned();
+        inputs.push((name, fs::read(path).expect("the corpus can be read")));
+    }
+    inputs
+}
+
+/// Runs every input of a target and names those that it does not stand.
+fn replay(name: &str) {
+    let target = TARGETS.iter().find(|target| target.name == name).expect("a target of this name");
+    let inputs = corpus(target);
+    let falls = |bytes: &[u8]| std::panic::catch_unwind(|| run(target.body, bytes)).is_err();
+    let fallen: Vec<&str> = inputs.iter().filter(|(_, bytes)| falls(bytes)).map(|(input, _)| input.as_str()).collect();
+    assert!(fallen.is_empty(), "{name} does not stand: {}", fallen.join(", "));
+    assert!(!inputs.is_empty(), "{name} has nothing to begin with");
+}
+
+#[test]
+fn archives_that_were_found_are_withstood() {
+    replay("archive");
+}
+
+#[test]
+fn manifests_that_were_found_are_withstood() {
+    replay("manifest");
+}
+
+#[test]
+fn headers_of_pictures_that_were_found_are_withstood() {
+    replay("header");
+}
+
+#[test]
+fn pictures_that_were_found_are_withstood() {
+    replay("decode");
+}
+
+#[test]
+fn profiles_that_were_found_are_withstood() {
+    replay("profile");
+}
+
+#[test]
+fn numpy_files_that_were_found_are_withstood() {
+    replay("numpy");
+}
+
+#[test]
+fn options_that_were_found_are_withstood() {
+    replay("options");
+}
+
+#[test]
+fn resumable_uploads_that_were_found_are_withstood() {
+    replay("tus");
+}
+
+#[test]
+fn forms_that_were_found_are_withstood() {
+    replay("multipart");
+}
+
+#[test]
+fn sound_inputs_are_taken_so_that_the_others_are_refused_for_a_reason() {
+    use pinstack::{archive, imaging::codec};
+    for target in &TARGETS {
+        for (name, bytes) in (target.seeds)() {
+            let is_taken = match target.name {
+                "archive" => archive::open_in_memory(bytes, &crate::targets::limits()).is_ok(),
+                "decode" => codec::decode(&bytes, &crate::targets::limits().image).is_ok(),
+                _ => continue,
+            };
+            assert!(is_taken, "{}: {name}", target.name);
+        }
+    }
+}
+
+#[test]
+fn the_kept_corpus_stays_small() {
+    fn bytes(folder: &Path) -> u64 {
+        let entries =
+            fs::read_dir(folder).expect("the corpus can be read").map(|entry| entry.expect("an entry").path());
+        entries.map(|path| if path.is_dir() { bytes(&path) } else { path.metadata().expect("a file").len() }).sum()
+    }
+    let all = bytes(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hostile/corpus"));
+    assert!(all < 2 << 20, "{all} bytes");
+}
