@@ -1,5 +1,7 @@
 //! `manifest.json`: the order of the slices, told instead of guessed.
 
+use std::collections::HashMap;
+
 use serde::Deserialize;
 
 use super::{
@@ -62,10 +64,10 @@ impl Manifest {
     /// The pictures in the order of the manifest. Every picture must be named once, and every name must be there:
     /// a slice that is left out or counted twice would shift all others against the profile.
     pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<Sorted, Fault> {
-        let mut left: Vec<Option<Picture>> = pictures.into_iter().map(Some).collect();
-        let front = take(&self.front, Light::Front, &mut left)?;
-        let back = take(&self.back, Light::Back, &mut left)?;
-        let unnamed: Vec<&str> = left.iter().flatten().map(|picture| picture.member.name.as_str()).collect();
+        let mut pictures = Pictures::new(pictures);
+        let front = pictures.take(&self.front, Light::Front)?;
+        let back = pictures.take(&self.back, Light::Back)?;
+        let unnamed: Vec<&str> = pictures.left.iter().flatten().map(|picture| picture.member.name.as_str()).collect();
         if let Some(first) = unnamed.first().copied() {
             let detail = format!("{FILE} does not name {}; name every picture of the zip", listed(unnamed));
             return Err(invalid(first, detail));
@@ -74,27 +76,47 @@ impl Manifest {
     }
 }
 
-fn take(named: &[String], light: Light, left: &mut [Option<Picture>]) -> Result<Vec<Member>, Fault> {
-    let mut out = Vec::with_capacity(named.len());
-    for name in named {
-        let Some(label) = names::checked(name)? else {
-            return Err(invalid(name, format!("{FILE} names {name:?}, which cannot be a slice")));
-        };
-        let found = left.iter_mut().find(|slot| slot.as_ref().is_some_and(|picture| is_called(picture, &label, light)));
-        let Some(picture) = found.and_then(Option::take) else {
-            let word = light.word();
-            let detail = format!("{FILE} names the {word} slice {label}, which is not in the zip or was named before");
-            return Err(invalid(&label, detail));
-        };
-        out.push(picture.member);
-    }
-    Ok(out)
+/// Pictures that were not named yet, and where each is to be found by its names in small letters.
+struct Pictures {
+    left: Vec<Option<Picture>>,
+    /// Whole names, and names within the folder around everything.
+    by_name: HashMap<String, Vec<usize>>,
+    /// Names within the folder of a light.
+    by_light: HashMap<(Light, String), Vec<usize>>,
 }
 
-/// True when `name` means this picture: its whole name, its name within the folder around everything, or its name
-/// within the folder of the light.
-fn is_called(picture: &Picture, name: &str, light: Light) -> bool {
-    let same = |other: &str| other.to_lowercase() == name.to_lowercase();
-    let within = picture.in_light_folder().is_some_and(|(folder, rest)| folder == light && same(rest));
-    within || same(&picture.inner) || same(&picture.member.name)
+impl Pictures {
+    fn new(pictures: Vec<Picture>) -> Self {
+        let mut by_name: HashMap<String, Vec<usize>> = HashMap::new();
+        let mut by_light: HashMap<(Light, String), Vec<usize>> = HashMap::new();
+        for (at, picture) in pictures.iter().enumerate() {
+            by_name.entry(picture.member.name.to_lowercase()).or_default().push(at);
+            by_name.entry(picture.inner.to_lowercase()).or_default().push(at);
+            if let Some((light, rest)) = picture.in_light_folder() {
+                by_light.entry((light, rest.to_lowercase())).or_default().push(at);
+            }
+        }
+        Self { left: pictures.into_iter().map(Some).collect(), by_name, by_light }
+    }
+
+    /// Takes out the slices of one light in the order in which they are named.
+    fn take(&mut self, named: &[String], light: Light) -> Result<Vec<Member>, Fault> {
+        let mut out = Vec::new();
+        for name in named {
+            let Some(label) = names::checked(name)? else {
+                return Err(invalid(name, format!("{FILE} names {name:?}, which cannot be a slice")));
+            };
+            let small = label.to_lowercase();
+            let called = self.by_name.get(&small).into_iter().chain(self.by_light.get(&(light, small.clone())));
+            let free = called.flatten().copied().filter(|&at| self.left.get(at).is_some_and(Option::is_some)).min();
+            let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {
+                let word = light.word();
+                let detail =
+                    format!("{FILE} names the {word} slice {label}, which is not in the zip or was named before");
+                return Err(invalid(&label, detail));
+            };
+            out.push(picture.member);
+        }
+        Ok(out)
+    }
 }

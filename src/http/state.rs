@@ -16,6 +16,9 @@ use crate::{
     store::{Rows, blobs::Blobs},
 };
 
+/// Uploads that are looked into at a time. Each may hold one member of the zip at the worst (a TIFF that jumps about).
+const LOOKS: usize = 2;
+
 /// How much the service takes on.
 #[derive(Debug, Clone)]
 pub struct Policy {
@@ -82,6 +85,8 @@ pub struct App {
     promised: Arc<AtomicU64>,
     /// Conversions between file formats hold a whole image each: few at once.
     pub conversions: Arc<Semaphore>,
+    /// Looks into uploads hold what a hostile zip makes them hold: few at once, however many arrive.
+    pub looks: Arc<Semaphore>,
 }
 
 impl App {
@@ -94,6 +99,7 @@ impl App {
             shutdown: CancellationToken::new(),
             promised: Arc::default(),
             conversions: Arc::new(Semaphore::new(1)),
+            looks: Arc::new(Semaphore::new(LOOKS)),
         }
     }
 

@@ -119,6 +119,7 @@ async fn accept<O: Order>(
 /// Whatever is wrong with them.
 pub async fn look_into(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let limits = app.policy.archive;
+    let _turn = app.looks.acquire().await.map_err(ApiError::internal)?;
     let looked = tokio::task::spawn_blocking(move || -> Result<_, Fault> {
         let archive = archive::open(&file, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))

@@ -2,9 +2,13 @@
 //!
 //! The decoder is made to show torn pictures as well as it can, which is the wrong thing for measurements. So the
 //! markers are walked here first: a file without its end marker is torn, and the scan is decoded with a tail that
-//! cannot be decoded, so that a scan that is too short is an error and not a grey area.
+//! cannot be decoded, so that a scan that is too short is an error and not a grey area. Of a progressive picture all
+//! scans must be there, down to the last bit of every coefficient.
 
-use std::io::{self, BufRead, Read};
+use std::{
+    hash::{DefaultHasher, Hasher},
+    io::{self, BufRead, Read},
+};
 
 use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
@@ -13,6 +17,19 @@ use crate::imaging::Raster;
 
 /// Most bytes before the first scan. Cameras write previews of some megabytes there.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
+
+/// Most scans of a picture. Each goes over all of it, however few bytes it has; ten are usual.
+const MAX_SCANS: usize = 100;
+
+/// A block of 64 pixels takes at least one bit: a file that declares more is torn, and nothing is made ready for it.
+const PIXELS_PER_BYTE: u64 = 512;
+
+/// What stands in place of the end: bytes of ones (with the zero that such bytes are followed by), and of zeros.
+const GUARD_ONES: [u8; 2] = [0xFF, 0x00];
+const GUARD_ZEROS: [u8; 2] = [0x00, 0x00];
+
+/// Frame header of progressive pictures.
+const PROGRESSIVE: u8 = 0xC2;
 
 const SOI: u8 = 0xD8;
 const EOI: u8 = 0xD9;
@@ -138,7 +155,7 @@ impl Head {
             other => return Err(ImageFault::unsupported(format!("the JPEG has {} colour components", other.len()))),
         };
         // In such files the decoder loses the last row of blocks.
-        if self.process != 0xC2 && usize::from(self.scanned) != self.components.len() {
+        if self.process != PROGRESSIVE && usize::from(self.scanned) != self.components.len() {
             return Err(ImageFault::unsupported("the JPEG is stored colour by colour (not interleaved)"));
         }
         let orientation = self.orientation();
@@ -184,27 +201,77 @@ fn next_marker(reader: &mut impl Read) -> Result<u8, ImageFault> {
     }
 }
 
-/// Where the end marker stands, or none when the file ends before it. Segments are skipped, so that the end of a
-/// thumbnail is not taken for the end of the picture.
-fn end_of(bytes: &[u8]) -> Option<usize> {
+/// What a walk along the markers finds.
+struct Walk<'a> {
+    /// Where the end marker stands.
+    end: usize,
+    /// The header of each scan.
+    scans: Vec<&'a [u8]>,
+}
+
+/// Walks to the end marker, or until there are too many scans; none when the file ends before it. Segments are skipped, so that the end of a thumbnail is
+/// not taken for the end of the picture.
+fn walk(bytes: &[u8]) -> Option<Walk<'_>> {
     let mut at = 2;
-    let mut scanning = false;
+    let mut scans = Vec::new();
     loop {
-        if scanning {
+        if !scans.is_empty() {
             at += bytes.get(at..)?.iter().position(|&b| b == 0xFF)?;
         }
         let marker = *bytes.get(at + 1)?;
         match marker {
             0xFF => at += 1,
             0 | 0x01 | 0xD0..=0xD7 => at += 2,
-            EOI => return Some(at),
+            EOI => return Some(Walk { end: at, scans }),
             _ => {
-                let length = [*bytes.get(at + 2)?, *bytes.get(at + 3)?];
-                at += 2 + usize::from(u16::from_be_bytes(length));
-                scanning |= marker == SOS;
+                let length = usize::from(u16::from_be_bytes([*bytes.get(at + 2)?, *bytes.get(at + 3)?]));
+                if marker == SOS {
+                    if scans.len() > MAX_SCANS {
+                        return Some(Walk { end: at, scans });
+                    }
+                    scans.push(bytes.get(at + 4..at + 2 + length).unwrap_or_default());
+                }
+                at += 2 + length;
             }
         }
     }
+}
+
+/// Parameters of one scan of a progressive picture.
+struct Pass<'a> {
+    /// Component identifiers, each followed by its tables.
+    components: &'a [u8],
+    /// First and last coefficient.
+    band: std::ops::RangeInclusive<usize>,
+    /// True when the scan makes known coefficients finer.
+    refines: bool,
+    /// Bits that are still missing after it.
+    missing: u8,
+}
+
+impl<'a> Pass<'a> {
+    fn of(scan: &'a [u8]) -> Option<Self> {
+        let (count, rest) = scan.split_first()?;
+        let (components, rest) = rest.split_at_checked(usize::from(*count) * 2)?;
+        let &[first, last, bits, ..] = rest else { return None };
+        let band = usize::from(first)..=usize::from(last).min(63);
+        Some(Self { components, band, refines: bits >> 4 != 0, missing: bits & 15 })
+    }
+}
+
+/// True when the scans of a progressive picture bring every coefficient of every component to its last bit. A file that
+/// was cut between two scans and closed looks sound, and shows a coarse picture.
+fn is_complete(scans: &[&[u8]], components: &[u8]) -> bool {
+    let mut missing = vec![[u8::MAX; 64]; components.len()];
+    for pass in scans.iter().filter_map(|scan| Pass::of(scan)) {
+        for id in pass.components.iter().step_by(2) {
+            let Some(component) = components.iter().position(|known| known == id) else { continue };
+            for coefficient in pass.band.clone() {
+                missing[component][coefficient] = pass.missing;
+            }
+        }
+    }
+    missing.iter().flatten().all(|&bits| bits == 0)
 }
 
 pub(super) fn probe(reader: impl BufRead, limits: &Limits) -> Result<Header, ImageFault> {
@@ -222,29 +289,58 @@ pub(super) fn metadata(bytes: &[u8]) -> Metadata {
 pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), ImageFault> {
     let head = Head::read(bytes)?;
     let header = head.header(limits)?;
-    let end = end_of(bytes).ok_or(ImageFault::Torn(Format::Jpeg))?;
+    if u64::from(header.width) * u64::from(header.height) / PIXELS_PER_BYTE > bytes.len() as u64 {
+        return Err(ImageFault::Torn(Format::Jpeg));
+    }
+    let Walk { end, scans } = walk(bytes).ok_or(ImageFault::Torn(Format::Jpeg))?;
+    if scans.len() > MAX_SCANS {
+        return Err(damaged(format!("it has more than {MAX_SCANS} scans")));
+    }
+    let is_progressive = head.process == PROGRESSIVE;
+    if is_progressive && !is_complete(&scans, &head.components) {
+        return Err(ImageFault::Torn(Format::Jpeg));
+    }
+    let ends_by_refining = is_progressive && scans.last().and_then(|scan| Pass::of(scan)).is_some_and(|p| p.refines);
+    // Bits that refine may be ones as well as zeros, so the guard below does not show that some are missing. Whoever
+    // reads beyond the end gets another picture from another tail.
+    let other = if ends_by_refining { Some(digest(&samples(bytes, &head, end, GUARD_ZEROS)?)) } else { None };
+    let samples = samples(bytes, &head, end, GUARD_ONES)?;
+    if other.is_some_and(|other| other != digest(&samples)) {
+        return Err(ImageFault::Torn(Format::Jpeg));
+    }
+    let (width, height, channels) = (usize::from(head.width), usize::from(head.height), head.components.len());
+    Ok((Raster::eight(width, height, channels, samples), header.orientation))
+}
 
-    // 256 bits of ones in place of the end: no Huffman table has a code of all ones (ITU T.81, annex C), so a
-    // decoder that still wants something there fails instead of making up the rest of the picture. One that has
-    // everything never looks that far.
+/// The samples as stored, with 256 bits of `guard` in place of the end marker. No Huffman table has a code of all ones
+/// (ITU T.81, annex C), so a decoder that still wants something there fails instead of making up the rest of the picture.
+/// One that has everything never looks that far.
+fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2]) -> Result<Vec<u8>, ImageFault> {
     let mut guarded = Vec::with_capacity(end + 66);
     guarded.extend_from_slice(&bytes[..end]);
-    guarded.extend([0xFF, 0x00].repeat(32));
+    guarded.extend(guard.repeat(32));
     guarded.extend([0xFF, EOI]);
 
-    let channels = usize::from(header.channels);
+    let channels = head.components.len();
     let out = if channels == 1 { ColorSpace::Luma } else { ColorSpace::RGB };
     let options = DecoderOptions::default()
         .jpeg_set_out_colorspace(out)
+        .jpeg_set_max_scans(MAX_SCANS)
         .set_strict_mode(true)
         .set_max_width(usize::MAX)
         .set_max_height(usize::MAX);
     let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(guarded.as_slice()), options);
     // what the decoder says (a code that is not in the table, ...) tells a technician nothing
     let samples = decoder.decode().map_err(|_| damaged("its picture data are garbled or break off"))?;
-    let (width, height) = (usize::from(head.width), usize::from(head.height));
-    if samples.len() != width * height * channels {
+    if samples.len() != usize::from(head.width) * usize::from(head.height) * channels {
         return Err(damaged("another size than declared"));
     }
-    Ok((Raster::eight(width, height, channels, samples), header.orientation))
+    Ok(samples)
+}
+
+/// Tells two pictures apart without keeping both.
+fn digest(samples: &[u8]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(samples);
+    hasher.finish()
 }

@@ -13,6 +13,7 @@ mod orientation;
 mod png;
 mod sniff;
 mod tiff;
+mod tiff_lists;
 
 use std::io::{BufRead, Cursor, Seek};
 

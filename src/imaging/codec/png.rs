@@ -8,7 +8,10 @@ use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientatio
 use crate::imaging::Raster;
 
 /// Most bytes that the decoder may hold besides the pixels: profiles are compressed and can be bombs.
-const MAX_CHUNK_BYTES: usize = 64 << 20;
+const MAX_CHUNK_BYTES: usize = 32 << 20;
+
+/// Deflate cannot make more than this of one byte: a file that declares more is torn, and nothing is made ready for it.
+const LARGEST_RATIO: usize = 1_100;
 
 fn open<R: BufRead + Seek>(reader: R, limits: &Limits) -> Result<Reader<R>, ImageFault> {
     let mut decoder = Decoder::new_with_limits(reader, ::png::Limits { bytes: MAX_CHUNK_BYTES });
@@ -60,6 +63,9 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     let mut reader = open(Cursor::new(bytes), limits)?;
     let orientation = header(reader.info(), limits)?.orientation;
     let size = reader.output_buffer_size().ok_or_else(|| ImageFault::damaged(Format::Png, "its size overflows"))?;
+    if size / LARGEST_RATIO > bytes.len() {
+        return Err(ImageFault::Torn(Format::Png));
+    }
     let mut data = vec![0; size];
     let frame = reader.next_frame(&mut data).map_err(|error| fault(&error))?;
     // the checksums that stand behind the pixels

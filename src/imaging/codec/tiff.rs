@@ -5,14 +5,21 @@ use std::io::{Cursor, Read, Seek};
 use ::tiff::{
     ColorType, TiffError,
     decoder::{ChunkType, Decoder, DecodingResult, Limits as DecoderLimits},
-    tags::{SampleFormat, Tag},
+    tags::{SampleFormat, Tag, Type, ValueBuffer},
 };
 
-use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels};
+use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels, tiff_lists};
 use crate::imaging::Raster;
 
 /// Pages after the first that are looked at, to find a file that holds a whole stack.
 const PAGES_LOOKED_AT: usize = 8;
+
+/// LZW makes the most of one byte: 4,096 of a code of 12 bits. A file that declares more is torn, and nothing is made
+/// ready for it.
+const LARGEST_RATIO: usize = 4_096;
+
+/// Most bytes that the value of a tag may take in memory.
+const MAX_TAG_BYTES: usize = 64 << 20;
 
 /// Marks a reduced version of another picture in the same file (`NewSubfileType`, bit 0).
 const REDUCED: u32 = 1;
@@ -65,8 +72,18 @@ struct Opened<R: Read + Seek> {
     stored: usize,
 }
 
+/// The decoder, at the first picture.
+fn first<R: Read + Seek>(mut reader: R) -> Result<Decoder<R>, ImageFault> {
+    // the decoder takes its limits only after it has read the first directory
+    tiff_lists::refuse_long(&mut reader)?;
+    let decoder = Decoder::new(reader).map_err(|error| fault(&error))?;
+    let mut limits = DecoderLimits::default();
+    limits.decoding_buffer_size = MAX_TAG_BYTES;
+    Ok(decoder.with_limits(limits))
+}
+
 fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFault> {
-    let mut decoder = Decoder::new(reader).map_err(|error| fault(&error))?;
+    let mut decoder = first(reader)?;
     let reduced = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0) & REDUCED != 0;
     let has = |decoder: &mut Decoder<R>, tag| decoder.image_ifd().directory().contains(tag);
     // a raw file shows its thumbnail first and keeps the picture in a sub-directory
@@ -130,11 +147,15 @@ pub(super) fn probe(reader: impl Read + Seek, limits: &Limits) -> Result<Header,
 }
 
 pub(super) fn metadata(bytes: &[u8]) -> Metadata {
-    let icc = Decoder::new(Cursor::new(bytes))
-        .ok()
-        .and_then(|mut decoder| decoder.get_tag_u8_vec(Tag::IccProfile).ok())
-        .filter(|icc| !icc.is_empty());
-    Metadata { icc, exif: exif_block::from_tiff(bytes) }
+    Metadata { icc: icc_profile(bytes), exif: exif_block::from_tiff(bytes) }
+}
+
+fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut decoder = first(Cursor::new(bytes)).ok()?;
+    let mut value = ValueBuffer::empty(Type::BYTE);
+    decoder.image_ifd().find_tag_buf(Tag::IccProfile, &mut value).ok()??;
+    let icc = value.as_bytes();
+    (!icc.is_empty()).then(|| icc.to_vec())
 }
 
 /// The picture as stored, and its orientation.
@@ -142,6 +163,10 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     refuse_pages(open(Cursor::new(bytes), limits)?.decoder)?;
     let Opened { decoder, header, stored } = open(Cursor::new(bytes), limits)?;
 
+    let declared = header.width as usize * header.height as usize * stored * usize::from(header.bit_depth / 8);
+    if declared / LARGEST_RATIO > bytes.len() {
+        return Err(ImageFault::Torn(Format::Tiff));
+    }
     // one row of tiles may reach beyond the picture; nothing sound needs more than this
     let largest = (header.width as usize + 4096) * (header.height as usize + 4096) * stored * 2;
     let mut allowed = DecoderLimits::default();

@@ -1,0 +1,57 @@
+//! JPEGs that were cut and closed again with an end marker: they look sound, and must not pass as whole.
+
+use pinstack::imaging::{
+    Raster, Samples,
+    codec::{self, Format, ImageFault, Limits},
+};
+
+/// The same picture, coded in three ways by another program, and a larger one whose last scan refines.
+const CODED: [&[u8]; 4] = [
+    include_bytes!("../../src/imaging/codec/testdata/baseline.jpg"),
+    include_bytes!("../../src/imaging/codec/testdata/restart.jpg"),
+    include_bytes!("../../src/imaging/codec/testdata/progressive.jpg"),
+    include_bytes!("testdata/progressive.jpg"),
+];
+
+const EOI: [u8; 2] = [0xFF, 0xD9];
+
+fn closed(bytes: &[u8]) -> Vec<u8> {
+    [bytes, &EOI].concat()
+}
+
+/// Largest difference of a sample.
+fn difference(a: &Raster, b: &Raster) -> u8 {
+    let (Samples::Eight(a), Samples::Eight(b)) = (&a.samples, &b.samples) else { panic!("JPEGs have 8 bits") };
+    a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
+}
+
+#[test]
+fn jpegs_that_are_cut_and_closed_are_refused_or_lack_no_more_than_their_last_bits() {
+    let limits = Limits::default();
+    for bytes in CODED {
+        let whole = codec::decode(bytes, &limits).expect("sound");
+        // the ends of long files are the interesting part of them
+        let from = bytes.len().saturating_sub(1_500);
+        for cut in from..bytes.len() - 2 {
+            if let Ok(shown) = codec::decode(&closed(&bytes[..cut]), &limits) {
+                let (lacking, differs) = (bytes.len() - 2 - cut, difference(&shown, &whole));
+                println!("{cut}: {lacking} bytes lacking, samples differ by {differs}");
+                // what the last code of the last scan says about blocks to which nothing more is added
+                assert!(lacking <= 2 && differs <= 4, "{lacking} bytes lacking, samples differ by {differs}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_progressive_jpeg_that_lacks_its_last_scans_is_torn() {
+    for bytes in &CODED[2..] {
+        let scans: Vec<usize> =
+            bytes.windows(2).enumerate().filter(|(_, two)| *two == [0xFF, 0xDA]).map(|(at, _)| at).collect();
+        assert!(scans.len() > 5, "{} scans", scans.len());
+        for &end in &scans[1..] {
+            let told = codec::decode(&closed(&bytes[..end]), &Limits::default());
+            assert_eq!(told.err(), Some(ImageFault::Torn(Format::Jpeg)), "closed at {end}");
+        }
+    }
+}
