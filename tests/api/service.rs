@@ -142,3 +142,64 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         assert!(schemas[reference].is_object(), "the schema {reference} is referred to and missing");
     }
 }
+
+/// The operations of the document: method, path, what it says.
+fn operations(document: &Value) -> Vec<(&String, &String, &Value)> {
+    let paths = document["paths"].as_object().unwrap().iter();
+    paths.flat_map(|(path, item)| item.as_object().unwrap().iter().map(move |(m, o)| (m, path, o))).collect()
+}
+
+#[test]
+fn every_refusal_names_its_codes_with_an_example_of_each() {
+    let document = pinstack::http::system::openapi::document();
+    let examples = &document["components"]["examples"];
+    for (method, path, operation) in operations(&document) {
+        for (status, response) in operation["responses"].as_object().unwrap() {
+            let Some(told) = response["content"].get("application/problem+json") else { continue };
+            let codes = told["schema"]["allOf"][1]["properties"]["code"]["enum"].as_array().unwrap();
+            assert!(!codes.is_empty(), "{method} {path} {status} names no code");
+            for code in codes {
+                let code = code.as_str().unwrap();
+                let reference = format!("#/components/examples/{code}");
+                assert_eq!(told["examples"][code]["$ref"], reference, "{method} {path} {status}");
+                let example: pinstack::model::Problem =
+                    serde_json::from_value(examples[code]["value"].clone()).unwrap();
+                assert_eq!(example.status.to_string(), *status, "{method} {path}: {code}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_code_can_be_found_in_the_document() {
+    // what no operation answers by itself: faults of jobs, and of methods that are no operation
+    const ELSEWHERE: [&str; 3] = ["target_not_found", "worker_lost", "method_not_allowed"];
+    let document = pinstack::http::system::openapi::document();
+    let codes = document["components"]["schemas"]["Code"]["enum"].as_array().unwrap();
+    let all_operations = operations(&document);
+    for code in codes {
+        let name = code.as_str().unwrap();
+        assert_eq!(document["components"]["examples"][name]["value"]["code"], *code, "{name} has no example");
+        let is_answered = all_operations.iter().any(|(_, _, operation)| {
+            operation["responses"].as_object().unwrap().values().any(|response| {
+                let told = &response["content"]["application/problem+json"]["examples"];
+                told.get(name).is_some()
+            })
+        });
+        assert!(is_answered || ELSEWHERE.contains(&name), "no operation is said to answer {name}");
+    }
+}
+
+#[test]
+fn operations_have_names_of_their_own_and_parameters_are_never_null() {
+    let document = pinstack::http::system::openapi::document();
+    let mut names: Vec<&str> = Vec::new();
+    for (method, path, operation) in operations(&document) {
+        let name = operation["operationId"].as_str().unwrap();
+        assert!(!names.contains(&name), "{method} {path}: {name} is another operation");
+        names.push(name);
+        for parameter in operation["parameters"].as_array().into_iter().flatten() {
+            assert!(!parameter["schema"].to_string().contains("null"), "{method} {path}: {parameter}");
+        }
+    }
+}

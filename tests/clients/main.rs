@@ -1,9 +1,11 @@
-//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, tus clients, a browser.
+//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, tus clients, a browser,
+//! and Schemathesis, which asks it whether it keeps its contract.
 //!
 //! Each test needs programs that a fresh machine may lack; it is skipped where they are missing, and fails when
 //! `PINSTACK_TEST_TOOLS=required` says that they must be there.
 
 mod browser;
+mod contract;
 mod crash;
 mod durability;
 mod metadata;

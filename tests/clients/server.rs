@@ -31,6 +31,16 @@ impl Server {
         Self { process, url, folder }
     }
 
+    /// The same, and it asks for a token: this one, which may do everything.
+    pub fn start_with_a_token() -> (Self, String) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let token = run(Command::new(env!("CARGO_BIN_EXE_pinstack"))
+            .args(["token", "add", "tester", "--scope", "admin", "--data-dir"])
+            .arg(folder.path().join("data")));
+        let (process, url) = serve(&folder);
+        (Self { process, url, folder }, token.trim().to_owned())
+    }
+
     /// The same, with every call that writes, syncs, renames or answers in the file `trace` of its folder.
     pub fn start_traced() -> Self {
         let folder = tempfile::tempdir().expect("a folder");

@@ -56,7 +56,8 @@ impl<S: Send + Sync> FromRequestParts<S> for UploadId {
 }
 
 async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &str) -> Result<Uuid, ApiError> {
-    let segments = segments(parts, state).await?;
+    // what is no UTF-8 is no id either
+    let segments = segments(parts, state).await.unwrap_or_default();
     let text = segments.get("id").map(String::as_str).unwrap_or_default();
     Uuid::parse_str(text)
         .map_err(|_| ApiError::new(Code::NotFound, format!("there is no {what} '{}'", shortened(text))))

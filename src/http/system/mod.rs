@@ -1,8 +1,10 @@
 //! The service about itself.
 
 pub mod docs;
+pub mod examples;
 pub mod healthz;
 pub mod info;
 pub mod metrics;
 pub mod openapi;
+pub mod parameters;
 pub mod readyz;

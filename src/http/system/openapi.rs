@@ -8,7 +8,11 @@ use serde_json::{Value, json};
 use utoipa::OpenApi;
 
 use crate::{
-    http::{auth::needs, problem::PROBLEM_JSON, router},
+    http::{
+        auth::needs,
+        router,
+        system::{examples, parameters},
+    },
     model::{Code, Problem, error::FaultPlace},
     store::tokens::names,
 };
@@ -57,7 +61,7 @@ pub fn text() -> String {
 }
 
 /// The document. What is the same everywhere is added here, so that endpoints only say what is their own: errors are
-/// problems, anything can fail with 500, and every answer carries a request id.
+/// problems with the codes that their descriptions name, anything can fail with 500, and every answer carries a request id.
 pub fn document() -> Value {
     let (_, document) = router::routes().split_for_parts();
     let mut document = serde_json::to_value(document).unwrap_or_default();
@@ -68,11 +72,22 @@ pub fn document() -> Value {
             protect(path, method, operation);
         }
     }
-    for operation in paths.values_mut().filter_map(Value::as_object_mut).flat_map(|item| item.values_mut()) {
-        let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { continue };
-        responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: our own fault" }));
-        for (status, response) in responses.iter_mut() {
-            complete(status, response);
+    uploads_by_put(&mut document);
+    examples::add(&mut document);
+    let known = document.clone();
+    let Some(paths) = document["paths"].as_object_mut() else { return known };
+    for (path, item) in paths.iter_mut() {
+        for (method, operation) in item.as_object_mut().into_iter().flatten() {
+            operation["operationId"] = json!(operation_id(method, path));
+            complete(&known, method, operation);
+            parameters::complete(operation);
+            if let Some(content) = operation.pointer_mut("/requestBody/content") {
+                parameters::complete_contents(content);
+            }
+            let responses = operation.get_mut("responses").and_then(Value::as_object_mut);
+            let contents =
+                responses.into_iter().flat_map(|all| all.values_mut()).filter_map(|one| one.get_mut("content"));
+            contents.for_each(parameters::complete_contents);
         }
     }
     document["components"]["securitySchemes"]["token"] = json!({
@@ -80,6 +95,23 @@ pub fn document() -> Value {
         "description": "A token made by `pinstack token add`. A service may be set up to ask for none."
     });
     document
+}
+
+/// A name for programs that are made from the document: unique, and told by the call alone.
+fn operation_id(method: &str, path: &str) -> String {
+    let words = path.trim_start_matches("/v1").replace(['{', '}'], "").replace(['/', '-', '.'], "_");
+    format!("{method}{words}")
+}
+
+/// Files are taken by PUT too, because `curl -T` sends them so.
+fn uploads_by_put(document: &mut Value) {
+    for path in ["/v1/stacks", "/v1/profiles/{rig}/{lens}/calibrations", "/v1/profiles/{rig}/{lens}/import"] {
+        let mut by_put = document["paths"][path]["post"].clone();
+        by_put["summary"] = json!(format!("{} by PUT", by_put["summary"].as_str().unwrap_or_default()));
+        document["paths"][path]["put"] = by_put;
+    }
+    // the body of a new upload may be its first piece, or nothing
+    document["paths"]["/v1/uploads"]["post"]["requestBody"]["required"] = json!(false);
 }
 
 /// What the table of scopes says about an operation.
@@ -94,12 +126,22 @@ fn protect(path: &str, method: &str, operation: &mut Value) {
         json!({ "description": format!("`forbidden`: the token does not allow `{scopes}`") });
 }
 
-fn complete(status: &str, response: &mut Value) {
-    response["headers"]["X-Request-Id"] = json!({
-        "description": "The client's own, or one that was made", "schema": { "type": "string" }
-    });
-    let is_error = status.starts_with('4') || status.starts_with('5');
-    if is_error && response.get("content").is_none() {
-        response["content"] = json!({ PROBLEM_JSON: { "schema": { "$ref": "#/components/schemas/Problem" } } });
+/// What every operation can answer, and what belongs to every answer.
+fn complete(document: &Value, method: &str, operation: &mut Value) {
+    let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { return };
+    responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: our own fault" }));
+    if ["put", "post", "patch", "delete"].contains(&method) {
+        let full = "`insufficient_storage`: the disk of the server is full";
+        responses.entry("507").or_insert_with(|| json!({ "description": full }));
+    }
+    for (status, response) in responses.iter_mut() {
+        response["headers"]["X-Request-Id"] = json!({
+            "description": "The client's own, or one that was made", "schema": { "type": "string" }
+        });
+        let is_error = status.starts_with('4') || status.starts_with('5');
+        if is_error && response.get("content").is_none() {
+            let codes = examples::named(document, response["description"].as_str().unwrap_or_default(), status);
+            response["content"] = examples::content(&codes, status);
+        }
     }
 }

@@ -60,12 +60,14 @@ use crate::{
             ("Pinstack-Job" = String, description = "The job, when the body was the whole zip"))),
         (status = 400, description = "`invalid_request`: a header, name or option that breaks its rule; `upload_incomplete`: the body broke off (what arrived is kept)"),
         (status = 404, description = "`profile_not_found`"),
+        (status = 409, description = "`conflict`: a newer request took the upload over while the body arrived"),
         (status = 412, description = "`precondition_failed`: another version of tus"),
         (status = 413, description = "`upload_too_large`"),
         (status = 415, description = "`unsupported_media_type`: a body that is no piece"),
-        (status = 422, description = "The body was the whole zip and is refused as at `POST /v1/stacks`"),
+        (status = 422, description = "The body was the whole zip and is refused as at `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
+            `slice_count_mismatch`, `mask_failed` (required without a back light)"),
         (status = 460, description = "`checksum_mismatch`: none of the body was kept"),
-        (status = 503, description = "`queue_full`: too many jobs wait, or too many uploads are open"),
+        (status = 503, description = "`queue_full`: too many jobs wait, or too many uploads are open; `unavailable`: the server goes down"),
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]

@@ -38,7 +38,8 @@ use crate::http::{
             ("Pinstack-Job" = String, description = "The job, when the upload is complete"))),
         (status = 404, description = "`not_found`: no such upload, or its time is over"),
         (status = 412, description = "`precondition_failed`: another version of tus"),
-        (status = 422, description = "What arrived was refused"),
+        (status = 422, description = "What arrived was refused: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
+            `slice_count_mismatch`, `mask_failed` (required without a back light)"),
         (status = 423, description = "`locked`: another request does not let go; with `Retry-After`"),
         (status = 503, description = "`queue_full`: all bytes are here, ask again for the job"),
     )

@@ -3,7 +3,7 @@
 use axum::{
     body::Body,
     extract::State,
-    http::{HeaderMap, Method, StatusCode},
+    http::{HeaderMap, Method, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use uuid::Uuid;
@@ -26,6 +26,9 @@ use crate::{
     model::Code,
     store::uploads::{PartialUpload, UploadState},
 };
+
+/// What an upload can be asked by.
+const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
 
 /// Go on with an upload
 ///
@@ -54,7 +57,8 @@ use crate::{
         (status = 412, description = "`precondition_failed`: another version of tus"),
         (status = 413, description = "`upload_too_large`: the body goes beyond Upload-Length"),
         (status = 415, description = "`unsupported_media_type`: the body is no piece"),
-        (status = 422, description = "The zip is refused as at `POST /v1/stacks`"),
+        (status = 422, description = "The zip is refused as at `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
+            `slice_count_mismatch`, `mask_failed` (required without a back light)"),
         (status = 423, description = "`locked`: another request does not let go; with `Retry-After`"),
         (status = 460, description = "`checksum_mismatch`: none of the body was kept"),
         (status = 503, description = "`queue_full`: all bytes are here, the job can be made later: ask by HEAD; `unavailable`: the server goes down"),
@@ -92,7 +96,7 @@ pub async fn overridden(app: State<App>, id: UploadId, headers: HeaderMap, body:
         _ => {
             let detail =
                 "POST to an upload must name the method that is meant: X-HTTP-Method-Override: PATCH or DELETE";
-            Err(ApiError::new(Code::MethodNotAllowed, detail))
+            Err(ApiError::new(Code::MethodNotAllowed, detail).with_header(header::ALLOW, METHODS))
         }
     }
 }
