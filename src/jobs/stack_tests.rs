@@ -140,7 +140,8 @@ fn a_required_mask_that_cannot_be_made_fails_the_job() {
 #[test]
 fn a_soft_edge_is_in_the_image_and_the_mask_stays_hard() {
     let alphas = |edge: MaskEdge| {
-        let (made, _) = done(&Laid::stack(&both_zip(), StackOptions { mask_edge: edge, ..options() }));
+        let laid = Laid::stack(&both_zip(), StackOptions { mask_edge: edge, ..options() });
+        let (made, _) = done(&laid);
         let (_, image) = picture(&made, "image");
         let Samples::Eight(samples) = &image.samples else { panic!("8 bits") };
         let alpha: Vec<u8> = samples.iter().skip(3).step_by(4).copied().collect();

@@ -6,6 +6,7 @@ use std::{
     time::Duration,
 };
 
+use rustix::process::{Pid, Signal, kill_process};
 use tokio::time::sleep;
 
 /// Between two looks at a condition.
@@ -75,11 +76,9 @@ impl Service {
         }
     }
 
-    /// Sends it a signal: `TERM`, `CONT`.
-    pub fn signal(&self, name: &str) {
-        let pid = self.process.id().to_string();
-        let sent = Command::new("kill").args(["-s", name, &pid]).status().expect("kill starts");
-        assert!(sent.success(), "no signal could be sent");
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.process), signal).expect("a signal can be sent");
     }
 
     /// True while it is stopped by a signal.
@@ -103,7 +102,7 @@ impl Service {
 
     /// Ends it politely.
     pub async fn stop(mut self) {
-        self.signal("TERM");
+        self.signal(Signal::TERM);
         let status = self.ended().await;
         assert!(status.success(), "it did not end well: {status}");
     }

@@ -12,6 +12,7 @@ use std::{
 
 use futures::future::join_all;
 use reqwest::{Client, RequestBuilder, Response, StatusCode};
+use rustix::process::Signal;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -75,7 +76,7 @@ impl Site {
 
     async fn kill(&self) {
         let mut service = self.service.write().await;
-        service.signal("KILL");
+        service.signal(Signal::KILL);
         service.ended().await;
         *service = Service::start(&self.data, None, &[]).await.expect("it starts again");
     }

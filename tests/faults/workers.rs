@@ -2,6 +2,7 @@
 
 use std::{path::Path, time::Duration};
 
+use rustix::process::Signal;
 use sqlx::{ConnectOptions, sqlite::SqliteConnectOptions};
 use tempfile::TempDir;
 
@@ -62,8 +63,8 @@ async fn stopped_at(step: &str, time: usize) {
     };
     assert_eq!((ended["state"].as_str(), ended["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{ended}");
 
-    sleeper.signal("CONT");
-    sleeper.signal("TERM");
+    sleeper.signal(Signal::CONT);
+    sleeper.signal(Signal::TERM);
     assert!(sleeper.ended().await.success(), "it wakes up, sees that the job is not its own any more, and ends well");
     let after = json(&format!("{}{stack}", other.url)).await;
     assert_eq!(after, ended, "nothing of the sleeper is to be seen");

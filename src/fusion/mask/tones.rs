@@ -8,6 +8,11 @@ const DARK: f64 = 0.25;
 /// Of the bright pixels the middle one stands for the background.
 const BRIGHT: f64 = 0.5;
 
+/// Tones that differ by less are of one kind: noise, or slices of a white light whose gains differ. Share of full scale...
+const LEAST_CONTRAST: f64 = 0.02;
+/// ... and of the bright one.
+const LEAST_CONTRAST_OF_LIGHT: f64 = 0.1;
+
 /// The tones of a back light, shares of full scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Tones {
@@ -34,6 +39,12 @@ impl Tones {
             MaskThreshold::Auto => otsu.map_or(0.5, |otsu| otsu.threshold),
         };
         let (dark, bright) = (histogram.quantile(0.0, split, DARK), histogram.quantile(split, 2.0, BRIGHT));
+        if let (MaskThreshold::Auto, Some(dark), Some(bright)) = (asked, dark, bright)
+            && bright - dark < LEAST_CONTRAST.max(bright * LEAST_CONTRAST_OF_LIGHT)
+        {
+            // all of one kind: background when it is bright, object when it is not
+            return Self { dark: 0.0, threshold: 0.5, bright: 1.0, separability: otsu.map(|otsu| otsu.separability) };
+        }
         let (threshold, separability) = match (asked, dark, bright) {
             (MaskThreshold::Fixed(threshold), ..) => (threshold, histogram.separability(threshold)),
             (MaskThreshold::Auto, Some(dark), Some(bright)) => {
@@ -87,5 +98,8 @@ mod tests {
     fn one_value_is_all_object_or_all_background() {
         assert_eq!(Tones::of(&histogram(&[(0.1, 9)]), MaskThreshold::Auto).threshold, 0.5);
         assert_eq!(Tones::of(&histogram(&[(0.9, 9)]), MaskThreshold::Auto).separability, None);
+        for one_kind in [&[(0.97, 50), (0.99, 50), (1.0, 99)][..], &[(0.0, 50), (0.01, 50)], &[(0.2, 9), (0.21, 9)]] {
+            assert_eq!(Tones::of(&histogram(one_kind), MaskThreshold::Auto).threshold, 0.5);
+        }
     }
 }
