@@ -17,6 +17,9 @@ use crate::{
 /// Labels of neighbouring slices are mixed over a square of `2 * MIX + 1` px: no border shows, and noise is averaged.
 const MIX: usize = 3;
 
+/// Side of the parts that are mixed in one go, px.
+const PART_SIDE: usize = 128;
+
 /// What each slice weighs that is not apart from a pixel's own, in labels of that square, where there is no detail: there
 /// such slices differ by noise alone.
 const WITHOUT_DETAIL: u8 = 100;
@@ -42,8 +45,8 @@ fn tile<S: Sample, const C: usize>(
     rows: &mut Rows,
 ) -> Result<usize, Stop> {
     let (width, height) = veil.pictures.size();
-    let window = rect.grown(trust::REACH + FocusEnergy::fine().reach(), width, height);
-    let mut values = mixed(veil, window)?;
+    let window = rect.grown(trust::REACH.max(FocusEnergy::fine().reach()), width, height);
+    let mut values = in_parts(veil, window)?;
     let before = values.clone();
     veil.take_off(window, &mut values, rows)?;
     let taken: Vec<f32> = (values.chunks_exact(C).zip(before.chunks_exact(C)))
@@ -61,6 +64,27 @@ fn tile<S: Sample, const C: usize>(
     let inner = (top..top + rect.height)
         .flat_map(|y| values[(y * window.width + left) * C..][..rect.width * C].chunks_exact(C));
     Ok(inner.filter(|pixel| pixel.iter().any(|&value| value < low || value > high)).count())
+}
+
+/// The pixels of `rect`, [`mixed`] part by part: in each part few slices are needed.
+fn in_parts<S: Sample, const C: usize>(veil: &Veil<'_, S, C>, rect: Rect) -> Result<Vec<f32>, Stop> {
+    let mut values = vec![0.0; rect.width * rect.height * C];
+    let ends = |start: usize, length: usize| {
+        // parts end where squares of the scratch file do
+        let first = (start / PART_SIDE + 1) * PART_SIDE;
+        let starts = std::iter::once(start).chain((first..start + length).step_by(PART_SIDE));
+        starts.map(move |from| (from, ((from / PART_SIDE + 1) * PART_SIDE).min(start + length)))
+    };
+    for (top, bottom) in ends(rect.y, rect.height) {
+        for (left, right) in ends(rect.x, rect.width) {
+            let part = Rect { x: left, y: top, width: right - left, height: bottom - top };
+            let mixed = mixed(veil, part)?;
+            for (y, row) in (top - rect.y..).zip(mixed.chunks_exact(part.width * C)) {
+                values[(y * rect.width + left - rect.x) * C..][..row.len()].copy_from_slice(row);
+            }
+        }
+    }
+    Ok(values)
 }
 
 /// Each pixel from the slices of the labels around it that are not apart from its own, weighted by their number; where

@@ -6,10 +6,13 @@
 //! that is coarser than a few pixels, so that no seam can be there; elsewhere, and where only the pyramids have kept a
 //! fine line, or only the labels are frayed, theirs is.
 
+use std::ops::{AddAssign, SubAssign};
+
 use crate::imaging::{
     Plane, Rect, Sample,
     filter::focus::{FocusEnergy, Rows},
     grey,
+    simd::{self, Avx2},
 };
 
 /// Side of the two means, one after the other, that tell where a veil was taken off, px.
@@ -27,7 +30,7 @@ const AROUND_SIDE: usize = 19;
 const AGREED: f32 = 0.75;
 const DIFFERENT: f32 = 1.5;
 
-/// How far around a pixel it is looked, px.
+/// How far around a pixel differences are looked at, px; energies see less than that.
 pub(super) const REACH: usize = 2 * (COARSE_SIDE / 2) + AROUND_SIDE / 2;
 
 /// Fine energy of the pyramids' picture over that of the labelled one from which it has kept more (wholly, from e times as
@@ -68,72 +71,138 @@ impl<S: Sample> Pair<'_, S> {
 
     /// How much of the labelled picture each pixel of the window gets.
     fn shares<const C: usize>(&self, rows: &mut Rows) -> Plane<f32> {
+        match S::BYTES {
+            // no sum is larger than 255 * 9^4 * 19^2
+            1 => self.shares_by::<i32, C>(rows),
+            _ => self.shares_by::<i64, C>(rows),
+        }
+    }
+
+    /// The same with sums of kind `N`.
+    fn shares_by<N: Whole, const C: usize>(&self, rows: &mut Rows) -> Plane<f32> {
         let (width, height) = (self.window.width, self.window.height);
         let level = S::DEPTH.max() / 255.0;
+        let mut squares = Squares { width, height, simd: Avx2::detect(), line: Vec::new(), sums: Vec::new() };
         // whole numbers, so that sums do not depend on where they begin
-        let veil = self.veil.iter().map(|&veil| (16.0 * veil.min(64.0 * level) / level) as i64).collect();
-        let veil = smoothed(veil, width, height, VEIL_SIDE, 2);
+        let mut veil: Vec<N> =
+            self.veil.iter().map(|&veil| N::from((16.0 * veil.min(64.0 * level) / level) as i32)).collect();
+        let mut spare = Vec::new();
+        squares.smooth(&mut veil, &mut spare, VEIL_SIDE, 2);
         let veil_scale = 1.0 / (16 * VEIL_SIDE.pow(4)) as f32;
-        let mut different = vec![0i64; width * height];
+        let mut different = vec![N::default(); width * height];
+        let mut coarse = Vec::new();
         for channel in 0..C {
-            let of_channel = |samples: &[S], at: usize| samples[at * C + channel].value() as i64;
-            let difference = |at| of_channel(self.labelled, at) - of_channel(self.pyramids, at);
-            let coarse = smoothed((0..width * height).map(difference).collect(), width, height, COARSE_SIDE, 2);
-            different.iter_mut().zip(coarse).for_each(|(most, coarse)| *most = (*most).max(coarse.abs()));
+            let of_channel = |pixel: &[S]| pixel[channel].integer() as i32;
+            let pixels = self.labelled.chunks_exact(C).zip(self.pyramids.chunks_exact(C));
+            coarse.clear();
+            coarse.extend(pixels.map(|(one, other)| N::from(of_channel(one) - of_channel(other))));
+            squares.smooth(&mut coarse, &mut spare, COARSE_SIDE, 2);
+            different.iter_mut().zip(&coarse).for_each(|(most, coarse)| *most = (*most).max(coarse.size()));
         }
-        let different = smoothed(different, width, height, AROUND_SIDE, 1);
+        squares.smooth(&mut different, &mut spare, AROUND_SIDE, 1);
         let scale = 1.0 / ((COARSE_SIDE.pow(4) * AROUND_SIDE.pow(2)) as f32 * level);
         let [labelled, pyramids] = [self.labelled, self.pyramids].map(|samples| {
             let mut luma = Plane::filled(width, height, 0.0f32);
             grey::luma_row(samples, C, &mut luma.data);
             FocusEnergy::fine().plane(&luma, rows)
         });
-        Plane::from_fn(width, height, |x, y| {
-            let at = y * width + x;
-            let unveiled = (veil[at] as f32 * veil_scale / VEIL).min(1.0);
-            let agreed = ((DIFFERENT - different[at] as f32 * scale) / (DIFFERENT - AGREED)).clamp(0.0, 1.0);
-            let finer = ((pyramids.at(x, y) + NONE) / (labelled.at(x, y) + NONE) / FINER).ln();
-            let rougher = ((labelled.at(x, y) + NONE) / (pyramids.at(x, y) + NONE) / ROUGHER).ln();
-            unveiled.max(agreed) * (1.0 - finer.clamp(0.0, 1.0)) * (1.0 - rougher.clamp(0.0, 1.0))
-        })
+        // the logarithm of what is no more than 1 is not asked for
+        let above = |ratio: f32| if ratio > 1.0 { ratio.ln().min(1.0) } else { 0.0 };
+        let both = veil.iter().zip(&different).zip(labelled.data.iter().zip(&pyramids.data));
+        let share = |((veil, different), (labelled, pyramids)): ((&N, &N), (&f32, &f32))| {
+            let unveiled = (veil.value() * veil_scale / VEIL).min(1.0);
+            let agreed = ((DIFFERENT - different.value() * scale) / (DIFFERENT - AGREED)).clamp(0.0, 1.0);
+            let taken = unveiled.max(agreed);
+            if taken == 0.0 {
+                return 0.0;
+            }
+            let (labelled, pyramids) = (labelled + NONE, pyramids + NONE);
+            taken * (1.0 - above(pyramids / labelled / FINER)) * (1.0 - above(labelled / pyramids / ROUGHER))
+        };
+        Plane { width, height, data: both.map(share).collect() }
     }
 }
 
-/// Sums over squares of `side` px, so many times over: `side^(2 times)` times the mean. The border is repeated.
-fn smoothed(mut values: Vec<i64>, width: usize, height: usize, side: usize, times: usize) -> Vec<i64> {
-    let half = side / 2;
-    let mut line = Vec::new();
-    for _ in 0..times {
-        for row in values.chunks_exact_mut(width) {
-            line.clear();
-            line.extend_from_slice(row);
-            let at = |x: usize, steps: isize| line[x.saturating_add_signed(steps).min(width - 1)];
-            let mut sum: i64 = (-(half as isize)..half as isize).map(|steps| at(0, steps)).sum();
-            for (x, out) in row.iter_mut().enumerate() {
-                sum += at(x, half as isize);
-                *out = sum;
-                sum -= at(x, -(half as isize));
+/// Whole numbers that are added up.
+trait Whole: Copy + Default + Ord + From<i32> + AddAssign + SubAssign {
+    fn value(self) -> f32;
+    fn size(self) -> Self;
+}
+
+impl Whole for i32 {
+    fn value(self) -> f32 {
+        self as f32
+    }
+
+    fn size(self) -> Self {
+        self.abs()
+    }
+}
+
+impl Whole for i64 {
+    fn value(self) -> f32 {
+        self as f32
+    }
+
+    fn size(self) -> Self {
+        self.abs()
+    }
+}
+
+/// Sums over squares.
+struct Squares<N> {
+    width: usize,
+    height: usize,
+    simd: Option<Avx2>,
+    line: Vec<N>,
+    sums: Vec<N>,
+}
+
+impl<N: Whole> Squares<N> {
+    /// Sums over squares of `side` px, so many times over: `side^(2 times)` times the mean. The border is repeated.
+    fn smooth(&mut self, values: &mut Vec<N>, across: &mut Vec<N>, side: usize, times: usize) {
+        let (width, height, half) = (self.width, self.height, side / 2);
+        for _ in 0..times {
+            for row in values.chunks_exact_mut(width) {
+                self.line.clear();
+                self.line.resize(half, row[0]);
+                self.line.extend_from_slice(row);
+                self.line.resize(width + 2 * half, row[width - 1]);
+                let mut sum = N::default();
+                self.line[..side - 1].iter().for_each(|&value| sum += value);
+                for ((out, &entering), &leaving) in row.iter_mut().zip(&self.line[side - 1..]).zip(&self.line) {
+                    sum += entering;
+                    *out = sum;
+                    sum -= leaving;
+                }
             }
-        }
-        let above = values.clone();
-        let row = |y: usize, steps: isize| {
-            let y = y.saturating_add_signed(steps).min(height - 1);
-            &above[y * width..(y + 1) * width]
-        };
-        let mut sums = vec![0i64; width];
-        for steps in -(half as isize)..half as isize {
-            sums.iter_mut().zip(row(0, steps)).for_each(|(sum, value)| *sum += value);
-        }
-        for (y, out) in values.chunks_exact_mut(width).enumerate() {
-            let (entering, leaving) = (row(y, half as isize), row(y, -(half as isize)));
-            for (((out, sum), entering), leaving) in out.iter_mut().zip(&mut sums).zip(entering).zip(leaving) {
-                *sum += entering;
-                *out = *sum;
-                *sum -= leaving;
+            std::mem::swap(values, across);
+            values.resize(width * height, N::default());
+            let row = |y: usize, steps: isize| {
+                let y = y.saturating_add_signed(steps).min(height - 1);
+                &across[y * width..(y + 1) * width]
+            };
+            self.sums.clear();
+            self.sums.resize(width, N::default());
+            for steps in -(half as isize)..half as isize {
+                self.sums.iter_mut().zip(row(0, steps)).for_each(|(sum, &value)| *sum += value);
+            }
+            for (y, out) in values.chunks_exact_mut(width).enumerate() {
+                let (entering, leaving, sums) = (row(y, half as isize), row(y, -(half as isize)), &mut self.sums[..]);
+                simd::run(
+                    self.simd,
+                    #[inline(always)]
+                    || {
+                        for (((out, sum), &entering), &leaving) in out.iter_mut().zip(sums).zip(entering).zip(leaving) {
+                            *sum += entering;
+                            *out = *sum;
+                            *sum -= leaving;
+                        }
+                    },
+                );
             }
         }
     }
-    values
 }
 
 #[cfg(test)]
@@ -143,7 +212,7 @@ mod tests {
     const SIDE: usize = 80;
 
     fn mixed(labelled: &[u8], pyramids: &[u8], veil: &[f32], rect: Rect) -> Vec<u8> {
-        let window = rect.grown(REACH + FocusEnergy::fine().reach(), SIDE, SIDE);
+        let window = rect.grown(REACH.max(FocusEnergy::fine().reach()), SIDE, SIDE);
         let cut = |x: usize, y: usize| (window.y + y) * SIDE + window.x + x;
         let places = || (0..window.height).flat_map(|y| (0..window.width).map(move |x| (x, y)));
         let samples = |of: &[u8]| places().map(|(x, y)| of[cut(x, y)]).collect::<Vec<u8>>();

@@ -24,6 +24,7 @@ use crate::{
             disc::Disc,
             focus::{FocusEnergy, Rows},
         },
+        simd::{self, Avx2},
     },
     model::Stop,
 };
@@ -80,14 +81,11 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         if veiled.is_empty() && !reaches_over {
             return Ok(());
         }
-        let mut tasks = BTreeMap::new();
+        let mut tasks = Tasks::of(rect.width);
         let taken = self.in_reach_of_both(rect, &mut tasks);
         self.veiled(rect, &veiled, &taken, &mut tasks);
-        for ((near, far), tasks) in tasks {
-            // a few pixels at opposite ends of a tile are no reason to blur all of it
-            for tasks in by_block(&tasks, rect.width) {
-                self.correct(rect, usize::from(near), usize::from(far), &tasks, out, rows)?;
-            }
+        for ((near, far, ..), tasks) in tasks.finish() {
+            self.correct(rect, usize::from(near), usize::from(far), &tasks, out, rows)?;
         }
         Ok(())
     }
@@ -100,7 +98,12 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
     fn present(&self, rect: Rect) -> Vec<u16> {
         let mut seen = vec![false; self.pictures.count()];
         for y in rect.y..rect.y + rect.height {
+            let mut last = UNCOVERED;
             for &label in &self.labels.slice.row(y)[rect.x..rect.x + rect.width] {
+                if label == last {
+                    continue;
+                }
+                last = label;
                 if let Some(seen) = seen.get_mut(usize::from(label)) {
                     *seen = true;
                 }
@@ -110,72 +113,84 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
     }
 
     /// Pixels labelled near with something certainly far in reach: either may be true. Says which they are.
-    fn in_reach_of_both(&self, rect: Rect, tasks: &mut BTreeMap<(u16, u16), Vec<Task>>) -> Vec<bool> {
+    fn in_reach_of_both(&self, rect: Rect, tasks: &mut Tasks) -> Vec<bool> {
         let (width, height) = self.pictures.size();
         let labels = &self.labels.slice;
-        let offsets = offsets();
-        let farthest = self.farthest_around(rect);
-        let mut taken = vec![false; rect.width * rect.height];
-        for (at, taken) in taken.iter_mut().enumerate() {
-            let (x, y) = (rect.x + at % rect.width, rect.y + at / rect.width);
-            let (near, farthest) = (labels.at(x, y), farthest[at]);
-            if near == UNCOVERED || farthest == UNCOVERED || !self.labels.sure.at(x, y) || !self.veils(near, farthest) {
-                continue;
+        let window = rect.grown(OVERREACH as usize, width, height);
+        let (rank, least) = self.ranks();
+        let mut ranks = vec![0u16; window.width * window.height];
+        for (y, out) in (window.y..).zip(ranks.chunks_exact_mut(window.width)) {
+            let columns = window.x..window.x + window.width;
+            let (labels, sure) = (&labels.row(y)[columns.clone()], &self.labels.sure.row(y)[columns]);
+            for ((out, &label), &sure) in out.iter_mut().zip(labels).zip(sure) {
+                *out = rank.get(usize::from(label)).copied().filter(|_| sure).unwrap_or(0);
             }
-            let far = offsets.iter().find_map(|&(dx, dy)| {
-                let (u, v) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
-                let inside = u < width && v < height;
-                let far = (inside && self.labels.sure.at(u, v)).then(|| labels.at(u, v))?;
-                (far != UNCOVERED && self.veils(near, far)).then_some(far)
-            });
-            if let Some(far) = far {
-                tasks.entry((near, far)).or_default().push(Task { at, share: None });
-                *taken = true;
+        }
+        let farthest = farthest_around(&ranks, window, rect);
+        let offsets = offsets();
+        let stride = window.width as isize;
+        let steps: Vec<isize> = offsets.iter().map(|&(dx, dy)| dy * stride + dx).collect();
+        let inner = OVERREACH as usize..(window.width.saturating_sub(OVERREACH as usize));
+        let inner_rows = OVERREACH as usize..(window.height.saturating_sub(OVERREACH as usize));
+        let mut taken = vec![false; rect.width * rect.height];
+        let (left, top) = (rect.x - window.x, rect.y - window.y);
+        for (row, taken) in taken.chunks_exact_mut(rect.width).enumerate() {
+            let y = rect.y + row;
+            let near_labels = &labels.row(y)[rect.x..rect.x + rect.width];
+            let farthest = &farthest[row * rect.width..][..rect.width];
+            for (column, ((&near, &farthest), taken)) in near_labels.iter().zip(farthest).zip(taken).enumerate() {
+                let Some(&least) = least.get(usize::from(near)) else { continue };
+                let (x, y) = (left + column, top + row);
+                let here = y * window.width + x;
+                // a pixel that is not sure has no rank
+                if farthest < least || ranks[here] == 0 {
+                    continue;
+                }
+                let far = if inner.contains(&x) && inner_rows.contains(&y) {
+                    let found = steps.iter().map(|&step| here.wrapping_add_signed(step));
+                    found.into_iter().find(|&at| ranks[at] >= least)
+                } else {
+                    offsets.iter().find_map(|&(dx, dy)| {
+                        let (u, v) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+                        let at = v * window.width + u;
+                        (u < window.width && v < window.height && ranks[at] >= least).then_some(at)
+                    })
+                };
+                if let Some(at) = far {
+                    let far = labels.at(window.x + at % window.width, window.y + at / window.width);
+                    tasks.add(near, far, Task { at: row * rect.width + column, share: None });
+                    *taken = true;
+                }
             }
         }
         taken
     }
 
-    /// For each pixel of `rect`, the farthest sure label in the square of [`OVERREACH`] around it.
-    fn farthest_around(&self, rect: Rect) -> Vec<u16> {
-        let (width, height) = self.pictures.size();
-        let reach = OVERREACH as usize;
-        let window = rect.grown(reach, width, height);
-        let farther = |a: u16, b: u16| match (a, b) {
-            (UNCOVERED, other) | (other, UNCOVERED) => other,
-            (a, b) => {
-                if self.optics.is_behind(usize::from(a), usize::from(b)) {
-                    a
-                } else {
-                    b
-                }
+    /// For each slice a number, above 0, that is the larger, the farther the slice is in focus; and the least number of
+    /// those that it can veil.
+    fn ranks(&self) -> (Vec<u16>, Vec<u16>) {
+        let count = self.pictures.count();
+        let mut order: Vec<usize> = (0..count).collect();
+        let behind = |a: usize, b: usize| self.optics.is_behind(a, b);
+        order.sort_by(|&a, &b| behind(a, b).cmp(&behind(b, a)));
+        let mut rank = vec![0u16; count];
+        let mut last = 0;
+        for (i, &slice) in order.iter().enumerate() {
+            if i == 0 || behind(slice, order[i - 1]) {
+                last += 1;
             }
+            rank[slice] = last;
+        }
+        let least = |near: usize| {
+            let far = order.iter().find(|&&far| self.optics.veils(near, far));
+            far.map_or(u16::MAX, |&far| rank[far])
         };
-        let mut down = vec![UNCOVERED; window.width * rect.height];
-        for (y, out) in down.chunks_exact_mut(window.width).enumerate() {
-            let middle = rect.y + y;
-            for row in middle.saturating_sub(reach)..(middle + reach + 1).min(height) {
-                let labels = &self.labels.slice.row(row)[window.x..];
-                let sure = &self.labels.sure.row(row)[window.x..];
-                for ((out, &label), &sure) in out.iter_mut().zip(labels).zip(sure) {
-                    if sure && label != *out {
-                        *out = farther(*out, label);
-                    }
-                }
-            }
-        }
-        let mut farthest = Vec::with_capacity(rect.width * rect.height);
-        for row in down.chunks_exact(window.width) {
-            for x in rect.x - window.x..rect.x - window.x + rect.width {
-                let around = &row[x.saturating_sub(reach)..(x + reach + 1).min(window.width)];
-                farthest.push(around.iter().fold(UNCOVERED, |a, &b| if a == b { a } else { farther(a, b) }));
-            }
-        }
-        farthest
+        let least = (0..count).map(least).collect();
+        (rank, least)
     }
 
     /// Far pixels that the blur of near parts reaches, with the near part that reaches most.
-    fn veiled(&self, rect: Rect, pairs: &[(u16, u16)], taken: &[bool], tasks: &mut BTreeMap<(u16, u16), Vec<Task>>) {
+    fn veiled(&self, rect: Rect, pairs: &[(u16, u16)], taken: &[bool], tasks: &mut Tasks) {
         let (width, height) = self.pictures.size();
         let reach = pairs.iter().map(|&(near, far)| self.optics.radius(near.into(), far.into())).fold(0.0, f32::max);
         let wide = rect.grown(reach as usize + 2 * CELL, width, height);
@@ -184,52 +199,86 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         let (right, bottom) = (wide.x + wide.width, wide.y + wide.height);
         let (right, bottom) = (right.next_multiple_of(CELL).min(width), bottom.next_multiple_of(CELL).min(height));
         let wide = Rect { x: left, y: top, width: right - left, height: bottom - top };
-        let first = [wide.x / CELL, wide.y / CELL];
-        let cells = [(wide.x + wide.width).div_ceil(CELL) - first[0], (wide.y + wide.height).div_ceil(CELL) - first[1]];
-        let mut veils = Strongest { sum: vec![0.0; taken.len()], best: vec![(0.0, UNCOVERED); taken.len()] };
-        let mut of_label: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
-        for (at, &taken) in taken.iter().enumerate() {
-            if !taken {
-                let label = self.labels.slice.at(rect.x + at % rect.width, rect.y + at / rect.width);
-                of_label.entry(label).or_default().push(at);
-            }
-        }
+        let columns = wide.width.div_ceil(CELL);
+        let spots = self.spots(rect, wide, taken);
+        let mut veils = vec![Strongest { sum: 0.0, best: (0.0, UNCOVERED) }; spots.all.len()];
         let mut nears: Vec<u16> = pairs.iter().map(|&(near, _)| near).collect();
         nears.sort_unstable();
         nears.dedup();
-        for near in nears {
-            let shares = self.shares(near, wide, first, cells);
+        let shares = self.shares(&nears, wide);
+        for (&near, shares) in nears.iter().zip(&shares) {
             if shares.data.iter().all(|&share| share == 0.0) {
                 continue;
             }
             for &(_, far) in pairs.iter().filter(|pair| pair.0 == near) {
-                let Some(pixels) = of_label.get(&far) else { continue };
+                let Some(here) = spots.of_label.get(&far) else { continue };
                 let radius = self.optics.radius(near.into(), far.into());
-                let reached = Disc::new(radius / CELL as f32).blurred(&shares);
-                for &at in pixels {
-                    let (x, y) = (rect.x + at % rect.width, rect.y + at / rect.width);
-                    veils.add(at, near, reached.at(x / CELL - first[0], y / CELL - first[1]));
+                let reached = Disc::new(radius / CELL as f32).blurred(shares);
+                for &spot in here {
+                    veils[spot as usize].add(near, reached.data[spots.all[spot as usize].1 as usize]);
                 }
             }
         }
-        for (at, (&sum, &(_, near))) in veils.sum.iter().zip(&veils.best).enumerate() {
+        debug_assert!(spots.all.iter().all(|&(_, cell)| (cell as usize) < columns * wide.height.div_ceil(CELL)));
+        for (at, &spot) in spots.at.iter().enumerate() {
+            let Some(&Strongest { sum, best: (_, near) }) = veils.get(spot as usize) else { continue };
             if sum > FROM && near != UNCOVERED {
-                let far = self.labels.slice.at(rect.x + at % rect.width, rect.y + at / rect.width);
                 let share = ((sum - FROM) / (WHOLLY - FROM)).min(1.0);
-                tasks.entry((near, far)).or_default().push(Task { at, share: Some(share) });
+                tasks.add(near, spots.all[spot as usize].0, Task { at, share: Some(share) });
             }
         }
     }
 
-    /// Share of each cell that is surely of slice `near`.
-    fn shares(&self, near: u16, wide: Rect, first: [usize; 2], cells: [usize; 2]) -> Plane<f32> {
-        let mut shares = Plane::filled(cells[0], cells[1], 0.0f32);
+    /// What pixels of `rect` are not taken, by label and cell of `wide`: the same is done to all of a spot.
+    fn spots(&self, rect: Rect, wide: Rect, taken: &[bool]) -> Spots {
+        let columns = wide.width.div_ceil(CELL);
+        let mut spots = Spots { at: Vec::with_capacity(taken.len()), all: Vec::new(), of_label: BTreeMap::new() };
+        // spots of a row of cells, per cell
+        let mut here: Vec<Vec<(u16, u32)>> = vec![Vec::new(); columns];
+        for (row, taken) in taken.chunks_exact(rect.width).enumerate() {
+            let y = rect.y + row;
+            if row == 0 || y.is_multiple_of(CELL) {
+                here.iter_mut().for_each(Vec::clear);
+            }
+            let first = (y - wide.y) / CELL * columns;
+            let labels = &self.labels.slice.row(y)[rect.x..rect.x + rect.width];
+            for (x, (&label, &taken)) in (rect.x..).zip(labels.iter().zip(taken)) {
+                if taken {
+                    spots.at.push(u32::MAX);
+                    continue;
+                }
+                let column = (x - wide.x) / CELL;
+                let known = here[column].iter().find(|(of, _)| *of == label).map(|&(_, spot)| spot);
+                let spot = known.unwrap_or_else(|| {
+                    let spot = spots.all.len() as u32;
+                    spots.all.push((label, (first + column) as u32));
+                    spots.of_label.entry(label).or_default().push(spot);
+                    here[column].push((label, spot));
+                    spot
+                });
+                spots.at.push(spot);
+            }
+        }
+        spots
+    }
+
+    /// Share of each cell of `wide` that is surely of each of the slices `nears`.
+    fn shares(&self, nears: &[u16], wide: Rect) -> Vec<Plane<f32>> {
+        let (columns, rows) = (wide.width.div_ceil(CELL), wide.height.div_ceil(CELL));
+        let mut shares = vec![Plane::filled(columns, rows, 0.0f32); nears.len()];
+        let mut place = vec![usize::MAX; self.pictures.count()];
+        for (at, &near) in nears.iter().enumerate() {
+            place[usize::from(near)] = at;
+        }
         for y in wide.y..wide.y + wide.height {
-            let (labels, sure) = (self.labels.slice.row(y), self.labels.sure.row(y));
-            let out = shares.row_mut(y / CELL - first[1]);
-            for x in wide.x..wide.x + wide.width {
-                if labels[x] == near && sure[x] {
-                    out[x / CELL - first[0]] += 1.0 / (CELL * CELL) as f32;
+            let part = wide.x..wide.x + wide.width;
+            let (labels, sure) = (&self.labels.slice.row(y)[part.clone()], &self.labels.sure.row(y)[part]);
+            for (x, (&label, &sure)) in labels.iter().zip(sure).enumerate() {
+                if !sure {
+                    continue;
+                }
+                if let Some(shares) = place.get(usize::from(label)).and_then(|&at| shares.get_mut(at)) {
+                    shares.row_mut((y - wide.y) / CELL)[x / CELL] += 1.0 / (CELL * CELL) as f32;
                 }
             }
         }
@@ -301,18 +350,97 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
     }
 }
 
+/// Pixels of a tile in spots of one label and cell.
+struct Spots {
+    /// Per pixel, its spot; none for those that are taken.
+    at: Vec<u32>,
+    /// Per spot, its label and its cell.
+    all: Vec<(u16, u32)>,
+    of_label: BTreeMap<u16, Vec<u32>>,
+}
+
+#[derive(Clone, Copy)]
 struct Strongest {
-    sum: Vec<f32>,
-    best: Vec<(f32, u16)>,
+    sum: f32,
+    best: (f32, u16),
 }
 
 impl Strongest {
-    fn add(&mut self, at: usize, near: u16, share: f32) {
-        self.sum[at] += share;
-        if share > self.best[at].0 {
-            self.best[at] = (share, near);
+    fn add(&mut self, near: u16, share: f32) {
+        self.sum += share;
+        if share > self.best.0 {
+            self.best = (share, near);
         }
     }
+}
+
+/// Near part, far part, and the square of [`BLOCK`] px of a tile (down, across).
+type Key = (u16, u16, usize, usize);
+
+/// Tasks of a tile, by what is done: a few pixels at opposite ends of a tile are no reason to blur all of it.
+struct Tasks {
+    width: usize,
+    all: BTreeMap<Key, Vec<Task>>,
+    /// Those of the last key, which most often is the next one's too.
+    last: (Key, Vec<Task>),
+}
+
+impl Tasks {
+    /// Of a tile of `width` columns.
+    fn of(width: usize) -> Self {
+        Self { width, all: BTreeMap::new(), last: ((0, 0, 0, 0), Vec::new()) }
+    }
+
+    fn add(&mut self, near: u16, far: u16, task: Task) {
+        let key = (near, far, task.at / self.width / BLOCK, task.at % self.width / BLOCK);
+        if key != self.last.0 {
+            self.put_away();
+            self.last.0 = key;
+        }
+        self.last.1.push(task);
+    }
+
+    fn put_away(&mut self) {
+        if !self.last.1.is_empty() {
+            self.all.entry(self.last.0).or_default().append(&mut self.last.1);
+        }
+    }
+
+    fn finish(mut self) -> BTreeMap<Key, Vec<Task>> {
+        self.put_away();
+        self.all
+    }
+}
+
+/// For each pixel of `rect`, the largest of `ranks` (of `window`) in the square of [`OVERREACH`] around it.
+fn farthest_around(ranks: &[u16], window: Rect, rect: Rect) -> Vec<u16> {
+    let (reach, simd) = (OVERREACH as usize, Avx2::detect());
+    let (left, top) = (rect.x - window.x, rect.y - window.y);
+    let mut farthest = vec![0u16; rect.width * rect.height];
+    // nothing beyond the window
+    let mut down = vec![0u16; rect.width + 2 * reach];
+    let first = left.saturating_sub(reach);
+    let end = (left + rect.width + reach).min(window.width);
+    let at = reach - left.min(reach);
+    for (y, out) in farthest.chunks_exact_mut(rect.width).enumerate() {
+        let rows = (top + y).saturating_sub(reach)..(top + y + reach + 1).min(window.height);
+        simd::run(
+            simd,
+            #[inline(always)]
+            || {
+                down.fill(0);
+                let part = &mut down[at..at + end - first];
+                for row in rows {
+                    let ranks = &ranks[row * window.width + first..row * window.width + end];
+                    part.iter_mut().zip(ranks).for_each(|(most, &rank)| *most = rank.max(*most));
+                }
+                for by in 0..2 * reach + 1 {
+                    out.iter_mut().zip(&down[by..]).for_each(|(most, &rank)| *most = rank.max(*most));
+                }
+            },
+        );
+    }
+    farthest
 }
 
 /// Offsets within [`OVERREACH`], nearest first.
@@ -321,15 +449,6 @@ fn offsets() -> Vec<(isize, isize)> {
     let mut within: Vec<_> = all.filter(|(dx, dy)| dx * dx + dy * dy <= OVERREACH * OVERREACH).collect();
     within.sort_by_key(|(dx, dy)| (dx * dx + dy * dy, *dy, *dx));
     within
-}
-
-/// The tasks of each square of [`BLOCK`] px of a tile of `width` columns.
-fn by_block(tasks: &[Task], width: usize) -> Vec<Vec<Task>> {
-    let mut blocks: BTreeMap<(usize, usize), Vec<Task>> = BTreeMap::new();
-    for task in tasks {
-        blocks.entry((task.at / width / BLOCK, task.at % width / BLOCK)).or_default().push(*task);
-    }
-    blocks.into_values().collect()
 }
 
 /// The smallest rectangle of the canvas around the pixels of `tasks`.
