@@ -3,7 +3,7 @@
 use super::{Depth, Samples};
 
 /// An integer sample, `u8` or `u16`. Kernels compute in `f32` or in exact integers and round once at the end.
-pub trait Sample: Copy + Default + PartialEq + std::fmt::Debug + Send + Sync + 'static {
+pub trait Sample: Copy + Default + Ord + std::fmt::Debug + Send + Sync + 'static {
     /// Bits per sample.
     const DEPTH: Depth;
     /// Bytes per sample.

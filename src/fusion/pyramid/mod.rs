@@ -15,7 +15,9 @@
 //! Levels are computed per tile, from all that a pixel of the tile can depend on ([`reach`]): the same bytes
 //! come whatever the tiles are. Memory does not grow with the number of slices.
 
+mod choice;
 mod filter;
+mod finest;
 mod reach;
 
 use std::mem;
@@ -26,33 +28,20 @@ use super::{
     blend::{Blended, in_tiles},
 };
 use crate::{
-    imaging::{Plane, Rect, Sample},
+    imaging::{
+        Coverage, Plane, Rect, Sample,
+        simd::{self, Avx2},
+    },
     model::{Control, Stop},
 };
-use filter::{Filters, Patch, Pixel};
+use choice::{Chooser, LUMA, Place, Source};
+use filter::{Filters, Level, Patch, WEIGHT};
+use finest::{Extremes, Finest};
 use reach::{Reach, Sizes};
 
 /// How often the canvas is halved. The base is what is coarser than some 30 px: blur of that size is not chosen
 /// among slices any more.
 const LEVELS: usize = 4;
-
-/// Parts of the channels in an energy: those of luma.
-const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
-
-/// What every energy is raised by (of squared grey levels of 255), so that weights never sum up to 0.
-const FLOOR: f32 = 1e-3;
-
-/// Weight of a slice that does not cover all that its detail was computed from: below that of all others.
-const UNSURE: f32 = 1e-18;
-
-/// A slice covers all that was looked at when this share of it is there (the rest is rounding).
-const ALL: f32 = 0.999;
-
-/// Weight of a slice with detail of this energy.
-fn weight(energy: f32) -> f32 {
-    let square = (energy + FLOOR) * (energy + FLOOR);
-    square * square
-}
 
 /// Runs the second pass.
 pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Stop> {
@@ -72,23 +61,16 @@ struct Canvas {
 impl Canvas {
     fn new(width: usize, height: usize) -> Self {
         let sizes = Sizes::of(width, height, LEVELS);
-        let mut filters = Filters::default();
-        let mut along = |length: usize| {
-            let line = |length: usize| Rect { x: 0, y: 0, width: length, height: 1 };
-            let mut level = Patch { rect: line(length), data: vec![[0.0, 0.0, 0.0, 1.0]; length] };
-            let mut weights = vec![vec![1.0; length]];
-            for _ in 1..sizes.0.len() {
-                let mut next = Patch::default();
-                filters.reduce(&level, line(level.rect.width.div_ceil(2)), &mut next);
-                // one row alone keeps the middle of the kernel only
-                next.data.iter_mut().for_each(|pixel| pixel[3] /= filter::MIDDLE);
-                weights.push(next.data.iter().map(|pixel| pixel[3]).collect());
-                level = next;
-            }
-            weights
-        };
-        let weights = along(width).into_iter().zip(along(height)).map(|(across, down)| [across, down]).collect();
-        Self { sizes, weights }
+        let (widths, heights): (Vec<_>, Vec<_>) = sizes.0.iter().copied().unzip();
+        let weights = filter::weights_along(&widths).into_iter().zip(filter::weights_along(&heights));
+        Self { weights: weights.map(|(across, down)| [across, down]).collect(), sizes }
+    }
+
+    fn place(&self, level: usize) -> Place<'_> {
+        let size = self.sizes.0[level];
+        let coarser = self.sizes.0.get(level + 1).copied().unwrap_or(size);
+        let [across, down] = &self.weights[level];
+        Place { size, coarser, across, down }
     }
 }
 
@@ -96,19 +78,16 @@ impl Canvas {
 #[derive(Default)]
 struct Pyramid<S> {
     filters: Filters,
-    samples: Vec<S>,
-    bytes: Vec<u8>,
-    /// Levels of a slice, multiplied by their weights, which are the last channel.
-    levels: Vec<Patch<Pixel>>,
+    chooser: Chooser,
+    finest: Finest<S>,
+    /// Levels of a slice, multiplied by their weights. The finest stays empty unless it is the only one.
+    levels: Vec<Level>,
     /// One level of it, not multiplied.
-    plain: Patch<Pixel>,
-    detail: Patch<Pixel>,
-    energy: Patch<f32>,
-    smoothed: Patch<f32>,
+    plain: Level,
     /// Per level: detail (or base) times weight, and the weights, summed up over slices.
-    sums: Vec<Patch<Pixel>>,
+    sums: Vec<Level>,
     /// Least and largest samples of all slices.
-    range: [Patch<Pixel>; 2],
+    range: Extremes<S>,
 }
 
 impl<S: Sample> Pyramid<S> {
@@ -123,218 +102,175 @@ impl<S: Sample> Pyramid<S> {
         out: &mut Vec<S>,
     ) -> Result<usize, Stop> {
         let reach = Reach::of(rect, &canvas.sizes);
-        let levels = canvas.sizes.0.len();
-        self.levels.resize(levels, Patch::default());
-        self.sums.resize(levels, Patch::default());
+        let (levels, simd) = (canvas.sizes.0.len(), Avx2::detect());
+        self.levels.resize(levels, Level::default());
+        self.sums.resize(levels, Level::default());
         for (sums, &rect) in self.sums.iter_mut().zip(&reach.result) {
-            sums.reset(rect, [0.0; 4]);
+            sums.iter_mut().for_each(|plane| plane.reset(rect, 0.0));
         }
         let (width, height) = canvas.sizes.0[0];
-        let [least, largest] = &mut self.range;
-        least.reset(rect.grown(1, width, height), [f32::INFINITY; 4]);
-        largest.reset(rect.grown(1, width, height), [f32::NEG_INFINITY; 4]);
+        self.range.reset::<C>(rect.grown(1, width, height));
 
         for (slice, coverage) in aligned.coverages.iter().enumerate() {
             control.check()?;
             if coverage.misses(reach.source[0]) {
                 continue;
             }
-            self.load::<C>(slice, aligned, reach.source[0])?;
-            for level in 1..levels {
+            self.finest.read::<C>(&aligned.scratch, slice, reach.source[0])?;
+            self.range.enter::<C>(&self.finest, coverage);
+            match levels {
+                1 => self.lay_out::<C>(coverage, reach.source[0]),
+                _ => self.finest.halve::<C>(simd, coverage, reach.source[1], &mut self.levels[1]),
+            }
+            for level in 2..levels {
                 let (finer, coarser) = self.levels.split_at_mut(level);
-                self.filters.reduce(&finer[level - 1], reach.source[level], &mut coarser[0]);
-            }
-            for level in 0..levels {
-                if level + 1 < levels {
-                    self.detail(level, canvas.sizes.0[level + 1], reach.detail[level]);
-                    self.filters.smooth(&self.energy, reach.result[level], &mut self.smoothed);
-                } else {
-                    self.base(level, reach.detail[level], canvas.sizes.0[level], reach.result[level]);
+                for c in channels::<C>() {
+                    let (from, to) = (&finer[level - 1][c], &mut coarser[0][c]);
+                    self.filters.reduce(simd, from, reach.source[level], to);
                 }
-                self.enter(level, &canvas.weights[level]);
             }
+            for level in 0..levels - 1 {
+                divided::<C>(simd, &self.levels[level + 1], &mut self.plain);
+                let source = match level {
+                    0 => Source::Samples(&self.finest, coverage),
+                    _ => Source::Level(&self.levels[level]),
+                };
+                let (place, sums) = (canvas.place(level), &mut self.sums[level]);
+                self.chooser.enter::<S, C>(simd, &source, &self.plain, place, sums);
+            }
+            self.base::<C>(simd, canvas.place(levels - 1), reach.detail[levels - 1]);
         }
         Ok(self.finish::<C>(canvas, rect, &aligned.index, out))
     }
 
-    /// The finest level of a slice: what it covers, in grey levels of 255.
-    fn load<const C: usize>(&mut self, slice: usize, aligned: &Aligned, rect: Rect) -> Result<(), Stop> {
-        aligned.scratch.read(slice, rect, &mut self.samples, &mut self.bytes)?;
+    /// The finest level of a slice, for want of any other: what it covers of `rect`, in grey levels of 255.
+    fn lay_out<const C: usize>(&mut self, coverage: &Coverage, rect: Rect) {
         let scale = 255.0 / S::DEPTH.max();
-        let finest = &mut self.levels[0];
-        finest.reset(rect, [0.0; 4]);
-        for (y, span) in (rect.y..).zip(aligned.coverages[slice].spans_in(rect)) {
-            let row = &self.samples[(y - rect.y) * rect.width * C..][..rect.width * C];
-            let pixels = row.chunks_exact(C).zip(finest.row_mut(y));
-            for (samples, pixel) in pixels.take(span.end).skip(span.start) {
-                for (value, sample) in pixel.iter_mut().zip(samples) {
-                    *value = sample.value() * scale;
-                }
-                pixel[3] = 1.0;
-            }
-        }
-        let [least, largest] = &mut self.range;
-        let inner = least.rect;
-        for y in inner.y..inner.y + inner.height {
-            let pixels = finest.row(y)[inner.x - rect.x..].iter();
-            for ((pixel, least), largest) in pixels.zip(least.row_mut(y)).zip(largest.row_mut(y)) {
-                if pixel[3] > 0.0 {
-                    for c in 0..3 {
-                        least[c] = least[c].min(pixel[c]);
-                        largest[c] = largest[c].max(pixel[c]);
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Detail of `level` in `rect`, and its energy.
-    fn detail(&mut self, level: usize, coarser_size: (usize, usize), rect: Rect) {
-        divided(&self.levels[level + 1], &mut self.plain);
-        self.detail.reset(rect, [0.0; 4]);
-        self.energy.reset(rect, 0.0);
-        let (finer, detail, energy) = (&self.levels[level], &mut self.detail, &mut self.energy);
-        self.filters.expand(&self.plain, coarser_size, rect, |y, expanded| {
-            let pixels = finer.row(y)[rect.x - finer.rect.x..].iter().zip(expanded);
-            for ((pixel, coarse), (detail, energy)) in pixels.zip(detail.row_mut(y).iter_mut().zip(energy.row_mut(y))) {
-                if pixel[3] > 0.0 {
-                    *detail = std::array::from_fn(|c| pixel[c] / pixel[3] - coarse[c]);
-                    *energy = (0..3).map(|c| LUMA[c] * detail[c] * detail[c]).sum();
-                }
-                detail[3] = pixel[3];
-            }
-        });
-    }
-
-    /// The base in `rect`, and how much it deviates from its surroundings in `inner`.
-    fn base(&mut self, level: usize, rect: Rect, size: (usize, usize), inner: Rect) {
-        let coarsest = &self.levels[level];
-        divided(coarsest, &mut self.plain);
-        let near = inner.grown(reach::BASE_SMOOTHING / 2, size.0, size.1);
-        let mut deviation = Patch::default();
-        deviation.reset(near, 0.0);
-        self.detail.reset(rect, [0.0; 4]);
+        let level = &mut self.levels[0];
+        level.iter_mut().for_each(|plane| plane.reset(rect, 0.0));
         for y in rect.y..rect.y + rect.height {
-            let from = &self.plain.row(y)[rect.x - self.plain.rect.x..][..rect.width];
-            self.detail.row_mut(y).copy_from_slice(from);
+            for x in coverage.span(y).filter(|x| (rect.x..rect.x + rect.width).contains(x)) {
+                for c in 0..C {
+                    level[c].row_mut(y)[x - rect.x] = self.finest.planes[c].row(y)[x - rect.x].value() * scale;
+                }
+                level[WEIGHT].row_mut(y)[x - rect.x] = 1.0;
+            }
         }
+    }
+
+    /// Enters the base, which is chosen by how much it deviates from its surroundings; `rect` is where these are.
+    fn base<const C: usize>(&mut self, simd: Option<Avx2>, place: Place<'_>, rect: Rect) {
+        let (Some(coarsest), Some(sums)) = (self.levels.last(), self.sums.last_mut()) else { return };
+        let inner = sums[WEIGHT].rect;
+        divided::<C>(simd, coarsest, &mut self.plain);
+        let near = inner.grown(reach::BASE_SMOOTHING / 2, place.size.0, place.size.1);
+        let mut deviation = Patch::default();
+        deviation.reset(near, 0.0f32);
         // weighted mean of the surroundings, one channel after the other
         let (mut channel, mut mean, mut total) = (Patch::default(), Patch::default(), Patch::default());
         let mut smoothed = |c: usize, out: &mut Patch<f32>| {
             channel.reset(rect, 0.0);
             for y in rect.y..rect.y + rect.height {
-                let from = coarsest.row(y)[rect.x - coarsest.rect.x..].iter();
-                channel.row_mut(y).iter_mut().zip(from).for_each(|(to, pixel)| *to = pixel[c]);
+                channel.row_mut(y).copy_from_slice(coarsest[c].part(rect.x, y, rect.width));
             }
-            self.filters.smooth_less(&channel, near, out);
+            self.filters.smooth_less(simd, &channel, near, out);
         };
-        smoothed(3, &mut total);
-        for (c, part) in LUMA.iter().enumerate() {
+        smoothed(WEIGHT, &mut total);
+        for (c, part) in LUMA.iter().enumerate().take(C) {
             smoothed(c, &mut mean);
             for y in near.y..near.y + near.height {
-                let own = self.plain.row(y)[near.x - self.plain.rect.x..].iter();
+                let own = self.plain[c].part(near.x, y, near.width).iter();
+                let own = own.zip(coarsest[WEIGHT].part(near.x, y, near.width));
                 let around = mean.row(y).iter().zip(total.row(y));
-                for ((pixel, (mean, total)), deviation) in own.zip(around).zip(deviation.row_mut(y)) {
-                    if pixel[3] > 0.0 {
-                        let away = pixel[c] - mean / total;
+                for (((value, &weight), (mean, total)), deviation) in own.zip(around).zip(deviation.row_mut(y)) {
+                    if weight > 0.0 {
+                        let away = value - mean / total;
                         *deviation += part * away * away;
                     }
                 }
             }
         }
-        self.filters.smooth_less(&deviation, inner, &mut self.smoothed);
-    }
-
-    /// Adds what was computed of one slice to the sums of `level`.
-    fn enter(&mut self, level: usize, [across, down]: &[Vec<f32>; 2]) {
-        let sums = &mut self.sums[level];
-        let rect = sums.rect;
-        for (y, &down) in down.iter().enumerate().skip(rect.y).take(rect.height) {
-            let details = self.detail.row(y)[rect.x - self.detail.rect.x..].iter();
-            let energies = self.smoothed.row(y).iter().zip(&across[rect.x..]);
-            for ((sum, detail), (&energy, &across)) in sums.row_mut(y).iter_mut().zip(details).zip(energies) {
-                let covered = detail[3] / (across * down);
-                let weight = if covered >= ALL { weight(energy) } else { UNSURE * covered };
-                for c in 0..3 {
-                    sum[c] += weight * detail[c];
-                }
-                sum[3] += weight;
-            }
-        }
+        let mut energy = Patch::default();
+        self.filters.smooth_less(simd, &deviation, inner, &mut energy);
+        self.chooser.enter_base::<C>(&self.plain, &coarsest[WEIGHT], &energy, place, sums);
     }
 
     /// Puts the levels together, clamped and rounded; the number of pixels with a sample that had left the range
     /// of its depth by more than one grey level of 255.
     fn finish<const C: usize>(&mut self, canvas: &Canvas, rect: Rect, index: &Plane<u16>, out: &mut Vec<S>) -> usize {
-        let levels = self.sums.len();
-        let mut result = mem::take(&mut self.plain);
-        divided(&self.sums[levels - 1], &mut result);
+        let (levels, simd) = (self.sums.len(), Avx2::detect());
+        let (mut result, mut expanded) = (mem::take(&mut self.plain), Vec::new());
+        divided::<C>(simd, &self.sums[levels - 1], &mut result);
         for level in (0..levels - 1).rev() {
-            let sums = &mut self.sums[level];
-            self.filters.expand(&result, canvas.sizes.0[level + 1], sums.rect, |y, expanded| {
-                for (sum, coarse) in sums.row_mut(y).iter_mut().zip(expanded) {
-                    if sum[3] > 0.0 {
-                        *sum = [
-                            sum[0] / sum[3] + coarse[0],
-                            sum[1] / sum[3] + coarse[1],
-                            sum[2] / sum[3] + coarse[2],
-                            1.0,
-                        ];
-                    }
+            let [first, second, third, weights] = &mut self.sums[level];
+            let rect = weights.rect;
+            for (sums, coarse) in [first, second, third].into_iter().zip(&result).take(C) {
+                for y in rect.y..rect.y + rect.height {
+                    let columns = rect.x..rect.x + rect.width;
+                    let size = canvas.sizes.0[level + 1];
+                    let coarse = self.filters.expand(simd, coarse, size, (y, &columns), &mut expanded);
+                    let (sums, weights) = (sums.row_mut(y), weights.row(y));
+                    simd::run(
+                        simd,
+                        #[inline(always)]
+                        || {
+                            for ((sum, &weight), coarse) in sums.iter_mut().zip(weights).zip(coarse) {
+                                let there = *sum / weight + *coarse;
+                                *sum = if weight > 0.0 { there } else { *sum };
+                            }
+                        },
+                    );
                 }
-            });
-            mem::swap(&mut result, sums);
+            }
+            mem::swap(&mut result, &mut self.sums[level]);
         }
 
         out.clear();
         out.resize(rect.width * rect.height * C, S::default());
-        let (scale, mut clamped) = (S::DEPTH.max() / 255.0, 0);
+        let (scale, columns, mut clamped) = (S::DEPTH.max() / 255.0, rect.x..rect.x + rect.width, 0);
+        let mut outside = vec![false; rect.width];
         for y in rect.y..rect.y + rect.height {
-            let pixels = result.row(y).iter().zip(out[(y - rect.y) * rect.width * C..].chunks_exact_mut(C));
-            let winners = &index.row(y)[rect.x..rect.x + rect.width];
-            for ((x, (pixel, out)), &winner) in (rect.x..).zip(pixels).zip(winners) {
-                if winner == UNCOVERED {
-                    continue;
+            let out = &mut out[(y - rect.y) * rect.width * C..][..rect.width * C];
+            let winners = &index.row(y)[columns.clone()];
+            outside.fill(false);
+            for (c, plane) in result.iter_mut().enumerate().take(C) {
+                let values = plane.row_mut(y);
+                for (value, outside) in values.iter_mut().zip(&mut outside) {
+                    *outside |= (*value < -1.0) | (*value > 256.0);
+                    *value *= scale;
                 }
-                let mut outside = false;
-                let [low, high] = self.range_around(x, y);
-                for (c, out) in out.iter_mut().enumerate() {
-                    outside |= pixel[c] < -1.0 || pixel[c] > 256.0;
-                    *out = S::rounded(pixel[c].max(low[c]).min(high[c]) * scale);
+                self.range.clamp(c, y, &columns, values);
+                for ((out, &value), &winner) in out.chunks_exact_mut(C).zip(&*values).zip(winners) {
+                    out[c] = if winner == UNCOVERED { S::default() } else { S::rounded(value) };
                 }
-                clamped += usize::from(outside);
             }
+            let covered = outside.iter().zip(winners).filter(|&(_, &winner)| winner != UNCOVERED);
+            clamped += covered.filter(|(outside, _)| **outside).count();
         }
         self.plain = result;
         clamped
     }
-
-    /// Least and largest samples of any slice in a pixel and those that touch it.
-    fn range_around(&self, x: usize, y: usize) -> [Pixel; 2] {
-        let [least, largest] = &self.range;
-        let (left, right) = (x.saturating_sub(1).max(least.rect.x), (x + 2).min(least.rect.x + least.rect.width));
-        let (top, bottom) = (y.saturating_sub(1).max(least.rect.y), (y + 2).min(least.rect.y + least.rect.height));
-        let mut range = [[f32::INFINITY; 4], [f32::NEG_INFINITY; 4]];
-        for y in top..bottom {
-            let columns = left - least.rect.x..right - least.rect.x;
-            for (low, high) in least.row(y)[columns.clone()].iter().zip(&largest.row(y)[columns]) {
-                for c in 0..3 {
-                    range[0][c] = range[0][c].min(low[c]);
-                    range[1][c] = range[1][c].max(high[c]);
-                }
-            }
-        }
-        range
-    }
 }
 
-/// Pixels divided by their weights, which stay; nothing where there is no weight.
-fn divided(from: &Patch<Pixel>, to: &mut Patch<Pixel>) {
-    to.rect = from.rect;
-    to.data.clear();
-    to.data.extend(from.data.iter().map(|&[r, g, b, weight]| match weight > 0.0 {
-        true => [r / weight, g / weight, b / weight, weight],
-        false => [0.0; 4],
-    }));
+/// The planes of a level that are in use: those of the channels and the weights.
+fn channels<const C: usize>() -> impl Iterator<Item = usize> {
+    (0..C).chain([WEIGHT])
+}
+
+/// The channels divided by their weights; nothing where there is no weight.
+fn divided<const C: usize>(simd: Option<Avx2>, from: &Level, to: &mut Level) {
+    let weights = &from[WEIGHT];
+    for (from, to) in from[..C].iter().zip(to) {
+        to.shape(from.rect, 0.0);
+        simd::run(
+            simd,
+            #[inline(always)]
+            || {
+                for ((to, from), &weight) in to.data.iter_mut().zip(&from.data).zip(&weights.data) {
+                    let value = from / weight;
+                    *to = if weight > 0.0 { value } else { 0.0 };
+                }
+            },
+        );
+    }
 }
