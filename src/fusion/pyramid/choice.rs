@@ -2,7 +2,7 @@
 //! that what is looked at more than once is still at hand.
 
 use super::{
-    filter::{Filters, Level, SMOOTH, SMOOTHING, WEIGHT, weigh},
+    filter::{Filters, Level, Patch, SMOOTH, SMOOTHING, WEIGHT, weigh},
     finest::Finest,
 };
 use crate::imaging::{
@@ -178,8 +178,8 @@ impl Chooser {
     pub fn enter_base<const C: usize>(
         &mut self,
         values: &Level,
-        weights: &super::filter::Patch<f32>,
-        energy: &super::filter::Patch<f32>,
+        weights: &Patch<f32>,
+        energy: &Patch<f32>,
         place: Place<'_>,
         sums: &mut Level,
     ) {

@@ -149,12 +149,17 @@ impl<S: Sample> Pyramid<S> {
         let level = &mut self.levels[0];
         level.iter_mut().for_each(|plane| plane.reset(rect, 0.0));
         for y in rect.y..rect.y + rect.height {
-            for x in coverage.span(y).filter(|x| (rect.x..rect.x + rect.width).contains(x)) {
-                for c in 0..C {
-                    level[c].row_mut(y)[x - rect.x] = self.finest.planes[c].row(y)[x - rect.x].value() * scale;
-                }
-                level[WEIGHT].row_mut(y)[x - rect.x] = 1.0;
+            let span = coverage.span(y);
+            let columns = span.start.max(rect.x)..span.end.min(rect.x + rect.width);
+            if columns.is_empty() {
+                continue;
             }
+            let part = columns.start - rect.x..columns.end - rect.x;
+            for (plane, samples) in level.iter_mut().zip(&self.finest.planes).take(C) {
+                let values = plane.row_mut(y)[part.clone()].iter_mut();
+                values.zip(&samples.row(y)[part.clone()]).for_each(|(value, sample)| *value = sample.value() * scale);
+            }
+            level[WEIGHT].row_mut(y)[part].fill(1.0);
         }
     }
 
