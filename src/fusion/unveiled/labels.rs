@@ -35,6 +35,10 @@ const UNEXPLAINED: f32 = 0.2;
 /// Side of the tiles that labels are doubted in, px; a multiple of a cell.
 const TILE: usize = 256;
 
+/// Side of the squares in which few pixels are explained, px: those at opposite ends of a tile are no reason to blur all of
+/// it.
+const BLOCK: usize = 64;
+
 /// Labels, and where they come from detail of the pixel's own.
 pub(crate) struct Labels {
     /// 0-based slice; [`UNCOVERED`] where there is none.
@@ -137,33 +141,55 @@ impl<S: Sample, const C: usize> Doubt<'_, S, C> {
     fn explain(
         &self,
         part: &mut Part,
-        around: usize,
+        around_slice: usize,
         own: usize,
         pixels: &[usize],
         rows: &mut Rows,
     ) -> Result<(), Stop> {
         let (width, height) = self.pictures.size();
-        let disc = Disc::new(self.optics.radius(around, own));
+        let disc = Disc::new(self.optics.radius(around_slice, own));
         let measure = FocusEnergy::steady();
         let bounds = bounds(pixels, part.rect);
-        let (core, window) =
-            (bounds.grown(measure.reach(), width, height), bounds.grown(measure.reach() + disc.reach(), width, height));
-        let mut difference = self.pictures.luma(own, core)?;
-        let blurred = disc.blurred(&self.pictures.luma(around, window)?);
-        for y in 0..core.height {
-            let from = &blurred.row(core.y - window.y + y)[core.x - window.x..][..core.width];
-            difference.row_mut(y).iter_mut().zip(from).for_each(|(own, blurred)| *own -= blurred);
+        let around = measure.reach() + disc.reach();
+        if let Some(blocks) = in_blocks(pixels, bounds, part.rect, around) {
+            for pixels in blocks {
+                self.explain(part, around_slice, own, &pixels, rows)?;
+            }
+            return Ok(());
         }
+        let (core, window) = (bounds.grown(measure.reach(), width, height), bounds.grown(around, width, height));
+        let mut difference = self.pictures.luma(own, core)?;
+        let inner = Rect { x: core.x - window.x, y: core.y - window.y, ..core };
+        let blurred = disc.blurred_in(&self.pictures.luma(around_slice, window)?, inner);
+        difference.data.iter_mut().zip(&blurred.data).for_each(|(own, blurred)| *own -= blurred);
         let left = measure.plane(&difference, rows);
         for &at in pixels {
             let (x, y) = (part.rect.x + at % part.rect.width, part.rect.y + at / part.rect.width);
             if left.at(x - core.x, y - core.y) < UNEXPLAINED * self.energy.at(x, y) {
-                part.slice[at] = around as u16;
+                part.slice[at] = around_slice as u16;
                 part.sure[at] = false;
             }
         }
         Ok(())
     }
+}
+
+/// `pixels` of `rect` by squares of [`BLOCK`] px, if these together and what is `around` each of them are less than `bounds`
+/// and what is around that.
+fn in_blocks(pixels: &[usize], bounds: Rect, rect: Rect, around: usize) -> Option<Vec<Vec<usize>>> {
+    let area = |width: usize, height: usize| (width + 2 * around) * (height + 2 * around);
+    let most = area(bounds.width, bounds.height) / area(BLOCK, BLOCK);
+    if bounds.width.max(bounds.height) <= BLOCK || most < 2 {
+        return None;
+    }
+    let mut blocks: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+    for &at in pixels {
+        blocks.entry((at / rect.width / BLOCK, at % rect.width / BLOCK)).or_default().push(at);
+        if blocks.len() >= most {
+            return None;
+        }
+    }
+    Some(blocks.into_values().collect())
 }
 
 /// The smallest rectangle of the canvas around `pixels` of `rect`.

@@ -7,8 +7,10 @@
 
 mod labels;
 mod optics;
+mod overreach;
 mod pictures;
 mod survey;
+mod tasks;
 mod tile;
 mod trust;
 mod veil;

@@ -244,11 +244,12 @@ fn radius_between<S: Sample, const C: usize>(
     }
     let (sharp, other) = (pictures.luma(sharp, window)?, pictures.luma(other, window)?);
     let (x, y) = (block.x - window.x, block.y - window.y);
+    let inner = Rect { x, y, ..block };
     let misfit = |step: usize| -> f64 {
-        let blurred = Disc::new(FIRST * GROWTH.powi(step as i32)).blurred(&sharp);
+        let blurred = Disc::new(FIRST * GROWTH.powi(step as i32)).blurred_in(&sharp, inner);
         let (mut sum, mut squares) = (0.0f64, 0.0f64);
         for y in y..y + block.height {
-            for (a, b) in blurred.row(y)[x..x + block.width].iter().zip(&other.row(y)[x..x + block.width]) {
+            for (a, b) in blurred.row(y - inner.y).iter().zip(&other.row(y)[x..x + block.width]) {
                 let difference = f64::from(a - b);
                 sum += difference;
                 squares += difference * difference;

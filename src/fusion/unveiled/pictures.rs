@@ -2,7 +2,10 @@
 
 use crate::{
     fusion::align::Aligned,
-    imaging::{Coverage, Plane, Rect, Sample, grey},
+    imaging::{
+        Coverage, Plane, Rect, Sample, grey,
+        simd::{self, Avx2},
+    },
     model::{Control, Stop},
 };
 
@@ -57,10 +60,19 @@ impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
     /// The channels of `rect`, in the scale of the samples.
     pub fn channels(&self, slice: usize, rect: Rect) -> Result<[Plane<f32>; C], Stop> {
         let samples = self.samples(slice, rect)?;
-        Ok(std::array::from_fn(|channel| Plane {
-            width: rect.width,
-            height: rect.height,
-            data: samples.chunks_exact(C).map(|pixel| pixel[channel].value()).collect(),
-        }))
+        let mut planes: [Plane<f32>; C] = std::array::from_fn(|_| Plane::filled(rect.width, rect.height, 0.0));
+        let out = planes.each_mut().map(|plane| &mut plane.data[..]);
+        simd::run(
+            Avx2::detect(),
+            #[inline(always)]
+            || {
+                for (channel, out) in out.into_iter().enumerate() {
+                    for (out, pixel) in out.iter_mut().zip(samples.as_chunks::<C>().0) {
+                        *out = pixel[channel].value();
+                    }
+                }
+            },
+        );
+        Ok(planes)
     }
 }

@@ -183,19 +183,26 @@ fn add<S: Sample, const C: usize>(shares: &[f32], samples: &[S], values: &mut [f
 
 /// How many labels of the square around each pixel of `rect` are `slice`.
 fn counts<S: Sample, const C: usize>(veil: &Veil<'_, S, C>, slice: u16, rect: Rect, window: Rect) -> Vec<u8> {
-    let left = rect.x - window.x;
+    let simd = Avx2::detect();
+    let (left, top) = (rect.x - window.x, rect.y - window.y);
     let mut across = vec![0u8; rect.width * window.height];
+    // `MIX` before the first pixel of the rectangle, and as many after the last: none beyond the canvas
+    let mut line = vec![0u8; rect.width + 2 * MIX];
     for (y, out) in across.chunks_exact_mut(rect.width).enumerate() {
-        let row = &veil.labels.slice.row(window.y + y)[window.x..window.x + window.width];
-        let is = |x: usize| u8::from(row.get(x) == Some(&slice));
-        let mut sum: u8 = (left.saturating_sub(MIX)..left + MIX).map(is).sum();
-        for (x, out) in (left..).zip(out) {
-            sum += is(x + MIX);
-            *out = sum;
-            sum -= if x >= MIX { is(x - MIX) } else { 0 };
-        }
+        let labels = &veil.labels.slice.row(window.y + y)[window.x..window.x + window.width];
+        let line = &mut line[..];
+        simd::run(
+            simd,
+            #[inline(always)]
+            || {
+                let there = &mut line[MIX - left..];
+                there.iter_mut().zip(labels).for_each(|(is, &label)| *is = u8::from(label == slice));
+                for by in 0..2 * MIX + 1 {
+                    out.iter_mut().zip(&line[by..]).for_each(|(sum, is)| *sum += is);
+                }
+            },
+        );
     }
-    let top = rect.y - window.y;
     let mut counts = vec![0u8; rect.width * rect.height];
     for (y, out) in counts.chunks_exact_mut(rect.width).enumerate() {
         let middle = y + top;

@@ -13,8 +13,10 @@ use std::collections::BTreeMap;
 use super::{
     labels::Labels,
     optics::{Optics, WIDEST},
+    overreach::{OVERREACH, farthest_around, offsets, ranks},
     pictures::Pictures,
     survey::CELL,
+    tasks::{Task, Tasks, bounds},
 };
 use crate::{
     fusion::UNCOVERED,
@@ -24,13 +26,9 @@ use crate::{
             disc::Disc,
             focus::{FocusEnergy, Rows},
         },
-        simd::{self, Avx2},
     },
     model::Stop,
 };
-
-/// How far, px, the label of a near part reaches over its outline, because the focus measure looks that far.
-const OVERREACH: isize = 6;
 
 /// In reach of both, the far part's detail is taken where its fine energy is more than this share of the near part's ...
 const DETAIL_SHARE: f32 = 0.25;
@@ -47,23 +45,11 @@ const WHOLLY: f32 = 0.3;
 /// or moves is no blur of the other slice, and must not be taken off as if it were.
 const BEYOND: f32 = 8.0;
 
-/// Side of the squares that are corrected in one go, px.
-const BLOCK: usize = 128;
-
 /// What takes the veil off, for one stack.
 pub(super) struct Veil<'a, S, const C: usize> {
     pub pictures: &'a Pictures<'a, S, C>,
     pub labels: &'a Labels,
     pub optics: &'a Optics,
-}
-
-/// What is done to a pixel.
-#[derive(Clone, Copy)]
-struct Task {
-    /// Index within the tile.
-    at: usize,
-    /// How much of the veil is taken off; none in reach of both parts, where the detail decides.
-    share: Option<f32>,
 }
 
 impl<S: Sample, const C: usize> Veil<'_, S, C> {
@@ -117,7 +103,7 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         let (width, height) = self.pictures.size();
         let labels = &self.labels.slice;
         let window = rect.grown(OVERREACH as usize, width, height);
-        let (rank, least) = self.ranks();
+        let (rank, least) = ranks(self.optics, self.pictures.count());
         let mut ranks = vec![0u16; window.width * window.height];
         for (y, out) in (window.y..).zip(ranks.chunks_exact_mut(window.width)) {
             let columns = window.x..window.x + window.width;
@@ -164,29 +150,6 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
             }
         }
         taken
-    }
-
-    /// For each slice a number, above 0, that is the larger, the farther the slice is in focus; and the least number of
-    /// those that it can veil.
-    fn ranks(&self) -> (Vec<u16>, Vec<u16>) {
-        let count = self.pictures.count();
-        let mut order: Vec<usize> = (0..count).collect();
-        let behind = |a: usize, b: usize| self.optics.is_behind(a, b);
-        order.sort_by(|&a, &b| behind(a, b).cmp(&behind(b, a)));
-        let mut rank = vec![0u16; count];
-        let mut last = 0;
-        for (i, &slice) in order.iter().enumerate() {
-            if i == 0 || behind(slice, order[i - 1]) {
-                last += 1;
-            }
-            rank[slice] = last;
-        }
-        let least = |near: usize| {
-            let far = order.iter().find(|&&far| self.optics.veils(near, far));
-            far.map_or(u16::MAX, |&far| rank[far])
-        };
-        let least = (0..count).map(least).collect();
-        (rank, least)
     }
 
     /// Far pixels that the blur of near parts reaches, with the near part that reaches most.
@@ -303,20 +266,29 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         }
         let far_part = self.pictures.channels(far, window)?;
         let near_part = self.pictures.channels(near, bounds)?;
-        let coarse = far_part.each_ref().map(|channel| disc.blurred(channel));
-        let shares = self.detail_shares(near, far, bounds, tasks, rows)?;
+        let inner = Rect { x: bounds.x - window.x, y: bounds.y - window.y, ..bounds };
+        let coarse = far_part.each_ref().map(|channel| disc.blurred_in(channel, inner));
+        let around = bounds.grown(FocusEnergy::fine().reach(), width, height);
+        let [near_energy, far_energy] = self.energies(near, far, around, tasks, rows)?;
         let beyond = BEYOND * S::DEPTH.max() / 255.0;
         for task in tasks {
             let (x, y) = (rect.x + task.at % rect.width, rect.y + task.at / rect.width);
             let there = (y - window.y) * window.width + x - window.x;
             let here = (y - bounds.y) * bounds.width + x - bounds.x;
             let plain = !self.labels.sure.at(x, y);
+            let detail = match task.share {
+                Some(_) => 0.0,
+                None => {
+                    let (x, y) = (x - around.x, y - around.y);
+                    detail_share(near_energy.at(x, y), far_energy.at(x, y))
+                }
+            };
             for (c, out) in out[task.at * C..(task.at + 1) * C].iter_mut().enumerate() {
-                let (near, far, coarse) = (near_part[c].data[here], far_part[c].data[there], coarse[c].data[there]);
+                let (near, far, coarse) = (near_part[c].data[here], far_part[c].data[there], coarse[c].data[here]);
                 let unveiled = match task.share {
                     Some(share) if plain => *out + share * (near - *out),
                     Some(share) => *out - share * (coarse - near),
-                    None => *out + shares.data[here] * (far - coarse),
+                    None => *out + detail * (far - coarse),
                 };
                 let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
                 *out = unveiled.clamp(low, high);
@@ -325,29 +297,29 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         Ok(())
     }
 
-    /// How much of the far part's detail each pixel of `bounds` takes, 0 to 1, where both parts are in reach.
-    fn detail_shares(
+    /// Fine energies of the near and of the far part in `window`, which decide how much of the far part's detail is taken
+    /// where both parts are in reach; nothing where they are not.
+    fn energies(
         &self,
         near: usize,
         far: usize,
-        bounds: Rect,
+        window: Rect,
         tasks: &[Task],
         rows: &mut Rows,
-    ) -> Result<Plane<f32>, Stop> {
+    ) -> Result<[Plane<f32>; 2], Stop> {
         if tasks.iter().all(|task| task.share.is_some()) {
-            return Ok(Plane::default());
+            return Ok([Plane::default(), Plane::default()]);
         }
-        let (width, height) = self.pictures.size();
         let fine = FocusEnergy::fine();
-        let window = bounds.grown(fine.reach(), width, height);
         let near = fine.plane(&self.pictures.luma(near, window)?, rows);
-        let far = fine.plane(&self.pictures.luma(far, window)?, rows);
-        Ok(Plane::from_fn(bounds.width, bounds.height, |x, y| {
-            let (x, y) = (x + bounds.x - window.x, y + bounds.y - window.y);
-            let ratio = (far.at(x, y) + NONE) / (near.at(x, y) + NONE);
-            ((ratio / DETAIL_SHARE).ln() / STEP + 0.5).clamp(0.0, 1.0)
-        }))
+        Ok([near, fine.plane(&self.pictures.luma(far, window)?, rows)])
     }
+}
+
+/// How much of the far part's detail is taken, 0 to 1, by the energies of both.
+fn detail_share(near: f32, far: f32) -> f32 {
+    let ratio = (far + NONE) / (near + NONE);
+    ((ratio / DETAIL_SHARE).ln() / STEP + 0.5).clamp(0.0, 1.0)
 }
 
 /// Pixels of a tile in spots of one label and cell.
@@ -372,92 +344,4 @@ impl Strongest {
             self.best = (share, near);
         }
     }
-}
-
-/// Near part, far part, and the square of [`BLOCK`] px of a tile (down, across).
-type Key = (u16, u16, usize, usize);
-
-/// Tasks of a tile, by what is done: a few pixels at opposite ends of a tile are no reason to blur all of it.
-struct Tasks {
-    width: usize,
-    all: BTreeMap<Key, Vec<Task>>,
-    /// Those of the last key, which most often is the next one's too.
-    last: (Key, Vec<Task>),
-}
-
-impl Tasks {
-    /// Of a tile of `width` columns.
-    fn of(width: usize) -> Self {
-        Self { width, all: BTreeMap::new(), last: ((0, 0, 0, 0), Vec::new()) }
-    }
-
-    fn add(&mut self, near: u16, far: u16, task: Task) {
-        let key = (near, far, task.at / self.width / BLOCK, task.at % self.width / BLOCK);
-        if key != self.last.0 {
-            self.put_away();
-            self.last.0 = key;
-        }
-        self.last.1.push(task);
-    }
-
-    fn put_away(&mut self) {
-        if !self.last.1.is_empty() {
-            self.all.entry(self.last.0).or_default().append(&mut self.last.1);
-        }
-    }
-
-    fn finish(mut self) -> BTreeMap<Key, Vec<Task>> {
-        self.put_away();
-        self.all
-    }
-}
-
-/// For each pixel of `rect`, the largest of `ranks` (of `window`) in the square of [`OVERREACH`] around it.
-fn farthest_around(ranks: &[u16], window: Rect, rect: Rect) -> Vec<u16> {
-    let (reach, simd) = (OVERREACH as usize, Avx2::detect());
-    let (left, top) = (rect.x - window.x, rect.y - window.y);
-    let mut farthest = vec![0u16; rect.width * rect.height];
-    // nothing beyond the window
-    let mut down = vec![0u16; rect.width + 2 * reach];
-    let first = left.saturating_sub(reach);
-    let end = (left + rect.width + reach).min(window.width);
-    let at = reach - left.min(reach);
-    for (y, out) in farthest.chunks_exact_mut(rect.width).enumerate() {
-        let rows = (top + y).saturating_sub(reach)..(top + y + reach + 1).min(window.height);
-        simd::run(
-            simd,
-            #[inline(always)]
-            || {
-                down.fill(0);
-                let part = &mut down[at..at + end - first];
-                for row in rows {
-                    let ranks = &ranks[row * window.width + first..row * window.width + end];
-                    part.iter_mut().zip(ranks).for_each(|(most, &rank)| *most = rank.max(*most));
-                }
-                for by in 0..2 * reach + 1 {
-                    out.iter_mut().zip(&down[by..]).for_each(|(most, &rank)| *most = rank.max(*most));
-                }
-            },
-        );
-    }
-    farthest
-}
-
-/// Offsets within [`OVERREACH`], nearest first.
-fn offsets() -> Vec<(isize, isize)> {
-    let all = (-OVERREACH..=OVERREACH).flat_map(|dy| (-OVERREACH..=OVERREACH).map(move |dx| (dx, dy)));
-    let mut within: Vec<_> = all.filter(|(dx, dy)| dx * dx + dy * dy <= OVERREACH * OVERREACH).collect();
-    within.sort_by_key(|(dx, dy)| (dx * dx + dy * dy, *dy, *dx));
-    within
-}
-
-/// The smallest rectangle of the canvas around the pixels of `tasks`.
-fn bounds(tasks: &[Task], rect: Rect) -> Rect {
-    let (mut left, mut right, mut top, mut bottom) = (usize::MAX, 0, usize::MAX, 0);
-    for task in tasks {
-        let (x, y) = (task.at % rect.width, task.at / rect.width);
-        (left, right, top, bottom) = (left.min(x), right.max(x), top.min(y), bottom.max(y));
-    }
-    let (left, top) = (left.min(right), top.min(bottom));
-    Rect { x: rect.x + left, y: rect.y + top, width: right - left + 1, height: bottom - top + 1 }
 }

@@ -1,7 +1,7 @@
 //! Blur by a disc: what a lens does to what is out of focus.
 
 use crate::imaging::{
-    Plane,
+    Plane, Rect,
     simd::{self, Avx2},
 };
 
@@ -12,7 +12,7 @@ const COARSE_FROM: f32 = 12.0;
 /// A disc of a radius.
 #[derive(Debug, Clone)]
 pub struct Disc {
-    /// Half of the chord in each row of pixels, averaged over the height of the row.
+    /// Half of the chord in each column of pixels, averaged over the width of the column.
     half_chords: Vec<f32>,
     inverse_area: f32,
     /// How often the picture is halved first.
@@ -50,88 +50,105 @@ impl Disc {
 
     /// The blurred plane, of the same size; beyond its border it is repeated.
     pub fn blurred(&self, plane: &Plane<f32>) -> Plane<f32> {
-        if self.half_chords.len() == 1 || plane.data.is_empty() {
-            return plane.clone();
-        }
-        match self.halvings {
-            0 => self.at_full_size(plane),
-            _ => {
-                let mut small = halved(plane);
-                for _ in 1..self.halvings {
-                    small = halved(&small);
-                }
-                enlarged(&self.at_full_size(&small), 1 << self.halvings, plane.width, plane.height)
-            }
-        }
+        self.blurred_in(plane, Rect::whole(plane.width, plane.height))
     }
 
-    fn at_full_size(&self, plane: &Plane<f32>) -> Plane<f32> {
-        let (width, height) = (plane.width, plane.height);
+    /// The part `rect` of the blurred plane.
+    pub fn blurred_in(&self, plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
+        if self.half_chords.len() == 1 || plane.data.is_empty() {
+            return part(plane, rect);
+        }
+        if self.halvings == 0 {
+            let seen = rect.grown(self.reach(), plane.width, plane.height);
+            let inner = Rect { x: rect.x - seen.x, y: rect.y - seen.y, ..rect };
+            return match seen == Rect::whole(plane.width, plane.height) {
+                true => self.at_full_size(plane, inner),
+                false => self.at_full_size(&part(plane, seen), inner),
+            };
+        }
+        let mut small = halved(plane);
+        for _ in 1..self.halvings {
+            small = halved(&small);
+        }
+        let blurred = self.at_full_size(&small, Rect::whole(small.width, small.height));
+        enlarged(&blurred, 1 << self.halvings, (plane.width, plane.height), rect)
+    }
+
+    /// The part `rect`, of a plane that is not halved.
+    fn at_full_size(&self, plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
         let reach = self.half_chords.len() / 2;
         let pad = reach + 2;
-        let length = width + 2 * pad + 1;
-        let mut sums = vec![0.0f32; length * height];
-        let lines = plane.data.chunks(SIDE_BY_SIDE * width).zip(sums.chunks_mut(SIDE_BY_SIDE * length));
-        lines.for_each(|(rows, sums)| sum_up(rows, width, pad, sums, length));
-        let mut out = Plane::filled(width, height, 0.0f32);
+        let (sums, bases) = self.sum_up(plane, reach, pad);
+        let (width, stride) = (rect.width, plane.width + 2 * reach);
+        let bases = &bases[rect.x..rect.x + width];
+        let row = |y: usize, column: usize| &sums[y * stride + rect.x + column..][..width];
+        let mut out = Plane::filled(width, rect.height, 0.0f32);
         let mut chords = Vec::with_capacity(self.half_chords.len());
-        for y in 0..height {
+        for y in rect.y..rect.y + rect.height {
             chords.clear();
-            let mut base = 0.0;
             for (k, &half) in self.half_chords.iter().enumerate() {
-                let source = (y + k).saturating_sub(reach).min(height - 1);
-                let sums = &sums[source * length..(source + 1) * length];
                 // a chord begins as far before the middle of its pixel as it ends after it
-                let right = pad as f32 + 0.5 + half;
-                let last = right.floor() as usize;
+                let below = pad as f32 + 0.5 + half;
+                let last = below.floor() as usize;
                 let first = 2 * pad - last;
                 chords.push(Chord {
-                    inner: [&sums[first + 1..][..width], &sums[last..][..width]],
-                    outer: [&sums[first..][..width], &sums[last + 1..][..width]],
-                    share: right - right.floor(),
+                    inner: [row(y + first + 1, k), row(y + last, k)],
+                    outer: [row(y + first, k), row(y + last + 1, k)],
+                    share: below - below.floor(),
                 });
-                base += 2.0 * half * plane.data[source * width];
             }
-            let target = out.row_mut(y);
+            let target = out.row_mut(y - rect.y);
             simd::run(
                 self.simd,
                 #[inline(always)]
-                || add_chords(&chords, base, self.inverse_area, target),
+                || add_chords(&chords, bases, self.inverse_area, target),
             );
         }
         out
     }
-}
 
-/// Rows that are summed up at the same time: each sum waits for the one before it, and meanwhile there is something to
-/// do.
-const SIDE_BY_SIDE: usize = 8;
-
-/// Sums of all pixels to the left, per row of `width` pixels: every chord is the difference of two of them. The border
-/// is repeated `pad` px far; a row of sums is one longer than that.
-fn sum_up(rows: &[f32], width: usize, pad: usize, sums: &mut [f32], length: usize) {
-    let count = rows.len() / width;
-    // about a row's first pixel, so that sums stay small
-    let (mut bases, mut running) = ([0.0f32; SIDE_BY_SIDE], [0.0f32; SIDE_BY_SIDE]);
-    for (base, row) in bases.iter_mut().zip(rows.chunks_exact(width)) {
-        *base = row[0];
-    }
-    // the last rows may be fewer: the last of them then stands for the others
-    let row_of: [usize; SIDE_BY_SIDE] = std::array::from_fn(|i| i.min(count - 1));
-    let starts = row_of.map(|row| row * width);
-    let places = row_of.map(|row| row * length);
-    let bases = row_of.map(|row| bases[row]);
-    for x in 0..length - 1 {
-        let from = x.saturating_sub(pad).min(width - 1);
-        for i in 0..SIDE_BY_SIDE {
-            running[i] += rows[starts[i] + from] - bases[i];
-            sums[places[i] + x + 1] = running[i];
+    /// Sums of all pixels above, per column: every chord is the difference of two of them. The border is repeated: `reach`
+    /// columns to both sides, `pad` rows above and below. They are sums of what lies above the column's first pixel, so that
+    /// they stay small; what these pixels add to the chords comes with them.
+    fn sum_up(&self, plane: &Plane<f32>, reach: usize, pad: usize) -> (Vec<f32>, Vec<f32>) {
+        let (width, height) = (plane.width, plane.height);
+        let stride = width + 2 * reach;
+        let repeated = |row: &[f32], line: &mut Vec<f32>| {
+            line.clear();
+            line.resize(reach, row[0]);
+            line.extend_from_slice(row);
+            line.resize(stride, row[width - 1]);
+        };
+        let (mut first, mut line) = (Vec::new(), Vec::new());
+        repeated(plane.row(0), &mut first);
+        let rows = height + 2 * pad + 1;
+        let mut sums = vec![0.0f32; stride * rows];
+        // above the second row there is nothing but the first one
+        for y in pad + 1..rows - 1 {
+            repeated(plane.row((y - pad).min(height - 1)), &mut line);
+            let (above, below) = sums.split_at_mut((y + 1) * stride);
+            let (above, below) = (&above[y * stride..], &mut below[..stride]);
+            let (first, line) = (&first[..], &line[..]);
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || {
+                    for (((below, above), value), first) in below.iter_mut().zip(above).zip(line).zip(first) {
+                        *below = above + (value - first);
+                    }
+                },
+            );
         }
+        let mut bases = vec![0.0f32; width];
+        for (k, &half) in self.half_chords.iter().enumerate() {
+            bases.iter_mut().zip(&first[k..]).for_each(|(base, first)| *base += 2.0 * half * first);
+        }
+        (sums, bases)
     }
 }
 
-/// One row of pixels within a disc, as sums up to its first and up to its last border between pixels: those just within
-/// it and those just beyond it, of which the latter get `share`.
+/// One column of pixels within a disc, as sums down to its first and down to its last border between pixels: those just
+/// within it and those just beyond it, of which the latter get `share`.
 struct Chord<'a> {
     inner: [&'a [f32]; 2],
     outer: [&'a [f32]; 2],
@@ -142,26 +159,27 @@ struct Chord<'a> {
 const PART: usize = 16;
 
 #[inline(always)]
-fn add_chords(chords: &[Chord<'_>], base: f32, share: f32, out: &mut [f32]) {
+fn add_chords(chords: &[Chord<'_>], bases: &[f32], share: f32, out: &mut [f32]) {
     let count = out.len();
     if count < PART {
         for (x, out) in out.iter_mut().enumerate() {
-            [*out] = chords_of(chords, base, share, x);
+            [*out] = chords_of(chords, bases, share, x);
         }
         return;
     }
     for x in (0..count).step_by(PART) {
         // the last part begins within the one before it: rows are often short, and pixels one by one are slow
         let x = x.min(count - PART);
-        out[x..x + PART].copy_from_slice(&chords_of::<PART>(chords, base, share, x));
+        out[x..x + PART].copy_from_slice(&chords_of::<PART>(chords, bases, share, x));
     }
 }
 
 /// The blurred pixels from `x` on.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
-fn chords_of<const N: usize>(chords: &[Chord<'_>], base: f32, share: f32, x: usize) -> [f32; N] {
-    let mut sums = [base; N];
+fn chords_of<const N: usize>(chords: &[Chord<'_>], bases: &[f32], share: f32, x: usize) -> [f32; N] {
+    let mut sums = [0.0; N];
+    sums.copy_from_slice(&bases[x..x + N]);
     for chord in chords {
         let [i0, i1] = [&chord.inner[0][x..x + N], &chord.inner[1][x..x + N]];
         let [o0, o1] = [&chord.outer[0][x..x + N], &chord.outer[1][x..x + N]];
@@ -183,19 +201,27 @@ fn halved(plane: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// A plane of means of `side` x `side` pixels, interpolated between their centres.
-fn enlarged(small: &Plane<f32>, side: usize, width: usize, height: usize) -> Plane<f32> {
-    let taps = |length: usize, count: usize| -> Vec<(usize, usize, f32)> {
-        (0..length)
-            .map(|x| {
-                let at = ((x as f32 + 0.5) / side as f32 - 0.5).clamp(0.0, count as f32 - 1.0);
-                let whole = at as usize;
-                (whole, (whole + 1).min(count - 1), at - whole as f32)
-            })
-            .collect()
+/// `rect` of a plane.
+fn part(plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
+    let rows = (rect.y..rect.y + rect.height).flat_map(|y| &plane.row(y)[rect.x..rect.x + rect.width]);
+    Plane { width: rect.width, height: rect.height, data: rows.copied().collect() }
+}
+
+/// The part `rect` of a plane of `width` x `height` px, of which `small` has the means of `side` x `side` pixels, interpolated
+/// between their centres.
+fn enlarged(small: &Plane<f32>, side: usize, (width, height): (usize, usize), rect: Rect) -> Plane<f32> {
+    let taps = |length: usize, part: std::ops::Range<usize>, count: usize| -> Vec<(usize, usize, f32)> {
+        debug_assert!(part.end <= length);
+        part.map(|x| {
+            let at = ((x as f32 + 0.5) / side as f32 - 0.5).clamp(0.0, count as f32 - 1.0);
+            let whole = at as usize;
+            (whole, (whole + 1).min(count - 1), at - whole as f32)
+        })
+        .collect()
     };
-    let (columns, rows) = (taps(width, small.width), taps(height, small.height));
-    let mut out = Plane::filled(width, height, 0.0);
+    let columns = taps(width, rect.x..rect.x + rect.width, small.width);
+    let rows = taps(height, rect.y..rect.y + rect.height, small.height);
+    let mut out = Plane::filled(rect.width, rect.height, 0.0);
     let mut between = vec![0.0f32; small.width];
     for (y, &(above, below, share)) in rows.iter().enumerate() {
         for (out, (a, b)) in between.iter_mut().zip(small.row(above).iter().zip(small.row(below))) {
@@ -245,6 +271,25 @@ mod tests {
             // a disc's mean squared radius is r^2 / 2
             let measured = (2.0 * second / sum).sqrt();
             assert!((measured / f64::from(radius) - 1.0).abs() < 0.05, "radius {radius} came out as {measured}");
+        }
+    }
+
+    #[test]
+    fn a_part_is_blurred_as_the_whole_is() {
+        let speckle = Plane::from_fn(90, 70, |x, y| ((x * 7919 + y * 104_729 + x * y * 31) % 251) as f32);
+        for radius in [0.4f32, 1.7, 6.0, 14.0, 27.0] {
+            let disc = Disc::new(radius);
+            let whole = disc.blurred(&speckle);
+            for rect in [Rect { x: 30, y: 25, width: 20, height: 11 }, Rect { x: 71, y: 0, width: 19, height: 70 }] {
+                let part = disc.blurred_in(&speckle, rect);
+                assert_eq!((part.width, part.height), (rect.width, rect.height));
+                for y in 0..rect.height {
+                    for x in 0..rect.width {
+                        let away = part.at(x, y) - whole.at(rect.x + x, rect.y + y);
+                        assert!(away.abs() < 1e-3, "radius {radius}: {away} away at {x}, {y} of {rect:?}");
+                    }
+                }
+            }
         }
     }
 }
