@@ -30,8 +30,10 @@ fn broken(name: &str, fault: &str) -> io::Result<()> {
         // like SIGKILL: no destructor runs, no buffer is flushed
         "kill" => std::process::abort(),
         "stop" => {
-            let stopped = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::STOP);
-            stopped.map_err(io::Error::from)
+            rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::STOP)?;
+            // the signal may reach another thread first: this one must not take the step before it stops
+            std::thread::sleep(std::time::Duration::from_millis(200));
+            Ok(())
         }
         "full" => Err(io::ErrorKind::StorageFull.into()),
         other => Err(io::Error::other(format!("the fault '{other}' at {name} is unknown"))),
