@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::store::Place;
 use crate::store::{
-    backup::{Copied, DATABASE, copy},
+    backup::{Copied, DATABASE, copy, forget_copy},
     blobs::local::LocalBlobs,
     sqlite::SqliteRows,
     verify::{Depth, Report, verify},
@@ -72,6 +72,7 @@ impl Restore {
             rows.close().await;
             tell(copied);
             let (rows, blobs) = (SqliteRows::open(to.join(DATABASE)).await?, LocalBlobs::open(&to)?);
+            forget_copy(&to)?;
             let report = verify(&rows, &blobs, Depth::Digests).await?;
             rows.close().await;
             told_well(&report)

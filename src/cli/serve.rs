@@ -16,7 +16,7 @@ use crate::{
     jobs::Science,
     store::{
         Rows,
-        backup::DATABASE,
+        backup::{DATABASE, forget_copy},
         blobs::{Blobs, local::LocalBlobs},
         sqlite::SqliteRows,
     },
@@ -69,6 +69,7 @@ impl Service {
         let data_dir = &config.data_dir;
         std::fs::create_dir_all(data_dir)
             .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
+        forget_copy(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
         let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data_dir.join(DATABASE)).await?);
         let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data_dir)?);
         let listener = TcpListener::bind(&config.listen)

@@ -26,6 +26,9 @@ use super::{
 
 /// Name of the database in a data folder.
 pub const DATABASE: &str = "pinstack.sqlite";
+/// Says of a folder that it is a copy, which the next one may replace. Gone once a server works on it: then it is a
+/// store of its own, and nothing may be copied over it.
+pub const MARK: &str = "pinstack.copy";
 /// Rows read at a time.
 const PAGE: u32 = 200;
 
@@ -51,7 +54,7 @@ pub struct Copied {
 pub async fn copy(rows: &SqliteRows, blobs: &dyn Blobs, to: &Path) -> StoreResult<Copied> {
     let io = |what: &'static str| move |error: io::Error| StoreError::of_io(error, format!("{what} of the copy"));
     require_copy_or_nothing(to).map_err(io("cannot use the folder"))?;
-    step("backup.folder").and_then(|()| fs::create_dir_all(to)).map_err(io("cannot make the folder"))?;
+    make_marked(to).map_err(io("cannot make the folder"))?;
     let target = LocalBlobs::open(to)?;
     let (database, snapshot) = (to.join(DATABASE), to.join(format!("{DATABASE}.new")));
     let mut copied = Copied::default();
@@ -105,12 +108,29 @@ fn require_copy_or_nothing(to: &Path) -> io::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         other => other?,
     };
-    // a copy that was broken off has its blobs already, and no database yet
-    if entries.next().is_none() || to.join(DATABASE).is_file() || to.join("blobs").is_dir() {
+    if entries.next().is_none() || to.join(MARK).is_file() {
         return Ok(());
     }
-    let why = format!("{} holds something that is no copy of a data folder; name an empty or a new one", to.display());
+    let why = format!(
+        "{} holds something that is no copy made by 'pinstack backup', or that a server has worked on; name an empty or a new \
+         folder",
+        to.display()
+    );
     Err(io::Error::other(why))
+}
+
+fn make_marked(to: &Path) -> io::Result<()> {
+    step("backup.folder")?;
+    fs::create_dir_all(to)?;
+    fs::write(to.join(MARK), "made by pinstack backup; the next copy into this folder replaces it\n")
+}
+
+/// What was a copy is a store of its own from here on.
+///
+/// # Errors
+/// When the folder cannot be written.
+pub fn forget_copy(folder: &Path) -> io::Result<()> {
+    remove(&folder.join(MARK))
 }
 
 fn put_in_place(snapshot: &Path, database: &Path, folder: &Path) -> io::Result<()> {

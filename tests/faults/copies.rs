@@ -99,6 +99,10 @@ async fn a_folder_with_something_else_in_it_is_not_taken_for_a_copy() {
     fs::write(folder.path().join("thesis.tex"), "x").expect("written");
     let done = command(&story.data(), &["backup", "--to", folder.path().to_str().expect("UTF-8")]);
     assert!(!done.status.success() && text(&done).contains("no copy"), "{}", text(&done));
+    // least of all the store itself, or another one that is at work
+    let data = story.data();
+    let onto_itself = command(&data, &["backup", "--to", data.to_str().expect("UTF-8")]);
+    assert!(!onto_itself.status.success() && text(&onto_itself).contains("no copy"), "{}", text(&onto_itself));
     let nowhere = command(&folder.path().join("mistyped"), &["verify"]);
     assert!(!nowhere.status.success() && text(&nowhere).contains("--data-dir"), "{}", text(&nowhere));
 }
