@@ -22,6 +22,7 @@ use crate::{
             disc::Disc,
             focus::{FocusEnergy, Rows},
         },
+        simd::{self, Avx2},
     },
     model::Stop,
 };
@@ -35,9 +36,12 @@ const UNEXPLAINED: f32 = 0.2;
 /// Side of the tiles that labels are doubted in, px; a multiple of a cell.
 const TILE: usize = 256;
 
-/// Side of the squares in which few pixels are explained, px: those at opposite ends of a tile are no reason to blur all of
-/// it.
-const BLOCK: usize = 64;
+/// Sides of the squares in which pixels are explained, px: what is around a square costs more than the square, and scattered
+/// pixels are no reason to blur all that lies between them.
+const SIDES: [usize; 4] = [256, 64, 32, 16];
+
+/// What a square costs besides its pixels, in pixels.
+const EACH: usize = 1000;
 
 /// Labels, and where they come from detail of the pixel's own.
 pub(crate) struct Labels {
@@ -113,60 +117,67 @@ impl<S: Sample, const C: usize> Doubt<'_, S, C> {
         };
         for wide in &self.surveyed.wide {
             // pixels whose own detail must be explained first, by (slice of the surroundings, own slice)
-            let mut claims: BTreeMap<(u16, u16), Vec<usize>> = BTreeMap::new();
-            for at in 0..part.slice.len() {
-                let (x, y) = (rect.x + at % rect.width, rect.y + at / rect.width);
-                let (own, around) = (part.slice[at], wide.at(x / CELL, y / CELL));
-                if own == UNCOVERED || around == UNCOVERED || own == around {
-                    continue;
-                }
-                let covered = self.pictures.coverage(usize::from(around)).span(y).contains(&x);
-                if !covered || !self.optics.apart(usize::from(own), usize::from(around)) {
-                    continue;
-                }
-                if part.sure[at] {
-                    claims.entry((around, own)).or_default().push(at);
-                } else {
-                    part.slice[at] = around;
+            let mut claims = Claims::default();
+            for row in 0..rect.height {
+                let y = rect.y + row;
+                let line = row * rect.width..(row + 1) * rect.width;
+                let (slices, sure) = (&mut part.slice[line.clone()], &part.sure[line.clone()]);
+                let surroundings = wide.row(y / CELL).iter().zip(self.surveyed.plain.row(y / CELL)).skip(rect.x / CELL);
+                let cells = slices.chunks_mut(CELL).zip(sure.chunks(CELL)).zip(surroundings);
+                for (i, ((slices, sure), (&around, &plain))) in cells.enumerate() {
+                    if around == UNCOVERED || slices.iter().all(|&own| own == around) {
+                        continue;
+                    }
+                    let covered = self.pictures.coverage(usize::from(around)).span(y);
+                    for (k, (own, sure)) in slices.iter_mut().zip(sure).enumerate() {
+                        let column = i * CELL + k;
+                        let (known, there) = (*own != UNCOVERED, covered.contains(&(rect.x + column)));
+                        let apart = || self.optics.apart(usize::from(*own), usize::from(around));
+                        if !known || !there || !((plain && !sure) || apart()) {
+                            continue;
+                        }
+                        match sure {
+                            true => claims.add((around, *own), line.start + column),
+                            false => *own = around,
+                        }
+                    }
                 }
             }
-            for ((around, own), pixels) in claims {
-                self.explain(&mut part, usize::from(around), usize::from(own), &pixels, rows)?;
+            for ((around, own), pixels) in claims.finish() {
+                let (around, own) = (usize::from(around), usize::from(own));
+                let disc = Disc::new(self.optics.radius(around, own));
+                let reach = FocusEnergy::steady().reach() + disc.reach();
+                for (bounds, pixels) in in_squares(&pixels, rect, reach) {
+                    self.explain(&mut part, around, own, &disc, (bounds, &pixels), rows)?;
+                }
             }
         }
         Ok(part)
     }
 
-    /// Gives `pixels` of slice `own` to slice `around` where its blur explains them.
+    /// Gives pixels of slice `own`, which lie within `bounds`, to slice `around` where its blur by `disc` explains them.
     fn explain(
         &self,
         part: &mut Part,
-        around_slice: usize,
+        around: usize,
         own: usize,
-        pixels: &[usize],
+        disc: &Disc,
+        (bounds, pixels): (Rect, &[usize]),
         rows: &mut Rows,
     ) -> Result<(), Stop> {
         let (width, height) = self.pictures.size();
-        let disc = Disc::new(self.optics.radius(around_slice, own));
         let measure = FocusEnergy::steady();
-        let bounds = bounds(pixels, part.rect);
-        let around = measure.reach() + disc.reach();
-        if let Some(blocks) = in_blocks(pixels, bounds, part.rect, around) {
-            for pixels in blocks {
-                self.explain(part, around_slice, own, &pixels, rows)?;
-            }
-            return Ok(());
-        }
-        let (core, window) = (bounds.grown(measure.reach(), width, height), bounds.grown(around, width, height));
+        let core = bounds.grown(measure.reach(), width, height);
+        let window = core.grown(disc.reach(), width, height);
         let mut difference = self.pictures.luma(own, core)?;
         let inner = Rect { x: core.x - window.x, y: core.y - window.y, ..core };
-        let blurred = disc.blurred_in(&self.pictures.luma(around_slice, window)?, inner);
+        let blurred = disc.blurred_in(&self.pictures.luma(around, window)?, inner);
         difference.data.iter_mut().zip(&blurred.data).for_each(|(own, blurred)| *own -= blurred);
         let left = measure.plane(&difference, rows);
         for &at in pixels {
             let (x, y) = (part.rect.x + at % part.rect.width, part.rect.y + at / part.rect.width);
             if left.at(x - core.x, y - core.y) < UNEXPLAINED * self.energy.at(x, y) {
-                part.slice[at] = around_slice as u16;
+                part.slice[at] = around as u16;
                 part.sure[at] = false;
             }
         }
@@ -174,22 +185,49 @@ impl<S: Sample, const C: usize> Doubt<'_, S, C> {
     }
 }
 
-/// `pixels` of `rect` by squares of [`BLOCK`] px, if these together and what is `around` each of them are less than `bounds`
-/// and what is around that.
-fn in_blocks(pixels: &[usize], bounds: Rect, rect: Rect, around: usize) -> Option<Vec<Vec<usize>>> {
-    let area = |width: usize, height: usize| (width + 2 * around) * (height + 2 * around);
-    let most = area(bounds.width, bounds.height) / area(BLOCK, BLOCK);
-    if bounds.width.max(bounds.height) <= BLOCK || most < 2 {
-        return None;
+/// Pixels by a key that most often is the last one's too.
+#[derive(Default)]
+struct Claims {
+    all: BTreeMap<(u16, u16), Vec<usize>>,
+    last: ((u16, u16), Vec<usize>),
+}
+
+impl Claims {
+    fn add(&mut self, key: (u16, u16), pixel: usize) {
+        if key != self.last.0 {
+            self.put_away();
+            self.last.0 = key;
+        }
+        self.last.1.push(pixel);
     }
-    let mut blocks: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-    for &at in pixels {
-        blocks.entry((at / rect.width / BLOCK, at % rect.width / BLOCK)).or_default().push(at);
-        if blocks.len() >= most {
-            return None;
+
+    fn put_away(&mut self) {
+        if !self.last.1.is_empty() {
+            self.all.entry(self.last.0).or_default().append(&mut self.last.1);
         }
     }
-    Some(blocks.into_values().collect())
+
+    fn finish(mut self) -> BTreeMap<(u16, u16), Vec<usize>> {
+        self.put_away();
+        self.all
+    }
+}
+
+/// `pixels` of `rect` by squares, each with the smallest rectangle around its own: squares of that side with which least is
+/// looked at, `reach` px around each rectangle included.
+fn in_squares(pixels: &[usize], rect: Rect, reach: usize) -> Vec<(Rect, Vec<usize>)> {
+    let of_side = |side: usize| -> Vec<(Rect, Vec<usize>)> {
+        let mut squares: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for &at in pixels {
+            squares.entry((at / rect.width / side, at % rect.width / side)).or_default().push(at);
+        }
+        squares.into_values().map(|pixels| (bounds(&pixels, rect), pixels)).collect()
+    };
+    let cost = |squares: &[(Rect, Vec<usize>)]| -> usize {
+        let area = |bounds: &Rect| (bounds.width + 2 * reach) * (bounds.height + 2 * reach);
+        squares.iter().map(|(bounds, _)| area(bounds) + EACH).sum()
+    };
+    SIDES.into_iter().map(of_side).min_by_key(|squares| cost(squares)).unwrap_or_default()
 }
 
 /// The smallest rectangle of the canvas around `pixels` of `rect`.
@@ -207,17 +245,19 @@ fn bounds(pixels: &[usize], rect: Rect) -> Rect {
 /// label where the new one's slice does not cover it.
 fn calmed<S: Sample, const C: usize>(pictures: &Pictures<'_, S, C>, labels: &Plane<u16>) -> Plane<u16> {
     let (width, height) = (labels.width, labels.height);
+    let simd = Avx2::detect();
     let mut across = vec![0u16; width * height];
-    across.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
+    across.par_chunks_mut(width).enumerate().for_each_init(Vec::new, |line: &mut Vec<u16>, (y, out)| {
         let row = labels.row(y);
-        let at = |x: usize, d: isize| row[x.saturating_add_signed(d).min(width - 1)];
-        for (x, out) in out.iter_mut().enumerate() {
-            *out = if x >= 2 && x + 2 < width {
-                middle([row[x - 2], row[x - 1], row[x], row[x + 1], row[x + 2]])
-            } else {
-                middle([-2, -1, 0, 1, 2].map(|d| at(x, d)))
-            };
-        }
+        line.clear();
+        line.extend([row[0]; 2]);
+        line.extend_from_slice(row);
+        line.extend([row[width - 1]; 2]);
+        simd::run(
+            simd,
+            #[inline(always)]
+            || middles(std::array::from_fn(|by| &line[by..by + width]), out),
+        );
     });
     let mut calm = Plane { width, height, data: vec![0u16; width * height] };
     calm.data.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
@@ -225,14 +265,27 @@ fn calmed<S: Sample, const C: usize>(pictures: &Pictures<'_, S, C>, labels: &Pla
             let y = y.saturating_add_signed(d).min(height - 1);
             &across[y * width..(y + 1) * width]
         });
-        for (x, out) in out.iter_mut().enumerate() {
-            let (old, new) = (labels.at(x, y), middle(rows.map(|row| row[x])));
-            let known = new != UNCOVERED && old != UNCOVERED;
-            let taken = new == old || (known && pictures.coverage(usize::from(new)).span(y).contains(&x));
-            *out = if taken { new } else { old };
+        simd::run(
+            simd,
+            #[inline(always)]
+            || middles(rows, out),
+        );
+        for (x, (new, &old)) in out.iter_mut().zip(labels.row(y)).enumerate() {
+            let known = *new != UNCOVERED && old != UNCOVERED;
+            if *new != old && !(known && pictures.coverage(usize::from(*new)).span(y).contains(&x)) {
+                *new = old;
+            }
         }
     });
     calm
+}
+
+/// The median of five rows, pixel by pixel.
+#[inline(always)]
+fn middles([a, b, c, d, e]: [&[u16]; 5], out: &mut [u16]) {
+    for (((((out, a), b), c), d), e) in out.iter_mut().zip(a).zip(b).zip(c).zip(d).zip(e) {
+        *out = middle([*a, *b, *c, *d, *e]);
+    }
 }
 
 /// The median of five.

@@ -35,7 +35,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
 ) -> Result<(Blended<S>, Plane<u16>), Stop> {
     run.control.check()?;
     let pictures = Pictures::<S, C>::new(aligned, run.control);
-    let surveyed = survey.finish();
+    let surveyed = survey.finish(run.plan.reference);
     let sure = energy.map(|energy| energy > DETAIL * surveyed.noise);
     let plan = run.plan;
     let optics = Optics::measure(&pictures, &aligned.index, &sure, plan.rail.as_deref(), plan.near_first)?;

@@ -16,6 +16,10 @@ const SIGMAS: [f32; 2] = [1.5, 3.5];
 /// Cells whose energies are kept per slice, at most, to learn the noise from.
 const SAMPLES: usize = 4096;
 
+/// Times the noise under which surroundings have no detail: noise would say which slice is sharpest, another one at each
+/// place.
+const PLAIN: f32 = 2.0;
+
 /// Running argmax of the focus energy over surroundings, cell by cell, while slices come in any order.
 pub(crate) struct Survey {
     columns: usize,
@@ -36,6 +40,8 @@ struct Level {
 pub(super) struct Surveyed {
     /// Per level, from narrow to wide: the sharpest slice of each cell.
     pub wide: Vec<Plane<u16>>,
+    /// Whether there is no detail in any slice in all that the levels look at.
+    pub plain: Plane<bool>,
     /// Energy of a place without any detail, squared grey levels.
     pub noise: f32,
 }
@@ -104,10 +110,24 @@ impl Survey {
         }
     }
 
-    pub(super) fn finish(self) -> Surveyed {
+    /// `reference` is the slice of surroundings without any detail.
+    pub(super) fn finish(self, reference: usize) -> Surveyed {
         let noise = noise(&unlocked(self.samples));
-        let plane = |level: Mutex<Level>| Plane { width: self.columns, height: self.rows, data: unlocked(level).slice };
-        Surveyed { wide: self.levels.into_iter().map(plane).collect(), noise }
+        let (width, height) = (self.columns, self.rows);
+        let mut plain = Plane::filled(width, height, true);
+        let mut wide = Vec::new();
+        for level in self.levels {
+            let Level { best, mut slice, .. } = unlocked(level);
+            for ((slice, energy), plain) in slice.iter_mut().zip(best).zip(&mut plain.data) {
+                let detail = energy >= PLAIN * noise;
+                *plain &= !detail;
+                if !detail && *slice != UNCOVERED {
+                    *slice = reference as u16;
+                }
+            }
+            wide.push(Plane { width, height, data: slice });
+        }
+        Surveyed { wide, plain, noise }
     }
 }
 
@@ -171,7 +191,7 @@ mod tests {
             (0..16).for_each(|y| survey.add(&mut sheet, y, &row, 0..24));
             survey.enter(slice, sheet);
         }
-        survey.finish()
+        survey.finish(0)
     }
 
     #[test]

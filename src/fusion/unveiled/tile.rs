@@ -49,21 +49,49 @@ fn tile<S: Sample, const C: usize>(
     let mut values = in_parts(veil, window)?;
     let before = values.clone();
     veil.take_off(window, &mut values, rows)?;
-    let taken: Vec<f32> = (values.chunks_exact(C).zip(before.chunks_exact(C)))
-        .map(|(after, before)| after.iter().zip(before).map(|(a, b)| (a - b).abs()).sum::<f32>() / C as f32)
-        .collect();
-    let labelled: Vec<S> = values.iter().map(|&value| S::rounded(value.max(0.0))).collect();
-    let rows_of = window.y..window.y + window.height;
-    let pyramids: Vec<S> =
-        rows_of.flat_map(|y| &pyramids[(y * width + window.x) * C..][..window.width * C]).copied().collect();
-    trust::Pair { window, labelled: &labelled, pyramids: &pyramids, veil: &taken }.mixed::<C>(rect, rows, out);
+    let (taken, labelled) = (taken::<C>(&before, &values), rounded::<S>(&values));
+    let mut near = Vec::with_capacity(labelled.len());
+    for y in window.y..window.y + window.height {
+        near.extend_from_slice(&pyramids[(y * width + window.x) * C..][..window.width * C]);
+    }
+    trust::Pair { window, labelled: &labelled, pyramids: &near, veil: &taken }.mixed::<C>(rect, rows, out);
 
     let level = S::DEPTH.max() / 255.0;
     let (low, high) = (-level, S::DEPTH.max() + level);
     let (left, top) = (rect.x - window.x, rect.y - window.y);
-    let inner = (top..top + rect.height)
-        .flat_map(|y| values[(y * window.width + left) * C..][..rect.width * C].chunks_exact(C));
-    Ok(inner.filter(|pixel| pixel.iter().any(|&value| value < low || value > high)).count())
+    let outside = (top..top + rect.height).map(|y| {
+        let row = values[(y * window.width + left) * C..][..rect.width * C].as_chunks::<C>().0;
+        let outside = |pixel: &[f32; C]| pixel.iter().fold(false, |is, &value| is | (value < low) | (value > high));
+        row.iter().map(|pixel| usize::from(outside(pixel))).sum::<usize>()
+    });
+    Ok(outside.sum())
+}
+
+/// Values as samples.
+fn rounded<S: Sample>(values: &[f32]) -> Vec<S> {
+    let mut samples = vec![S::default(); values.len()];
+    simd::run(
+        Avx2::detect(),
+        #[inline(always)]
+        || samples.iter_mut().zip(values).for_each(|(sample, &value)| *sample = S::rounded(value.max(0.0))),
+    );
+    samples
+}
+
+/// By how much pixels have changed, on the mean of their channels.
+fn taken<const C: usize>(before: &[f32], after: &[f32]) -> Vec<f32> {
+    let mut taken = vec![0.0; after.len() / C];
+    simd::run(
+        Avx2::detect(),
+        #[inline(always)]
+        || {
+            let pixels = before.as_chunks::<C>().0.iter().zip(after.as_chunks::<C>().0);
+            for (taken, (before, after)) in taken.iter_mut().zip(pixels) {
+                *taken = (0..C).map(|c| (after[c] - before[c]).abs()).sum::<f32>() / C as f32;
+            }
+        },
+    );
+    taken
 }
 
 /// The pixels of `rect`, [`mixed`] part by part: in each part few slices are needed.

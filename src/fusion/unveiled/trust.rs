@@ -55,17 +55,16 @@ impl<S: Sample> Pair<'_, S> {
     pub fn mixed<const C: usize>(&self, rect: Rect, rows: &mut Rows, out: &mut Vec<S>) {
         let shares = self.shares::<C>(rows);
         let (left, top) = (rect.x - self.window.x, rect.y - self.window.y);
-        out.clear();
-        out.reserve(rect.width * rect.height * C);
-        for y in top..top + rect.height {
-            for x in left..left + rect.width {
-                let share = shares.at(x, y);
-                let at = (y * self.window.width + x) * C;
-                for (labelled, pyramids) in self.labelled[at..at + C].iter().zip(&self.pyramids[at..at + C]) {
-                    let from = pyramids.value();
-                    out.push(S::rounded(from + share * (labelled.value() - from)));
-                }
-            }
+        out.resize(rect.width * rect.height * C, S::default());
+        for (y, out) in (top..).zip(out.chunks_exact_mut(rect.width * C)) {
+            let at = (y * self.window.width + left) * C..(y * self.window.width + left + rect.width) * C;
+            let pictures = [&self.labelled[at.clone()], &self.pyramids[at]];
+            let shares = &shares.row(y)[left..left + rect.width];
+            simd::run(
+                Avx2::detect(),
+                #[inline(always)]
+                || mix::<S, C>(pictures, shares, out),
+            );
         }
     }
 
@@ -123,6 +122,18 @@ impl<S: Sample> Pair<'_, S> {
     }
 }
 
+/// Rows of both pictures, of the first as much as `shares` say.
+#[inline(always)]
+fn mix<S: Sample, const C: usize>([labelled, pyramids]: [&[S]; 2], shares: &[f32], out: &mut [S]) {
+    let pixels = labelled.as_chunks::<C>().0.iter().zip(pyramids.as_chunks::<C>().0);
+    for ((out, (labelled, pyramids)), share) in out.as_chunks_mut::<C>().0.iter_mut().zip(pixels).zip(shares) {
+        for c in 0..C {
+            let from = pyramids[c].value();
+            out[c] = S::rounded(from + share * (labelled[c].value() - from));
+        }
+    }
+}
+
 /// Whole numbers that are added up.
 trait Whole: Copy + Default + Ord + From<i32> + AddAssign + SubAssign {
     fn value(self) -> f32;
@@ -168,13 +179,12 @@ impl<N: Whole> Squares<N> {
                 self.line.resize(half, row[0]);
                 self.line.extend_from_slice(row);
                 self.line.resize(width + 2 * half, row[width - 1]);
-                let mut sum = N::default();
-                self.line[..side - 1].iter().for_each(|&value| sum += value);
-                for ((out, &entering), &leaving) in row.iter_mut().zip(&self.line[side - 1..]).zip(&self.line) {
-                    sum += entering;
-                    *out = sum;
-                    sum -= leaving;
-                }
+                let Self { line, sums, simd, .. } = self;
+                simd::run(
+                    *simd,
+                    #[inline(always)]
+                    || sums_along(line, side, sums, row),
+                );
             }
             std::mem::swap(values, across);
             values.resize(width * height, N::default());
@@ -202,6 +212,27 @@ impl<N: Whole> Squares<N> {
                 );
             }
         }
+    }
+}
+
+/// Sums of `side` neighbours, the first of them at the place of the sum. By doubling: sums of 2, of 4, of 8 and so on are
+/// each two of those before, and of these the sum of `side` is put together.
+#[inline(always)]
+fn sums_along<N: Whole>(line: &mut [N], side: usize, spare: &mut Vec<N>, out: &mut [N]) {
+    out.fill(N::default());
+    let (mut of, mut at) = (1, 0);
+    loop {
+        if side & of != 0 {
+            out.iter_mut().zip(&line[at..]).for_each(|(sum, &part)| *sum += part);
+            at += of;
+        }
+        if 2 * of > side {
+            return;
+        }
+        spare.clear();
+        spare.extend_from_slice(&line[of..]);
+        line.iter_mut().zip(&*spare).for_each(|(sum, &next)| *sum += next);
+        of *= 2;
     }
 }
 
