@@ -2,15 +2,15 @@
 
 use std::{arch::x86_64::*, ops::Range};
 
-use super::{PHASE_BITS, Source, fixed::Fixed};
-use crate::imaging::simd::Avx2;
+use super::{PHASE_BITS, Source, fixed::Fixed, inside::Inside};
+use crate::imaging::simd::{self, Avx2};
 
 /// Bytes that are read of each of the four rows of a pixel's surroundings; 12 of them count.
 const READ: usize = 16;
 
 /// Does as many pixels of `out` as it can, and says which: those whose surroundings lie in the slice, a few bytes to spare.
 pub(super) fn weigh<const C: usize>(
-    _: Avx2,
+    simd: Avx2,
     fixed: &Fixed,
     source: &Source<'_, u8, C>,
     (us, vs): (&[i32], &[i32]),
@@ -20,62 +20,31 @@ pub(super) fn weigh<const C: usize>(
     if C != 3 || source.samples.len() != source.width * source.height * 3 {
         return 0..0;
     }
-    // limits of positions, in the units of `us` and `vs`
-    let least = 1 << PHASE_BITS;
-    let most = |length: usize, after: usize| i32::try_from(length.saturating_sub(after) << PHASE_BITS).unwrap_or(0);
-    let (most_u, most_v) = (most(source.width, READ.div_ceil(3) - 2), most(source.height, 2));
-    let inside = |i: &usize| us[*i] >= least && vs[*i] >= least && us[*i] < most_u && vs[*i] < most_v;
-    let Some(first) = (0..pixels).find(inside) else { return 0..0 };
-    let end = (first..pixels).rev().find(inside).map_or(first, |last| last + 1);
-    let done = first..first + (end - first) / 4 * 4;
+    let inside = Inside::of(source.width, source.height, READ.div_ceil(3));
+    let run = simd::run(
+        Some(simd),
+        #[inline(always)]
+        || inside.run(&us[..pixels], &vs[..pixels]),
+    );
+    let done = run.start..run.start + run.len() / 4 * 4;
     let out = &mut out[done.start * 3..done.end * 3];
-    // SAFETY: the CPU has AVX2, of which there is proof. `row` itself looks whether all positions are between the limits,
-    // at which (x, y) - 1 is the top left of four rows of the slice with `READ` bytes from it to the end of its row.
-    let all = unsafe {
-        row(
-            fixed,
-            source.samples,
-            source.width * 3,
-            (&us[done.clone()], &vs[done.clone()]),
-            least,
-            [most_u, most_v],
-            out,
-        )
-    };
-    if all { done } else { 0..0 }
+    // SAFETY: the CPU has AVX2, of which there is proof. All positions are inside: (x, y) - 1 is the top left of four rows
+    // of the slice with `READ` bytes from it to the end of its row.
+    unsafe { row(fixed, source.samples, source.width * 3, (&us[done.clone()], &vs[done.clone()]), out) };
+    done
 }
 
-/// A row of pixels, or none (and `false`) when one of its positions is not between the limits.
+/// A row of pixels.
 ///
 /// # Safety
-/// For each position from `least` to below `most` four rows of `stride` bytes, from the one above it on, must lie in
-/// `samples`, and [`READ`] bytes of each from the pixel to its left on.
+/// For each position four rows of `stride` bytes, from the one above it on, must lie in `samples`, and [`READ`] bytes of
+/// each from the pixel to its left on.
 #[target_feature(enable = "avx2")]
-unsafe fn row(
-    fixed: &Fixed,
-    samples: &[u8],
-    stride: usize,
-    (us, vs): (&[i32], &[i32]),
-    least: i32,
-    most: [i32; 2],
-    out: &mut [u8],
-) -> bool {
-    // plain loops: closures in a function with vector instructions do not get into the iterator's functions
-    let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
-    for (values, (low, high)) in [us, vs].into_iter().zip(low.iter_mut().zip(&mut high)) {
-        for &value in values {
-            *low = value.min(*low);
-            *high = value.max(*high);
-        }
-    }
-    if low[0] < least || low[1] < least || high[0] >= most[0] || high[1] >= most[1] {
-        return false;
-    }
+unsafe fn row(fixed: &Fixed, samples: &[u8], stride: usize, (us, vs): (&[i32], &[i32]), out: &mut [u8]) {
     for ((us, vs), out) in us.as_chunks::<4>().0.iter().zip(vs.as_chunks::<4>().0).zip(out.as_chunks_mut::<12>().0) {
-        // SAFETY: as this function demands, and all positions are between the limits.
+        // SAFETY: as this function demands.
         unsafe { four(fixed, samples, stride, us, vs, out) };
     }
-    true
 }
 
 /// Four pixels.

@@ -29,18 +29,28 @@ impl Float {
         (us, vs): (&[i32], &[i32]),
         out: &mut [S],
     ) {
-        simd::run(
-            self.simd,
-            #[inline(always)]
-            || {
-                for ((out, &u), &v) in out.chunks_exact_mut(C).zip(us).zip(vs) {
-                    let value = self.at(source, u, v);
-                    for (sample, value) in out.iter_mut().zip(value) {
-                        *sample = S::rounded(value * self.gain);
+        let mut done = 0..0;
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = self.simd {
+            done = super::float_avx2::weigh(simd, (&self.weights, self.gain), source, (us, vs), out);
+        }
+        let end = us.len().min(vs.len());
+        for part in [0..done.start, done.end..end] {
+            let places = us[part.clone()].iter().zip(&vs[part.clone()]);
+            let out = &mut out[part.start * C..part.end * C];
+            simd::run(
+                self.simd,
+                #[inline(always)]
+                || {
+                    for (out, (&u, &v)) in out.chunks_exact_mut(C).zip(places) {
+                        let value = self.at(source, u, v);
+                        for (sample, value) in out.iter_mut().zip(value) {
+                            *sample = S::rounded(value * self.gain);
+                        }
                     }
-                }
-            },
-        );
+                },
+            );
+        }
     }
 
     #[inline(always)]

@@ -12,6 +12,10 @@ mod fixed;
 #[cfg(target_arch = "x86_64")]
 mod fixed_avx2;
 mod float;
+#[cfg(target_arch = "x86_64")]
+mod float_avx2;
+#[cfg(target_arch = "x86_64")]
+mod inside;
 
 use std::ops::Range;
 
