@@ -1,0 +1,122 @@
+//! Workers that lose the right to a job: to a cancel, to another worker, to the end of the process.
+
+use super::*;
+
+worker_test! {
+    async fn a_cancel_stops_a_running_job() {
+        let mut stage = stage().await;
+        // a beat an hour: the cancel must come by the notice within the process
+        let hourly = Duration::from_secs(3600);
+        let pool = Pool::start(stage.deps.clone(), Config { beat: hourly, ..config(1) });
+        let id = stage.accept().await;
+        assert_eq!(stage.began.recv().await, Some(id));
+        stage.order(Order::WaitForStop);
+        stage.deps.rows.cancel(id).await.unwrap();
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.outcome.is_none()), (JobState::Cancelled, true));
+        pool.shutdown(Duration::from_secs(10)).await;
+        assert_eq!(stage.benches(), 0);
+    }
+}
+
+worker_test! {
+    async fn a_cancel_by_another_process_is_seen_with_the_next_beat() {
+        let mut stage = stage().await;
+        let _pool = Pool::start(stage.deps.clone(), config(1));
+        let id = stage.accept().await;
+        assert_eq!(stage.began.recv().await, Some(id));
+        stage.order(Order::WaitForStop);
+        let path = stage.folder.path().join("rows.db");
+        let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        other.cancel(id).await.unwrap();
+        assert_eq!(stage.ended(id).await.state, JobState::Cancelled);
+    }
+}
+
+worker_test! {
+    async fn a_running_job_that_is_deleted_stops_and_leaves_nothing() {
+        let mut stage = stage().await;
+        let pool = Pool::start(stage.deps.clone(), config(1));
+        let id = stage.accept().await;
+        assert_eq!(stage.began.recv().await, Some(id));
+        stage.order(Order::WaitForStop);
+        assert!(stage.deps.rows.delete_job(id).await.unwrap());
+        pool.shutdown(Duration::from_secs(30)).await;
+        assert_eq!(stage.deps.rows.blob_owner(id).await.unwrap(), None);
+        assert!(stage.deps.blobs.jobs_with_blobs().await.unwrap().is_empty());
+    }
+}
+
+worker_test! {
+    async fn a_worker_that_lost_its_lease_stops_and_publishes_nothing() {
+        let mut stage = stage().await;
+        // it beats once at the start and then sleeps, like a process that was stopped
+        let asleep = Duration::from_secs(3600);
+        let pool = Pool::start(stage.deps.clone(), Config { beat: asleep, poll: asleep, ..config(1) });
+        let id = stage.accept().await;
+        assert_eq!(stage.began.recv().await, Some(id));
+        // another process takes the job over when the lease has run out, and ends it
+        let path = stage.folder.path().join("rows.db");
+        let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        let taken = conformance::claim_from_the_dead(&other, &stage.clock).await;
+        assert_eq!((taken.id, taken.lease_token), (id, 2));
+        stage.order(Order::Succeed); // the sleeper wakes up and has a result
+        pool.shutdown(Duration::from_secs(30)).await;
+        assert_eq!(conformance::job(&other, id).await, taken, "nothing of it is to be seen");
+        let stale = stage.deps.blobs.local_path(&result_key(id, 1, "image.png")).await.unwrap();
+        assert_eq!(stale, None, "and its files are gone");
+        assert!(other.finish(id, 2, &conformance::success()).await.unwrap());
+    }
+}
+
+worker_test! {
+    async fn a_lost_lease_stops_the_job_with_the_next_beat() {
+        let mut stage = stage().await;
+        let pool = Pool::start(stage.deps.clone(), Config { workers: 1, ..config(1) });
+        let id = stage.accept().await;
+        assert_eq!(stage.began.recv().await, Some(id));
+        stage.order(Order::WaitForStop);
+        let path = stage.folder.path().join("rows.db");
+        let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        // beats come between, so the lease must run out and be taken before the next one
+        let taken = loop {
+            // seen by the other, and then silent for a whole lease
+            if let Some(taken) = other.claim(LEASE, 1000).await.unwrap() {
+                break taken;
+            }
+            stage.clock.advance(LEASE);
+        };
+        pool.shutdown(Duration::from_secs(30)).await;
+        assert_eq!(conformance::job(&other, id).await.lease_token, taken.lease_token);
+    }
+}
+
+worker_test! {
+    async fn a_shutdown_gives_unfinished_jobs_back_without_counting_the_attempt() {
+        let mut stage = stage().await;
+        let pool = Pool::start(stage.deps.clone(), config(1));
+        let id = stage.accept().await;
+        assert_eq!(stage.began.recv().await, Some(id));
+        stage.order(Order::WaitForStop);
+        pool.shutdown(Duration::ZERO).await;
+        let job = conformance::job(&*stage.deps.rows, id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
+        let _pool = Pool::start(stage.deps.clone(), config(1));
+        stage.order(Order::Succeed);
+        assert_eq!(stage.ended(id).await.state, JobState::Succeeded);
+    }
+}
+
+worker_test! {
+    async fn a_shutdown_lets_running_jobs_end_and_takes_no_new_ones() {
+        let mut stage = stage().await;
+        let pool = Pool::start(stage.deps.clone(), config(1));
+        let (running, waiting) = (stage.accept().await, stage.accept().await);
+        assert_eq!(stage.began.recv().await, Some(running));
+        let shutdown = tokio::spawn(pool.shutdown(Duration::from_secs(60)));
+        stage.order(Order::Succeed);
+        shutdown.await.unwrap();
+        assert_eq!(conformance::job(&*stage.deps.rows, running).await.state, JobState::Succeeded);
+        assert_eq!(conformance::job(&*stage.deps.rows, waiting).await.state, JobState::Queued);
+    }
+}

@@ -1,0 +1,73 @@
+//! Jobs that do what a test tells them.
+
+use std::sync::{Mutex, mpsc};
+
+use tokio::sync::mpsc as async_mpsc;
+use uuid::Uuid;
+
+use crate::{
+    jobs::{Bench, Made, MadeFile, Watcher},
+    model::{Code, Fault, Progress, Stop, request::JobRequest},
+    store::{blobs::result_key, conformance},
+    worker::Work,
+};
+
+/// What a job in a test is told to do next.
+pub enum Order {
+    /// Report this fraction.
+    Report(f64),
+    /// Wait until it is not wanted any more, and stop.
+    WaitForStop,
+    Succeed,
+    Fail,
+    /// The disk became full under it.
+    Full,
+    Panic,
+}
+
+/// Work that says that it began and then does what it is ordered to.
+pub struct Puppet {
+    pub began: async_mpsc::UnboundedSender<Uuid>,
+    pub orders: Mutex<mpsc::Receiver<Order>>,
+    pub need: u64,
+    pub disk_need: u64,
+}
+
+impl Work for Puppet {
+    fn memory_need(&self, _request: &JobRequest) -> u64 {
+        self.need
+    }
+
+    fn disk_need(&self, _request: &JobRequest) -> u64 {
+        self.disk_need
+    }
+
+    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
+        let _ = self.began.send(bench.job.id);
+        loop {
+            let order = self.orders.lock().unwrap().recv();
+            match order {
+                Ok(Order::Report(fraction)) => {
+                    watcher.report(Progress { stage: "fusing".into(), completed: 1, total: 2, fraction });
+                }
+                Ok(Order::WaitForStop) => loop {
+                    watcher.check()?;
+                    std::thread::yield_now();
+                },
+                Ok(Order::Fail) => return Err(Fault::new(Code::InvalidImage, "torn").into()),
+                Ok(Order::Full) => return Err(Fault::new(Code::InsufficientStorage, "full").into()),
+                Ok(Order::Panic) => panic!("a bug, made for the test"),
+                Ok(Order::Succeed) => return Ok(made(bench)),
+                Err(_) => return Err(Fault::new(Code::Internal, "the test is over").into()),
+            }
+        }
+    }
+}
+
+fn made(bench: &Bench) -> Made {
+    let path = bench.scratch.join("image.png");
+    std::fs::write(&path, std::fs::read(&bench.archive).unwrap()).unwrap();
+    let key = result_key(bench.job.id, bench.job.lease_token, "image.png");
+    let files = vec![MadeFile { path, key }];
+    Made { outcome: conformance::stack_outcome(), warnings: vec![], profile: None, files }
+}

@@ -1,0 +1,60 @@
+//! Workers with the real work to do.
+
+use sha2::{Digest, Sha256};
+use uuid::Uuid;
+
+use super::*;
+use crate::{
+    archive::{self, ArchiveLimits},
+    jobs::{Science, testkit},
+    model::{
+        outcome::JobOutcome,
+        request::{CalibrationRequest, JobRequest, StackLayout, StackRequest, Upload},
+    },
+    store::{NewJob, blobs::upload_key, conformance::accept, digest::hex},
+};
+
+/// Publishes an archive as the upload of a new job and accepts the job.
+async fn accept_archive(deps: &Deps, archive: &[u8], request: impl FnOnce(Upload, StackLayout) -> JobRequest) -> Uuid {
+    let id = Uuid::now_v7();
+    let spooled = deps.blobs.spool_dir().join(id.to_string());
+    std::fs::write(&spooled, archive).unwrap();
+    let layout = archive::open(&spooled, &ArchiveLimits::default()).unwrap().layout().clone();
+    let upload = Upload { key: upload_key(id), bytes: archive.len() as u64, sha256: String::new(), filename: None };
+    deps.blobs.publish(&spooled, &upload.key).await.unwrap();
+    let job = NewJob { id, request: request(upload, layout), ..conformance::stack() };
+    accept(&*deps.rows, &job).await.id
+}
+
+worker_test! {
+    async fn a_target_becomes_the_profile_that_the_next_stack_is_fused_with() {
+        let mut stage = stage().await;
+        stage.deps.work = Arc::new(Science::default());
+        let _pool = Pool::start(stage.deps.clone(), Config { workers: 2, ..Config::default() });
+        let calibration = accept_archive(&stage.deps, &testkit::target_zip(), |upload, layout| {
+            JobRequest::Calibration(CalibrationRequest { options: Default::default(), upload, layout })
+        })
+        .await;
+        let ended = stage.ended(calibration).await;
+        let Some(JobOutcome::Calibration(outcome)) = ended.outcome else { panic!("{:?}", ended.error) };
+        // the stage put revision 1
+        // five overlays and the report
+        assert_eq!((outcome.profile_revision, outcome.artifacts.len()), (2, 6));
+        let profile = stage.deps.rows.profile(&ended.rig, &ended.lens, None).await.unwrap().unwrap();
+        assert_eq!((profile.digest.as_str(), profile.calibration_id), (outcome.profile_digest.as_str(), Some(ended.id)));
+
+        let stack = accept_archive(&stage.deps, &testkit::both_zip(), |upload, layout| {
+            let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
+            JobRequest::Stack(StackRequest { options: Default::default(), profile_revision, profile_digest, upload, layout })
+        })
+        .await;
+        let ended = stage.ended(stack).await;
+        let Some(JobOutcome::Stack(outcome)) = ended.outcome else { panic!("{:?}", ended.error) };
+        assert_eq!(outcome.artifacts.len(), 5);
+        for artifact in outcome.artifacts {
+            let path = stage.deps.blobs.local_path(&artifact.key).await.unwrap().expect("it is published");
+            let bytes = std::fs::read(path).unwrap();
+            assert_eq!((hex(&Sha256::digest(&bytes)), bytes.len() as u64), (artifact.sha256, artifact.bytes));
+        }
+    }
+}
