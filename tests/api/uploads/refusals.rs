@@ -1,0 +1,112 @@
+//! Uploads and pieces that are refused.
+
+use base64::{Engine, prelude::BASE64_STANDARD};
+use uuid::Uuid;
+
+use super::*;
+
+#[tokio::test]
+async fn what_can_be_known_is_refused_at_the_creation() {
+    let app = TestApp::start_with(|policy| policy.max_upload_bytes = 100_000).await;
+    problem(creation(&app, 1000, &of_rig()).send().await.unwrap(), 404, "profile_not_found").await;
+    app.with_profile(2).await;
+    for (text, told) in [
+        (metadata(&[("lens", "lens")]), "the rig is missing"),
+        (metadata(&[("rig", "rig"), ("lens", "lens"), ("options", r#"{"r1": 0}"#)]), "r1 must be 1 to 200"),
+        (metadata(&[("rig", "rig"), ("lens", "lens"), ("options", "{")]), "options"),
+        (metadata(&[("rig", "rig"), ("lens", "lens"), ("purpose", "lunch")]), "stack or calibration"),
+        ("rig !!!".to_owned(), "base64"),
+    ] {
+        let refused = problem(creation(&app, 1000, &text).send().await.unwrap(), 400, "invalid_request").await;
+        assert!(refused["detail"].as_str().unwrap().contains(told), "{refused}");
+    }
+    problem(creation(&app, 0, &of_rig()).send().await.unwrap(), 400, "invalid_request").await;
+    problem(creation(&app, 100_001, &of_rig()).send().await.unwrap(), 413, "upload_too_large").await;
+    let deferred = request(&app, Method::POST, "/v1/uploads").header("upload-defer-length", "1");
+    problem(deferred.send().await.unwrap(), 400, "invalid_request").await;
+    let unversioned = app.post("/v1/uploads").header("upload-length", "10").send().await.unwrap();
+    assert_eq!(header(&unversioned, "tus-version"), "1.0.0");
+    problem(unversioned, 412, "precondition_failed").await;
+    assert_eq!(app.rows.awaited_bytes().await.unwrap(), 0);
+}
+
+#[tokio::test]
+async fn open_uploads_are_promised_their_room_and_are_not_endless() {
+    let app = TestApp::start_with(|policy| policy.queue_limit = 2).await;
+    app.with_profile(2).await;
+    begun(&app, 4_000_000).await;
+    let second = begun(&app, 1_000_000).await;
+    assert_eq!(app.rows.awaited_bytes().await.unwrap(), 5_000_000);
+    problem(creation(&app, 10, &of_rig()).send().await.unwrap(), 503, "queue_full").await;
+    request(&app, Method::DELETE, &second).send().await.unwrap();
+    begun(&app, 10).await;
+    assert_eq!(app.rows.awaited_bytes().await.unwrap(), 4_000_010);
+
+    let full = TestApp::start_with(|policy| policy.min_free_bytes = 1 << 60).await;
+    full.with_profile(2).await;
+    let told = problem(creation(&full, 1000, &of_rig()).send().await.unwrap(), 507, "insufficient_storage").await;
+    assert!(told["detail"].as_str().unwrap().contains(&(1_u64 << 60).to_string()), "{told}");
+}
+
+#[tokio::test]
+async fn a_piece_that_does_not_fit_is_refused_and_changes_nothing() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let zip = stack_zip(2, 0);
+    let url = begun(&app, zip.len()).await;
+    piece(&app, &url, 0, &zip[..50]).send().await.unwrap();
+    let elsewhere = piece(&app, &url, 40, &zip[40..60]).send().await.unwrap();
+    assert_eq!(offset(&elsewhere), 50);
+    problem(elsewhere, 409, "conflict").await;
+    let plain = request(&app, Method::PATCH, &url).header("upload-offset", "50").body("x");
+    problem(plain.send().await.unwrap(), 415, "unsupported_media_type").await;
+    let nowhere = request(&app, Method::PATCH, &url).header("content-type", PIECE).body("x");
+    problem(nowhere.send().await.unwrap(), 400, "invalid_request").await;
+    let long = vec![0; zip.len()];
+    problem(piece(&app, &url, 50, &long).send().await.unwrap(), 413, "upload_too_large").await;
+    let chunks = reqwest::Body::wrap_stream(futures::stream::iter([Ok::<_, std::io::Error>(long)]));
+    let unannounced = request(&app, Method::PATCH, &url).header("upload-offset", "50").header("content-type", PIECE);
+    problem(unannounced.body(chunks).send().await.unwrap(), 413, "upload_too_large").await;
+    let unversioned = app.client.patch(format!("{}{url}", app.base)).header("upload-offset", "50");
+    problem(unversioned.send().await.unwrap(), 412, "precondition_failed").await;
+    let unknown = format!("/v1/uploads/{}", Uuid::now_v7());
+    problem(piece(&app, &unknown, 0, b"x").send().await.unwrap(), 404, "not_found").await;
+    problem(app.get("/v1/uploads/7").send().await.unwrap(), 404, "not_found").await;
+    assert_eq!(offset(&head(&app, &url).await), 50);
+    let last = piece(&app, &url, 50, &zip[50..]).send().await.unwrap();
+    assert!(header(&last, "pinstack-job").starts_with("/v1/stacks/"));
+}
+
+#[tokio::test]
+async fn a_piece_with_a_wrong_checksum_is_not_kept() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let zip = stack_zip(2, 0);
+    let url = begun(&app, zip.len()).await;
+    let with = |checksum: String| piece(&app, &url, 0, &zip).header("upload-checksum", checksum).send();
+    let right = format!("sha256 {}", BASE64_STANDARD.encode(Sha256::digest(&zip)));
+    let wrong = format!("sha1 {}", BASE64_STANDARD.encode([7; 20]));
+    problem(with(wrong).await.unwrap(), 460, "checksum_mismatch").await;
+    problem(with("crc32 AAAAAA==".into()).await.unwrap(), 400, "invalid_request").await;
+    problem(with("sha1 AAAA".into()).await.unwrap(), 400, "invalid_request").await;
+    assert_eq!(offset(&head(&app, &url).await), 0);
+    let answer = with(right).await.unwrap();
+    assert_eq!((answer.status(), offset(&answer)), (StatusCode::NO_CONTENT, zip.len()));
+    assert!(header(&answer, "pinstack-job").starts_with("/v1/stacks/"));
+}
+
+#[tokio::test]
+async fn a_zip_that_is_refused_at_the_end_is_gone_and_says_why() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let zip = zip(&[("a.png".into(), b"no picture".to_vec()), ("b.png".into(), b"no picture".to_vec())]);
+    let url = begun(&app, zip.len()).await;
+    problem(piece(&app, &url, 0, &zip).send().await.unwrap(), 422, "invalid_image").await;
+    let told = shown(&app, &url).await;
+    assert_eq!((&told["state"], &told["error"]["code"]), (&json!("refused"), &json!("invalid_image")));
+    assert_eq!(head(&app, &url).await.status(), StatusCode::UNPROCESSABLE_ENTITY);
+    problem(piece(&app, &url, zip.len(), b"").send().await.unwrap(), 422, "invalid_image").await;
+    assert!(app.blobs.partials().await.unwrap().is_empty());
+    assert!(app.blobs.jobs_with_blobs().await.unwrap().is_empty());
+    assert_eq!(app.rows.awaited_bytes().await.unwrap(), 0);
+}
