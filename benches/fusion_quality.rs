@@ -9,8 +9,8 @@ mod fusion_quality;
 
 use std::{fs, path::PathBuf};
 
-use fusion_quality::{Case, Crop, Peers, Regions, SCENES, Scores, Table, worst};
-use pinstack::{imaging::Raster, model::options::Method};
+use fusion_quality::{Case, Crop, Peers, Regions, Scores, Table, worst};
+use pinstack::{imaging::Raster, model::options::Method, synth::scene::SCENES};
 
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("unveiled", Method::Unveiled)];

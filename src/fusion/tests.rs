@@ -4,6 +4,7 @@ mod oracle;
 mod pyramid;
 mod robust;
 mod silhouette;
+pub(super) mod taken;
 mod unveiled;
 
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -7,23 +7,11 @@ use pinstack::{
         Unwatched,
         options::{GuidedParams, Method},
     },
-    synth::{Light, Rig, Scene, Stage, Truth},
+    synth::{Light, Rig, Stage, Truth, scene::Make},
 };
 use rayon::prelude::*;
 
 pub const SLICES: usize = 13;
-
-/// A scene that follows from a seed.
-type Make = fn(u64) -> Scene;
-
-/// The scenes, each of which makes other trouble.
-pub const SCENES: [(&str, Make); 5] = [
-    ("insect", Scene::insect),
-    ("flower", Scene::flower),
-    ("plates", Scene::plates),
-    ("weave", Scene::weave),
-    ("wing", Scene::wing),
-];
 
 /// What is to be rendered.
 #[derive(Debug, Clone)]

@@ -5,7 +5,7 @@ mod crops;
 mod peers;
 mod score;
 
-pub use case::{Case, SCENES};
+pub use case::Case;
 pub use crops::{Crop, worst};
 pub use peers::Peers;
 pub use score::{Regions, Scores, Table};

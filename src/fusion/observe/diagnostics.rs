@@ -3,14 +3,20 @@
 use rayon::prelude::*;
 
 use crate::{
-    fusion::{Fused, Plan, Watch, fuse},
+    fusion::{
+        Fused, Plan, Watch, fuse,
+        tests::taken::{Taken, taken},
+    },
     imaging::{Plane, Raster, Samples},
     model::{
         Homography, Unwatched,
         metrics::{Finding, Severity},
         options::Method,
     },
-    synth::{Light, Rig, Scene, Stage, scene::Relief},
+    synth::{
+        Light, Rig, Scene,
+        scene::{Relief, SCENES},
+    },
 };
 
 /// A stack with its profile, as it was taken or with a fault.
@@ -23,20 +29,9 @@ struct Stack {
 
 impl Stack {
     fn of(rig: &Rig, scene: &Scene) -> Self {
-        let stage = Stage::new(rig, scene);
+        let Taken { slices, plan, truth } = taken(rig, scene, Light::Front);
         // as the job does it
-        let mut plan = Plan {
-            method: Method::Unveiled,
-            reference: rig.reference,
-            rail: Some(rig.rail_mm.clone()),
-            near_first: Some(true),
-            ..Plan::aligned(rig.width, rig.height, rig.slices())
-        };
-        for i in 0..rig.slices() {
-            (plan.homographies[i], plan.gains[i]) = (rig.homography(i), rig.gain(i));
-        }
-        let slices = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
-        Self { slices, plan, object: stage.truth().mask }
+        Self { slices, plan: Plan { method: Method::Unveiled, ..plan }, object: truth.mask }
     }
 
     fn count(&self) -> usize {
@@ -192,16 +187,6 @@ fn each_fault_is_named_alone_on_a_flower() {
     each_fault_alone(&Rig::sized(480, 360, 11), &Scene::flower(1), &but);
 }
 
-type Named = (&'static str, fn(u64) -> Scene);
-
-const SCENES: [Named; 5] = [
-    ("insect", Scene::insect),
-    ("flower", Scene::flower),
-    ("plates", Scene::plates),
-    ("weave", Scene::weave),
-    ("wing", Scene::wing),
-];
-
 #[test]
 fn a_clean_stack_of_any_scene_is_told_nothing() {
     let mut wrong = Vec::new();
@@ -344,9 +329,8 @@ fn what_is_named_on_many_stacks() {
     ];
     cases.into_iter().for_each(|(width, height, count, seed, scene)| {
         let rig = Rig { seed, ..Rig::sized(width, height, count) };
-        let name = ["insect", "flower", "plates"][scene];
-        let scene = [Scene::insect, Scene::flower, Scene::plates][scene](seed);
-        let clean = Stack::of(&rig, &scene);
+        let (name, make) = SCENES[scene];
+        let clean = Stack::of(&rig, &make(seed));
         for masked in [true, false] {
             let lines: Vec<String> = FAULTS.par_iter().map(|(fault, make)| {
                 let quality = make(clean.clone()).fused(masked).quality.unwrap();

@@ -2,39 +2,26 @@
 
 use std::sync::OnceLock;
 
-use super::*;
+use super::{
+    taken::{Taken, taken},
+    *,
+};
 use crate::{
     imaging::codec::{Limits, decode, encode_jpeg},
     quality::truth::psnr,
-    synth::{Light, Rig, Scene, Stage, Truth},
+    synth::{Light, Rig, Scene},
 };
 
 const METHODS: [Method; 3] = [Method::Guided, Method::Pyramid, Method::Unveiled];
 
-/// A rendered stack with its true plan.
-struct Taken {
-    slices: Vec<Raster>,
-    plan: Plan,
-    truth: Truth,
-}
-
-fn taken(rig: &Rig, scene: &Scene) -> Taken {
-    let stage = Stage::new(rig, scene);
-    let plan = Plan {
-        homographies: (0..rig.slices()).map(|i| rig.homography(i)).collect(),
-        gains: (0..rig.slices()).map(|i| rig.gain(i)).collect(),
-        reference: rig.reference,
-        rail: Some(rig.rail_mm.clone()),
-        near_first: Some(true),
-        ..Plan::aligned(rig.width, rig.height, rig.slices())
-    };
-    Taken { slices: (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect(), plan, truth: stage.truth() }
+fn front(rig: &Rig, scene: &Scene) -> Taken {
+    taken(rig, scene, Light::Front)
 }
 
 /// Seven slices of a beetle, 360 x 240 px.
 fn beetle() -> &'static Taken {
     static TAKEN: OnceLock<Taken> = OnceLock::new();
-    TAKEN.get_or_init(|| taken(&Rig { seed: 11, ..Rig::sized(360, 240, 7) }, &Scene::insect(11)))
+    TAKEN.get_or_init(|| front(&Rig { seed: 11, ..Rig::sized(360, 240, 7) }, &Scene::insect(11)))
 }
 
 impl Taken {
@@ -110,7 +97,7 @@ fn a_flickering_light_that_no_gain_knows_leaves_no_pixel_outside_of_what_the_sli
 
 #[test]
 fn a_stack_with_a_gap_is_fused_from_what_is_there() {
-    let case = taken(&Rig { seed: 12, ..Rig::sized(360, 240, 13) }, &Scene::insect(12));
+    let case = front(&Rig { seed: 12, ..Rig::sized(360, 240, 13) }, &Scene::insect(12));
     for method in METHODS {
         let whole = fused(&case.slices, &case.by(method));
         let (mut plan, mut slices) = (case.by(method), case.slices.clone());
@@ -205,8 +192,8 @@ fn blocks_of_jpeg_cost_little_and_are_not_taken_for_detail() {
 fn sixteen_bits_and_grey_give_the_picture_of_eight_bits_in_colour() {
     let case = beetle();
     let rig = Rig { seed: 11, ..Rig::sized(360, 240, 7) };
-    let deep = taken(&Rig { depth: Depth::Sixteen, ..rig.clone() }, &Scene::insect(11));
-    let grey = taken(&Rig { channels: 1, ..rig }, &Scene::insect(11));
+    let deep = front(&Rig { depth: Depth::Sixteen, ..rig.clone() }, &Scene::insect(11));
+    let grey = front(&Rig { channels: 1, ..rig }, &Scene::insect(11));
     for method in METHODS {
         let colour = fused(&case.slices, &case.by(method)).image;
         let (of_deep, of_grey) =
@@ -224,7 +211,7 @@ fn sixteen_bits_and_grey_give_the_picture_of_eight_bits_in_colour() {
 #[test]
 fn two_slices_and_two_hundred_are_fused_alike_well() {
     for count in [2, 200] {
-        let case = taken(&Rig { seed: 5, ..Rig::sized(180, 120, count) }, &Scene::plates(5));
+        let case = front(&Rig { seed: 5, ..Rig::sized(180, 120, count) }, &Scene::plates(5));
         let best = case.slices.iter().map(|slice| case.score(slice)).fold(0.0, f64::max);
         for method in METHODS {
             let image = fused(&case.slices, &case.by(method)).image;
@@ -277,7 +264,7 @@ fn a_highlight_at_full_scale_stays_white_without_ring_or_fringe() {
 #[test]
 fn colours_are_those_of_the_truth() {
     for scene in [Scene::flower(6), Scene::plates(6), Scene::insect(6)] {
-        let case = taken(&Rig { seed: 6, ..Rig::sized(360, 240, 9) }, &scene);
+        let case = front(&Rig { seed: 6, ..Rig::sized(360, 240, 9) }, &scene);
         let truth = values(&case.truth.sharp);
         for method in METHODS {
             let image = values(&fused(&case.slices, &case.by(method)).image);
@@ -298,7 +285,7 @@ fn colours_are_those_of_the_truth() {
 #[test]
 fn hairs_and_holes_keep_their_contrast() {
     for (scene, seed) in [(Scene::plates(7), 7), (Scene::wing(7), 8), (Scene::insect(7), 9)] {
-        let case = taken(&Rig { seed, ..Rig::sized(480, 320, 11) }, &scene);
+        let case = front(&Rig { seed, ..Rig::sized(480, 320, 11) }, &scene);
         let truth = case.truth.sharp.luma();
         // detail of a few pixels: the truth less its mean over 7 x 7
         let detail = |plane: &Plane<f32>, x: usize, y: usize| {

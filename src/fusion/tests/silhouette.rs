@@ -1,21 +1,14 @@
 //! Silhouettes against the truth of rendered back lights.
 
-use super::*;
+use super::{
+    taken::{Taken, taken},
+    *,
+};
 use crate::{
     fusion::mask::{MaskParams, Silhouette, cut_out},
     model::options::{MaskEdge, StackOptions},
-    synth::{Light, Rig, Scene, Stage, Truth},
+    synth::{Light, Rig, Scene, scene::SCENES},
 };
-
-type Named = (&'static str, fn(u64) -> Scene);
-
-const SCENES: [Named; 5] = [
-    ("insect", Scene::insect),
-    ("flower", Scene::flower),
-    ("plates", Scene::plates),
-    ("weave", Scene::weave),
-    ("wing", Scene::wing),
-];
 
 /// What is left of the light at (x, y), both -1 to 1 over the canvas.
 type Shade = fn(f64, f64) -> f64;
@@ -42,35 +35,23 @@ fn shaded(slices: &[Raster], shade: Shade) -> Vec<Raster> {
     slices.iter().map(of).collect()
 }
 
-struct Case {
-    slices: Vec<Raster>,
-    plan: Plan,
-    truth: Truth,
-}
+struct Case(Taken);
 
 impl Case {
     fn new(scene: &Scene, rig: &Rig) -> Self {
-        let stage = Stage::new(rig, scene);
-        let slices = (0..rig.slices()).map(|i| stage.render(Light::Back, i)).collect();
-        let plan = Plan {
-            homographies: (0..rig.slices()).map(|i| rig.homography(i)).collect(),
-            gains: (0..rig.slices()).map(|i| rig.gain(i)).collect(),
-            reference: rig.reference,
-            method: Method::Pyramid,
-            ..Plan::aligned(rig.width, rig.height, rig.slices())
-        };
-        Self { slices, plan, truth: stage.truth() }
+        let taken = taken(rig, scene, Light::Back);
+        Self(Taken { plan: Plan { method: Method::Pyramid, ..taken.plan }, ..taken })
     }
 
     fn cut_out(&self, slices: &[Raster], edge: MaskEdge) -> Silhouette {
-        let light = fused(slices, &self.plan);
+        let light = fused(slices, &self.0.plan);
         let options = StackOptions { mask_edge: edge, ..StackOptions::default() };
-        cut_out(&light.image, &light.valid, &MaskParams::from_options(&options, self.plan.width, self.plan.height))
+        cut_out(&light.image, &light.valid, &MaskParams::from_options(&options, self.0.plan.width, self.0.plan.height))
     }
 
     fn iou(&self, alpha: &Plane<u8>) -> f64 {
         let count = |which: fn(bool, bool) -> bool| {
-            let pairs = alpha.data.iter().zip(&self.truth.mask.data);
+            let pairs = alpha.data.iter().zip(&self.0.truth.mask.data);
             pairs.filter(|(ours, theirs)| which(**ours > 127, **theirs > 127)).count() as f64
         };
         count(|a, b| a && b) / count(|a, b| a || b)
@@ -78,7 +59,7 @@ impl Case {
 
     /// Root of the mean squared difference to the true cover, 0 to 1.
     fn off(&self, alpha: &Plane<u8>) -> f64 {
-        let pairs = alpha.data.iter().zip(&self.truth.cover.data);
+        let pairs = alpha.data.iter().zip(&self.0.truth.cover.data);
         let sum: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
         (sum / alpha.data.len() as f64).sqrt() / 255.0
     }
@@ -91,7 +72,7 @@ fn silhouettes_are_those_of_the_truth_whatever_the_light() {
     for ((name, scene), least) in SCENES.into_iter().zip(least) {
         let case = Case::new(&scene(4), &Rig { seed: 4, ..Rig::sized(480, 320, 9) });
         for (light, shade) in SHADES {
-            let result = case.cut_out(&shaded(&case.slices, shade), MaskEdge::Soft);
+            let result = case.cut_out(&shaded(&case.0.slices, shade), MaskEdge::Soft);
             let (iou, soft) = (case.iou(&result.alpha), result.soft.clone().unwrap());
             let (hard_off, soft_off) = (case.off(&result.alpha), case.off(&soft));
             println!("{name}, {light}: IoU {iou:.4}, off by {hard_off:.4}, soft {soft_off:.4}, {:?}", result.metrics);
@@ -116,7 +97,7 @@ fn what_the_mask_reaches() {
             let row: Vec<String> = SHADES
                 .into_iter()
                 .map(|(_, shade)| {
-                    let result = case.cut_out(&shaded(&case.slices, shade), MaskEdge::Soft);
+                    let result = case.cut_out(&shaded(&case.0.slices, shade), MaskEdge::Soft);
                     let soft = case.off(result.of_picture());
                     format!("IoU {:.4} off {:.4} soft {soft:.4}", case.iou(&result.alpha), case.off(&result.alpha))
                 })

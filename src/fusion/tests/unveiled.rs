@@ -1,9 +1,12 @@
 //! Fusion by labels: against rendered truth, and by property.
 
-use super::*;
+use super::{
+    taken::{Taken, taken},
+    *,
+};
 use crate::{
     quality::truth::psnr,
-    synth::{Light, Rig, Scene, Stage},
+    synth::{Light, Rig, Scene},
 };
 
 fn unveiled(plan: Plan) -> Plan {
@@ -22,17 +25,7 @@ struct Case {
 impl Case {
     fn new(scene: &Scene, seed: u64) -> Self {
         let rig = Rig { seed, ..Rig::sized(480, 320, 11) };
-        let stage = Stage::new(&rig, scene);
-        let truth = stage.truth();
-        let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
-        let plan = Plan {
-            homographies: (0..rig.slices()).map(|i| rig.homography(i)).collect(),
-            gains: (0..rig.slices()).map(|i| rig.gain(i)).collect(),
-            reference: rig.reference,
-            rail: Some(rig.rail_mm.clone()),
-            near_first: Some(true),
-            ..Plan::aligned(rig.width, rig.height, rig.slices())
-        };
+        let Taken { slices, plan, truth } = taken(&rig, scene, Light::Front);
         let depth = |x: usize, y: usize| {
             let slice = truth.slice.at(x, y);
             if slice.is_nan() { 99.0 } else { slice }

@@ -123,3 +123,15 @@ impl Scene {
         wing::scene(seed)
     }
 }
+
+/// A scene that follows from a seed.
+pub type Make = fn(u64) -> Scene;
+
+/// All scenes by name, each of which makes other trouble.
+pub const SCENES: [(&str, Make); 5] = [
+    ("insect", Scene::insect),
+    ("flower", Scene::flower),
+    ("plates", Scene::plates),
+    ("weave", Scene::weave),
+    ("wing", Scene::wing),
+];
