@@ -1,0 +1,13 @@
+//! The parts of the bench of whole stacks: what is fused, its stages, the clock, another program.
+
+mod case;
+mod clock;
+mod enfuse;
+mod make;
+mod stages;
+
+pub use case::{Case, ZIP};
+pub use clock::Cost;
+pub use enfuse::enfuse;
+pub use make::{RENDERED, make};
+pub use stages::{STAGES, stage};

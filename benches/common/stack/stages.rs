@@ -1,0 +1,139 @@
+//! The stages of a job, each measured by itself.
+
+use std::{
+    fs::File,
+    io::BufWriter,
+    path::Path,
+    sync::Mutex,
+    time::{Duration, Instant},
+};
+
+use pinstack::{
+    fusion::{
+        Plan, Watch, fuse,
+        mask::{MaskParams, cut_out},
+    },
+    imaging::{
+        Samples, Slices, codec,
+        codec::Metadata,
+        filter::saliency::{Rows, Saliency},
+        grey,
+        warp::Warp,
+    },
+    model::{
+        Cancelled, Control,
+        options::{Method, StackOptions},
+    },
+};
+use rayon::prelude::*;
+
+use super::{
+    case::Case,
+    clock::{Cost, Passes, Watchmaker, cpu, peak_mb},
+};
+
+/// The stages that are measured, each in a process of its own.
+pub const STAGES: [&str; 9] = [
+    "decode only",
+    "warp",
+    "saliency",
+    "first pass",
+    "second pass",
+    "whole",
+    "with metrics",
+    "back light",
+    "PNG of the result",
+];
+
+/// What the child does: one stage.
+pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
+    let archive = case.archive(folder);
+    let (plan, size) = (case.plan(), (case.width, case.height));
+    let watch = Watchmaker::default();
+    let warp = |i: usize| Warp::new(&plan.homographies[i], plan.gains[i], size, size).expect("a regular homography");
+    let fused = |control: &dyn Control| {
+        fuse(archive.front(), &plan, &Watch::default(), folder, control).expect("it can be fused")
+    };
+    let started = (cpu(), Instant::now());
+    let passes = Passes(Mutex::new(None));
+    let since = |(cpu_then, wall_then): (Duration, Instant)| Cost {
+        cpu: (cpu() - cpu_then).as_secs_f64(),
+        wall: wall_then.elapsed().as_secs_f64(),
+        peak_mb: peak_mb("self"),
+    };
+    match name {
+        "decode only" => {
+            let load = |i: usize| archive.front().load(i).expect("a slice").width;
+            (0..case.slices).into_par_iter().with_max_len(1).map(load).sum::<usize>();
+            since(started)
+        }
+        "warp" => {
+            let (mut eights, mut sixteens) = (Vec::new(), Vec::new());
+            for i in 0..case.slices {
+                let going_on = || Ok::<(), Cancelled>(());
+                match archive.front().load(i).expect("a slice").samples {
+                    Samples::Eight(samples) => {
+                        eights =
+                            watch.time(|| warp(i).apply_unless(samples, 3, eights, going_on)).expect("not cancelled");
+                    }
+                    Samples::Sixteen(samples) => {
+                        sixteens =
+                            watch.time(|| warp(i).apply_unless(samples, 3, sixteens, going_on)).expect("not cancelled");
+                    }
+                }
+            }
+            watch.cost()
+        }
+        "saliency" => {
+            let saliency = Saliency::new(plan.params.r_g as usize, plan.params.sigma_g);
+            for i in 0..case.slices {
+                let raster = archive.front().load(i).expect("a slice");
+                let row = |y: usize, out: &mut [f32]| {
+                    let samples = y * case.width * 3..(y + 1) * case.width * 3;
+                    match &raster.samples {
+                        Samples::Eight(all) => grey::luma_row(&all[samples], 3, out),
+                        Samples::Sixteen(all) => grey::luma_row(&all[samples], 3, out),
+                    }
+                };
+                let bands = (0..case.height).into_par_iter().step_by(128);
+                watch.time(|| {
+                    bands.for_each_init(Rows::default, |buffers, y| {
+                        saliency.rows(size, y..(y + 128).min(case.height), buffers, row, |_, _, values| {
+                            std::hint::black_box(values);
+                        });
+                    });
+                });
+            }
+            watch.cost()
+        }
+        "with metrics" => {
+            let watch = Watch { metrics: true, object: None };
+            fuse(archive.front(), &plan, &watch, folder, &passes).expect("it can be fused");
+            since(started)
+        }
+        // what a back light costs beside the front: slices like those of the front, fused as a job does, and cut out
+        "back light" => {
+            let plan = Plan { method: Method::Guided, ..plan };
+            let back = fuse(archive.front(), &plan, &Watch::default(), folder, &passes).expect("it can be fused");
+            let params = MaskParams::from_options(&StackOptions::default(), case.width, case.height);
+            std::hint::black_box(cut_out(&back.image, &back.valid, &params));
+            since(started)
+        }
+        "PNG of the result" => {
+            let image = fused(&passes).image;
+            let file = || BufWriter::new(File::create(folder.join("fused.png")).expect("a file"));
+            watch.time(|| codec::encode_png(file(), &image, &Metadata::default())).expect("a PNG");
+            watch.cost()
+        }
+        _ => {
+            fused(&passes);
+            let second = passes.0.lock().expect("nobody panicked").expect("there is a second pass");
+            let (whole, second) = (since(started), since(second));
+            match name {
+                "first pass" => Cost { cpu: whole.cpu - second.cpu, wall: whole.wall - second.wall, ..whole },
+                "second pass" => second,
+                _ => whole,
+            }
+        }
+    }
+}
