@@ -18,7 +18,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use stack::{Case, Cost, RENDERED, STAGES, ZIP, enfuse, make, stage};
+use stack::{Case, Cost, FRONT, RENDERED, STAGES, enfuse, make, stage};
 
 const LARGE: (usize, usize) = (6000, 4000);
 
@@ -77,7 +77,7 @@ fn main() {
             let case = Case { dense, width, height, sixteen, slices };
             let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
             make(case, folder.path());
-            let zip = fs::metadata(folder.path().join(ZIP)).expect("the zip").len() as f64;
+            let zip = fs::metadata(folder.path().join(FRONT)).expect("the zip").len() as f64;
             println!("\n{} ({:.1} MB per slice)", case.name(), zip / 1e6 / slices as f64);
             println!("| stage             |      CPU |     wall |   ns/px | x decode | peak MB |");
             println!("|-------------------|---------:|---------:|--------:|---------:|--------:|");

@@ -9,8 +9,9 @@ use pinstack::{
     synth::Rig,
 };
 
-/// The zip of a case.
-pub const ZIP: &str = "stack.zip";
+/// The zips of a case. The back light is one of its own, so that the front's size can be told.
+pub const FRONT: &str = "stack.zip";
+pub const BACK: &str = "back.zip";
 
 #[derive(Debug, Clone, Copy)]
 pub struct Case {
@@ -63,8 +64,19 @@ impl Case {
         Self { dense: number(0) == 1, width: number(1), height: number(2), sixteen: number(3) == 1, slices: number(4) }
     }
 
+    /// Fused as a job fuses the back light of such a stack.
+    pub fn plan_of_back(self) -> Plan {
+        let plan = self.plan();
+        let method = if plan.method == Method::Guided { Method::Guided } else { Method::Pyramid };
+        Plan { method, ..plan }
+    }
+
     pub fn archive(self, folder: &Path) -> StackArchive {
-        open(&folder.join(ZIP), &ArchiveLimits::default()).expect("our own zip can be read")
+        open(&folder.join(FRONT), &ArchiveLimits::default()).expect("our own zip can be read")
+    }
+
+    pub fn back(self, folder: &Path) -> StackArchive {
+        open(&folder.join(BACK), &ArchiveLimits::default()).expect("our own zip can be read")
     }
 }
 

@@ -12,7 +12,7 @@ use pinstack::{
 };
 use rayon::prelude::*;
 
-use super::case::{Case, ZIP};
+use super::case::{BACK, Case, FRONT};
 
 /// Rendered size, from which larger pictures are put together.
 pub const RENDERED: (usize, usize) = (1800, 1200);
@@ -37,14 +37,25 @@ fn scene(dense: bool) -> Scene {
     scene
 }
 
-/// Writes the zip of a case. Pictures that are larger than [`RENDERED`] are mirrored copies of it side by side, put
+/// Writes the zips of a case. Pictures that are larger than [`RENDERED`] are mirrored copies of it side by side, put
 /// together on the canvas and then seen through the homographies of the large rig, with noise of their own.
 pub fn make(case: Case, folder: &Path) {
+    let lights = [
+        (FRONT, scene(case.dense), Light::Front),
+        // texture everywhere leaves no back light to see
+        (BACK, scene(false), Light::Back),
+    ];
+    for (name, scene, light) in lights {
+        zip(case, &scene, light, &folder.join(name));
+    }
+}
+
+fn zip(case: Case, scene: &Scene, light: Light, path: &Path) {
     let small = Rig::sized(RENDERED.0, RENDERED.1, case.slices);
-    let stage = Stage::new(&small, &scene(case.dense));
+    let stage = Stage::new(&small, scene);
     let rig = case.rig();
     let members = (0..case.slices).map(|i| {
-        let mut slice = stage.render(Light::Front, i);
+        let mut slice = stage.render(light, i);
         if (case.width, case.height) != RENDERED {
             slice = enlarged(case, &slice, &small, &rig, i);
         }
@@ -57,7 +68,7 @@ pub fn make(case: Case, folder: &Path) {
             }
         }
     });
-    pack(BufWriter::new(File::create(folder.join(ZIP)).expect("a file")), members).expect("a zip");
+    pack(BufWriter::new(File::create(path).expect("a file")), members).expect("a zip");
 }
 
 fn eight(raster: Raster) -> Vec<u8> {

@@ -6,7 +6,7 @@ mod enfuse;
 mod make;
 mod stages;
 
-pub use case::{Case, ZIP};
+pub use case::{Case, FRONT};
 pub use clock::Cost;
 pub use enfuse::enfuse;
 pub use make::{RENDERED, make};

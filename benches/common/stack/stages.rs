@@ -10,7 +10,7 @@ use std::{
 
 use pinstack::{
     fusion::{
-        Plan, Watch, fuse,
+        Watch, fuse,
         mask::{MaskParams, cut_out},
     },
     imaging::{
@@ -20,10 +20,7 @@ use pinstack::{
         grey,
         warp::Warp,
     },
-    model::{
-        Cancelled, Control,
-        options::{Method, StackOptions},
-    },
+    model::{Cancelled, Control, options::StackOptions},
 };
 use rayon::prelude::*;
 
@@ -33,7 +30,7 @@ use super::{
 };
 
 /// The stages that are measured, each in a process of its own.
-pub const STAGES: [&str; 9] = [
+pub const STAGES: [&str; 10] = [
     "decode only",
     "warp",
     "saliency",
@@ -42,6 +39,7 @@ pub const STAGES: [&str; 9] = [
     "whole",
     "with metrics",
     "back light",
+    "its mask",
     "PNG of the result",
 ];
 
@@ -111,13 +109,17 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             fuse(archive.front(), &plan, &watch, folder, &passes).expect("it can be fused");
             since(started)
         }
-        // what a back light costs beside the front: slices like those of the front, fused as a job does, and cut out
         "back light" => {
-            let plan = Plan { method: Method::Guided, ..plan };
-            let back = fuse(archive.front(), &plan, &Watch::default(), folder, &passes).expect("it can be fused");
-            let params = MaskParams::from_options(&StackOptions::default(), case.width, case.height);
-            std::hint::black_box(cut_out(&back.image, &back.valid, &params));
+            fuse(case.back(folder).front(), &case.plan_of_back(), &Watch::default(), folder, &passes)
+                .expect("it can be fused");
             since(started)
+        }
+        "its mask" => {
+            let back = fuse(case.back(folder).front(), &case.plan_of_back(), &Watch::default(), folder, &passes)
+                .expect("it can be fused");
+            let params = MaskParams::from_options(&StackOptions::default(), case.width, case.height);
+            watch.time(|| std::hint::black_box(cut_out(&back.image, &back.valid, &params)));
+            watch.cost()
         }
         "PNG of the result" => {
             let image = fused(&passes).image;
