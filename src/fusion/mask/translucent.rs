@@ -1,6 +1,9 @@
 //! Wings and other thin parts that the back light shines through: neither dark nor bright, over whole areas.
 
-use super::{components::reached, tones::Tones};
+use super::{
+    components::{Connectivity, Parts, reached},
+    tones::Tones,
+};
 use crate::imaging::Plane;
 
 /// Shares of cover that are neither background nor opaque.
@@ -10,13 +13,16 @@ const REACH_OF_SIDE: usize = 180;
 const REACH: (usize, usize) = (3, 22);
 /// The rim of an area lies within so many px of where whole squares end.
 const RIM: usize = 3;
+/// Over this part of `reach` to each side of its rim an area loses this share of its cover, or it is no area but a blur.
+const EDGE_OF_REACH: [usize; 2] = [2, 3];
+const LEAST_STEP: f32 = 0.7;
 /// A smaller share of the object is an odd place and no wing.
 const LEAST_SHARE: f64 = 0.01;
 
 /// Thin parts of the object.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Thin {
-    /// Where they are, beside the opaque object.
+    /// Where they are, in the object and beside it.
     pub pixels: Vec<bool>,
     /// Share of the object that they are.
     pub share: f64,
@@ -31,26 +37,82 @@ pub(super) fn find(grey: &[f32], alpha: &Plane<u8>, is_valid: impl Fn(usize) -> 
     let between: Vec<bool> =
         (0..grey.len()).map(|at| is_valid(at) && BETWEEN.contains(&tones.cover(grey[at]))).collect();
     let areas = eroded(&between, width, height, reach);
-    let mut inner: Vec<f32> = grey.iter().zip(&areas).filter(|(_, area)| **area).map(|(&value, _)| value).collect();
-    if inner.is_empty() {
+    if !areas.contains(&true) {
         return None;
     }
-    let middle = inner.len() / 2;
-    let through = f64::from(*inner.select_nth_unstable_by(middle, f32::total_cmp).1);
-    // half-way between what comes through and the light itself
-    let rim = f64::midpoint(through, tones.bright) as f32;
     let around = dilated(&areas, width, height, reach + RIM);
-    let pixels = reached(alpha, |at| around[at] && is_valid(at) && grey[at] < rim);
+    let rims = rims(grey, &areas, &around, (width, height), tones);
+    let mut pixels = reached(alpha, |at| is_valid(at) && grey[at] < rims[at]);
     // what lets less than half of the light through counts as object already, and is thin all the same
-    let (mut thin, mut object) = (0u64, 0u64);
-    for (at, &beside) in pixels.iter().enumerate() {
-        let counts = beside || alpha.data[at] != 0;
-        object += u64::from(counts);
-        thin += u64::from(counts && around[at] && (between[at] || beside));
+    for (at, beside) in pixels.iter_mut().enumerate() {
+        *beside |= alpha.data[at] != 0 && around[at] && between[at];
     }
+    let outside = |at: usize| is_valid(at) && alpha.data[at] == 0;
+    let edge = reach * EDGE_OF_REACH[0] / EDGE_OF_REACH[1];
+    drop_veils(&mut pixels, (width, height), edge, outside, |at| tones.cover(grey[at]));
+    let inner = grey.iter().zip(&areas).zip(&pixels).filter(|((_, area), thin)| **area && **thin);
+    let through = f64::from(median(&mut inner.map(|((&value, _), _)| value).collect::<Vec<_>>())?);
+    let thin = pixels.iter().filter(|&&thin| thin).count();
+    let object = pixels.iter().zip(&alpha.data).filter(|(thin, alpha)| **thin || **alpha != 0).count();
     let share = thin as f64 / object.max(1) as f64;
     let passes = (through - tones.dark) / (tones.bright - tones.dark).max(1e-6);
     (share > LEAST_SHARE).then_some(Thin { pixels, share, passes })
+}
+
+/// The grey value at which each of the `areas` ends, half-way between what comes through it and the light itself;
+/// nothing is darker than it where there is no area `around`.
+fn rims(grey: &[f32], areas: &[bool], around: &[bool], (width, height): (usize, usize), tones: &Tones) -> Vec<f32> {
+    let mut parts = Parts::of(width, height, Connectivity::Eight, |at| around[at]);
+    let mut inner = parts.survey(|inner: &mut Vec<f32>, y, columns| {
+        let columns = y * width + columns.start..y * width + columns.end;
+        inner.extend(columns.filter(|&at| areas[at]).map(|at| grey[at]));
+    });
+    let rim = |through: f32| f64::midpoint(f64::from(through), tones.bright) as f32;
+    let ends: Vec<f32> = inner.iter_mut().map(|inner| median(inner).map_or(0.0, rim)).collect();
+    let mut out = vec![0.0; grey.len()];
+    parts.visit(&ends, |end, y, columns| out[y * width + columns.start..y * width + columns.end].fill(*end));
+    out
+}
+
+/// The value in the middle; none of nothing.
+fn median(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Takes out the parts of `thin` that end nowhere: the blur of what is dark. A wing has an edge, at which most of its
+/// cover is lost within a few pixels; a veil loses it little by little.
+fn drop_veils(
+    thin: &mut [bool],
+    (width, height): (usize, usize),
+    edge: usize,
+    outside: impl Fn(usize) -> bool,
+    cover: impl Fn(usize) -> f32,
+) {
+    let mut parts = Parts::of(width, height, Connectivity::Eight, |at| thin[at]);
+    let mut steps = parts.survey(|steps: &mut Vec<f32>, y, columns| {
+        for x in columns.clone() {
+            for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+                let place = |far: isize| {
+                    let (u, v) = (x.checked_add_signed(far * dx)?, y.checked_add_signed(far * dy)?);
+                    (u < width && v < height).then_some(v * width + u)
+                };
+                let ends = place(1).is_some_and(|next| !thin[next] && outside(next));
+                if let (true, Some(before), Some(beyond)) = (ends, place(-(edge as isize)), place(edge as isize)) {
+                    let before = cover(before);
+                    steps.push((before - cover(beyond)) / before.max(1e-6));
+                }
+            }
+        }
+    });
+    // what is enclosed by the object shows no edge
+    let is_veil: Vec<bool> =
+        steps.iter_mut().map(|steps| median(steps).is_some_and(|step| step < LEAST_STEP)).collect();
+    parts.visit(&is_veil, |veil, y, columns| {
+        if *veil {
+            thin[y * width + columns.start..y * width + columns.end].fill(false);
+        }
+    });
 }
 
 /// Pixels whose whole square of `reach` to each side is set.
@@ -95,6 +157,35 @@ fn dilated(set: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool>
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A dark disc with an arm of light that comes through, in shares of full scale.
+    fn armed(arm: impl Fn(f64) -> f32) -> (Vec<f32>, Plane<u8>, Tones) {
+        let (width, height) = (200, 120);
+        let grey: Vec<f32> = (0..width * height)
+            .map(|at| {
+                let (x, y) = ((at % width) as f64, (at / width) as f64);
+                let from_body = (x - 60.0).hypot(y - 60.0) - 40.0;
+                if from_body < 0.0 { 0.05 } else { arm(from_body) }
+            })
+            .collect();
+        let alpha = Plane { width, height, data: grey.iter().map(|&v| if v < 0.45 { 255 } else { 0 }).collect() };
+        (grey, alpha, Tones { dark: 0.05, threshold: 0.45, bright: 0.85, separability: None })
+    }
+
+    #[test]
+    fn a_rim_of_light_that_comes_through_is_a_wing_and_a_veil_is_none() {
+        for passes in [0.35, 0.5, 0.7] {
+            let (grey, alpha, tones) = armed(|away| if away < 20.0 { passes } else { 0.85 });
+            let thin = find(&grey, &alpha, |_| true, &tones).expect("a wing");
+            assert!(thin.pixels[60 * 200 + 110] && !thin.pixels[60 * 200 + 125], "{passes}");
+            assert!((thin.passes - (f64::from(passes) - 0.05) / 0.8).abs() < 0.01, "{passes}: {}", thin.passes);
+        }
+        for width in [25.0, 40.0, 60.0] {
+            // as blur leaves it: half of the light at the edge, and more and more away from it
+            let (grey, alpha, tones) = armed(|away| 0.85 - 0.4 * (1.0 - away / width).max(0.0).powi(2) as f32);
+            assert_eq!(find(&grey, &alpha, |_| true, &tones), None, "{width} px");
+        }
+    }
 
     #[test]
     fn squares_are_eroded_to_their_middle_and_dilated_back() {

@@ -87,6 +87,22 @@ fn silhouettes_are_those_of_the_truth_whatever_the_light() {
     }
 }
 
+#[test]
+fn the_blur_of_what_is_dark_is_no_wing_however_wide_it_is() {
+    // what is blurred three times as wide leaves veils in the fused light, as wide as wings and as dark
+    let blurred = |seed: u64| {
+        let rig = Rig { seed, ..Rig::sized(600, 400, 11) };
+        Rig { f_number: rig.f_number / 3.0, ..rig }
+    };
+    for ((name, scene), least) in SCENES.into_iter().zip([0.983, 0.997, 0.994, 0.91, 0.987]) {
+        let case = Case::new(&scene(5), &blurred(5));
+        let result = case.cut_out(&case.0.slices, MaskEdge::Soft);
+        let (iou, thin) = (case.iou(&result.alpha), result.metrics.translucent_fraction);
+        println!("{name}: IoU {iou:.4}, {thin:.4} of it translucent");
+        assert!(iou > least && thin < 0.012, "{name}: IoU {iou:.4}, {thin:.4} of it translucent");
+    }
+}
+
 /// For `docs/METHOD.md`: what the mask reaches.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
