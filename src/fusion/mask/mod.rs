@@ -117,7 +117,7 @@ pub fn cut_out(backlight: &Raster, valid: &Plane<u8>, params: &MaskParams) -> Si
         light_falloff: light.map(|light| light.falloff()),
         translucent_fraction: thin.as_ref().map_or(0.0, |thin| thin.share),
     };
-    let soft = (params.edge == MaskEdge::Soft).then(|| soft::edge(&grey, &alpha, is_valid, &tones));
+    let soft = (params.edge == MaskEdge::Soft).then(|| soft::edge(&grey, &alpha, thin.as_ref(), is_valid, &tones));
     let warnings = warnings::of(&metrics, thin.as_ref());
     Silhouette { alpha, soft, metrics, warnings }
 }
