@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::imaging::Plane;
+
 /// Which pixels are neighbours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Connectivity {
@@ -98,26 +100,29 @@ impl Parts {
 }
 
 /// The pixels outside `mask` (0) that `may` be reached from it over edges and corners.
-pub(super) fn reached(mask: &crate::imaging::Plane<u8>, may: impl Fn(usize) -> bool) -> Vec<bool> {
+pub(super) fn reached(mask: &Plane<u8>, may: impl Fn(usize) -> bool) -> Vec<bool> {
     let (width, height) = (mask.width, mask.height);
     let mut reached = vec![false; mask.data.len()];
     let mut waiting: Vec<usize> = Vec::new();
-    let spread = |from: usize, reached: &mut [bool], waiting: &mut Vec<usize>| {
-        let (x, y) = (from % width, from / width);
-        for v in y.saturating_sub(1)..(y + 2).min(height) {
-            for u in x.saturating_sub(1)..(x + 2).min(width) {
-                let next = v * width + u;
+    let around = |at: usize| {
+        let (x, y) = (at % width, at / width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        (y.saturating_sub(1)..(y + 2).min(height)).flat_map(move |v| columns.clone().map(move |u| v * width + u))
+    };
+    // what may be reached is little beside what it may be reached from
+    for start in 0..mask.data.len() {
+        let begins = mask.data[start] == 0 && !reached[start] && may(start);
+        if begins && around(start).any(|beside| mask.data[beside] != 0) {
+            reached[start] = true;
+            waiting.push(start);
+        }
+        while let Some(at) = waiting.pop() {
+            for next in around(at) {
                 if mask.data[next] == 0 && !reached[next] && may(next) {
                     reached[next] = true;
                     waiting.push(next);
                 }
             }
-        }
-    };
-    for start in (0..mask.data.len()).filter(|&at| mask.data[at] != 0) {
-        spread(start, &mut reached, &mut waiting);
-        while let Some(next) = waiting.pop() {
-            spread(next, &mut reached, &mut waiting);
         }
     }
     reached
