@@ -11,6 +11,7 @@ pub mod stack;
 pub mod stages;
 #[cfg(test)]
 pub(crate) mod testkit;
+mod threads;
 
 use std::{path::PathBuf, time::Instant};
 
@@ -19,18 +20,19 @@ use crate::{
     model::{Cancelled, Progress, Stop, Warning, outcome::JobOutcome, profile::Profile, request::JobRequest},
     store::{Job, ProfileDraft},
 };
+use threads::with_own_threads;
 
 /// The work of the service: fuses stacks, measures profiles.
 #[derive(Debug, Clone)]
 pub struct Science {
-    /// Threads that work on slices side by side; enters the memory that a job is said to need.
+    /// Threads that each job works with; enters the memory that it is said to need.
     pub threads: usize,
     /// How much an archive may hold: the same as at the POST.
     pub archive_limits: ArchiveLimits,
 }
 
 impl Default for Science {
-    /// All threads of the pool that the science runs on.
+    /// As many threads as there are cores.
     fn default() -> Self {
         Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
     }
@@ -46,10 +48,10 @@ impl Work for Science {
     }
 
     fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
-        match &bench.job.request {
+        with_own_threads(self.threads, || match &bench.job.request {
             JobRequest::Stack(request) => stack::run(bench, request, &self.archive_limits, watcher),
             JobRequest::Calibration(request) => calibration::run(bench, request, &self.archive_limits, watcher),
-        }
+        })
     }
 }
 
