@@ -1,6 +1,9 @@
 //! Fusing one stack: archive, back light, silhouette, front light, pictures, numbers.
 
-use std::time::Instant;
+use std::{
+    sync::{Mutex, PoisonError},
+    time::Instant,
+};
 
 use super::{
     Bench, Made, Watcher,
@@ -197,7 +200,7 @@ fn reference_metadata(archive: &StackArchive, reference: usize, rect: Rect) -> M
     codec::metadata(&bytes).for_output(side(rect.width), side(rect.height))
 }
 
-/// Writes image, preview, mask and depth.
+/// Writes image, preview, mask and depth: the image, which takes longest, beside the others.
 fn pictures(
     press: &Press<'_>,
     control: &dyn Control,
@@ -208,30 +211,36 @@ fn pictures(
     metadata: &Metadata,
 ) -> Result<(ImageInfo, Vec<Pressed>), Stop> {
     let options = &request.options;
-    let steps = if silhouette.is_some() { 4 } else { 3 };
-    let mut pressed = Vec::new();
-    let step = |done: &mut Vec<Pressed>, picture: Pressed| {
-        done.push(picture);
-        control.progress("writing", done.len(), steps);
+    let (steps, done) = (if silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
+    let step = |picture: Pressed| {
+        let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+        *done += 1;
+        control.progress("writing", *done, steps);
+        picture
     };
     control.progress("writing", 0, steps);
 
     let alpha = alpha(&front.valid, silhouette);
     let depth = compose::depth(options.bit_depth, front.image.depth());
     let image = compose::rgba(&front.image, &alpha, rect, depth, options.under_alpha);
-    step(&mut pressed, press.picture("image", options.format, &image, metadata)?);
-    // a page needs the colours right and nothing else
-    let colours = Metadata { icc: metadata.icc.clone(), exif: None };
-    step(&mut pressed, press.png("preview", &preview(&image), &colours)?);
-    drop(image);
-    if let Some(silhouette) = silhouette {
-        // the mask is for tools that know two values alone
-        let hard = within(&front.valid, &silhouette.alpha);
-        let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&hard, rect));
-        step(&mut pressed, press.png("mask", &mask, &Metadata::default())?);
-    }
-    let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
-    step(&mut pressed, press.png("depth", &index, &Metadata::default())?);
+    let others = || -> Result<Vec<Pressed>, Stop> {
+        // a page needs the colours right and nothing else
+        let colours = Metadata { icc: metadata.icc.clone(), exif: None };
+        let mut pressed = vec![step(press.png("preview", &preview(&image), &colours)?)];
+        if let Some(silhouette) = silhouette {
+            // the mask is for tools that know two values alone
+            let hard = within(&front.valid, &silhouette.alpha);
+            let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&hard, rect));
+            pressed.push(step(press.png("mask", &mask, &Metadata::default())?));
+        }
+        let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
+        pressed.push(step(press.png("depth", &index, &Metadata::default())?));
+        Ok(pressed)
+    };
+    let main = || press.picture("image", options.format, &image, metadata).map(step);
+    let (main, others) = rayon::join(main, others);
+    let mut pressed = vec![main?];
+    pressed.append(&mut others?);
 
     let number = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
     let info = ImageInfo {

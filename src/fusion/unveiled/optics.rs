@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use super::pictures::Pictures;
 use crate::{
-    fusion::UNCOVERED,
     imaging::{
         Plane, Rect, Sample,
         filter::{
@@ -107,16 +106,17 @@ impl Optics {
         sure: &Plane<bool>,
     ) -> Result<Option<bool>, Stop> {
         const AROUND: usize = 6;
-        let mut steps = Vec::new();
-        for y in 0..labels.height {
+        let of_row = |y: usize| -> Vec<(usize, usize, usize, usize)> {
             let (labels, sure) = (labels.row(y), sure.row(y));
-            for x in 1..labels.len() {
+            let step = |x: usize| {
                 let (left, right) = (labels[x - 1], labels[x]);
-                if sure[x - 1] && sure[x] && left != right && self.apart(usize::from(left), usize::from(right)) {
-                    steps.push((x, y, usize::from(left.min(right)), usize::from(left.max(right))));
-                }
-            }
-        }
+                let is_step =
+                    sure[x - 1] && sure[x] && left != right && self.apart(usize::from(left), usize::from(right));
+                is_step.then(|| (x, y, usize::from(left.min(right)), usize::from(left.max(right))))
+            };
+            (1..labels.len()).filter_map(step).collect()
+        };
+        let steps = (0..labels.height).into_par_iter().map(of_row).collect::<Vec<_>>().concat();
         let stride = steps.len().div_ceil(STEPS).max(1);
         let fine = FocusEnergy::fine();
         let votes: Vec<Option<bool>> = steps
@@ -169,7 +169,7 @@ fn blur<S: Sample, const C: usize>(
     places: &[f32],
 ) -> Result<f32, Stop> {
     for side in SIDES {
-        let mut found = in_blocks(pictures, &blocks(labels, sure, side), places)?;
+        let mut found = in_blocks(pictures, &blocks(labels, sure, side, places.len()), places)?;
         found.sort_by(f32::total_cmp);
         if found.len() >= FEWEST {
             return Ok(found[found.len() / 2]);
@@ -206,27 +206,41 @@ fn in_blocks<S: Sample, const C: usize>(
 }
 
 /// Blocks of a side that are nearly all on one slice, with that slice.
-fn blocks(labels: &Plane<u16>, sure: &Plane<bool>, side: usize) -> Vec<(Rect, usize)> {
-    let enough = side * side * 9 / 10;
-    let mut blocks = Vec::new();
-    for y in (0..(labels.height + 1).saturating_sub(side)).step_by(side / 2) {
-        for x in (0..(labels.width + 1).saturating_sub(side)).step_by(side / 2) {
-            let rows = y..y + side;
-            let certain: usize =
-                rows.clone().map(|y| sure.row(y)[x..x + side].iter().filter(|&&sure| sure).count()).sum();
-            if certain < enough {
-                continue;
-            }
-            let mut all: Vec<u16> = rows.flat_map(|y| &labels.row(y)[x..x + side]).copied().collect();
-            let middle = all.len() / 2;
-            let median = *all.select_nth_unstable(middle).1;
-            let alike = all.iter().filter(|&&label| label.abs_diff(median) <= 1).count();
-            if median != UNCOVERED && alike >= enough {
-                blocks.push((Rect { x, y, width: side, height: side }, usize::from(median)));
-            }
-        }
+fn blocks(labels: &Plane<u16>, sure: &Plane<bool>, side: usize, slices: usize) -> Vec<(Rect, usize)> {
+    let along = |length: usize| (0..(length + 1).saturating_sub(side)).step_by(side / 2);
+    let rows: Vec<usize> = along(labels.height).collect();
+    let of_row = |&y: &usize| -> Vec<(Rect, usize)> {
+        let of_block = |x| {
+            let block = Rect { x, y, width: side, height: side };
+            Some((block, slice_of(labels, sure, block, slices)?))
+        };
+        along(labels.width).filter_map(of_block).collect()
+    };
+    rows.par_iter().map(of_row).collect::<Vec<_>>().concat()
+}
+
+/// The slice that nearly all of `block` is on, give or take one, if there is one.
+fn slice_of(labels: &Plane<u16>, sure: &Plane<bool>, block: Rect, slices: usize) -> Option<usize> {
+    let (rows, columns) = (block.y..block.y + block.height, block.x..block.x + block.width);
+    let pixels = block.width * block.height;
+    let enough = pixels * 9 / 10;
+    let certain: usize =
+        rows.clone().map(|y| sure.row(y)[columns.clone()].iter().map(|&sure| usize::from(sure)).sum::<usize>()).sum();
+    if certain < enough {
+        return None;
     }
-    blocks
+    let mut counts = vec![0; slices];
+    for &label in rows.flat_map(|y| &labels.row(y)[columns.clone()]) {
+        // what no slice covers counts for none
+        counts.get_mut(usize::from(label)).into_iter().for_each(|count| *count += 1);
+    }
+    let mut below = 0;
+    let median = counts.iter().position(|count| {
+        below += count;
+        below > pixels / 2
+    })?;
+    let alike: usize = counts[median.saturating_sub(1)..(median + 2).min(slices)].iter().sum();
+    (alike >= enough).then_some(median)
 }
 
 /// The blur radius that makes `sharp` look like `other` within `block`; none when no radius inside the range is best.
