@@ -40,7 +40,7 @@ mod tests {
                     (0..threads).into_par_iter().with_max_len(1).for_each(|_| {
                         busy.wait();
                         let ends = ends.lock().expect("no thread panics with it");
-                        let _ = ends.recv_timeout(Duration::from_secs(60)).expect("the small job ends");
+                        ends.recv_timeout(Duration::from_secs(60)).expect("the small job ends");
                     });
                 });
             });

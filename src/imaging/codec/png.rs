@@ -2,10 +2,10 @@
 
 use std::io::{BufRead, Cursor, Seek};
 
-use ::png::{BitDepth, ColorType, Decoder, DecodingError, Info, Reader, Transformations};
+use ::png::{BitDepth, ColorType, Decoder, DecodingError, Info, OutputInfo, Reader, Transformations};
 
 use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation};
-use crate::imaging::Raster;
+use crate::imaging::{Raster, simd};
 
 /// Most bytes that the decoder may hold besides the pixels: profiles are compressed and can be bombs.
 const MAX_CHUNK_BYTES: usize = 32 << 20;
@@ -66,27 +66,40 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     if size / LARGEST_RATIO > bytes.len() {
         return Err(ImageFault::Torn(Format::Png));
     }
-    let mut data = vec![0; size];
-    let frame = reader.next_frame(&mut data).map_err(|error| fault(&error))?;
-    // the checksums that stand behind the pixels
-    reader.finish().map_err(|error| fault(&error))?;
-    data.truncate(frame.buffer_size());
-
-    let (stored, kept) = match frame.color_type {
-        ColorType::Grayscale => (1, 1),
-        ColorType::GrayscaleAlpha => (2, 1),
-        ColorType::Rgb => (3, 3),
-        ColorType::Rgba => (4, 3),
-        ColorType::Indexed => return Err(ImageFault::damaged(Format::Png, "a palette that cannot be looked up")),
-    };
-    let (width, height) = (frame.width as usize, frame.height as usize);
-    let raster = if frame.bit_depth == BitDepth::Sixteen {
-        let samples: Vec<u16> = data.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
-        Raster::sixteen(width, height, kept, first_channels(samples, stored, kept))
+    let raster = if reader.output_color_type().1 == BitDepth::Sixteen {
+        // into the memory that the picture keeps: at 16 bits a second copy is what a job's memory would not hold
+        let mut samples = vec![0u16; size.div_ceil(2)];
+        let frame = read(&mut reader, simd::bytes_of_mut(&mut samples))?;
+        samples.truncate(frame.buffer_size() / 2);
+        samples.iter_mut().for_each(|sample| *sample = u16::from_be(*sample));
+        let (stored, kept) = channels(&frame)?;
+        Raster::sixteen(frame.width as usize, frame.height as usize, kept, first_channels(samples, stored, kept))
     } else {
-        Raster::eight(width, height, kept, first_channels(data, stored, kept))
+        let mut samples = vec![0; size];
+        let frame = read(&mut reader, &mut samples)?;
+        samples.truncate(frame.buffer_size());
+        let (stored, kept) = channels(&frame)?;
+        Raster::eight(frame.width as usize, frame.height as usize, kept, first_channels(samples, stored, kept))
     };
     Ok((raster, orientation))
+}
+
+/// The pixels, and whether the checksums that stand behind them are right.
+fn read<R: BufRead + Seek>(reader: &mut Reader<R>, bytes: &mut [u8]) -> Result<OutputInfo, ImageFault> {
+    let frame = reader.next_frame(bytes).map_err(|error| fault(&error))?;
+    reader.finish().map_err(|error| fault(&error))?;
+    Ok(frame)
+}
+
+/// Channels that are stored, and how many of them are kept.
+fn channels(frame: &OutputInfo) -> Result<(usize, usize), ImageFault> {
+    match frame.color_type {
+        ColorType::Grayscale => Ok((1, 1)),
+        ColorType::GrayscaleAlpha => Ok((2, 1)),
+        ColorType::Rgb => Ok((3, 3)),
+        ColorType::Rgba => Ok((4, 3)),
+        ColorType::Indexed => Err(ImageFault::damaged(Format::Png, "a palette that cannot be looked up")),
+    }
 }
 
 /// Keeps the first `kept` of `stored` channels: drops alpha.
