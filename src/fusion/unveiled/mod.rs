@@ -7,6 +7,7 @@
 
 mod labels;
 mod optics;
+mod outline;
 mod overreach;
 mod pictures;
 mod survey;

@@ -12,8 +12,16 @@ const BLOCK: usize = 128;
 pub(super) struct Task {
     /// Index within the tile.
     pub at: usize,
-    /// How much of the veil is taken off; none in reach of both parts, where the detail decides.
-    pub share: Option<f32>,
+    pub kind: Kind,
+}
+
+/// What is known of a pixel.
+#[derive(Clone, Copy)]
+pub(super) enum Kind {
+    /// It is the far part's, and so much of the near part's veil is to be taken off it, 0 to 1.
+    Veiled(f32),
+    /// It may be either part's, and what is surely the far part's is so many px away.
+    Either(f32),
 }
 
 /// Near part, far part, and the square of [`BLOCK`] px of a tile (down, across).

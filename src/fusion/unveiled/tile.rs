@@ -48,13 +48,14 @@ fn tile<S: Sample, const C: usize>(
     let window = rect.grown(trust::REACH.max(FocusEnergy::fine().reach()), width, height);
     let mut values = in_parts(veil, window)?;
     let before = values.clone();
-    veil.take_off(window, &mut values, rows)?;
+    veil.take_off(window, &mut values)?;
     let (taken, labelled) = (taken::<C>(&before, &values), rounded::<S>(&values));
     let mut near = Vec::with_capacity(labelled.len());
     for y in window.y..window.y + window.height {
         near.extend_from_slice(&pyramids[(y * width + window.x) * C..][..window.width * C]);
     }
-    trust::Pair { window, labelled: &labelled, pyramids: &near, veil: &taken }.mixed::<C>(rect, rows, out);
+    let pair = trust::Pair { window, labelled: &labelled, values: &values, pyramids: &near, veil: &taken };
+    pair.mixed::<C>(rect, rows, out);
 
     let level = S::DEPTH.max() / 255.0;
     let (low, high) = (-level, S::DEPTH.max() + level);

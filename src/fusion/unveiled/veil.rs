@@ -13,29 +13,17 @@ use std::collections::BTreeMap;
 use super::{
     labels::Labels,
     optics::{Optics, WIDEST},
+    outline::{self, Outline},
     overreach::{OVERREACH, farthest_around, offsets, ranks},
     pictures::Pictures,
     survey::CELL,
-    tasks::{Task, Tasks, bounds},
+    tasks::{Kind, Task, Tasks, bounds},
 };
 use crate::{
     fusion::UNCOVERED,
-    imaging::{
-        Plane, Rect, Sample,
-        filter::{
-            disc::Disc,
-            focus::{FocusEnergy, Rows},
-        },
-    },
+    imaging::{Plane, Rect, Sample, filter::disc::Disc},
     model::Stop,
 };
-
-/// In reach of both, the far part's detail is taken where its fine energy is more than this share of the near part's ...
-const DETAIL_SHARE: f32 = 0.25;
-/// ... with a soft step, in powers of e.
-const STEP: f32 = 3.0;
-/// Energy that counts as none, squared grey levels.
-const NONE: f32 = 0.02;
 
 /// Share of the near part in a far pixel's blur from which the veil is taken off, and from which wholly.
 const FROM: f32 = 0.05;
@@ -54,7 +42,7 @@ pub(super) struct Veil<'a, S, const C: usize> {
 
 impl<S: Sample, const C: usize> Veil<'_, S, C> {
     /// Corrects the pixels of the tile `rect`, interleaved in `out`, in the scale of the samples.
-    pub fn take_off(&self, rect: Rect, out: &mut [f32], rows: &mut Rows) -> Result<(), Stop> {
+    pub fn take_off(&self, rect: Rect, out: &mut [f32]) -> Result<(), Stop> {
         if !self.optics.can_veil() {
             return Ok(());
         }
@@ -71,7 +59,7 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         let taken = self.in_reach_of_both(rect, &mut tasks);
         self.veiled(rect, &veiled, &taken, &mut tasks);
         for ((near, far, ..), tasks) in tasks.finish() {
-            self.correct(rect, usize::from(near), usize::from(far), &tasks, out, rows)?;
+            self.correct(rect, usize::from(near), usize::from(far), &tasks, out)?;
         }
         Ok(())
     }
@@ -132,19 +120,20 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
                 if farthest < least || ranks[here] == 0 {
                     continue;
                 }
-                let far = if inner.contains(&x) && inner_rows.contains(&y) {
-                    let found = steps.iter().map(|&step| here.wrapping_add_signed(step));
-                    found.into_iter().find(|&at| ranks[at] >= least)
+                let found = if inner.contains(&x) && inner_rows.contains(&y) {
+                    steps.iter().position(|&step| ranks[here.wrapping_add_signed(step)] >= least)
                 } else {
-                    offsets.iter().find_map(|&(dx, dy)| {
-                        let (u, v) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
-                        let at = v * window.width + u;
-                        (u < window.width && v < window.height && ranks[at] >= least).then_some(at)
+                    offsets.iter().position(|&(dx, dy)| {
+                        let place = x.checked_add_signed(dx).zip(y.checked_add_signed(dy));
+                        let inside = place.filter(|&(u, v)| u < window.width && v < window.height);
+                        inside.is_some_and(|(u, v)| ranks[v * window.width + u] >= least)
                     })
                 };
-                if let Some(at) = far {
+                if let Some(found) = found {
+                    let (at, (dx, dy)) = (here.wrapping_add_signed(steps[found]), offsets[found]);
                     let far = labels.at(window.x + at % window.width, window.y + at / window.width);
-                    tasks.add(near, far, Task { at: row * rect.width + column, share: None });
+                    let kind = Kind::Either((dx as f32).hypot(dy as f32));
+                    tasks.add(near, far, Task { at: row * rect.width + column, kind });
                     *taken = true;
                 }
             }
@@ -187,7 +176,7 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
             let Some(&Strongest { sum, best: (_, near) }) = veils.get(spot as usize) else { continue };
             if sum > FROM && near != UNCOVERED {
                 let share = ((sum - FROM) / (WHOLLY - FROM)).min(1.0);
-                tasks.add(near, spots.all[spot as usize].0, Task { at, share: Some(share) });
+                tasks.add(near, spots.all[spot as usize].0, Task { at, kind: Kind::Veiled(share) });
             }
         }
     }
@@ -248,18 +237,11 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         shares
     }
 
-    fn correct(
-        &self,
-        rect: Rect,
-        near: usize,
-        far: usize,
-        tasks: &[Task],
-        out: &mut [f32],
-        rows: &mut Rows,
-    ) -> Result<(), Stop> {
+    fn correct(&self, rect: Rect, near: usize, far: usize, tasks: &[Task], out: &mut [f32]) -> Result<(), Stop> {
         let (width, height) = self.pictures.size();
         let disc = Disc::new(self.optics.radius(near, far));
-        let bounds = bounds(tasks, rect);
+        let either = tasks.iter().any(|task| matches!(task.kind, Kind::Either(_)));
+        let bounds = bounds(tasks, rect).grown(if either { outline::REACH } else { 0 }, width, height);
         let window = bounds.grown(disc.reach(), width, height);
         if !self.pictures.covers(far, window) || !self.pictures.covers(near, bounds) {
             return Ok(());
@@ -268,27 +250,24 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         let near_part = self.pictures.channels(near, bounds)?;
         let inner = Rect { x: bounds.x - window.x, y: bounds.y - window.y, ..bounds };
         let coarse = far_part.each_ref().map(|channel| disc.blurred_in(channel, inner));
-        let around = bounds.grown(FocusEnergy::fine().reach(), width, height);
-        let [near_energy, far_energy] = self.energies(near, far, around, tasks, rows)?;
-        let beyond = BEYOND * S::DEPTH.max() / 255.0;
+        let level = S::DEPTH.max() / 255.0;
+        let outline = either.then(|| Outline::between(&near_part, &coarse, level));
+        let beyond = BEYOND * level;
         for task in tasks {
             let (x, y) = (rect.x + task.at % rect.width, rect.y + task.at / rect.width);
             let there = (y - window.y) * window.width + x - window.x;
             let here = (y - bounds.y) * bounds.width + x - bounds.x;
             let plain = !self.labels.sure.at(x, y);
-            let detail = match task.share {
-                Some(_) => 0.0,
-                None => {
-                    let (x, y) = (x - around.x, y - around.y);
-                    detail_share(near_energy.at(x, y), far_energy.at(x, y))
-                }
+            let detail = match (task.kind, &outline) {
+                (Kind::Either(away), Some(outline)) => outline.far_detail(here, away),
+                _ => 0.0,
             };
             for (c, out) in out[task.at * C..(task.at + 1) * C].iter_mut().enumerate() {
                 let (near, far, coarse) = (near_part[c].data[here], far_part[c].data[there], coarse[c].data[here]);
-                let unveiled = match task.share {
-                    Some(share) if plain => *out + share * (near - *out),
-                    Some(share) => *out - share * (coarse - near),
-                    None => *out + detail * (far - coarse),
+                let unveiled = match task.kind {
+                    Kind::Veiled(share) if plain => *out + share * (near - *out),
+                    Kind::Veiled(share) => *out - share * (coarse - near),
+                    Kind::Either(_) => *out + detail * (far - coarse),
                 };
                 let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
                 *out = unveiled.clamp(low, high);
@@ -296,30 +275,6 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         }
         Ok(())
     }
-
-    /// Fine energies of the near and of the far part in `window`, which decide how much of the far part's detail is taken
-    /// where both parts are in reach; nothing where they are not.
-    fn energies(
-        &self,
-        near: usize,
-        far: usize,
-        window: Rect,
-        tasks: &[Task],
-        rows: &mut Rows,
-    ) -> Result<[Plane<f32>; 2], Stop> {
-        if tasks.iter().all(|task| task.share.is_some()) {
-            return Ok([Plane::default(), Plane::default()]);
-        }
-        let fine = FocusEnergy::fine();
-        let near = fine.plane(&self.pictures.luma(near, window)?, rows);
-        Ok([near, fine.plane(&self.pictures.luma(far, window)?, rows)])
-    }
-}
-
-/// How much of the far part's detail is taken, 0 to 1, by the energies of both.
-fn detail_share(near: f32, far: f32) -> f32 {
-    let ratio = (far + NONE) / (near + NONE);
-    ((ratio / DETAIL_SHARE).ln() / STEP + 0.5).clamp(0.0, 1.0)
 }
 
 /// Pixels of a tile in spots of one label and cell.
