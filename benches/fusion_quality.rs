@@ -1,5 +1,5 @@
 //! What fusion is worth: synthetic stacks of which the truth is known, fused by every method and by what other
-//! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--crops FOLDER]`
+//! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--crops FOLDER]`
 //!
 //! Asks `enfuse` when it is on the path, and shinestacker when the environment variable PINSTACK_SHINESTACKER
 //! names a Python interpreter that has it. All get the same slices, warped by the true homographies.
@@ -15,15 +15,18 @@ use pinstack::{imaging::Raster, model::options::Method, synth::scene::SCENES};
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("unveiled", Method::Unveiled)];
 
-#[derive(Default)]
+/// Softness of the lens, px: its sharpest edges are as sharp as the sharpest hundredth of those in photographs.
+const SOFTNESS: f64 = 0.7;
+
 struct Arguments {
     quick: bool,
     scene: Option<String>,
+    softness: f64,
     crops: Option<PathBuf>,
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let mut found = Arguments::default();
+    let mut found = Arguments { quick: false, scene: None, softness: SOFTNESS, crops: None };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
         let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
@@ -32,8 +35,13 @@ fn arguments() -> Result<Arguments, String> {
             "--bench" => {}
             "--quick" => found.quick = true,
             "--scene" => found.scene = Some(value()?),
+            "--softness" => {
+                let value = value()?;
+                let softness = value.parse().ok().filter(|softness| (0.0..=4.0).contains(softness));
+                found.softness = softness.ok_or(format!("--softness {value}: give 0 to 4 px"))?;
+            }
             "--crops" => found.crops = Some(value()?.into()),
-            other => return Err(format!("{other} is not known: --quick, --scene NAME, --crops FOLDER")),
+            other => return Err(format!("{other} is not known: --quick, --scene NAME, --softness PX, --crops FOLDER")),
         }
     }
     Ok(found)
@@ -41,7 +49,7 @@ fn arguments() -> Result<Arguments, String> {
 
 /// Three seeds in two sizes, and one of the smaller with more blur; the first of them alone when it must be quick.
 fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack::synth::Scene) -> Vec<Case> {
-    let case = |seed, size, blur| Case { scene, make, seed, size, blur };
+    let case = |seed, size, blur| Case { scene, make, seed, size, blur, softness: arguments.softness };
     let (small, large) = ((600, 400), (1200, 800));
     if arguments.quick {
         return vec![case(1, small, 1.0)];
@@ -65,14 +73,11 @@ fn main() {
         for (number, case) in cases(&arguments, scene, make).iter().enumerate() {
             let stack = case.render();
             let mut pictures: Vec<(&str, bool, Raster)> = Vec::new();
-            let mut regions = None;
+            let regions = Regions::of(&stack.truth, stack.covered());
             for (name, method) in METHODS {
-                let fused = stack.fuse(method);
-                regions.get_or_insert_with(|| Regions::of(&stack.truth, &fused.valid));
-                pictures.push((name, true, fused.image));
+                pictures.push((name, true, stack.fuse(method).image));
             }
             pictures.extend(peers.fuse(&stack.warped()).into_iter().map(|(name, picture)| (name, false, picture)));
-            let Some(regions) = regions else { continue };
             let mut best: Option<(f64, usize)> = None;
             for (at, (name, ours, picture)) in pictures.iter().enumerate() {
                 let scores = Scores::of(picture, &stack.truth, &regions);

@@ -45,6 +45,9 @@ pub struct Rig {
     pub vignetting: f64,
     /// Whether the light per pixel falls with the square of the sensor distance, as it does.
     pub exposure_falls: bool,
+    /// Standard deviation, px, of what becomes of a point that is in focus (diffraction, low-pass filter, colour from
+    /// neighbouring pixels): 0 when each pixel sees its own square and nothing else, which no camera does.
+    pub softness_px: f64,
     /// Standard deviation of the noise, in units of an 8-bit picture (of 255).
     pub noise: f64,
     /// Bits per sample.
@@ -94,6 +97,7 @@ impl Rig {
             keystone: [4e-4, -3e-4],
             vignetting: 0.15,
             exposure_falls: true,
+            softness_px: 0.0,
             noise: 1.0,
             depth: Depth::Eight,
             channels: 3,

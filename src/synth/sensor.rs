@@ -65,7 +65,35 @@ pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &m
             }
         }
     });
+    soften(&mut samples, rig);
     samples
+}
+
+/// Blurs exposed light by the Gaussian of the rig's softness, borders repeated.
+fn soften(samples: &mut [f32], rig: &Rig) {
+    let (sigma, channels, stride) = (rig.softness_px as f32, rig.channels, rig.width * rig.channels);
+    if sigma.is_nan() || sigma <= 0.0 || samples.is_empty() {
+        return;
+    }
+    let reach = (4.0 * sigma).ceil() as usize;
+    let half: Vec<f32> = (0..=reach).map(|d| (-((d * d) as f32) / (2.0 * sigma * sigma)).exp()).collect();
+    let sum = half[0] + 2.0 * half[1..].iter().sum::<f32>();
+    let both = |at: &dyn Fn(isize) -> f32| {
+        let pairs = half.iter().enumerate().skip(1).map(|(d, weight)| weight * (at(-(d as isize)) + at(d as isize)));
+        (half[0] * at(0) + pairs.sum::<f32>()) / sum
+    };
+    let mut across = vec![0.0f32; samples.len()];
+    across.par_chunks_mut(stride).zip(samples.par_chunks(stride)).for_each(|(out, row)| {
+        for (at, out) in out.iter_mut().enumerate() {
+            let (x, channel) = (at / channels, at % channels);
+            *out = both(&|by| row[x.saturating_add_signed(by).min(rig.width - 1) * channels + channel]);
+        }
+    });
+    samples.par_chunks_mut(stride).enumerate().for_each(|(y, out)| {
+        for (at, out) in out.iter_mut().enumerate() {
+            *out = both(&|by| across[y.saturating_add_signed(by).min(rig.height - 1) * stride + at]);
+        }
+    });
 }
 
 /// Stored samples; `disturb(index, light)` may add to each before it is rounded.
@@ -81,4 +109,37 @@ pub(super) fn quantise(rig: &Rig, light: &[f32], disturb: impl Fn(usize, f32) ->
         }
     };
     Raster { width: rig.width, height: rig.height, channels: rig.channels, samples }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_soft_rig_spreads_a_point_as_wide_as_told_and_loses_no_light() {
+        for softness_px in [0.7, 1.0, 1.5] {
+            let rig = Rig { softness_px, channels: 1, ..Rig::sized(41, 31, 1).ideal() };
+            let point = |y: usize, row: &mut [[f32; 3]]| {
+                row.iter_mut().enumerate().for_each(|(x, rgb)| *rgb = [if (x, y) == (20, 15) { 1.0 } else { 0.0 }; 3]);
+            };
+            let light = expose_clean(&rig, 1.0, point);
+            let (mut sum, mut spread) = (0.0f64, 0.0f64);
+            for (at, &value) in light.iter().enumerate() {
+                sum += f64::from(value);
+                spread += f64::from(value) * (at as f64 % 41.0 - 20.0).powi(2);
+            }
+            assert!((sum - 1.0).abs() < 1e-4, "{sum}");
+            assert!(((spread / sum).sqrt() - softness_px).abs() < 0.02, "{spread} for {softness_px}");
+        }
+    }
+
+    #[test]
+    fn a_rig_without_softness_changes_nothing() {
+        let rig = Rig { channels: 1, ..Rig::sized(24, 16, 1).ideal() };
+        let checks = |y: usize, row: &mut [[f32; 3]]| {
+            row.iter_mut().enumerate().for_each(|(x, rgb)| *rgb = [((x + y) % 2) as f32; 3]);
+        };
+        let light = expose_clean(&rig, 1.0, checks);
+        assert!(light.iter().enumerate().all(|(at, &value)| value == ((at % 24 + at / 24) % 2) as f32));
+    }
 }

@@ -22,6 +22,8 @@ pub struct Case {
     pub size: (usize, usize),
     /// Times the blur of the rig as it is.
     pub blur: f64,
+    /// Of the rig, px.
+    pub softness: f64,
 }
 
 impl Case {
@@ -30,7 +32,8 @@ impl Case {
     }
 
     pub fn render(&self) -> Stack {
-        let mut rig = Rig { seed: self.seed, ..Rig::sized(self.size.0, self.size.1, SLICES) };
+        let plain = Rig::sized(self.size.0, self.size.1, SLICES);
+        let mut rig = Rig { seed: self.seed, softness_px: self.softness, ..plain };
         rig.f_number /= self.blur;
         let stage = Stage::new(&rig, &(self.make)(self.seed));
         let slices = (0..SLICES).map(|i| stage.render(Light::Front, i)).collect();
@@ -61,6 +64,20 @@ impl Stack {
         };
         let (slices, folder) = (&self.slices[..], std::env::temp_dir());
         fuse(&slices, &plan, &Watch::default(), &folder, &Unwatched).expect("the stack can be fused")
+    }
+
+    /// Which pixels all slices cover: elsewhere nobody can show what is in focus in a slice that ends before.
+    pub fn covered(&self) -> Vec<bool> {
+        let size = (self.rig.width, self.rig.height);
+        let mut covered = vec![true; size.0 * size.1];
+        for i in 0..self.slices.len() {
+            let warp = Warp::new(&self.rig.homography(i), self.rig.gain(i), size, size).expect("a sane rig");
+            for (y, row) in covered.chunks_exact_mut(size.0).enumerate() {
+                let span = warp.coverage().span(y);
+                row.iter_mut().enumerate().for_each(|(x, covered)| *covered &= span.contains(&x));
+            }
+        }
+        covered
     }
 
     /// The slices as other programs get them: warped by the true homographies, equally bright, and filled from

@@ -1,9 +1,6 @@
 //! PSNR over parts of the picture, and tables of it.
 
-use pinstack::{
-    imaging::{Plane, Raster},
-    synth::Truth,
-};
+use pinstack::{imaging::Raster, synth::Truth};
 
 use super::case::samples;
 
@@ -17,12 +14,13 @@ const EDGE: usize = 12;
 pub struct Regions {
     object: Vec<bool>,
     edge: Vec<bool>,
-    valid: Vec<bool>,
+    covered: Vec<bool>,
 }
 
 impl Regions {
-    /// Edges are what lies near a step of depth of more than one slice, or near the silhouette.
-    pub fn of(truth: &Truth, valid: &Plane<u8>) -> Self {
+    /// Edges are what lies near a step of depth of more than one slice, or near the silhouette. Only pixels that are
+    /// `covered` count.
+    pub fn of(truth: &Truth, covered: Vec<bool>) -> Self {
         let (depth, width, height) = (&truth.slice, truth.slice.width, truth.slice.height);
         let step = |a: f32, b: f32| a.is_nan() != b.is_nan() || (a - b).abs() > 1.0;
         let mut edge = vec![false; width * height];
@@ -43,12 +41,12 @@ impl Regions {
             widen(&mut edge, x, width, height, reach);
         }
         let object = truth.mask.data.iter().map(|&v| v != 0).collect();
-        Self { object, edge, valid: valid.data.iter().map(|&v| v != 0).collect() }
+        Self { object, edge, covered }
     }
 
     fn counts(&self, column: usize, at: usize) -> bool {
         let (object, edge) = (self.object[at], self.edge[at]);
-        self.valid[at]
+        self.covered[at]
             && match column {
                 0 => true,
                 1 => object,
