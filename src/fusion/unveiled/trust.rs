@@ -44,8 +44,12 @@ pub(super) const REACH: usize = 2 * (COARSE_SIDE / 2) + AROUND_SIDE / 2;
 const FINER: f32 = 1.3;
 const NONE: f32 = 0.5;
 
-/// The other way round: from this share on the labelled picture is frayed, which is no detail.
-const ROUGHER: f32 = 2.5;
+/// The other way round: from this share on the labelled picture is frayed, which is no detail. Where there is none, and
+/// where there is much: among detail labels have more of it than pyramids have, and nobody sees what is frayed.
+const ROUGHER: f32 = 1.2;
+const ROUGHER_IN_DETAIL: f32 = 2.7;
+/// Energy, squared grey levels, of the pyramids' picture at which it is in the middle.
+const SOME: f32 = 5.0;
 
 /// Two pictures of the rectangle `window`, interleaved samples of `C` channels.
 pub(super) struct Pair<'a, S> {
@@ -125,7 +129,8 @@ impl<S: Sample> Pair<'_, S> {
                 return 0.0;
             }
             let (labelled, pyramids) = (labelled + NONE, pyramids + NONE);
-            taken * (1.0 - above(pyramids / labelled / FINER)) * (1.0 - above(labelled / pyramids / ROUGHER))
+            let rougher = ROUGHER + (ROUGHER_IN_DETAIL - ROUGHER) * pyramids / (pyramids + SOME);
+            taken * (1.0 - above(pyramids / labelled / FINER)) * (1.0 - above(labelled / pyramids / rougher))
         };
         Plane { width, height, data: both.map(share).collect() }
     }

@@ -5,8 +5,8 @@
 //! `D` of known radius. So the far part is `I_a + (I_b - D * I_b)`: its coarse structure from the slice of the near part,
 //! its detail from its own. What is left of the veil is the detail of the veil, and a veil has little detail.
 //!
-//! The formula needs no outline: where it is used on the near part by mistake, the near part's blur has no detail
-//! either, and `I_a` stays as it was.
+//! The formula needs no outline: where it is used on the near part by mistake, the near part's blur has little detail
+//! either, and `I_a` stays nearly as it was. Where a label does not say which part is seen, [`outline`] does.
 
 use std::collections::BTreeMap;
 
