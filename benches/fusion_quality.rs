@@ -1,6 +1,8 @@
 //! What fusion is worth: synthetic stacks of which the truth is known, fused by every method and by what other
 //! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--crops FOLDER]`
 //!
+//! `-- --edges FILE ...` says how soft the edges of pictures are instead, and those of the scenes.
+//!
 //! Asks `enfuse` when it is on the path, and shinestacker when the environment variable PINSTACK_SHINESTACKER
 //! names a Python interpreter that has it. All get the same slices, warped by the true homographies.
 
@@ -9,8 +11,12 @@ mod fusion_quality;
 
 use std::{fs, path::PathBuf};
 
-use fusion_quality::{Case, Crop, Peers, Regions, Scores, Table, worst};
-use pinstack::{imaging::Raster, model::options::Method, synth::scene::SCENES};
+use fusion_quality::{Case, Crop, Peers, Regions, Scores, Table, spreads, worst};
+use pinstack::{
+    imaging::{Raster, codec},
+    model::options::Method,
+    synth::scene::SCENES,
+};
 
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("unveiled", Method::Unveiled)];
@@ -23,10 +29,12 @@ struct Arguments {
     scene: Option<String>,
     softness: f64,
     crops: Option<PathBuf>,
+    /// Pictures whose edges are measured; nothing is fused then.
+    edges: Option<Vec<PathBuf>>,
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let mut found = Arguments { quick: false, scene: None, softness: SOFTNESS, crops: None };
+    let mut found = Arguments { quick: false, scene: None, softness: SOFTNESS, crops: None, edges: None };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
         let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
@@ -41,7 +49,14 @@ fn arguments() -> Result<Arguments, String> {
                 found.softness = softness.ok_or(format!("--softness {value}: give 0 to 4 px"))?;
             }
             "--crops" => found.crops = Some(value()?.into()),
-            other => return Err(format!("{other} is not known: --quick, --scene NAME, --softness PX, --crops FOLDER")),
+            "--edges" => {
+                found.edges = Some(rest.by_ref().filter(|file| file != "--bench").map(PathBuf::from).collect())
+            }
+            other => {
+                return Err(format!(
+                    "{other} is not known: --quick, --scene NAME, --softness PX, --crops FOLDER, --edges FILE ..."
+                ));
+            }
         }
     }
     Ok(found)
@@ -58,11 +73,35 @@ fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack::
     plain.chain([case(1, small, 1.5)]).collect()
 }
 
+/// Prints how soft the edges of the scenes are, everything in focus, and those of `files`.
+fn print_edges(arguments: &Arguments, files: &[PathBuf]) {
+    println!("| edges, standard deviation in px | edges | softest of the sharpest 1 % | 5 % | median |");
+    println!("|---|---:|---:|---:|---:|");
+    let print = |name: &str, spreads: &[f32]| {
+        let at = |share: f64| spreads.get((spreads.len() as f64 * share) as usize).map_or(f32::NAN, |spread| *spread);
+        println!("| {name} | {} | {:.2} | {:.2} | {:.2} |", spreads.len(), at(0.01), at(0.05), at(0.5));
+    };
+    for (scene, make) in SCENES {
+        let case = Case { scene, make, seed: 1, size: (1200, 800), blur: 1.0, softness: arguments.softness };
+        print(&format!("{scene}, softness {}", arguments.softness), &spreads(&case.render().truth.sharp));
+    }
+    for file in files {
+        let bytes = fs::read(file).unwrap_or_else(|why| panic!("{}: {why}", file.display()));
+        match codec::decode(&bytes, &codec::Limits::default()) {
+            Ok(picture) => print(&file.display().to_string(), &spreads(&picture)),
+            Err(why) => eprintln!("{}: {why}", file.display()),
+        }
+    }
+}
+
 fn main() {
     let arguments = arguments().unwrap_or_else(|why| {
         eprintln!("{why}");
         std::process::exit(2)
     });
+    if let Some(files) = &arguments.edges {
+        return print_edges(&arguments, files);
+    }
     let peers = Peers::found();
     let mut all = Table::default();
     for (scene, make) in SCENES {
