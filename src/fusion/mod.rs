@@ -95,10 +95,9 @@ impl Plan {
     /// of slices. `metrics` says whether [`Watch::metrics`] will be set.
     ///
     /// With `s` bytes per sample, per pixel of the canvas, in the first pass: 6 for the best saliency and its slice, and for
-    /// each slice in flight (one per thread, at most four) `9 s` for its file, its samples and the warped ones, and 12 for
-    /// the planes that metrics look at. In the second pass `3 + 3 s`, and `14 + 3 s` more for
-    /// [`Method::Unveiled`]. For each thread 48 MiB of tiles and rows, and 32 MiB
-    /// for everything else.
+    /// each slice in flight (one per thread, at most four) `9 s` for its file, its samples and the warped ones. In the second
+    /// pass `3 + 3 s`, and `14 + 3 s` more for [`Method::Unveiled`]. For each thread 48 MiB of tiles and rows, 32 MiB for
+    /// everything else, and 32 MiB for what the metrics keep.
     pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
         let pixels = (self.width * self.height) as u64;
         let pixel = 3 * depth.bytes() as u64;
