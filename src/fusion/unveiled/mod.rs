@@ -10,6 +10,7 @@ mod optics;
 mod outline;
 mod overreach;
 mod pictures;
+mod squares;
 mod survey;
 mod tasks;
 mod tile;

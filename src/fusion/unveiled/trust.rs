@@ -6,8 +6,7 @@
 //! coarser than a few pixels, so that no seam can be there, both are, because their noise is not the same; elsewhere, and
 //! where only the pyramids have kept a fine line, or only the labels are frayed, theirs is.
 
-use std::ops::{AddAssign, SubAssign};
-
+use super::squares::{Squares, Whole};
 use crate::imaging::{
     Plane, Rect, Sample,
     filter::focus::{FocusEnergy, Rows},
@@ -93,7 +92,7 @@ impl<S: Sample> Pair<'_, S> {
     fn shares_by<N: Whole, const C: usize>(&self, rows: &mut Rows) -> Plane<f32> {
         let (width, height) = (self.window.width, self.window.height);
         let level = S::DEPTH.max() / 255.0;
-        let mut squares = Squares { width, height, simd: Avx2::detect(), line: Vec::new(), sums: Vec::new() };
+        let mut squares = Squares::of(width, height);
         // whole numbers, so that sums do not depend on where they begin
         let mut veil: Vec<N> =
             self.veil.iter().map(|&veil| N::from((16.0 * veil.min(64.0 * level) / level) as i32)).collect();
@@ -145,108 +144,6 @@ fn mix<S: Sample, const C: usize>(values: &[f32], pyramids: &[S], shares: &[f32]
             let from = pyramids[c].value();
             out[c] = S::rounded((from + share * (values[c] - from)).max(0.0));
         }
-    }
-}
-
-/// Whole numbers that are added up.
-trait Whole: Copy + Default + Ord + From<i32> + AddAssign + SubAssign {
-    fn value(self) -> f32;
-    fn size(self) -> Self;
-}
-
-impl Whole for i32 {
-    fn value(self) -> f32 {
-        self as f32
-    }
-
-    fn size(self) -> Self {
-        self.abs()
-    }
-}
-
-impl Whole for i64 {
-    fn value(self) -> f32 {
-        self as f32
-    }
-
-    fn size(self) -> Self {
-        self.abs()
-    }
-}
-
-/// Sums over squares.
-struct Squares<N> {
-    width: usize,
-    height: usize,
-    simd: Option<Avx2>,
-    line: Vec<N>,
-    sums: Vec<N>,
-}
-
-impl<N: Whole> Squares<N> {
-    /// Sums over squares of `side` px, so many times over: `side^(2 times)` times the mean. The border is repeated.
-    fn smooth(&mut self, values: &mut Vec<N>, across: &mut Vec<N>, side: usize, times: usize) {
-        let (width, height, half) = (self.width, self.height, side / 2);
-        for _ in 0..times {
-            for row in values.chunks_exact_mut(width) {
-                self.line.clear();
-                self.line.resize(half, row[0]);
-                self.line.extend_from_slice(row);
-                self.line.resize(width + 2 * half, row[width - 1]);
-                let Self { line, sums, simd, .. } = self;
-                simd::run(
-                    *simd,
-                    #[inline(always)]
-                    || sums_along(line, side, sums, row),
-                );
-            }
-            std::mem::swap(values, across);
-            values.resize(width * height, N::default());
-            let row = |y: usize, steps: isize| {
-                let y = y.saturating_add_signed(steps).min(height - 1);
-                &across[y * width..(y + 1) * width]
-            };
-            self.sums.clear();
-            self.sums.resize(width, N::default());
-            for steps in -(half as isize)..half as isize {
-                self.sums.iter_mut().zip(row(0, steps)).for_each(|(sum, &value)| *sum += value);
-            }
-            for (y, out) in values.chunks_exact_mut(width).enumerate() {
-                let (entering, leaving, sums) = (row(y, half as isize), row(y, -(half as isize)), &mut self.sums[..]);
-                simd::run(
-                    self.simd,
-                    #[inline(always)]
-                    || {
-                        for (((out, sum), &entering), &leaving) in out.iter_mut().zip(sums).zip(entering).zip(leaving) {
-                            *sum += entering;
-                            *out = *sum;
-                            *sum -= leaving;
-                        }
-                    },
-                );
-            }
-        }
-    }
-}
-
-/// Sums of `side` neighbours, the first of them at the place of the sum. By doubling: sums of 2, of 4, of 8 and so on are
-/// each two of those before, and of these the sum of `side` is put together.
-#[inline(always)]
-fn sums_along<N: Whole>(line: &mut [N], side: usize, spare: &mut Vec<N>, out: &mut [N]) {
-    out.fill(N::default());
-    let (mut of, mut at) = (1, 0);
-    loop {
-        if side & of != 0 {
-            out.iter_mut().zip(&line[at..]).for_each(|(sum, &part)| *sum += part);
-            at += of;
-        }
-        if 2 * of > side {
-            return;
-        }
-        spare.clear();
-        spare.extend_from_slice(&line[of..]);
-        line.iter_mut().zip(&*spare).for_each(|(sum, &next)| *sum += next);
-        of *= 2;
     }
 }
 
