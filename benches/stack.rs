@@ -1,7 +1,8 @@
 //! What fusing a stack costs, stage by stage, beside what decoding its slices costs alone:
 //! `cargo bench --bench stack -- [--quick | --large] [--only typical|dense|sixteen] [--slices N] [--threads N]
-//! [--no-enfuse]`. `--quick` leaves out the large pictures, `--large` the small ones. `METHOD=guided|pyramid|unveiled`
-//! in the environment says how slices are fused.
+//! [--no-enfuse] [--zip FILE]`. `--quick` leaves out the large pictures, `--large` the small ones; `--zip` measures a stack
+//! of your own instead, one light, as it is: as if its slices were aligned. `METHOD=guided|pyramid|unveiled` in the
+//! environment says how slices are fused.
 //!
 //! Each row of the table is a process of its own, so that its peak of memory is its own. CPU time counts, not wall time,
 //! because others may be using the machine; the ratio to the decoder in the same run is the figure to watch. Files come
@@ -18,7 +19,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use stack::{Case, Cost, FRONT, RENDERED, STAGES, enfuse, make, stage};
+use stack::{Case, Cost, FRONT, Kind, OF_BACK, RENDERED, STAGES, enfuse, make, stage};
 
 const LARGE: (usize, usize) = (6000, 4000);
 
@@ -55,13 +56,10 @@ fn main() {
         return;
     }
     let has = |flag: &str| arguments.iter().any(|word| word == flag);
-    let number = |flag: &str, otherwise: usize| {
-        let at = arguments.iter().position(|word| word == flag);
-        at.and_then(|at| arguments.get(at + 1)?.parse().ok()).unwrap_or(otherwise)
-    };
+    let word = |flag: &str| arguments.get(arguments.iter().position(|word| word == flag)? + 1);
+    let number = |flag: &str, otherwise: usize| word(flag).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (slices, threads) = (number("--slices", 10), number("--threads", cores));
-    let only = arguments.iter().position(|word| word == "--only").and_then(|at| arguments.get(at + 1));
     let sizes = match (has("--quick"), has("--large")) {
         (true, _) => vec![RENDERED],
         (_, true) => vec![LARGE],
@@ -69,29 +67,38 @@ fn main() {
     };
 
     println!("{threads} threads; CPU and wall time in s, CPU time per pixel of all slices, peak memory in MB");
+    let table = |case: Case, folder: &Path| {
+        let zip = fs::metadata(folder.join(FRONT)).expect("the zip").len() as f64;
+        println!("\n{} ({:.1} MB per slice)", case.name(), zip / 1e6 / case.slices as f64);
+        println!("| stage             |      CPU |     wall |   ns/px | x decode | peak MB |");
+        println!("|-------------------|---------:|---------:|--------:|---------:|--------:|");
+        let pixels = (case.width * case.height * case.slices) as f64;
+        let mut decode = None;
+        for name in STAGES.into_iter().filter(|name| case.kind != Kind::Own || !OF_BACK.contains(name)) {
+            let cost = cost(name, case, folder, threads);
+            let decode = *decode.get_or_insert(cost);
+            line(name, cost, Some(decode), pixels);
+        }
+        if !has("--no-enfuse")
+            && let Some(cost) = enfuse(case, folder)
+        {
+            line("enfuse", cost, decode, pixels);
+        }
+    };
+    let folder = || tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
+    if let Some(own) = word("--zip") {
+        let folder = folder();
+        fs::copy(own, folder.path().join(FRONT)).unwrap_or_else(|why| panic!("{own}: {why}"));
+        return table(Case::of_own(Path::new(own)), folder.path());
+    }
     for (width, height) in sizes {
-        for (kind, dense, sixteen) in [("typical", false, false), ("dense", true, false), ("sixteen", false, true)] {
-            if only.is_some_and(|only| only != kind) {
-                continue;
-            }
-            let case = Case { dense, width, height, sixteen, slices };
-            let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
-            make(case, folder.path());
-            let zip = fs::metadata(folder.path().join(FRONT)).expect("the zip").len() as f64;
-            println!("\n{} ({:.1} MB per slice)", case.name(), zip / 1e6 / slices as f64);
-            println!("| stage             |      CPU |     wall |   ns/px | x decode | peak MB |");
-            println!("|-------------------|---------:|---------:|--------:|---------:|--------:|");
-            let pixels = (width * height * slices) as f64;
-            let mut decode = None;
-            for name in STAGES {
-                let cost = cost(name, case, folder.path(), threads);
-                let decode = *decode.get_or_insert(cost);
-                line(name, cost, Some(decode), pixels);
-            }
-            if !has("--no-enfuse")
-                && let Some(cost) = enfuse(case, folder.path())
-            {
-                line("enfuse", cost, decode, pixels);
+        let kinds =
+            [("typical", Kind::Typical, false), ("dense", Kind::Dense, false), ("sixteen", Kind::Typical, true)];
+        for (name, kind, sixteen) in kinds {
+            if word("--only").is_none_or(|only| only == name) {
+                let (case, folder) = (Case { kind, width, height, sixteen, slices }, folder());
+                make(case, folder.path());
+                table(case, folder.path());
             }
         }
     }

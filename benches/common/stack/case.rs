@@ -5,6 +5,7 @@ use std::path::Path;
 use pinstack::{
     archive::{ArchiveLimits, StackArchive, open},
     fusion::Plan,
+    imaging::{Samples, Slices},
     model::options::{GuidedParams, Method},
     synth::Rig,
 };
@@ -13,10 +14,19 @@ use pinstack::{
 pub const FRONT: &str = "stack.zip";
 pub const BACK: &str = "back.zip";
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// An insect before a plain ground.
+    Typical,
+    /// Texture everywhere.
+    Dense,
+    /// Somebody's own, aligned already.
+    Own,
+}
+
 #[derive(Debug, Clone, Copy)]
 pub struct Case {
-    /// Texture everywhere, or an insect before a plain ground.
-    pub dense: bool,
+    pub kind: Kind,
     pub width: usize,
     pub height: usize,
     pub sixteen: bool,
@@ -28,7 +38,19 @@ impl Case {
         Rig::sized(self.width, self.height, self.slices)
     }
 
+    /// The case of the zip `stack`, which has one light.
+    pub fn of_own(stack: &Path) -> Self {
+        let archive =
+            open(stack, &ArchiveLimits::default()).unwrap_or_else(|fault| panic!("{}: {fault}", stack.display()));
+        let first = archive.front().load(0).unwrap_or_else(|fault| panic!("{}: {fault}", stack.display()));
+        let sixteen = matches!(first.samples, Samples::Sixteen(_));
+        Self { kind: Kind::Own, width: first.width, height: first.height, sixteen, slices: archive.front().count() }
+    }
+
     pub fn plan(self) -> Plan {
+        if self.kind == Kind::Own {
+            return Plan { method: method(), ..Plan::aligned(self.width, self.height, self.slices) };
+        }
         let rig = self.rig();
         Plan {
             width: self.width,
@@ -46,7 +68,11 @@ impl Case {
     pub fn name(self) -> String {
         format!(
             "{}, {:.1} MP, {} slices of {} bits",
-            if self.dense { "dense" } else { "typical" },
+            match self.kind {
+                Kind::Typical => "typical",
+                Kind::Dense => "dense",
+                Kind::Own => "own",
+            },
             (self.width * self.height) as f64 / 1e6,
             self.slices,
             if self.sixteen { 16 } else { 8 }
@@ -55,13 +81,14 @@ impl Case {
 
     /// The words by which a child is told which case it is about.
     pub fn words(self) -> [String; 5] {
-        let flag = |flag: bool| usize::from(flag).to_string();
-        [flag(self.dense), self.width.to_string(), self.height.to_string(), flag(self.sixteen), self.slices.to_string()]
+        [self.kind as usize, self.width, self.height, usize::from(self.sixteen), self.slices]
+            .map(|word| word.to_string())
     }
 
     pub fn of(words: &[String]) -> Self {
         let number = |i: usize| words[i].parse::<usize>().expect("a number");
-        Self { dense: number(0) == 1, width: number(1), height: number(2), sixteen: number(3) == 1, slices: number(4) }
+        let kind = [Kind::Typical, Kind::Dense, Kind::Own][number(0)];
+        Self { kind, width: number(1), height: number(2), sixteen: number(3) == 1, slices: number(4) }
     }
 
     /// Fused as a job fuses the back light of such a stack.

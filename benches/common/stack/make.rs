@@ -12,7 +12,7 @@ use pinstack::{
 };
 use rayon::prelude::*;
 
-use super::case::{BACK, Case, FRONT};
+use super::case::{BACK, Case, FRONT, Kind};
 
 /// Rendered size, from which larger pictures are put together.
 pub const RENDERED: (usize, usize) = (1800, 1200);
@@ -41,7 +41,7 @@ fn scene(dense: bool) -> Scene {
 /// together on the canvas and then seen through the homographies of the large rig, with noise of their own.
 pub fn make(case: Case, folder: &Path) {
     let lights = [
-        (FRONT, scene(case.dense), Light::Front),
+        (FRONT, scene(case.kind == Kind::Dense), Light::Front),
         // texture everywhere leaves no back light to see
         (BACK, scene(false), Light::Back),
     ];

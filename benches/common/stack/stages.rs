@@ -43,6 +43,9 @@ pub const STAGES: [&str; 10] = [
     "PNG of the result",
 ];
 
+/// Those of them that need a back light.
+pub const OF_BACK: [&str; 2] = ["back light", "its mask"];
+
 /// What the child does: one stage.
 pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
     let archive = case.archive(folder);

@@ -108,7 +108,9 @@ fn the_blur_of_what_is_dark_is_no_wing_however_wide_it_is() {
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn what_the_mask_reaches() {
     for (name, scene) in SCENES {
-        for (width, height, seed) in [(1200, 800, 1), (1200, 800, 2), (1200, 800, 3), (600, 400, 1), (600, 400, 2)] {
+        for (width, height, seed) in
+            [(1800, 1200, 1), (1200, 800, 1), (1200, 800, 2), (1200, 800, 3), (600, 400, 1), (600, 400, 2)]
+        {
             let case = Case::new(&scene(seed), &Rig { seed, ..Rig::sized(width, height, 13) });
             let row: Vec<String> = SHADES
                 .into_iter()

@@ -38,12 +38,20 @@ struct Level {
 
 /// What the survey ends with.
 pub(super) struct Surveyed {
-    /// Per level, from narrow to wide: the sharpest slice of each cell.
-    pub wide: Vec<Plane<u16>>,
+    /// The levels, from narrow to wide.
+    pub wide: Vec<Wide>,
     /// Whether there is no detail in any slice in all that the levels look at.
     pub plain: Plane<bool>,
     /// Energy of a place without any detail, squared grey levels.
     pub noise: f32,
+}
+
+/// Wide surroundings of each cell.
+pub(super) struct Wide {
+    /// The slice that is sharpest in them.
+    pub slice: Plane<u16>,
+    /// Their mean energy in that slice, squared grey levels.
+    pub energy: Plane<f32>,
 }
 
 impl Survey {
@@ -118,14 +126,15 @@ impl Survey {
         let mut wide = Vec::new();
         for level in self.levels {
             let Level { best, mut slice, .. } = unlocked(level);
-            for ((slice, energy), plain) in slice.iter_mut().zip(best).zip(&mut plain.data) {
-                let detail = energy >= PLAIN * noise;
+            for ((slice, energy), plain) in slice.iter_mut().zip(&best).zip(&mut plain.data) {
+                let detail = *energy >= PLAIN * noise;
                 *plain &= !detail;
                 if !detail && *slice != UNCOVERED {
                     *slice = reference as u16;
                 }
             }
-            wide.push(Plane { width, height, data: slice });
+            let energy = Plane { width, height, data: best };
+            wide.push(Wide { slice: Plane { width, height, data: slice }, energy });
         }
         Surveyed { wide, plain, noise }
     }
@@ -199,7 +208,7 @@ mod tests {
         let energy = |slice: usize, x: usize| if (slice == 0) == (x < 12) { 9.0 } else { 1.0 };
         for order in [[0, 1], [1, 0]] {
             let surveyed = survey(&order, energy);
-            assert_eq!(surveyed.wide[0].row(1), [0, 0, 0, 1, 1, 1]);
+            assert_eq!(surveyed.wide[0].slice.row(1), [0, 0, 0, 1, 1, 1]);
         }
     }
 
