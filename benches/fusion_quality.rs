@@ -1,5 +1,6 @@
 //! What fusion is worth: synthetic stacks of which the truth is known, fused by every method and by what other
-//! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--crops FOLDER]`
+//! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--blur TIMES]
+//! [--crops FOLDER]`
 //!
 //! `-- --edges FILE ...` says how soft the edges of pictures are instead, and those of the scenes.
 //!
@@ -28,13 +29,15 @@ struct Arguments {
     quick: bool,
     scene: Option<String>,
     softness: f64,
+    /// Times the blur of a step, of all stacks.
+    blur: f64,
     crops: Option<PathBuf>,
     /// Pictures whose edges are measured; nothing is fused then.
     edges: Option<Vec<PathBuf>>,
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let mut found = Arguments { quick: false, scene: None, softness: SOFTNESS, crops: None, edges: None };
+    let mut found = Arguments { quick: false, scene: None, softness: SOFTNESS, blur: 1.0, crops: None, edges: None };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
         let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
@@ -48,13 +51,18 @@ fn arguments() -> Result<Arguments, String> {
                 let softness = value.parse().ok().filter(|softness| (0.0..=4.0).contains(softness));
                 found.softness = softness.ok_or(format!("--softness {value}: give 0 to 4 px"))?;
             }
+            "--blur" => {
+                let value = value()?;
+                let blur = value.parse().ok().filter(|blur| (0.1..=8.0).contains(blur));
+                found.blur = blur.ok_or(format!("--blur {value}: give 0.1 to 8 times"))?;
+            }
             "--crops" => found.crops = Some(value()?.into()),
             "--edges" => {
                 found.edges = Some(rest.by_ref().filter(|file| file != "--bench").map(PathBuf::from).collect())
             }
             other => {
                 return Err(format!(
-                    "{other} is not known: --quick, --scene NAME, --softness PX, --crops FOLDER, --edges FILE ..."
+                    "{other} is not known: --quick, --scene NAME, --softness PX, --blur TIMES, --crops FOLDER, --edges FILE ..."
                 ));
             }
         }
@@ -64,7 +72,8 @@ fn arguments() -> Result<Arguments, String> {
 
 /// Three seeds in two sizes, and one of the smaller with more blur; the first of them alone when it must be quick.
 fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack::synth::Scene) -> Vec<Case> {
-    let case = |seed, size, blur| Case { scene, make, seed, size, blur, softness: arguments.softness };
+    let case =
+        |seed, size, blur| Case { scene, make, seed, size, blur: blur * arguments.blur, softness: arguments.softness };
     let (small, large) = ((600, 400), (1200, 800));
     if arguments.quick {
         return vec![case(1, small, 1.0)];

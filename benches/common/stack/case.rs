@@ -49,7 +49,8 @@ impl Case {
 
     pub fn plan(self) -> Plan {
         if self.kind == Kind::Own {
-            return Plan { method: method(), ..Plan::aligned(self.width, self.height, self.slices) };
+            let aligned = Plan::aligned(self.width, self.height, self.slices);
+            return Plan { method: method(), near_first: Some(true), ..aligned };
         }
         let rig = self.rig();
         Plan {

@@ -49,12 +49,13 @@ fn tile<S: Sample, const C: usize>(
     let mut values = in_parts(veil, window)?;
     let before = values.clone();
     veil.take_off(window, &mut values)?;
-    let (taken, labelled) = (taken::<C>(&before, &values), rounded::<S>(&values));
+    let (taken, labelled, veiled) = (taken::<C>(&before, &values), rounded::<S>(&values), rounded::<S>(&before));
     let mut near = Vec::with_capacity(labelled.len());
     for y in window.y..window.y + window.height {
         near.extend_from_slice(&pyramids[(y * width + window.x) * C..][..window.width * C]);
     }
-    let pair = trust::Pair { window, labelled: &labelled, values: &values, pyramids: &near, veil: &taken };
+    let pair =
+        trust::Pair { window, labelled: &labelled, values: &values, veiled: &veiled, pyramids: &near, veil: &taken };
     pair.mixed::<C>(rect, rows, out);
 
     let level = S::DEPTH.max() / 255.0;
