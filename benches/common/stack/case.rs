@@ -43,6 +43,7 @@ impl Case {
         let archive =
             open(stack, &ArchiveLimits::default()).unwrap_or_else(|fault| panic!("{}: {fault}", stack.display()));
         let first = archive.front().load(0).unwrap_or_else(|fault| panic!("{}: {fault}", stack.display()));
+        assert!(first.channels == 3, "{}: the bench takes stacks in colour, and this one is grey", stack.display());
         let sixteen = matches!(first.samples, Samples::Sixteen(_));
         Self { kind: Kind::Own, width: first.width, height: first.height, sixteen, slices: archive.front().count() }
     }
