@@ -5,6 +5,8 @@
 //! the slice of the near part shows the place unveiled. See [`veil`] for the formula, [`labels`] for what decides
 //! which slice a pixel is from, and [`trust`] for where pyramids do better.
 
+mod bounds;
+mod calm;
 mod labels;
 mod optics;
 mod outline;

@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::imaging::Rect;
-
 /// Side of the squares that are corrected in one go, px.
 const BLOCK: usize = 128;
 
@@ -60,15 +58,4 @@ impl Tasks {
         self.put_away();
         self.all
     }
-}
-
-/// The smallest rectangle of the canvas around the pixels of `tasks`.
-pub(super) fn bounds(tasks: &[Task], rect: Rect) -> Rect {
-    let (mut left, mut right, mut top, mut bottom) = (usize::MAX, 0, usize::MAX, 0);
-    for task in tasks {
-        let (x, y) = (task.at % rect.width, task.at / rect.width);
-        (left, right, top, bottom) = (left.min(x), right.max(x), top.min(y), bottom.max(y));
-    }
-    let (left, top) = (left.min(right), top.min(bottom));
-    Rect { x: rect.x + left, y: rect.y + top, width: right - left + 1, height: bottom - top + 1 }
 }

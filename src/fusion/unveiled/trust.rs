@@ -66,7 +66,7 @@ pub(super) struct Pair<'a, S> {
     pub labelled: &'a [S],
     /// The samples of `labelled` before they were rounded, so that what is mixed is rounded once.
     pub values: &'a [f32],
-    /// The same before the veil was taken off.
+    /// The samples of the labelled picture before the veil was taken off.
     pub veiled: &'a [S],
     pub pyramids: &'a [S],
     /// What taking off the veil has changed, in the scale of the samples.

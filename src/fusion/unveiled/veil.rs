@@ -11,13 +11,14 @@
 use std::collections::BTreeMap;
 
 use super::{
+    bounds::bounds,
     labels::Labels,
     optics::{Optics, WIDEST},
     outline::{self, Outline},
     overreach::{OVERREACH, farthest_around, offsets, ranks},
     pictures::Pictures,
     survey::CELL,
-    tasks::{Kind, Task, Tasks, bounds},
+    tasks::{Kind, Task, Tasks},
 };
 use crate::{
     fusion::UNCOVERED,
@@ -241,7 +242,11 @@ impl<S: Sample, const C: usize> Veil<'_, S, C> {
         let (width, height) = self.pictures.size();
         let disc = Disc::new(self.optics.radius(near, far));
         let either = tasks.iter().any(|task| matches!(task.kind, Kind::Either(_)));
-        let bounds = bounds(tasks, rect).grown(if either { outline::REACH } else { 0 }, width, height);
+        let bounds = bounds(tasks.iter().map(|task| task.at), rect).grown(
+            if either { outline::REACH } else { 0 },
+            width,
+            height,
+        );
         let window = bounds.grown(disc.reach(), width, height);
         if !self.pictures.covers(far, window) || !self.pictures.covers(near, bounds) {
             return Ok(());
