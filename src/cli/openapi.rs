@@ -7,6 +7,6 @@ use std::io::Write;
 /// # Errors
 /// When the output is closed.
 pub fn run() -> anyhow::Result<()> {
-    std::io::stdout().write_all(crate::http::system::openapi::text().as_bytes())?;
+    std::io::stdout().write_all(crate::http::router::DOCUMENT.text().as_bytes())?;
     Ok(())
 }

@@ -1,7 +1,9 @@
 //! The table of contents: every URL of the service.
 
+use std::sync::LazyLock;
+
 use axum::{
-    Router,
+    Extension, Router,
     extract::DefaultBodyLimit,
     middleware::{from_fn, from_fn_with_state},
     routing::{post, put},
@@ -17,6 +19,10 @@ use super::{
     state::App,
     system, uploads,
 };
+
+/// The OpenAPI document of [`routes`]: made once, when it is first asked for.
+pub static DOCUMENT: LazyLock<system::openapi::Document> =
+    LazyLock::new(|| system::openapi::Document::of(routes().into_openapi()));
 
 /// Every documented URL.
 pub fn routes() -> OpenApiRouter<App> {
@@ -71,6 +77,7 @@ pub fn service(app: App) -> Router {
         // tus, where only GET and POST get through
         .route("/v1/uploads/{id}", post(uploads::patch::overridden).options(uploads::options::options))
         .merge(system::docs::routes())
+        .layer(Extension(&*DOCUMENT))
         // uploads count their bytes themselves, JSON bodies have their own limit
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn_with_state(app.clone(), auth::check))

@@ -193,15 +193,18 @@ async fn where_so_configured_a_token_sees_only_its_own_stacks() {
 
 #[tokio::test]
 async fn the_contract_says_which_scope_each_call_needs() {
-    let document = pinstack::http::system::openapi::document();
+    let document = pinstack::http::router::DOCUMENT.value();
     let needed = |path: &str, method: &str| document["paths"][path][method]["security"].clone();
-    assert_eq!(needed("/v1/stacks", "post"), json!([{ "token": ["stacks:write"] }]));
-    assert_eq!(needed("/v1/stacks/{id}/image", "get"), json!([{ "token": ["read"] }]));
-    assert_eq!(needed("/healthz", "get"), Value::Null);
+    let scopes = |path: &str, method: &str| document["paths"][path][method]["x-required-scopes"].clone();
+    assert_eq!(needed("/v1/stacks", "post"), json!([{ "token": [] }]));
+    assert_eq!(scopes("/v1/stacks", "post"), json!(["stacks:write"]));
+    assert_eq!(scopes("/v1/stacks/{id}/image", "get"), json!(["read"]));
+    assert_eq!(scopes("/v1/uploads", "post"), json!(["stacks:write", "profiles:write"]));
+    assert_eq!(needed("/healthz", "get"), json!([]), "no token is asked for");
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
-            let admin = json!([{ "token": ["admin"] }]);
-            assert_ne!(operation["security"], admin, "{method} {path}: the table of scopes has no line for it");
+            let told = &operation["x-required-scopes"];
+            assert_ne!(*told, json!(["admin"]), "{method} {path}: the table of scopes has no line for it");
         }
     }
 }

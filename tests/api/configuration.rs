@@ -49,7 +49,7 @@ fn an_origin_that_no_browser_would_send_is_refused() {
 #[test]
 fn the_program_prints_the_contract_and_tells_health_by_its_exit_code() {
     let output = Command::new(env!("CARGO_BIN_EXE_pinstack")).arg("openapi").output().expect("the program runs");
-    assert_eq!(String::from_utf8_lossy(&output.stdout), pinstack::http::system::openapi::text());
+    assert_eq!(String::from_utf8_lossy(&output.stdout), pinstack::http::router::DOCUMENT.text());
     // nothing listens on port 1
     let health = Command::new(env!("CARGO_BIN_EXE_pinstack")).args(["health", "http://127.0.0.1:1"]).output();
     assert!(!health.expect("the program runs").status.success());

@@ -54,6 +54,12 @@ async fn what_is_wrong_in_a_form_is_told() {
     problem(send(&app, "/v1/stacks?r1=3", &with(b"{}")).await, 400, "invalid_request").await;
     problem(send(&app, "/v1/stacks", &[("rig", b"rig"), ("lens", b"lens")]).await, 400, "invalid_request").await;
     problem(send(&app, "/v1/stacks", &[("stack", &zip)]).await, 400, "invalid_request").await;
+    for url in ["/v1/stacks?rig=rig", "/v1/stacks?rig=rig&lens=lens"] {
+        let told = problem(send(&app, url, &with(b"{}")).await, 400, "invalid_request").await;
+        assert!(told["detail"].as_str().unwrap().contains("'rig' is given twice"), "{told}");
+    }
+    let calibrations = "/v1/profiles/rig/lens/calibrations";
+    problem(send(&app, calibrations, &[("rig", b"other"), ("stack", &zip)]).await, 400, "invalid_request").await;
     assert_eq!(app.spooled(), 0);
     assert_eq!(app.rows.counts().await.unwrap().queued, 0);
 }

@@ -20,6 +20,7 @@ use crate::{
 #[utoipa::path(
     post,
     path = "/v1/calibrations/{id}/cancel",
+    operation_id = "cancel_calibration",
     tag = "calibrations",
     params(("id" = String, Path, description = "Id of the calibration")),
     responses(

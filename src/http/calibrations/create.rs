@@ -6,6 +6,8 @@ use axum::{
     http::{HeaderMap, Uri},
     response::Response,
 };
+use serde::Deserialize;
+use utoipa::ToSchema;
 
 use super::order::CalibrationOrder;
 use crate::{
@@ -17,8 +19,23 @@ use crate::{
         state::App,
         views::Calibration,
     },
-    model::Code,
+    model::{
+        Code,
+        request::{CalibrationOptions, ModelChoice},
+    },
 };
+
+/// The same by a form.
+#[derive(Debug, Deserialize, ToSchema)]
+#[allow(dead_code)]
+pub struct CalibrationForm {
+    /// Options, JSON; every one has a default.
+    #[schema(value_type = CalibrationOptions, required = false)]
+    options: Option<CalibrationOptions>,
+    /// The zip.
+    #[schema(value_type = String, format = Binary)]
+    stack: Vec<u8>,
+}
 
 /// Calibrate from a dot-target stack
 ///
@@ -27,6 +44,7 @@ use crate::{
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/calibrations",
+    operation_id = "calibrate",
     tag = "calibrations",
     params(
         ("rig" = String, Path, description = "Name of the rig"),
@@ -34,11 +52,20 @@ use crate::{
         ("reference_index" = Option<u32>, Query, description = "0-based index of the reference slice; default: the middle one"),
         ("target_pitch_mm" = Option<f64>, Query, description = "Distance between neighbouring dots; gives the magnification"),
         ("pixel_pitch_mm" = Option<f64>, Query, description = "Size of one pixel on the sensor; kept in the profile"),
+        ("focal_mm" = Option<f64>, Query, description = "Focal length engraved on the lens, mm"),
+        ("rail_step_mm" = Option<f64>, Query, description = "Distance from slice to slice on the rail, mm; negative when it moves away from the object. Uneven positions: `rail_positions_mm` in the part `options` of a form"),
+        ("capture_mode" = Option<crate::model::profile::CaptureMode>, Query, description = "What moves between slices; a disagreement with what the pictures show is a warning"),
+        ("model" = Option<ModelChoice>, Query, description = "Transform model; default `auto`: the simplest that explains the dots"),
+        ("allow_new_size" = Option<bool>, Query, description = "The slices may have another size than the profile that this calibration replaces; default false"),
         ("note" = Option<String>, Query, description = "Free text kept in the profile, at most 4,000 characters"),
         ("Idempotency-Key" = Option<String>, Header, description = "A repeat with the same key answers the first calibration"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: up to 60 s for the end"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60"),
     ),
-    request_body(content = Vec<u8>, content_type = "application/zip", description = "The zip, streamed to disk"),
+    request_body(description = "The zip, bare or in a form; it is streamed to disk", content(
+        (Vec<u8> = "application/zip"),
+        (Vec<u8> = "application/octet-stream"),
+        (CalibrationForm = "multipart/form-data"),
+    )),
     responses(
         (status = 200, description = "It has ended within `Prefer: wait`", body = Calibration),
         (status = 202, description = "It is accepted", body = Calibration, headers(("Location" = String, description = "The calibration"))),

@@ -14,6 +14,7 @@ use crate::{
 #[utoipa::path(
     delete,
     path = "/v1/calibrations/{id}",
+    operation_id = "delete_calibration",
     tag = "calibrations",
     params(("id" = String, Path, description = "Id of the calibration")),
     responses(

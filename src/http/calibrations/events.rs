@@ -21,6 +21,7 @@ use crate::{
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/events",
+    operation_id = "watch_calibration",
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),

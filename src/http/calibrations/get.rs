@@ -19,10 +19,11 @@ use crate::{
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}",
+    operation_id = "get_calibration",
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: up to 60 s for the end"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60"),
     ),
     responses(
         (status = 200, description = "The calibration", body = Calibration),

@@ -19,6 +19,7 @@ use crate::{
 #[utoipa::path(
     get,
     path = "/v1/calibrations",
+    operation_id = "list_calibrations",
     tag = "calibrations",
     params(
         ("state" = Option<JobState>, Query, description = "Only in this state"),

@@ -30,6 +30,7 @@ struct Parameters {
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/overlay",
+    operation_id = "get_calibration_overlay",
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),

@@ -61,6 +61,7 @@ enum Form {
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/report",
+    operation_id = "get_calibration_report",
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),

@@ -65,7 +65,7 @@ pub async fn receive<O: Order>(
             fields.options = Some(text(part, &verdict).await?.into_bytes());
         } else {
             let value = text(part, &verdict).await?;
-            fields.set(&name, value);
+            fields.add(&name, value)?;
         }
         seen.push(name);
     }

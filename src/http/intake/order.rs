@@ -25,6 +25,20 @@ impl Fields {
         self.pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
     }
 
+    /// Adds a field of a form.
+    ///
+    /// # Errors
+    /// `invalid_request` when the URL has it too: one of the two would be passed over in silence.
+    pub fn add(&mut self, name: &str, value: String) -> ApiResult<()> {
+        if self.get(name).is_some() {
+            let name: String = name.chars().take(80).collect();
+            let detail = format!("'{name}' is given twice, in the URL and as a part of the form; give it once");
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+        self.set(name, value);
+        Ok(())
+    }
+
     /// Sets a field, over what the URL said.
     pub fn set(&mut self, name: &str, value: String) {
         self.pairs.retain(|(n, _)| n != name);

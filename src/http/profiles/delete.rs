@@ -14,6 +14,7 @@ use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
 #[utoipa::path(
     delete,
     path = "/v1/profiles/{rig}/{lens}",
+    operation_id = "delete_profile",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig"),

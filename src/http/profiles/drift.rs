@@ -30,6 +30,7 @@ struct Parameters {
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/drift",
+    operation_id = "get_profile_drift",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig"),

@@ -50,6 +50,7 @@ struct Parameters {
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/export",
+    operation_id = "export_profile",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig"),

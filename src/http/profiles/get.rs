@@ -29,6 +29,7 @@ struct Parameters {
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}",
+    operation_id = "get_profile",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig"),

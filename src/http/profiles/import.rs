@@ -26,6 +26,7 @@ use crate::{
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/import",
+    operation_id = "import_profile",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig here"),

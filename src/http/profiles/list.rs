@@ -15,6 +15,7 @@ use crate::http::{
 #[utoipa::path(
     get,
     path = "/v1/profiles",
+    operation_id = "list_profiles",
     tag = "profiles",
     params(
         ("rig" = Option<String>, Query, description = "Only this rig"),

@@ -33,6 +33,7 @@ use crate::{
 #[utoipa::path(
     put,
     path = "/v1/profiles/{rig}/{lens}",
+    operation_id = "put_profile",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig: 1 to 64 of `A-Z a-z 0-9 . _ -`, not beginning with a dot"),

@@ -16,6 +16,7 @@ use crate::http::{
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/revisions",
+    operation_id = "list_profile_revisions",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig"),

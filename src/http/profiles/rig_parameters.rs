@@ -34,6 +34,7 @@ use crate::{
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/rig-parameters",
+    operation_id = "compute_profile",
     tag = "profiles",
     params(
         ("rig" = String, Path, description = "Name of the rig"),

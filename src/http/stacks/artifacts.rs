@@ -32,6 +32,7 @@ async fn send(app: &App, id: Uuid, headers: &HeaderMap, what: &str) -> ApiResult
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/image",
+    operation_id = "get_stack_image",
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),
@@ -72,6 +73,7 @@ pub async fn image(State(app): State<App>, JobId(id): JobId, headers: HeaderMap)
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/mask",
+    operation_id = "get_stack_mask",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(
@@ -93,6 +95,7 @@ pub async fn mask(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) 
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/backlight",
+    operation_id = "get_stack_backlight",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(
@@ -114,6 +117,7 @@ pub async fn backlight(State(app): State<App>, JobId(id): JobId, headers: Header
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/depth",
+    operation_id = "get_stack_depth",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(
@@ -130,9 +134,12 @@ pub async fn depth(State(app): State<App>, JobId(id): JobId, headers: HeaderMap)
 }
 
 /// A small picture for a page
+///
+/// The image, made smaller, as 8-bit PNG.
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/preview",
+    operation_id = "get_stack_preview",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(

@@ -20,6 +20,7 @@ use crate::{
 #[utoipa::path(
     post,
     path = "/v1/stacks/{id}/cancel",
+    operation_id = "cancel_stack",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(

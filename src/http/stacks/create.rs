@@ -19,18 +19,21 @@ use crate::{
         state::App,
         views::Stack,
     },
-    model::options::StackOptions,
+    model::{Name, options::StackOptions},
 };
 
-/// The same by a form.
+/// The same by a form. `rig` and `lens` are given once: here, or in the URL.
 #[derive(Debug, Deserialize, ToSchema)]
 #[allow(dead_code)]
 pub struct StackForm {
-    /// Name of the rig.
-    rig: String,
-    /// Name of the lens.
-    lens: String,
+    /// Rig of the profile.
+    #[schema(value_type = String, required = false, example = "turntable-1")]
+    rig: Option<Name>,
+    /// Lens of the profile.
+    #[schema(value_type = String, required = false, example = "mpe65-2x")]
+    lens: Option<Name>,
     /// Options, JSON; every one has a default.
+    #[schema(value_type = StackOptions, required = false)]
     options: Option<StackOptions>,
     /// The zip.
     #[schema(value_type = String, format = Binary)]
@@ -48,10 +51,11 @@ pub struct StackForm {
 #[utoipa::path(
     post,
     path = "/v1/stacks",
+    operation_id = "send_stack",
     tag = "stacks",
     params(
-        ("rig" = String, Query, description = "Rig of the profile (in a form: the part `rig`)", example = "turntable-1"),
-        ("lens" = String, Query, description = "Lens of the profile (in a form: the part `lens`)", example = "mpe65-2x"),
+        ("rig" = Option<String>, Query, description = "Rig of the profile. Required with a bare zip. With a form, give it here or as the part `rig`, not both", example = "turntable-1"),
+        ("lens" = Option<String>, Query, description = "Lens of the profile. Required with a bare zip. With a form, give it here or as the part `lens`, not both", example = "mpe65-2x"),
         ("profile_revision" = Option<u32>, Query, description = "Use this revision of the profile instead of the current one"),
         ("mask" = Option<crate::model::options::MaskMode>, Query, description = "Whether the object is cut out with the back light; default `auto`"),
         ("mask_threshold" = Option<String>, Query, description = "`auto` (half-way between object and background) or 0 to 1; default `auto`"),
@@ -76,10 +80,11 @@ pub struct StackForm {
         ("tilt_deg" = Option<f64>, Query, description = "Commanded tilt"),
         ("keep_days" = Option<u32>, Query, description = "Remove upload and results this many days after the end; default: never"),
         ("Idempotency-Key" = Option<String>, Header, description = "A repeat with the same key answers the first stack"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: up to 60 s for the end", example = "wait=30"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60", example = "wait=30"),
     ),
     request_body(description = "The zip, bare or in a form", content(
         (Vec<u8> = "application/zip"),
+        (Vec<u8> = "application/octet-stream"),
         (StackForm = "multipart/form-data"),
     )),
     responses(
@@ -88,7 +93,7 @@ pub struct StackForm {
             ("Location" = String, description = "The stack"),
             ("Idempotency-Replayed" = String, description = "`true` when an earlier request made it"),
             ("Preference-Applied" = String, description = "The wait that was granted"))),
-        (status = 400, description = "`invalid_request`: a name or option that breaks its rule; `upload_incomplete`: the body broke off or fell silent"),
+        (status = 400, description = "`invalid_request`: a name or option that breaks its rule, or a rig or lens that is missing or given twice; `upload_incomplete`: the body broke off or fell silent"),
         (status = 404, description = "`profile_not_found`, before the body is read"),
         (status = 413, description = "`upload_too_large`: the body is over the limit"),
         (status = 415, description = "`unsupported_media_type`: neither a zip nor a form"),

@@ -14,6 +14,7 @@ use crate::{
 #[utoipa::path(
     delete,
     path = "/v1/stacks/{id}",
+    operation_id = "delete_stack",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(

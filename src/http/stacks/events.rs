@@ -21,6 +21,7 @@ use crate::{
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/events",
+    operation_id = "watch_stack",
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),

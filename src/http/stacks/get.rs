@@ -15,14 +15,15 @@ use crate::{
 
 /// Read a stack
 ///
-/// With `Prefer: wait=N` the answer comes when the stack has ended, after N seconds at the latest.
+/// With `Prefer: wait=N` the answer comes when the stack has ended, after N seconds at the latest, and never later than after 60.
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}",
+    operation_id = "get_stack",
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: up to 60 s for the end"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60"),
     ),
     responses(
         (status = 200, description = "The stack", body = Stack),

@@ -20,6 +20,7 @@ use crate::{
 #[utoipa::path(
     get,
     path = "/v1/stacks",
+    operation_id = "list_stacks",
     tag = "stacks",
     params(
         ("state" = Option<JobState>, Query, description = "Only in this state"),

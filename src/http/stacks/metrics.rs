@@ -13,6 +13,7 @@ use crate::{
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/metrics",
+    operation_id = "get_stack_metrics",
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(

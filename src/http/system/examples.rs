@@ -72,42 +72,39 @@ fn sentence(code: Code) -> &'static str {
     }
 }
 
-/// Every code, by its name in the document.
-fn codes(document: &Value) -> Vec<Code> {
+/// An example of each code that the document knows.
+pub struct Examples(Vec<(Code, String, Value)>);
+
+/// The examples, by the schema of the codes in the document.
+pub fn all(document: &Value) -> Examples {
     let names = document["components"]["schemas"]["Code"]["enum"].as_array();
-    names.into_iter().flatten().filter_map(|name| serde_json::from_value(name.clone()).ok()).collect()
+    let codes = names.into_iter().flatten().filter_map(|name| serde_json::from_value::<Code>(name.clone()).ok());
+    let example = |code: Code| {
+        let told = problem(&Fault::new(code, sentence(code)), Some("/v1/stacks".to_owned()));
+        (code, code_name(code), json!({ "summary": told.title, "value": told }))
+    };
+    Examples(codes.map(example).collect())
 }
 
-/// Adds an example of each code to the components.
-pub fn add(document: &mut Value) {
-    let examples: Map<String, Value> = codes(document)
-        .into_iter()
-        .map(|code| {
-            let told = problem(&Fault::new(code, sentence(code)), Some("/v1/stacks".to_owned()));
-            (code_name(code), json!({ "summary": told.title, "value": told }))
-        })
-        .collect();
-    document["components"]["examples"] = Value::Object(examples);
+impl Examples {
+    /// The content of an answer of this status: a problem, with an example of each code that the description names.
+    /// The schema is the same for all, so that a generated client has one class of errors.
+    pub fn content(&self, description: &str, answered: &str) -> Value {
+        let is_named = |name: &str| description.contains(&format!("`{name}`"));
+        let named = self.0.iter().filter(|(code, name, _)| status(*code).as_str() == answered && is_named(name));
+        let examples: Map<String, Value> =
+            named.map(|(_, name, _)| (name.clone(), json!({ "$ref": reference(name) }))).collect();
+        json!({ PROBLEM_JSON: { "schema": { "$ref": "#/components/schemas/Problem" }, "examples": examples } })
+    }
+
+    /// Those that an answer refers to: the codes of failed jobs are none of them.
+    pub fn used_in(&self, document: &Value) -> Value {
+        let text = document["paths"].to_string();
+        let used = self.0.iter().filter(|(_, name, _)| text.contains(&format!("\"{}\"", reference(name))));
+        used.map(|(_, name, example)| (name.clone(), example.clone())).collect::<Map<String, Value>>().into()
+    }
 }
 
-/// The codes that the description of an answer names, of those that have its status.
-pub fn named(document: &Value, description: &str, answered: &str) -> Vec<Code> {
-    let is_named = |code: &Code| description.contains(&format!("`{}`", code_name(*code)));
-    let fits = |code: &Code| status(*code).as_str() == answered;
-    codes(document).into_iter().filter(|code| fits(code) && is_named(code)).collect()
-}
-
-/// The content of an answer that is a problem with one of these codes.
-pub fn content(codes: &[Code], answered: &str) -> Value {
-    let names: Vec<String> = codes.iter().map(|code| code_name(*code)).collect();
-    let examples: Map<String, Value> =
-        names.iter().map(|name| (name.clone(), json!({ "$ref": format!("#/components/examples/{name}") }))).collect();
-    let narrowed = json!({ "properties": {
-        "status": { "const": answered.parse::<u16>().unwrap_or_default() },
-        "code": { "enum": names }
-    } });
-    json!({ PROBLEM_JSON: {
-        "schema": { "allOf": [{ "$ref": "#/components/schemas/Problem" }, narrowed] },
-        "examples": examples
-    } })
+fn reference(name: &str) -> String {
+    format!("#/components/examples/{name}")
 }

@@ -15,7 +15,7 @@ pub struct Alive {
 /// Alive?
 ///
 /// Asks nothing but the process itself.
-#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "Alive", body = Alive)))]
+#[utoipa::path(get, path = "/healthz", operation_id = "get_health", tag = "service", responses((status = 200, description = "Alive", body = Alive)))]
 pub async fn healthz() -> Json<Alive> {
     Json(Alive { status: "ok" })
 }

@@ -64,8 +64,10 @@ pub struct FormatsInfo {
     images: [&'static str; 2],
 }
 
-/// About this service
-#[utoipa::path(get, path = "/v1/info", tag = "service", responses((status = 200, description = "Version, limits, formats, defaults", body = Info)))]
+/// Read limits and defaults
+///
+/// The version of the service, the limits it sets, the formats it reads and writes, and the default of every option.
+#[utoipa::path(get, path = "/v1/info", operation_id = "get_info", tag = "service", responses((status = 200, description = "Version, limits, formats, defaults", body = Info)))]
 pub async fn info(State(app): State<App>) -> Json<Info> {
     let policy = &app.policy;
     let archive = &policy.archive;

@@ -42,6 +42,7 @@ pub fn recorder() -> Result<&'static PrometheusHandle, &'static str> {
 #[utoipa::path(
     get,
     path = "/metrics",
+    operation_id = "get_service_metrics",
     tag = "service",
     responses((status = 200, description = "Prometheus text", body = String, content_type = "text/plain; version=0.0.4"))
 )]

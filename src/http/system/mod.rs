@@ -8,3 +8,4 @@ pub mod metrics;
 pub mod openapi;
 pub mod parameters;
 pub mod readyz;
+pub mod schemas;

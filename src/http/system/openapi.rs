@@ -1,17 +1,20 @@
 //! `GET /openapi.json`, and how the document is made.
 
 use axum::{
-    http::{Method, header},
+    Extension,
+    http::{HeaderMap, Method, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use utoipa::OpenApi;
 
 use crate::{
     http::{
         auth::needs,
-        router,
-        system::{examples, parameters},
+        extract::conditional::{etag, not_modified},
+        intake::spool::hex,
+        system::{examples, parameters, schemas},
     },
     model::{Code, Problem, error::FaultPlace},
     store::tokens::names,
@@ -26,9 +29,15 @@ use crate::{
             for a rig and a lens, send focus stacks as zips, get fused, masked images that are still perspective images.\n\n\
             Every error is `application/problem+json` with a stable `code`. Every answer carries `X-Request-Id`. Pixel \
             coordinates: x right, y down, the centre of the top-left pixel is (0, 0). A homography is row-major and maps \
-            slice pixel to reference-slice pixel.",
+            slice pixel to reference-slice pixel.\n\n\
+            `Prefer: wait=N` lets a request wait for the end of a job: N seconds, at most 60. A larger N counts as 60, and \
+            `Preference-Applied` says what was granted. A client that wants to wait longer asks again.\n\n\
+            Each operation that needs a token names the scopes that allow it in `x-required-scopes`: one of them is enough. \
+            The scope `admin` allows everything. A service may be set up to ask for no token.",
+        contact(name = "The pinstack authors"),
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
+    servers((url = "/", description = "The service that sent this document")),
     tags(
         (name = "profiles", description = "One homography and one gain per slice, by rig and lens"),
         (name = "calibrations", description = "Profiles measured from a dot-target stack"),
@@ -40,46 +49,68 @@ use crate::{
 )]
 pub struct Base;
 
-/// The contract
+/// The OpenAPI document, as a value and as the text that is committed and served.
+#[derive(Debug)]
+pub struct Document {
+    value: Value,
+    text: String,
+    tag: String,
+}
+
+impl Document {
+    /// Completes what the endpoints say of themselves.
+    pub fn of(api: utoipa::openapi::OpenApi) -> Self {
+        let value = completed(serde_json::to_value(api).unwrap_or_default());
+        let mut text = serde_json::to_string_pretty(&value).unwrap_or_default();
+        text.push('\n');
+        let tag = hex(&Sha256::digest(&text));
+        Self { value, text, tag }
+    }
+
+    /// The document as JSON.
+    pub fn value(&self) -> &Value {
+        &self.value
+    }
+
+    /// The document as it is committed and served.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+}
+
+/// Read the contract
 ///
-/// This document.
+/// This document. It is the same until the service is replaced by another version.
 #[utoipa::path(
     get,
     path = "/openapi.json",
+    operation_id = "get_openapi",
     tag = "service",
-    responses((status = 200, description = "OpenAPI 3.1", body = Object, content_type = "application/json"))
+    params(("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has")),
+    responses(
+        (status = 200, description = "OpenAPI 3.1", body = Object, content_type = "application/json", headers(
+            ("ETag" = String, description = "SHA-256 of the document"))),
+        (status = 304, description = "The client has it already"),
+    )
 )]
-pub async fn openapi() -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], text()).into_response()
-}
-
-/// The document as it is committed and served.
-pub fn text() -> String {
-    let mut text = serde_json::to_string_pretty(&document()).unwrap_or_default();
-    text.push('\n');
-    text
-}
-
-/// The document. What is the same everywhere is added here, so that endpoints only say what is their own: errors are
-/// problems with the codes that their descriptions name, anything can fail with 500, and every answer carries a request id.
-pub fn document() -> Value {
-    let (_, document) = router::routes().split_for_parts();
-    let mut document = serde_json::to_value(document).unwrap_or_default();
-    let Some(paths) = document["paths"].as_object_mut() else { return document };
-    for (path, item) in paths.iter_mut() {
-        let Some(operations) = item.as_object_mut() else { continue };
-        for (method, operation) in operations.iter_mut() {
-            protect(path, method, operation);
-        }
+pub async fn openapi(Extension(document): Extension<&'static Document>, headers: HeaderMap) -> Response {
+    let tag = [(header::ETAG, etag(&document.tag))];
+    if not_modified(&headers, &document.tag) {
+        return (StatusCode::NOT_MODIFIED, tag).into_response();
     }
+    (tag, [(header::CONTENT_TYPE, "application/json")], document.text()).into_response()
+}
+
+/// Adds what is the same everywhere, so that endpoints only say what is their own: errors are problems with the codes
+/// that their descriptions name, anything can fail with 500, and every answer carries a request id.
+fn completed(mut document: Value) -> Value {
+    schemas::complete(&mut document);
     uploads_by_put(&mut document);
-    examples::add(&mut document);
-    let known = document.clone();
-    let Some(paths) = document["paths"].as_object_mut() else { return known };
-    for (path, item) in paths.iter_mut() {
+    let examples = examples::all(&document);
+    for (path, item) in document["paths"].as_object_mut().into_iter().flatten() {
         for (method, operation) in item.as_object_mut().into_iter().flatten() {
-            operation["operationId"] = json!(operation_id(method, path));
-            complete(&known, method, operation);
+            protect(path, method, operation);
+            complete(&examples, method, operation);
             parameters::complete(operation);
             if let Some(content) = operation.pointer_mut("/requestBody/content") {
                 parameters::complete_contents(content);
@@ -90,6 +121,7 @@ pub fn document() -> Value {
             contents.for_each(parameters::complete_contents);
         }
     }
+    document["components"]["examples"] = examples.used_in(&document);
     document["components"]["securitySchemes"]["token"] = json!({
         "type": "http", "scheme": "bearer",
         "description": "A token made by `pinstack token add`. A service may be set up to ask for none."
@@ -97,17 +129,13 @@ pub fn document() -> Value {
     document
 }
 
-/// A name for programs that are made from the document: unique, and told by the call alone.
-fn operation_id(method: &str, path: &str) -> String {
-    let words = path.trim_start_matches("/v1").replace(['{', '}'], "").replace(['/', '-', '.'], "_");
-    format!("{method}{words}")
-}
-
 /// Files are taken by PUT too, because `curl -T` sends them so.
 fn uploads_by_put(document: &mut Value) {
     for path in ["/v1/stacks", "/v1/profiles/{rig}/{lens}/calibrations", "/v1/profiles/{rig}/{lens}/import"] {
         let mut by_put = document["paths"][path]["post"].clone();
-        by_put["summary"] = json!(format!("{} by PUT", by_put["summary"].as_str().unwrap_or_default()));
+        for (member, suffix) in [("summary", " by PUT"), ("operationId", "_by_put")] {
+            by_put[member] = json!(format!("{}{suffix}", by_put[member].as_str().unwrap_or_default()));
+        }
         document["paths"][path]["put"] = by_put;
     }
     // the body of a new upload may be its first piece, or nothing
@@ -117,8 +145,12 @@ fn uploads_by_put(document: &mut Value) {
 /// What the table of scopes says about an operation.
 fn protect(path: &str, method: &str, operation: &mut Value) {
     let method = Method::from_bytes(method.to_uppercase().as_bytes()).unwrap_or_default();
-    let Some(scopes) = needs(&method, path) else { return };
-    operation["security"] = scopes.iter().map(|scope| json!({ "token": [scope.as_str()] })).collect();
+    let Some(scopes) = needs(&method, path) else {
+        operation["security"] = json!([]);
+        return;
+    };
+    operation["security"] = json!([{ "token": [] }]);
+    operation["x-required-scopes"] = scopes.iter().map(|scope| scope.as_str()).collect();
     operation["responses"]["401"] =
         json!({ "description": "`unauthorized`: a token is asked for, and there was no valid one" });
     let scopes = names(scopes, "` or `");
@@ -127,7 +159,7 @@ fn protect(path: &str, method: &str, operation: &mut Value) {
 }
 
 /// What every operation can answer, and what belongs to every answer.
-fn complete(document: &Value, method: &str, operation: &mut Value) {
+fn complete(examples: &examples::Examples, method: &str, operation: &mut Value) {
     let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { return };
     responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: our own fault" }));
     if ["put", "post", "patch", "delete"].contains(&method) {
@@ -140,8 +172,12 @@ fn complete(document: &Value, method: &str, operation: &mut Value) {
         });
         let is_error = status.starts_with('4') || status.starts_with('5');
         if is_error && response.get("content").is_none() {
-            let codes = examples::named(document, response["description"].as_str().unwrap_or_default(), status);
-            response["content"] = examples::content(&codes, status);
+            let description = response["description"].as_str().unwrap_or_default();
+            response["content"] = examples.content(description, status);
         }
+    }
+    // what the HTTP library answers by itself, before any of our code: without a body
+    if !responses.keys().any(|status| status.starts_with('4')) {
+        responses.insert("431".into(), json!({ "description": "The headers of the request are too large; no body" }));
     }
 }

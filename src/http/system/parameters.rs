@@ -34,7 +34,7 @@ pub fn complete(operation: &mut Value) {
 }
 
 /// The schema of every parameter of this name that is more than a type.
-fn precise(name: &str) -> Option<Value> {
+pub(super) fn precise(name: &str) -> Option<Value> {
     let whole = |least: u64, most: u64| json!({ "type": "integer", "minimum": least, "maximum": most });
     let number = |least: f64, most: f64| json!({ "type": "number", "minimum": least, "maximum": most });
     let text = |pattern: &str| json!({ "type": "string", "pattern": pattern });
@@ -84,13 +84,9 @@ pub fn complete_contents(content: &mut Value) {
         }
         if kind == "text/event-stream" {
             body["schema"] = json!({
-                "type": "object",
-                "description": "One event",
-                "properties": {
-                    "event": { "enum": ["state", "progress"] },
-                    "id": { "type": "string", "description": "The version of the job, for `Last-Event-ID`" },
-                    "data": { "type": "string", "description": "JSON: the job, or its progress" }
-                }
+                "type": "string",
+                "description": "Server-sent events. `event` is `state` (data: the job as JSON) or `progress` (data: its \
+                    progress as JSON); `id` is the version of the job, for `Last-Event-ID`."
             });
         }
     }

@@ -54,6 +54,7 @@ pub struct DiskCheck {
 #[utoipa::path(
     get,
     path = "/readyz",
+    operation_id = "get_readiness",
     tag = "service",
     responses(
         (status = 200, description = "Ready", body = Readiness),

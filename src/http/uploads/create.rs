@@ -44,6 +44,7 @@ use crate::{
 #[utoipa::path(
     post,
     path = "/v1/uploads",
+    operation_id = "begin_upload",
     tag = "uploads",
     params(
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),

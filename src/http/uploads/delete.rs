@@ -21,6 +21,7 @@ use crate::{
 #[utoipa::path(
     delete,
     path = "/v1/uploads/{id}",
+    operation_id = "delete_upload",
     tag = "uploads",
     params(
         ("id" = String, Path, description = "Id of the upload"),

@@ -95,6 +95,7 @@ impl ResumableUpload {
 #[utoipa::path(
     get,
     path = "/v1/uploads/{id}",
+    operation_id = "get_upload",
     tag = "uploads",
     params(("id" = String, Path, description = "Id of the upload")),
     responses(

@@ -24,6 +24,7 @@ use crate::http::{
 #[utoipa::path(
     head,
     path = "/v1/uploads/{id}",
+    operation_id = "get_upload_offset",
     tag = "uploads",
     params(
         ("id" = String, Path, description = "Id of the upload"),

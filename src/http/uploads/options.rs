@@ -16,9 +16,12 @@ use crate::http::state::App;
 const EXTENSIONS: &str = "creation,creation-with-upload,checksum,termination,expiration";
 
 /// What resumable uploads can do
+///
+/// tus 1.0.0: the answer has no body, its headers name the extensions and limits.
 #[utoipa::path(
     options,
     path = "/v1/uploads",
+    operation_id = "get_upload_options",
     tag = "uploads",
     responses((status = 204, description = "Version, extensions and limits", headers(
         ("Tus-Version" = String, description = "`1.0.0`"),

@@ -38,6 +38,7 @@ const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
 #[utoipa::path(
     patch,
     path = "/v1/uploads/{id}",
+    operation_id = "continue_upload",
     tag = "uploads",
     params(
         ("id" = String, Path, description = "Id of the upload"),

@@ -1,0 +1,91 @@
+//! The schemas of the options of a stack. One type of the program gives three schemas, because a generated client needs
+//! to tell them apart:
+//!
+//! | schema | used in | members |
+//! |---|---|---|
+//! | `StackOptions` | answers | all are there |
+//! | `StackOptionsInput` | the part `options` of a form | each may be left out and gets its default then |
+//! | `RerunOptions` | the body of a rerun | each may be left out (it stays as it was) or null (it gets its default) |
+//!
+//! None has a JSON Schema `default`: generated clients would send the defaults of the version that they were made from.
+//! The descriptions tell the defaults.
+
+use serde_json::{Map, Value, json};
+
+use super::parameters;
+
+/// Adds the three schemas, made from that of the program's type.
+pub fn complete(document: &mut Value) {
+    let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
+    let Some(Value::Object(properties)) = schemas.get("StackOptions").and_then(|made| made.get("properties")).cloned()
+    else {
+        return;
+    };
+    let object = |description: &str, properties: Map<String, Value>| {
+        json!({
+            "type": "object", "description": description, "additionalProperties": false, "properties": properties
+        })
+    };
+    let each = |change: fn(&str, Value) -> Value| -> Map<String, Value> {
+        properties.iter().map(|(name, schema)| (name.clone(), change(name, schema.clone()))).collect()
+    };
+    let description = "Options of a stack. One that is left out gets its default.";
+    schemas.insert("StackOptionsInput".into(), object(description, each(input)));
+    let description = "Options of a rerun. A member replaces that option of the stack, null gives the option its default, \
+                       and an option that is left out stays as it was.";
+    schemas.insert("RerunOptions".into(), object(description, each(rerun)));
+    let names: Vec<&String> = properties.keys().collect();
+    let shown = json!({
+        "type": "object", "required": names, "properties": each(shown),
+        "description": "Every option of a stack as it was used, defaults filled in. An option that is null has no value of \
+            its own; its description says what was done then."
+    });
+    schemas.insert("StackOptions".into(), shown);
+    let form = schemas.get_mut("StackForm").and_then(|form| form.pointer_mut("/properties/options"));
+    if let Some(options) = form {
+        *options = json!({
+            "$ref": "#/components/schemas/StackOptionsInput", "description": "Options, JSON; every one has a default."
+        });
+    }
+}
+
+/// As an answer shows it.
+fn shown(_: &str, mut schema: Value) -> Value {
+    if let Some(schema) = schema.as_object_mut() {
+        schema.remove("default");
+    }
+    schema
+}
+
+/// As a request gives it: with its range, and its default told in words.
+fn input(name: &str, mut schema: Value) -> Value {
+    let Some(members) = schema.as_object_mut() else { return schema };
+    let default = members.remove("default").filter(|default| !default.is_null());
+    let described = members.get("description").and_then(Value::as_str);
+    if let (Some(default), Some(described)) = (default, described) {
+        let default = default.as_str().map_or_else(|| default.to_string(), str::to_owned);
+        let described = format!("{described} Default: `{default}`.");
+        members.insert("description".into(), described.into());
+    }
+    // the enumeration of the depths is a pattern here: JSON may also hold numbers
+    let precise = parameters::precise(name).unwrap_or_default();
+    for (member, value) in precise.as_object().into_iter().flatten() {
+        if !["type", "$ref", "enum", "format"].contains(&member.as_str()) {
+            members.insert(member.clone(), value.clone());
+        }
+    }
+    schema
+}
+
+/// As a rerun gives it: null, too.
+fn rerun(name: &str, schema: Value) -> Value {
+    let mut schema = input(name, schema);
+    if let Some(kind) = schema["type"].as_str().map(str::to_owned) {
+        schema["type"] = json!([kind, "null"]);
+    } else if let Some(members) = schema.as_object_mut()
+        && let Some(reference) = members.remove("$ref")
+    {
+        members.insert("oneOf".into(), json!([{ "$ref": reference }, { "type": "null" }]));
+    }
+    schema
+}
