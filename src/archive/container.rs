@@ -6,7 +6,7 @@ use std::{
     os::unix::fs::FileExt,
     path::Path,
     sync::{
-        Arc,
+        Arc, Mutex, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
 };
@@ -29,6 +29,9 @@ const LARGEST_RATIO: u64 = 1_100;
 enum Source {
     Disk(File),
     Memory(Vec<u8>),
+    /// A disk that fails while a test says so.
+    #[cfg(test)]
+    Failing(Vec<u8>, Arc<std::sync::atomic::AtomicBool>),
 }
 
 impl Source {
@@ -36,6 +39,8 @@ impl Source {
         match self {
             Self::Disk(file) => Ok(file.metadata()?.len()),
             Self::Memory(bytes) => Ok(bytes.len() as u64),
+            #[cfg(test)]
+            Self::Failing(bytes, _) => Ok(bytes.len() as u64),
         }
     }
 
@@ -46,6 +51,10 @@ impl Source {
                 let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
                 (&mut &*rest).read(buffer)
             }
+            #[cfg(test)]
+            Self::Failing(_, fails) if fails.load(Ordering::SeqCst) => Err(io::Error::from_raw_os_error(5)),
+            #[cfg(test)]
+            Self::Failing(bytes, _) => Self::Memory(bytes.clone()).read_at(buffer, at),
         }
     }
 
@@ -56,6 +65,8 @@ impl Source {
                 let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
                 (&mut &*rest).read_exact(buffer)
             }
+            #[cfg(test)]
+            Self::Failing(bytes, _) => Self::Memory(bytes.clone()).read_exact_at(buffer, at),
         }
     }
 }
@@ -67,6 +78,24 @@ struct Shared {
     length: u64,
     at: u64,
     budget: Arc<AtomicU64>,
+    failure: Failure,
+}
+
+/// The last error of the disk. Libraries wrap it beyond recognition; it must not be blamed on the content of the zip.
+#[derive(Clone, Default)]
+struct Failure(Arc<Mutex<Option<io::Error>>>);
+
+impl Failure {
+    fn note(&self, error: &io::Error) {
+        let noted = error.raw_os_error().map_or_else(|| error.kind().into(), io::Error::from_raw_os_error);
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(noted);
+    }
+
+    /// A fault that came of an error of the disk says so instead of what it looked like.
+    fn explain<T>(&self, result: Result<T, Fault>) -> Result<T, Fault> {
+        let noted = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        result.map_err(|fault| noted.map_or(fault, unreadable))
+    }
 }
 
 /// What a read beyond the budget says, to be told from other errors.
@@ -74,7 +103,7 @@ const BUDGET_SPENT: &str = "directory budget spent";
 
 impl Read for Shared {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.source.read_at(buffer, self.at)?;
+        let read = self.source.read_at(buffer, self.at).inspect_err(|error| self.failure.note(error))?;
         let spend = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(read as u64) };
         if self.budget.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend).is_err() {
             return Err(io::Error::other(BUDGET_SPENT));
@@ -111,6 +140,7 @@ pub(super) struct Member {
 #[derive(Clone)]
 pub(super) struct Container {
     zip: ZipArchive<Shared>,
+    failure: Failure,
 }
 
 impl Container {
@@ -124,12 +154,28 @@ impl Container {
         Self::of(Source::Memory(bytes), limits)
     }
 
+    /// Reads the directory of a zip on a disk that fails (EIO) while `fails` is set.
+    #[cfg(test)]
+    pub(super) fn on_a_failing_disk(
+        bytes: Vec<u8>,
+        fails: Arc<std::sync::atomic::AtomicBool>,
+        limits: &ArchiveLimits,
+    ) -> Result<Self, Fault> {
+        Self::of(Source::Failing(bytes, fails), limits)
+    }
+
     fn of(source: Source, limits: &ArchiveLimits) -> Result<Self, Fault> {
+        let failure = Failure::default();
+        failure.explain(Self::checked(source, limits, &failure))
+    }
+
+    fn checked(source: Source, limits: &ArchiveLimits, failure: &Failure) -> Result<Self, Fault> {
         let length = source.length().map_err(unreadable)?;
         refuse_what_is_no_zip(&source, length).map_err(unreadable)??;
 
         let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
-        let shared = Shared { source: Arc::new(source), length, at: 0, budget: budget.clone() };
+        let shared =
+            Shared { source: Arc::new(source), length, at: 0, budget: budget.clone(), failure: failure.clone() };
         let directory_fault = |error: ZipError| match error {
             ZipError::Io(error) if error.to_string() == BUDGET_SPENT => {
                 Fault::new(Code::ArchiveTooLarge, "the directory of the zip is too large to be one of a focus stack")
@@ -165,7 +211,7 @@ impl Container {
             ));
         }
         budget.store(u64::MAX, Ordering::Relaxed);
-        Ok(Self { zip })
+        Ok(Self { zip, failure: failure.clone() })
     }
 
     /// Every member that is a file and no rubbish of an operating system, names checked.
@@ -218,6 +264,10 @@ impl Container {
 
     /// The whole member, its CRC checked.
     pub(super) fn read(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Fault> {
+        self.failure.explain(self.read_whole(member, limits))
+    }
+
+    fn read_whole(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Fault> {
         self.refuse_unreadable(member, limits)?;
         let mut zip = self.zip.clone();
         let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
@@ -240,12 +290,17 @@ impl Container {
         let mut zip = self.zip.clone();
         let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
         let mut bytes = Vec::new();
-        entry.take(most).read_to_end(&mut bytes).map_err(|error| damaged(&member.name, &error))?;
+        let read = entry.take(most).read_to_end(&mut bytes).map_err(|error| damaged(&member.name, &error));
+        self.failure.explain(read)?;
         Ok(bytes)
     }
 
     /// The header of a picture; reads no more of it than it takes.
     pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits) -> Result<Header, Fault> {
+        self.failure.explain(self.probe_header(member, limits))
+    }
+
+    fn probe_header(&self, member: &Member, limits: &ArchiveLimits) -> Result<Header, Fault> {
         self.refuse_unreadable(member, limits)?;
         let picture_fault = |fault: ImageFault| fault.in_file(&member.name, None);
         let mut zip = self.zip.clone();
@@ -258,7 +313,7 @@ impl Container {
         if header.is_err() && reader.get_ref().fell_behind() {
             // a TIFF that jumps about in the file; rare
             drop(reader);
-            let bytes = self.read(member, limits)?;
+            let bytes = self.read_whole(member, limits)?;
             return codec::probe(io::Cursor::new(bytes), &limits.image).map_err(picture_fault);
         }
         header.map_err(picture_fault)
@@ -267,7 +322,10 @@ impl Container {
 
 /// A disk that does not give what was written to it.
 fn unreadable(error: io::Error) -> Fault {
-    Fault::new(Code::Internal, format!("the upload cannot be read: {error}"))
+    let detail = format!(
+        "the server cannot read the upload on its disk ({error}); this is no fault of the archive: try again in a moment"
+    );
+    Fault::new(Code::Unavailable, detail)
 }
 
 /// A directory that does not fit the file.

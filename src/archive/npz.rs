@@ -37,7 +37,7 @@ pub fn matrices(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Vec<[f64; 9]>, F
         return Err(npy::wrong(detail.into()));
     }
     from_zip(bytes, wanted).map_err(|fault| match fault.code {
-        Code::Internal => fault,
+        Code::Internal | Code::Unavailable => fault,
         // whatever is wrong with the zip, it is the profile that cannot be read
         _ => Fault { code: Code::InvalidProfile, ..fault },
     })

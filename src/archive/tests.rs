@@ -253,3 +253,28 @@ fn a_manifest_can_make_slices_of_any_folders() {
     entries.push(entry("manifest.json", br#"{"front": ["two/a.png", "one/a.png"]}"#));
     assert_eq!(open_bytes(&zip(&entries)).unwrap().layout().front, ["two/a.png", "one/a.png"]);
 }
+
+#[test]
+fn an_error_of_the_disk_is_not_blamed_on_the_zip() {
+    use std::sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    };
+    let (limits, fails) = (ArchiveLimits::default(), Arc::new(AtomicBool::new(false)));
+    let bytes = zip(&pictures(&["a.png", "b.png"]));
+    let open = || Container::on_a_failing_disk(bytes.clone(), Arc::clone(&fails), &limits);
+    let archive = checked(open().unwrap(), &limits).unwrap();
+    fails.store(true, Ordering::SeqCst);
+    for fault in [open().err().unwrap(), archive.front().load(0).unwrap_err(), archive.front_bytes(0).unwrap_err()] {
+        assert_eq!(fault.code, Code::Unavailable, "{fault:?}");
+        assert!(fault.detail.contains("no fault of the archive"), "{fault:?}");
+    }
+    fails.store(false, Ordering::SeqCst);
+    assert!(archive.front().load(0).is_ok(), "and it can be read when the disk can");
+    let folder = open_path(std::path::Path::new("/")).err().unwrap();
+    assert_eq!(folder.code, Code::Unavailable, "{folder:?}");
+}
+
+fn open_path(path: &std::path::Path) -> Result<StackArchive, Fault> {
+    super::open(path, &ArchiveLimits::default())
+}

@@ -121,9 +121,10 @@ fn fault(verb: &str, error: &io::Error) -> Fault {
     let full = matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded);
     let (code, advice) = match full {
         true => (Code::InsufficientStorage, "make room on the server's disk and run the stack again"),
-        false => (Code::Internal, "look at the server's data folder"),
+        false => (Code::Unavailable, "look at the server's data folder"),
     };
-    Fault::new(code, format!("cannot {verb} the scratch file of the fusion ({error}); {advice}"))
+    // the kind alone: the text of the error may hold a path of the server
+    Fault::new(code, format!("cannot {verb} the scratch file of the fusion ({}); {advice}", error.kind()))
 }
 
 #[cfg(test)]
@@ -159,5 +160,13 @@ mod tests {
         reads_back::<u8>(1, |i| (i % 251) as u8);
         reads_back::<u16>(3, |i| (i % 65_521) as u16);
         reads_back::<u16>(1, |i| (i % 65_521) as u16);
+    }
+
+    #[test]
+    fn an_error_of_the_disk_is_one_of_the_machine_and_shows_no_path() {
+        let folder = Path::new("/no/such/folder/of/the/server");
+        let fault = Scratch::create(folder, 1, 1, 3).expect_err("there is no such folder");
+        assert!(fault.code.is_of_the_machine(), "{fault:?}");
+        assert!(!fault.detail.contains("/no/such"), "{}", fault.detail);
     }
 }

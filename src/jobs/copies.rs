@@ -65,7 +65,12 @@ fn unwritten(error: &io::Error) -> Fault {
             Code::InsufficientStorage,
             "the disk of the service is full, so the job could not go on; make room and send the target again",
         ),
-        _ => failed(error),
+        _ => {
+            tracing::error!(%error, "cannot write a copy of a slice");
+            let detail =
+                "the service could not write into its scratch folder; its log has the details under the job's id";
+            Fault::new(Code::Unavailable, detail)
+        }
     }
 }
 

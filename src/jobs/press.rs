@@ -111,7 +111,7 @@ impl<'a> Press<'a> {
             _ => {
                 tracing::error!(job = %self.bench.job.id, ?error, "cannot write an artifact");
                 let detail = "the service could not write the results; its log has the details under the job's id";
-                Fault::new(Code::Internal, detail).into()
+                Fault::new(Code::Unavailable, detail).into()
             }
         }
     }

@@ -74,6 +74,54 @@ pub enum Code {
     Internal,
 }
 
+impl Code {
+    /// True for errors of the machine that the service runs on (its disk, its database, its limits). The content of an
+    /// upload is not their cause, and they may not come again: a job that meets one is tried again.
+    pub fn is_of_the_machine(self) -> bool {
+        matches!(self, Self::InsufficientStorage | Self::Unavailable)
+    }
+
+    /// True when the same upload would be refused in the same way however often it is completed: its content, its names
+    /// or its options are wrong. False for what may pass: a full disk or queue, an error of the machine, bytes that did
+    /// not arrive, a lock, a missing right.
+    pub fn is_permanent(self) -> bool {
+        match self {
+            Self::InvalidRequest
+            | Self::NotFound
+            | Self::MethodNotAllowed
+            | Self::ProfileNotFound
+            | Self::NoResult
+            | Self::IdempotencyKeyReused
+            | Self::UnsupportedMediaType
+            | Self::NotAcceptable
+            | Self::RangeNotSatisfiable
+            | Self::UploadTooLarge
+            | Self::InvalidArchive
+            | Self::UnsupportedArchive
+            | Self::ArchiveTooLarge
+            | Self::InvalidImage
+            | Self::SizeMismatch
+            | Self::SliceCountMismatch
+            | Self::InvalidProfile
+            | Self::TargetNotFound
+            | Self::MaskFailed => true,
+            Self::Unauthorized
+            | Self::Forbidden
+            | Self::NotFinished
+            | Self::Conflict
+            | Self::PreconditionFailed
+            | Self::UploadIncomplete
+            | Self::ChecksumMismatch
+            | Self::Locked
+            | Self::InsufficientStorage
+            | Self::QueueFull
+            | Self::WorkerLost
+            | Self::Unavailable
+            | Self::Internal => false,
+        }
+    }
+}
+
 /// One precise place of a fault.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FaultPlace {
