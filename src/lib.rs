@@ -16,6 +16,8 @@ pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality
 
 pub mod store;
 
+pub mod disk_budget;
+
 pub mod jobs;
 pub mod worker;
 

@@ -6,7 +6,7 @@ use std::{
 };
 
 /// From the ground up. A module may name only modules that stand before it in this list.
-const FLOORS: [&[&str]; 11] = [
+const FLOORS: [&[&str]; 12] = [
     &["model"],
     &["imaging"],
     &["synth"],
@@ -15,6 +15,7 @@ const FLOORS: [&[&str]; 11] = [
     &["archive"],
     // the line: above it there may be async code, a database and a clock
     &["store"],
+    &["disk_budget"],
     &["jobs"],
     &["worker"],
     &["http"],

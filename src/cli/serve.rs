@@ -82,11 +82,11 @@ impl Service {
         let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
         let shutdown = app.shutdown.clone();
         let science = Science { archive_limits: app.policy.archive, ..Science::default() };
-        let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), work: Arc::new(science) };
+        let (disk, work) = (Arc::clone(&app.disk), Arc::new(science));
+        let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), disk, work };
         let workers = worker::Config {
             workers: config.workers,
             memory_budget: config.memory_mb << 20,
-            min_free_bytes: config.min_free_bytes,
             lease: Duration::from_secs(config.lease_s),
             beat: Duration::from_secs(config.lease_s) / worker::BEATS_PER_LEASE,
             ..worker::Config::default()

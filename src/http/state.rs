@@ -1,18 +1,14 @@
 //! What every handler can reach.
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicU64, Ordering},
-    },
-    time::Duration,
-};
+use std::{sync::Arc, time::Duration};
 
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
+use super::intake::reservation::Shares;
 use crate::{
     archive::ArchiveLimits,
+    disk_budget::DiskBudget,
     store::{Rows, blobs::Blobs},
 };
 
@@ -30,6 +26,8 @@ pub struct Policy {
     pub queue_limit: u64,
     /// Room that must stay free on the disk, bytes.
     pub min_free_bytes: u64,
+    /// Most bytes that the uploads in progress of one token reserve ahead of those that have arrived.
+    pub upload_reserve_bytes: u64,
     /// An upload that sends nothing for this long is given up.
     pub body_idle_timeout: Duration,
     /// An upload that arrives in pieces waits so long for its next one.
@@ -57,6 +55,7 @@ impl Default for Policy {
             archive: ArchiveLimits::default(),
             queue_limit: 1000,
             min_free_bytes: 512 << 20,
+            upload_reserve_bytes: 16 << 30,
             body_idle_timeout: Duration::from_secs(60),
             upload_keep: Duration::from_secs(24 * 60 * 60),
             poll_interval: Duration::from_secs(1),
@@ -81,8 +80,10 @@ pub struct App {
     pub policy: Arc<Policy>,
     /// Fires when the server goes down: event streams and waiting requests end.
     pub shutdown: CancellationToken,
-    /// Bytes that uploads in progress were promised room for and have not written yet.
-    promised: Arc<AtomicU64>,
+    /// Room on the disk: what uploads, jobs and conversions of this process reserve.
+    pub disk: Arc<DiskBudget>,
+    /// What of it the uploads in progress of each token hold.
+    pub shares: Shares,
     /// Conversions between file formats hold a whole image each: few at once.
     pub conversions: Arc<Semaphore>,
     /// Looks into uploads hold what a hostile zip makes them hold: few at once, however many arrive.
@@ -92,47 +93,16 @@ pub struct App {
 impl App {
     /// An application over a store.
     pub fn new(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, policy: Policy) -> Self {
+        let disk = DiskBudget::new(Arc::clone(&blobs), policy.min_free_bytes);
         Self {
             rows,
             blobs,
+            disk,
+            shares: Shares::default(),
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
-            promised: Arc::default(),
             conversions: Arc::new(Semaphore::new(1)),
             looks: Arc::new(Semaphore::new(LOOKS)),
         }
-    }
-
-    /// Bytes promised to uploads in progress.
-    pub fn promised_bytes(&self) -> u64 {
-        self.promised.load(Ordering::Relaxed)
-    }
-
-    /// Promises room to an upload until the promise is dropped.
-    pub fn promise(&self, bytes: u64) -> Promise {
-        self.promised.fetch_add(bytes, Ordering::Relaxed);
-        Promise { total: Arc::clone(&self.promised), left: bytes }
-    }
-}
-
-/// Room on the disk that an upload in progress counts on.
-#[derive(Debug)]
-pub struct Promise {
-    total: Arc<AtomicU64>,
-    left: u64,
-}
-
-impl Promise {
-    /// `bytes` of it are on the disk now and counted there.
-    pub fn written(&mut self, bytes: u64) {
-        let used = bytes.min(self.left);
-        self.left -= used;
-        self.total.fetch_sub(used, Ordering::Relaxed);
-    }
-}
-
-impl Drop for Promise {
-    fn drop(&mut self) {
-        self.total.fetch_sub(self.left, Ordering::Relaxed);
     }
 }

@@ -2,6 +2,7 @@
 //! The tests of an engine call them one by one.
 
 pub(crate) mod blobs;
+pub(crate) mod disk;
 pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod profiles;

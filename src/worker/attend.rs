@@ -8,7 +8,6 @@ use tokio_util::sync::CancellationToken;
 use super::{
     Config, Deps,
     lifeline::{Lifeline, Why},
-    room::Disk,
 };
 use crate::{
     jobs::{Bench, Made},
@@ -27,8 +26,6 @@ pub(super) struct Shared {
     pub(super) config: Config,
     /// In megabytes.
     pub(super) memory: Arc<Semaphore>,
-    /// What running jobs may still write.
-    pub(super) disk: Disk,
     /// Tells running jobs to go back to the queue.
     pub(super) abandon: CancellationToken,
 }

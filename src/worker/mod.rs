@@ -11,6 +11,7 @@ pub use pool::Pool;
 use std::{sync::Arc, time::Duration};
 
 use crate::{
+    disk_budget::DiskBudget,
     jobs::Work,
     store::{Rows, blobs::Blobs},
 };
@@ -25,6 +26,8 @@ pub struct Deps {
     pub rows: Arc<dyn Rows>,
     /// Uploads and results.
     pub blobs: Arc<dyn Blobs>,
+    /// The room that jobs share with uploads.
+    pub disk: Arc<DiskBudget>,
     /// What is done with a job.
     pub work: Arc<dyn Work>,
 }
@@ -46,13 +49,11 @@ pub struct Config {
     pub max_attempts: u32,
     /// Memory for all running jobs together, bytes. A job that needs more than all of it runs alone.
     pub memory_budget: u64,
-    /// Room that must stay free on the disk, bytes: a job that would take it waits.
-    pub min_free_bytes: u64,
 }
 
 impl Default for Config {
     /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 2 GiB of
-    /// memory, the disk to its last byte.
+    /// memory.
     fn default() -> Self {
         Self {
             workers: 1,
@@ -62,7 +63,6 @@ impl Default for Config {
             poll: Duration::from_secs(1),
             max_attempts: 3,
             memory_budget: 2 << 30,
-            min_free_bytes: 0,
         }
     }
 }

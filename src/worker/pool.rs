@@ -9,7 +9,7 @@ use tokio::{
 };
 use tokio_util::sync::CancellationToken;
 
-use super::{Config, Deps, attend::Shared, room::Disk};
+use super::{Config, Deps, attend::Shared};
 
 /// How long jobs that were told to stop may take to see it.
 const LET_GO: Duration = Duration::from_secs(10);
@@ -26,13 +26,8 @@ impl Pool {
     pub fn start(deps: Deps, config: Config) -> Self {
         let stop = CancellationToken::new();
         let workers = config.workers;
-        let mut shared = Shared {
-            deps,
-            config,
-            memory: Arc::new(Semaphore::new(0)),
-            disk: Disk::default(),
-            abandon: CancellationToken::new(),
-        };
+        let mut shared =
+            Shared { deps, config, memory: Arc::new(Semaphore::new(0)), abandon: CancellationToken::new() };
         shared.memory = Arc::new(Semaphore::new(shared.whole_budget() as usize));
         let shared = Arc::new(shared);
         let gate = Arc::new(Mutex::new(()));

@@ -1,7 +1,5 @@
 //! Room on the disk for running jobs: one that would fill it waits, and its upload with it, until somebody made room.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use tokio::time::sleep;
 
 use super::{
@@ -9,6 +7,7 @@ use super::{
     lifeline::Lifeline,
 };
 use crate::{
+    disk_budget::{DiskState, Reservation},
     jobs::Watcher,
     model::{Cancelled, Code, Fault, Progress, Stop},
     store::Job,
@@ -17,49 +16,25 @@ use crate::{
 /// What clients see of a job that waits here.
 const STAGE: &str = "waiting for room on the disk";
 
-/// What running jobs of this process may still write, bytes. What they have written already is counted twice, as gone and
-/// as promised: a job waits rather than that one fails.
-#[derive(Debug, Default)]
-pub(super) struct Disk(AtomicU64);
-
-impl Disk {
-    /// Promises `bytes` when they fit beside what was promised before.
-    fn promise(&self, bytes: u64, free: u64) -> Option<Room<'_>> {
-        let fits = |promised: u64| promised.checked_add(bytes).filter(|&all| all <= free);
-        self.0.fetch_update(Ordering::AcqRel, Ordering::Acquire, fits).ok().map(|_| Room { disk: self, bytes })
-    }
-}
-
-/// Room that a job counts on until this is dropped.
-pub(super) struct Room<'a> {
-    disk: &'a Disk,
-    bytes: u64,
-}
-
-impl Drop for Room<'_> {
-    fn drop(&mut self) {
-        self.disk.0.fetch_sub(self.bytes, Ordering::AcqRel);
-    }
-}
-
 impl Shared {
-    /// Waits until what the job may write fits on the disk beside what others may and what must stay free.
+    /// Waits until what the job may write fits into the disk budget. The job holds the whole reservation until it ends:
+    /// what it has written is counted twice, so that another job or an upload waits rather than that this one fails.
     ///
     /// # Errors
     /// When the job is told to stop meanwhile, or could not fit if the disk were empty.
-    pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Room<'_>, Stop> {
-        let (bytes, reserve) = (self.deps.work.disk_need(&job.request), self.config.min_free_bytes);
+    pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Reservation, Stop> {
+        let bytes = self.deps.work.disk_need(&job.request);
         let mut waits = false;
         loop {
-            let room = self.deps.blobs.room().await.map_err(internal)?;
-            if bytes.saturating_add(reserve) > room.total {
-                return Err(never_fits(bytes, reserve, room.total).into());
-            }
-            if let Some(promise) = self.disk.promise(bytes, room.free.saturating_sub(reserve)) {
-                return Ok(promise);
+            let state = match self.deps.disk.reserve(bytes).await.map_err(internal)? {
+                Ok(reservation) => return Ok(reservation),
+                Err(state) => state,
+            };
+            if bytes.saturating_add(state.min_free) > state.total {
+                return Err(never_fits(bytes, &state).into());
             }
             if !waits {
-                tracing::warn!(job = %job.id, needs = bytes, free = room.free, "a job waits for room on the disk");
+                tracing::warn!(job = %job.id, needs = bytes, ?state, "a job waits for room on the disk");
                 line.report(Progress { stage: STAGE.into(), ..Progress::default() });
                 waits = true;
             }
@@ -71,10 +46,11 @@ impl Shared {
     }
 }
 
-fn never_fits(bytes: u64, reserve: u64, total: u64) -> Fault {
+fn never_fits(bytes: u64, state: &DiskState) -> Fault {
+    let DiskState { total, min_free, .. } = state;
     let detail = format!(
-        "the job may write {bytes} bytes and {reserve} must stay free, but the disk has only {total} in all; move the data \
-         folder to a larger disk, or send fewer or smaller slices"
+        "the job may write {bytes} bytes and {min_free} must stay free, but the disk has only {total} in all; move the \
+         data folder to a larger disk, or send fewer or smaller slices"
     );
     Fault::new(Code::InsufficientStorage, detail)
 }

@@ -6,6 +6,7 @@ mod app;
 mod bad_requests;
 mod configuration;
 mod connections;
+mod disk_budget;
 mod forms;
 mod lifecycle;
 mod profile_files;

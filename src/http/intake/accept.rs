@@ -1,7 +1,5 @@
 //! From a whole file on the disk to a job.
 
-use std::path::PathBuf;
-
 use axum::{
     Json,
     http::{HeaderMap, HeaderValue, StatusCode, header},
@@ -11,14 +9,14 @@ use serde::Serialize;
 use uuid::Uuid;
 
 use super::{
-    admission::{content_length, queue_full},
+    admission::content_length,
     idempotency,
     order::{Fields, Order},
     receive::receive,
     spool::Spooled,
+    submit::{Origin, Submission, Submitted, submit},
 };
 use crate::{
-    archive,
     http::{
         auth::Caller,
         extract::prefer,
@@ -27,17 +25,8 @@ use crate::{
         views::job::url,
         watch::wait::until_final,
     },
-    model::{Fault, Warning, request::StackLayout, request::Upload},
-    store::{Enqueue, Job, NewJob, blobs::upload_key},
+    store::Job,
 };
-
-/// A job that the client may hear of.
-pub struct Accepted {
-    /// The job.
-    pub job: Job,
-    /// True when an earlier request made it.
-    pub replayed: bool,
-}
 
 /// The whole way of an upload: from the request to the answer.
 ///
@@ -59,7 +48,7 @@ pub async fn upload<O: Order, V: Serialize>(
     if !is_repeat {
         caller.require_quota(app, content_length(headers).unwrap_or(0)).await?;
     }
-    let (order, file) = receive::<O>(app, headers, body, fields, is_repeat).await?;
+    let (order, file) = receive::<O>(app, caller, headers, body, fields, is_repeat).await?;
     // from here on the bytes are ours: the job is made also when the client does not wait for the answer
     let accepting = tokio::spawn(accept(app.clone(), caller.clone(), order, file, key));
     let accepted = accepting.await.map_err(ApiError::internal)??;
@@ -72,69 +61,36 @@ async fn accept<O: Order>(
     order: O,
     file: Spooled,
     key: Option<String>,
-) -> ApiResult<Accepted> {
+) -> ApiResult<Submitted> {
     let fingerprint = idempotency::fingerprint(O::KIND, &order.asked(), &file.sha256);
     if let Some(key) = &key
         && let Some(job) = idempotency::earlier(&app, key, &fingerprint).await?
     {
-        return Ok(Accepted { job, replayed: true });
+        return Ok(Submitted { job, replayed: true });
     }
     // how long it is may have been told only by its end
     caller.require_quota(&app, file.bytes).await?;
-    let (layout, mut warnings) = look_into(&app, file.path().to_owned()).await?;
-    warnings.extend(order.check(&layout)?);
-
-    let id = Uuid::now_v7();
-    let upload =
-        Upload { key: upload_key(id), bytes: file.bytes, sha256: file.sha256.clone(), filename: file.filename.clone() };
-    app.blobs.publish(file.path(), &upload.key).await?;
-    file.published();
-    let (rig, lens) = order.key();
-    let new = NewJob {
-        id,
-        rig: rig.clone(),
-        lens: lens.clone(),
-        request: order.request(upload, layout),
-        warnings,
-        idempotency: key.clone().map(|key| (key, fingerprint)),
-        owner: caller.id(),
+    let submission = Submission {
+        id: Uuid::now_v7(),
+        file: file.path().to_owned(),
+        is_published: false,
+        bytes: file.bytes,
+        sha256: file.sha256.clone(),
+        filename: file.filename.clone(),
+        origin: Origin::Request { owner: caller.id(), idempotency: key.map(|key| (key, fingerprint)) },
     };
-    let stored = app.rows.enqueue(&new, app.policy.queue_limit).await;
-    // an error here does not say whether the row was stored: the sweep decides about the blob
-    let outcome = match stored? {
-        Enqueue::Accepted(job) => return Ok(Accepted { job: *job, replayed: false }),
-        Enqueue::Repeated(job) => Ok(Accepted { job: *job, replayed: true }),
-        Enqueue::KeyReused => Err(idempotency::reused(&key.unwrap_or_default())),
-        Enqueue::QueueFull { waiting } => Err(queue_full(waiting)),
-    };
-    if let Err(error) = app.blobs.delete_job(id).await {
-        tracing::warn!(%error, %id, "a blob without a job is left for the sweep");
-    }
-    outcome
-}
-
-/// What the directory of a zip and the headers of its pictures tell.
-///
-/// # Errors
-/// Whatever is wrong with them.
-pub async fn look_into(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warning>)> {
-    let limits = app.policy.archive;
-    let _turn = app.looks.acquire().await.map_err(ApiError::internal)?;
-    let looked = tokio::task::spawn_blocking(move || -> Result<_, Fault> {
-        let archive = archive::open(&file, &limits)?;
-        Ok((archive.layout().clone(), archive.warnings().to_vec()))
-    });
-    Ok(looked.await.map_err(ApiError::internal)??)
+    // the file goes with `file`, unless it has become a blob
+    submit(&app, order, submission).await
 }
 
 /// 202 with the job, or 200 when the client preferred to wait and it ended in time.
 async fn answer<V: Serialize>(
     app: &App,
     headers: &HeaderMap,
-    accepted: Accepted,
+    accepted: Submitted,
     view: fn(&Job) -> Option<V>,
 ) -> ApiResult<Response> {
-    let Accepted { job, replayed } = accepted;
+    let Submitted { job, replayed } = accepted;
     let location = url(&job);
     let patience = prefer::wait(headers);
     let job = match patience {

@@ -10,4 +10,6 @@ pub mod idempotency;
 pub mod multipart;
 pub mod order;
 pub mod receive;
+pub mod reservation;
 pub mod spool;
+pub mod submit;

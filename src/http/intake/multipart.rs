@@ -13,12 +13,13 @@ use super::{
     body::{Verdict, WatchedBody},
     filename,
     order::{Fields, Order},
+    reservation::UploadReservation,
     spool::{Spooled, spool},
 };
 use crate::{
     http::{
         problem::{ApiError, ApiResult},
-        state::{App, Promise},
+        state::App,
     },
     model::Code,
 };
@@ -39,11 +40,11 @@ pub async fn receive<O: Order>(
     headers: &HeaderMap,
     body: WatchedBody,
     mut fields: Fields,
-    promise: Promise,
+    reservation: UploadReservation,
 ) -> ApiResult<(O, Spooled)> {
     let verdict = body.verdict();
     let mut form = open(headers, body).await?;
-    let mut promise = Some(promise);
+    let mut reservation = Some(reservation);
     let mut file = None;
     let mut seen = Vec::new();
     while let Some(part) = form.next_field().await.map_err(|e| broken(&verdict, &e))? {
@@ -53,14 +54,14 @@ pub async fn receive<O: Order>(
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
         if FILE_PARTS.contains(&name.as_str()) {
-            let Some(promise) = promise.take() else {
+            let Some(reservation) = reservation.take() else {
                 return Err(ApiError::new(Code::InvalidRequest, "the form has two files; send one stack per request"));
             };
             if O::is_addressed(&fields) {
                 O::read(app, &fields).await?;
             }
             let filename = part.file_name().and_then(filename::tidy);
-            file = Some(spool(app, part, promise, filename, |e| broken(&verdict, &e)).await?);
+            file = Some(spool(app, part, reservation, filename, |e| broken(&verdict, &e)).await?);
         } else if name == "options" {
             fields.options = Some(text(part, &verdict).await?.into_bytes());
         } else {

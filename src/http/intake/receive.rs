@@ -14,6 +14,7 @@ use super::{
 };
 use crate::{
     http::{
+        auth::Caller,
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -38,6 +39,7 @@ const ZIP_TYPES: [&str; 6] = [
 /// Whatever is wrong with order, admission or body; the spool file is gone then.
 pub async fn receive<O: Order>(
     app: &App,
+    caller: &Caller,
     headers: &HeaderMap,
     body: Body,
     fields: Fields,
@@ -52,17 +54,17 @@ pub async fn receive<O: Order>(
         // what the URL says can be checked at once
         let is_addressed = O::is_addressed(&fields);
         let job_bytes = if is_addressed { O::read(app, &fields).await?.disk_need() } else { 0 };
-        let promise = admit(app, headers, max_body, is_repeat, job_bytes).await?;
-        return multipart::receive(app, headers, body, fields, promise).await;
+        let reservation = admit(app, caller, headers, max_body, is_repeat, job_bytes).await?;
+        return multipart::receive(app, headers, body, fields, reservation).await;
     }
     if !kind.is_empty() && !ZIP_TYPES.contains(&kind.as_str()) {
         let detail = format!("the body is '{kind}'; send the zip as application/zip, or multipart/form-data");
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
     let order = O::read(app, &fields).await?;
-    let promise = admit(app, headers, max_body, is_repeat, order.disk_need()).await?;
+    let reservation = admit(app, caller, headers, max_body, is_repeat, order.disk_need()).await?;
     let verdict = body.verdict();
-    let file = spool(app, body, promise, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
+    let file = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
     Ok((order, file))
 }
 

@@ -8,20 +8,17 @@ use sha2::{Digest, Sha256};
 use tempfile::TempPath;
 use tokio::io::AsyncWriteExt;
 
-use super::admission::require_room;
+use super::reservation::UploadReservation;
 use crate::{
     http::{
         problem::{ApiError, ApiResult},
-        state::{App, Promise},
+        state::App,
     },
     model::Code,
     store::step::step,
 };
 
-/// Room on the disk is looked at again after each of these.
-const ROOM_CHECK_BYTES: u64 = 64 << 20;
-
-/// A whole upload in the spool folder. The file goes when this is dropped, unless it was published.
+/// A whole upload in the spool folder. The file goes when this is dropped, unless it has become a blob.
 #[derive(Debug)]
 pub struct Spooled {
     path: TempPath,
@@ -38,12 +35,6 @@ impl Spooled {
     pub fn path(&self) -> &Path {
         &self.path
     }
-
-    /// It has become a blob: there is nothing left to remove here.
-    pub fn published(self) {
-        // what cannot be kept is not there any more
-        let _ = self.path.keep();
-    }
 }
 
 /// Writes a stream to a new spool file. Memory does not grow with it: one chunk at a time.
@@ -53,7 +44,7 @@ impl Spooled {
 pub async fn spool<E>(
     app: &App,
     mut chunks: impl Stream<Item = Result<Bytes, E>> + Unpin,
-    mut promise: Promise,
+    mut reservation: UploadReservation,
     filename: Option<String>,
     broken: impl Fn(E) -> ApiError,
 ) -> ApiResult<Spooled> {
@@ -62,18 +53,16 @@ pub async fn spool<E>(
     let (file, path) = made.into_parts();
     let mut file = tokio::fs::File::from_std(file);
     let mut hash = Sha256::new();
-    let (mut bytes, mut checked) = (0, 0);
+    let mut bytes = 0;
     while let Some(chunk) = chunks.next().await {
         let chunk = chunk.map_err(&broken)?;
+        let length = chunk.len() as u64;
+        reservation.require(length).await?;
         hash.update(&chunk);
         step("upload.write").map_err(cannot_write)?;
         file.write_all(&chunk).await.map_err(cannot_write)?;
-        bytes += chunk.len() as u64;
-        promise.written(chunk.len() as u64);
-        if bytes - checked >= ROOM_CHECK_BYTES {
-            checked = bytes;
-            require_room(app, 0, 0).await?;
-        }
+        bytes += length;
+        reservation.written(length);
     }
     step("upload.flush").map_err(cannot_write)?;
     file.flush().await.map_err(cannot_write)?;

@@ -41,8 +41,8 @@ fn sentence(code: Code) -> &'static str {
         }
         Code::Locked => "another request holds the upload and does not let go; try again in a second",
         Code::InsufficientStorage => {
-            "no room for this upload: it needs 4100000000 bytes, 3900000000 are free, of which 0 are promised to uploads in \
-             progress and 536870912 must stay free; delete old stacks or enlarge the disk"
+            "no room for this upload: it needs 4100000000 bytes and its job up to 900000000; 3900000000 are free, of which 0 \
+             are reserved by uploads and jobs in progress and 536870912 must stay free; delete old stacks or enlarge the disk"
         }
         Code::QueueFull => "1000 jobs wait already; try again later",
         Code::InvalidArchive => {

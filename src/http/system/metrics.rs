@@ -30,7 +30,11 @@ pub fn recorder() -> Result<&'static PrometheusHandle, &'static str> {
         metrics::describe_counter!("pinstack_upload_bytes_total", "Bytes of uploads received");
         metrics::describe_gauge!("pinstack_jobs", "Jobs by state");
         metrics::describe_gauge!("pinstack_disk_free_bytes", "Bytes that can still be written");
-        metrics::describe_gauge!("pinstack_upload_promised_bytes", "Bytes promised to uploads in progress");
+        metrics::describe_gauge!("pinstack_disk_reserved_bytes", "Bytes reserved and not written yet");
+        metrics::describe_gauge!(
+            "pinstack_upload_awaited_bytes",
+            "Bytes that open resumable uploads have still to bring"
+        );
         Some(handle)
     });
     handle.as_ref().ok_or("the metrics recorder could not be installed")
@@ -59,9 +63,10 @@ pub async fn metrics(State(app): State<App>) -> ApiResult<Response> {
     for (state, count) in by_state {
         ::metrics::gauge!("pinstack_jobs", "state" => state).set(count as f64);
     }
-    if let Ok(room) = app.blobs.room().await {
-        ::metrics::gauge!("pinstack_disk_free_bytes").set(room.free as f64);
+    if let Ok(disk) = app.disk.state().await {
+        ::metrics::gauge!("pinstack_disk_free_bytes").set(disk.free as f64);
+        ::metrics::gauge!("pinstack_disk_reserved_bytes").set(disk.reserved as f64);
     }
-    ::metrics::gauge!("pinstack_upload_promised_bytes").set(app.promised_bytes() as f64);
+    ::metrics::gauge!("pinstack_upload_awaited_bytes").set(app.rows.awaited_bytes().await? as f64);
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], recorder.render()).into_response())
 }

@@ -42,10 +42,10 @@ pub struct DiskCheck {
     ok: bool,
     /// Bytes that can still be written; null when that cannot be told.
     free_bytes: Option<u64>,
-    /// Bytes promised to uploads in progress.
-    promised_bytes: u64,
+    /// Bytes that uploads, jobs and conversions in progress have reserved and not written yet.
+    reserved_bytes: u64,
     /// Bytes that must stay free.
-    reserve_bytes: u64,
+    min_free_bytes: u64,
 }
 
 /// Able to take work?
@@ -62,16 +62,16 @@ pub struct DiskCheck {
     )
 )]
 pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
-    let free_bytes = app.blobs.room().await.ok().map(|room| room.free);
-    // what open uploads have still to bring is as good as taken
-    let awaited_bytes = app.rows.awaited_bytes().await.unwrap_or(0);
-    let promised_bytes = app.promised_bytes().saturating_add(awaited_bytes);
-    let reserve_bytes = app.policy.min_free_bytes;
-    let has_room = free_bytes.is_some_and(|free| free > promised_bytes.saturating_add(reserve_bytes));
+    let disk = app.disk.state().await.ok();
     let checks = Checks {
         database: Check { ok: app.rows.healthy().await },
         blobs: Check { ok: is_writable(&app).await },
-        disk: DiskCheck { ok: has_room, free_bytes, promised_bytes, reserve_bytes },
+        disk: DiskCheck {
+            ok: disk.is_some_and(|disk| disk.available() > 0),
+            free_bytes: disk.map(|disk| disk.free),
+            reserved_bytes: app.disk.reserved(),
+            min_free_bytes: app.policy.min_free_bytes,
+        },
         running: Check { ok: !app.shutdown.is_cancelled() },
     };
     let ready = checks.database.ok && checks.blobs.ok && checks.disk.ok && checks.running.ok;

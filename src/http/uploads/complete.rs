@@ -3,17 +3,20 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{digest::RunningDigest, hold::Held, hold::unknown, metadata::Metadata};
+use super::{digest::RunningDigest, hold::Held, metadata::Metadata};
 use crate::{
     http::{
         calibrations::order::CalibrationOrder,
-        intake::{accept::look_into, admission::queue_full, order::Order},
-        problem::{ApiError, ApiResult, status},
+        intake::{
+            order::Order,
+            submit::{Origin, Submission, submit},
+        },
+        problem::{ApiError, ApiResult},
         stacks::order::StackOrder,
         state::App,
     },
-    model::{JobKind, request::Upload},
-    store::{Enqueue, NewJob, blobs::upload_key, sweep::tidy_upload, uploads::PartialUpload, uploads::UploadState},
+    model::JobKind,
+    store::{blobs::upload_key, sweep::tidy_upload, uploads::UploadState},
 };
 
 /// Makes the job when all bytes are here and it is not made yet; `held` says afterwards what became of the upload. What
@@ -37,7 +40,7 @@ pub async fn complete_if_whole(app: &App, held: &mut Held) -> ApiResult<()> {
             held.upload.state = UploadState::Complete(kind);
             Ok(())
         }
-        Err(error) if status(error.fault().code).is_client_error() => {
+        Err(error) if error.fault().code.is_permanent() => {
             app.rows.refuse_upload(id, error.fault()).await?;
             held.upload.state = UploadState::Refused(Box::new(error.fault().clone()));
             Err(error)
@@ -52,31 +55,19 @@ pub async fn complete_if_whole(app: &App, held: &mut Held) -> ApiResult<()> {
 
 async fn make<O: Order>(app: &App, held: &mut Held, metadata: &Metadata) -> ApiResult<JobKind> {
     let order = O::read(app, &metadata.fields()).await?;
-    let upload = held.upload.clone();
-    let key = upload_key(upload.id);
-    let (file, is_published) = whole_file(app, held, &key).await?;
-    let (layout, mut warnings) = look_into(app, file.clone()).await?;
-    warnings.extend(order.check(&layout)?);
-    if !is_published {
-        app.blobs.publish(&file, &key).await?;
-    }
-    let (rig, lens) = order.key();
-    let job = NewJob {
-        id: upload.id,
-        rig: rig.clone(),
-        lens: lens.clone(),
-        request: order.request(stored(&upload, key, metadata)?, layout),
-        warnings,
-        idempotency: None,
-        // the upload's row says whose it is
-        owner: None,
+    let id = held.upload.id;
+    let (file, is_published) = whole_file(app, held, &upload_key(id)).await?;
+    let submission = Submission {
+        id,
+        file,
+        is_published,
+        bytes: held.upload.length,
+        sha256: RunningDigest::resume(&held.upload.digest)?.finish(),
+        filename: metadata.filename(),
+        origin: Origin::ResumableUpload,
     };
-    match app.rows.complete_upload(&job, app.policy.queue_limit).await? {
-        Some(Enqueue::Accepted(_) | Enqueue::Repeated(_)) => Ok(O::KIND),
-        Some(Enqueue::QueueFull { waiting }) => Err(queue_full(waiting)),
-        Some(Enqueue::KeyReused) => Err(ApiError::internal("an upload without a key has one that was used before")),
-        None => Err(unknown(upload.id)),
-    }
+    submit(app, order, submission).await?;
+    Ok(O::KIND)
 }
 
 /// Where the bytes lie, and whether they are published: a crash may have come between that and the job.
@@ -88,9 +79,4 @@ async fn whole_file(app: &App, held: &mut Held, key: &str) -> ApiResult<(PathBuf
         Some(path) => Ok((path, true)),
         None => Err(ApiError::internal(format!("the bytes of upload {} are not there", held.upload.id))),
     }
-}
-
-fn stored(upload: &PartialUpload, key: String, metadata: &Metadata) -> ApiResult<Upload> {
-    let sha256 = RunningDigest::resume(&upload.digest)?.finish();
-    Ok(Upload { key, bytes: upload.length, sha256, filename: metadata.filename() })
 }

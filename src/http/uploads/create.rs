@@ -20,11 +20,7 @@ use crate::{
     http::{
         auth::Caller,
         calibrations::order::CalibrationOrder,
-        intake::{
-            admission::{queue_full, require_room},
-            body::too_large,
-            order::Order,
-        },
+        intake::{admission::require_place, body::too_large, order::Order, reservation::require_room},
         problem::{ApiError, ApiResult},
         stacks::order::StackOrder,
         state::App,
@@ -83,7 +79,7 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
     let mut upload = begin(&app, &caller, &headers).await?;
     if brings_piece {
         require_fit(&headers, 0, upload.length)?;
-        upload = receive_piece(&app, &headers, upload.id, body, 0, checksum).await?;
+        upload = receive_piece(&app, &caller, &headers, upload.id, body, 0, checksum).await?;
     }
     let mut response = StatusCode::CREATED.into_response();
     tell(response.headers_mut(), &upload);
@@ -118,10 +114,7 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
     };
     caller.require_quota(app, length).await?;
     require_room(app, length, job_bytes).await?;
-    let waiting = app.rows.counts().await?.queued;
-    if waiting >= app.policy.queue_limit {
-        return Err(queue_full(waiting));
-    }
+    require_place(app).await?;
     let new = NewUpload {
         id: Uuid::now_v7(),
         length,

@@ -18,8 +18,13 @@ use super::{
 };
 use crate::{
     http::{
+        auth::Caller,
         extract::UploadId,
-        intake::{admission::waits_for_continue, body::WatchedBody},
+        intake::{
+            admission::{content_length, waits_for_continue},
+            body::WatchedBody,
+            reservation::UploadReservation,
+        },
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -68,6 +73,7 @@ const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
 )]
 pub async fn patch(
     State(app): State<App>,
+    caller: Caller,
     UploadId(id): UploadId,
     headers: HeaderMap,
     body: Body,
@@ -79,7 +85,7 @@ pub async fn patch(
     }
     let offset = bytes(&headers, &UPLOAD_OFFSET)?;
     let checksum = Checksum::of_request(&headers)?;
-    let upload = receive_piece(&app, &headers, id, body, offset, checksum).await?;
+    let upload = receive_piece(&app, &caller, &headers, id, body, offset, checksum).await?;
     let mut response = StatusCode::NO_CONTENT.into_response();
     tell(response.headers_mut(), &upload);
     Ok(response)
@@ -89,10 +95,16 @@ pub async fn patch(
 ///
 /// # Errors
 /// As the method that is meant.
-pub async fn overridden(app: State<App>, id: UploadId, headers: HeaderMap, body: Body) -> ApiResult<Response> {
+pub async fn overridden(
+    app: State<App>,
+    caller: Caller,
+    id: UploadId,
+    headers: HeaderMap,
+    body: Body,
+) -> ApiResult<Response> {
     let meant = headers.get(METHOD_OVERRIDE).and_then(|value| Method::from_bytes(value.as_bytes()).ok());
     match meant {
-        Some(Method::PATCH) => patch(app, id, headers, body).await,
+        Some(Method::PATCH) => patch(app, caller, id, headers, body).await,
         Some(Method::DELETE) => delete::delete(app, id, headers).await.map(IntoResponse::into_response),
         _ => {
             let detail =
@@ -108,6 +120,7 @@ pub async fn overridden(app: State<App>, id: UploadId, headers: HeaderMap, body:
 /// Whatever is wrong with the piece, or with the whole when this was the last.
 pub async fn receive_piece(
     app: &App,
+    caller: &Caller,
     headers: &HeaderMap,
     id: Uuid,
     body: Body,
@@ -115,7 +128,7 @@ pub async fn receive_piece(
     checksum: Option<Checksum>,
 ) -> ApiResult<PartialUpload> {
     let body = WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers));
-    let (app, headers) = (app.clone(), headers.clone());
+    let (app, caller, headers) = (app.clone(), caller.clone(), headers.clone());
     let receiving = tokio::spawn(async move {
         let (mut held, rival) = hold(&app, id).await?;
         not_refused(&held.upload)?;
@@ -123,7 +136,9 @@ pub async fn receive_piece(
         if held.upload.state == UploadState::Receiving {
             require_fit(&headers, offset, held.upload.length)?;
             if offset < held.upload.length {
-                receive(&app, &mut held, rival, body, checksum).await?;
+                let announced = content_length(&headers).unwrap_or(held.upload.length - offset);
+                let reservation = UploadReservation::admit(&app, caller.id(), Some(announced), 0).await?;
+                receive(&app, &mut held, rival, body, checksum, reservation).await?;
             }
             complete_if_whole(&app, &mut held).await?;
         }

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     http::{
-        intake::{admission::require_room, body::WatchedBody},
+        intake::{admission::content_length, body::WatchedBody, reservation::UploadReservation},
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -31,6 +31,7 @@ struct Growing<'a> {
     app: &'a App,
     held: &'a mut Held,
     digest: RunningDigest,
+    reservation: UploadReservation,
     /// Bytes written, of which `held.upload.offset` are safe.
     written: u64,
     checkpoint: Instant,
@@ -47,6 +48,7 @@ pub async fn receive(
     rival: Rival,
     mut body: WatchedBody,
     mut checksum: Option<Checksum>,
+    reservation: UploadReservation,
 ) -> ApiResult<()> {
     let mut rival = pin!(rival.comes());
     let offset = held.upload.offset;
@@ -54,7 +56,7 @@ pub async fn receive(
         return Err(ApiError::internal(format!("the file of upload {} is shorter than its row says", held.upload.id)));
     }
     let digest = RunningDigest::resume(&held.upload.digest)?;
-    let mut growing = Growing { app, held, digest, written: offset, checkpoint: Instant::now() };
+    let mut growing = Growing { app, held, digest, reservation, written: offset, checkpoint: Instant::now() };
     let ended = loop {
         let chunk = tokio::select! {
             biased;
@@ -67,13 +69,15 @@ pub async fn receive(
             Some(Err(_)) => break Err(broken_off()),
             Some(Ok(chunk)) => chunk,
         };
+        if let Err(error) = growing.reservation.require(chunk.len() as u64).await {
+            break Err(error);
+        }
         if let Some(checksum) = &mut checksum {
             checksum.update(&chunk);
         }
         growing.write(chunk).await?;
         if checksum.is_none() && growing.is_due() {
             growing.save().await?;
-            require_room(app, 0, 0).await?;
         }
     };
     match (ended, checksum) {
@@ -93,13 +97,15 @@ pub async fn receive(
 
 impl Growing<'_> {
     async fn write(&mut self, chunk: bytes::Bytes) -> ApiResult<()> {
-        let after = self.written + chunk.len() as u64;
+        let length = chunk.len() as u64;
+        let after = self.written + length;
         if after > self.held.upload.length {
             return Err(beyond(self.held.upload.length));
         }
         self.digest.update(&chunk);
         self.held.partial.write(chunk).await?;
         self.written = after;
+        self.reservation.written(length);
         Ok(())
     }
 
@@ -135,8 +141,7 @@ impl Growing<'_> {
 /// # Errors
 /// `upload_too_large`.
 pub fn require_fit(headers: &HeaderMap, offset: u64, length: u64) -> ApiResult<()> {
-    let announced = headers.get(axum::http::header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse().ok());
-    match announced {
+    match content_length(headers) {
         Some(bytes) if offset.saturating_add(bytes) > length => Err(beyond(length)),
         _ => Ok(()),
     }

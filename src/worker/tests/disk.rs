@@ -1,60 +1,9 @@
 //! Workers when the disk is full, or was.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicU64, Ordering},
-};
-
-use uuid::Uuid;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
-use crate::store::{
-    StoreResult,
-    blobs::{JobBlobs, Partial, Room},
-};
-
-/// Blobs on a disk that has as much room as a test says.
-struct FullDisk {
-    blobs: Arc<dyn Blobs>,
-    free: AtomicU64,
-}
-
-#[async_trait::async_trait]
-impl Blobs for FullDisk {
-    async fn room(&self) -> StoreResult<Room> {
-        Ok(Room { free: self.free.load(Ordering::SeqCst), total: 1000 })
-    }
-    fn spool_dir(&self) -> &Path {
-        self.blobs.spool_dir()
-    }
-    async fn publish(&self, path: &Path, key: &str) -> StoreResult<()> {
-        self.blobs.publish(path, key).await
-    }
-    async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {
-        self.blobs.local_path(key).await
-    }
-    async fn delete_job(&self, id: Uuid) -> StoreResult<()> {
-        self.blobs.delete_job(id).await
-    }
-    async fn delete_upload(&self, id: Uuid) -> StoreResult<()> {
-        self.blobs.delete_upload(id).await
-    }
-    async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()> {
-        self.blobs.delete_stale_results(id, first_kept).await
-    }
-    async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>> {
-        self.blobs.jobs_with_blobs().await
-    }
-    async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>> {
-        self.blobs.hold_partial(id).await
-    }
-    async fn remove_partial(&self, id: Uuid) -> StoreResult<()> {
-        self.blobs.remove_partial(id).await
-    }
-    async fn partials(&self) -> StoreResult<Vec<Uuid>> {
-        self.blobs.partials().await
-    }
-}
+use crate::{disk_budget::DiskBudget, store::conformance::disk::SmallDisk};
 
 worker_test! {
     async fn a_job_under_which_the_disk_becomes_full_is_tried_again_and_not_for_ever() {
@@ -89,8 +38,8 @@ worker_test! {
 worker_test! {
     async fn a_job_waits_for_room_on_the_disk_and_can_be_cancelled_meanwhile() {
         let stage = stage_with_needs(1, 1).await;
-        let full = Arc::new(FullDisk { blobs: Arc::clone(&stage.deps.blobs), free: AtomicU64::new(0) });
-        let deps = Deps { blobs: full.clone(), ..stage.deps.clone() };
+        let full = Arc::new(SmallDisk { blobs: Arc::clone(&stage.deps.blobs), free: AtomicU64::new(0) });
+        let deps = Deps { disk: DiskBudget::new(full.clone(), 0), ..stage.deps.clone() };
         let _pool = Pool::start(deps, config(1));
         let (cancelled, waiting) = (stage.accept().await, stage.accept().await);
         let waits = |job: &Job| job.state == JobState::Running && job.progress.stage.contains("room on the disk");
@@ -102,5 +51,23 @@ worker_test! {
         stage.order(Order::Succeed);
         let job = stage.ended(waiting).await;
         assert_eq!((job.state, job.attempt), (JobState::Succeeded, 1));
+    }
+}
+
+worker_test! {
+    async fn a_job_waits_for_room_that_an_upload_reserved() {
+        let stage = stage_with_needs(1, 600).await;
+        let disk = Arc::new(SmallDisk { blobs: Arc::clone(&stage.deps.blobs), free: AtomicU64::new(1000) });
+        let deps = Deps { disk: DiskBudget::new(disk, 0), ..stage.deps.clone() };
+        let upload = deps.disk.reserve(500).await.unwrap().expect("an upload is first");
+        let _pool = Pool::start(deps.clone(), config(1));
+        let id = stage.accept().await;
+        stage.until(id, |job| job.progress.stage.contains("room on the disk")).await;
+        drop(upload);
+        stage.order(Order::Report(0.5));
+        stage.until(id, |job| job.progress.fraction == 0.5).await;
+        assert!(deps.disk.reserve(500).await.unwrap().is_err(), "an upload sees what the job reserved");
+        stage.order(Order::Succeed);
+        assert_eq!(stage.ended(id).await.state, JobState::Succeeded);
     }
 }

@@ -11,6 +11,7 @@ use uuid::Uuid;
 
 use super::puppet::{Order, Puppet};
 use crate::{
+    disk_budget::DiskBudget,
     model::request::JobRequest,
     store::{
         Job, ManualClock, NewJob,
@@ -48,7 +49,9 @@ pub async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     let (began_here, began) = async_mpsc::unbounded_channel();
     let (orders, to_puppet) = mpsc::channel();
     let work = Puppet { began: began_here, orders: Mutex::new(to_puppet), need, disk_need };
-    let deps = Deps { rows: Arc::new(rows), blobs: Arc::new(blobs), work: Arc::new(work) };
+    let blobs = Arc::new(blobs);
+    let disk = DiskBudget::new(blobs.clone(), 0);
+    let deps = Deps { rows: Arc::new(rows), blobs, disk, work: Arc::new(work) };
     conformance::put(&*deps.rows, "rig", "lens", 1.5).await;
     Stage { folder, clock, deps, began, orders }
 }

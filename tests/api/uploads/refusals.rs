@@ -31,7 +31,7 @@ async fn what_can_be_known_is_refused_at_the_creation() {
 }
 
 #[tokio::test]
-async fn open_uploads_are_promised_their_room_and_are_not_endless() {
+async fn open_uploads_are_not_endless_and_one_without_room_is_refused() {
     let app = TestApp::start_with(|policy| policy.queue_limit = 2).await;
     app.with_profile(2).await;
     begun(&app, 4_000_000).await;
