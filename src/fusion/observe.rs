@@ -123,3 +123,5 @@ fn common_fraction(aligned: &Aligned) -> Option<f64> {
 mod diagnostics;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod usual;

@@ -202,3 +202,24 @@ fn a_rendered_stack_gives_its_slices_one_by_one_and_refuses_the_one_past_the_end
     let Samples::Eight(samples) = &whole[0].samples else { panic!("8 bits by default") };
     assert_eq!(samples.len(), 96 * 72 * 3);
 }
+
+#[test]
+fn a_scaled_scene_leaves_a_margin_and_keeps_its_depths() {
+    let rig = small();
+    let truth = |times: f64| Stage::new(&rig, &Scene::insect(1).scaled(times)).truth();
+    let touches = |mask: &Plane<u8>| {
+        let (right, lower) = (mask.width - 1, mask.height - 1);
+        (0..mask.width).any(|x| mask.at(x, 0) != 0 || mask.at(x, lower) != 0)
+            || (0..mask.height).any(|y| mask.at(0, y) != 0 || mask.at(right, y) != 0)
+    };
+    let (whole, smaller) = (truth(1.0), truth(0.5));
+    assert!(touches(&whole.mask) && !touches(&smaller.mask));
+    let area = |mask: &Plane<u8>| mask.data.iter().filter(|&&m| m != 0).count() as f64;
+    assert!((area(&smaller.mask) / area(&whole.mask) - 0.25).abs() < 0.05);
+    // a point of the wing cases, halfway to the middle
+    let (x, y) = (140, 80);
+    let middle = |length: usize| (length as f64 - 1.0) / 2.0;
+    let half = |at: usize, length: usize| (middle(length) + (at as f64 - middle(length)) / 2.0).round() as usize;
+    let (before, after) = (whole.slice.at(x, y), smaller.slice.at(half(x, 240), half(y, 180)));
+    assert!((before - after).abs() < 0.1, "{before} {after}");
+}

@@ -74,6 +74,23 @@ impl Relief {
     }
 }
 
+impl Relief {
+    /// The same heights over a picture that is `times` as large.
+    fn scaled(self, times: f64) -> Self {
+        let point = |point: [f64; 2]| point.map(|length| times * length);
+        match self {
+            Self::Dome { centre, depth, slope, bulge, radius } => Self::Dome {
+                centre: point(centre),
+                depth,
+                slope: slope.map(|rise| rise / times),
+                bulge,
+                radius: times * radius,
+            },
+            Self::Along { from, to, depths } => Self::Along { from: point(from), to: point(to), depths },
+        }
+    }
+}
+
 /// An object of several parts before a plain background.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
@@ -96,6 +113,20 @@ pub struct Scene {
 impl Scene {
     fn of(parts: Vec<Part>, background: [f32; 3], seed: u64) -> Self {
         Self { parts, background, clouds: 0.06, back_light: 0.9, back_light_falloff: 0.08, shade: 0.03, seed }
+    }
+
+    /// The same scene `times` as large in the picture, about its middle; depths stay. Below 1 it leaves a margin.
+    #[must_use]
+    pub fn scaled(mut self, times: f64) -> Self {
+        for part in &mut self.parts {
+            part.shape = part.shape.scaled(times);
+            part.relief = part.relief.scaled(times);
+            for (centre, radius) in &mut part.holes {
+                *centre = centre.map(|length| times * length);
+                *radius *= times;
+            }
+        }
+        self
     }
 
     /// A beetle on a gnawed leaf: domed wing cases, jointed legs at different depths, antennae, bristles.

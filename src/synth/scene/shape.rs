@@ -51,6 +51,30 @@ pub enum Shape {
     },
 }
 
+impl Shape {
+    /// The same outline `times` as large, about the middle of the picture.
+    pub(super) fn scaled(&self, times: f64) -> Self {
+        let point = |point: [f64; 2]| point.map(|length| times * length);
+        match self {
+            Self::Ellipse { centre, radii, angle } => {
+                Self::Ellipse { centre: point(*centre), radii: point(*radii), angle: *angle }
+            }
+            Self::Strokes(strokes) => Self::Strokes(
+                strokes
+                    .iter()
+                    .map(|s| Stroke { from: point(s.from), to: point(s.to), radii: point(s.radii) })
+                    .collect(),
+            ),
+            Self::Blade { from, to, half_width, fullness } => {
+                Self::Blade { from: point(*from), to: point(*to), half_width: times * half_width, fullness: *fullness }
+            }
+            Self::Plate { centre, half, angle, corner } => {
+                Self::Plate { centre: point(*centre), half: point(*half), angle: *angle, corner: times * corner }
+            }
+        }
+    }
+}
+
 /// A place on (or near) a shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Place {
