@@ -4,6 +4,11 @@
 //! standing for the binary under test. A block marked with a second word (`sh docker`, `sh bench`) needs what a test
 //! cannot have, and is not run. Port 8080 is replaced by a free one.
 
+#[path = "docs/powershell.rs"]
+mod powershell;
+#[path = "docs/tables.rs"]
+mod tables;
+
 use std::{
     fs,
     net::TcpListener,
@@ -11,6 +16,8 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
 };
+
+use tempfile::TempDir;
 
 fn project() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -54,12 +61,12 @@ fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port()
 }
 
-/// Runs every `sh` block of `file` and shows its output when one fails.
-fn run_commands_of(file: &Path) {
+/// Runs every `sh` block of `file` and shows its output when one fails. The folder in which they ran, when there are any.
+fn run_commands_of(file: &Path) -> Option<TempDir> {
     let markdown = fs::read_to_string(file).expect("the document is UTF-8");
     let blocks = blocks(&markdown);
     if blocks.is_empty() {
-        return;
+        return None;
     }
     let folder = tempfile::tempdir().expect("a folder");
     let bin = shims(folder.path());
@@ -84,6 +91,7 @@ fn run_commands_of(file: &Path) {
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
     );
+    Some(folder)
 }
 
 /// True when the tools that the documents use are here. In CI they must be.
@@ -99,10 +107,20 @@ fn tools_are_here() -> bool {
 }
 
 #[test]
-fn the_commands_of_the_readme_work() {
-    if tools_are_here() {
-        run_commands_of(&project().join("README.md"));
+fn the_commands_of_the_readme_work_and_the_demo_is_as_good_as_the_tables_say() {
+    if !tools_are_here() {
+        return;
     }
+    let folder = run_commands_of(&project().join("README.md")).expect("README.md has commands");
+    let here = folder.path().join("here");
+    for made in ["demo-out/metrics.json", "beetle_metrics.json"] {
+        let text = fs::read(here.join(made)).expect("the commands left it");
+        tables::check_good_values(project(), &serde_json::from_slice(&text).expect("JSON"));
+    }
+    let report = fs::read_to_string(here.join("report.html")).expect("the commands left it");
+    let told = report.split("rincipal distance</dt><dd>").nth(1).unwrap_or_default();
+    let distance = told.split(' ').next().and_then(|text| text.parse::<f64>().ok());
+    assert!(distance.is_some_and(|mm| (mm - 130.0).abs() < 0.1), "65 mm at magnification 1, told: {:.80}", told);
 }
 
 #[test]

@@ -29,10 +29,14 @@ use crate::{
     synth::{DotTarget, Rig, Scene, Stage},
 };
 
-const RIG: &str = "demo-rig";
-const LENS: &str = "demo-65mm-1x";
+// as in README.md, so that both tell one story
+const RIG: &str = "bench-1";
+const LENS: &str = "macro65-1x";
 /// Dots of the target from left to right.
 const TARGET_COLUMNS: usize = 19;
+
+/// Size of the insect: small enough that its legs and antennae end inside the picture, as they should in a real one.
+const SCENE_SCALE: f64 = 0.9;
 
 /// Make a synthetic dot target and focus stack, send them through the service, and compare with the truth.
 #[derive(Debug, Clone, clap::Args)]
@@ -71,11 +75,16 @@ impl Demo {
         let bar = steps();
         bar.set_message("rendering the dot target and the stack");
         let (target_zip, stack_zip) = (self.out.join("target.zip"), self.out.join("stack.zip"));
+        let target = DotTarget::for_rig(&rig, TARGET_COLUMNS);
+        let optics = format!(
+            "focal_mm={}&pixel_pitch_mm={:.5}&target_pitch_mm={:.4}",
+            rig.focal_mm, rig.pixel_pitch_mm, target.pitch_mm
+        );
         let known = {
             let (target_zip, stack_zip) = (target_zip.clone(), stack_zip.clone());
             tokio::task::spawn_blocking(move || -> Result<Known> {
-                stacks::write_target(&rig, &DotTarget::for_rig(&rig, TARGET_COLUMNS), &target_zip)?;
-                let stage = Stage::new(&rig, &Scene::insect(self.seed));
+                stacks::write_target(&rig, &target, &target_zip)?;
+                let stage = Stage::new(&rig, &Scene::insect(self.seed).scaled(SCENE_SCALE));
                 stacks::write_stack(rig.slices(), &stage, &stack_zip)?;
                 Ok(Known { rig, stage })
             })
@@ -83,13 +92,12 @@ impl Demo {
         };
         let rendered = begin.elapsed();
 
-        let config = ServeConfig { listen: "127.0.0.1:0".into(), data_dir: data, ..ServeConfig::default() };
-        let service = Service::start(&config).await?;
+        let service = start_service(data).await?;
         let url = format!("http://{}", service.address());
         let client = Client::new(url.clone());
         let begin_calibration = Instant::now();
         let calibration = client
-            .run_job(&format!("/v1/profiles/{RIG}/{LENS}/calibrations"), &target_zip, |stage, share| {
+            .run_job(&format!("/v1/profiles/{RIG}/{LENS}/calibrations?{optics}"), &target_zip, |stage, share| {
                 show(&bar, "calibrating", stage, share);
             })
             .await?;
@@ -136,6 +144,15 @@ impl Demo {
     fn rig(&self) -> Rig {
         let (width, slices) = (self.width as usize, self.slices as usize);
         Rig { seed: self.seed, ..Rig::sized(width, width * 2 / 3, slices) }
+    }
+}
+
+/// Starts the service on the usual port, or on a free one when that is taken.
+async fn start_service(data_dir: PathBuf) -> Result<Service> {
+    let usual = ServeConfig { data_dir, ..ServeConfig::default() };
+    match Service::start(&usual).await {
+        Ok(service) => Ok(service),
+        Err(_) => Service::start(&ServeConfig { listen: "127.0.0.1:0".into(), ..usual }).await,
     }
 }
 

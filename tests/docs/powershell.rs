@@ -1,0 +1,51 @@
+//! The PowerShell lines of the documents: a grammar must accept them. Nothing here can run them.
+
+use std::{fs, process::Command};
+
+/// Prints what the grammar does not understand in the blocks of the files that it is given.
+const CHECK: &str = r#"
+import re, sys
+import tree_sitter, tree_sitter_powershell
+parser = tree_sitter.Parser(tree_sitter.Language(tree_sitter_powershell.language()))
+def faults(node):
+    if node.is_error or node.is_missing:
+        yield node
+    for child in node.children:
+        yield from faults(child)
+blocks = [b for name in sys.argv[1:] for b in re.findall(r"```powershell\n(.*?)```", open(name).read(), re.S)]
+for block in blocks:
+    for node in faults(parser.parse(block.encode()).root_node):
+        print("not PowerShell:", block.encode()[node.start_byte:node.end_byte].decode() or node.type)
+print(len(blocks), "blocks")
+"#;
+
+fn check(files: &[&str]) -> String {
+    let output = Command::new("python3").args(["-c", CHECK]).args(files).current_dir(super::project()).output();
+    let output = output.expect("python3 can be started");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+fn grammar_is_here() -> bool {
+    let found = Command::new("python3").args(["-c", "import tree_sitter, tree_sitter_powershell"]).output();
+    let is_here = found.is_ok_and(|output| output.status.success());
+    assert!(
+        is_here || std::env::var("PINSTACK_TEST_TOOLS").as_deref() != Ok("required"),
+        "missing: the Python packages tree-sitter and tree-sitter-powershell"
+    );
+    is_here
+}
+
+#[test]
+fn the_powershell_lines_of_the_documents_are_powershell() {
+    if !grammar_is_here() {
+        println!("skipped: no grammar of PowerShell installed");
+        return;
+    }
+    let told = check(&["README.md", "docs/OPERATIONS.md", "docs/WINDOWS.md"]);
+    assert_eq!(told.trim(), "2 blocks", "{told}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let torn = folder.path().join("torn.md");
+    fs::write(&torn, "```powershell\nforeach ($zip in Get-ChildItem views {\n```\n").expect("a file");
+    assert!(check(&[&torn.to_string_lossy()]).contains("not PowerShell"), "a torn block is seen");
+}
