@@ -14,6 +14,8 @@
 // Everything below the line is the crate `pinstack-science`, so that Cargo holds the line; it is known under one name.
 pub use pinstack_science::{archive, calibration, fusion, imaging, model, quality, synth};
 
+pub mod telemetry;
+
 pub mod store;
 
 pub mod disk_budget;

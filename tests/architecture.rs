@@ -6,7 +6,7 @@ use std::{
 };
 
 /// From the ground up. A module may name only modules that stand before it in this list.
-const FLOORS: [&[&str]; 12] = [
+const FLOORS: [&[&str]; 13] = [
     &["model"],
     &["imaging"],
     &["synth"],
@@ -14,6 +14,7 @@ const FLOORS: [&[&str]; 12] = [
     &["fusion", "calibration"],
     &["archive"],
     // the line: above it there may be async code, a database and a clock
+    &["telemetry"],
     &["store"],
     &["disk_budget"],
     &["jobs"],

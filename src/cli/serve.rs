@@ -20,6 +20,7 @@ use crate::{
         blobs::{Blobs, local::LocalBlobs},
         sqlite::SqliteRows,
     },
+    telemetry,
     worker::{self, Deps, Pool, maintenance},
 };
 
@@ -66,6 +67,8 @@ impl Service {
             (Some(certificate), Some(key)) => Some(tls::acceptor(certificate, key)?),
             _ => None,
         };
+        // before anything happens that counts
+        telemetry::recorder().map_err(anyhow::Error::msg)?;
         let data_dir = &config.data_dir;
         std::fs::create_dir_all(data_dir)
             .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;

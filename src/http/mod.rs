@@ -16,6 +16,7 @@ pub mod state;
 pub mod system;
 pub mod uploads;
 pub mod views;
+pub mod waiting;
 pub mod watch;
 
 pub use serve::{serve, serve_over};

@@ -124,10 +124,7 @@ pub fn render(problem: Problem) -> Response {
 
 /// The code as the contract spells it.
 pub fn code_name(code: Code) -> String {
-    match serde_json::to_value(code) {
-        Ok(serde_json::Value::String(name)) => name,
-        _ => "internal".to_owned(),
-    }
+    code.name()
 }
 
 /// The status that each code is answered with.

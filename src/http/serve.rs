@@ -17,7 +17,8 @@ use tokio::{
 };
 use tokio_rustls::TlsAcceptor;
 
-use super::{router, state::App, system};
+use super::{router, state::App};
+use crate::telemetry;
 
 /// How long requests in progress may take once the server goes down.
 const GRACE: Duration = Duration::from_secs(30);
@@ -124,7 +125,7 @@ impl Connection {
 }
 
 async fn upkeep() {
-    let Ok(recorder) = system::metrics::recorder() else { return };
+    let Ok(recorder) = telemetry::recorder() else { return };
     loop {
         sleep(UPKEEP).await;
         recorder.run_upkeep();

@@ -120,6 +120,14 @@ impl Code {
             | Self::Internal => false,
         }
     }
+
+    /// As the contract spells it.
+    pub fn name(self) -> String {
+        match serde_json::to_value(self) {
+            Ok(serde_json::Value::String(name)) => name,
+            _ => "internal".to_owned(),
+        }
+    }
 }
 
 /// One precise place of a fault.

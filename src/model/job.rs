@@ -13,6 +13,19 @@ pub enum JobKind {
     Calibration,
 }
 
+impl JobKind {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Stack, Self::Calibration];
+
+    /// As the contract spells it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Stack => "stack",
+            Self::Calibration => "calibration",
+        }
+    }
+}
+
 /// Where a job is in its life. `queued -> running -> one of the other three`, and back from `running` to
 /// `queued` only when its worker died.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -31,6 +44,9 @@ pub enum JobState {
 }
 
 impl JobState {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled];
+
     /// True once nothing changes any more.
     pub fn is_final(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)

@@ -7,6 +7,7 @@ pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod profiles;
 pub(crate) mod tokens;
+pub(crate) mod totals;
 pub(crate) mod uploads;
 
 use std::{sync::Arc, time::Duration};

@@ -12,6 +12,7 @@ pub mod sqlite;
 pub mod step;
 pub mod sweep;
 pub mod tokens;
+pub mod totals;
 pub mod uploads;
 pub mod verify;
 
@@ -20,6 +21,7 @@ pub(crate) mod conformance;
 
 pub use clock::{Clock, ManualClock, SystemClock};
 pub use tokens::TokenRows;
+pub use totals::Totals;
 pub use uploads::UploadRows;
 
 use async_trait::async_trait;
@@ -340,6 +342,8 @@ pub trait Rows: UploadRows + TokenRows + Send + Sync + 'static {
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>>;
     /// Jobs by state.
     async fn counts(&self) -> StoreResult<JobCounts>;
+    /// Sums over all rows, for Prometheus.
+    async fn totals(&self) -> StoreResult<Totals>;
 
     /// Takes the oldest job that waits, or one whose lease ran out, for `lease`. A job that was claimed
     /// `max_attempts` times and lost each time fails with `worker_lost` instead.

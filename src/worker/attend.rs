@@ -13,6 +13,7 @@ use crate::{
     jobs::{Bench, Made},
     model::{Code, Fault, Stop, profile::Profile, request::JobRequest},
     store::{Attempt, Finish, Job, StoreError, StoreResult, step::step, sweep::tidy_job},
+    telemetry::events,
 };
 
 /// Unit of the memory budget.
@@ -43,6 +44,7 @@ impl Shared {
     /// innocent ones with it that would pay with their attempts.
     pub(super) async fn attend(&self, job: Job, gate: OwnedMutexGuard<()>) {
         let started = Instant::now();
+        let _busy = events::busy();
         let line = Arc::new(Lifeline::starting_at(job.progress.clone()));
         // if this worker is dropped, the thread of the job shall see it
         let _stop = line.stop_on_drop();
@@ -53,10 +55,20 @@ impl Shared {
         let kind = job.request.kind();
         let ending = Ending::of(result, line.why(), job.attempt < self.config.max_attempts);
         tracing::info!(job = %job.id, ?kind, attempt = job.attempt, ending = ending.name(), "job leaves its worker");
-        metrics::counter!("pinstack_jobs_ended_total", "ending" => ending.name()).increment(1);
-        metrics::histogram!("pinstack_job_seconds", "ending" => ending.name()).record(started.elapsed().as_secs_f64());
-        if let Err(error) = self.write_end(&job, &ending).await {
-            tracing::error!(job = %job.id, ?error, "the end of a job cannot be written; it will be done again");
+        events::left(kind, ending.event(), started.elapsed());
+        for (stage, time) in line.stage_times() {
+            events::stage_done(kind, stage, time);
+        }
+        match self.write_end(&job, &ending).await {
+            Ok(true) => {
+                if let Ending::Finished(Finish::Failed(fault)) = &ending {
+                    events::failed(kind, fault.code);
+                }
+            }
+            Ok(false) => events::lease_lost(kind),
+            Err(error) => {
+                tracing::error!(job = %job.id, ?error, "the end of a job cannot be written; it will be done again");
+            }
         }
         if let Err(error) = tidy_job(&*self.deps.rows, &*self.deps.blobs, job.id).await {
             tracing::warn!(job = %job.id, ?error, "what a job left cannot be removed now; the next sweep will");
@@ -73,6 +85,7 @@ impl Shared {
             permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is going down"))?,
             () = line.stopped() => return Err(Stop::Cancelled(crate::model::Cancelled)),
         };
+        let _reserved = events::memory_reserved(u64::from(permits) * MB);
         let _gate = suspect.then_some(gate);
         let _room = self.room_for(job, line).await?;
 
@@ -125,16 +138,16 @@ impl Shared {
         Ok(found.ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive is not there any more; send it again")))
     }
 
-    /// Writes the end, again when the database cannot be reached for a moment.
-    async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<()> {
+    /// Writes the end, again when the database cannot be reached for a moment. False when the lease was lost.
+    async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
         let mut pause = Duration::from_millis(100);
         let mut tries = 1;
         loop {
             match self.write_end_once(job, ending).await {
-                Ok(true) => return Ok(()),
+                Ok(true) => return Ok(true),
                 Ok(false) => {
                     tracing::warn!(job = %job.id, "the lease was lost before the end; nothing was published");
-                    return Ok(());
+                    return Ok(false);
                 }
                 Err(error) if tries == END_TRIES => return Err(error),
                 Err(error) => tracing::warn!(job = %job.id, ?error, tries, "cannot write the end of a job yet"),
@@ -151,7 +164,7 @@ impl Shared {
         match ending {
             Ending::Finished(finish) => self.deps.rows.finish(job.id, job.lease_token, finish).await,
             Ending::Released(attempt) => self.deps.rows.release(job.id, job.lease_token, *attempt).await,
-            Ending::Lost => Ok(true),
+            Ending::Lost => Ok(false),
         }
     }
 }
@@ -185,14 +198,18 @@ impl Ending {
         }
     }
 
-    fn name(&self) -> &'static str {
+    fn event(&self) -> events::Ending {
         match self {
-            Self::Finished(Finish::Succeeded { .. }) => "succeeded",
-            Self::Finished(Finish::Failed(_)) => "failed",
-            Self::Finished(Finish::Cancelled) => "cancelled",
-            Self::Released(_) => "released",
-            Self::Lost => "lost",
+            Self::Finished(Finish::Succeeded { .. }) => events::Ending::Succeeded,
+            Self::Finished(Finish::Failed(_)) => events::Ending::Failed,
+            Self::Finished(Finish::Cancelled) => events::Ending::Cancelled,
+            Self::Released(_) => events::Ending::Released,
+            Self::Lost => events::Ending::Lost,
         }
+    }
+
+    fn name(&self) -> &'static str {
+        self.event().as_str()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::{
     sync::{
-        Mutex, OnceLock, PoisonError,
+        Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
     time::Duration,
@@ -14,7 +14,7 @@ use tokio::{
 };
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-use super::{Config, Deps};
+use super::{Config, Deps, stages::StageTimes};
 use crate::{
     jobs::Watcher,
     model::{Cancelled, Progress},
@@ -36,6 +36,7 @@ pub(super) enum Why {
 #[derive(Default)]
 pub(super) struct Lifeline {
     progress: Mutex<Progress>,
+    stages: Mutex<StageTimes>,
     has_news: AtomicBool,
     news: Notify,
     why: OnceLock<Why>,
@@ -44,6 +45,7 @@ pub(super) struct Lifeline {
 
 impl Watcher for Lifeline {
     fn report(&self, progress: Progress) {
+        self.stages().enter(&progress.stage, std::time::Instant::now());
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
         self.has_news.store(true, Ordering::Release);
         self.news.notify_one();
@@ -78,6 +80,15 @@ impl Lifeline {
     /// Waits until the job is told to stop.
     pub(super) async fn stopped(&self) {
         self.stopped.cancelled().await;
+    }
+
+    /// The stages of the job and the time spent in each; for the end of the job.
+    pub(super) fn stage_times(&self) -> Vec<(&'static str, Duration)> {
+        self.stages().end(std::time::Instant::now())
+    }
+
+    fn stages(&self) -> MutexGuard<'_, StageTimes> {
+        self.stages.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn progress(&self) -> Progress {

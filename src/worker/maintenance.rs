@@ -4,10 +4,13 @@ use std::{sync::Arc, time::Duration};
 
 use tokio::task::JoinHandle;
 
-use crate::store::{
-    Rows,
-    blobs::Blobs,
-    sweep::{GRACE, Retention, sweep},
+use crate::{
+    store::{
+        Rows,
+        blobs::Blobs,
+        sweep::{GRACE, Retention, sweep},
+    },
+    telemetry::events,
 };
 
 /// Time between two sweeps.
@@ -30,14 +33,21 @@ pub fn start(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, every: Duration, keep: 
         loop {
             clock.tick().await;
             match sweep(&*rows, &*blobs, GRACE, &keep).await {
-                Ok(swept) => tracing::info!(
-                    expired = swept.expired,
-                    uploads = swept.uploads,
-                    orphans = swept.orphans,
-                    given_up = swept.given_up,
-                    "swept"
-                ),
-                Err(error) => tracing::error!(?error, "the sweep failed; the next one goes on"),
+                Ok(swept) => {
+                    events::sweep_ended(true);
+                    events::swept(swept.expired, swept.uploads, swept.given_up, swept.orphans);
+                    tracing::info!(
+                        expired = swept.expired,
+                        uploads = swept.uploads,
+                        orphans = swept.orphans,
+                        given_up = swept.given_up,
+                        "swept"
+                    );
+                }
+                Err(error) => {
+                    events::sweep_ended(false);
+                    tracing::error!(?error, "the sweep failed; the next one goes on");
+                }
             }
         }
     }))

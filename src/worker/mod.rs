@@ -5,6 +5,7 @@ mod lifeline;
 pub mod maintenance;
 mod pool;
 mod room;
+mod stages;
 
 pub use pool::Pool;
 

@@ -10,6 +10,7 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use super::{Config, Deps, attend::Shared};
+use crate::{store::Job, telemetry::events};
 
 /// How long jobs that were told to stop may take to see it.
 const LET_GO: Duration = Duration::from_secs(10);
@@ -26,6 +27,7 @@ impl Pool {
     pub fn start(deps: Deps, config: Config) -> Self {
         let stop = CancellationToken::new();
         let workers = config.workers;
+        events::pool_started(workers, config.memory_budget);
         let mut shared =
             Shared { deps, config, memory: Arc::new(Semaphore::new(0)), abandon: CancellationToken::new() };
         shared.memory = Arc::new(Semaphore::new(shared.whole_budget() as usize));
@@ -59,6 +61,18 @@ async fn drain(tasks: &mut JoinSet<()>) {
     }
 }
 
+/// Tells how long a job waited for its first attempt, or that it is not the first.
+fn count_start(job: &Job) {
+    let kind = job.request.kind();
+    match job.started_at {
+        Some(started) if job.attempt == 1 => {
+            let waited = Duration::try_from(started.duration_since(job.created_at)).unwrap_or_default();
+            events::started(kind, waited);
+        }
+        _ => events::retried(kind),
+    }
+}
+
 /// One worker. Whoever holds the gate looks for a job; the others work or wait for the gate.
 async fn work(shared: Arc<Shared>, gate: Arc<Mutex<()>>, stop: CancellationToken) {
     let Shared { deps, config, .. } = &*shared;
@@ -74,6 +88,7 @@ async fn work(shared: Arc<Shared>, gate: Arc<Mutex<()>>, stop: CancellationToken
         match claimed {
             Ok(Some(job)) => {
                 tracing::info!(job = %job.id, kind = ?job.request.kind(), attempt = job.attempt, "job claimed");
+                count_start(&job);
                 shared.attend(job, gate).await;
                 continue;
             }

@@ -7,6 +7,7 @@ mod bad_requests;
 mod configuration;
 mod connections;
 mod disk_budget;
+mod exposition;
 mod forms;
 mod lifecycle;
 mod profile_files;

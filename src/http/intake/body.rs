@@ -13,8 +13,9 @@ use futures::{Stream, StreamExt};
 use tokio::time::{Instant, Sleep, sleep, timeout};
 
 use crate::{
-    http::problem::ApiError,
+    http::{problem::ApiError, waiting},
     model::{Code, Fault},
+    telemetry::events::{self, WaitsOn},
 };
 
 /// A refusal sent while the client still sends would be lost in a connection reset, so a little more is read
@@ -61,6 +62,8 @@ pub struct WatchedBody {
     polled: bool,
     waits_for_continue: bool,
     silence: Pin<Box<Sleep>>,
+    /// Since when the next chunk is waited for.
+    waits: Option<Instant>,
     idle_timeout: Duration,
     max_bytes: u64,
     seen: u64,
@@ -75,6 +78,7 @@ impl WatchedBody {
             polled: false,
             waits_for_continue,
             silence: Box::pin(sleep(idle_timeout)),
+            waits: None,
             idle_timeout,
             max_bytes,
             seen: 0,
@@ -89,7 +93,7 @@ impl WatchedBody {
 
     fn count(&mut self, chunk: &Bytes) -> Result<(), EndedEarly> {
         self.seen += chunk.len() as u64;
-        metrics::counter!("pinstack_upload_bytes_total").increment(chunk.len() as u64);
+        events::received(chunk.len() as u64);
         if self.seen <= self.max_bytes {
             return Ok(());
         }
@@ -114,7 +118,16 @@ impl Stream for WatchedBody {
             this.polled = true;
             this.silence.as_mut().reset(Instant::now() + this.idle_timeout);
         }
-        match inner.poll_next_unpin(cx) {
+        let polled = inner.poll_next_unpin(cx);
+        match (&polled, this.waits) {
+            (Poll::Pending, None) => this.waits = Some(Instant::now()),
+            (Poll::Ready(_), Some(since)) => {
+                waiting::add(WaitsOn::Body, since.elapsed());
+                this.waits = None;
+            }
+            _ => {}
+        }
+        match polled {
             Poll::Ready(Some(Ok(chunk))) => {
                 this.silence.as_mut().reset(Instant::now() + this.idle_timeout);
                 Poll::Ready(Some(this.count(&chunk).map(|()| chunk)))
@@ -142,6 +155,9 @@ impl Stream for WatchedBody {
 
 impl Drop for WatchedBody {
     fn drop(&mut self) {
+        if let Some(since) = self.waits {
+            waiting::add(WaitsOn::Body, since.elapsed());
+        }
         let Some(rest) = self.inner.take() else { return };
         let nothing_comes = self.waits_for_continue && !self.polled;
         if nothing_comes {

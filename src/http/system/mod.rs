@@ -2,6 +2,7 @@
 
 pub mod docs;
 pub mod examples;
+mod gauges;
 pub mod healthz;
 pub mod info;
 pub mod metrics;

@@ -9,8 +9,9 @@ use tokio::{
 use uuid::Uuid;
 
 use crate::{
-    http::state::App,
+    http::{state::App, waiting},
     store::{Job, StoreResult},
+    telemetry::events::WaitsOn,
 };
 
 /// Waits until the job has ended, at most `patience`, less when the server goes down; then its last row.
@@ -19,7 +20,13 @@ use crate::{
 /// # Errors
 /// When the rows cannot be read.
 pub async fn until_final(app: &App, id: Uuid, patience: Duration) -> StoreResult<Option<Job>> {
-    let deadline = Instant::now() + patience;
+    let started = Instant::now();
+    let job = final_row(app, id, started + patience).await;
+    waiting::add(WaitsOn::Job, started.elapsed());
+    job
+}
+
+async fn final_row(app: &App, id: Uuid, deadline: Instant) -> StoreResult<Option<Job>> {
     let mut changes = app.rows.changes();
     loop {
         let job = app.rows.job(id).await?;

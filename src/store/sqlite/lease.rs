@@ -5,14 +5,21 @@ use std::time::Duration;
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{Attempt, Heartbeat, Job, Progress, SqliteRows, StoreResult, lost::Lease, row::JobRow};
-use crate::model::{Code, Fault};
+use super::{
+    Attempt, Heartbeat, Job, Progress, SqliteRows, StoreResult,
+    lost::Lease,
+    row::{JobRow, kind},
+};
+use crate::{
+    model::{Code, Fault, JobKind},
+    telemetry::events,
+};
 
 pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
     let now = store.clock.now_ms();
     let mut tx = store.write().await?;
     let lost = lost(store, &mut tx, lease, now).await?;
-    let ended = end_the_lost(&mut tx, now, &lost, max_attempts).await?;
+    let Ended { ids: ended, failed } = end_the_lost(&mut tx, now, &lost, max_attempts).await?;
     let row: Option<JobRow> = sqlx::query_as(
         "UPDATE jobs
          SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
@@ -30,6 +37,9 @@ pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32
     .fetch_optional(&mut *tx)
     .await?;
     store.commit(tx, "rows.claim").await?;
+    for kind in failed {
+        events::failed(kind, Code::WorkerLost);
+    }
     let job = row.map(Job::try_from).transpose()?;
     if let Some(job) = &job {
         let given = Lease { token: job.lease_token, until: until(now, lease) };
@@ -52,13 +62,21 @@ async fn lost(store: &SqliteRows, connection: &mut SqliteConnection, lease: Dura
     Ok(serde_json::to_string(&lost.iter().map(|id| id.simple().to_string()).collect::<Vec<_>>())?)
 }
 
+/// Jobs that ended because their worker is gone.
+struct Ended {
+    /// All of them.
+    ids: Vec<Uuid>,
+    /// The kinds of those that failed.
+    failed: Vec<JobKind>,
+}
+
 /// Ends the jobs whose worker is gone and that nobody shall try again: deleted, cancelled, or lost too often.
 async fn end_the_lost(
     connection: &mut SqliteConnection,
     now: i64,
     lost: &str,
     max_attempts: u32,
-) -> StoreResult<Vec<Uuid>> {
+) -> StoreResult<Ended> {
     let mut ended: Vec<Uuid> = sqlx::query_scalar(
         "DELETE FROM jobs
          WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?1)) AND delete_requested = 1
@@ -85,21 +103,21 @@ async fn end_the_lost(
              the log of the service says more, and a stack that needs too much memory is the usual reason"
         ),
     );
-    ended.extend(
-        sqlx::query_scalar::<_, Uuid>(
-            "UPDATE jobs
+    let failed: Vec<(Uuid, String)> = sqlx::query_as(
+        "UPDATE jobs
              SET state = 'failed', error = ?3, finished_at = ?1, lease_until = NULL, version = version + 1
              WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?4)) AND attempt >= ?2
-             RETURNING id",
-        )
-        .bind(now)
-        .bind(max_attempts)
-        .bind(serde_json::to_string(&fault)?)
-        .bind(lost)
-        .fetch_all(&mut *connection)
-        .await?,
-    );
-    Ok(ended)
+             RETURNING id, kind",
+    )
+    .bind(now)
+    .bind(max_attempts)
+    .bind(serde_json::to_string(&fault)?)
+    .bind(lost)
+    .fetch_all(&mut *connection)
+    .await?;
+    ended.extend(failed.iter().map(|(id, _)| *id));
+    let kinds: StoreResult<Vec<JobKind>> = failed.iter().map(|(_, name)| kind(name)).collect();
+    Ok(Ended { ids: ended, failed: kinds? })
 }
 
 pub(super) async fn heartbeat(

@@ -13,6 +13,7 @@ mod profiles;
 mod retention;
 mod row;
 mod tokens;
+mod totals;
 mod uploads;
 
 use std::{fs::File, path::Path, sync::Arc, time::Duration};
@@ -29,8 +30,8 @@ use uuid::Uuid;
 
 use super::{
     Attempt, BlobOwner, CancelRequest, Clock, Enqueue, Finish, Heartbeat, Job, JobCounts, JobFilter, NewJob, Page,
-    PageRequest, Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock, step::step,
-    sweep::Retention,
+    PageRequest, Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock, Totals,
+    step::step, sweep::Retention,
 };
 use crate::model::{Name, Progress, profile::Profile};
 
@@ -42,11 +43,12 @@ const READERS: u32 = 4;
 const CHANGES: usize = 1024;
 
 /// Every change of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 4] = [
+const SCHEMA: [(i64, &str, &str); 5] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
     (4, "retention", include_str!("schema/0004_retention.sql")),
+    (5, "totals", include_str!("schema/0005_totals.sql")),
 ];
 
 /// Rows in one SQLite file.
@@ -211,6 +213,10 @@ impl Rows for SqliteRows {
 
     async fn counts(&self) -> StoreResult<JobCounts> {
         jobs::counts(self).await
+    }
+
+    async fn totals(&self) -> StoreResult<Totals> {
+        totals::totals(self).await
     }
 
     async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {

@@ -71,6 +71,10 @@ conforms!(tokens:
     what_a_token_takes_is_counted_until_it_is_gone,
 );
 
+conforms!(totals:
+    totals_count_jobs_bytes_and_quotas,
+);
+
 conforms!(leases:
     a_clock_that_leaps_forward_takes_no_job_from_a_living_worker,
     a_clock_that_leaps_back_keeps_no_job_with_a_dead_worker,

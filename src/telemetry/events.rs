@@ -1,0 +1,172 @@
+//! What happens, told to the recorder: one function per event, so that names and labels are written once.
+
+use std::time::Duration;
+
+use metrics::{counter, gauge, histogram};
+
+use super::series::*;
+use crate::model::{Code, JobKind};
+
+/// What a request waited on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WaitsOn {
+    /// The bytes of its body.
+    Body,
+    /// The end of a job.
+    Job,
+}
+
+/// How a worker and a job part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// With results.
+    Succeeded,
+    /// With an error.
+    Failed,
+    /// Because it was asked for.
+    Cancelled,
+    /// It went back to the queue.
+    Released,
+    /// The lease went to another worker.
+    Lost,
+}
+
+impl Ending {
+    const ALL: [Self; 5] = [Self::Succeeded, Self::Failed, Self::Cancelled, Self::Released, Self::Lost];
+
+    /// As the label `ending` and the log spell it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+            Self::Released => "released",
+            Self::Lost => "lost",
+        }
+    }
+}
+
+/// Shows at 0 what has not happened yet, so that the first event is a change.
+pub(super) fn begin() {
+    counter!(UPLOAD_BYTES.name).increment(0);
+    for kind in JobKind::ALL.map(JobKind::as_str) {
+        counter!(JOB_RETRIES.name, "kind" => kind).increment(0);
+        counter!(LEASES_LOST.name, "kind" => kind).increment(0);
+        for ending in Ending::ALL {
+            counter!(JOBS_ENDED.name, "kind" => kind, "ending" => ending.as_str()).increment(0);
+        }
+    }
+    for outcome in ["succeeded", "failed"] {
+        counter!(SWEEPS.name, "outcome" => outcome).increment(0);
+    }
+    swept(0, 0, 0, 0);
+    for series in [WORKERS, WORKERS_BUSY, MEMORY_BUDGET_BYTES, MEMORY_RESERVED_BYTES] {
+        gauge!(series.name).set(0.0);
+    }
+}
+
+/// The headers of a response left after `seconds` of service; `waits` are the times that the request waited.
+pub fn answered(method: &'static str, route: &str, status: u16, service: Duration, waits: &[(WaitsOn, Duration)]) {
+    let route = route.to_owned();
+    counter!(HTTP_REQUESTS.name, "method" => method, "route" => route.clone(), "status" => status.to_string())
+        .increment(1);
+    histogram!(HTTP_REQUEST_SECONDS.name, "method" => method, "route" => route.clone()).record(service.as_secs_f64());
+    for (on, time) in waits.iter().filter(|(_, time)| !time.is_zero()) {
+        let on = match on {
+            WaitsOn::Body => "body",
+            WaitsOn::Job => "job",
+        };
+        histogram!(HTTP_WAIT_SECONDS.name, "method" => method, "route" => route.clone(), "on" => on)
+            .record(time.as_secs_f64());
+    }
+}
+
+/// A request was answered with a problem.
+pub fn refused(code: Code) {
+    counter!(HTTP_PROBLEMS.name, "code" => code.name()).increment(1);
+}
+
+/// Bytes of an upload arrived.
+pub fn received(bytes: u64) {
+    counter!(UPLOAD_BYTES.name).increment(bytes);
+}
+
+/// A job was claimed for its first attempt, `waited` after it was accepted.
+pub fn started(kind: JobKind, waited: Duration) {
+    histogram!(JOB_WAIT_SECONDS.name, "kind" => kind.as_str()).record(waited.as_secs_f64());
+}
+
+/// A job was claimed again.
+pub fn retried(kind: JobKind) {
+    counter!(JOB_RETRIES.name, "kind" => kind.as_str()).increment(1);
+}
+
+/// A job spent `time` in a stage.
+pub fn stage_done(kind: JobKind, stage: &'static str, time: Duration) {
+    histogram!(JOB_STAGE_SECONDS.name, "kind" => kind.as_str(), "stage" => stage).record(time.as_secs_f64());
+}
+
+/// A job left its worker after `time`.
+pub fn left(kind: JobKind, ending: Ending, time: Duration) {
+    let (kind, ending) = (kind.as_str(), ending.as_str());
+    counter!(JOBS_ENDED.name, "kind" => kind, "ending" => ending).increment(1);
+    histogram!(JOB_SECONDS.name, "kind" => kind, "ending" => ending).record(time.as_secs_f64());
+}
+
+/// A job failed.
+pub fn failed(kind: JobKind, code: Code) {
+    counter!(JOB_FAILURES.name, "kind" => kind.as_str(), "code" => code.name()).increment(1);
+}
+
+/// The lease of a job was lost.
+pub fn lease_lost(kind: JobKind) {
+    counter!(LEASES_LOST.name, "kind" => kind.as_str()).increment(1);
+}
+
+/// The clean-up ran.
+pub fn sweep_ended(succeeded: bool) {
+    counter!(SWEEPS.name, "outcome" => if succeeded { "succeeded" } else { "failed" }).increment(1);
+}
+
+/// The clean-up removed expired jobs, zips of jobs that keep their results, uploads that were given up, and files that no row
+/// names (counted by job).
+pub fn swept(expired: usize, uploads: usize, given_up: usize, orphans: usize) {
+    for (content, count) in
+        [("expired_job", expired), ("job_upload", uploads), ("open_upload", given_up), ("orphaned_files", orphans)]
+    {
+        counter!(SWEPT.name, "content" => content).increment(count as u64);
+    }
+}
+
+/// The workers of this process, and their memory in bytes.
+pub fn pool_started(workers: usize, memory_budget: u64) {
+    gauge!(WORKERS.name).set(workers as f64);
+    gauge!(MEMORY_BUDGET_BYTES.name).set(memory_budget as f64);
+}
+
+/// A gauge is higher by an amount until this is dropped.
+#[must_use]
+pub struct Held(&'static str, f64);
+
+impl Held {
+    fn new(series: &Series, amount: f64) -> Self {
+        gauge!(series.name).increment(amount);
+        Self(series.name, amount)
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        gauge!(self.0).decrement(self.1);
+    }
+}
+
+/// A worker has a job until this is dropped.
+pub fn busy() -> Held {
+    Held::new(&WORKERS_BUSY, 1.0)
+}
+
+/// A job has reserved `bytes` of memory until this is dropped.
+pub fn memory_reserved(bytes: u64) -> Held {
+    Held::new(&MEMORY_RESERVED_BYTES, bytes as f64)
+}
