@@ -167,6 +167,21 @@ fn one_file_alone_names_the_zip_crate_below_the_line() {
 }
 
 #[test]
+fn work_beside_a_request_keeps_the_request_in_its_log_lines() {
+    let mut wrong = Vec::new();
+    for (path, module, code) in files() {
+        let starts_tasks = path.ends_with("http/background.rs") || path.ends_with("http/serve.rs");
+        if module == "http"
+            && !starts_tasks
+            && (code.contains("tokio::spawn(") || code.contains("task::spawn_blocking("))
+        {
+            wrong.push(format!("{} starts a task by itself; use http::background", path.display()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
 fn no_file_is_too_long_to_have_one_reason_to_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     for (path, _, _) in files() {

@@ -15,7 +15,7 @@ use super::{
     state::App,
 };
 use crate::{
-    model::Code,
+    model::{Code, Name},
     store::tokens::{Scope, Token, names, parse},
 };
 
@@ -27,6 +27,11 @@ impl Caller {
     /// The token; nobody, where nobody is asked.
     pub fn id(&self) -> Option<Uuid> {
         self.0.as_ref().map(|token| token.id)
+    }
+
+    /// The name of the token.
+    pub fn name(&self) -> Option<&Name> {
+        self.0.as_ref().map(|token| &token.name)
     }
 
     /// Refuses bytes that would not fit into what the token may take. Requests that arrive at the same moment may pass it
@@ -110,7 +115,10 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
 /// What a request needs: one of these scopes, or no token at all.
 pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     let below = |place: &str| path.strip_prefix(place).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
-    if ["/healthz", "/readyz", "/openapi.json"].contains(&path) || below("/docs") || *method == Method::OPTIONS {
+    let is_open = ["/", "/favicon.ico", "/healthz", "/readyz", "/openapi.json"].contains(&path)
+        || below("/docs")
+        || below("/problems");
+    if is_open || *method == Method::OPTIONS {
         return None;
     }
     let reads = [Method::GET, Method::HEAD].contains(method);
@@ -159,6 +167,8 @@ mod tests {
         for (method, path, scopes) in [
             (Method::GET, "/healthz", None),
             (Method::GET, "/docs/index.html", None),
+            (Method::GET, "/", None),
+            (Method::GET, "/problems/forbidden", None),
             (Method::OPTIONS, "/v1/uploads", None),
             (Method::GET, "/docsother", Some("read")),
             (Method::GET, "/metrics", Some("read")),

@@ -3,12 +3,16 @@
 
 pub mod artifacts;
 pub mod auth;
+pub mod background;
 pub mod calibrations;
+pub mod connections;
 pub mod extract;
 pub mod intake;
+pub mod log;
 pub mod middleware;
 pub mod problem;
 pub mod profiles;
+pub mod recent;
 pub mod router;
 pub mod serve;
 pub mod stacks;

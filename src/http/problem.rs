@@ -64,7 +64,9 @@ impl From<Fault> for ApiError {
         let mut headers = HeaderMap::new();
         match fault.code {
             Code::QueueFull => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("30")),
-            Code::Locked => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1")),
+            Code::Locked | Code::TooManyRequests => {
+                _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+            }
             Code::Unavailable => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("5")),
             Code::Unauthorized => _ = headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer")),
             _ => {}
@@ -132,9 +134,12 @@ pub fn status(code: Code) -> StatusCode {
     match code {
         Code::InvalidRequest | Code::UploadIncomplete => StatusCode::BAD_REQUEST,
         Code::Unauthorized => StatusCode::UNAUTHORIZED,
-        Code::Forbidden => StatusCode::FORBIDDEN,
+        Code::Forbidden | Code::CrossOriginRequest => StatusCode::FORBIDDEN,
+        Code::MisdirectedRequest => StatusCode::MISDIRECTED_REQUEST,
+        Code::TooManyRequests => StatusCode::TOO_MANY_REQUESTS,
         Code::NotFound | Code::ProfileNotFound | Code::NoResult => StatusCode::NOT_FOUND,
         Code::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
+        Code::MethodNotImplemented => StatusCode::NOT_IMPLEMENTED,
         Code::NotAcceptable => StatusCode::NOT_ACCEPTABLE,
         Code::NotFinished | Code::Conflict => StatusCode::CONFLICT,
         Code::PreconditionFailed => StatusCode::PRECONDITION_FAILED,
@@ -171,6 +176,7 @@ pub fn code_of(status: StatusCode) -> Code {
         StatusCode::FORBIDDEN => Code::Forbidden,
         StatusCode::NOT_FOUND => Code::NotFound,
         StatusCode::METHOD_NOT_ALLOWED => Code::MethodNotAllowed,
+        StatusCode::NOT_IMPLEMENTED => Code::MethodNotImplemented,
         StatusCode::NOT_ACCEPTABLE => Code::NotAcceptable,
         StatusCode::PAYLOAD_TOO_LARGE => Code::UploadTooLarge,
         StatusCode::UNSUPPORTED_MEDIA_TYPE => Code::UnsupportedMediaType,
@@ -186,8 +192,12 @@ pub fn title(code: Code) -> &'static str {
         Code::InvalidRequest => "The request breaks a rule of the contract",
         Code::Unauthorized => "A token is needed",
         Code::Forbidden => "The token does not allow this",
+        Code::CrossOriginRequest => "Cross-origin request refused",
+        Code::MisdirectedRequest => "Misdirected request",
+        Code::TooManyRequests => "Too many requests in progress",
         Code::NotFound => "No such thing",
         Code::MethodNotAllowed => "This method is not allowed here",
+        Code::MethodNotImplemented => "Method not implemented",
         Code::ProfileNotFound => "No profile for this rig and lens",
         Code::NotFinished => "The job has not ended yet",
         Code::NoResult => "The job has no such result",

@@ -14,7 +14,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
     calibrations,
-    middleware::{auth, cors, observe, problems, request_id, security},
+    middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot},
     profiles, stacks,
     state::App,
     system, uploads,
@@ -64,6 +64,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(system::metrics::metrics))
         .routes(routes!(system::info::info))
         .routes(routes!(system::openapi::openapi))
+        .routes(routes!(system::problems::problem_kind))
 }
 
 /// The whole service.
@@ -81,7 +82,10 @@ pub fn service(app: App) -> Router {
         // uploads count their bytes themselves, JSON bodies have their own limit
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn_with_state(app.clone(), auth::check))
+        .layer(from_fn_with_state(app.clone(), browser::check))
         .layer(CatchPanicLayer::custom(problems::from_panic))
+        .layer(from_fn(slot::require))
+        .layer(from_fn(method::refuse_unknown))
         .layer(from_fn(problems::complete))
         .layer(from_fn(security::headers))
         .layer(from_fn(uploads::protocol::name_version))

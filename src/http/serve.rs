@@ -2,12 +2,11 @@
 
 use std::{io, sync::Arc, time::Duration};
 
-use axum::Router;
-use hyper::server::conn::http1;
+use axum::{Router, body::Body};
+use hyper::{Request, body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
     server::graceful::{GracefulShutdown, Watcher},
-    service::TowerToHyperService,
 };
 use tokio::{
     io::{AsyncRead, AsyncWrite},
@@ -16,12 +15,19 @@ use tokio::{
     time::{sleep, timeout},
 };
 use tokio_rustls::TlsAcceptor;
+use tower::ServiceExt;
 
-use super::{router, state::App};
+use super::{
+    connections::{Reading, Seat, Slots, slots::RESERVE},
+    router,
+    state::App,
+};
 use crate::telemetry;
 
 /// How long requests in progress may take once the server goes down.
-const GRACE: Duration = Duration::from_secs(30);
+const GRACE: Duration = Duration::from_secs(10);
+/// Sockets beside those that have a slot: the reserve, and those of it that are on their way out.
+pub const SPARE_SOCKETS: usize = 2 * RESERVE;
 /// How often the samples of the request times are put into their buckets: they pile up until then.
 const UPKEEP: Duration = Duration::from_secs(5);
 /// Pause when no connection can be taken, because there are no file handles left, say.
@@ -51,14 +57,17 @@ pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor
     Ok(())
 }
 
-/// Takes connections until the server goes down. One over the limit waits before the door, in the kernel's queue.
+/// Takes connections until the server goes down. One over the limit waits without a slot, and when too many do, in the
+/// kernel's queue.
 async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>, connections: &GracefulShutdown) {
-    let service = router::service(app.clone());
-    let slots = Arc::new(Semaphore::new(app.policy.max_connections));
+    let router = router::service(app.clone());
+    let slots = Slots::new(&app.policy, app.shutdown.clone());
+    // those that give way are still there while they say so
+    let sockets = Arc::new(Semaphore::new(app.policy.max_connections + SPARE_SOCKETS));
     let next = async || {
-        let slot = Arc::clone(&slots).acquire_owned().await.map_err(io::Error::other)?;
-        let (stream, _) = listener.accept().await?;
-        Ok::<_, io::Error>((stream, slot))
+        let socket = Arc::clone(&sockets).acquire_owned().await.map_err(io::Error::other)?;
+        let (stream, peer) = listener.accept().await?;
+        Ok::<_, io::Error>((stream, peer, socket))
     };
     loop {
         let accepted = tokio::select! {
@@ -66,13 +75,19 @@ async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>,
             accepted = next() => accepted,
         };
         match accepted {
-            Ok((stream, slot)) => {
+            Ok((stream, peer, socket)) => {
                 let connection = Connection {
-                    service: service.clone(),
+                    router: router.clone(),
+                    seat: slots.seat(peer.ip()),
                     header_timeout: app.policy.header_timeout,
                     watcher: connections.watcher(),
-                    _slot: slot,
+                    _socket: socket,
                 };
+                // answers are written whole: waiting for more only delays them
+                if let Err(error) = stream.set_nodelay(true) {
+                    tracing::debug!(%error, "TCP_NODELAY");
+                }
+                let stream = Reading::new(stream, app.policy.body_idle_timeout);
                 tokio::spawn(connection.serve(stream, tls.clone()));
             }
             Err(error) if is_of_one_connection(&error) => {}
@@ -92,18 +107,23 @@ fn is_of_one_connection(error: &io::Error) -> bool {
 
 /// One connection; its slot is free again once it has ended.
 struct Connection {
-    service: Router,
+    router: Router,
+    seat: Arc<Seat>,
     header_timeout: Duration,
     watcher: Watcher,
-    _slot: OwnedSemaphorePermit,
+    _socket: OwnedSemaphorePermit,
 }
 
 impl Connection {
-    async fn serve(self, stream: TcpStream, tls: Option<TlsAcceptor>) {
-        // answers are written whole: waiting for more only delays them
-        if let Err(error) = stream.set_nodelay(true) {
-            tracing::debug!(%error, "TCP_NODELAY");
+    async fn serve(self, stream: Reading<TcpStream>, tls: Option<TlsAcceptor>) {
+        let seat = Arc::clone(&self.seat);
+        tokio::select! {
+            () = self.greet(stream, tls) => {}
+            () = seat.gave_way() => tracing::debug!("a connection without a slot gave way to a newer one"),
         }
+    }
+
+    async fn greet(self, stream: Reading<TcpStream>, tls: Option<TlsAcceptor>) {
         let Some(tls) = tls else { return self.speak(stream).await };
         match timeout(self.header_timeout, tls.accept(stream)).await {
             Ok(Ok(stream)) => self.speak(stream).await,
@@ -113,11 +133,17 @@ impl Connection {
     }
 
     async fn speak(self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
+        let (router, seat) = (self.router, self.seat);
+        let service = service_fn(move |request: Request<Incoming>| {
+            let mut request = request.map(Body::new);
+            request.extensions_mut().insert(Arc::clone(&seat));
+            router.clone().oneshot(request)
+        });
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
             // a head that comes byte by byte, and a connection on which nothing is asked, do not hold a slot for ever
             .header_read_timeout(self.header_timeout)
-            .serve_connection(TokioIo::new(stream), TowerToHyperService::new(self.service));
+            .serve_connection(TokioIo::new(stream), service);
         if let Err(error) = self.watcher.watch(connection).await {
             tracing::debug!(%error, "a connection broke");
         }

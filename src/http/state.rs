@@ -1,11 +1,16 @@
 //! What every handler can reach.
 
-use std::{sync::Arc, time::Duration};
+use std::{net::IpAddr, sync::Arc, time::Duration};
 
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-use super::intake::reservation::Shares;
+use super::{
+    connections::{AddressRange, Tally},
+    intake::reservation::Shares,
+    recent::Recent,
+    system::readyz,
+};
 use crate::{
     archive::ArchiveLimits,
     disk_budget::DiskBudget,
@@ -14,6 +19,9 @@ use crate::{
 
 /// Uploads that are looked into at a time. Each may hold one member of the zip at the worst (a TIFF that jumps about).
 const LOOKS: usize = 2;
+
+/// How long what `/readyz` found counts.
+const READINESS_AGE: Duration = Duration::from_secs(1);
 
 /// How much the service takes on.
 #[derive(Debug, Clone)]
@@ -40,8 +48,16 @@ pub struct Policy {
     pub isolate_tokens: bool,
     /// Most connections at a time; more wait.
     pub max_connections: usize,
+    /// Most connections of one address and most requests in progress of one token; `None`: a quarter of `max_connections`.
+    pub connections_per_client: Option<usize>,
+    /// Where reverse proxies are. Their connections have no share of their own, and who they say a client is goes to the log.
+    pub trusted_proxies: Vec<AddressRange>,
     /// A client that takes longer for the head of a request, or asks nothing for so long, is hung up on.
     pub header_timeout: Duration,
+    /// The address that is listened on; `None`: a loopback address.
+    pub listen: Option<IpAddr>,
+    /// Names beside `localhost` under which browsers may reach the service while it asks for no token; without a port.
+    pub hosts: Vec<String>,
     /// Origins whose pages may use the service from a browser.
     pub cors_origins: Vec<String>,
     /// Worker threads of this process, for `/v1/info`.
@@ -62,10 +78,21 @@ impl Default for Policy {
             auth_required: false,
             isolate_tokens: false,
             max_connections: 1024,
+            connections_per_client: None,
+            trusted_proxies: AddressRange::loopback(),
             header_timeout: Duration::from_secs(20),
+            listen: None,
+            hosts: Vec::new(),
             cors_origins: Vec::new(),
             workers: 0,
         }
+    }
+}
+
+impl Policy {
+    /// Most connections of one address, and most requests in progress of one token.
+    pub fn client_share(&self) -> usize {
+        self.connections_per_client.unwrap_or(self.max_connections / 4).max(1)
     }
 }
 
@@ -86,6 +113,10 @@ pub struct App {
     pub shares: Shares,
     /// Conversions between file formats hold a whole image each: few at once.
     pub conversions: Arc<Semaphore>,
+    /// Requests in progress by token.
+    pub tally: Tally,
+    /// What `/readyz` found last.
+    pub readiness: Arc<Recent<readyz::Look>>,
     /// Looks into uploads hold what a hostile zip makes them hold: few at once, however many arrive.
     pub looks: Arc<Semaphore>,
 }
@@ -102,6 +133,8 @@ impl App {
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
             conversions: Arc::new(Semaphore::new(1)),
+            tally: Tally::default(),
+            readiness: Arc::new(Recent::new(READINESS_AGE)),
             looks: Arc::new(Semaphore::new(LOOKS)),
         }
     }

@@ -14,10 +14,18 @@ pub enum Code {
     Unauthorized,
     /// The token does not allow this.
     Forbidden,
+    /// A page of another origin sent this from a browser, and the service asks for no token.
+    CrossOriginRequest,
+    /// `Host` names another server, and the service asks for no token.
+    MisdirectedRequest,
+    /// The token has too many requests in progress.
+    TooManyRequests,
     /// No such URL, job, file or revision.
     NotFound,
     /// The URL exists, the method does not.
     MethodNotAllowed,
+    /// No such method.
+    MethodNotImplemented,
     /// No profile is stored under this rig and lens.
     ProfileNotFound,
     /// The job has not ended yet, so what was asked for does not exist yet.
@@ -107,6 +115,10 @@ impl Code {
             | Self::MaskFailed => true,
             Self::Unauthorized
             | Self::Forbidden
+            | Self::CrossOriginRequest
+            | Self::MisdirectedRequest
+            | Self::TooManyRequests
+            | Self::MethodNotImplemented
             | Self::NotFinished
             | Self::Conflict
             | Self::PreconditionFailed

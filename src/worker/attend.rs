@@ -4,6 +4,7 @@ use std::{path::PathBuf, sync::Arc, time::Duration, time::Instant};
 
 use tokio::sync::{OwnedMutexGuard, Semaphore};
 use tokio_util::sync::CancellationToken;
+use tracing::field;
 
 use super::{
     Config, Deps,
@@ -11,7 +12,7 @@ use super::{
 };
 use crate::{
     jobs::{Bench, Made},
-    model::{Code, Fault, Stop, profile::Profile, request::JobRequest},
+    model::{Code, Fault, Stop, one_line, profile::Profile, request::JobRequest},
     store::{Attempt, Finish, Job, StoreError, StoreResult, step::step, sweep::tidy_job},
     telemetry::events,
 };
@@ -54,7 +55,12 @@ impl Shared {
         };
         let kind = job.request.kind();
         let ending = Ending::of(result, line.why(), job.attempt < self.config.max_attempts);
-        tracing::info!(job = %job.id, ?kind, attempt = job.attempt, ending = ending.name(), "job leaves its worker");
+        let (code, detail) = ending.fault().map(|fault| (fault.code.name(), one_line(&fault.detail))).unzip();
+        let (rig, lens) = (&job.rig, &job.lens);
+        tracing::info!(
+            job = %job.id, ?kind, %rig, %lens, attempt = job.attempt, ending = ending.name(),
+            code = code.map(field::display), detail, "job leaves its worker"
+        );
         events::left(kind, ending.event(), started.elapsed());
         for (stage, time) in line.stage_times() {
             events::stage_done(kind, stage, time);
@@ -195,6 +201,14 @@ impl Ending {
                 let detail = "the job stopped although nobody asked it to; this is a bug of the service";
                 Self::Finished(Finish::Failed(Fault::new(Code::Internal, detail)))
             }
+        }
+    }
+
+    /// Why a job failed.
+    fn fault(&self) -> Option<&Fault> {
+        match self {
+            Self::Finished(Finish::Failed(fault)) => Some(fault),
+            _ => None,
         }
     }
 

@@ -87,7 +87,7 @@ async fn a_client_that_waits_for_100_continue_is_refused_before_it_sends() {
     let app = TestApp::start().await;
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     let head = format!(
-        "POST {POST} HTTP/1.1\r\nhost: x\r\nexpect: 100-continue\r\ncontent-type: application/zip\r\ncontent-length: 1000000\r\n\r\n"
+        "POST {POST} HTTP/1.1\r\nhost: localhost\r\nexpect: 100-continue\r\ncontent-type: application/zip\r\ncontent-length: 1000000\r\n\r\n"
     );
     socket.write_all(head.as_bytes()).await.unwrap();
     let mut answer = vec![0; 12];
@@ -156,7 +156,8 @@ async fn an_upload_that_breaks_off_leaves_nothing() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
-    let head = format!("POST {POST} HTTP/1.1\r\nhost: x\r\nexpect: 100-continue\r\ncontent-length: 1000000\r\n\r\n");
+    let head =
+        format!("POST {POST} HTTP/1.1\r\nhost: localhost\r\nexpect: 100-continue\r\ncontent-length: 1000000\r\n\r\n");
     socket.write_all(head.as_bytes()).await.unwrap();
     let mut go_on = vec![0; "HTTP/1.1 100 Continue\r\n\r\n".len()];
     socket.read_exact(&mut go_on).await.unwrap();

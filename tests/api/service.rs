@@ -59,6 +59,50 @@ async fn prometheus_sees_requests_by_route_and_jobs_by_state() {
 }
 
 #[tokio::test]
+async fn methods_that_clients_make_up_are_refused_and_become_no_series() {
+    // the answer does not depend on a token
+    let app = TestApp::start_with(|policy| policy.auth_required = true).await;
+    for i in 0..1000 {
+        let method = Method::from_bytes(format!("ODD{i:04}").as_bytes()).unwrap();
+        let answer = app.client.request(method, format!("{}/v1/stacks", app.base)).send().await.unwrap();
+        if i == 0 {
+            problem(answer, 501, "method_not_implemented").await;
+        } else {
+            assert_eq!(answer.status(), StatusCode::NOT_IMPLEMENTED);
+        }
+    }
+    let text = pinstack::telemetry::recorder().unwrap().render();
+    let odd: Vec<&str> = text.lines().filter(|line| line.contains("method=\"other\"")).collect();
+    assert_eq!(odd.iter().filter(|line| line.starts_with("pinstack_http_requests_total")).count(), 1, "{odd:?}");
+    assert!(!text.contains("ODD"), "a client's text is a label");
+}
+
+#[tokio::test]
+async fn the_type_of_a_problem_leads_to_what_it_means() {
+    let app = TestApp::start_with(|policy| policy.auth_required = true).await;
+    let refused: Value = app.get("/v1/stacks").send().await.unwrap().json().await.unwrap();
+    let kind = app.get(refused["type"].as_str().unwrap()).send().await.unwrap();
+    assert_eq!(kind.status(), StatusCode::OK);
+    let kind: Value = kind.json().await.unwrap();
+    assert_eq!((&kind["code"], &kind["status"], &kind["title"]), (&refused["code"], &401.into(), &refused["title"]));
+    for code in DOCUMENT.value()["components"]["schemas"]["Code"]["enum"].as_array().unwrap() {
+        let path = format!("/problems/{}", code.as_str().unwrap());
+        let kind: Value = app.get(&path).send().await.unwrap().json().await.unwrap();
+        assert_eq!(kind["code"], *code, "{path}");
+        assert!(kind["description"].as_str().is_some_and(|text| text.len() > 20), "{kind}");
+    }
+    problem(app.get("/problems/nothing").send().await.unwrap(), 404, "not_found").await;
+}
+
+#[tokio::test]
+async fn a_browser_finds_its_way_from_the_root_also_where_tokens_are_asked_for() {
+    let app = TestApp::start_with(|policy| policy.auth_required = true).await;
+    let page = app.get("/").send().await.unwrap();
+    assert_eq!((page.status(), page.headers()["content-type"].to_str().unwrap()), (StatusCode::OK, "text/html"));
+    assert_eq!(app.get("/favicon.ico").send().await.unwrap().status(), StatusCode::NO_CONTENT);
+}
+
+#[tokio::test]
 async fn the_documents_come_from_this_server_alone() {
     let app = TestApp::start().await;
     let page = app.get("/docs/").send().await.unwrap();
@@ -131,6 +175,7 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         ("/metrics", "get"),
         ("/openapi.json", "get"),
         ("/v1/info", "get"),
+        ("/problems/{code}", "get"),
     ] {
         let operation = &document["paths"][path][method];
         let responses = operation["responses"].as_object().unwrap_or_else(|| panic!("{method} {path} is missing"));
@@ -181,7 +226,7 @@ fn every_refusal_names_its_codes_with_an_example_of_each() {
 #[test]
 fn every_code_can_be_found_in_the_document() {
     // what no operation answers by itself: faults of jobs, and of methods that are no operation
-    const ELSEWHERE: [&str; 3] = ["target_not_found", "worker_lost", "method_not_allowed"];
+    const ELSEWHERE: [&str; 4] = ["target_not_found", "worker_lost", "method_not_allowed", "method_not_implemented"];
     let document = DOCUMENT.value();
     let codes = document["components"]["schemas"]["Code"]["enum"].as_array().unwrap();
     let all_operations = operations(document);

@@ -149,7 +149,7 @@ fn hanging_piece(server: &Server, path: &str, offset: usize, bytes: &[u8]) -> st
     use std::io::Write;
     let mut socket = std::net::TcpStream::connect(server.url.trim_start_matches("http://")).expect("a connection");
     let head = format!(
-        "PATCH {path} HTTP/1.1\r\nhost: x\r\ntus-resumable: 1.0.0\r\nupload-offset: {offset}\r\ncontent-type: application/offset+octet-stream\r\ncontent-length: {}\r\n\r\n",
+        "PATCH {path} HTTP/1.1\r\nhost: localhost\r\ntus-resumable: 1.0.0\r\nupload-offset: {offset}\r\ncontent-type: application/offset+octet-stream\r\ncontent-length: {}\r\n\r\n",
         bytes.len() + 1
     );
     socket.write_all(head.as_bytes()).and_then(|()| socket.write_all(bytes)).expect("it is sent");

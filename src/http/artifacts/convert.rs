@@ -13,6 +13,7 @@ use image::{DynamicImage, ImageReader, Limits};
 use super::download::{Download, stored};
 use crate::{
     http::{
+        background,
         extract::conditional::not_modified,
         problem::{ApiError, ApiResult},
         state::App,
@@ -49,7 +50,7 @@ pub async fn converted(
     let spool = app.blobs.spool_dir().to_owned();
     // each conversion holds the whole image
     let _turn = app.conversions.acquire().await.map_err(ApiError::internal)?;
-    let made = tokio::task::spawn_blocking(move || convert(&path, &spool, media_type));
+    let made = background::spawn_blocking(move || convert(&path, &spool, media_type));
     let (file, length) = made.await.map_err(ApiError::internal)?.map_err(|e| cannot(&e))?;
     Ok(Download { file: tokio::fs::File::from_std(file), length, tag, media_type: media_type.to_owned(), name })
 }

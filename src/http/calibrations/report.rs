@@ -16,6 +16,7 @@ use crate::{
     calibration::page::{self, Subject},
     http::{
         artifacts::{download, outcome},
+        background,
         extract::{JobId, params},
         problem::{ApiError, ApiResult},
         profiles::drift,
@@ -90,7 +91,7 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
     let bytes = read(&app, artifact).await?;
     let drift = since_before(&app, &job, revision).await?;
     // thousands of dots: not on the threads that answer everybody else
-    let made = tokio::task::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
+    let made = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
     let mut response = made.await.map_err(ApiError::internal)??;
     let headers = response.headers_mut();
     headers.insert(header::VARY, HeaderValue::from_static("accept"));

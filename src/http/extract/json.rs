@@ -4,32 +4,57 @@ use axum::{
     body::Body,
     http::{HeaderMap, header},
 };
-use http_body_util::{BodyExt, Limited};
+use futures::StreamExt;
 use serde::de::DeserializeOwned;
 
 use crate::{
-    http::problem::ApiError,
+    http::{
+        intake::{
+            admission::{content_length, waits_for_continue},
+            body::{EndedEarly, WatchedBody},
+        },
+        problem::ApiError,
+        state::App,
+    },
     model::{Code, Fault, error::FaultPlace},
 };
 
 /// Largest JSON body: a profile of 1000 slices has about 200 kB, exported with everything 1 MB.
-const MAX_JSON_BYTES: usize = 4 << 20;
+const MAX_JSON_BYTES: u64 = 4 << 20;
+/// Room that is made before the first byte has come.
+const FIRST_BYTES: usize = 64 << 10;
 
-/// Reads a whole JSON body, or another one of the size of a profile.
+/// Reads a whole JSON body, or another one of the size of a profile. Like an upload it may not fall silent.
 ///
 /// # Errors
-/// `upload_too_large` over the limit, `upload_incomplete` when it breaks off.
-pub async fn read(body: Body) -> Result<Vec<u8>, ApiError> {
-    match Limited::new(body, MAX_JSON_BYTES).collect().await {
-        Ok(whole) => Ok(whole.to_bytes().to_vec()),
-        Err(error) if error.is::<http_body_util::LengthLimitError>() => {
-            Err(ApiError::new(Code::UploadTooLarge, format!("this body has at most {MAX_JSON_BYTES} bytes")))
-        }
-        Err(_) => Err(ApiError::new(Code::UploadIncomplete, "the body broke off before its end")),
+/// `upload_too_large` over the limit, `upload_incomplete` when it breaks off or stops coming.
+pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>, ApiError> {
+    let too_large = || ApiError::new(Code::UploadTooLarge, format!("this body has at most {MAX_JSON_BYTES} bytes"));
+    let announced = content_length(headers).unwrap_or(0);
+    let waits = waits_for_continue(headers);
+    let mut body = WatchedBody::new(body, MAX_JSON_BYTES, app.policy.body_idle_timeout, waits);
+    if announced > MAX_JSON_BYTES {
+        return Err(too_large());
     }
+    let verdict = body.verdict();
+    let mut whole = Vec::with_capacity(usize::try_from(announced).unwrap_or(0).min(FIRST_BYTES));
+    while let Some(chunk) = body.next().await {
+        match chunk {
+            Ok(chunk) => whole.extend_from_slice(&chunk),
+            Err(EndedEarly) => {
+                let error = verdict.error();
+                return Err(if error.fault().code == Code::UploadTooLarge { too_large() } else { error });
+            }
+        }
+    }
+    Ok(whole)
 }
 
-/// Checks the `Content-Type`; none at all and curl's default for `--data` are taken for JSON.
+/// What curl says of a body that is sent with `-d` or `--data-binary` when nobody tells it, and what a page of any origin may
+/// send from a browser without being asked.
+pub const FORM: &str = "application/x-www-form-urlencoded";
+
+/// Checks the `Content-Type`; none at all is taken for JSON.
 ///
 /// # Errors
 /// `unsupported_media_type`.
@@ -38,10 +63,16 @@ pub fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
     let text = value.to_str().unwrap_or_default();
     let kind = text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     let is_json = kind == "application/json" || (kind.starts_with("application/") && kind.ends_with("+json"));
-    if is_json || kind == "application/x-www-form-urlencoded" {
+    if is_json {
         return Ok(());
     }
-    let detail = format!("the body is '{kind}'; send application/json");
+    let kind: String = kind.chars().take(80).collect();
+    let detail = match kind.as_str() {
+        FORM => {
+            format!("the body is '{FORM}', as curl says when nobody tells it; add -H 'Content-Type: application/json'")
+        }
+        _ => format!("the body is '{kind}'; send application/json"),
+    };
     Err(ApiError::new(Code::UnsupportedMediaType, detail))
 }
 

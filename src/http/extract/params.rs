@@ -14,11 +14,20 @@ use crate::{
     store::JobFilter,
 };
 
+/// Most parameters of a URL; no call knows half as many.
+const MAX_PARAMETERS: usize = 64;
+
 /// The parameters of a URL in the order in which they came; a repeated one is an error.
 ///
 /// # Errors
-/// `invalid_request` for text that is not UTF-8 or a parameter given twice.
+/// `invalid_request` for text that is not UTF-8, more than 64 parameters, or a parameter given twice.
 pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
+    let count = uri.query().map_or(0, |query| query.split('&').take(MAX_PARAMETERS + 1).count());
+    if count > MAX_PARAMETERS {
+        let detail =
+            format!("the URL has more than {MAX_PARAMETERS} query parameters; leave out those that are not needed");
+        return Err(ApiError::new(Code::InvalidRequest, detail));
+    }
     let Ok(Query(pairs)) = Query::<Vec<(String, String)>>::try_from_uri(uri) else {
         return Err(ApiError::new(Code::InvalidRequest, "the query string is not valid"));
     };

@@ -9,7 +9,7 @@ use axum::{
 use uuid::Uuid;
 
 use crate::{
-    http::problem::ApiError,
+    http::{log, problem::ApiError},
     model::{Code, Name},
 };
 
@@ -55,12 +55,14 @@ impl<S: Send + Sync> FromRequestParts<S> for UploadId {
     }
 }
 
-async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &str) -> Result<Uuid, ApiError> {
+async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &'static str) -> Result<Uuid, ApiError> {
     // what is no UTF-8 is no id either
     let segments = segments(parts, state).await.unwrap_or_default();
     let text = segments.get("id").map(String::as_str).unwrap_or_default();
-    Uuid::parse_str(text)
-        .map_err(|_| ApiError::new(Code::NotFound, format!("there is no {what} '{}'", shortened(text))))
+    let id = Uuid::parse_str(text)
+        .map_err(|_| ApiError::new(Code::NotFound, format!("there is no {what} '{}'", shortened(text))))?;
+    log::note(what, id);
+    Ok(id)
 }
 
 async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<HashMap<String, String>, ApiError> {
@@ -70,14 +72,16 @@ async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<HashMa
     }
 }
 
-fn name_segment(segments: &HashMap<String, String>, what: &str) -> Result<Name, ApiError> {
+fn name_segment(segments: &HashMap<String, String>, what: &'static str) -> Result<Name, ApiError> {
     let text = segments.get(what).cloned().unwrap_or_default();
     name(what, text)
 }
 
-/// A name of a rig, a lens or a scan, or the rule that it breaks.
+/// A name of a rig, a lens or a scan, or the rule that it breaks. The log tells the names of a request.
 pub fn name(what: &str, text: String) -> Result<Name, ApiError> {
-    Name::new(text).map_err(|error| ApiError::new(Code::InvalidRequest, format!("{what}: {error}")))
+    let name = Name::new(text).map_err(|error| ApiError::new(Code::InvalidRequest, format!("{what}: {error}")))?;
+    log::note(what, &name);
+    Ok(name)
 }
 
 fn shortened(text: &str) -> String {

@@ -19,7 +19,9 @@ use super::{
 use crate::{
     http::{
         auth::Caller,
+        background,
         extract::prefer,
+        log,
         problem::{ApiError, ApiResult},
         state::App,
         views::job::url,
@@ -50,7 +52,7 @@ pub async fn upload<O: Order, V: Serialize>(
     }
     let (order, file) = receive::<O>(app, caller, headers, body, fields, is_repeat).await?;
     // from here on the bytes are ours: the job is made also when the client does not wait for the answer
-    let accepting = tokio::spawn(accept(app.clone(), caller.clone(), order, file, key));
+    let accepting = background::spawn(accept(app.clone(), caller.clone(), order, file, key));
     let accepted = accepting.await.map_err(ApiError::internal)??;
     answer(app, headers, accepted, view).await
 }
@@ -91,6 +93,7 @@ async fn answer<V: Serialize>(
     view: fn(&Job) -> Option<V>,
 ) -> ApiResult<Response> {
     let Submitted { job, replayed } = accepted;
+    log::note("job", job.id);
     let location = url(&job);
     let patience = prefer::wait(headers);
     let job = match patience {

@@ -13,7 +13,7 @@ use futures::{Stream, StreamExt};
 use tokio::time::{Instant, Sleep, sleep, timeout};
 
 use crate::{
-    http::{problem::ApiError, waiting},
+    http::{background, problem::ApiError, waiting},
     model::{Code, Fault},
     telemetry::events::{self, WaitsOn},
 };
@@ -163,8 +163,8 @@ impl Drop for WatchedBody {
         if nothing_comes {
             return;
         }
-        if let Ok(runtime) = tokio::runtime::Handle::try_current() {
-            runtime.spawn(timeout(LINGER_TIME, linger(rest)));
+        if tokio::runtime::Handle::try_current().is_ok() {
+            background::spawn(timeout(LINGER_TIME, linger(rest)));
         }
     }
 }

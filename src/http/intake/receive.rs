@@ -15,21 +15,21 @@ use super::{
 use crate::{
     http::{
         auth::Caller,
+        extract::json,
         problem::{ApiError, ApiResult},
         state::App,
     },
     model::Code,
 };
 
-/// Kinds of body that are taken for a bare zip: what is right, what tools send that do not know better, and
-/// what curl says when nobody told it.
-const ZIP_TYPES: [&str; 6] = [
+/// Kinds of body that are taken for a bare zip: what is right, and what tools send that do not know better. Not what a page of
+/// any origin may send from a browser (`application/x-www-form-urlencoded`, `text/plain`).
+const ZIP_TYPES: [&str; 5] = [
     "application/zip",
     "application/x-zip-compressed",
     "application/x-zip",
     "application/octet-stream",
     "binary/octet-stream",
-    "application/x-www-form-urlencoded",
 ];
 
 /// Receives an upload, bare or in a form. Nothing of a bare body is read before the order is checked, so a client
@@ -58,7 +58,14 @@ pub async fn receive<O: Order>(
         return multipart::receive(app, headers, body, fields, reservation).await;
     }
     if !kind.is_empty() && !ZIP_TYPES.contains(&kind.as_str()) {
-        let detail = format!("the body is '{kind}'; send the zip as application/zip, or multipart/form-data");
+        let kind: String = kind.chars().take(80).collect();
+        let detail = match kind.as_str() {
+            json::FORM => format!(
+                "the body is '{kind}', as curl says of --data-binary when nobody tells it; add -H 'Content-Type: \
+                 application/zip', or send the file with -T"
+            ),
+            _ => format!("the body is '{kind}'; send the zip as application/zip, or multipart/form-data"),
+        };
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
     let order = O::read(app, &fields).await?;

@@ -11,6 +11,7 @@ use super::{admission::queue_full, idempotency, order::Order};
 use crate::{
     archive,
     http::{
+        background,
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -118,7 +119,7 @@ pub async fn submit<O: Order>(app: &App, order: O, submission: Submission) -> Ap
 async fn inspect(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let limits = app.policy.archive;
     let _turn = app.looks.acquire().await.map_err(ApiError::internal)?;
-    let inspected = tokio::task::spawn_blocking(move || -> Result<_, Fault> {
+    let inspected = background::spawn_blocking(move || -> Result<_, Fault> {
         let archive = archive::open(&file, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });

@@ -12,7 +12,9 @@ use axum::{
 use crate::{
     http::{
         auth::{Caller, identify, needs, owned_by_someone},
+        connections::tally::InProgress,
         intake::{admission::waits_for_continue, body::WatchedBody},
+        log,
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -23,9 +25,13 @@ use crate::{
 pub async fn check(State(app): State<App>, request: Request, next: Next) -> Response {
     let (mut parts, body) = request.into_parts();
     match admit(&app, &parts).await {
-        Ok(caller) => {
+        Ok((caller, in_progress)) => {
             parts.extensions.insert(caller);
-            next.run(Request::from_parts(parts, body)).await
+            let response = next.run(Request::from_parts(parts, body)).await;
+            match in_progress {
+                Some(in_progress) => in_progress.until_left(response),
+                None => response,
+            }
         }
         Err(error) => {
             read_a_little(&app, &parts.headers, body);
@@ -34,20 +40,37 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
     }
 }
 
-async fn admit(app: &App, request: &Parts) -> ApiResult<Caller> {
+async fn admit(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InProgress>)> {
     let path = request.uri.path();
-    let Some(scopes) = needs(&request.method, path) else { return Ok(Caller::default()) };
+    let Some(scopes) = needs(&request.method, path) else { return Ok((Caller::default(), None)) };
     let caller = identify(app, &request.headers).await?;
+    if let Some(name) = caller.name() {
+        log::note("token", name);
+    }
     caller.require(scopes)?;
     if let (Some(own), Some(id)) = (caller.sees_only(app), owned_by_someone(path))
         && app.rows.owner(id).await?.is_some_and(|owner| owner != own)
     {
         return Err(ApiError::new(Code::NotFound, format!("there is nothing with the id {id}")));
     }
-    Ok(caller)
+    let in_progress = count(app, &caller)?;
+    Ok((caller, in_progress))
+}
+
+/// One token shall not take all connections: neither with event streams nor with downloads that it does not read.
+fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
+    let (Some(id), Some(name)) = (caller.id(), caller.name()) else { return Ok(None) };
+    let most = app.policy.client_share();
+    if let Some(in_progress) = app.tally.enter(id, most) {
+        return Ok(Some(in_progress));
+    }
+    let detail = format!(
+        "the token '{name}' has {most} requests in progress, which is all it may have; wait until one has ended"
+    );
+    Err(ApiError::new(Code::TooManyRequests, detail))
 }
 
 /// A client that is refused while it sends would see its connection break and not the reason.
-fn read_a_little(app: &App, headers: &HeaderMap, body: Body) {
+pub fn read_a_little(app: &App, headers: &HeaderMap, body: Body) {
     drop(WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers)));
 }

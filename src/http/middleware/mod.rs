@@ -1,8 +1,11 @@
 //! What happens to every request and every answer.
 
 pub mod auth;
+pub mod browser;
 pub mod cors;
+pub mod method;
 pub mod observe;
 pub mod problems;
 pub mod request_id;
 pub mod security;
+pub mod slot;

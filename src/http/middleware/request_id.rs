@@ -1,5 +1,7 @@
 //! `X-Request-Id`: the client's own is kept, else one is made; the log of the request carries it.
 
+use std::sync::Arc;
+
 use axum::{
     extract::Request,
     http::{HeaderName, HeaderValue},
@@ -8,6 +10,8 @@ use axum::{
 };
 use tracing::Instrument;
 use uuid::Uuid;
+
+use crate::http::{connections::Seat, log};
 
 /// The header.
 pub const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -19,7 +23,8 @@ const MAX_LENGTH: usize = 128;
 pub async fn keep_or_make(request: Request, next: Next) -> Response {
     let given = request.headers().get(&X_REQUEST_ID).filter(|id| is_printable(id)).cloned();
     let id = given.unwrap_or_else(make);
-    let span = tracing::info_span!("request", id = id.to_str().unwrap_or_default());
+    let client = request.extensions().get::<Arc<Seat>>().map(|seat| seat.client(request.headers()));
+    let span = log::span(id.to_str().unwrap_or_default(), client);
     let mut response = next.run(request).instrument(span).await;
     response.headers_mut().insert(X_REQUEST_ID, id);
     response

@@ -57,7 +57,7 @@ pub async fn import(
     json::require_json(&headers)?;
     params::refuse_rest(&params::pairs(&uri)?, "none, everything is in the file")?;
     let condition = precondition(&app, &key, &headers).await?;
-    let draft = ProfileFile::read(&json::read(body).await?)?.draft();
+    let draft = ProfileFile::read(&json::read(&app, &headers, body).await?)?.draft();
     if let Some(current) = app.rows.profile(&key.rig, &key.lens, None).await?
         && says_the_same(&current, &draft)
     {

@@ -26,7 +26,7 @@ pub enum Kind {
     Numpy,
     /// Bytes: the first ones tell.
     Bytes,
-    /// Nothing, or what curl says when nobody tells it: the first bytes tell, else it is JSON.
+    /// Nothing: the first bytes tell, else it is JSON.
     Unsaid,
 }
 
@@ -41,7 +41,14 @@ pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
     match kind.as_str() {
         "application/x-npy" | "application/x-npz" | "application/zip" => Ok(Kind::Numpy),
         "application/octet-stream" => Ok(Kind::Bytes),
-        "application/x-www-form-urlencoded" => Ok(Kind::Unsaid),
+        json::FORM => Err(ApiError::new(
+            Code::UnsupportedMediaType,
+            format!(
+                "the body is '{}', as curl says when nobody tells it; send the file with -T, or add \
+                 -H 'Content-Type: application/json' (or application/octet-stream for a numpy file)",
+                json::FORM
+            ),
+        )),
         _ if json::require_json(headers).is_ok() => Ok(Kind::Json),
         _ => Err(ApiError::new(
             Code::UnsupportedMediaType,

@@ -81,7 +81,7 @@ pub async fn put(
 ) -> ApiResult<Response> {
     let kind = numbers::kind(&headers)?;
     let condition = precondition(&app, &key, &headers).await?;
-    let (input, warnings) = numbers::read(kind, json::read(body).await?, &uri)?;
+    let (input, warnings) = numbers::read(kind, json::read(&app, &headers, body).await?, &uri)?;
     let draft = write::draft(input, HomographyModel::Given, warnings);
     write::store(&app, &key, &draft, condition).await
 }

@@ -67,7 +67,7 @@ pub async fn rig_parameters(
     json::require_json(&headers)?;
     params::refuse_rest(&params::pairs(&uri)?, "none, everything is in the body")?;
     let condition = precondition(&app, &key, &headers).await?;
-    let told: RigParameters = json::parse(&json::read(body).await?, Code::InvalidProfile)?;
+    let told: RigParameters = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidProfile)?;
     let draft = write::draft(told.profile()?, HomographyModel::RigParameters, Vec::new());
     write::store(&app, &key, &draft, condition).await
 }

@@ -8,7 +8,7 @@ use crate::{
 };
 
 /// Something that was really said under this code.
-fn sentence(code: Code) -> &'static str {
+pub fn sentence(code: Code) -> &'static str {
     match code {
         Code::InvalidRequest => "mask is 'maybe'; it must be one of: auto, none, required",
         Code::Unauthorized => {
@@ -16,8 +16,20 @@ fn sentence(code: Code) -> &'static str {
              and not revoked"
         }
         Code::Forbidden => "the token 'viewer' allows: read; this request needs: stacks:write",
+        Code::CrossOriginRequest => {
+            "a page of https://other.example sent this request; the service asks for no token, so it takes changes only from \
+             its own pages and from programs; to allow the origin, add it to cors_origins"
+        }
+        Code::MisdirectedRequest => {
+            "the request is for the host 'other.example', which is no name of this service; use its address, or add the name \
+             to the setting 'hosts' (PINSTACK_HOSTS)"
+        }
+        Code::TooManyRequests => {
+            "the token 'rig-pc' has 256 requests in progress, which is all it may have; wait until one has ended"
+        }
         Code::NotFound => "there is nothing with the id 0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10",
         Code::MethodNotAllowed => "POST is not allowed on /healthz; the Allow header names what is",
+        Code::MethodNotImplemented => "'FETCH' is no method of HTTP that this service knows",
         Code::ProfileNotFound => {
             "there is no profile for rig 'turntable-1' and lens 'mpe65-2x'; GET /v1/profiles lists all"
         }

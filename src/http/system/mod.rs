@@ -8,5 +8,6 @@ pub mod info;
 pub mod metrics;
 pub mod openapi;
 pub mod parameters;
+pub mod problems;
 pub mod readyz;
 pub mod schemas;

@@ -154,13 +154,17 @@ fn protect(path: &str, method: &str, operation: &mut Value) {
     operation["responses"]["401"] =
         json!({ "description": "`unauthorized`: a token is asked for, and there was no valid one" });
     let scopes = names(scopes, "` or `");
+    let foreign = if method.is_safe() { "" } else { "; `cross_origin_request`: a page of another origin sent it" };
     operation["responses"]["403"] =
-        json!({ "description": format!("`forbidden`: the token does not allow `{scopes}`") });
+        json!({ "description": format!("`forbidden`: the token does not allow `{scopes}`{foreign}") });
+    operation["responses"]["429"] = json!({ "description": "`too_many_requests`: the token has too many requests in progress; with `Retry-After`" });
 }
 
 /// What every operation can answer, and what belongs to every answer.
 fn complete(examples: &examples::Examples, method: &str, operation: &mut Value) {
     let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { return };
+    let misdirected = "`misdirected_request`: `Host` is no name of this service, which asks for no token";
+    responses.entry("421").or_insert_with(|| json!({ "description": misdirected }));
     responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: our own fault" }));
     if ["put", "post", "patch", "delete"].contains(&method) {
         let full = "`insufficient_storage`: the disk of the server is full";
@@ -175,9 +179,5 @@ fn complete(examples: &examples::Examples, method: &str, operation: &mut Value) 
             let description = response["description"].as_str().unwrap_or_default();
             response["content"] = examples.content(description, status);
         }
-    }
-    // what the HTTP library answers by itself, before any of our code: without a body
-    if !responses.keys().any(|status| status.starts_with('4')) {
-        responses.insert("431".into(), json!({ "description": "The headers of the request are too large; no body" }));
     }
 }

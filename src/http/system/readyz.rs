@@ -4,7 +4,7 @@ use axum::{Json, extract::State, http::StatusCode};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::http::state::App;
+use crate::http::{background, state::App};
 
 /// Whether the service can take work.
 #[derive(Serialize, ToSchema)]
@@ -48,9 +48,18 @@ pub struct DiskCheck {
     min_free_bytes: u64,
 }
 
+/// What was found when somebody last looked.
+#[derive(Debug, Clone, Copy)]
+pub struct Look {
+    database: bool,
+    blobs: bool,
+    has_room: bool,
+    free_bytes: Option<u64>,
+}
+
 /// Able to take work?
 ///
-/// Looks at the database, the blob store and the room on the disk.
+/// Looks at the database, the blob store and the room on the disk, at most once a second.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -62,13 +71,13 @@ pub struct DiskCheck {
     )
 )]
 pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
-    let disk = app.disk.state().await.ok();
+    let Look { database, blobs, has_room, free_bytes } = app.readiness.get(async || look(&app).await).await;
     let checks = Checks {
-        database: Check { ok: app.rows.healthy().await },
-        blobs: Check { ok: is_writable(&app).await },
+        database: Check { ok: database },
+        blobs: Check { ok: blobs },
         disk: DiskCheck {
-            ok: disk.is_some_and(|disk| disk.available() > 0),
-            free_bytes: disk.map(|disk| disk.free),
+            ok: has_room,
+            free_bytes,
             reserved_bytes: app.disk.reserved(),
             min_free_bytes: app.policy.min_free_bytes,
         },
@@ -79,9 +88,20 @@ pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
     (status, Json(Readiness { ready, checks }))
 }
 
+/// It writes a file, so it must not be had at any rate that a client likes.
+async fn look(app: &App) -> Look {
+    let disk = app.disk.state().await.ok();
+    Look {
+        database: app.rows.healthy().await,
+        blobs: is_writable(app).await,
+        has_room: disk.is_some_and(|disk| disk.available() > 0),
+        free_bytes: disk.map(|disk| disk.free),
+    }
+}
+
 async fn is_writable(app: &App) -> bool {
     let spool = app.blobs.spool_dir().to_owned();
-    let written = tokio::task::spawn_blocking(move || {
+    let written = background::spawn_blocking(move || {
         use std::io::Write;
         tempfile::tempfile_in(spool).and_then(|mut file| file.write_all(b"ready?"))
     });

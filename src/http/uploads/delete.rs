@@ -8,6 +8,7 @@ use axum::{
 use super::{hold::hold, protocol::require_version};
 use crate::{
     http::{
+        background,
         extract::UploadId,
         problem::{ApiError, ApiResult},
         state::App,
@@ -36,7 +37,7 @@ use crate::{
 )]
 pub async fn delete(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<StatusCode> {
     require_version(&headers)?;
-    let ending = tokio::spawn(async move {
+    let ending = background::spawn(async move {
         let (_held, _) = hold(&app, id).await?;
         app.rows.delete_upload(id).await?;
         if let Err(error) = tidy_upload(&*app.rows, &*app.blobs, id).await {

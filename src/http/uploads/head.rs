@@ -12,6 +12,7 @@ use super::{
     protocol::{UPLOAD_LENGTH, UPLOAD_METADATA, require_version, tell},
 };
 use crate::http::{
+    background,
     extract::UploadId,
     problem::{ApiError, ApiResult},
     state::App,
@@ -48,7 +49,7 @@ use crate::http::{
 pub async fn head(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<Response> {
     require_version(&headers)?;
     // to its end also when the client goes away meanwhile
-    let asking = tokio::spawn(async move {
+    let asking = background::spawn(async move {
         let (mut held, _) = hold(&app, id).await?;
         not_refused(&held.upload)?;
         complete_if_whole(&app, &mut held).await?;

@@ -19,6 +19,7 @@ use super::{
 use crate::{
     http::{
         auth::Caller,
+        background,
         extract::UploadId,
         intake::{
             admission::{content_length, waits_for_continue},
@@ -129,7 +130,7 @@ pub async fn receive_piece(
 ) -> ApiResult<PartialUpload> {
     let body = WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers));
     let (app, caller, headers) = (app.clone(), caller.clone(), headers.clone());
-    let receiving = tokio::spawn(async move {
+    let receiving = background::spawn(async move {
         let (mut held, rival) = hold(&app, id).await?;
         not_refused(&held.upload)?;
         require_offset(&held, offset)?;

@@ -4,6 +4,7 @@ use uuid::Uuid;
 
 use crate::{
     http::{
+        log,
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -21,5 +22,8 @@ pub async fn load(app: &App, id: Uuid, kind: JobKind) -> ApiResult<Job> {
         JobKind::Stack => "stack",
         JobKind::Calibration => "calibration",
     };
-    job.ok_or_else(|| ApiError::new(Code::NotFound, format!("there is no {what} {id}")))
+    let job = job.ok_or_else(|| ApiError::new(Code::NotFound, format!("there is no {what} {id}")))?;
+    log::note("rig", &job.rig);
+    log::note("lens", &job.lens);
+    Ok(job)
 }

@@ -66,7 +66,7 @@ pub async fn shown(app: &TestApp, url: &str) -> Value {
 pub async fn hanging_piece(app: &TestApp, url: &str, length: usize, bytes: &[u8]) -> TcpStream {
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     let head = format!(
-        "PATCH {url} HTTP/1.1\r\nhost: x\r\ntus-resumable: 1.0.0\r\nupload-offset: 0\r\ncontent-type: {PIECE}\r\ncontent-length: {length}\r\n\r\n"
+        "PATCH {url} HTTP/1.1\r\nhost: localhost\r\ntus-resumable: 1.0.0\r\nupload-offset: 0\r\ncontent-type: {PIECE}\r\ncontent-length: {length}\r\n\r\n"
     );
     socket.write_all(head.as_bytes()).await.unwrap();
     socket.write_all(bytes).await.unwrap();

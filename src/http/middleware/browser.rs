@@ -1,0 +1,156 @@
+//! Keeps pages of the web from using a service that asks for no token.
+//!
+//! A browser of the lab reaches the service, and so does every page that it shows. Two things tell such requests:
+//!
+//! - DNS rebinding: the page's own name leads to the service's address, so `Host` is a foreign name: 421.
+//! - cross-site requests: `Origin` or `Sec-Fetch-Site` says that another page sent it: 403 for methods that change something.
+//!   What they would read, the browser itself holds back ([`super::cors`]).
+//!
+//! Programs send neither header, so nothing changes for them. Where tokens are asked for, a page has none, and nothing is
+//! looked at but the form of `Host`.
+
+use std::net::IpAddr;
+
+use axum::{
+    extract::{Request, State},
+    http::{HeaderMap, HeaderName, Method, Version, header, uri::Authority},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+
+use super::auth::read_a_little;
+use crate::{
+    http::{
+        problem::{ApiError, ApiResult},
+        state::{App, Policy},
+    },
+    model::{Code, one_line},
+};
+
+const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+
+/// The layer.
+pub async fn check(State(app): State<App>, request: Request, next: Next) -> Response {
+    match admit(&app.policy, &request) {
+        Ok(()) => next.run(request).await,
+        Err(error) => {
+            let (parts, body) = request.into_parts();
+            read_a_little(&app, &parts.headers, body);
+            error.into_response()
+        }
+    }
+}
+
+fn admit(policy: &Policy, request: &Request) -> ApiResult<()> {
+    let host = host(request)?;
+    if policy.auth_required {
+        return Ok(());
+    }
+    // the target of a request may name a host too, and counts more then (RFC 9112, section 3.2.2)
+    let named = request.uri().authority().cloned();
+    if let Some(foreign) = [&host, &named].into_iter().flatten().find(|host| !is_own_name(policy, host.host())) {
+        let detail = format!(
+            "the request is for the host '{}', which is no name of this service; use its address, or add the name to the \
+             setting 'hosts' (PINSTACK_HOSTS)",
+            one_line(foreign.host())
+        );
+        return Err(ApiError::new(Code::MisdirectedRequest, detail));
+    }
+    require_own_origin(policy, request.method(), request.headers(), named.or(host).as_ref())
+}
+
+/// The `Host` of a request; `None` only for HTTP/1.0, which need not have one.
+fn host(request: &Request) -> ApiResult<Option<Authority>> {
+    let mut hosts = request.headers().get_all(header::HOST).iter();
+    let refused = |detail: &str| Err(ApiError::new(Code::InvalidRequest, detail));
+    match (hosts.next(), hosts.next()) {
+        (None, _) if request.version() >= Version::HTTP_11 => refused("the request has no Host header; send one"),
+        (None, _) => Ok(None),
+        (Some(_), Some(_)) => refused("the request has more than one Host header; send one"),
+        (Some(host), None) => match Authority::try_from(host.as_bytes()) {
+            Ok(host) if !host.as_str().contains('@') => Ok(Some(host)),
+            _ => refused("the Host header is not a host name or address with an optional port"),
+        },
+    }
+}
+
+/// `localhost`, addresses that lead here, and what the operator names. An address is no danger on a service for everybody:
+/// rebinding needs a name.
+fn is_own_name(policy: &Policy, host: &str) -> bool {
+    let name = host.strip_suffix('.').unwrap_or(host);
+    if let Ok(address) = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>() {
+        let address = address.to_canonical();
+        let is_listened_on = |listened: IpAddr| listened.is_unspecified() || listened.to_canonical() == address;
+        return address.is_loopback() || policy.listen.is_some_and(is_listened_on);
+    }
+    name.eq_ignore_ascii_case("localhost") || policy.hosts.iter().any(|own| own.eq_ignore_ascii_case(name))
+}
+
+fn require_own_origin(
+    policy: &Policy,
+    method: &Method,
+    headers: &HeaderMap,
+    host: Option<&Authority>,
+) -> ApiResult<()> {
+    if method.is_safe() {
+        return Ok(());
+    }
+    let origin = headers.get(header::ORIGIN).map(|origin| String::from_utf8_lossy(origin.as_bytes()));
+    if origin.as_ref().is_some_and(|origin| policy.cors_origins.iter().any(|allowed| allowed == origin)) {
+        return Ok(());
+    }
+    let is_own = |origin: &str| {
+        let place = origin.split_once("://").map(|(_, place)| place);
+        place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host.as_str()))
+    };
+    let is_foreign_site =
+        headers.get(SEC_FETCH_SITE).is_some_and(|site| !["same-origin", "none"].iter().any(|own| site == own));
+    if !is_foreign_site && origin.as_ref().is_none_or(|origin| is_own(origin)) {
+        return Ok(());
+    }
+    let origin: String = origin.as_deref().unwrap_or("another site").chars().take(200).collect();
+    let detail = format!(
+        "a page of {} sent this request; the service asks for no token, so it takes changes only from its own pages and from \
+         programs; to allow the origin, add it to cors_origins",
+        one_line(&origin)
+    );
+    Err(ApiError::new(Code::CrossOriginRequest, detail))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_host_is_the_services_own_by_where_it_listens_and_what_the_operator_names() {
+        let listening = |listen: Option<&str>, hosts: &[&str]| Policy {
+            listen: listen.map(|address| address.parse().expect("an address")),
+            hosts: hosts.iter().map(|&host| host.to_owned()).collect(),
+            ..Policy::default()
+        };
+        let here = listening(None, &[]);
+        let lab = listening(Some("192.168.7.5"), &["lab-pc.example"]);
+        let all = listening(Some("0.0.0.0"), &[]);
+        for (policy, host, is_own) in [
+            (&here, "localhost", true),
+            (&here, "LocalHost.", true),
+            (&here, "127.0.0.1", true),
+            (&here, "127.9.9.9", true),
+            (&here, "[::1]", true),
+            (&here, "[::ffff:127.0.0.1]", true),
+            (&here, "192.168.7.5", false),
+            (&here, "evil.example", false),
+            (&here, "localhost.evil.example", false),
+            (&here, "127.0.0.1.evil.example", false),
+            (&lab, "192.168.7.5", true),
+            (&lab, "192.168.7.6", false),
+            (&lab, "Lab-PC.example", true),
+            (&lab, "evil.lab-pc.example", false),
+            (&all, "10.1.2.3", true),
+            (&all, "[fe80::1]", true),
+            (&all, "pinstack", false),
+        ] {
+            assert_eq!(is_own_name(policy, host), is_own, "{host} {:?}", policy.listen);
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! What pages of the web can make a browser send: nothing of it counts where the service asks for no token.
+
+use std::time::Duration;
+
+use reqwest::{Method, StatusCode};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+};
+
+use crate::app::{TestApp, problem, profile, stack_zip};
+
+const PROFILE: &str = "/v1/profiles/rig/lens";
+const POST: &str = "/v1/stacks?rig=rig&lens=lens";
+
+/// The answer to bytes on a connection of their own, which ends with it.
+async fn raw(app: &TestApp, request: &str) -> String {
+    let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
+    socket.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = String::new();
+    socket.read_to_string(&mut answer).await.unwrap();
+    answer
+}
+
+#[tokio::test]
+async fn a_name_that_is_not_the_services_own_is_refused() {
+    let app = TestApp::start_with(|policy| policy.hosts = vec!["lab-pc.example".into()]).await;
+    app.with_profile(2).await;
+    for (method, path) in [
+        (Method::GET, "/v1/profiles"),
+        (Method::GET, "/docs/"),
+        (Method::GET, "/healthz"),
+        (Method::DELETE, PROFILE),
+        (Method::OPTIONS, "/v1/uploads"),
+    ] {
+        let request = app.client.request(method, format!("{}{path}", app.base)).header("host", "evil.example:8080");
+        problem(request.send().await.unwrap(), 421, "misdirected_request").await;
+    }
+    for host in ["localhost", "localhost:99", "127.0.0.1", "[::1]:8080", "lab-pc.example", "LAB-PC.example:443"] {
+        let answer = app.get("/v1/profiles").header("host", host).send().await.unwrap();
+        assert_eq!(answer.status(), StatusCode::OK, "{host}");
+    }
+    // a target with a host of its own counts more than the header
+    let told =
+        raw(&app, "GET http://evil.example/v1/profiles HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
+    assert!(told.await.starts_with("HTTP/1.1 421"));
+    // a page has no token, so a name is no danger there
+    let guarded = TestApp::start_with(|policy| policy.auth_required = true).await;
+    let answer = guarded.get("/v1/profiles").header("host", "lab.example").send().await.unwrap();
+    problem(answer, 401, "unauthorized").await;
+}
+
+#[tokio::test]
+async fn a_request_names_exactly_one_host() {
+    for auth_required in [false, true] {
+        let app = TestApp::start_with(|policy| policy.auth_required = auth_required).await;
+        for hosts in
+            ["", "host: localhost\r\nhost: localhost\r\n", "host: a b\r\n", "host: me@localhost\r\n", "host:\r\n"]
+        {
+            let told = raw(&app, &format!("GET /healthz HTTP/1.1\r\n{hosts}connection: close\r\n\r\n")).await;
+            assert!(told.starts_with("HTTP/1.1 400"), "{hosts:?}: {told}");
+            assert!(told.contains("\"code\":\"invalid_request\"") && told.contains("Host header"), "{told}");
+        }
+        // HTTP/1.0 knows no Host
+        assert!(raw(&app, "GET /healthz HTTP/1.0\r\n\r\n").await.starts_with("HTTP/1.0 200"));
+    }
+}
+
+#[tokio::test]
+async fn changes_are_taken_from_own_pages_and_programs_alone() {
+    let app = TestApp::start_with(|policy| policy.cors_origins = vec!["https://lab.example".into()]).await;
+    app.with_profile(2).await;
+    let foreign = [
+        &[("origin", "https://evil.example")][..],
+        &[("origin", "null")],
+        &[("origin", "http://127.0.0.1:1")],
+        &[("sec-fetch-site", "cross-site")],
+        &[("sec-fetch-site", "same-site")],
+        &[("origin", "https://evil.example"), ("sec-fetch-site", "cross-site")],
+    ];
+    for headers in foreign {
+        for (method, path) in [(Method::PUT, PROFILE), (Method::POST, POST), (Method::DELETE, PROFILE)] {
+            let mut request = app.client.request(method, format!("{}{path}", app.base));
+            for (name, value) in headers {
+                request = request.header(*name, *value);
+            }
+            problem(request.body(vec![0; 1000]).send().await.unwrap(), 403, "cross_origin_request").await;
+        }
+    }
+    // its own page ("try it out"), an origin that is allowed, and a program that sends neither
+    let own = app.base.clone();
+    let good = [
+        &[("origin", own.as_str()), ("sec-fetch-site", "same-origin")][..],
+        &[("origin", "https://lab.example"), ("sec-fetch-site", "cross-site")],
+        &[("sec-fetch-site", "none")],
+        &[],
+    ];
+    for headers in good {
+        let mut request = app.put(PROFILE).json(&profile(2));
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        assert_eq!(request.send().await.unwrap().status(), StatusCode::OK, "{headers:?}");
+    }
+    // reading is held back by the browser
+    let read = app.get(PROFILE).header("origin", "https://evil.example").send().await.unwrap();
+    assert_eq!(read.status(), StatusCode::OK);
+    assert!(!read.headers().contains_key("access-control-allow-origin"));
+    assert_eq!(read.headers()["cross-origin-resource-policy"], "same-origin");
+}
+
+#[tokio::test]
+async fn bodies_that_any_page_may_send_are_taken_neither_for_json_nor_for_a_zip() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let json = serde_json::to_vec(&profile(2)).unwrap();
+    let import = format!("{PROFILE}/import");
+    let parameters = format!("{PROFILE}/rig-parameters");
+    for kind in ["application/x-www-form-urlencoded", "text/plain", "multipart/form-data; boundary=x"] {
+        for request in [app.put(PROFILE), app.post(&import), app.post(&parameters)] {
+            let refused = request.header("content-type", kind).body(json.clone()).send().await.unwrap();
+            let told = problem(refused, 415, "unsupported_media_type").await;
+            assert!(told["detail"].as_str().unwrap().contains("application/json"), "{told}");
+        }
+    }
+    for kind in ["application/x-www-form-urlencoded", "text/plain; charset=utf-8"] {
+        for path in [POST, "/v1/profiles/rig/lens/calibrations"] {
+            let refused = app.post(path).header("content-type", kind).body(stack_zip(2, 0)).send().await.unwrap();
+            let told = problem(refused, 415, "unsupported_media_type").await;
+            let detail = told["detail"].as_str().unwrap();
+            assert!(detail.contains("application/zip"), "{told}");
+            assert_eq!(detail.contains("-T"), kind.contains("urlencoded"), "curl's users hear what to do: {told}");
+        }
+    }
+    assert_eq!(app.rows.counts().await.unwrap().queued, 0);
+}
+
+#[tokio::test]
+async fn a_json_body_that_falls_silent_is_given_up() {
+    let app = TestApp::start_with(|policy| policy.body_idle_timeout = Duration::from_millis(50)).await;
+    for (method, path) in [
+        ("PUT", PROFILE.to_owned()),
+        ("POST", format!("{PROFILE}/import")),
+        ("POST", format!("{PROFILE}/rig-parameters")),
+    ] {
+        let told = raw(
+            &app,
+            &format!(
+                "{method} {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\ncontent-type: application/json\r\n\
+                 content-length: 1000\r\n\r\n{{"
+            ),
+        )
+        .await;
+        assert!(told.starts_with("HTTP/1.1 400") && told.contains("upload_incomplete"), "{told}");
+    }
+}
+
+#[tokio::test]
+async fn a_url_has_a_limited_number_of_parameters() {
+    let app = TestApp::start().await;
+    let query = |count: usize| (0..count).map(|i| format!("p{i}=1")).collect::<Vec<_>>().join("&");
+    let told =
+        problem(app.get(&format!("/v1/stacks?{}", query(65))).send().await.unwrap(), 400, "invalid_request").await;
+    assert!(told["detail"].as_str().unwrap().contains("more than 64"), "{told}");
+    let told =
+        problem(app.get(&format!("/v1/stacks?{}", query(64))).send().await.unwrap(), 400, "invalid_request").await;
+    assert!(told["detail"].as_str().unwrap().contains("unknown parameter 'p0'"), "{told}");
+}
