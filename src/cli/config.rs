@@ -11,8 +11,8 @@ use figment::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::access::Auth;
-use crate::store::sweep::Retention;
+use super::{access::Auth, environment};
+use crate::{http::connections::AddressRange, store::sweep::Retention};
 
 /// Where the server listens when nobody says otherwise.
 pub const DEFAULT_LISTEN: &str = "127.0.0.1:8080";
@@ -70,6 +70,13 @@ pub struct ServeConfig {
     pub max_connections: usize,
     /// A client that takes longer for the head of a request is hung up on, seconds.
     pub header_timeout_s: u64,
+    /// Most connections of one address and most requests in progress of one token; a quarter of `max_connections` when unset.
+    pub connections_per_client: Option<usize>,
+    /// Addresses and ranges of reverse proxies: their connections are not limited by address, and `X-Forwarded-For` of them
+    /// counts for the log.
+    pub trusted_proxies: Vec<String>,
+    /// Names under which browsers may reach a service that asks for no token.
+    pub hosts: Vec<String>,
     /// Origins whose pages may use the service from a browser.
     pub cors_origins: Vec<String>,
     /// Log filter: `info`, `debug`, `pinstack=debug,info`, ...
@@ -163,6 +170,18 @@ pub struct Flags {
     #[arg(long, value_name = "SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub header_timeout_s: Option<u64>,
+    /// Most connections of one address, and most requests in progress of one token [default: a quarter of max_connections] [env: PINSTACK_CONNECTIONS_PER_CLIENT]
+    #[arg(long, value_name = "N")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub connections_per_client: Option<usize>,
+    /// Address or range (10.0.0.0/8) of a reverse proxy: its connections are not limited by address; may be given several times [default: 127.0.0.0/8, ::1] [env: PINSTACK_TRUSTED_PROXIES, as ["..."]]
+    #[arg(long = "trusted-proxy", value_name = "ADDRESS")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub trusted_proxies: Vec<String>,
+    /// Name under which browsers may reach a service that asks for no token, beside localhost and its address; may be given several times [default: none] [env: PINSTACK_HOSTS, as ["..."]]
+    #[arg(long = "host", value_name = "NAME")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hosts: Vec<String>,
     /// Origin whose pages may use the service from a browser, https://lab.example say; may be given several times [default: none] [env: PINSTACK_CORS_ORIGINS, as ["..."]]
     #[arg(long = "cors-origin", value_name = "ORIGIN")]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -204,6 +223,9 @@ impl Default for ServeConfig {
             tls_key: None,
             max_connections: policy.max_connections,
             header_timeout_s: policy.header_timeout.as_secs(),
+            connections_per_client: None,
+            trusted_proxies: vec!["127.0.0.0/8".to_owned(), "::1".to_owned()],
+            hosts: policy.hosts,
             cors_origins: policy.cors_origins,
             log: "info".to_owned(),
             log_format: LogFormat::Text,
@@ -213,7 +235,7 @@ impl Default for ServeConfig {
 }
 
 /// Names of the settings, as the file spells them.
-const KEYS: [&str; 23] = [
+const KEYS: [&str; 26] = [
     "listen",
     "data_dir",
     "workers",
@@ -233,6 +255,9 @@ const KEYS: [&str; 23] = [
     "tls_key",
     "max_connections",
     "header_timeout_s",
+    "connections_per_client",
+    "trusted_proxies",
+    "hosts",
     "cors_origins",
     "log",
     "log_format",
@@ -243,9 +268,10 @@ impl ServeConfig {
     /// Puts the sources together.
     ///
     /// # Errors
-    /// When a value is of the wrong kind or breaks its rule, or the file has a key that is none: says which, and
-    /// where it came from.
+    /// When a value is of the wrong kind or breaks its rule, or the file or the environment has a key that is none: says
+    /// which, and where it came from.
     pub fn load(flags: &Flags) -> anyhow::Result<Self> {
+        environment::check(std::env::vars_os().filter_map(|(name, _)| name.into_string().ok()), &KEYS)?;
         let mut figment = Figment::from(Serialized::defaults(Self::default()));
         let file = flags.config.clone().or_else(|| std::env::var_os("PINSTACK_CONFIG").map(PathBuf::from));
         if let Some(file) = file {
@@ -292,6 +318,21 @@ impl ServeConfig {
             ("max_connections", (1..=1_000_000).contains(&self.max_connections), "must be 1 to 1000000"),
             ("header_timeout_s", (1..=3600).contains(&self.header_timeout_s), "must be 1 to 3600"),
             (
+                "connections_per_client",
+                self.connections_per_client.is_none_or(|most| (1..=self.max_connections).contains(&most)),
+                "must be 1 to max_connections",
+            ),
+            (
+                "trusted_proxies",
+                self.trusted_proxies.iter().all(|range| range.parse::<AddressRange>().is_ok()),
+                "must be addresses or ranges of them: 172.18.0.2 or 10.0.0.0/8",
+            ),
+            (
+                "hosts",
+                self.hosts.iter().all(|host| is_host(host)),
+                "must be names as they stand in a URL, lab-pc.example say: no scheme, no port, no path",
+            ),
+            (
                 "cors_origins",
                 self.cors_origins.iter().all(|origin| is_origin(origin)),
                 "must be origins as browsers send them: https://lab.example or http://localhost:3000, no path, no *",
@@ -316,6 +357,11 @@ fn is_origin(text: &str) -> bool {
     })
 }
 
+/// A name without anything around it.
+fn is_host(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._".contains(&b))
+}
+
 /// Where a value came from, for the end of a sentence.
 fn origin(metadata: &Metadata, key: &str) -> String {
     if metadata.name.contains("environment") {
@@ -323,6 +369,12 @@ fn origin(metadata: &Metadata, key: &str) -> String {
     }
     match &metadata.source {
         Some(Source::File(path)) => format!(" (file {}, key {key})", path.display()),
-        _ => format!(" (flag --{})", key.replace('_', "-")),
+        // flags that are given several times name one thing
+        _ => match key {
+            "cors_origins" => " (flag --cors-origin)".to_owned(),
+            "hosts" => " (flag --host)".to_owned(),
+            "trusted_proxies" => " (flag --trusted-proxy)".to_owned(),
+            key => format!(" (flag --{})", key.replace('_', "-")),
+        },
     }
 }

@@ -4,6 +4,8 @@ pub mod access;
 pub mod backup;
 pub mod config;
 pub mod demo;
+pub mod environment;
+pub mod files;
 pub mod gc;
 pub mod health;
 pub mod logging;

@@ -3,13 +3,17 @@
 use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
 
 use anyhow::Context;
-use tokio::{net::TcpListener, task::JoinHandle};
+use tokio::{
+    net::TcpListener,
+    signal::unix::{Signal, SignalKind, signal},
+    task::JoinHandle,
+};
 use tokio_util::sync::CancellationToken;
 
 use super::{
     access::asks_for_tokens,
     config::{Flags, ServeConfig},
-    logging, tls,
+    files, logging, tls,
 };
 use crate::{
     http::{self, App, Policy},
@@ -27,7 +31,10 @@ use crate::{
 /// How long running jobs may take to end once the server goes down; then they are given back to the queue.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Runs until SIGTERM or SIGINT.
+/// Exit code when a second signal ends the process before requests and jobs have ended: that of a process that SIGTERM ended.
+const ENDED_BY_SIGNAL: i32 = 143;
+
+/// Runs until SIGTERM or SIGINT; a second one ends at once.
 ///
 /// # Errors
 /// When the configuration is bad, the data folder cannot be used, or the address is taken.
@@ -42,9 +49,16 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
-        asked_to_stop().await?;
-        tracing::info!("going down");
-        service.stop().await
+        let mut asked = AskedToStop::listen()?;
+        asked.next().await;
+        tracing::info!("going down; a second signal ends at once");
+        tokio::select! {
+            stopped = service.stop() => stopped,
+            () = asked.next() => {
+                tracing::warn!("ended at once; jobs that were running are taken up again by the next process");
+                std::process::exit(ENDED_BY_SIGNAL)
+            }
+        }
     })
 }
 
@@ -81,7 +95,7 @@ impl Service {
         let address = listener.local_addr()?;
 
         let auth_required = asks_for_tokens(config.auth, address.ip(), &*rows).await?;
-        let policy = Policy { auth_required, ..policy(config) };
+        let policy = Policy { auth_required, listen: Some(address.ip()), ..policy(config) };
         let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
         let shutdown = app.shutdown.clone();
         let science = Science { archive_limits: app.policy.archive, ..Science::default() };
@@ -124,12 +138,37 @@ fn policy(config: &ServeConfig) -> Policy {
         body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
         upload_keep: Duration::from_secs(config.upload_keep_s),
         isolate_tokens: config.isolate_tokens,
-        max_connections: config.max_connections,
+        max_connections: connections(config),
+        connections_per_client: config.connections_per_client,
+        trusted_proxies: config.trusted_proxies.iter().filter_map(|range| range.parse().ok()).collect(),
+        hosts: hosts(config),
         header_timeout: Duration::from_secs(config.header_timeout_s),
         cors_origins: config.cors_origins.clone(),
         workers: config.workers,
         ..Policy::default()
     }
+}
+
+/// As many connections as are wanted, as long as there may be enough open files.
+fn connections(config: &ServeConfig) -> usize {
+    let limit = files::raise_limit();
+    let fit = files::fitting(config.max_connections, limit);
+    if fit < config.max_connections {
+        let (wanted, limit) = (config.max_connections, limit.unwrap_or(u64::MAX));
+        tracing::warn!(
+            wanted,
+            fit,
+            limit,
+            "max_connections is lowered: the process may not open more files (ulimit -n)"
+        );
+    }
+    fit
+}
+
+/// Names that are the service's own: those of the setting, and the one that is listened on.
+fn hosts(config: &ServeConfig) -> Vec<String> {
+    let listened = config.listen.rsplit_once(':').map(|(host, _)| host.to_owned());
+    config.hosts.iter().cloned().chain(listened).collect()
 }
 
 /// Whoever watches the file never sees half an address.
@@ -140,12 +179,22 @@ fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
         .with_context(|| format!("port_file: cannot write {}", file.display()))
 }
 
-async fn asked_to_stop() -> anyhow::Result<()> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut terminate = signal(SignalKind::terminate())?;
-    tokio::select! {
-        _ = terminate.recv() => {}
-        interrupted = tokio::signal::ctrl_c() => interrupted?,
+/// SIGTERM and SIGINT.
+struct AskedToStop {
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl AskedToStop {
+    fn listen() -> anyhow::Result<Self> {
+        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
     }
-    Ok(())
+
+    /// Waits for the next one.
+    async fn next(&mut self) {
+        tokio::select! {
+            _ = self.terminate.recv() => {}
+            _ = self.interrupt.recv() => {}
+        }
+    }
 }

@@ -64,6 +64,17 @@ impl TestApp {
         Self { base, client, rows, blobs, app, data }
     }
 
+    /// The base URL of a second server on the same store that asks for tokens.
+    pub async fn asking_for_tokens(&self) -> String {
+        let policy = Policy { auth_required: true, ..(*self.app.policy).clone() };
+        let mut app = self.app.clone();
+        app.policy = Arc::new(policy);
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let base = format!("http://{}", listener.local_addr().expect("an address"));
+        tokio::spawn(http::serve(app, listener));
+        base
+    }
+
     /// The rows as another process on the same machine has them open: its changes are not announced to this one.
     pub async fn rows_of_another_process(&self) -> SqliteRows {
         SqliteRows::open(self.data.path().join("rows.sqlite")).await.expect("rows")

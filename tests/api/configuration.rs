@@ -38,6 +38,26 @@ fn a_value_of_the_wrong_kind_and_an_unknown_key_are_refused() {
 }
 
 #[test]
+fn a_variable_that_is_no_setting_is_refused_with_the_one_that_is_meant() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let told = refusal(folder.path(), &[], &[("PINSTACK_AUTHH", "tokens")]);
+    assert!(told.contains("PINSTACK_AUTHH is no setting; did you mean PINSTACK_AUTH?"), "{told}");
+}
+
+#[test]
+fn names_and_addresses_that_cannot_be_are_refused() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    for host in ["", "http://lab.example", "lab.example:80", "lab.example/"] {
+        let told = refusal(folder.path(), &["--host", host], &[]);
+        assert!(told.contains("hosts must be names") && told.contains("(flag --host)"), "{told}");
+    }
+    let told = refusal(folder.path(), &[], &[("PINSTACK_TRUSTED_PROXIES", "[\"10.0.0.0/99\"]")]);
+    assert!(told.contains("trusted_proxies must be addresses") && told.contains("PINSTACK_TRUSTED_PROXIES"), "{told}");
+    let told = refusal(folder.path(), &["--max-connections", "10", "--connections-per-client", "11"], &[]);
+    assert!(told.contains("connections_per_client must be 1 to max_connections"), "{told}");
+}
+
+#[test]
 fn an_origin_that_no_browser_would_send_is_refused() {
     let folder = tempfile::TempDir::new().expect("a folder");
     for origin in ["*", "lab.example", "https://lab.example/", "https://Lab.example", "https://"] {

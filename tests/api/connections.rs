@@ -1,35 +1,69 @@
 //! Connections: limited, and not held for ever by clients that say nothing. Pages of other origins.
 
-use std::time::Duration;
+use std::{process::Command, time::Duration};
 
 use futures::FutureExt;
 use reqwest::{Method, StatusCode};
+use rustix::process::Signal;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
-    net::TcpStream,
+    net::{TcpSocket, TcpStream},
 };
 
-use crate::app::TestApp;
+use pinstack::{
+    model::Name,
+    store::tokens::{NewToken, Scope, mint},
+};
+
+use crate::{
+    app::{TestApp, id, problem},
+    process::{Process, pinstack as program},
+};
 
 async fn connected(app: &TestApp) -> TcpStream {
     TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap()
 }
 
-/// Asks for health on a connection and leaves it open.
-async fn ask(socket: &mut TcpStream) {
-    socket.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await.unwrap();
-    let mut told = Vec::new();
-    while !told.ends_with(b"}") {
-        told.push(socket.read_u8().await.unwrap());
+/// Asks on a connection and leaves it open: the status and the body.
+async fn ask_for(socket: &mut TcpStream, path: &str) -> (u16, String) {
+    socket.write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n").as_bytes()).await.unwrap();
+    let head = head(socket).await;
+    let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).expect("a length");
+    let mut body = vec![0; length.parse().unwrap()];
+    socket.read_exact(&mut body).await.unwrap();
+    (head[9..12].parse().unwrap(), String::from_utf8(body).unwrap())
+}
+
+/// The head of an answer.
+async fn head(socket: &mut TcpStream) -> String {
+    let mut head = Vec::new();
+    while !head.ends_with(b"\r\n\r\n") {
+        head.push(socket.read_u8().await.expect("an answer"));
     }
-    assert!(told.starts_with(b"HTTP/1.1 200"));
+    String::from_utf8(head).unwrap().to_lowercase()
+}
+
+/// Asks for something that needs a slot.
+async fn ask(socket: &mut TcpStream) {
+    assert_eq!(ask_for(socket, "/v1/info").await.0, 200);
+}
+
+/// Asks for much and reads nothing but that it comes.
+async fn ask_and_do_not_read(app_base: &str) -> TcpStream {
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.set_recv_buffer_size(4096).unwrap();
+    let mut socket = socket.connect(app_base.trim_start_matches("http://").parse().unwrap()).await.unwrap();
+    let request = "GET /docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(8);
+    socket.write_all(request.as_bytes()).await.unwrap();
+    assert!(head(&mut socket).await.starts_with("http/1.1 200"));
+    socket
 }
 
 #[tokio::test]
 async fn a_client_that_sends_its_head_byte_by_byte_is_hung_up_on() {
     let app = TestApp::start_with(|policy| policy.header_timeout = Duration::from_millis(50)).await;
     let mut socket = connected(&app).await;
-    socket.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\nx-slow: ").await.unwrap();
+    socket.write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nx-slow: ").await.unwrap();
     let mut told = Vec::new();
     // the end of the connection; a server that waits would never get here
     socket.read_to_end(&mut told).await.unwrap_or_default();
@@ -56,6 +90,149 @@ async fn a_connection_over_the_limit_waits_for_one_to_end() {
     }
     drop(first);
     waiting.await;
+}
+
+#[tokio::test]
+async fn health_is_answered_while_all_slots_are_taken() {
+    let app = TestApp::start_with(|policy| policy.max_connections = 1).await;
+    let mut first = connected(&app).await;
+    ask(&mut first).await;
+    // more than the reserve has room for, and they ask nothing
+    let mut silent = Vec::new();
+    for _ in 0..100 {
+        silent.push(connected(&app).await);
+        let mut check = connected(&app).await;
+        assert_eq!(ask_for(&mut check, "/healthz").await.0, 200);
+        assert_eq!(ask_for(&mut check, "/readyz").await.0, 200);
+    }
+    // the oldest of them gave way
+    assert_eq!(silent[0].read_to_end(&mut Vec::new()).await.unwrap_or_default(), 0);
+    ask(&mut first).await;
+}
+
+#[tokio::test]
+async fn who_gets_no_slot_in_time_hears_why() {
+    let app = TestApp::start_with(|policy| {
+        policy.max_connections = 1;
+        policy.header_timeout = Duration::from_millis(100);
+    })
+    .await;
+    let stack = app.with_stack("").await;
+    let request = format!("GET /v1/stacks/{}/events HTTP/1.1\r\nhost: localhost\r\n\r\n", id(&stack));
+    // once the connections before have ended, an event stream holds the only slot
+    let _stream = loop {
+        let mut socket = connected(&app).await;
+        socket.write_all(request.as_bytes()).await.unwrap();
+        if head(&mut socket).await.starts_with("http/1.1 200") {
+            break socket;
+        }
+    };
+    let mut late = connected(&app).await;
+    let (status, body) = ask_for(&mut late, "/v1/info").await;
+    assert_eq!(status, 503, "{body}");
+    assert!(body.contains("\"code\":\"unavailable\"") && body.contains("connections"), "{body}");
+    assert_eq!(late.read_to_end(&mut Vec::new()).await.unwrap_or_default(), 0, "it is hung up on");
+}
+
+#[tokio::test]
+async fn one_address_has_a_share_of_the_connections() {
+    let app = TestApp::start_with(|policy| {
+        policy.max_connections = 8;
+        policy.trusted_proxies = Vec::new();
+    })
+    .await;
+    let (mut first, mut second, mut third) = (connected(&app).await, connected(&app).await, connected(&app).await);
+    ask(&mut first).await;
+    ask(&mut second).await;
+    let mut waiting = Box::pin(ask(&mut third));
+    let other = TcpSocket::new_v4().unwrap();
+    other.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+    let mut other = other.connect(app.base.trim_start_matches("http://").parse().unwrap()).await.unwrap();
+    for _ in 0..20 {
+        // others are not kept out by it
+        ask(&mut other).await;
+        assert!((&mut waiting).now_or_never().is_none());
+    }
+    drop(first);
+    waiting.await;
+
+    // behind a proxy many clients have one address
+    let behind = TestApp::start_with(|policy| policy.max_connections = 8).await;
+    let mut all = Vec::new();
+    for _ in 0..8 {
+        let mut socket = connected(&behind).await;
+        ask(&mut socket).await;
+        all.push(socket);
+    }
+}
+
+#[tokio::test]
+async fn one_token_has_a_share_of_the_requests_in_progress() {
+    let app = TestApp::start_with(|policy| policy.connections_per_client = Some(2)).await;
+    let stack = app.with_stack("").await;
+    let guarded = app.asking_for_tokens().await;
+    let mut tokens = Vec::new();
+    for name in ["ann", "ben"] {
+        let (id, secret, text) = mint().unwrap();
+        let scopes = vec![Scope::Read];
+        let new = NewToken { id, name: Name::new(name).unwrap(), digest: secret.digest(), scopes, quota_bytes: None };
+        assert!(app.rows.add_token(&new).await.unwrap());
+        tokens.push(text);
+    }
+    let events = format!("{guarded}/v1/stacks/{}/events", id(&stack));
+    let watch = |token: &str| app.client.get(&events).bearer_auth(token).send();
+    let (first, _second) = (watch(&tokens[0]).await.unwrap(), watch(&tokens[0]).await.unwrap());
+    assert_eq!(first.status(), StatusCode::OK);
+    let refused = watch(&tokens[0]).await.unwrap();
+    assert!(refused.headers().contains_key("retry-after"));
+    let told = problem(refused, 429, "too_many_requests").await;
+    assert!(told["detail"].as_str().unwrap().contains("'ann' has 2 requests"), "{told}");
+    assert_eq!(watch(&tokens[1]).await.unwrap().status(), StatusCode::OK, "another token is not kept out");
+    drop(first);
+    while watch(&tokens[0]).await.unwrap().status() != StatusCode::OK {}
+}
+
+#[tokio::test]
+async fn a_client_that_does_not_read_is_hung_up_on() {
+    let app = TestApp::start_with(|policy| {
+        policy.max_connections = 1;
+        policy.body_idle_timeout = Duration::from_millis(50);
+    })
+    .await;
+    let _lazy = ask_and_do_not_read(&app.base).await;
+    // the only slot becomes free
+    ask(&mut connected(&app).await).await;
+}
+
+#[tokio::test]
+async fn a_second_signal_ends_the_server_at_once() {
+    let mut process = Process::start(&[]).await;
+    let _lazy = ask_and_do_not_read(&process.base).await;
+    process.signal(Signal::TERM);
+    process.logged(&["going down"]).await;
+    process.signal(Signal::TERM);
+    assert_eq!(process.ended().await.code(), Some(143));
+}
+
+#[tokio::test]
+async fn the_limit_of_open_files_is_raised_and_connections_fit_into_it() {
+    let limited = |limits: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let server = program(&["serve"], &folder.path().join("data"));
+        let mut shell = Command::new("sh");
+        shell
+            .arg("-c")
+            .arg(format!("{limits} && exec \"$@\""))
+            .arg("sh")
+            .arg(server.get_program())
+            .args(server.get_args());
+        Process::of(shell, folder)
+    };
+    let process = limited("ulimit -Sn 200 && ulimit -Hn 1000").await;
+    let limits = std::fs::read_to_string(format!("/proc/{}/limits", process.id())).unwrap();
+    let open = limits.lines().find(|line| line.starts_with("Max open files")).unwrap();
+    assert_eq!(open.split_whitespace().nth(3), Some("1000"), "{open}");
+    process.logged(&["WARN", "max_connections is lowered", "fit=372"]).await;
 }
 
 #[tokio::test]

@@ -4,12 +4,15 @@
 mod access;
 mod app;
 mod bad_requests;
+mod browsers;
 mod configuration;
 mod connections;
 mod disk_budget;
 mod exposition;
 mod forms;
 mod lifecycle;
+mod logs;
+mod process;
 mod profile_files;
 mod profiles;
 mod profiles_elsewhere;

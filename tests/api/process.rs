@@ -1,0 +1,95 @@
+//! The program itself, where a test is about its settings, its signals or its log.
+
+use std::{
+    path::Path,
+    process::{Child, Command, ExitStatus, Stdio},
+};
+
+use rustix::process::{Pid, Signal, kill_process};
+use tempfile::TempDir;
+
+/// A running `pinstack serve`, killed when dropped.
+pub struct Process {
+    child: Child,
+    pub base: String,
+    pub folder: TempDir,
+}
+
+/// `pinstack` with a data folder.
+pub fn pinstack(arguments: &[&str], data: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
+    command.args(arguments).arg("--data-dir").arg(data);
+    command
+}
+
+impl Process {
+    /// Starts one on a free port.
+    pub async fn start(arguments: &[&str]) -> Self {
+        Self::start_in(tempfile::tempdir().expect("a folder"), arguments).await
+    }
+
+    /// The same on a folder whose `data` is there already.
+    pub async fn start_in(folder: TempDir, arguments: &[&str]) -> Self {
+        let command = pinstack(&[&["serve"], arguments].concat(), &folder.path().join("data"));
+        Self::of(command, folder).await
+    }
+
+    /// Starts a command that serves and gives it a port.
+    pub async fn of(mut command: Command, folder: TempDir) -> Self {
+        let (port, log) = (folder.path().join("port"), folder.path().join("log"));
+        command.args(["--listen", "127.0.0.1:0", "--min-free-bytes", "0", "--port-file"]).arg(&port);
+        let log = std::fs::File::create(log).expect("a log");
+        let mut child = command.stdout(Stdio::null()).stderr(log).spawn().expect("the program runs");
+        let address = loop {
+            if let Ok(address) = std::fs::read_to_string(&port) {
+                break address;
+            }
+            assert!(child.try_wait().expect("it can be asked").is_none(), "pinstack serve ended");
+            tokio::task::yield_now().await;
+        };
+        Self { child, base: format!("http://{}", address.trim()), folder }
+    }
+
+    /// What was logged so far.
+    pub fn log(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("log")).expect("a log")
+    }
+
+    /// Waits for a line of the log that holds all of these.
+    pub async fn logged(&self, all: &[&str]) -> String {
+        loop {
+            let log = self.log();
+            if let Some(line) = log.lines().find(|line| all.iter().all(|text| line.contains(text))) {
+                return line.to_owned();
+            }
+            tokio::task::yield_now().await;
+        }
+    }
+
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).expect("a signal can be sent");
+    }
+
+    /// Waits for its end.
+    pub async fn ended(&mut self) -> ExitStatus {
+        loop {
+            if let Some(status) = self.child.try_wait().expect("it can be asked") {
+                return status;
+            }
+            tokio::task::yield_now().await;
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
