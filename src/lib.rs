@@ -9,6 +9,8 @@
 //! held by `tests/architecture.rs`). Everything up to [`archive`] is pure: no async runtime, no
 //! database, no clock.
 
+// unsafe code lies in the kernels of `pinstack-science` alone
+#![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 // Everything below the line is the crate `pinstack-science`, so that Cargo holds the line; it is known under one name.

@@ -4,6 +4,7 @@
 //! crate does not depend on any of them; and it lets the tests run optimised pictures under a service that compiles fast.
 //! The crate `pinstack` shows these modules under its own name.
 
+#![deny(unsafe_op_in_unsafe_fn)]
 #![warn(missing_docs)]
 
 // the ground floor: plain types, then pictures

@@ -2,8 +2,36 @@
 
 use super::{Depth, Samples};
 
+mod sealed {
+    /// Implemented by `u8` and `u16` alone: vector code reads and writes samples as the bytes they are.
+    pub trait Sealed {}
+    impl Sealed for u8 {}
+    impl Sealed for u16 {}
+}
+
 /// An integer sample, `u8` or `u16`. Kernels compute in `f32` or in exact integers and round once at the end.
-pub trait Sample: Copy + Default + Ord + std::fmt::Debug + Send + Sync + 'static {
+///
+/// The trait is sealed. Vector code relies on samples that have no padding and of which every bit pattern is a value, so
+/// that no other crate may add a type:
+///
+/// ```compile_fail,E0277
+/// # use pinstack_science::imaging::{Depth, Sample, Samples};
+/// #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+/// struct Padded(u8, u16);
+/// impl Sample for Padded {
+///     const DEPTH: Depth = Depth::Sixteen;
+///     const BYTES: usize = 2;
+///     const TO_SIXTEEN: u32 = 1;
+///     fn value(self) -> f32 { 0.0 }
+///     fn integer(self) -> u32 { 0 }
+///     fn rounded(_: f32) -> Self { Self::default() }
+///     fn of(_: &Samples) -> Option<&[Self]> { None }
+///     fn wrap(_: Vec<Self>) -> Samples { Samples::Eight(Vec::new()) }
+///     fn to_bytes(_: &[Self], _: &mut Vec<u8>) {}
+///     fn from_bytes(_: &[u8], _: &mut [Self]) {}
+/// }
+/// ```
+pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send + Sync + 'static {
     /// Bits per sample.
     const DEPTH: Depth;
     /// Bytes per sample.

@@ -1,6 +1,10 @@
 //! Every kept input, judged as the fuzzer judges it.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::Path,
+    time::{Duration, Instant},
+};
 
 use crate::targets::{TARGETS, Target, run};
 
@@ -43,6 +47,43 @@ fn headers_of_pictures_that_were_found_are_withstood() {
 #[test]
 fn pictures_that_were_found_are_withstood() {
     replay("decode");
+}
+
+#[test]
+fn warps_that_were_found_are_withstood() {
+    replay("warp");
+}
+
+/// Inputs made at random from the seeds: as many as take a second or two, or as many minutes as
+/// `PINSTACK_WARP_MINUTES` says.
+#[test]
+fn random_warps_are_withstood() {
+    let target = TARGETS.iter().find(|target| target.name == "warp").expect("the target");
+    let minutes: u64 = std::env::var("PINSTACK_WARP_MINUTES").ok().and_then(|m| m.parse().ok()).unwrap_or(0);
+    let end = Instant::now() + Duration::from_secs(60 * minutes);
+    let seeds = (target.seeds)();
+    // xorshift: the same inputs in every run
+    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state
+    };
+    let mut count = 0_u64;
+    while count < 3_000 || Instant::now() < end {
+        let mut input = seeds[random() as usize % seeds.len()].1.clone();
+        for _ in 0..random() % 12 {
+            let at = random() as usize % input.len();
+            input[at] = random() as u8;
+        }
+        let fell = std::panic::catch_unwind(|| run(target.body, &input)).is_err();
+        assert!(!fell, "warp does not stand {input:?}");
+        count += 1;
+    }
+    if minutes > 0 {
+        println!("{count} warps in {minutes} minutes");
+    }
 }
 
 #[test]

@@ -101,13 +101,18 @@ mod avx2 {
     }
 
     /// Four sums at a time, of which the fourth is of no use and is overwritten by the next three.
+    ///
+    /// # Panics
+    /// When `out` is not three longer than `values`.
     pub(super) fn prefix_rgb(values: &[u32], out: &mut [u32]) {
+        // what the reads and writes below rely on
+        assert_eq!(out.len(), values.len() + 3, "running sums of another length");
         // the last pixels are left out: reads and writes of four reach beyond them
         let most = (values.len() / 3).saturating_sub(1);
         // SAFETY: SSE2 is part of x86-64.
         let mut sums = unsafe { _mm_setzero_si128() };
         for pixel in 0..most {
-            // SAFETY: `pixel * 3 + 4 <= values.len()`, because one more pixel follows, and `out` is longer still.
+            // SAFETY: `pixel * 3 + 4 <= values.len()`, because one more pixel follows, and `out` is three longer, as asserted.
             // Neither the read nor the write claims any alignment.
             unsafe {
                 _mm_storeu_si128(out.as_mut_ptr().add(pixel * 3).cast(), sums);

@@ -65,6 +65,12 @@ impl Warp {
         Some(Self { to_slice: to_slice.0, gain, identity: stays && gain == 1.0, slice, coverage, simd: Avx2::detect() })
     }
 
+    /// The same warp without vector instructions, whatever the CPU has. It gives the same bits; tests compare the two.
+    #[must_use]
+    pub fn portable(self) -> Self {
+        Self { simd: None, ..self }
+    }
+
     /// Which pixels of the canvas the slice covers.
     pub fn coverage(&self) -> &Coverage {
         &self.coverage

@@ -124,7 +124,7 @@ fn vector_instructions_give_the_same_bits() {
         let shrunk = Homography::similarity(0.6, [3.3, 1.1]);
         for to_canvas in [keystone(), shrunk, Homography::similarity(1.0, [0.5, -0.25])] {
             let best = Warp::new(&to_canvas, gain, (width, height), (width, height)).unwrap();
-            let portable = Warp { simd: None, ..best.clone() };
+            let portable = best.clone().portable();
             assert_eq!(best.apply(speckle.clone(), 3), portable.apply(speckle.clone(), 3));
             assert_eq!(best.apply(eight.clone(), 3), portable.apply(eight.clone(), 3));
             let grey = || eight[..width * height].to_vec();

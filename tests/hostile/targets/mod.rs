@@ -8,6 +8,7 @@ pub mod pictures;
 pub mod profiles;
 pub mod requests;
 pub mod seeds;
+pub mod warps;
 
 use std::{
     panic,
@@ -29,11 +30,12 @@ pub struct Target {
 }
 
 /// Every way in.
-pub const TARGETS: [Target; 9] = [
+pub const TARGETS: [Target; 10] = [
     Target { name: "archive", corpus: "archive", body: archives::archive, seeds: seeds::archives },
     Target { name: "manifest", corpus: "manifest", body: archives::manifest, seeds: seeds::manifests },
     Target { name: "header", corpus: "pictures", body: pictures::header, seeds: seeds::pictures },
     Target { name: "decode", corpus: "pictures", body: pictures::decode, seeds: seeds::pictures },
+    Target { name: "warp", corpus: "warp", body: warps::warp, seeds: warps::seeds },
     Target { name: "profile", corpus: "profile", body: profiles::profile, seeds: seeds::profiles },
     Target { name: "numpy", corpus: "numpy", body: profiles::numpy, seeds: seeds::numpy },
     Target { name: "options", corpus: "options", body: profiles::options, seeds: seeds::options },
