@@ -13,14 +13,11 @@ use std::{
 
 use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
 
-use super::{ArchiveLimits, names, window::Window};
+use super::{ArchiveLimits, kind, names, picture, window::Window};
 use crate::{
     imaging::codec::{self, Header, ImageFault},
     model::{Code, Fault},
 };
-
-/// Longest end record: its fixed part and the longest comment.
-const END_RECORD_BYTES: u64 = 22 + 65_535;
 
 /// Deflate cannot make more than this of one byte; keeps a lying size from being allocated.
 const LARGEST_RATIO: u64 = 1_100;
@@ -134,6 +131,8 @@ pub(super) struct Member {
     pub name: String,
     /// Declared size, unpacked.
     pub size: u64,
+    /// The name is neither UTF-8 nor, by its letters, in code page 437.
+    pub unclear_name: bool,
 }
 
 /// An open zip. Cheap to clone; clones read independently of each other.
@@ -171,7 +170,8 @@ impl Container {
 
     fn checked(source: Source, limits: &ArchiveLimits, failure: &Failure) -> Result<Self, Fault> {
         let length = source.length().map_err(unreadable)?;
-        refuse_what_is_no_zip(&source, length).map_err(unreadable)??;
+        let head = refuse_what_is_no_zip(&source, length).map_err(unreadable)??;
+        let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
 
         let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
         let shared =
@@ -219,12 +219,13 @@ impl Container {
         let mut members = Vec::new();
         for index in 0..self.zip.len() {
             let entry = self.zip.by_index_data(index).map_err(|error| {
-                Fault::new(Code::InvalidArchive, format!("the directory of the zip is damaged ({error})"))
+                Fault::new(Code::InvalidArchive, format!("the directory of the zip is damaged{}", in_brackets(&error)))
             })?;
             let raw = match entry.name() {
                 Ok(name) => name.into_owned(),
                 Err(_) => String::from_utf8_lossy(entry.name_raw()).into_owned(),
             };
+            let unclear_name = names::is_of_another_code_page(entry.name_raw());
             let Some(name) = names::checked(&raw)? else { continue };
             if entry.is_symlink() {
                 return Err(super::invalid(
@@ -233,7 +234,7 @@ impl Container {
                 ));
             }
             if !entry.is_dir() {
-                members.push(Member { index, name, size: entry.size() });
+                members.push(Member { index, name, size: entry.size(), unclear_name });
             }
         }
         Ok(members)
@@ -262,7 +263,7 @@ impl Container {
         Ok(())
     }
 
-    /// The whole member, its CRC checked.
+    /// The member, its size and its CRC checked. What follows the end of a PNG is unpacked and not kept.
     pub(super) fn read(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Fault> {
         self.failure.explain(self.read_whole(member, limits))
     }
@@ -274,11 +275,9 @@ impl Container {
         let room = member.size.min(entry.compressed_size().saturating_mul(LARGEST_RATIO));
         let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
         // one byte more than declared shows a member that is larger than it says
-        entry
-            .take(member.size.saturating_add(1))
-            .read_to_end(&mut bytes)
-            .map_err(|error| damaged(&member.name, &error))?;
-        if bytes.len() as u64 != member.size {
+        let mut entry = entry.take(member.size.saturating_add(1));
+        let unpacked = picture::read(&mut entry, &mut bytes).map_err(|error| damaged(&member.name, &error))?;
+        if unpacked != member.size {
             return Err(damaged(&member.name, &"it does not have the size that the directory tells"));
         }
         Ok(bytes)
@@ -295,28 +294,32 @@ impl Container {
         Ok(bytes)
     }
 
-    /// The header of a picture; reads no more of it than it takes.
-    pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits) -> Result<Header, Fault> {
-        self.failure.explain(self.probe_header(member, limits))
+    /// The header of a picture; reads no more of it than it takes. Of a compressed member at most `most` bytes are
+    /// unpacked for it; `None` when the header lies behind them.
+    pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Option<Header>, Fault> {
+        self.failure.explain(self.probe_header(member, limits, most))
     }
 
-    fn probe_header(&self, member: &Member, limits: &ArchiveLimits) -> Result<Header, Fault> {
+    fn probe_header(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Option<Header>, Fault> {
         self.refuse_unreadable(member, limits)?;
         let picture_fault = |fault: ImageFault| fault.in_file(&member.name, None);
         let mut zip = self.zip.clone();
         if let Ok(entry) = zip.by_index_seek(member.index) {
-            return codec::probe(BufReader::new(entry), &limits.image).map_err(picture_fault);
+            return codec::probe(BufReader::new(entry), &limits.image).map(Some).map_err(picture_fault);
         }
         let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
-        let mut reader = BufReader::new(Window::new(entry, member.size));
+        let mut reader = BufReader::new(Window::new(entry, member.size, most));
         let header = codec::probe(&mut reader, &limits.image);
+        if header.is_err() && reader.get_ref().was_stopped() {
+            return Ok(None);
+        }
         if header.is_err() && reader.get_ref().fell_behind() {
             // a TIFF that jumps about in the file; rare
             drop(reader);
             let bytes = self.read_whole(member, limits)?;
-            return codec::probe(io::Cursor::new(bytes), &limits.image).map_err(picture_fault);
+            return codec::probe(io::Cursor::new(bytes), &limits.image).map(Some).map_err(picture_fault);
         }
-        header.map_err(picture_fault)
+        header.map(Some).map_err(picture_fault)
     }
 }
 
@@ -328,17 +331,30 @@ fn unreadable(error: io::Error) -> Fault {
     Fault::new(Code::Unavailable, detail)
 }
 
-/// A directory that does not fit the file.
-fn damaged_directory(why: &dyn std::fmt::Display) -> Fault {
-    let detail = format!("the zip is damaged ({why}); was the upload cut off? Make it again and send it again");
+/// A directory that does not fit the file, which begins with `head`.
+fn damaged_directory(why: &dyn std::fmt::Display, head: &[u8]) -> Fault {
+    if kind::lost_line_ends(head) {
+        return Fault::new(Code::InvalidArchive, kind::LOST_LINE_ENDS);
+    }
+    let detail =
+        format!("the zip is damaged{}; was the upload cut off? Make it again and send it again", in_brackets(why));
     Fault::new(Code::InvalidArchive, detail)
+}
+
+/// What a library says, in brackets; nothing when it names types of a program, which say nothing to anybody else.
+fn in_brackets(why: &dyn std::fmt::Display) -> String {
+    let why = why.to_string();
+    if why.is_empty() || why.contains("::") { String::new() } else { format!(" ({why})") }
 }
 
 /// A member whose bytes cannot be had.
 fn damaged(name: &str, why: &dyn std::fmt::Display) -> Fault {
     super::invalid(
         name,
-        format!("{name} is damaged in the zip ({why}); was the upload cut off? Make the zip again and send it again"),
+        format!(
+            "{name} is damaged in the zip{}; was the upload cut off? Make the zip again and send it again",
+            in_brackets(why)
+        ),
     )
 }
 
@@ -352,28 +368,17 @@ fn method_name(method: CompressionMethod) -> String {
     }
 }
 
-/// Tells files that are no zip, and zips that end early, from zips: their sentences differ.
-fn refuse_what_is_no_zip(file: &Source, length: u64) -> io::Result<Result<(), Fault>> {
-    let invalid = |detail: &str| Ok(Err(Fault::new(Code::InvalidArchive, detail)));
-    if length == 0 {
-        return invalid("the upload is empty (0 bytes); send the zip as the body");
-    }
-    let mut head = vec![0; 8.min(length as usize)];
+/// Refuses files that are no zip, and zips that end early. Gives the first bytes.
+fn refuse_what_is_no_zip(file: &Source, length: u64) -> io::Result<Result<Vec<u8>, Fault>> {
+    let mut head = vec![0; length.min(kind::HEAD_BYTES) as usize];
     file.read_exact_at(&mut head, 0)?;
-    let tail_length = length.min(END_RECORD_BYTES);
+    let tail_length = length.min(kind::END_RECORD_BYTES);
     let mut tail = vec![0; tail_length as usize];
     file.read_exact_at(&mut tail, length - tail_length)?;
-    if tail.windows(4).any(|window| window == b"PK\x05\x06") {
-        return Ok(Ok(()));
-    }
-    match head.as_slice() {
-        [b'P', b'K', ..] => invalid("the zip ends early: its directory is missing (upload cut off?); send it again"),
-        [b'7', b'z', 0xBC, ..] => invalid("this is a 7z archive; make a zip (7z a -tzip -mx0 stack.zip front back)"),
-        [b'R', b'a', b'r', b'!', ..] => invalid("this is a RAR archive; make a zip"),
-        [0x1F, 0x8B, ..] => invalid("this is a gzip file; make a zip"),
-        [0xFF, 0xD8, 0xFF, ..] => invalid("this is a single JPEG; put all slices into one zip"),
-        _ => invalid("this is not a zip"),
-    }
+    Ok(match kind::objection(&head, &tail, length) {
+        Some(detail) => Err(Fault::new(Code::InvalidArchive, detail)),
+        None => Ok(head),
+    })
 }
 
 /// Writes a zip of stored members (pictures hardly get smaller), zip64 where it must be. The same members give the

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{listed, slices::ArchivedSlices};
+use super::{light::Light, listed, slices::ArchivedSlices};
 use crate::{
     imaging::{Slices, codec::Header},
     model::{Code, Fault, Warning, error::FaultPlace},
@@ -16,40 +16,56 @@ pub(super) struct Common {
     pub bit_depth: u8,
     /// The larger, when slices differ.
     pub channels: u8,
+    /// Orientation tag of all slices, 1 without one.
+    pub orientation: u8,
 }
 
 /// A header with the slice it belongs to.
 struct Found<'a> {
     name: &'a str,
+    light: Light,
     index: usize,
     header: Header,
 }
 
 /// Reads the headers of all slices of both lights and checks that they fit each other.
+///
+/// Of compressed slices at most `most` bytes are unpacked; those whose header lies behind them are left out, but the first
+/// when it would be all of them.
 pub(super) fn check(
     front: &ArchivedSlices,
     back: &ArchivedSlices,
+    most: u64,
     warnings: &mut Vec<Warning>,
 ) -> Result<Common, Fault> {
     let mut found = Vec::new();
     for slices in [front, back] {
         for index in 0..slices.count() {
-            found.push(Found { name: slices.name(index), index, header: slices.header(index)? });
+            if let Some(header) = slices.header(index, most)? {
+                let light = if std::ptr::eq(slices, front) { Light::Front } else { Light::Back };
+                found.push(Found { name: slices.name(index), light, index, header });
+            }
         }
+    }
+    if found.is_empty()
+        && let Some(header) = front.header(0, u64::MAX)?
+    {
+        found.push(Found { name: front.name(0), light: Light::Front, index: 0, header });
     }
     refuse_turned(&found)?;
     let (width, height) = refuse_sizes(&found)?;
     let largest = |of: fn(&Header) -> u8| found.iter().map(|f| of(&f.header)).max().unwrap_or_default();
     let (bit_depth, channels) = (largest(|h| h.bit_depth), largest(|h| h.channels));
     // the lights may differ from each other: grey is enough for a silhouette
-    let (front_found, back_found) = found.split_at(front.count());
+    let (front_found, back_found) = found.split_at(found.partition_point(|f| f.light == Light::Front));
     if [front_found, back_found].iter().any(|light| differ(light, |h| h.bit_depth)) {
         warnings.push(Warning::new("mixed_bit_depth", "some slices of one light have 8 bits per sample and some 16"));
     }
     if [front_found, back_found].iter().any(|light| differ(light, |h| h.channels)) {
         warnings.push(Warning::new("mixed_colour", "some slices of one light are grey and some in colour"));
     }
-    Ok(Common { width, height, bit_depth, channels })
+    let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
+    Ok(Common { width, height, bit_depth, channels, orientation })
 }
 
 fn differ(found: &[Found<'_>], value: impl Fn(&Header) -> u8) -> bool {
@@ -93,7 +109,8 @@ fn refuse_sizes(found: &[Found<'_>]) -> Result<(u32, u32), Fault> {
     let odd: Vec<&Found<'_>> = found.iter().filter(|f| size_of(&f.header) != (width, height)).collect();
     let Some(first) = odd.first() else { return Ok((width, height)) };
     let detail = format!(
-        "{} of {} slices are not {width} x {height} px like the others: {} ({} x {} px)",
+        "{} of {} slices are not {width} x {height} px like the others: {} ({} x {} px); take what is no slice out of the \
+         zip, and use the same settings of the camera for all slices",
         odd.len(),
         found.len(),
         listed(odd.iter().map(|f| f.name)),

@@ -2,42 +2,13 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::{ArchiveLimits, container::Container, container::Member, invalid, listed, manifest, names, order};
+use super::{
+    ArchiveLimits, container::Container, container::Member, invalid, light::Light, listed, manifest, names, order,
+};
 use crate::{
     imaging::codec,
     model::{Code, Fault, Warning, profile::MAX_SLICES},
 };
-
-/// Where the light came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Light {
-    /// On the object: the picture.
-    Front,
-    /// From behind the object: its silhouette.
-    Back,
-}
-
-impl Light {
-    /// The light that a folder stands for by its name: `front`, `frontlight`, `frontlit`, `fg`, `without_backlight` and
-    /// `back`, `backlight`, `backlit`, `bg`, `with_backlight`, in upper or lower case, with blanks, `_` and `-`
-    /// anywhere.
-    pub fn of_folder(name: &str) -> Option<Self> {
-        let plain: String = name.chars().filter(|c| !matches!(c, ' ' | '_' | '-')).collect::<String>().to_lowercase();
-        match plain.as_str() {
-            "front" | "frontlight" | "frontlit" | "fg" | "foreground" | "withoutbacklight" => Some(Self::Front),
-            "back" | "backlight" | "backlit" | "bg" | "background" | "withbacklight" => Some(Self::Back),
-            _ => None,
-        }
-    }
-
-    /// As it is said in sentences.
-    pub(super) fn word(self) -> &'static str {
-        match self {
-            Self::Front => "front-light",
-            Self::Back => "back-light",
-        }
-    }
-}
 
 /// A picture and where it lies.
 pub(super) struct Picture {
@@ -69,9 +40,10 @@ pub(super) fn sort(
 ) -> Result<Sorted, Fault> {
     let members = container.members()?;
     refuse_same_names(&members)?;
+    warn_of_names(&members, warnings);
     let (pictures, others) = split(members, warnings)?;
     if pictures.is_empty() {
-        return Err(Fault::new(Code::InvalidArchive, "the zip holds no JPEG, PNG or TIFF pictures"));
+        return Err(no_pictures(&others));
     }
     let (pictures, wrapper) = unwrapped(pictures);
     refuse_twins(&pictures)?;
@@ -90,8 +62,47 @@ pub(super) fn sort(
             Sorted { front, back }
         }
     };
-    refuse_counts(&sorted)?;
+    refuse_extremes(&sorted)?;
     Ok(sorted)
+}
+
+/// A zip without pictures: most often the zip was zipped once more.
+fn no_pictures(others: &[Member]) -> Fault {
+    let is_archive = |member: &&Member| {
+        let name = member.name.to_lowercase();
+        [".zip", ".7z", ".rar", ".tar", ".gz", ".tgz"].iter().any(|extension| name.ends_with(extension))
+    };
+    let archives: Vec<&str> = others.iter().filter(is_archive).map(|member| member.name.as_str()).collect();
+    let detail = match (&archives[..], others) {
+        ([], []) => "the zip is empty; put the slices into it".to_owned(),
+        ([], _) => format!(
+            "the zip holds no JPEG, PNG or TIFF pictures; it holds {}",
+            listed(others.iter().map(|member| member.name.as_str()))
+        ),
+        ([one], _) if one.to_lowercase().ends_with(".zip") => {
+            format!("the zip holds no pictures but another zip, {one}: send that one")
+        }
+        (several, _) => format!(
+            "the zip holds no pictures but other archives, {}: send one zip per stack, with the pictures themselves in it",
+            listed(several.iter().copied())
+        ),
+    };
+    Fault::new(Code::InvalidArchive, detail)
+}
+
+/// Names in a code page that the zip does not tell.
+fn warn_of_names(members: &[Member], warnings: &mut Vec<Warning>) {
+    let unclear: Vec<&str> = members.iter().filter(|m| m.unclear_name).map(|m| m.name.as_str()).collect();
+    if !unclear.is_empty() {
+        warnings.push(Warning::new(
+            "unclear_file_names",
+            format!(
+                "{}: the zip does not tell the code page of these names, so that they may be shown with wrong \
+                 letters; digits, and so the order by number, are right; make the zip with UTF-8 names (7-Zip: -mcu=on)",
+                listed(unclear)
+            ),
+        ));
+    }
 }
 
 /// Two names that are the same once cleaned, or on a computer that does not tell upper from lower case.
@@ -194,17 +205,13 @@ fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Fault
             (Some((Light::Back, _)), _) => back.push(picture),
             (None, None) => root.push(picture),
             (None, Some((folder, _))) => {
-                strange.entry(folder.to_owned()).or_insert(picture.member.name);
+                let whole = picture.member.name[..picture.member.name.len() - picture.inner.len()].to_owned() + folder;
+                strange.entry(whole).or_insert(picture.member.name);
             }
         }
     }
     if let Some(example) = strange.values().next() {
-        let folders = listed(strange.keys().map(String::as_str));
-        let detail = format!(
-            "the pictures lie in folders that are neither front nor back ({folders}); put the front-light slices into \
-             front/ and the back-light slices into back/, one stack per zip"
-        );
-        return Err(invalid(example, detail));
+        return Err(invalid(example, strange_folders(&strange)));
     }
     if let (Some(loose), false) = (root.first(), front.is_empty()) {
         let detail = format!(
@@ -216,6 +223,24 @@ fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Fault
     }
     root.append(&mut front);
     Ok((in_one_folder(root, Light::Front)?, in_one_folder(back, Light::Back)?))
+}
+
+/// Folders, and a picture in each, of which no light is known.
+fn strange_folders(strange: &BTreeMap<String, String>) -> String {
+    let folders = listed(strange.keys().map(String::as_str));
+    let looks_like_a_view = |folder: &String| names::base(folder).bytes().any(|byte| byte.is_ascii_digit());
+    if strange.len() > 1 && strange.keys().all(looks_like_a_view) {
+        return format!(
+            "the pictures lie in {} folders that are neither front nor back ({folders}), like the views of a scan; \
+             one zip holds one stack: send each folder as a zip of its own",
+            strange.len()
+        );
+    }
+    format!(
+        "the pictures lie in folders that are neither front nor back ({folders}); put the front-light slices into \
+         front/ and the back-light slices into back/ (German, French, Spanish, Italian and Dutch words are understood \
+         too), one stack per zip"
+    )
 }
 
 /// All slices of a light lie in one folder: two folders would mix two stacks.
@@ -233,25 +258,17 @@ fn in_one_folder(pictures: Vec<Picture>, light: Light) -> Result<Vec<Member>, Fa
     Ok(pictures.into_iter().map(|picture| picture.member).collect())
 }
 
-fn refuse_counts(sorted: &Sorted) -> Result<(), Fault> {
+/// What the directory alone tells of the number of slices; the rest waits until the headers were looked at, which may
+/// say why there are too many or too few.
+fn refuse_extremes(sorted: &Sorted) -> Result<(), Fault> {
     let (front, back) = (sorted.front.len(), sorted.back.len());
-    let mismatch = |detail: String| Err(Fault::new(Code::SliceCountMismatch, detail));
     if front == 0 {
-        return mismatch(format!(
-            "the zip has {back} back-light slices and no front-light slices; add the folder front/"
-        ));
+        let detail = format!("the zip has {back} back-light slices and no front-light slices; add the folder front/");
+        return Err(Fault::new(Code::SliceCountMismatch, detail));
     }
-    if front < 2 {
-        return mismatch("the zip has 1 front-light slice; a focus stack has at least 2".into());
-    }
-    if back != 0 && back != front {
-        return mismatch(format!(
-            "the zip has {front} front-light slices and {back} back-light slices; both must be taken at the same rail \
-             positions"
-        ));
-    }
-    if front > MAX_SLICES {
-        let detail = format!("the zip has {front} slices per light; at most {MAX_SLICES} are read");
+    if front > MAX_SLICES || back > MAX_SLICES {
+        let most = front.max(back);
+        let detail = format!("the zip has {most} slices per light; at most {MAX_SLICES} are read");
         return Err(Fault::new(Code::ArchiveTooLarge, detail));
     }
     Ok(())

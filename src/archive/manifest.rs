@@ -8,7 +8,8 @@ use super::{
     ArchiveLimits,
     container::{Container, Member},
     invalid,
-    layout::{Light, Picture, Sorted},
+    layout::{Picture, Sorted},
+    light::Light,
     listed, names,
 };
 use crate::model::{Fault, Warning};

@@ -14,13 +14,18 @@
 //! - Stored, deflated and deflate64 members, zip64, data descriptors, backslashes, names in UTF-8 or code page 437.
 
 mod container;
+mod counts;
+mod gaps;
 mod headers;
+mod kind;
 mod layout;
+mod light;
 mod manifest;
 mod names;
 pub mod npy;
 pub mod npz;
 mod order;
+mod picture;
 mod slices;
 mod window;
 
@@ -32,7 +37,8 @@ use crate::{
 };
 
 pub use container::pack;
-pub use layout::Light;
+pub use gaps::skipped;
+pub use light::Light;
 pub use order::natural_order;
 pub use slices::ArchivedSlices;
 
@@ -74,6 +80,13 @@ pub struct StackArchive {
 }
 
 impl StackArchive {
+    /// The same slices in the opposite order.
+    #[must_use]
+    pub fn reversed(self) -> Self {
+        let (front, back) = (self.front.reversed(), self.back.reversed());
+        Self { layout: self.layout.reversed(), front, back, ..self }
+    }
+
     /// Names in order, and the size of all slices.
     pub fn layout(&self) -> &StackLayout {
         &self.layout
@@ -113,23 +126,37 @@ impl StackArchive {
 /// - [`Code::InvalidImage`]: a slice that is no picture, or declares an absurd size, or lies turned
 /// - [`Code::SizeMismatch`], [`Code::SliceCountMismatch`]: slices that do not belong together
 pub fn open(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
-    checked(Container::open(path, limits)?, limits)
+    checked(Container::open(path, limits)?, limits, u64::MAX)
 }
+
+/// The same at a cost that a client can wait for: of compressed members at most [`NEAR_BYTES`] are unpacked. A header that
+/// lies farther on (a TIFF with its directory at the end) is left to [`open`] in the job; if that is so for all slices, the
+/// first is unpacked.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_near(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
+    checked(Container::open(path, limits)?, limits, NEAR_BYTES)
+}
+
+/// How far [`open_near`] looks into a compressed member.
+const NEAR_BYTES: u64 = 1 << 20;
 
 /// The same for a small zip that is in memory.
 ///
 /// # Errors
 /// As [`open`].
 pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
-    checked(Container::in_memory(zip, limits)?, limits)
+    checked(Container::in_memory(zip, limits)?, limits, u64::MAX)
 }
 
-fn checked(container: Container, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
+fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<StackArchive, Fault> {
     let mut warnings = Vec::new();
     let sorted = layout::sort(&container, limits, &mut warnings)?;
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
     let back = ArchivedSlices::new(container, sorted.back, *limits);
-    let common = headers::check(&front, &back, &mut warnings)?;
+    let common = headers::check(&front, &back, most, &mut warnings)?;
+    let largest = counts::refuse_large([&front, &back], u64::from(common.width) * u64::from(common.height))?;
     let layout = StackLayout {
         front: front.names(),
         back: back.names(),
@@ -137,7 +164,10 @@ fn checked(container: Container, limits: &ArchiveLimits) -> Result<StackArchive,
         height: common.height,
         bit_depth: common.bit_depth,
         channels: common.channels,
+        orientation: common.orientation,
+        largest_file_bytes: largest,
     };
+    counts::refuse(&layout)?;
     Ok(StackArchive {
         layout,
         warnings,

@@ -39,6 +39,14 @@ pub(super) fn checked(raw: &str) -> Result<Option<String>, Fault> {
     }
 }
 
+/// True for bytes that are neither UTF-8 nor letters of code page 437, which zip takes for granted: Windows programs write
+/// names in the code page of their country (GBK, 932, 1252), and the zip does not say in which.
+pub(super) fn is_of_another_code_page(raw: &[u8]) -> bool {
+    // of the upper half of 437 these are letters; the others are lines of tables, Greek and mathematics
+    let is_letter = |byte: u8| matches!(byte, 0..=0xA8 | 0xE1);
+    std::str::from_utf8(raw).is_err() && !raw.iter().copied().all(is_letter)
+}
+
 /// Files that operating systems leave in folders.
 fn is_rubbish(parts: &[&str]) -> bool {
     let Some(last) = parts.last() else { return false };

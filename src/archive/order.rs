@@ -7,7 +7,7 @@ use crate::model::Warning;
 
 /// A piece of a name.
 #[derive(Debug, PartialEq, Eq)]
-enum Piece<'a> {
+pub(super) enum Piece<'a> {
     Text(String),
     /// Digits, and whether a minus stands before them that is a sign.
     Number {
@@ -18,7 +18,7 @@ enum Piece<'a> {
 
 /// Cuts a name into text and numbers. A minus is a sign at the start of a part of the name: after `_`, `=` or at the
 /// very start (`_step_-08000_`), not after a letter or digit (`IMG-0001`, `2024-01-02`).
-fn pieces(name: &str) -> Vec<Piece<'_>> {
+pub(super) fn pieces(name: &str) -> Vec<Piece<'_>> {
     let bytes = name.as_bytes();
     let mut out = Vec::new();
     let mut at = 0;

@@ -34,9 +34,21 @@ impl ArchivedSlices {
         self.members.iter().map(|member| member.name.clone()).collect()
     }
 
-    /// The header of slice `index`.
-    pub(super) fn header(&self, index: usize) -> Result<Header, Fault> {
-        self.container.probe(self.member(index)?, &self.limits).map_err(|fault| at_slice(fault, index))
+    /// The header of slice `index`; `None` when it lies behind the first `most` bytes of a compressed member.
+    pub(super) fn header(&self, index: usize, most: u64) -> Result<Option<Header>, Fault> {
+        self.container.probe(self.member(index)?, &self.limits, most).map_err(|fault| at_slice(fault, index))
+    }
+
+    /// The slice whose file is the largest unpacked, with its size; the first of several.
+    pub(super) fn largest(&self) -> Option<(&str, u64)> {
+        let sizes = self.members.iter().map(|member| (member.name.as_str(), member.size));
+        sizes.fold(None, |best, next| if best.is_none_or(|(_, size)| next.1 > size) { Some(next) } else { best })
+    }
+
+    /// The same slices from the last to the first.
+    pub(super) fn reversed(mut self) -> Self {
+        self.members.reverse();
+        self
     }
 
     /// The file of slice `index` as it is in the zip, its CRC checked.

@@ -263,7 +263,7 @@ fn an_error_of_the_disk_is_not_blamed_on_the_zip() {
     let (limits, fails) = (ArchiveLimits::default(), Arc::new(AtomicBool::new(false)));
     let bytes = zip(&pictures(&["a.png", "b.png"]));
     let open = || Container::on_a_failing_disk(bytes.clone(), Arc::clone(&fails), &limits);
-    let archive = checked(open().unwrap(), &limits).unwrap();
+    let archive = checked(open().unwrap(), &limits, u64::MAX).unwrap();
     fails.store(true, Ordering::SeqCst);
     for fault in [open().err().unwrap(), archive.front().load(0).unwrap_err(), archive.front_bytes(0).unwrap_err()] {
         assert_eq!(fault.code, Code::Unavailable, "{fault:?}");
@@ -277,4 +277,94 @@ fn an_error_of_the_disk_is_not_blamed_on_the_zip() {
 
 fn open_path(path: &std::path::Path) -> Result<StackArchive, Fault> {
     super::open(path, &ArchiveLimits::default())
+}
+
+#[test]
+fn a_file_of_several_pages_is_named_before_slices_are_counted() {
+    let mut out = std::io::Cursor::new(Vec::new());
+    let mut encoder = ::tiff::encoder::TiffEncoder::new(&mut out).unwrap();
+    for _ in 0..9 {
+        encoder.write_image::<::tiff::encoder::colortype::Gray8>(4, 4, &[9; 16]).unwrap();
+    }
+    let fault = refused(&[entry("slice.tif", &out.into_inner())]);
+    assert_eq!(fault.code, Code::InvalidImage);
+    assert!(fault.detail.contains("slice.tif") && fault.detail.contains("several pages"), "{}", fault.detail);
+}
+
+#[test]
+fn names_in_an_unknown_code_page_are_kept_in_order_and_told() {
+    let gbk = |digit: u8| [&b"\xC7\xD0\xC6\xAC"[..], &[digit], b".png"].concat();
+    let mut entries = pictures(&["1", "2"]);
+    (entries[0].name, entries[1].name) = (gbk(b'2'), gbk(b'1'));
+    let archive = open_bytes(&zip(&entries)).unwrap();
+    assert!(archive.layout().front[0].ends_with("1.png"));
+    assert_eq!(archive.warnings()[0].code, "unclear_file_names");
+    // letters of code page 437, and UTF-8 without its flag
+    for name in [&b"K\x84fer"[..], "K\u{e4}fer".as_bytes()] {
+        let with = |digit: u8| [name, &[digit], b".png"].concat();
+        (entries[0].name, entries[1].name) = (with(b'1'), with(b'2'));
+        let archive = open_bytes(&zip(&entries)).unwrap();
+        assert_eq!((archive.warnings(), archive.layout().front[0].as_str()), (&[][..], "K\u{e4}fer1.png"));
+    }
+}
+
+/// A grey TIFF whose directory stands behind its pixels.
+fn late_tiff(width: u32, height: u32) -> Vec<u8> {
+    let pixels = width * height;
+    let mut out = [b"II*\0", &(8 + pixels).to_le_bytes()[..]].concat();
+    out.extend((0..pixels).map(|i| (i * 7) as u8));
+    let entries = [
+        (256u16, width),
+        (257, height),
+        (258, 8),
+        (259, 1),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (278, height),
+        (279, pixels),
+    ];
+    out.extend((entries.len() as u16).to_le_bytes());
+    for (tag, value) in entries {
+        out.extend([&tag.to_le_bytes()[..], &[4, 0, 1, 0, 0, 0], &value.to_le_bytes()].concat());
+    }
+    out.extend([0; 4]);
+    out
+}
+
+#[test]
+fn a_quick_look_leaves_what_lies_deep_in_compressed_members_to_the_job() {
+    let names = ["a.tif", "b.tif", "c.tif"];
+    let entries: Vec<Entry> = names.iter().map(|name| deflated(entry(name, &late_tiff(2_048, 1_024)), 8)).collect();
+    let mut broken = entries.clone();
+    // the length of a block in the second megabyte of b.tif
+    let block = 25 * 60_005 + 1;
+    broken[1].data[block] ^= 0xFF;
+    let near = |entries: &[Entry]| {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(&zip(entries)).unwrap();
+        open_near(file.path(), &ArchiveLimits::default())
+    };
+    let archive = near(&broken).unwrap();
+    assert_eq!((archive.layout().width, archive.layout().height), (2_048, 1_024));
+    assert!(archive.front().load(0).is_ok());
+    assert_eq!(refused(&broken).places[0].file.as_deref(), Some("b.tif"));
+    // what is near is looked at as ever, and so are stored members
+    let mut bad = entries.clone();
+    bad[2] = deflated(entry("c.tif", b"no picture"), 8);
+    assert_eq!(near(&bad).err().map(|fault| fault.code), Some(Code::InvalidImage));
+    let stored: Vec<Entry> = names.iter().map(|name| entry(name, &late_tiff(2_048, 1_024))).collect();
+    let mut another = stored.clone();
+    another[1] = entry("b.tif", &late_tiff(1_024, 2_048));
+    assert!(near(&stored).is_ok());
+    assert_eq!(near(&another).err().map(|fault| fault.code), Some(Code::SizeMismatch));
+}
+
+#[test]
+fn a_stack_can_be_reversed() {
+    let archive = opened(&["front/a1.png", "front/a2.png", "back/b1.png", "back/b2.png"]).reversed();
+    assert_eq!(archive.layout().front, ["front/a2.png", "front/a1.png"]);
+    assert_eq!(archive.layout().back, ["back/b2.png", "back/b1.png"]);
+    assert_eq!(archive.front().load(0).unwrap(), raster(1));
+    assert_eq!(archive.front().name(1), "front/a1.png");
 }

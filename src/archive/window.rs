@@ -17,18 +17,27 @@ const STEP: usize = 64 << 10;
 pub(super) struct Window<R> {
     inner: R,
     length: u64,
+    /// Most bytes that are read from `inner`.
+    most: u64,
     at: u64,
     head: Vec<u8>,
     tail: Vec<u8>,
     /// Bytes read from `inner`; `tail` ends there.
     reached: u64,
     fell_behind: bool,
+    stopped: bool,
 }
 
 impl<R: Read> Window<R> {
-    /// A window on `inner`, which declares to be `length` bytes long.
-    pub(super) fn new(inner: R, length: u64) -> Self {
-        Self { inner, length, at: 0, head: Vec::new(), tail: Vec::new(), reached: 0, fell_behind: false }
+    /// A window on `inner`, which declares to be `length` bytes long, and of which about `most` bytes are read.
+    pub(super) fn new(inner: R, length: u64, most: u64) -> Self {
+        let (head, tail) = (Vec::new(), Vec::new());
+        Self { inner, length, most, at: 0, head, tail, reached: 0, fell_behind: false, stopped: false }
+    }
+
+    /// True when something was wanted that lies behind the most bytes that are read.
+    pub(super) fn was_stopped(&self) -> bool {
+        self.stopped
     }
 
     /// True when something was wanted that is kept no more: the whole has to be read for that.
@@ -39,6 +48,10 @@ impl<R: Read> Window<R> {
     /// Reads on until `at` is reached; false at the end.
     fn reach(&mut self) -> io::Result<bool> {
         while self.at >= self.reached {
+            if self.reached >= self.most {
+                self.stopped = true;
+                return Err(io::Error::other("behind what is read"));
+            }
             if self.tail.len() >= 2 * TAIL {
                 self.tail.drain(..self.tail.len() - TAIL);
             }
@@ -103,7 +116,7 @@ mod tests {
     fn the_start_and_the_latest_bytes_can_be_read_again_and_the_middle_cannot() {
         let length = 5 << 20;
         let source: Vec<u8> = (0..length).map(byte).collect();
-        let mut window = Window::new(source.as_slice(), length as u64);
+        let mut window = Window::new(source.as_slice(), length as u64, u64::MAX);
         let mut read_at = |at: usize| {
             let mut out = [0; 100];
             window.seek(SeekFrom::Start(at as u64)).unwrap();
@@ -116,5 +129,18 @@ mod tests {
         assert!(read_at(length).is_err(), "there is nothing behind the end");
         assert!(window.fell_behind());
         assert!(window.tail.len() <= 2 * TAIL + STEP);
+    }
+
+    #[test]
+    fn no_more_is_read_than_allowed() {
+        let source: Vec<u8> = (0..5 << 20).map(byte).collect();
+        let mut window = Window::new(source.as_slice(), source.len() as u64, 1 << 20);
+        let mut out = [0; 100];
+        window.seek(SeekFrom::Start((1 << 20) - 200)).unwrap();
+        window.read_exact(&mut out).unwrap();
+        assert!(!window.was_stopped());
+        window.seek(SeekFrom::End(-200)).unwrap();
+        assert!(window.read_exact(&mut out).is_err() && window.was_stopped());
+        assert!(window.reached <= (1 << 20) + STEP as u64);
     }
 }

@@ -150,6 +150,11 @@ impl Plan {
     }
 }
 
+/// How many slices are decoded and warped at the same time with so many threads.
+pub fn slices_in_flight(threads: usize, slices: usize) -> usize {
+    align::lanes(threads, slices)
+}
+
 /// What is measured on the way.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Watch<'a> {

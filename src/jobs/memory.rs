@@ -2,7 +2,7 @@
 
 use crate::{
     calibration::MOST_SAMPLES,
-    fusion::Plan,
+    fusion::{self, Plan},
     imaging::Depth,
     model::{
         Homography,
@@ -16,6 +16,8 @@ const BASE: u64 = 64 << 20;
 
 /// Bytes that a job needs at its peak, with `threads` threads. It does not grow with the number of slices: warped
 /// slices wait in files.
+///
+/// Beside that, for each slice in flight its file and the copy that a decoder may make of it: twice the largest file.
 ///
 /// - A stack: the fusion ([`Plan::memory_bytes`]) beside the silhouette, or, if that is more, what lives while the image is
 ///   composed: the fused picture, its index, validity and silhouette, and the RGBA picture that comes out.
@@ -57,16 +59,23 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     };
     // index 2, validity 1, alpha 1
     let composing = pixels(layout).saturating_mul(3 * self::sample(layout) + 4 + silhouettes + 4 * sample);
-    fusing.max(composing)
+    fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
+}
+
+/// The files of so many slices in flight, and a copy of each.
+fn files(layout: &StackLayout, in_flight: usize) -> u64 {
+    layout.largest_file_bytes.saturating_mul(2 * in_flight as u64)
 }
 
 fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let layout = &request.layout;
-    let in_flight = threads.clamp(1, 2) as u64;
+    let lanes = threads.clamp(1, 2);
+    let in_flight = lanes as u64;
     let decoded = u64::from(layout.channels) * sample(layout);
     let samples = pixels(layout).min(MOST_SAMPLES as u64);
     // six planes of floats, four of bytes, and one of both while dots are told from what is not
-    pixels(layout).saturating_mul(in_flight * decoded).saturating_add(samples * in_flight * (6 * 4 + 4 + 8))
+    let planes = samples * in_flight * (6 * 4 + 4 + 8);
+    pixels(layout).saturating_mul(in_flight * decoded).saturating_add(planes).saturating_add(files(layout, lanes))
 }
 
 fn pixels(layout: &StackLayout) -> u64 {
@@ -87,7 +96,16 @@ mod tests {
     use crate::model::request::{CalibrationOptions, Upload};
 
     fn layout(slices: usize, width: u32, bit_depth: u8) -> StackLayout {
-        StackLayout { front: vec![String::new(); slices], back: vec![], width, height: 4000, bit_depth, channels: 3 }
+        StackLayout {
+            front: vec![String::new(); slices],
+            back: vec![],
+            width,
+            height: 4000,
+            bit_depth,
+            channels: 3,
+            orientation: 1,
+            largest_file_bytes: 0,
+        }
     }
 
     fn upload() -> Upload {
@@ -118,6 +136,21 @@ mod tests {
             assert!(need(10, 12_000, 8) > need(10, 6000, 8));
             assert!(need(10, 6000, 8) > 24_000_000 * 10);
         }
+    }
+
+    #[test]
+    fn the_files_in_flight_are_counted_with_a_copy_of_each() {
+        let with_files = |mut request: JobRequest, threads| {
+            let before = memory_need(&request, threads);
+            match &mut request {
+                JobRequest::Stack(request) => request.layout.largest_file_bytes = 50_000_000,
+                JobRequest::Calibration(request) => request.layout.largest_file_bytes = 50_000_000,
+            }
+            memory_need(&request, threads) - before
+        };
+        assert_eq!(with_files(stack(10, 3000, 8), 1), 100_000_000);
+        assert_eq!(with_files(stack(10, 3000, 8), 8), 400_000_000);
+        assert_eq!(with_files(calibration(10, 3000, 8), 8), 200_000_000);
     }
 
     #[test]

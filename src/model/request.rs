@@ -34,6 +34,26 @@ pub struct StackLayout {
     pub bit_depth: u8,
     /// 1 grey or 3 RGB (the larger, when slices differ).
     pub channels: u8,
+    /// EXIF orientation of the slices, 1 to 8, which was applied before width and height were taken; 1 without one.
+    #[serde(default = "upright")]
+    pub orientation: u8,
+    /// Size of the largest file of a slice, unpacked; 0 when it was not recorded.
+    #[serde(default)]
+    pub largest_file_bytes: u64,
+}
+
+fn upright() -> u8 {
+    1
+}
+
+impl StackLayout {
+    /// The same slices in the opposite order.
+    #[must_use]
+    pub fn reversed(mut self) -> Self {
+        self.front.reverse();
+        self.back.reverse();
+        self
+    }
 }
 
 /// What `POST /v1/stacks` asked for.

@@ -71,6 +71,8 @@ fn layout() -> StackLayout {
         height: 48,
         bit_depth: 8,
         channels: 3,
+        orientation: 1,
+        largest_file_bytes: 5_000,
     }
 }
 

@@ -9,7 +9,11 @@ const BOUNDARY: &str = "xxBOUNDARYxx";
 async fn send(app: &TestApp, url: &str, parts: &[(&str, &[u8])]) -> Response {
     let mut body = Vec::new();
     for (name, value) in parts {
-        let file = if *name == "stack" { "; filename=\"night 1.zip\"" } else { "" };
+        let file = match *name {
+            "stack" => "; filename=\"night 1.zip\"",
+            "front" => "; filename=\"a.jpg\"",
+            _ => "",
+        };
         body.extend_from_slice(
             format!("--{BOUNDARY}\r\ncontent-disposition: form-data; name=\"{name}\"{file}\r\n\r\n").as_bytes(),
         );
@@ -62,4 +66,14 @@ async fn what_is_wrong_in_a_form_is_told() {
     problem(send(&app, calibrations, &[("rig", b"other"), ("stack", &zip)]).await, 400, "invalid_request").await;
     assert_eq!(app.spooled(), 0);
     assert_eq!(app.rows.counts().await.unwrap().queued, 0);
+}
+
+#[tokio::test]
+async fn loose_pictures_in_a_form_hear_where_the_zip_goes() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let parts: [(&str, &[u8]); 4] =
+        [("rig", b"rig"), ("lens", b"lens"), ("front", b"\xFF\xD8"), ("front", b"\xFF\xD8")];
+    let told = problem(send(&app, "/v1/stacks", &parts).await, 400, "invalid_request").await;
+    assert!(told["detail"].as_str().unwrap().contains("-F stack=@stack.zip"), "{told}");
 }

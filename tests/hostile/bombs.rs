@@ -83,7 +83,9 @@ fn sizes_that_are_lies_are_refused_before_room_is_made() {
     assert_eq!(refused("70 GB in all", zip(&many), MB), Code::ArchiveTooLarge);
 
     // within the limits, and still a lie: the header is sound, so the member itself tells
-    assert_eq!(refused_or_not_loaded(with(small(900_000_000)), MB), Code::InvalidArchive);
+    assert_eq!(refused_or_not_loaded(with(small(60_000_000)), MB), Code::InvalidArchive);
+    // and more than any picture of 16 pixels has
+    assert_eq!(refused("900 MB for 4 x 4 px", with(small(900_000_000)), MB), Code::ArchiveTooLarge);
 }
 
 #[test]

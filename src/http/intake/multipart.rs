@@ -64,6 +64,12 @@ pub async fn receive<O: Order>(
             file = Some(spool(app, part, reservation, filename, |e| broken(&verdict, &e)).await?);
         } else if name == "options" {
             fields.options = Some(text(part, &verdict).await?.into_bytes());
+        } else if part.file_name().is_some() {
+            let detail = format!(
+                "the part '{name}' is a file; put all slices into one zip and send it in the part 'stack' \
+                 (curl -F stack=@stack.zip)"
+            );
+            return Err(ApiError::new(Code::InvalidRequest, detail));
         } else {
             let value = text(part, &verdict).await?;
             fields.add(&name, value)?;

@@ -120,7 +120,8 @@ async fn inspect(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warnin
     let limits = app.policy.archive;
     let _turn = app.looks.acquire().await.map_err(ApiError::internal)?;
     let inspected = background::spawn_blocking(move || -> Result<_, Fault> {
-        let archive = archive::open(&file, &limits)?;
+        // the client waits: what takes long to look at is looked at in the job
+        let archive = archive::open_near(&file, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });
     Ok(inspected.await.map_err(ApiError::internal)??)

@@ -31,6 +31,9 @@ const GUARD_ZEROS: [u8; 2] = [0x00, 0x00];
 /// Frame header of progressive pictures.
 const PROGRESSIVE: u8 = 0xC2;
 
+/// Frame header of JPEG-LS, which is another format.
+const JPEG_LS: u8 = 0xF7;
+
 const SOI: u8 = 0xD8;
 const EOI: u8 = 0xD9;
 const SOS: u8 = 0xDA;
@@ -70,6 +73,9 @@ impl Head {
             let marker = next_marker(&mut reader)?;
             if matches!(marker, SOI | EOI | 0x01 | 0xD0..=0xD7) {
                 return Err(damaged(format!("marker FF{marker:02X} before the picture")));
+            }
+            if marker == JPEG_LS {
+                return Err(ImageFault::OtherFormat("JPEG-LS"));
             }
             let mut length = [0; 2];
             reader.read_exact(&mut length).map_err(torn)?;

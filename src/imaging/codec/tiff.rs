@@ -36,6 +36,23 @@ fn fault(error: &TiffError) -> ImageFault {
     }
 }
 
+/// The name of a compression (tag 259) that is not read.
+fn unread_compression(number: u16) -> Option<&'static str> {
+    match number {
+        // none, LZW, deflate, old deflate, PackBits
+        1 | 5 | 8 | 32_946 | 32_773 => None,
+        2..=4 => Some("a fax code"),
+        34_712 => Some("JPEG 2000"),
+        34_887 => Some("LERC"),
+        34_925 => Some("LZMA"),
+        34_926 | 50_000 => Some("ZSTD"),
+        34_933 => Some("PNG"),
+        34_934 | 50_002 | 52_546 => Some("JPEG XR or XL"),
+        50_001 => Some("WebP"),
+        _ => Some("a method that is not known"),
+    }
+}
+
 /// Number of stored channels and of those that are kept.
 struct Channels {
     stored: usize,
@@ -94,6 +111,12 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
     let compression = decoder.find_tag_unsigned::<u16>(Tag::Compression).ok().flatten().unwrap_or(1);
     if matches!(compression, 6 | 7) {
         return Err(ImageFault::unsupported("the TIFF is compressed as JPEG inside"));
+    }
+    if let Some(name) = unread_compression(compression) {
+        return Err(ImageFault::Unsupported {
+            what: format!("the TIFF is compressed by {name}, which is not read"),
+            advice: "save all slices without compression, or with LZW or ZIP (deflate)",
+        });
     }
     // the decoder fails an assertion on these
     let planes = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).ok().flatten().unwrap_or(1);

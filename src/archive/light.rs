@@ -1,0 +1,164 @@
+//! Which light a folder stands for.
+
+/// Where the light came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Light {
+    /// On the object: the picture.
+    Front,
+    /// From behind the object: its silhouette.
+    Back,
+}
+
+/// Names of folders of front-light slices: English, German, French, Spanish, Italian, Dutch.
+const FRONT: [&str; 34] = [
+    "front",
+    "frontlight",
+    "frontlit",
+    "fg",
+    "foreground",
+    "withoutbacklight",
+    "vorne",
+    "vordergrund",
+    "vorderlicht",
+    "frontlicht",
+    "auflicht",
+    "beleuchtet",
+    "ohnegegenlicht",
+    "avant",
+    "devant",
+    "lumiereavant",
+    "eclairageavant",
+    "sanscontrejour",
+    "frente",
+    "frontal",
+    "delante",
+    "luzfrontal",
+    "sincontraluz",
+    "fronte",
+    "frontale",
+    "davanti",
+    "lucefrontale",
+    "senzacontroluce",
+    "voor",
+    "voorkant",
+    "voorgrond",
+    "voorlicht",
+    "opvallendlicht",
+    "zondertegenlicht",
+];
+
+/// Names of folders of back-light slices, in the same languages.
+const BACK: [&str; 41] = [
+    "back",
+    "backlight",
+    "backlit",
+    "bg",
+    "background",
+    "withbacklight",
+    "hinten",
+    "hintergrund",
+    "hintergrundlicht",
+    "gegenlicht",
+    "durchlicht",
+    "rucklicht",
+    "ruecklicht",
+    "mitgegenlicht",
+    "arriere",
+    "derriere",
+    "fond",
+    "contrejour",
+    "aveccontrejour",
+    "lumierearriere",
+    "eclairagearriere",
+    "retroeclairage",
+    "contraluz",
+    "concontraluz",
+    "fondo",
+    "detras",
+    "trasera",
+    "luztrasera",
+    "retroiluminacion",
+    "controluce",
+    "concontroluce",
+    "dietro",
+    "retro",
+    "sfondo",
+    "retroilluminazione",
+    "achter",
+    "achterkant",
+    "achtergrond",
+    "achterlicht",
+    "tegenlicht",
+    "doorvallendlicht",
+];
+
+impl Light {
+    /// The light that a folder stands for by its name: `front`, `frontlight`, `frontlit`, `fg`, `without_backlight` and
+    /// `back`, `backlight`, `backlit`, `bg`, `with_backlight`, and words for both in German, French, Spanish, Italian
+    /// and Dutch (`auflicht`, `gegenlicht`, `avant`, `contre-jour`, ...). Case and accents do not matter, nor do
+    /// blanks, `_` and `-` anywhere.
+    pub fn of_folder(name: &str) -> Option<Self> {
+        let plain = plain(name);
+        let is_in = |names: &[&str]| names.contains(&plain.as_str());
+        match (is_in(&FRONT), is_in(&BACK)) {
+            (true, _) => Some(Self::Front),
+            (_, true) => Some(Self::Back),
+            _ => None,
+        }
+    }
+
+    /// As it is said in sentences.
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            Self::Front => "front-light",
+            Self::Back => "back-light",
+        }
+    }
+}
+
+/// A name in small letters, without separators and accents.
+fn plain(name: &str) -> String {
+    name.chars()
+        .flat_map(char::to_lowercase)
+        // macOS writes an accent as a character of its own
+        .filter(|c| !matches!(c, ' ' | '_' | '-' | '\u{300}'..='\u{36F}'))
+        .map(|c| match c {
+            'à' | 'á' | 'â' | 'ä' => 'a',
+            'è' | 'é' | 'ê' | 'ë' => 'e',
+            'ì' | 'í' | 'î' | 'ï' => 'i',
+            'ò' | 'ó' | 'ô' | 'ö' => 'o',
+            'ù' | 'ú' | 'û' | 'ü' => 'u',
+            other => other,
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_are_understood_in_several_languages() {
+        for name in ["front", "Front_Light", "beleuchtet", "Auflicht", "avant", "Éclairage avant", "frontale", "voor"]
+        {
+            assert_eq!(Light::of_folder(name), Some(Light::Front), "{name}");
+        }
+        let decomposed = "arrie\u{300}re";
+        for name in
+            ["back", "with-backlight", "Gegenlicht", "Rücklicht", "arrière", decomposed, "Contre-jour", "contraluz"]
+        {
+            assert_eq!(Light::of_folder(name), Some(Light::Back), "{name}");
+        }
+        for name in ["", "y=020", "left", "frontback", "slices"] {
+            assert_eq!(Light::of_folder(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn no_word_stands_for_both_lights_and_each_is_written_as_it_is_compared() {
+        for word in FRONT.iter().chain(&BACK) {
+            assert_eq!(plain(word), *word);
+            assert!(!(FRONT.contains(word) && BACK.contains(word)), "{word}");
+        }
+    }
+}
