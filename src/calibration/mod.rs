@@ -34,6 +34,7 @@ mod search;
 mod shape;
 mod sighting;
 mod solve;
+mod target_check;
 mod working;
 
 #[cfg(test)]
@@ -48,6 +49,7 @@ mod tests;
 pub use drift::drift;
 pub use overlay::overlay;
 pub use sighting::MOST_SAMPLES;
+pub use target_check::dot_target;
 
 use crate::imaging::Slices;
 use crate::model::profile::{CaptureMode, HomographyModel, ProfileSlice};

@@ -43,6 +43,7 @@ pub(super) fn alignment<S: Sample>(
     };
     let mut found = quality::alignment::measure(aligned.coverages.len(), &read, plan.width, plan.height, watch.object);
     control.check()?;
+    found.judge_order(&plan.homographies, (plan.width, plan.height));
     found.metrics.common_fraction = common_fraction(aligned);
     Ok(found)
 }

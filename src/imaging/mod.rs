@@ -5,6 +5,7 @@ pub mod coverage;
 pub mod filter;
 pub mod grey;
 pub mod raster;
+pub mod reduced;
 pub mod sample;
 pub mod simd;
 pub mod slices;

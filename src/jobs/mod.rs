@@ -3,7 +3,9 @@
 pub mod calibration;
 pub mod compose;
 mod copies;
+mod diagnosis;
 pub mod disk;
+mod levels;
 pub mod memory;
 mod press;
 pub mod preview;

@@ -8,6 +8,8 @@ use std::{
 use super::{
     Bench, Made, Watcher,
     compose::{self, crop_rect},
+    diagnosis,
+    levels::{self, Levels},
     press::{Press, Pressed},
     preview::preview,
     stages::{Phase, Stage},
@@ -24,6 +26,7 @@ use crate::{
     },
     model::{
         Code, Control, Fault, Homography, Stop, Warning,
+        input::SliceOrder,
         metrics::{Metrics, Severity, StageTime, Timing},
         options::{GuidedParams, MaskMode, Method},
         outcome::{ImageInfo, JobOutcome, StackOutcome},
@@ -60,6 +63,12 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     let reading = Phase::new(watcher, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
     let archive = archive::open(&bench.archive, limits)?;
+    let archive = match options.order {
+        SliceOrder::Name => archive,
+        SliceOrder::Reverse => archive.reversed(),
+    };
+    let [front_slices, back_slices] =
+        [archive.front(), archive.back()].map(|slices| Levels::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
     let plan = plan(profile, request);
@@ -71,10 +80,11 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     let mut pressed = Vec::new();
     let with_back = wants_mask(options.mask, &archive)?;
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
+    let mut back_light = None;
     let silhouette = if with_back {
         let control = Phase::new(watcher, &FUSING, READ, middle);
         let back = Plan { method: of_back_light(plan.method), ..plan.clone() };
-        let back = fusion::fuse(archive.back(), &back, &Watch::default(), &bench.scratch, &control)?;
+        let back = fusion::fuse(&back_slices, &back, &Watch::default(), &bench.scratch, &control)?;
         times.end("fusing the back light");
         let phase = Phase::new(watcher, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
@@ -85,6 +95,7 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
         pressed.push(press.png("backlight", &compose::cropped(&back.image, rect), &Metadata::default())?);
         warnings.extend(back.warnings.into_iter().filter(|w| !NOT_OF_THE_BACK.contains(&w.code.as_str())));
         warnings.extend_from_slice(&silhouette.warnings);
+        back_light = Some(diagnosis::remembered(&back.image));
         phase.progress("masking", 1, 1);
         times.end("masking");
         Some(silhouette)
@@ -95,8 +106,10 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     let stages: &[Stage] = if plan.method == Method::Unveiled { &UNVEILING } else { &FUSING };
     let control = Phase::new(watcher, stages, middle, FUSED);
     let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.alpha) };
-    let front = fusion::fuse(archive.front(), &plan, &watch, &bench.scratch, &control)?;
+    let front = fusion::fuse(&front_slices, &plan, &watch, &bench.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
+    diagnosis::look(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
+    warnings.extend(levels::warning(&[&front_slices, &back_slices]));
     times.end("fusing");
 
     let metadata = reference_metadata(&archive, plan.reference, rect);

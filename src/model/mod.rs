@@ -5,6 +5,7 @@
 pub mod control;
 pub mod error;
 pub mod homography;
+pub mod input;
 pub mod job;
 pub mod matrices;
 pub mod metrics;

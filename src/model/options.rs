@@ -3,7 +3,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Code, Fault, Name, error::FaultPlace};
+use super::{
+    Code, Fault, Name,
+    error::FaultPlace,
+    input::{InputBits, SliceOrder},
+};
 
 /// Whether the object is cut out with the back-light stack.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -68,13 +72,13 @@ impl From<BitDepth> for String {
 /// JSON writes `8` where a query string can only write `"8"`: both mean the same.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum TextOrNumber {
+pub(super) enum TextOrNumber {
     Text(String),
     Number(serde_json::Number),
 }
 
 impl TextOrNumber {
-    fn into_text(self) -> String {
+    pub(super) fn into_text(self) -> String {
         match self {
             Self::Text(text) => text,
             Self::Number(number) => number.to_string(),
@@ -245,6 +249,12 @@ pub struct StackOptions {
     /// Bits per sample of the image.
     #[schema(value_type = String, example = "auto", pattern = "^(auto|8|16)$")]
     pub bit_depth: BitDepth,
+    /// Order of the slices against the profile.
+    pub order: SliceOrder,
+    /// Bits that the camera puts into 16-bit files; `auto`: samples are used as they are, and a warning says when they look
+    /// like fewer.
+    #[schema(value_type = String, example = "auto", pattern = "^(auto|10|12|14|16)$")]
+    pub input_bits: InputBits,
     /// Which part of the canvas comes out: `none`, `valid` or `x,y,w,h`.
     #[schema(value_type = String, example = "none")]
     pub crop: Crop,
@@ -297,6 +307,8 @@ impl Default for StackOptions {
             mask_edge: MaskEdge::default(),
             format: ImageFormat::default(),
             bit_depth: BitDepth::default(),
+            order: SliceOrder::default(),
+            input_bits: InputBits::default(),
             crop: Crop::default(),
             under_alpha: UnderAlpha::default(),
             method: Method::default(),

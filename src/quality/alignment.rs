@@ -1,5 +1,6 @@
 //! Residual shifts between warped neighbours: whether the calibration profile fits the stack.
 
+mod backwards;
 mod focus;
 mod phase;
 mod similarity;
@@ -9,7 +10,10 @@ use rayon::prelude::*;
 use super::statistics;
 use crate::{
     imaging::{Plane, Rect},
-    model::metrics::{AlignmentMetrics, ResidualSimilarity},
+    model::{
+        Homography,
+        metrics::{AlignmentMetrics, ResidualSimilarity},
+    },
 };
 use similarity::Similarity;
 
@@ -37,9 +41,20 @@ pub struct Alignment {
     pub metrics: AlignmentMetrics,
     /// Per slice: median length of the residual shift against the slice before it, px; the first is none.
     pub per_slice: Vec<Option<f64>>,
+    /// What is left is what a stack in the opposite order would leave: [`Alignment::judge_order`].
+    pub backwards: bool,
     /// Per pair of neighbours: the middle shift that the common similarity does not explain, px, and its standard
     /// deviation.
     pub(super) own: Vec<Option<OwnShift>>,
+}
+
+impl Alignment {
+    /// Compares what is left with what `homographies`, the profile of a canvas of `size` (width, height), would leave in a
+    /// stack whose slices came from the last to the first.
+    pub fn judge_order(&mut self, homographies: &[Homography], size: (usize, usize)) {
+        let left = self.metrics.similarity.as_ref();
+        self.backwards = left.is_some_and(|left| backwards::fits_backwards(left, homographies, size));
+    }
 }
 
 /// The shift of one slice against the one before it, beyond what all do.
@@ -100,7 +115,7 @@ pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, ob
         let (shift, sigma) = similarity::own_shift(shifts, common.as_ref(), LEAST_SHIFTS)?;
         Some(OwnShift { shift, sigma })
     });
-    Alignment { metrics, per_slice, own: own.collect() }
+    Alignment { metrics, per_slice, backwards: false, own: own.collect() }
 }
 
 /// A similarity per step as the contract shows it, with what it makes of a picture's corners over `steps` steps.

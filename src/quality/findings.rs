@@ -36,13 +36,15 @@ pub(super) struct More<'a> {
     pub(super) steps: &'a [Option<f32>],
     /// Per slice: brightness over that of the reference slice, after the gains.
     pub(super) evened: &'a [Option<f64>],
+    /// The slices run the other way than the profile.
+    pub(super) backwards: bool,
 }
 
 /// Everything that is to be said of a stack, warnings first.
 pub(super) fn of(quality: &StackQuality, more: &More<'_>) -> Vec<Finding> {
     let teller = Teller { quality, more };
     let mut findings = teller.duplicates();
-    let disorder = teller.disorder();
+    let disorder = teller.reversed().or_else(|| teller.disorder());
     let in_order = disorder.is_none();
     findings.extend(disorder);
     if in_order {
@@ -140,9 +142,10 @@ impl Teller<'_> {
             if drift > MISFIT_PX.max(MISFIT_SIGMAS * sigma) {
                 let steps = self.quality.slices.len().saturating_sub(1) as f64;
                 let detail = format!(
-                    "this profile no longer fits: from the first slice to the last the corners of the picture are {drift:.1} px \
-                     (give or take {:.1}) off (scale {:+.3} %, rotation {:+.3} degrees, shift {:.1}, {:.1} px); calibrate again, \
-                     and see whether the lens, its aperture or the rail were touched since",
+                    "this profile does not fit the stack: from the first slice to the last the corners of the picture are \
+                     {drift:.1} px (give or take {:.1}) off (scale {:+.3} %, rotation {:+.3} degrees, shift {:.1}, \
+                     {:.1} px); calibrate again. Likely causes: lens, aperture, focus ring or rail were touched since \
+                     the calibration, or the stack is of another rig or lens",
                     2.0 * sigma,
                     100.0 * (left.scale.powf(steps) - 1.0),
                     left.rotation_deg * steps,
@@ -154,6 +157,24 @@ impl Teller<'_> {
         }
         findings.extend(self.moved());
         findings
+    }
+
+    /// The slices run the other way than the profile. What is said of focus, place and brightness would follow from that.
+    fn reversed(&self) -> Option<Finding> {
+        let left = self.quality.alignment.similarity.as_ref().filter(|_| self.more.backwards)?;
+        let (drift, sigma) = (left.corner_drift_px, left.corner_drift_sigma_px);
+        if drift <= MISFIT_PX.max(MISFIT_SIGMAS * sigma) {
+            return None;
+        }
+        let last = self.quality.slices.len().saturating_sub(1) as u32;
+        let detail = format!(
+            "the stack runs the other way than the profile: slice {} belongs to the end of the rail where slice {} \
+             stands, and the corners of the picture are {drift:.1} px off; send it again with order=reverse (or without, \
+             if it was sent with it). The calibration need not be repeated",
+            self.name(0),
+            self.name(last)
+        );
+        Some(warning("slices_reversed", Vec::new(), detail))
     }
 
     /// Slices that are off though their neighbours are not, and places from where all are.

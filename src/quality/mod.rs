@@ -120,7 +120,14 @@ pub fn finish(
         slices,
         findings: Vec::new(),
     };
-    quality.findings =
-        findings::of(&quality, &findings::More { own: &alignment.own, steps: &coverage.steps, evened: &evened });
+    quality.findings = findings::of(
+        &quality,
+        &findings::More {
+            own: &alignment.own,
+            steps: &coverage.steps,
+            evened: &evened,
+            backwards: alignment.backwards,
+        },
+    );
     quality
 }

@@ -19,5 +19,7 @@ mod profiles_elsewhere;
 mod reports;
 mod results;
 mod service;
+mod stack_input;
 mod uploads;
 mod watching;
+mod wrong_zips;

@@ -1,6 +1,7 @@
 //! The object cut out with its fused back light: what keeps more than half of the light away is object.
 
 mod components;
+mod exchanged;
 mod light;
 mod otsu;
 mod soft;
@@ -17,6 +18,7 @@ use crate::{
     },
 };
 use components::{Connectivity, Parts};
+pub use exchanged::exchanged;
 use light::Light;
 use otsu::Histogram;
 use tones::Tones;

@@ -96,7 +96,7 @@ impl Stack {
 
 type Fault = (&'static str, fn(Stack) -> Stack);
 
-const FAULTS: [Fault; 14] = [
+const FAULTS: [Fault; 15] = [
     ("", |stack| stack),
     ("range_too_short_near", |stack| {
         let n = stack.count();
@@ -145,6 +145,10 @@ const FAULTS: [Fault; 14] = [
     ("profile_misfit", |stack| {
         let n = stack.count() as f64;
         stack.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2]))
+    }),
+    ("slices_reversed", |mut stack| {
+        stack.slices.reverse();
+        stack
     }),
     ("clipped", |stack| (0..stack.count()).fold(stack, |s, i| s.lit(i, [3.0; 3]))),
 ];

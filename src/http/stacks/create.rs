@@ -64,6 +64,8 @@ pub struct StackForm {
         ("mask_edge" = Option<crate::model::options::MaskEdge>, Query, description = "What the image's alpha is at the edge of the object: `hard` (default), 0 or full, or `soft`, the share of the pixel that is object; the separate mask stays hard"),
         ("format" = Option<crate::model::options::ImageFormat>, Query, description = "Format of the image; default `png`"),
         ("bit_depth" = Option<String>, Query, description = "`auto`, `8` or `16`; default `auto`: as the slices"),
+        ("order" = Option<crate::model::input::SliceOrder>, Query, description = "Order of the slices against the profile: `name` (default), as the names or `manifest.json` say, or `reverse`, the opposite"),
+        ("input_bits" = Option<String>, Query, description = "Bits that the camera puts into 16-bit files: `10`, `12` and `14` are brought to full scale; `auto` (default) uses samples as they are and warns when they look like fewer bits; `16` does not warn"),
         ("crop" = Option<String>, Query, description = "`none`, `valid` or `x,y,w,h`; default `none`"),
         ("under_alpha" = Option<crate::model::options::UnderAlpha>, Query, description = "Colour where alpha is 0; default `black`"),
         ("method" = Option<crate::model::options::Method>, Query, description = "How slices are fused; default `unveiled`; `guided` is the paper's method, and the following seven are its parameters"),

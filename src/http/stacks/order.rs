@@ -1,6 +1,7 @@
 //! What the upload of a stack must fit.
 
 use crate::{
+    archive,
     http::{
         extract::path::name,
         intake::order::{Fields, Order},
@@ -11,6 +12,7 @@ use crate::{
     jobs::disk::disk_need_by_profile,
     model::{
         Code, Fault, JobKind, Name, Warning,
+        input::SliceOrder,
         options::{Crop, MaskMode, StackOptions},
         profile::Profile,
         request::{JobRequest, StackLayout, StackRequest, Upload},
@@ -64,7 +66,8 @@ impl Order for StackOrder {
         let profile = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
         if layout.front.len() != *slice_count as usize {
             let found = layout.front.len();
-            let detail = format!("the archive has {found} front-light slices, {profile} has {slice_count}");
+            let skipped = archive::skipped(&layout.front).map_or(String::new(), |skipped| format!(": {skipped}"));
+            let detail = format!("the archive has {found} front-light slices, {profile} has {slice_count}{skipped}");
             return Err(Fault::new(Code::SliceCountMismatch, detail));
         }
         if !layout.back.is_empty() && layout.back.len() != layout.front.len() {
@@ -75,9 +78,23 @@ impl Order for StackOrder {
         if (layout.width, layout.height) != (input.image_width, input.image_height) {
             let (width, height) = (layout.width, layout.height);
             let (right_width, right_height) = (input.image_width, input.image_height);
-            let detail =
-                format!("the slices have {width} x {height} px, {profile} is for {right_width} x {right_height} px");
+            let turned = match layout.orientation {
+                1 => String::new(),
+                tag => format!(
+                    " after their orientation tag ({tag}) was applied; switch off the automatic rotation of the camera, or \
+                     remove the tag (exiftool -Orientation= *.jpg)"
+                ),
+            };
+            let detail = format!(
+                "the slices have {width} x {height} px{turned}; {profile} is for {right_width} x {right_height} px"
+            );
             return Err(Fault::new(Code::SizeMismatch, detail));
+        }
+        if let Some(bits) = self.options.input_bits.bits().filter(|_| layout.bit_depth == 8) {
+            let detail = format!(
+                "input_bits={bits}, but the slices have 8 bits per sample; it is for 16-bit files alone, leave it out"
+            );
+            return Err(Fault::new(Code::InvalidRequest, detail));
         }
         if self.options.mask == MaskMode::Required && layout.back.is_empty() {
             let detail = "mask=required, but the archive has no back-light slices; put them into a folder 'back'";
@@ -87,6 +104,10 @@ impl Order for StackOrder {
     }
 
     fn request(&self, upload: Upload, layout: StackLayout) -> JobRequest {
+        let layout = match self.options.order {
+            SliceOrder::Name => layout,
+            SliceOrder::Reverse => layout.reversed(),
+        };
         JobRequest::Stack(StackRequest {
             options: self.options.clone(),
             profile_revision: self.profile.revision,

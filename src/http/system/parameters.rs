@@ -51,6 +51,7 @@ pub(super) fn precise(name: &str) -> Option<Value> {
         "mask_threshold" => text(r"^(auto|0(\.[0-9]{1,9})?|1(\.0{1,9})?)$"),
         "mask_min_blob_px" | "mask_min_hole_px" => whole(0, u64::from(u32::MAX)),
         "bit_depth" => json!({ "type": "string", "enum": ["auto", "8", "16"] }),
+        "input_bits" => json!({ "type": "string", "enum": ["auto", "10", "12", "14", "16"] }),
         "crop" => text("^(none|valid|[0-9]{1,5},[0-9]{1,5},[1-9][0-9]{0,4},[1-9][0-9]{0,4})$"),
         "r1" | "r2" => whole(1, 200),
         "eps1" | "eps2" => number(1e-9, 10.0),
