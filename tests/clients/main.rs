@@ -1,5 +1,5 @@
 //! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, tus clients, a browser,
-//! and Schemathesis, which asks it whether it keeps its contract.
+//! Schemathesis, which asks it whether it keeps its contract, clients that generators make, and linters of the document.
 //!
 //! Each test needs programs that a fresh machine may lack; it is skipped where they are missing, and fails when
 //! `PINSTACK_TEST_TOOLS=required` says that they must be there.
@@ -8,6 +8,8 @@ mod browser;
 mod contract;
 mod crash;
 mod durability;
+mod generated;
+mod lint;
 mod metadata;
 mod proxy;
 mod server;
@@ -17,7 +19,7 @@ mod zips;
 
 use std::process::Command;
 
-/// True when every program is here. `tuspy` and `tus-js-client` are libraries that Python and node must find.
+/// True when every program is here. `tuspy`, `pydantic` and `tus-js-client` are libraries that Python and node must find.
 fn have(programs: &[&str]) -> bool {
     let missing: Vec<&str> = programs.iter().copied().filter(|p| !is_here(p)).collect();
     if missing.is_empty() {
@@ -32,6 +34,7 @@ fn have(programs: &[&str]) -> bool {
 fn is_here(program: &str) -> bool {
     let command = match program {
         "tuspy" => "python3 -c 'import tusclient'".to_owned(),
+        "pydantic" => "python3 -c 'import pydantic, urllib3, dateutil'".to_owned(),
         "tus-js-client" => "node -e 'require(\"tus-js-client\")'".to_owned(),
         program => format!("command -v {program}"),
     };

@@ -1,0 +1,38 @@
+//! The OpenAPI document as linters that integrators run see it.
+
+use std::{fs, process::Command};
+
+use crate::{have, run};
+
+/// Runs a linter on the document of the program: what it says, and whether it found an error.
+fn linted(program: &str, arguments: &[&str]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let document = folder.path().join("openapi.json");
+    fs::write(&document, run(Command::new(env!("CARGO_BIN_EXE_pinstack")).arg("openapi"))).expect("the document");
+    fs::write(folder.path().join("ruleset.yaml"), "extends: [\"spectral:oas\"]\n").expect("a rule set");
+    let output = Command::new(program)
+        .arg("lint")
+        .args(arguments)
+        .arg(&document)
+        .current_dir(folder.path())
+        .env("REDOCLY_TELEMETRY", "off")
+        .env("REDOCLY_SUPPRESS_UPDATE_NOTICE", "true")
+        .output()
+        .expect("the linter starts");
+    let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{told}");
+}
+
+#[test]
+fn redocly_finds_no_error_in_the_document() {
+    if have(&["redocly"]) {
+        linted("redocly", &["--format", "stylish"]);
+    }
+}
+
+#[test]
+fn spectral_finds_nothing_to_say_about_the_document() {
+    if have(&["spectral"]) {
+        linted("spectral", &["--ruleset", "ruleset.yaml", "--fail-severity", "warn"]);
+    }
+}
