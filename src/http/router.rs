@@ -54,6 +54,8 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::artifacts::depth))
         .routes(routes!(stacks::artifacts::preview))
         .routes(routes!(stacks::cancel::cancel))
+        .routes(routes!(stacks::rerun::rerun))
+        .routes(routes!(stacks::upload::upload))
         // uploads in pieces (tus)
         .routes(routes!(uploads::create::create, uploads::options::options))
         .routes(routes!(uploads::get::get, uploads::head::head, uploads::patch::patch, uploads::delete::delete))

@@ -119,6 +119,7 @@ mod tests {
             profile_digest: String::new(),
             upload: upload(),
             layout: layout(slices, width, bit_depth),
+            rerun_of: None,
         })
     }
 

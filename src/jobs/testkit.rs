@@ -125,7 +125,14 @@ impl Laid {
         let profile = true_profile();
         Self::lay(archive, Some(profile.clone()), |upload, layout| {
             let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
-            JobRequest::Stack(StackRequest { options, profile_revision, profile_digest, upload, layout })
+            JobRequest::Stack(StackRequest {
+                options,
+                profile_revision,
+                profile_digest,
+                upload,
+                layout,
+                rerun_of: None,
+            })
         })
     }
 

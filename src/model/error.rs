@@ -32,6 +32,8 @@ pub enum Code {
     NotFinished,
     /// The job ended without this result (failed, cancelled, or made without a back light).
     NoResult,
+    /// The zip was removed because its time was over; the results are there.
+    UploadRemoved,
     /// The job is in a state in which this cannot be done.
     Conflict,
     /// `If-Match` named a revision that is not the current one.
@@ -99,6 +101,7 @@ impl Code {
             | Self::MethodNotAllowed
             | Self::ProfileNotFound
             | Self::NoResult
+            | Self::UploadRemoved
             | Self::IdempotencyKeyReused
             | Self::UnsupportedMediaType
             | Self::NotAcceptable

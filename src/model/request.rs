@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 use super::{Name, options::StackOptions, profile::CaptureMode};
 
@@ -69,6 +70,9 @@ pub struct StackRequest {
     pub upload: Upload,
     /// What is in it.
     pub layout: StackLayout,
+    /// The stack whose zip is used again; `None` when the zip was sent for this stack.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rerun_of: Option<Uuid>,
 }
 
 /// Which family of maps a calibration uses.

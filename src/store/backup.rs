@@ -6,6 +6,7 @@
 //! that are still arriving are not copied: their clients have them.
 
 use std::{
+    collections::HashMap,
     fs, io,
     path::{Path, PathBuf},
     time::Duration,
@@ -91,8 +92,10 @@ async fn copy_once(
     }
     copied.jobs = 0;
     let mut is_whole = true;
-    for job in every_job(&copied_rows).await? {
-        is_whole = copy_job(rows, blobs, target, &job, copied).await?;
+    let mut shared = Shared::new();
+    // the oldest first: a rerun shares the zip of an older stack, which an earlier copy may have brought
+    for job in every_job(&copied_rows).await?.iter().rev() {
+        is_whole = copy_job(rows, blobs, target, job, &mut shared, copied).await?;
         copied.jobs += 1;
         if !is_whole {
             break;
@@ -165,17 +168,23 @@ async fn copy_job(
     blobs: &dyn Blobs,
     target: &LocalBlobs,
     job: &Job,
+    shared: &mut Shared,
     copied: &mut Copied,
 ) -> StoreResult<bool> {
     let upload = (!job.upload_removed).then(|| job.request.upload().key.as_str());
     let results = job.outcome.as_ref().map(|outcome| outcome.artifacts()).unwrap_or_default();
     for key in upload.into_iter().chain(results.iter().map(|artifact| artifact.key.as_str())) {
         if target.local_path(key).await?.is_some() {
+            if let Some(from) = blobs.local_path(key).await?
+                && let Some(inode) = shared_inode(&from).await
+            {
+                shared.insert(inode, key.to_owned());
+            }
             copied.kept += 1;
             continue;
         }
         let there = match blobs.local_path(key).await? {
-            Some(from) => copy_file(from, target, key).await?,
+            Some(from) => copy_or_share(from, target, key, shared).await?,
             None => None,
         };
         match there {
@@ -194,6 +203,33 @@ async fn copy_job(
         }
     }
     Ok(true)
+}
+
+/// Keys of files in the copy whose bytes more than one key of the store shares, by the inode that they have in the store.
+type Shared = HashMap<(u64, u64), String>;
+
+/// Device and inode of a file that has more than one name.
+async fn shared_inode(file: &Path) -> Option<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    let metadata = tokio::fs::metadata(file).await.ok()?;
+    (metadata.nlink() > 1).then(|| (metadata.dev(), metadata.ino()))
+}
+
+/// Copies one file; what shares its bytes in the store shares them in the copy, too. `None` when it went meanwhile.
+async fn copy_or_share(from: PathBuf, target: &LocalBlobs, key: &str, shared: &mut Shared) -> StoreResult<Option<u64>> {
+    let inode = shared_inode(&from).await;
+    if let Some(same) = inode.and_then(|inode| shared.get(&inode)) {
+        let spooled = target.spool_dir().join(uuid::Uuid::now_v7().to_string());
+        if target.share(same, &spooled).await? {
+            target.publish(&spooled, key).await?;
+            return Ok(Some(0));
+        }
+    }
+    let copied = copy_file(from, target, key).await?;
+    if let (Some(inode), Some(_)) = (inode, copied) {
+        shared.insert(inode, key.to_owned());
+    }
+    Ok(copied)
 }
 
 /// Copies one file, durably. `None` when it went meanwhile.

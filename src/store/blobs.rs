@@ -24,6 +24,10 @@ pub trait Blobs: Send + Sync + 'static {
     /// Makes the file at `path` (in the spool folder) the blob `key`: fsync file, rename, fsync folder.
     /// On return it survives a crash; the file at `path` is gone.
     async fn publish(&self, path: &Path, key: &str) -> StoreResult<()>;
+    /// Makes the blob `key` a file of the spool folder too, at `path`, where nothing is yet; it can be published under
+    /// another key. The bytes are shared, not copied, where the blob store can do that, and they stay until both are
+    /// gone. False when there is no such blob.
+    async fn share(&self, key: &str, path: &Path) -> StoreResult<bool>;
     /// A readable, seekable local file with the blob's bytes; `None` when there is no such blob.
     async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>>;
     /// Removes every blob of a job (`uploads/{id}.zip`, `results/{id}/`).

@@ -91,6 +91,7 @@ pub(crate) fn stack() -> NewJob {
             profile_digest: "d".into(),
             upload: upload(),
             layout: layout(),
+            rerun_of: None,
         }),
         warnings: vec![],
         idempotency: None,

@@ -157,11 +157,12 @@ async fn where_so_configured_a_token_sees_only_its_own_stacks() {
     assert!(send(&ann).await.unwrap().headers().contains_key("idempotency-replayed"));
 
     let url = format!("/v1/stacks/{}", id(&of_ann));
-    for path in ["", "/events", "/image", "/metrics", "/preview"] {
+    for path in ["", "/events", "/image", "/metrics", "/preview", "/upload"] {
         let path = format!("{url}{path}");
         problem(app.get(&path).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
     }
     problem(app.post(&format!("{url}/cancel")).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
+    problem(app.post(&format!("{url}/rerun")).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
     problem(app.delete(&url).bearer_auth(&ben).send().await.unwrap(), 404, "not_found").await;
     for token in [&ann, &admin] {
         assert_eq!(status(app.get(&url), token).await, 200);
@@ -316,6 +317,9 @@ async fn a_token_takes_no_more_than_its_quota() {
     let told = problem(post(&small).send().await.unwrap(), 507, "insufficient_storage").await;
     let detail = told["detail"].as_str().unwrap();
     assert!(["'small'", &format!("{length} of {} are used", length * 3 / 2)].iter().all(|part| detail.contains(part)));
+    // a rerun counts in full: it keeps the zip when the first stack is deleted
+    let again = app.post(&format!("/v1/stacks/{}/rerun", id(&first))).bearer_auth(&small);
+    problem(again.send().await.unwrap(), 507, "insufficient_storage").await;
     // how long it is only its end tells
     let chunks = futures::stream::iter([Ok::<_, std::io::Error>(zip.clone())]);
     let streamed = app.post(POST).bearer_auth(&small).body(reqwest::Body::wrap_stream(chunks));

@@ -17,6 +17,7 @@ mod profile_files;
 mod profiles;
 mod profiles_elsewhere;
 mod reports;
+mod reruns;
 mod results;
 mod service;
 mod stack_input;

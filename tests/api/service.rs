@@ -158,6 +158,8 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         ("/v1/stacks/{id}/preview", "get"),
         ("/v1/stacks/{id}/metrics", "get"),
         ("/v1/stacks/{id}/cancel", "post"),
+        ("/v1/stacks/{id}/rerun", "post"),
+        ("/v1/stacks/{id}/upload", "get"),
         ("/v1/uploads", "post"),
         ("/v1/uploads", "options"),
         ("/v1/uploads/{id}", "head"),

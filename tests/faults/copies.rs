@@ -68,6 +68,30 @@ async fn a_copy_taken_while_the_service_works_is_whole_and_can_be_restored_and_s
 }
 
 #[tokio::test]
+async fn stacks_that_share_a_zip_share_it_in_the_copy() {
+    let (mut story, [first, second], image) = with_two_stacks().await;
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy");
+    backup(&story.data(), &copy);
+    // one before the copy is brought up to date, one of a stack that is new in it
+    let again = story.rerun(&first, "again").await.expect("a stack");
+    let third = story.post("c").await.expect("a stack");
+    let third_again = story.rerun(&third, "third again").await.expect("a stack");
+    for stack in [&again, &third, &third_again] {
+        assert_eq!(story.image(stack).await.expect("an image"), image);
+    }
+    backup(&story.data(), &copy);
+    assert!(verified(&copy).starts_with("5 jobs, 30 files"));
+    let inode = |stack: &str| {
+        use std::os::unix::fs::MetadataExt;
+        let id = stack.rsplit('/').next().expect("an id");
+        fs::metadata(copy.join(format!("blobs/uploads/{id}.zip"))).expect("a zip").ino()
+    };
+    assert_eq!((inode(&first), inode(&third)), (inode(&again), inode(&third_again)));
+    assert_ne!(inode(&first), inode(&second), "the same bytes, sent twice, are two files");
+}
+
+#[tokio::test]
 async fn a_copy_that_is_killed_at_any_step_leaves_the_one_before_whole_and_can_be_taken_again() {
     let (mut story, _, _) = with_two_stacks().await;
     let folder = TempDir::new().expect("a folder");

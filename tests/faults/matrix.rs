@@ -46,6 +46,11 @@ async fn day(fault: &str) -> Vec<String> {
     assert_eq!(insist!(story.count()), 1, "however often it was asked for");
     let image = insist!(story.image(&whole));
 
+    let again = insist!(story.rerun(&whole, "again"));
+    assert_eq!(insist!(story.rerun(&whole, "again")), again, "a repeat is answered with the first rerun");
+    assert_eq!(insist!(story.count()), 2, "however often it was asked for");
+    assert_eq!(insist!(story.image(&again)), image, "the same options and zip give the same bytes");
+
     insist!(story.converted(&whole));
     insist!(story.garbage());
 
@@ -58,7 +63,7 @@ async fn day(fault: &str) -> Vec<String> {
         }
     };
     assert_eq!(insist!(story.image(&in_pieces)), image, "the same stack gives the same bytes");
-    assert_eq!(insist!(story.count()), 2, "an upload in pieces becomes one stack");
+    assert_eq!(insist!(story.count()), 3, "an upload in pieces becomes one stack");
 
     let third = insist!(story.post("third"));
     let promised = insist!(story.cancel(&third));
@@ -70,7 +75,8 @@ async fn day(fault: &str) -> Vec<String> {
     insist!(story.delete(&whole));
     insist!(story.delete("/v1/profiles/rig/lens"));
     assert_eq!(insist!(story.image(&in_pieces)), image, "what nobody deleted is there");
-    assert_eq!(insist!(story.count()), 2);
+    insist!(story.upload(&again));
+    assert_eq!(insist!(story.count()), 3);
     story.end().await
 }
 

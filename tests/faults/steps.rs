@@ -7,7 +7,7 @@ use std::{
 };
 
 /// What makes something durable, or undoes it.
-const DURABLE: [&str; 15] = [
+const DURABLE: [&str; 16] = [
     ".commit()",
     "sync_all(",
     "sync_data(",
@@ -16,6 +16,7 @@ const DURABLE: [&str; 15] = [
     "fs::create_dir",
     "fs::write(",
     "fs::copy(",
+    "fs::hard_link(",
     ".set_len(",
     "create(true)",
     "create_new(true)",

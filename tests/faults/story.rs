@@ -187,6 +187,21 @@ impl Story {
         Ok(posted.header("location").to_owned())
     }
 
+    /// A stack made again of the zip that is there, under a key: its path.
+    pub async fn rerun(&mut self, path: &str, key: &str) -> Told<String> {
+        let posted =
+            self.send(|client, url| client.post(format!("{url}{path}/rerun")).header("idempotency-key", key)).await?;
+        assert_eq!(posted.status, StatusCode::ACCEPTED, "{}", posted.json());
+        Ok(posted.header("location").to_owned())
+    }
+
+    /// Downloads the zip of a stack: it is the one that was sent.
+    pub async fn upload(&mut self, path: &str) -> Told<()> {
+        let upload = self.get(&format!("{path}/upload")).await?;
+        assert_eq!((upload.status, &upload.body), (StatusCode::OK, &self.zip), "the zip is there, and whole");
+        Ok(())
+    }
+
     /// A dot target to be measured: the path of the calibration.
     pub async fn calibrate(&mut self, target: Vec<u8>) -> Told<String> {
         let path = "/v1/profiles/rig/lens/calibrations";

@@ -48,7 +48,17 @@ fn need(archive: &StackArchive, largest_file_bytes: u64) -> u64 {
     layout.largest_file_bytes = largest_file_bytes;
     let upload = Upload { key: String::new(), bytes: 0, sha256: String::new(), filename: None };
     let (options, profile_digest) = (Default::default(), String::new());
-    memory_need(&JobRequest::Stack(StackRequest { options, profile_revision: 1, profile_digest, upload, layout }), 1)
+    memory_need(
+        &JobRequest::Stack(StackRequest {
+            options,
+            profile_revision: 1,
+            profile_digest,
+            upload,
+            layout,
+            rerun_of: None,
+        }),
+        1,
+    )
 }
 
 #[test]

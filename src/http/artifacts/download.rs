@@ -49,15 +49,25 @@ pub struct Download {
 /// # Errors
 /// `not_found` when it was deleted a moment ago.
 pub async fn stored(app: &App, artifact: &Artifact, name: String) -> ApiResult<Download> {
-    let path = app.blobs.local_path(&artifact.key).await?;
     let gone = || ApiError::new(Code::NotFound, format!("the {} was deleted", artifact.name));
-    let file = match File::open(path.ok_or_else(gone)?).await {
-        Ok(file) => file,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Err(gone()),
-        Err(error) => return Err(ApiError::internal(format!("blob {}: {error}", artifact.key))),
-    };
-    let length = file.metadata().await.map_err(ApiError::internal)?.len();
+    let (file, length) = open(app, &artifact.key).await?.ok_or_else(gone)?;
     Ok(Download { file, length, tag: artifact.sha256.clone(), media_type: artifact.media_type.clone(), name })
+}
+
+/// A blob and its size; `None` when it is gone.
+///
+/// # Errors
+/// When it cannot be read.
+pub async fn open(app: &App, key: &str) -> ApiResult<Option<(File, u64)>> {
+    let Some(path) = app.blobs.local_path(key).await? else { return Ok(None) };
+    match File::open(path).await {
+        Ok(file) => {
+            let length = file.metadata().await.map_err(ApiError::internal)?.len();
+            Ok(Some((file, length)))
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(ApiError::internal(format!("blob {key}: {error}"))),
+    }
 }
 
 impl Download {

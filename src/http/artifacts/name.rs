@@ -33,6 +33,11 @@ pub fn of(job: &Job, what: &str, media_type: &str) -> String {
     format!("{stem}_{short}{suffix}.{extension}")
 }
 
+/// The file name of the zip of a job: as it was sent, or made up.
+pub fn of_upload(job: &Job) -> String {
+    job.request.upload().filename.clone().unwrap_or_else(|| format!("{}.zip", job.id))
+}
+
 /// Without what file systems, shells and photogrammetry tools stumble over: blanks, separators, quotes.
 fn tidy(text: &str) -> String {
     let replaced: String =
@@ -40,15 +45,28 @@ fn tidy(text: &str) -> String {
     replaced.trim_matches(['.', '_']).to_owned()
 }
 
-/// `Content-Disposition` as RFC 6266 has it: an ASCII name for everybody, and the right one for who can read it.
+/// `Content-Disposition` as RFC 6266 has it, of a file to look at: an ASCII name for everybody, and the right one for who
+/// can read it.
 pub fn disposition(name: &str) -> HeaderValue {
-    let ascii: String = name.chars().map(|c| if c.is_ascii() { c } else { '_' }).collect();
-    let extended = utf8_percent_encode(name, ATTR_CHAR);
-    let value = match name.is_ascii() {
-        true => format!("inline; filename=\"{ascii}\""),
-        false => format!("inline; filename=\"{ascii}\"; filename*=UTF-8''{extended}"),
+    disposition_as("inline", name)
+}
+
+/// The same of a file to save. The name may be one that a client chose.
+pub fn attachment(name: &str) -> HeaderValue {
+    disposition_as("attachment", name)
+}
+
+fn disposition_as(kind: &'static str, name: &str) -> HeaderValue {
+    // a quoted string has escapes of its own that clients read in different ways
+    let plain = |c: char| (c.is_ascii_graphic() || c == ' ') && !['"', '\\', '%'].contains(&c);
+    let ascii: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
+    let value = if ascii == name {
+        format!("{kind}; filename=\"{ascii}\"")
+    } else {
+        let extended = utf8_percent_encode(name, ATTR_CHAR);
+        format!("{kind}; filename=\"{ascii}\"; filename*=UTF-8''{extended}")
     };
-    HeaderValue::from_str(&value).unwrap_or_else(|_| HeaderValue::from_static("inline"))
+    HeaderValue::from_str(&value).unwrap_or_else(|_| HeaderValue::from_static(kind))
 }
 
 #[cfg(test)]
@@ -67,5 +85,6 @@ mod tests {
         let value = disposition("käfer_1.png");
         assert_eq!(value, "inline; filename=\"k_fer_1.png\"; filename*=UTF-8''k%C3%A4fer_1.png");
         assert_eq!(disposition("bee.png"), "inline; filename=\"bee.png\"");
+        assert_eq!(attachment("a\"b.zip"), "attachment; filename=\"a_b.zip\"; filename*=UTF-8''a%22b.zip");
     }
 }

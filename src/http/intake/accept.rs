@@ -51,6 +51,23 @@ pub async fn upload<O: Order, V: Serialize>(
         caller.require_quota(app, content_length(headers).unwrap_or(0)).await?;
     }
     let (order, file) = receive::<O>(app, caller, headers, body, fields, is_repeat).await?;
+    complete(app, caller, headers, order, file, key, view).await
+}
+
+/// The end of that way, for a zip that is whole and here: from the zip to the answer.
+///
+/// # Errors
+/// What is wrong with the zip, or that it does not fit the order; `queue_full`, `idempotency_key_reused`,
+/// `insufficient_storage`.
+pub async fn complete<O: Order, V: Serialize>(
+    app: &App,
+    caller: &Caller,
+    headers: &HeaderMap,
+    order: O,
+    file: Spooled,
+    key: Option<String>,
+    view: fn(&Job) -> Option<V>,
+) -> ApiResult<Response> {
     // from here on the bytes are ours: the job is made also when the client does not wait for the answer
     let accepting = background::spawn(accept(app.clone(), caller.clone(), order, file, key));
     let accepted = accepting.await.map_err(ApiError::internal)??;

@@ -7,6 +7,7 @@ use futures::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 use tempfile::TempPath;
 use tokio::io::AsyncWriteExt;
+use uuid::Uuid;
 
 use super::reservation::UploadReservation;
 use crate::{
@@ -14,7 +15,7 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
+    model::{Code, request::Upload},
     store::step::step,
 };
 
@@ -31,6 +32,21 @@ pub struct Spooled {
 }
 
 impl Spooled {
+    /// The zip of a job as a file in the spool folder, without sending or copying it. `None` when it is gone.
+    ///
+    /// # Errors
+    /// When the blob store cannot share it.
+    pub async fn of_stored(app: &App, upload: &Upload) -> ApiResult<Option<Self>> {
+        let path = app.blobs.spool_dir().join(format!("rerun-{}", Uuid::now_v7()));
+        // from here on the file goes when this does, also when the request is given up
+        let path = TempPath::try_from_path(path).map_err(cannot_write)?;
+        if !app.blobs.share(&upload.key, &path).await? {
+            return Ok(None);
+        }
+        let Upload { bytes, sha256, filename, .. } = upload.clone();
+        Ok(Some(Self { path, bytes, sha256, filename }))
+    }
+
     /// Where it lies.
     pub fn path(&self) -> &Path {
         &self.path

@@ -9,3 +9,5 @@ pub mod get;
 pub mod list;
 pub mod metrics;
 pub mod order;
+pub mod rerun;
+pub mod upload;

@@ -1,5 +1,7 @@
 //! What the upload of a stack must fit.
 
+use uuid::Uuid;
+
 use crate::{
     archive,
     http::{
@@ -23,6 +25,20 @@ use crate::{
 pub struct StackOrder {
     profile: Profile,
     options: StackOptions,
+    /// The stack whose zip is used again.
+    rerun_of: Option<Uuid>,
+}
+
+impl StackOrder {
+    /// A stack with these options and this revision of its profile.
+    ///
+    /// # Errors
+    /// `invalid_request` for options that break a rule, or a crop that leaves the profile's canvas.
+    pub fn new(profile: Profile, options: StackOptions, rerun_of: Option<Uuid>) -> ApiResult<Self> {
+        options.check()?;
+        check_crop(&options, &profile)?;
+        Ok(Self { profile, options, rerun_of })
+    }
 }
 
 impl Order for StackOrder {
@@ -42,11 +58,11 @@ impl Order for StackOrder {
         };
         let (rig, lens) = (named("rig")?, named("lens")?);
         let options: StackOptions = fields.options()?;
+        // before the profile is looked for: what is wrong in the request itself is told first
         options.check()?;
         let profile = app.rows.profile(&rig, &lens, options.profile_revision).await?;
         let profile = profile.ok_or_else(|| not_found(&rig, &lens, options.profile_revision))?;
-        check_crop(&options, &profile)?;
-        Ok(Self { profile, options })
+        Self::new(profile, options, None)
     }
 
     fn key(&self) -> (&Name, &Name) {
@@ -58,7 +74,12 @@ impl Order for StackOrder {
     }
 
     fn asked(&self) -> serde_json::Value {
-        serde_json::json!({ "rig": self.profile.rig, "lens": self.profile.lens, "options": self.options })
+        let mut asked =
+            serde_json::json!({ "rig": self.profile.rig, "lens": self.profile.lens, "options": self.options });
+        if let Some(id) = self.rerun_of {
+            asked["rerun_of"] = serde_json::json!(id);
+        }
+        asked
     }
 
     fn check(&self, layout: &StackLayout) -> Result<Vec<Warning>, Fault> {
@@ -114,6 +135,7 @@ impl Order for StackOrder {
             profile_digest: self.profile.digest.clone(),
             upload,
             layout,
+            rerun_of: self.rerun_of,
         })
     }
 }

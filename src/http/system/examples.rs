@@ -35,6 +35,10 @@ pub fn sentence(code: Code) -> &'static str {
         }
         Code::NotFinished => "the job is running; its result exists when it has succeeded",
         Code::NoResult => "the stack has no back light, so it has no mask",
+        Code::UploadRemoved => {
+            "the zip of this stack was removed because its time was over (keep_uploads_days of the server); its results are \
+             there; send the zip again for another result"
+        }
         Code::Conflict => "the stack has succeeded already, so it cannot be cancelled",
         Code::PreconditionFailed => "the profile is at revision 4 now; read it again and decide",
         Code::IdempotencyKeyReused => {

@@ -103,6 +103,10 @@ fn description(code: Code) -> &'static str {
         Code::NoResult => {
             "The job ended without this result: it failed, was cancelled, or was made without a back light. The job says why."
         }
+        Code::UploadRemoved => {
+            "The zip of the stack was removed because its time was over (keep_uploads_days of the server). The results are \
+             there; send the zip again for another result."
+        }
         Code::Conflict => "The state of the job or upload does not allow this. Read the state again and decide.",
         Code::PreconditionFailed => {
             "If-Match named a revision that is not the current one, or another version of tus was asked for. Read again and \

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
@@ -24,6 +25,8 @@ pub struct Stack {
     pub profile_revision: u32,
     /// SHA-256 of that revision's geometry and gains, hex.
     pub profile_digest: String,
+    /// The stack whose zip is used again; null when the zip was sent for this stack.
+    pub rerun_of: Option<Uuid>,
     /// Every option as it is used, defaults filled in.
     pub options: StackOptions,
     /// The slices in the order in which they are used.
@@ -51,6 +54,12 @@ pub struct StackLinks {
     /// `POST` here to stop it; gone once it has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cancel: Option<String>,
+    /// `POST` here to fuse the same zip again; gone once the zip is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rerun: Option<String>,
+    /// The zip as it was sent; gone once the zip is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub upload: Option<String>,
     /// Its metrics.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metrics: Option<String>,
@@ -88,6 +97,8 @@ impl Stack {
             events: format!("{url}/events"),
             profile: profile_url(job, request.profile_revision),
             cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),
+            rerun: (!job.upload_removed).then(|| format!("{url}/rerun")),
+            upload: (!job.upload_removed).then(|| format!("{url}/upload")),
             metrics: outcome.map(|_| format!("{url}/metrics")),
             image: link("image"),
             mask: link("mask"),
@@ -100,6 +111,7 @@ impl Stack {
             job: JobView::of(job),
             profile_revision: request.profile_revision,
             profile_digest: request.profile_digest.clone(),
+            rerun_of: request.rerun_of,
             options: request.options.clone(),
             slices: request.layout.clone(),
             image: outcome.map(|o| o.image.clone()),

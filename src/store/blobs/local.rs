@@ -144,6 +144,15 @@ fn publish(from: &Path, to: &Path, root: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// A second name for the same bytes. File systems that have no hard links (exFAT, some network shares) get a copy.
+fn share(from: &Path, to: &Path) -> io::Result<()> {
+    step("share.link")?;
+    match fs::hard_link(from, to) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => fs::copy(from, to).map(drop),
+        linked => linked,
+    }
+}
+
 fn make_and_rename(from: &Path, to: &Path, folder: &Path) -> io::Result<()> {
     step("publish.folders")?;
     fs::create_dir_all(folder)?;
@@ -169,6 +178,16 @@ impl Blobs for LocalBlobs {
         let (from, root, key) = (path.to_owned(), self.root.clone(), key.to_owned());
         blocking(move || publish(&from, &to, &root).map_err(|e| StoreError::of_io(e, format!("cannot publish {key}"))))
             .await
+    }
+
+    async fn share(&self, key: &str, path: &Path) -> StoreResult<bool> {
+        let (from, to, key) = (self.path_of(key)?, path.to_owned(), key.to_owned());
+        blocking(move || match share(&from, &to) {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(StoreError::of_io(error, format!("cannot share {key}"))),
+        })
+        .await
     }
 
     async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {

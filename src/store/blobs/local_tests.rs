@@ -35,6 +35,7 @@ macro_rules! conforms {
 
 conforms!(
     a_published_file_is_the_blob_and_leaves_the_spool,
+    a_shared_blob_stays_until_the_last_of_its_jobs_is_deleted,
     no_key_leads_out_of_the_store,
     deleting_a_job_removes_its_blobs_and_no_others,
     only_results_of_older_leases_are_stale,

@@ -39,6 +39,21 @@ pub(crate) async fn a_published_file_is_the_blob_and_leaves_the_spool(blobs: &dy
     assert!(room.free > 0 && room.free <= room.total);
 }
 
+pub(crate) async fn a_shared_blob_stays_until_the_last_of_its_jobs_is_deleted(blobs: &dyn Blobs) {
+    let (first, again) = (Uuid::now_v7(), Uuid::now_v7());
+    let path = blobs.spool_dir().join("shared");
+    assert!(!blobs.share(&upload_key(first), &path).await.unwrap(), "there is no such blob");
+    assert!(!path.exists());
+    publish(blobs, &upload_key(first)).await;
+    assert!(blobs.share(&upload_key(first), &path).await.unwrap());
+    blobs.publish(&path, &upload_key(again)).await.unwrap();
+    assert!(!path.exists());
+    blobs.delete_job(first).await.unwrap();
+    assert!(!is_there(blobs, &upload_key(first)).await);
+    let found = blobs.local_path(&upload_key(again)).await.unwrap().expect("it is there");
+    assert_eq!(fs::read(found).unwrap(), upload_key(first).as_bytes(), "the bytes of the first");
+}
+
 pub(crate) async fn no_key_leads_out_of_the_store(blobs: &dyn Blobs) {
     let path = spooled(blobs, b"x");
     for key in ["../x", "/etc/x", "uploads/../../x", "uploads//x", "", "a/.", "a\\b", "results/.hidden"] {

@@ -39,6 +39,9 @@ impl Blobs for SmallDisk {
     async fn publish(&self, path: &Path, key: &str) -> StoreResult<()> {
         self.blobs.publish(path, key).await
     }
+    async fn share(&self, key: &str, path: &Path) -> StoreResult<bool> {
+        self.blobs.share(key, path).await
+    }
     async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {
         self.blobs.local_path(key).await
     }

@@ -45,7 +45,7 @@ worker_test! {
 
         let stack = accept_archive(&stage.deps, &testkit::both_zip(), |upload, layout| {
             let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
-            JobRequest::Stack(StackRequest { options: Default::default(), profile_revision, profile_digest, upload, layout })
+            JobRequest::Stack(StackRequest { options: Default::default(), profile_revision, profile_digest, upload, layout, rerun_of: None })
         })
         .await;
         let ended = stage.ended(stack).await;
