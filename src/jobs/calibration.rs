@@ -70,9 +70,10 @@ pub fn run(
     warnings.extend(measured.warnings);
     let outcome = JobOutcome::Calibration(CalibrationOutcome {
         artifacts,
-        // both are the store's to say
+        // these are the store's to say
         profile_revision: 0,
         profile_digest: String::new(),
+        profile_optics_digest: None,
         reference_index: u32::try_from(measured.reference_index).unwrap_or(u32::MAX),
         slices: measured.slices,
         dot_pitch_px: Some(measured.dot_pitch_px).filter(|pitch| pitch.is_finite()),

@@ -117,6 +117,7 @@ mod tests {
             options: Default::default(),
             profile_revision: 1,
             profile_digest: String::new(),
+            profile_optics_digest: None,
             upload: upload(),
             layout: layout(slices, width, bit_depth),
             rerun_of: None,

@@ -24,7 +24,10 @@ use crate::{
         profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
         request::{CalibrationOptions, CalibrationRequest, JobRequest, StackRequest, Upload},
     },
-    store::{Job, digest::profile_digest},
+    store::{
+        Job,
+        digest::{optics_digest, profile_digest},
+    },
     synth::{DotTarget, Light, Rig, Scene, Stage, Truth, target_stack},
 };
 
@@ -101,6 +104,7 @@ pub(crate) fn true_profile() -> Profile {
         lens: Name::new("lens").expect("a name"),
         revision: 1,
         digest: profile_digest(&input),
+        optics_digest: optics_digest(&input),
         created_at: Timestamp::UNIX_EPOCH,
         source: ProfileSource::Upload,
         calibration_id: None,
@@ -125,10 +129,12 @@ impl Laid {
         let profile = true_profile();
         Self::lay(archive, Some(profile.clone()), |upload, layout| {
             let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
+            let profile_optics_digest = Some(profile.optics_digest.clone());
             JobRequest::Stack(StackRequest {
                 options,
                 profile_revision,
                 profile_digest,
+                profile_optics_digest,
                 upload,
                 layout,
                 rerun_of: None,

@@ -54,6 +54,9 @@ pub struct CalibrationOutcome {
     pub profile_revision: u32,
     /// Its digest.
     pub profile_digest: String,
+    /// The digest of its optics; `None` in rows of before there was one.
+    #[serde(default)]
+    pub profile_optics_digest: Option<String>,
     /// 0-based index of the reference slice.
     pub reference_index: u32,
     /// One entry per slice.

@@ -268,6 +268,10 @@ pub struct Profile {
     pub revision: u32,
     /// SHA-256 of what defines the geometry and the gains, hex; results name it.
     pub digest: String,
+    /// SHA-256 of what describes the camera and not the pixels, hex: principal distance, principal point, pixel pitch,
+    /// magnification, capture mode, rail positions. EXIF and intrinsics are made from these; results name it too.
+    #[serde(default)]
+    pub optics_digest: String,
     /// When this revision was stored.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,

@@ -66,6 +66,9 @@ pub struct StackRequest {
     pub profile_revision: u32,
     /// Its digest.
     pub profile_digest: String,
+    /// The digest of its optics; `None` in rows of before there was one.
+    #[serde(default)]
+    pub profile_optics_digest: Option<String>,
     /// The zip.
     pub upload: Upload,
     /// What is in it.

@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
-use crate::model::profile::ProfileInput;
+use crate::model::profile::{CaptureMode, ProfileInput};
 
 /// SHA-256 (hex) of what defines the geometry and the gains of a profile: image size, reference slice, and for each
 /// slice the nine numbers of its homography and its gain (1 where none is given). Note, rail positions and where the
@@ -20,6 +20,35 @@ pub fn profile_digest(input: &ProfileInput) -> String {
             hash.update((number + 0.0).to_le_bytes());
         }
     }
+    hex(&hash.finalize())
+}
+
+/// SHA-256 (hex) of what a profile says about the camera and not about pixels: principal distance, principal point, pixel
+/// pitch, magnification, capture mode and rail positions. EXIF, intrinsics and scales in mm are made from these. Together
+/// with [`profile_digest`] it covers every number of a profile.
+pub fn optics_digest(input: &ProfileInput) -> String {
+    let mut hash = Sha256::new();
+    hash.update(b"pinstack optics 1\0");
+    let mut optional = |numbers: Option<&[f64]>| match numbers {
+        None => hash.update([0]),
+        Some(numbers) => {
+            hash.update([1]);
+            hash.update((numbers.len() as u64).to_le_bytes());
+            for number in numbers {
+                hash.update((number + 0.0).to_le_bytes());
+            }
+        }
+    };
+    for number in [input.principal_distance_mm, input.pixel_pitch_mm, input.magnification] {
+        optional(number.as_ref().map(std::slice::from_ref));
+    }
+    optional(input.principal_point_px.as_ref().map(<[f64; 2]>::as_slice));
+    optional(input.rail_positions_mm.as_deref());
+    hash.update([match input.capture_mode {
+        None => 0,
+        Some(CaptureMode::FixedLens) => 1,
+        Some(CaptureMode::MovingLens) => 2,
+    }]);
     hex(&hash.finalize())
 }
 
@@ -60,5 +89,30 @@ mod tests {
         let mut moved = input();
         moved.homographies[1].0[2] = 0.500_000_1;
         assert_ne!(base, profile_digest(&moved));
+    }
+
+    #[test]
+    fn the_optics_digest_changes_with_each_number_of_the_camera_and_with_no_pixel() {
+        let base = optics_digest(&input());
+        let mut moved = input();
+        moved.homographies[1].0[2] = 0.75;
+        assert_eq!(base, optics_digest(&ProfileInput { note: Some("of Tuesday".into()), ..moved }));
+        let changed = [
+            ProfileInput { principal_distance_mm: Some(130.0), ..input() },
+            ProfileInput { pixel_pitch_mm: Some(0.004), ..input() },
+            ProfileInput { magnification: Some(0.004), ..input() },
+            ProfileInput { principal_point_px: Some([320.0, 240.0]), ..input() },
+            ProfileInput { rail_positions_mm: Some(vec![320.0, 240.0]), ..input() },
+            ProfileInput { capture_mode: Some(CaptureMode::FixedLens), ..input() },
+            ProfileInput { capture_mode: Some(CaptureMode::MovingLens), ..input() },
+        ];
+        let mut digests: Vec<String> = changed.iter().map(optics_digest).collect();
+        digests.push(base);
+        for changed in &changed {
+            assert_eq!(profile_digest(changed), profile_digest(&input()), "the pixels are the same");
+        }
+        digests.sort();
+        digests.dedup();
+        assert_eq!(digests.len(), changed.len() + 1);
     }
 }

@@ -14,7 +14,7 @@ use uuid::Uuid;
 use super::{
     Job, JobFilter, PageRequest, Rows, StoreResult,
     blobs::Blobs,
-    digest::{hex, profile_digest},
+    digest::{hex, optics_digest, profile_digest},
 };
 use crate::model::{JobState, profile::Profile};
 
@@ -96,9 +96,9 @@ async fn every_revision(rows: &dyn Rows, profile: &Profile, report: &mut Report)
     let mut cursor = None;
     loop {
         let page = rows.revisions(&profile.rig, &profile.lens, &PageRequest { limit: PAGE, cursor }).await?;
-        for Profile { rig, lens, revision, digest, input, .. } in &page.items {
+        for Profile { rig, lens, revision, digest, optics_digest: optics, input, .. } in &page.items {
             report.revisions += 1;
-            if profile_digest(input) != *digest {
+            if profile_digest(input) != *digest || optics_digest(input) != *optics {
                 report.faults.push(format!("revision {revision} of profile {rig}/{lens} is not what its digest says"));
             }
         }

@@ -129,6 +129,7 @@ impl TestApp {
                 ],
                 profile_revision: 1,
                 profile_digest: "0".repeat(64),
+                profile_optics_digest: Some("1".repeat(64)),
                 reference_index: 1,
                 slices: Vec::new(),
                 dot_pitch_px: Some(12.5),

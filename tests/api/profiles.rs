@@ -118,3 +118,19 @@ async fn a_list_comes_a_page_at_a_time_and_can_be_narrowed() {
         problem(app.get(&format!("/v1/profiles?{bad}")).send().await.unwrap(), 400, "invalid_request").await;
     }
 }
+
+#[tokio::test]
+async fn the_optics_have_a_digest_of_their_own_and_each_stack_names_it() {
+    let app = TestApp::start().await;
+    let first = app.with_stack("").await;
+    let mut told = profile(2);
+    told["principal_distance_mm"] = json!(121);
+    told["pixel_pitch_mm"] = json!(0.006);
+    let stored: Value = app.put(URL).json(&told).send().await.unwrap().json().await.unwrap();
+    let second = app.post("/v1/stacks?rig=rig&lens=lens").body(crate::app::stack_zip(2, 0)).send().await.unwrap();
+    let second: Value = second.json().await.unwrap();
+    assert_eq!(first["profile_digest"], second["profile_digest"], "the pixels are the same");
+    assert_ne!(first["profile_optics_digest"], second["profile_optics_digest"]);
+    assert_eq!(second["profile_optics_digest"], stored["optics_digest"]);
+    assert_eq!(stored["optics_digest"].as_str().map(str::len), Some(64));
+}

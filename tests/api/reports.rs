@@ -105,6 +105,7 @@ async fn calibrated(app: &TestApp, shift: f64) -> String {
         artifacts: vec![kept(app, &job, &report(shift)).await],
         profile_revision: 0,
         profile_digest: String::new(),
+        profile_optics_digest: None,
         reference_index: 1,
         slices,
         dot_pitch_px: Some(5.0),

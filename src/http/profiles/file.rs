@@ -14,7 +14,7 @@ use crate::{
     },
     store::{
         ProfileDraft,
-        digest::{hex, profile_digest},
+        digest::{hex, optics_digest, profile_digest},
     },
 };
 
@@ -81,6 +81,15 @@ impl ProfileFile {
             return Err(at(
                 "/digest",
                 "the file was changed after it was exported: its homographies, gains, size or reference slice are not those of its digest; \
+                 export it again, or PUT changed numbers as a profile of your own",
+            ));
+        }
+        // files of before there was this digest have none
+        let optics = &file.profile.optics_digest;
+        if !optics.is_empty() && *optics != optics_digest(&file.profile.input) {
+            return Err(at(
+                "/optics_digest",
+                "the file was changed after it was exported: what it says about the camera does not match its optics_digest; \
                  export it again, or PUT changed numbers as a profile of your own",
             ));
         }

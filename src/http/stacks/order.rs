@@ -133,6 +133,7 @@ impl Order for StackOrder {
             options: self.options.clone(),
             profile_revision: self.profile.revision,
             profile_digest: self.profile.digest.clone(),
+            profile_optics_digest: Some(self.profile.optics_digest.clone()),
             upload,
             layout,
             rerun_of: self.rerun_of,

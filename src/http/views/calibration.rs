@@ -39,6 +39,8 @@ pub struct CalibrationResult {
     pub profile_revision: u32,
     /// SHA-256 of its geometry and gains, hex.
     pub profile_digest: String,
+    /// SHA-256 of what it says about the camera, hex. Null for a calibration of before there was one.
+    pub profile_optics_digest: Option<String>,
     /// 0-based index of the reference slice.
     pub reference_index: u32,
     /// One entry per slice.
@@ -108,6 +110,7 @@ impl Calibration {
         let result = outcome.map(|o| CalibrationResult {
             profile_revision: o.profile_revision,
             profile_digest: o.profile_digest.clone(),
+            profile_optics_digest: o.profile_optics_digest.clone(),
             reference_index: o.reference_index,
             slices: o.slices.clone(),
             dot_pitch_px: o.dot_pitch_px,

@@ -25,6 +25,9 @@ pub struct Stack {
     pub profile_revision: u32,
     /// SHA-256 of that revision's geometry and gains, hex.
     pub profile_digest: String,
+    /// SHA-256 of what that revision says about the camera, hex: EXIF and intrinsics are made from it. Null for a stack
+    /// of before there was one.
+    pub profile_optics_digest: Option<String>,
     /// The stack whose zip is used again; null when the zip was sent for this stack.
     pub rerun_of: Option<Uuid>,
     /// Every option as it is used, defaults filled in.
@@ -111,6 +114,7 @@ impl Stack {
             job: JobView::of(job),
             profile_revision: request.profile_revision,
             profile_digest: request.profile_digest.clone(),
+            profile_optics_digest: request.profile_optics_digest.clone(),
             rerun_of: request.rerun_of,
             options: request.options.clone(),
             slices: request.layout.clone(),

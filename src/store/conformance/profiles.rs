@@ -1,13 +1,16 @@
 //! Profiles and revisions.
 
 use super::*;
-use crate::{model::profile::ProfileOrigin, store::digest::profile_digest};
+use crate::{
+    model::profile::ProfileOrigin,
+    store::digest::{optics_digest, profile_digest},
+};
 
 pub(crate) async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
     let put = put(&*store.rows, "rig", "lens", 1.25).await;
     assert_eq!(put.revision, 1);
     assert_eq!(put.slice_count, 2);
-    assert_eq!(put.digest, profile_digest(&put.input));
+    assert_eq!((&put.digest, &put.optics_digest), (&profile_digest(&put.input), &optics_digest(&put.input)));
     let got = store.rows.profile(&name("rig"), &name("lens"), None).await.unwrap();
     assert_eq!(got, Some(put));
 }

@@ -43,6 +43,7 @@ pub(super) async fn finish(store: &SqliteRows, id: Uuid, lease_token: i64, finis
                     if let JobOutcome::Calibration(calibration) = &mut outcome {
                         calibration.profile_revision = stored.revision;
                         calibration.profile_digest = stored.digest;
+                        calibration.profile_optics_digest = Some(stored.optics_digest);
                     }
                 }
                 End { state: "succeeded", warnings: Some(warnings), outcome: Some(outcome), ..End::default() }

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     model::{Name, profile::Profile},
-    store::digest::profile_digest,
+    store::digest::{optics_digest, profile_digest},
 };
 
 pub(super) async fn put(
@@ -53,6 +53,7 @@ pub(super) async fn insert(
         lens: lens.clone(),
         revision,
         digest: profile_digest(&draft.input),
+        optics_digest: optics_digest(&draft.input),
         created_at: time(now_ms)?,
         source: draft.source,
         calibration_id: draft.calibration_id,
@@ -89,7 +90,7 @@ pub(super) async fn get(
     .bind(revision)
     .fetch_optional(&store.readers)
     .await?;
-    Ok(body.as_deref().map(serde_json::from_str).transpose()?)
+    body.as_deref().map(read).transpose()
 }
 
 pub(super) async fn of_job(store: &SqliteRows, rig: &Name, lens: &Name, revision: u32) -> StoreResult<Option<Profile>> {
@@ -100,7 +101,7 @@ pub(super) async fn of_job(store: &SqliteRows, rig: &Name, lens: &Name, revision
             .bind(revision)
             .fetch_optional(&store.readers)
             .await?;
-    Ok(body.as_deref().map(serde_json::from_str).transpose()?)
+    body.as_deref().map(read).transpose()
 }
 
 pub(super) async fn list(
@@ -186,7 +187,15 @@ async fn current_revision(connection: &mut SqliteConnection, rig: &Name, lens: &
 }
 
 fn parsed(window: &Window, rows: Vec<(i64, String)>) -> StoreResult<Page<Profile>> {
-    let rows: Result<Vec<(i64, Profile)>, serde_json::Error> =
-        rows.into_iter().map(|(seq, body)| Ok((seq, serde_json::from_str(&body)?))).collect();
+    let rows: StoreResult<Vec<(i64, Profile)>> = rows.into_iter().map(|(seq, body)| Ok((seq, read(&body)?))).collect();
     Ok(window.page(rows?))
+}
+
+/// The profile that a body holds. One that was stored before profiles had a digest of their optics gets it here.
+fn read(body: &str) -> StoreResult<Profile> {
+    let mut profile: Profile = serde_json::from_str(body)?;
+    if profile.optics_digest.is_empty() {
+        profile.optics_digest = optics_digest(&profile.input);
+    }
+    Ok(profile)
 }

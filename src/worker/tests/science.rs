@@ -45,7 +45,15 @@ worker_test! {
 
         let stack = accept_archive(&stage.deps, &testkit::both_zip(), |upload, layout| {
             let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
-            JobRequest::Stack(StackRequest { options: Default::default(), profile_revision, profile_digest, upload, layout, rerun_of: None })
+            JobRequest::Stack(StackRequest {
+                options: Default::default(),
+                profile_revision,
+                profile_digest,
+                profile_optics_digest: Some(profile.optics_digest.clone()),
+                upload,
+                layout,
+                rerun_of: None,
+            })
         })
         .await;
         let ended = stage.ended(stack).await;

@@ -13,7 +13,7 @@ use pinstack::{
         Name,
         profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
     },
-    store::digest::profile_digest,
+    store::digest::{optics_digest, profile_digest},
 };
 use serde_json::json;
 
@@ -125,6 +125,7 @@ fn exported() -> Vec<u8> {
         lens: Name::new("lens").expect("a name"),
         revision: 3,
         digest: profile_digest(&input),
+        optics_digest: optics_digest(&input),
         created_at: "2026-01-02T03:04:05Z".parse().expect("a time"),
         source: ProfileSource::Upload,
         calibration_id: None,
