@@ -12,6 +12,12 @@ use utoipa::ToSchema;
 #[schema(value_type = [f64; 9])]
 pub struct Homography(pub [f64; 9]);
 
+/// How far a homography may move a corner of the image, in lengths of its longer side. A scale of 4 about a corner and a
+/// shift by the whole image stay below it.
+const MAX_MOVE: f64 = 5.0;
+/// How much more a homography may stretch the image in one direction than in the other. Lenses stay below 1.01.
+const MAX_ANISOTROPY: f64 = 4.0;
+
 impl Homography {
     /// Every pixel stays where it is.
     pub const IDENTITY: Self = Self([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
@@ -72,6 +78,17 @@ impl Homography {
         (self.matrix().determinant() / (w * w * w)).sqrt()
     }
 
+    /// How much more this stretches the image at `point` in one direction than in the other: the ratio of the singular
+    /// values of the Jacobian, 1 or more. Not finite where a direction vanishes.
+    fn anisotropy_at(&self, point: [f64; 2]) -> f64 {
+        let h = &self.0;
+        let w = h[6] * point[0] + h[7] * point[1] + 1.0;
+        let [x, y] = self.apply(point);
+        let [a, b, c, d] = [h[0] - x * h[6], h[1] - x * h[7], h[3] - y * h[6], h[4] - y * h[7]].map(|v| v / w);
+        let (turned, mirrored) = ((a + d).hypot(b - c), (a - d).hypot(b + c));
+        (turned + mirrored) / (turned - mirrored).abs()
+    }
+
     /// The four corners of a `width` x `height` image: centres of the corner pixels.
     pub fn corners(width: u32, height: u32) -> [[f64; 2]; 4] {
         let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
@@ -91,7 +108,9 @@ impl Homography {
     }
 
     /// Why this cannot be the homography of a slice of a `width` x `height` stack, or `None` when it can:
-    /// finite, `[8] == 1`, not mirrored, the image in front of the horizon, and a scale between 1/4 and 4.
+    /// finite, `[8] == 1`, not mirrored, the image in front of the horizon, no corner moved by more than 5 times the longer
+    /// side, a scale between 1/4 and 4, and no direction stretched 4 times more than another. All that is computed from
+    /// such a homography is finite.
     pub fn objection(&self, width: u32, height: u32) -> Option<String> {
         if self.0.iter().any(|v| !v.is_finite()) {
             return Some("has a number that is not finite".into());
@@ -108,12 +127,30 @@ impl Homography {
         if self.matrix().determinant() < 0.0 {
             return Some("is mirrored".into());
         }
+        let most = MAX_MOVE * f64::from(width.max(height));
+        let moved = corners.map(|corner| {
+            let to = self.apply(corner);
+            (to[0] - corner[0]).hypot(to[1] - corner[1])
+        });
+        if let Some(&moved) = moved.iter().find(|moved| !(0.0..=most).contains(*moved)) {
+            return Some(format!(
+                "moves a corner of the image by {moved:.3e} px, and {most:.0} px (5 times the longer side) is the most; give \
+                 it row-major, in px of the whole slice, slice pixel -> reference pixel"
+            ));
+        }
         let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
         for point in corners.into_iter().chain([centre]) {
             let scale = self.scale_at(point);
             if !(0.25..=4.0).contains(&scale) {
                 return Some(format!(
                     "is singular or scales the image by {scale:.4} (slices differ by less than 4 times)"
+                ));
+            }
+            let anisotropy = self.anisotropy_at(point);
+            if !(0.0..=MAX_ANISOTROPY).contains(&anisotropy) {
+                return Some(format!(
+                    "stretches the image {anisotropy:.3e} times more in one direction than in the other, and {MAX_ANISOTROPY} \
+                     times is the most; check the order of its numbers"
                 ));
             }
         }
@@ -218,6 +255,70 @@ mod tests {
         assert_eq!(flat, Homography::similarity(1.0, [0.5, -2.0]));
         let written = serde_json::to_string(&flat).expect("finite numbers");
         assert_eq!(written, "[1.0,0.0,0.5,0.0,1.0,-2.0,0.0,0.0,1.0]");
+    }
+
+    #[test]
+    fn what_moves_or_stretches_the_image_beyond_reason_is_refused() {
+        let told = |numbers| Homography(numbers).objection(64, 48).unwrap_or_default();
+        assert!(
+            told([1e-308, 0.0, 0.0, 0.0, 1e308, 0.0, 0.0, 0.0, 1.0]).starts_with("moves a corner of the image by inf")
+        );
+        assert!(told([1.0, 0.0, 321.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]).contains("and 320 px"));
+        assert!(told([2.5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0]).starts_with("stretches the image 5.000e0 times"));
+        assert!(told([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e308, 0.0, 1.0]).starts_with("is singular"));
+    }
+
+    #[test]
+    fn what_rigs_do_is_allowed() {
+        let (cos, sin) = (0.3_f64.cos(), 0.3_f64.sin());
+        for numbers in [
+            Homography::IDENTITY.0,
+            // a moving lens: tens of percent about the middle, and the whole image aside
+            Homography::similarity(1.6, [-0.3 * 64.0, -0.3 * 48.0]).0,
+            Homography::similarity(0.6, [64.0, 48.0]).0,
+            Homography::similarity(3.9, [0.0, 0.0]).0,
+            Homography::similarity(3.9, [-64.0, 48.0]).0,
+            // a camera that lies on its side, or on its head
+            [0.0, -1.0, 47.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+            [-1.0, 0.0, 63.0, 0.0, -1.0, 47.0, 0.0, 0.0, 1.0],
+            [cos * 1.01, -sin, 3.0, sin, cos * 0.99, -2.0, 1e-4, -1e-4, 1.0],
+        ] {
+            assert_eq!(Homography(numbers).objection(64, 48), None, "{numbers:?}");
+        }
+    }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(2000))]
+
+        /// Numbers of every size that a double can have, and numbers near those of real homographies.
+        #[test]
+        fn a_homography_is_refused_or_all_that_follows_from_it_is_finite_and_comes_back_from_json(
+            wild in proptest::array::uniform8(proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL | proptest::num::f64::ZERO),
+            tame in proptest::array::uniform8(-2.0..2.0_f64),
+            mask: [bool; 8],
+            width in 16..65_535_u32,
+            height in 16..65_535_u32,
+        ) {
+            let mut numbers = Homography::IDENTITY.0;
+            let sizes = [1.0, 1.0, 1e4, 1.0, 1.0, 1e4, 1e-5, 1e-5];
+            for (i, number) in numbers.iter_mut().take(8).enumerate() {
+                *number = if mask[i] { *number + tame[i] * sizes[i] * 0.5 } else { wild[i] };
+            }
+            // one in four keeps to numbers that may be let in
+            if mask[0] && mask[4] {
+                for (i, number) in numbers.iter_mut().take(8).enumerate() {
+                    *number = Homography::IDENTITY.0[i] + tame[i] * sizes[i] * 0.1;
+                }
+            }
+            let homography = Homography(numbers);
+            if homography.objection(width, height).is_none() {
+                let slice = crate::model::profile::ProfileSlice::given(1, homography, 1.0, width, height);
+                let text = serde_json::to_string(&slice).expect("JSON");
+                let again: crate::model::profile::ProfileSlice = serde_json::from_str(&text).expect("what was written");
+                proptest::prop_assert_eq!(&again, &slice);
+                proptest::prop_assert!(slice.scale.is_finite() && slice.shift_px.iter().all(|v| v.is_finite()));
+            }
+        }
     }
 
     #[test]

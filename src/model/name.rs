@@ -11,8 +11,34 @@ pub struct Name(String);
 
 /// Why a name is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is not a name: 1 to 64 of A-Z a-z 0-9 . _ -, not beginning with a dot")]
-pub struct InvalidName(String);
+#[error("'{given}' is not a name: 1 to 64 of A-Z a-z 0-9 . _ -, not beginning with a dot{}", suggested(.suggestion))]
+pub struct InvalidName {
+    given: String,
+    suggestion: Option<Name>,
+}
+
+fn suggested(suggestion: &Option<Name>) -> String {
+    suggestion.as_ref().map(|name| format!("; '{name}' would be one")).unwrap_or_default()
+}
+
+/// The name nearest to a text that breaks the rule: a slash becomes a hyphen, what else is not allowed an underscore.
+fn nearest(text: &str) -> Option<Name> {
+    let mut name = String::new();
+    for c in text.trim().chars().take(64) {
+        let c = match c {
+            c if c.is_ascii_alphanumeric() || "._-".contains(c) => c,
+            '/' | '\\' | ':' => '-',
+            _ => '_',
+        };
+        let is_leading_dot = name.is_empty() && c == '.';
+        let is_repeated = c == '_' && name.ends_with('_');
+        if !(is_leading_dot || is_repeated) {
+            name.push(c);
+        }
+    }
+    let has_a_letter = name.bytes().any(|b| b.is_ascii_alphanumeric());
+    has_a_letter.then(|| Name(name.trim_end_matches('_').to_owned()))
+}
 
 impl Name {
     /// Checks the rule.
@@ -24,7 +50,10 @@ impl Name {
         let fits = (1..=64).contains(&name.len())
             && !name.starts_with('.')
             && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"._-".contains(&b));
-        if fits { Ok(Self(name)) } else { Err(InvalidName(name.chars().take(80).collect())) }
+        if fits {
+            return Ok(Self(name));
+        }
+        Err(InvalidName { given: name.chars().take(80).collect(), suggestion: nearest(&name) })
     }
 
     /// The name as text.
@@ -49,5 +78,28 @@ impl From<Name> for String {
 impl std::fmt::Display for Name {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_that_breaks_the_rule_is_answered_with_one_that_does_not() {
+        for (text, name) in [
+            ("MP-E 65mm f/2.8", Some("MP-E_65mm_f-2.8")),
+            (" .hidden ", Some("hidden")),
+            ("Zerene \u{2013} 5\u{d7}", Some("Zerene_5")),
+            ("Prüfstand", Some("Pr_fstand")),
+            ("", None),
+            ("???", None),
+        ] {
+            let refused = Name::new(text).expect_err("it breaks the rule");
+            assert_eq!(refused.suggestion.as_ref().map(Name::as_str), name, "{text}");
+            assert_eq!(refused.to_string().contains("would be one"), name.is_some(), "{refused}");
+        }
+        let long = Name::new("x".repeat(65)).expect_err("too long");
+        assert_eq!(long.suggestion, Some(Name("x".repeat(64))));
     }
 }

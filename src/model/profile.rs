@@ -1,5 +1,7 @@
 //! Calibration profiles: one homography and one gain per slice, keyed by rig and lens.
 
+use std::ops::RangeInclusive;
+
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -61,29 +63,29 @@ pub struct ProfileInput {
     #[schema(min_items = 2, max_items = 1000)]
     pub homographies: Vec<Homography>,
     /// Position of what moves on the rail, per slice, mm, counted towards the object, strictly rising or falling.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
     /// Per slice: multiply by this to match the brightness of the reference slice.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub gains: Option<Vec<f64>>,
     /// Size of one pixel on the sensor, mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub pixel_pitch_mm: Option<f64>,
     /// What moves between slices.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub capture_mode: Option<CaptureMode>,
     /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole that the fused
     /// image is taken by. In macro work it is far from the focal length engraved on the lens.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub principal_distance_mm: Option<f64>,
     /// Where the optical axis meets the reference slice, `[x, y]` px.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub principal_point_px: Option<[f64; 2]>,
     /// Image size over object size of what is in focus in the reference slice.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub magnification: Option<f64>,
     /// Free text, at most 4,000 characters.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub note: Option<String>,
 }
 
@@ -99,6 +101,9 @@ impl ProfileInput {
         self.gains.as_ref().and_then(|gains| gains.get(index)).copied().unwrap_or(1.0)
     }
 }
+
+/// Where a rail can stand, mm.
+pub const RAIL_MM: RangeInclusive<f64> = -1e6..=1e6;
 
 /// Most slices that a stack can have.
 pub const MAX_SLICES: usize = 1000;
@@ -165,7 +170,10 @@ impl ProfileInput {
             }
             let rising = rail.windows(2).all(|w| w[0] < w[1]);
             let falling = rail.windows(2).all(|w| w[0] > w[1]);
-            if rail.iter().any(|z| !z.is_finite()) || !(rising || falling) {
+            if rail.iter().any(|z| !RAIL_MM.contains(z)) {
+                let detail = format!("rail positions must be {} to {} mm", RAIL_MM.start(), RAIL_MM.end());
+                object("/rail_positions_mm".into(), detail, None);
+            } else if !(rising || falling) {
                 object(
                     "/rail_positions_mm".into(),
                     "rail positions must rise or fall from slice to slice".into(),
@@ -253,7 +261,7 @@ pub struct ProfileOrigin {
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
     /// The calibration that measured it there, when one did.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub calibration_id: Option<Uuid>,
 }
 
@@ -280,15 +288,15 @@ pub struct Profile {
     /// The calibration that measured it, when one did on this server.
     pub calibration_id: Option<Uuid>,
     /// The profile that this one was imported from.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub origin: Option<ProfileOrigin>,
     /// Family of maps the homographies belong to.
     pub model: HomographyModel,
     /// What was done to the numbers on their way in, and what else whoever uses them should know.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default)]
     pub warnings: Vec<Warning>,
     /// `principal_distance_mm` in px, what photogrammetry calls the focal length; only where `pixel_pitch_mm` is known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub principal_distance_px: Option<f64>,
     /// Number of slices.
     pub slice_count: u32,

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 use super::{
     Code, Fault, Homography,
     error::FaultPlace,
-    profile::{CaptureMode, MAX_SLICES, ProfileInput},
+    profile::{CaptureMode, MAX_SLICES, ProfileInput, RAIL_MM},
 };
 
 /// Where the gains come from.
@@ -158,6 +158,10 @@ impl RigParameters {
             (Some(positions), None, count) => {
                 if let Some(count) = count.filter(|&count| count as usize != positions.len()) {
                     let detail = format!("{} rail positions for {count} slices", positions.len());
+                    return Err(at("/rail_positions_mm", detail, None));
+                }
+                if positions.iter().any(|z| !RAIL_MM.contains(z)) {
+                    let detail = format!("rail positions must be {} to {} mm", RAIL_MM.start(), RAIL_MM.end());
                     return Err(at("/rail_positions_mm", detail, None));
                 }
                 Ok(positions.clone())

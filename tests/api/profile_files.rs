@@ -56,7 +56,7 @@ async fn an_imported_profile_says_all_that_it_said_and_where_it_comes_from() {
     assert_eq!((answer.status(), &answer.headers()["location"]), (StatusCode::CREATED, &url.parse().unwrap()));
     let mut shown: Value = answer.json().await.unwrap();
     assert_eq!((&shown["rig"], &shown["lens"], &shown["revision"]), (&json!("bench"), &json!("macro"), &json!(1)));
-    let origin = json!({ "rig": "rig", "lens": "lens", "revision": 1, "digest": file["digest"], "created_at": file["created_at"] });
+    let origin = json!({ "rig": "rig", "lens": "lens", "revision": 1, "digest": file["digest"], "created_at": file["created_at"], "calibration_id": null });
     assert_eq!(shown["origin"], origin);
     let kept: Value = here.get(url).send().await.unwrap().json().await.unwrap();
     assert_eq!(kept, shown);
@@ -110,7 +110,7 @@ async fn a_file_that_was_changed_is_refused_whatever_was_changed() {
         (changed("/homographies/1/2", json!(0.5)), "homographies, gains, size or reference slice"),
         (changed("/gains/2", json!(1.0)), "homographies, gains, size or reference slice"),
         (changed("/note", json!("mine")), "something beside the homographies and gains"),
-        (changed("/rail_positions_mm/2", json!(1.5)), "something beside the homographies and gains"),
+        (changed("/rail_positions_mm/2", json!(1.5)), "what it says about the camera"),
         (changed("/slices/1/gain", json!(2.0)), "something beside the homographies and gains"),
     ];
     for (file, part) in cases {

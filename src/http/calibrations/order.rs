@@ -9,7 +9,7 @@ use crate::{
     },
     model::{
         Code, Fault, JobKind, Name, Warning,
-        profile::MAX_SLICES,
+        profile::{MAX_SLICES, RAIL_MM},
         request::{CalibrationOptions, CalibrationRequest, JobRequest, StackLayout, Upload},
     },
 };
@@ -113,8 +113,8 @@ pub fn check_options(options: &CalibrationOptions) -> ApiResult<()> {
         }
     }
     let told = options.rail_positions_mm.as_deref().unwrap_or_default();
-    if told.iter().any(|z| !z.is_finite()) || (!told.is_empty() && options.rail_step_mm.is_some()) {
-        let detail = "rail_positions_mm must be numbers, and not given beside rail_step_mm";
+    if told.iter().any(|z| !RAIL_MM.contains(z)) || (!told.is_empty() && options.rail_step_mm.is_some()) {
+        let detail = "rail_positions_mm must be numbers from -1000000 to 1000000, and not given beside rail_step_mm";
         return Err(ApiError::new(Code::InvalidRequest, detail));
     }
     if options.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
