@@ -1,0 +1,71 @@
+//! Names near to one that is not there: a capital letter, a missing hyphen, the other setting of the lens.
+
+use crate::model::Name;
+
+/// Most names in a sentence.
+const MOST: usize = 3;
+
+/// The profiles that somebody may have meant, the nearest first: both names differ by at most a third of their letters,
+/// capital letters and separators aside; else the lenses of that rig.
+pub fn near<'a>(rig: &Name, lens: &Name, keys: &'a [(Name, Name)]) -> Vec<&'a (Name, Name)> {
+    let (rig_folded, lens_folded) = (folded(rig), folded(lens));
+    let mut found: Vec<(usize, &(Name, Name))> = Vec::new();
+    for key in keys {
+        let of_rig = distance(&rig_folded, &folded(&key.0));
+        let of_lens = distance(&lens_folded, &folded(&key.1));
+        match (of_rig, of_lens) {
+            (Some(of_rig), Some(of_lens)) => found.push((of_rig + of_lens, key)),
+            // behind all that are near in both
+            (Some(0), None) => found.push((usize::MAX, key)),
+            _ => {}
+        }
+    }
+    found.sort_by_key(|(distance, _)| *distance);
+    found.into_iter().take(MOST).map(|(_, key)| key).collect()
+}
+
+/// The names for the middle of a sentence; nothing when there are none.
+pub fn sentence(near: &[&(Name, Name)]) -> String {
+    let named: Vec<String> = near.iter().map(|(rig, lens)| format!("rig '{rig}' with lens '{lens}'")).collect();
+    match named.as_slice() {
+        [] => String::new(),
+        named => format!(" (there is {})", named.join(", ")),
+    }
+}
+
+fn folded(name: &Name) -> String {
+    name.as_str().chars().filter(|c| !"._-".contains(*c)).map(|c| c.to_ascii_lowercase()).collect()
+}
+
+/// The number of letters that differ, if they are few.
+fn distance(a: &str, b: &str) -> Option<usize> {
+    let most = (a.len().max(b.len()) / 3).max(1);
+    // names have at most 64 letters
+    let distance = strsim::damerau_levenshtein(a, b);
+    (distance <= most).then_some(distance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(rig: &str, lens: &str) -> (Name, Name) {
+        (Name::new(rig).expect("a name"), Name::new(lens).expect("a name"))
+    }
+
+    #[test]
+    fn near_names_come_first_and_far_ones_not_at_all() {
+        let keys =
+            [key("bench", "mpe65-2x"), key("bench", "mpe65-1x"), key("tower", "mpe65-1x"), key("bench", "other")];
+        let told = |rig, lens| {
+            let (rig, lens) = key(rig, lens);
+            sentence(&near(&rig, &lens, &keys))
+        };
+        assert_eq!(
+            told("Bench", "MPE65_1x"),
+            " (there is rig 'bench' with lens 'mpe65-1x', rig 'bench' with lens 'mpe65-2x', rig 'bench' with lens 'other')"
+        );
+        assert_eq!(told("towr", "mpe65-1x"), " (there is rig 'tower' with lens 'mpe65-1x')");
+        assert_eq!(told("elsewhere", "mpe65-1x"), "");
+    }
+}
