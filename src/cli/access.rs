@@ -13,7 +13,7 @@ use crate::store::tokens::TokenRows;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Auth {
-    /// When there are any, and wherever other machines can reach the server.
+    /// As soon as one was made, valid or revoked by now, and wherever other machines can reach the server.
     #[default]
     Auto,
     /// Always.
@@ -22,29 +22,47 @@ pub enum Auth {
     None,
 }
 
+/// Who is asked for a token.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// Everybody.
+    Always,
+    /// Nobody, until the first token is made.
+    OnceThereAreTokens,
+    /// Nobody.
+    Never,
+}
+
 /// Decides for a server that is about to listen.
 ///
 /// # Errors
 /// When other machines could reach it and nobody was told who may use it.
-pub async fn asks_for_tokens(auth: Auth, address: IpAddr, rows: &dyn TokenRows) -> anyhow::Result<bool> {
+pub async fn asks_for_tokens(auth: Auth, address: IpAddr, rows: &dyn TokenRows) -> anyhow::Result<Asked> {
     match auth {
-        Auth::Tokens => Ok(true),
+        Auth::Tokens => Ok(Asked::Always),
         Auth::None => {
             if !address.is_loopback() {
                 tracing::warn!(%address, "auth = none: whoever reaches the port may do everything");
             }
-            Ok(false)
+            Ok(Asked::Never)
         }
         Auth::Auto => {
-            let has_tokens = rows.tokens().await?.iter().any(|token| token.revoked_at.is_none());
-            if !has_tokens && !address.is_loopback() {
+            // a revoked one counts too: somebody wanted the door closed, and revoking the last one must not open it
+            let tokens = rows.tokens().await?;
+            if !tokens.is_empty() && tokens.iter().all(|token| token.revoked_at.is_some()) {
+                tracing::warn!(
+                    "every token is revoked, so no request is let in; make one (pinstack token add NAME --scope admin), or \
+                     say --auth none if nobody shall be asked"
+                );
+            }
+            if tokens.is_empty() && !address.is_loopback() {
                 bail!(
                     "listen: other machines can reach {address}, and there is no token that says who may use the \
                      service; make one (pinstack token add NAME --scope admin), listen on 127.0.0.1, or say --auth none \
                      (PINSTACK_AUTH=none) if something before the server checks who is asking"
                 );
             }
-            Ok(has_tokens)
+            Ok(if tokens.is_empty() { Asked::OnceThereAreTokens } else { Asked::Always })
         }
     }
 }

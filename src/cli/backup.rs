@@ -81,13 +81,16 @@ impl Restore {
 }
 
 fn tell(copied: Copied) {
-    let Copied { jobs, files, bytes, kept } = copied;
+    let Copied { jobs, files, bytes, kept, unreadable } = copied;
     println!("{jobs} jobs; {files} files copied ({bytes} bytes), {kept} were there already");
+    if unreadable > 0 {
+        println!("{unreadable} jobs cannot be read; they are copied as they are, and 'pinstack verify' names them");
+    }
 }
 
 fn told_well(report: &Report) -> anyhow::Result<()> {
-    for fault in &report.faults {
-        println!("{fault}");
+    for line in report.faults.iter().chain(&report.unreadable) {
+        println!("{line}");
     }
     if report.faults.is_empty() {
         return Ok(());

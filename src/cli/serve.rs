@@ -11,9 +11,11 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    access::asks_for_tokens,
+    access::{Asked, asks_for_tokens},
     config::{Flags, ServeConfig},
-    files, logging, tls,
+    files, logging,
+    store::make_files_private,
+    tls,
 };
 use crate::{
     http::{self, App, Policy},
@@ -22,6 +24,7 @@ use crate::{
         Rows,
         backup::{DATABASE, forget_copy},
         blobs::{Blobs, local::LocalBlobs},
+        folder,
         sqlite::SqliteRows,
     },
     telemetry,
@@ -41,6 +44,7 @@ const ENDED_BY_SIGNAL: i32 = 143;
 pub fn run(flags: Flags) -> anyhow::Result<()> {
     let config = ServeConfig::load(&flags)?;
     logging::start(&config.log, config.log_format)?;
+    make_files_private();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let service = Service::start(&config).await?;
@@ -84,8 +88,7 @@ impl Service {
         // before anything happens that counts
         telemetry::recorder().map_err(anyhow::Error::msg)?;
         let data_dir = &config.data_dir;
-        std::fs::create_dir_all(data_dir)
-            .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
+        folder::make(data_dir).with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
         forget_copy(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
         let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data_dir.join(DATABASE)).await?);
         let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data_dir)?);
@@ -94,8 +97,13 @@ impl Service {
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
         let address = listener.local_addr()?;
 
-        let auth_required = asks_for_tokens(config.auth, address.ip(), &*rows).await?;
-        let policy = Policy { auth_required, listen: Some(address.ip()), ..policy(config) };
+        let asked = asks_for_tokens(config.auth, address.ip(), &*rows).await?;
+        let policy = Policy {
+            auth_required: asked == Asked::Always,
+            auth_once_there_are_tokens: asked == Asked::OnceThereAreTokens,
+            listen: Some(address.ip()),
+            ..policy(config)
+        };
         let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
         let shutdown = app.shutdown.clone();
         let science = Science { archive_limits: app.policy.archive, ..Science::default() };

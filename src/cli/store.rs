@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::Args;
+use rustix::fs::Mode;
 
 use super::config::{Flags, ServeConfig};
-use crate::store::{backup::DATABASE, blobs::local::LocalBlobs, sqlite::SqliteRows};
+use crate::store::{backup::DATABASE, blobs::local::LocalBlobs, folder, sqlite::SqliteRows};
 
 /// Where the data is.
 #[derive(Debug, Args)]
@@ -17,6 +18,11 @@ pub struct Place {
     /// TOML file with the settings of the server [env: PINSTACK_CONFIG]
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+}
+
+/// From here on, what this process makes is for its own account alone: database, uploads, results, copies.
+pub fn make_files_private() {
+    rustix::process::umask(Mode::from_raw_mode(!folder::FILE & 0o077));
 }
 
 /// An open data folder.
@@ -35,6 +41,7 @@ impl Place {
     /// # Errors
     /// When they are bad.
     pub fn config(self) -> anyhow::Result<ServeConfig> {
+        make_files_private();
         ServeConfig::load(&Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() })
     }
 

@@ -3,12 +3,16 @@
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
 
-use super::config::{Flags, ServeConfig};
+use super::{
+    config::{Flags, ServeConfig},
+    store::make_files_private,
+};
 use crate::{
     model::Name,
     store::{
         Rows,
         backup::DATABASE,
+        folder,
         sqlite::SqliteRows,
         tokens::{NewToken, Scope, TokenRows, mint, names},
     },
@@ -60,8 +64,8 @@ impl Token {
     pub fn run(self) -> anyhow::Result<()> {
         let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
         let data_dir = ServeConfig::load(&flags)?.data_dir;
-        std::fs::create_dir_all(&data_dir)
-            .with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
+        make_files_private();
+        folder::make(&data_dir).with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
             let rows = SqliteRows::open(data_dir.join(DATABASE)).await?;
@@ -84,6 +88,7 @@ async fn add(rows: &SqliteRows, name: String, scopes: Vec<Scope>, quota_gb: Opti
     if !rows.add_token(&token).await? {
         bail!("there is, or was, a token '{}'; take another name", token.name);
     }
+    eprintln!("A server on this folder asks for tokens from its next request on, unless auth is none.");
     eprintln!("This is the only time that the token is shown; the service keeps a digest of it.");
     println!("{text}");
     Ok(())

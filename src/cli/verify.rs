@@ -32,8 +32,15 @@ impl Verify {
                 "{} jobs, {} files ({} bytes), {} profile revisions, {} open uploads; {} jobs' files that no row names",
                 report.jobs, report.files, report.bytes, report.revisions, report.open_uploads, report.orphans
             );
-            for fault in &report.faults {
-                println!("{fault}");
+            for line in report.faults.iter().chain(&report.unreadable) {
+                println!("{line}");
+            }
+            if !report.unreadable.is_empty() {
+                let (count, faults) = (report.unreadable.len(), report.faults.len());
+                bail!(
+                    "{count} rows cannot be read, and {faults} other faults; delete such a stack or profile (DELETE works), or \
+                     run the version that wrote it"
+                );
             }
             if !report.faults.is_empty() {
                 bail!("{} faults; what is listed above is lost or changed", report.faults.len());

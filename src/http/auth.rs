@@ -94,7 +94,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 /// # Errors
 /// `unauthorized`, with the same sentence whatever is wrong with the token.
 pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
-    if !app.policy.auth_required {
+    if !app.asks_for_tokens().await? {
         return Ok(Caller::default());
     }
     let refused = || {

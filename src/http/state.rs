@@ -1,6 +1,13 @@
 //! What every handler can reach.
 
-use std::{net::IpAddr, sync::Arc, time::Duration};
+use std::{
+    net::IpAddr,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
@@ -14,7 +21,7 @@ use super::{
 use crate::{
     archive::ArchiveLimits,
     disk_budget::DiskBudget,
-    store::{Rows, blobs::Blobs},
+    store::{Rows, StoreResult, blobs::Blobs},
 };
 
 /// Uploads that are looked into at a time. Each may hold one member of the zip at the worst (a TIFF that jumps about).
@@ -44,6 +51,8 @@ pub struct Policy {
     pub poll_interval: Duration,
     /// A token is asked for.
     pub auth_required: bool,
+    /// A token is asked for as soon as one was made, in this process or another.
+    pub auth_once_there_are_tokens: bool,
     /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
     pub isolate_tokens: bool,
     /// Most connections at a time; more wait.
@@ -76,6 +85,7 @@ impl Default for Policy {
             upload_keep: Duration::from_secs(24 * 60 * 60),
             poll_interval: Duration::from_secs(1),
             auth_required: false,
+            auth_once_there_are_tokens: false,
             isolate_tokens: false,
             max_connections: 1024,
             connections_per_client: None,
@@ -111,6 +121,8 @@ pub struct App {
     pub disk: Arc<DiskBudget>,
     /// What of it the uploads in progress of each token hold.
     pub shares: Shares,
+    /// A token was seen among the rows: they never go.
+    has_tokens: Arc<AtomicBool>,
     /// Conversions between file formats hold a whole image each: few at once.
     pub conversions: Arc<Semaphore>,
     /// Requests in progress by token.
@@ -132,10 +144,27 @@ impl App {
             shares: Shares::default(),
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
+            has_tokens: Arc::default(),
             conversions: Arc::new(Semaphore::new(1)),
             tally: Tally::default(),
             readiness: Arc::new(Recent::new(READINESS_AGE)),
             looks: Arc::new(Semaphore::new(LOOKS)),
         }
+    }
+
+    /// Whether this request must bring a token. Where tokens are asked for once there are any, the rows are looked at until
+    /// there are: whoever makes the first token need not restart the server.
+    ///
+    /// # Errors
+    /// When the rows do not answer: then nobody knows, and nobody is let in.
+    pub async fn asks_for_tokens(&self) -> StoreResult<bool> {
+        if self.policy.auth_required || self.has_tokens.load(Ordering::Relaxed) {
+            return Ok(true);
+        }
+        let asks = self.policy.auth_once_there_are_tokens && self.rows.any_token().await?;
+        if asks && !self.has_tokens.swap(true, Ordering::Relaxed) {
+            tracing::warn!("a token was made: from here on every request must bring one");
+        }
+        Ok(asks)
     }
 }

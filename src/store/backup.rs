@@ -13,6 +13,7 @@ use std::{
 };
 
 use anyhow::{Context, anyhow};
+use uuid::Uuid;
 
 use super::{
     Job, JobFilter, PageRequest, Rows, StoreError, StoreResult, UploadRows,
@@ -20,6 +21,7 @@ use super::{
         Blobs,
         local::{LocalBlobs, remove, sync_folder},
     },
+    folder,
     sqlite::SqliteRows,
     step::step,
     sweep::{Retention, sweep},
@@ -44,6 +46,8 @@ pub struct Copied {
     pub bytes: u64,
     /// Files that it had already.
     pub kept: usize,
+    /// Jobs whose row cannot be read; row and files are copied as they are.
+    pub unreadable: usize,
 }
 
 /// Brings the folder `to` up to date with a store: everything in it, nothing else. `to` is made when it is missing.
@@ -90,11 +94,17 @@ async fn copy_once(
     for id in copied_rows.open_uploads().await? {
         copied_rows.delete_upload(id).await?;
     }
-    copied.jobs = 0;
+    (copied.jobs, copied.unreadable) = (0, 0);
     let mut is_whole = true;
     let mut shared = Shared::new();
+    let (jobs, unreadable) = every_job(&copied_rows).await?;
+    for id in unreadable {
+        copy_unreadable(&copied_rows, blobs, target, id, copied).await?;
+        copied.jobs += 1;
+        copied.unreadable += 1;
+    }
     // the oldest first: a rerun shares the zip of an older stack, which an earlier copy may have brought
-    for job in every_job(&copied_rows).await?.iter().rev() {
+    for job in jobs.iter().rev() {
         is_whole = copy_job(rows, blobs, target, job, &mut shared, copied).await?;
         copied.jobs += 1;
         if !is_whole {
@@ -123,8 +133,8 @@ fn require_copy_or_nothing(to: &Path) -> io::Result<()> {
 }
 
 fn make_marked(to: &Path) -> io::Result<()> {
+    folder::make(to)?;
     step("backup.folder")?;
-    fs::create_dir_all(to)?;
     fs::write(to.join(MARK), "made by pinstack backup; the next copy into this folder replaces it\n")
 }
 
@@ -150,14 +160,16 @@ fn beside(file: &Path, ending: &str) -> PathBuf {
     name.into()
 }
 
-async fn every_job(rows: &dyn Rows) -> StoreResult<Vec<Job>> {
-    let (mut jobs, mut cursor) = (Vec::new(), None);
+/// The jobs, and the ids of those whose row cannot be read.
+async fn every_job(rows: &dyn Rows) -> StoreResult<(Vec<Job>, Vec<Uuid>)> {
+    let (mut jobs, mut unreadable, mut cursor) = (Vec::new(), Vec::new(), None);
     loop {
         let page = rows.jobs(&JobFilter::default(), &PageRequest { limit: PAGE, cursor }).await?;
         jobs.extend(page.items);
+        unreadable.extend(page.skipped.iter().filter_map(|row| Uuid::try_parse(&row.id).ok()));
         cursor = page.next_cursor;
         if cursor.is_none() {
-            return Ok(jobs);
+            return Ok((jobs, unreadable));
         }
     }
 }
@@ -219,7 +231,7 @@ async fn shared_inode(file: &Path) -> Option<(u64, u64)> {
 async fn copy_or_share(from: PathBuf, target: &LocalBlobs, key: &str, shared: &mut Shared) -> StoreResult<Option<u64>> {
     let inode = shared_inode(&from).await;
     if let Some(same) = inode.and_then(|inode| shared.get(&inode)) {
-        let spooled = target.spool_dir().join(uuid::Uuid::now_v7().to_string());
+        let spooled = target.spool_dir().join(Uuid::now_v7().to_string());
         if target.share(same, &spooled).await? {
             target.publish(&spooled, key).await?;
             return Ok(Some(0));
@@ -232,9 +244,31 @@ async fn copy_or_share(from: PathBuf, target: &LocalBlobs, key: &str, shared: &m
     Ok(copied)
 }
 
+/// Copies what is there of the files that a row names which cannot be read. One that is missing is no reason not to copy the
+/// rest.
+async fn copy_unreadable(
+    rows: &SqliteRows,
+    blobs: &dyn Blobs,
+    target: &LocalBlobs,
+    id: Uuid,
+    copied: &mut Copied,
+) -> StoreResult<()> {
+    for key in rows.named_keys(id).await? {
+        if target.local_path(&key).await?.is_some() {
+            copied.kept += 1;
+        } else if let Some(from) = blobs.local_path(&key).await?
+            && let Some(bytes) = copy_file(from, target, &key).await?
+        {
+            copied.files += 1;
+            copied.bytes += bytes;
+        }
+    }
+    Ok(())
+}
+
 /// Copies one file, durably. `None` when it went meanwhile.
 async fn copy_file(from: PathBuf, target: &LocalBlobs, key: &str) -> StoreResult<Option<u64>> {
-    let spooled = target.spool_dir().join(uuid::Uuid::now_v7().to_string());
+    let spooled = target.spool_dir().join(Uuid::now_v7().to_string());
     let to = spooled.clone();
     let copied = tokio::task::spawn_blocking(move || step("backup.copy").and_then(|()| fs::copy(&from, &to)));
     let bytes = match copied.await.context("the task that copies died")? {

@@ -3,6 +3,7 @@
 
 pub mod local;
 mod partial;
+mod probe;
 
 use std::{
     path::{Path, PathBuf},
@@ -39,6 +40,8 @@ pub trait Blobs: Send + Sync + 'static {
     async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()>;
     /// The jobs that have blobs.
     async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>>;
+    /// Writes a file and moves it to where blobs lie, as every upload does: an error when that cannot be done.
+    async fn probe(&self) -> StoreResult<()>;
     /// Bytes that can still be written, and how many could be if nothing were stored.
     async fn room(&self) -> StoreResult<Room>;
 

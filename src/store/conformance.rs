@@ -3,6 +3,7 @@
 
 pub(crate) mod blobs;
 pub(crate) mod disk;
+pub(crate) mod expiry;
 pub(crate) mod jobs;
 pub(crate) mod leases;
 pub(crate) mod profiles;

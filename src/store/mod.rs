@@ -8,6 +8,8 @@ pub mod backup;
 pub mod blobs;
 pub mod clock;
 pub mod digest;
+pub mod folder;
+pub mod json;
 pub mod sqlite;
 pub mod step;
 pub mod sweep;
@@ -29,7 +31,7 @@ use jiff::Timestamp;
 use uuid::Uuid;
 
 use crate::model::{
-    Fault, JobKind, JobState, Name, Progress, Warning,
+    Fault, JobKind, JobState, Name, ProfileSummary, Progress, Warning,
     outcome::JobOutcome,
     profile::{HomographyModel, Profile, ProfileInput, ProfileOrigin, ProfileSlice, ProfileSource},
     request::JobRequest,
@@ -126,6 +128,26 @@ pub struct Page<T> {
     pub items: Vec<T>,
     /// Pass it to get the next page; `None` at the end.
     pub next_cursor: Option<String>,
+    /// Rows of the page that cannot be read, and are not among the items.
+    pub skipped: Vec<Skipped>,
+}
+
+/// A row that cannot be read. The log says why; `pinstack verify` finds it too.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+pub struct Skipped {
+    /// Id of the job, or `{rig}/{lens}?revision={N}` of a profile.
+    pub id: String,
+    /// What to do.
+    pub detail: String,
+}
+
+impl Skipped {
+    /// Leaves a row out, and says so in the log.
+    pub(crate) fn because(id: String, error: &StoreError) -> Self {
+        tracing::error!(row = id, ?error, "a row cannot be read; lists leave it out");
+        let detail = "this row cannot be read, so it is left out; the log of the service and 'pinstack verify' say why";
+        Self { id, detail: detail.to_owned() }
+    }
 }
 
 /// Which page.
@@ -319,11 +341,20 @@ pub trait Rows: UploadRows + TokenRows + Send + Sync + 'static {
     async fn profile(&self, rig: &Name, lens: &Name, revision: Option<u32>) -> StoreResult<Option<Profile>>;
     /// A revision that a job names, deleted or not.
     async fn profile_of_job(&self, rig: &Name, lens: &Name, revision: u32) -> StoreResult<Option<Profile>>;
-    /// Current revisions, the one written last first.
-    async fn profiles(&self, rig: Option<&Name>, lens: Option<&Name>, page: &PageRequest)
-    -> StoreResult<Page<Profile>>;
+    /// Current revisions, the one written last first. Like every list: a page ends at its limit or at 3 MiB of rows,
+    /// whichever comes first, and has one row at least unless there is none.
+    async fn profiles(
+        &self,
+        rig: Option<&Name>,
+        lens: Option<&Name>,
+        page: &PageRequest,
+    ) -> StoreResult<Page<ProfileSummary>>;
     /// All revisions of one key, newest first; empty when there is no such profile.
-    async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<Profile>>;
+    async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>>;
+    /// Every revision there is, of deleted profiles too, whole, newest first.
+    async fn stored_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>>;
+    /// Rig and lens of the profiles that are there: at most `limit`.
+    async fn profile_keys(&self, limit: u32) -> StoreResult<Vec<(Name, Name)>>;
     /// Deletes (rig, lens); false when there was none, and nothing happens on a failed precondition (`Err(current)`).
     async fn delete_profile(
         &self,
@@ -338,6 +369,8 @@ pub trait Rows: UploadRows + TokenRows + Send + Sync + 'static {
     async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>>;
     /// One job.
     async fn job(&self, id: Uuid) -> StoreResult<Option<Job>>;
+    /// The kind of a job, also of one whose row cannot be read otherwise. `None` when there is no such job.
+    async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>>;
     /// Jobs, newest first.
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>>;
     /// Jobs by state.

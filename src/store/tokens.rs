@@ -158,6 +158,8 @@ pub trait TokenRows: Send + Sync + 'static {
     async fn token(&self, id: Uuid) -> StoreResult<Option<Token>>;
     /// All of them, the oldest first.
     async fn tokens(&self) -> StoreResult<Vec<Token>>;
+    /// True when a token was ever made, valid or revoked.
+    async fn any_token(&self) -> StoreResult<bool>;
     /// Makes a token worthless from now on; false when there is none of this name, or it is revoked already.
     async fn revoke_token(&self, name: &Name) -> StoreResult<bool>;
     /// The token that sent a job or an upload; `None` when nobody was asked, or there is none.

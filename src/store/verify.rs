@@ -47,6 +47,8 @@ pub struct Report {
     pub orphans: usize,
     /// What is missing or not what it was: a sentence each.
     pub faults: Vec<String>,
+    /// Rows that this version cannot read: a sentence each. All else is as it should be; they can be deleted.
+    pub unreadable: Vec<String>,
 }
 
 /// Looks at all rows and all that they name. What changes meanwhile (a job that is deleted, say) is no fault.
@@ -55,13 +57,15 @@ pub struct Report {
 /// When rows or the list of blobs cannot be read at all.
 pub async fn verify(rows: &dyn Rows, blobs: &dyn Blobs, depth: Depth) -> StoreResult<Report> {
     let mut report = Report { faults: rows.objections().await?, ..Report::default() };
-    every_profile(rows, &mut report).await?;
+    every_revision(rows, &mut report).await?;
     let mut cursor = None;
     loop {
         let page = rows.jobs(&JobFilter::default(), &PageRequest { limit: PAGE, cursor }).await?;
         for job in &page.items {
             every_file(rows, blobs, job, depth, &mut report).await?;
         }
+        report.jobs += page.skipped.len();
+        report.unreadable.extend(page.skipped.iter().map(|row| format!("job {} cannot be read", row.id)));
         cursor = page.next_cursor;
         if cursor.is_none() {
             break;
@@ -78,30 +82,19 @@ pub async fn verify(rows: &dyn Rows, blobs: &dyn Blobs, depth: Depth) -> StoreRe
     Ok(report)
 }
 
-async fn every_profile(rows: &dyn Rows, report: &mut Report) -> StoreResult<()> {
+/// Every revision, of deleted profiles too: results name them.
+async fn every_revision(rows: &dyn Rows, report: &mut Report) -> StoreResult<()> {
     let mut cursor = None;
     loop {
-        let page = rows.profiles(None, None, &PageRequest { limit: PAGE, cursor }).await?;
-        for profile in &page.items {
-            every_revision(rows, profile, report).await?;
-        }
-        cursor = page.next_cursor;
-        if cursor.is_none() {
-            return Ok(());
-        }
-    }
-}
-
-async fn every_revision(rows: &dyn Rows, profile: &Profile, report: &mut Report) -> StoreResult<()> {
-    let mut cursor = None;
-    loop {
-        let page = rows.revisions(&profile.rig, &profile.lens, &PageRequest { limit: PAGE, cursor }).await?;
+        let page = rows.stored_revisions(&PageRequest { limit: PAGE, cursor }).await?;
         for Profile { rig, lens, revision, digest, optics_digest: optics, input, .. } in &page.items {
             report.revisions += 1;
             if profile_digest(input) != *digest || optics_digest(input) != *optics {
                 report.faults.push(format!("revision {revision} of profile {rig}/{lens} is not what its digest says"));
             }
         }
+        report.revisions += page.skipped.len();
+        report.unreadable.extend(page.skipped.iter().map(|row| format!("profile {} cannot be read", row.id)));
         cursor = page.next_cursor;
         if cursor.is_none() {
             return Ok(());

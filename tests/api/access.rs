@@ -333,3 +333,93 @@ async fn a_token_takes_no_more_than_its_quota() {
     assert_eq!(gone.status(), StatusCode::NO_CONTENT);
     assert_eq!(post(&small).send().await.unwrap().status(), StatusCode::ACCEPTED, "and there is room again");
 }
+
+#[tokio::test]
+async fn revoking_the_last_token_does_not_open_the_service() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    assert!(said(folder, &["token", "add", "leaked", "--scope", "admin"]).0);
+    assert!(said(folder, &["token", "revoke", "leaked"]).0);
+    let (process, address) = serving(folder, &["--listen", "127.0.0.1:0"]);
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let status =
+        async |address: &str| client.get(format!("http://{address}/v1/stacks")).send().await.unwrap().status().as_u16();
+    assert_eq!(status(&address).await, 401);
+    drop(process);
+    assert!(std::fs::read_to_string(folder.join("log")).unwrap().contains("every token is revoked"));
+    std::fs::remove_file(folder.join("port")).expect("the port file");
+    let (_process, address) = serving(folder, &["--listen", "127.0.0.1:0", "--auth", "none"]);
+    assert_eq!(status(&address).await, 200, "somebody said it by name");
+}
+
+#[tokio::test]
+async fn a_running_server_asks_for_tokens_as_soon_as_there_is_one() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let (_process, address) = serving(folder, &["--listen", "127.0.0.1:0"]);
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let ask = || client.get(format!("http://{address}/v1/stacks"));
+    assert_eq!(ask().send().await.unwrap().status(), 200);
+    let (went_well, token, told) = said(folder, &["token", "add", "rig-pc", "--scope", "read"]);
+    assert!(went_well && told.contains("from its next request on"), "{told}");
+    assert_eq!(ask().send().await.unwrap().status(), 401);
+    assert_eq!(ask().bearer_auth(&token).send().await.unwrap().status(), 200);
+    assert!(said(folder, &["token", "revoke", "rig-pc"]).0);
+    assert_eq!(ask().send().await.unwrap().status(), 401, "and goes on asking");
+}
+
+/// Everything below a folder that another account could look into.
+fn open_to_others(folder: &Path) -> Vec<String> {
+    use std::os::unix::fs::PermissionsExt;
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("it can be read") {
+            let path = entry.expect("an entry").path();
+            let metadata = path.metadata().expect("it is there");
+            if metadata.permissions().mode() & 0o077 != 0 {
+                found.push(format!("{} {:o}", path.display(), metadata.permissions().mode()));
+            }
+            if metadata.is_dir() {
+                folders.push(path);
+            }
+        }
+    }
+    found
+}
+
+#[tokio::test]
+async fn nothing_in_a_data_folder_is_open_to_other_accounts_nor_in_a_copy() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let data = folder.join("pinstack-data");
+    for round in 0..2 {
+        let (process, address) = serving(folder, &["--listen", "127.0.0.1:0"]);
+        let client = reqwest::Client::builder().no_proxy().build().unwrap();
+        let put = client.put(format!("http://{address}/v1/profiles/rig/lens")).json(&profile(2)).send().await.unwrap();
+        assert!(put.status().is_success());
+        let sent = client.post(format!("http://{address}{POST}")).body(stack_zip(2, 2)).send().await.unwrap();
+        assert_eq!(sent.status(), StatusCode::ACCEPTED);
+        let begun = client.post(format!("http://{address}/v1/uploads")).header("tus-resumable", "1.0.0");
+        let begun = begun.header("upload-length", 10).header("upload-metadata", "rig cmln,lens bGVucw==").body("");
+        assert_eq!(begun.send().await.unwrap().status(), StatusCode::CREATED);
+        assert!(said(folder, &["backup", "--to", "copy"]).0);
+        drop(process);
+        std::fs::remove_file(folder.join("port")).expect("the port file");
+        for private in [&data, &folder.join("copy")] {
+            assert_eq!(private.metadata().unwrap().permissions().mode() & 0o777, 0o700, "{}", private.display());
+            let mut open = open_to_others(private);
+            // files of before lie in folders that nobody else can enter
+            open.retain(|path| round == 0 || !path.contains("blobs/uploads/"));
+            assert!(open.is_empty(), "{open:#?}");
+        }
+        // as an older version left them
+        for path in
+            [data.clone(), data.join("blobs"), data.join("blobs/uploads"), data.join("spool"), data.join("partial")]
+        {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        std::fs::set_permissions(data.join("pinstack.sqlite"), std::fs::Permissions::from_mode(0o644)).unwrap();
+    }
+}

@@ -134,3 +134,71 @@ async fn the_optics_have_a_digest_of_their_own_and_each_stack_names_it() {
     assert_eq!(second["profile_optics_digest"], stored["optics_digest"]);
     assert_eq!(stored["optics_digest"].as_str().map(str::len), Some(64));
 }
+
+#[tokio::test]
+async fn a_homography_that_moves_the_image_beyond_reason_is_refused_and_harms_nobody() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let mut wild = profile(3);
+    wild["homographies"][1] = json!([1e-308, 0, 0, 0, 1e308, 0, 0, 0, 1]);
+    wild["homographies"][2] = json!([1, 0, 0, 0, 1, 1e7, 0, 0, 1]);
+    wild["rail_positions_mm"] = json!([0, 1, 1e300]);
+    let told = problem(app.put(URL).json(&wild).send().await.unwrap(), 422, "invalid_profile").await;
+    let slices: Vec<&Value> = told["errors"].as_array().unwrap().iter().map(|e| &e["slice"]).collect();
+    assert_eq!(slices, [&json!(1), &json!(2), &Value::Null], "{told}");
+    assert!(told["detail"].as_str().unwrap().contains("slice 1 moves a corner of the image by"), "{told}");
+    for path in [URL, "/v1/profiles", &format!("{URL}/revisions"), &format!("{URL}/export")] {
+        assert_eq!(app.get(path).send().await.unwrap().status(), StatusCode::OK, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn lists_show_profiles_without_their_numbers_per_slice() {
+    let app = TestApp::start().await;
+    let mut told = profile(3);
+    told["gains"] = json!([1, 1, 1]);
+    told["note"] = json!("of Tuesday");
+    app.put(URL).json(&told).send().await.unwrap();
+    let whole: Value = app.get(URL).send().await.unwrap().json().await.unwrap();
+    for path in ["/v1/profiles", &format!("{URL}/revisions")] {
+        let list: Value = app.get(path).send().await.unwrap().json().await.unwrap();
+        assert!(list.get("skipped").is_none(), "{list}");
+        let item = list["items"][0].as_object().unwrap();
+        assert_eq!((&item["slice_count"], &item["note"]), (&json!(3), &json!("of Tuesday")));
+        for name in ["homographies", "slices", "gains", "rail_positions_mm"] {
+            assert!(!item.contains_key(name) && whole.get(name).is_some(), "{name}");
+        }
+        for (name, value) in item {
+            assert_eq!(value, &whole[name], "{name}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn who_mistypes_a_name_is_told_the_near_ones() {
+    let app = TestApp::start().await;
+    for lens in ["mpe65-1x", "mpe65-2x"] {
+        app.put(&format!("/v1/profiles/bench/{lens}")).json(&profile(2)).send().await.unwrap();
+    }
+    let told = problem(app.get("/v1/profiles/Bench/mpe65-1x").send().await.unwrap(), 404, "profile_not_found").await;
+    assert!(told["detail"].as_str().unwrap().contains("there is rig 'bench' with lens 'mpe65-1x'"), "{told}");
+    let stack = app.post("/v1/stacks?rig=bench&lens=mpe65_1").body(crate::app::stack_zip(2, 0)).send().await.unwrap();
+    let told = problem(stack, 404, "profile_not_found").await;
+    assert!(told["detail"].as_str().unwrap().contains("'mpe65-1x'"), "{told}");
+    let told = app.get("/v1/profiles/bench/MP-E%2065mm%20f%2F2.8").send().await.unwrap();
+    let told = problem(told, 400, "invalid_request").await;
+    assert!(told["detail"].as_str().unwrap().contains("'MP-E_65mm_f-2.8' would be one"), "{told}");
+}
+
+#[tokio::test]
+async fn what_is_not_known_of_a_profile_is_null() {
+    let app = TestApp::start().await;
+    let shown: Value = app.put(URL).json(&profile(2)).send().await.unwrap().json().await.unwrap();
+    for name in
+        ["gains", "rail_positions_mm", "pixel_pitch_mm", "capture_mode", "note", "origin", "principal_distance_px"]
+    {
+        assert_eq!(shown.get(name), Some(&Value::Null), "{name}");
+    }
+    let again = app.put(URL).json(&shown).send().await.unwrap();
+    assert_eq!(again.status(), StatusCode::OK, "what is shown can be sent again");
+}

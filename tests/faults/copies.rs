@@ -156,3 +156,39 @@ async fn what_is_missing_or_changed_is_named() {
     let copied = command(&data, &["backup", "--to", data.with_extension("copy").to_str().expect("UTF-8")]);
     assert!(!copied.status.success() && text(&copied).contains(&id(&second)), "{}", text(&copied));
 }
+
+#[tokio::test]
+async fn a_row_that_cannot_be_read_is_named_and_keeps_nobody_from_looking_copying_and_restoring() {
+    let (mut story, [first, second], image) = with_two_stacks().await;
+    let id = first.rsplit('/').next().expect("an id").to_owned();
+    let url = format!("sqlite://{}", story.data().join("pinstack.sqlite").display());
+    let rows = sqlx::SqlitePool::connect(&url).await.expect("the database");
+    // what a version stored that did not look: infinity, which is null in JSON
+    for sql in [
+        "DROP TRIGGER revisions_never_change",
+        "UPDATE revisions SET body = json_set(body, '$.slices[1].shift_px[0]', null)",
+        // of the first one
+        "UPDATE jobs SET outcome = json_set(outcome, '$.image.width', null) WHERE seq = (SELECT MIN(seq) FROM jobs)",
+    ] {
+        sqlx::query(sql).execute(&rows).await.expect(sql);
+    }
+    rows.close().await;
+    assert_eq!(story.count().await.expect("a list"), 1, "lists leave it out");
+    let found = command(&story.data(), &["verify"]);
+    let said = text(&found);
+    assert!(!found.status.success() && said.starts_with("2 jobs, 6 files"), "{said}");
+    for part in [format!("job {id} cannot be read"), "profile rig/lens?revision=1 cannot be read".to_owned()] {
+        assert!(said.contains(&part), "{part}: {said}");
+    }
+
+    let folder = TempDir::new().expect("a folder");
+    let (copy, restored) = (folder.path().join("copy"), folder.path().join("restored"));
+    let told = backup(&story.data(), &copy);
+    assert!(told.starts_with("2 jobs; 12 files copied") && told.contains("1 jobs cannot be read"), "{told}");
+    let done = command(&restored, &["restore", "--from", copy.to_str().expect("UTF-8")]);
+    assert!(done.status.success() && text(&done).contains(&id), "{}", text(&done));
+    let mut served = Story::on(&restored).await;
+    assert_eq!(served.image(&second).await.expect("an image"), image);
+    served.delete(&first).await.expect("it can be deleted");
+    served.delete("/v1/profiles/rig/lens").await.expect("it can be deleted");
+}

@@ -3,7 +3,7 @@
 use axum::{extract::State, http::StatusCode};
 
 use crate::{
-    http::{extract::JobId, problem::ApiResult, state::App, watch::load::load},
+    http::{extract::JobId, problem::ApiResult, state::App, watch::load::require},
     model::JobKind,
     store::sweep::tidy_job,
 };
@@ -23,10 +23,10 @@ use crate::{
     )
 )]
 pub async fn delete(State(app): State<App>, JobId(id): JobId) -> ApiResult<StatusCode> {
-    let job = load(&app, id, JobKind::Calibration).await?;
+    require(&app, id, JobKind::Calibration).await?;
     app.rows.delete_job(id).await?;
     // the blobs of a running job go with its worker, others at once; what stays here the sweep finds
-    if let Err(error) = tidy_job(&*app.rows, &*app.blobs, job.id).await {
+    if let Err(error) = tidy_job(&*app.rows, &*app.blobs, id).await {
         tracing::warn!(%error, %id, "blobs of a deleted job are left for the sweep");
     }
     Ok(StatusCode::NO_CONTENT)

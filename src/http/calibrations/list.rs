@@ -15,7 +15,7 @@ use crate::{
 
 /// List calibrations
 ///
-/// Newest first.
+/// Newest first. A page ends at `limit` or when the answer would be larger than about 4 MiB.
 #[utoipa::path(
     get,
     path = "/v1/calibrations",
@@ -39,5 +39,5 @@ pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<Calibratio
     let filter: JobFilter = params::job_filter(JobKind::Calibration, &pairs)?;
     let page = app.rows.jobs(&filter, &page).await?;
     let items = page.items.iter().filter_map(Calibration::of).collect();
-    Ok(Json(CalibrationList { items, next_cursor: page.next_cursor }))
+    Ok(Json(CalibrationList { items, next_cursor: page.next_cursor, skipped: page.skipped }))
 }

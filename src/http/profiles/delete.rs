@@ -32,7 +32,7 @@ pub async fn delete(State(app): State<App>, key: ProfileKey, headers: HeaderMap)
     let condition = precondition(&app, &key, &headers).await?;
     match app.rows.delete_profile(&key.rig, &key.lens, condition).await? {
         Ok(true) => Ok(StatusCode::NO_CONTENT),
-        Ok(false) => Err(not_found(&key.rig, &key.lens, None)),
+        Ok(false) => Err(not_found(&app, &key.rig, &key.lens, None).await),
         Err(current) => Err(lost_race(&key, current, &header::IF_MATCH)),
     }
 }

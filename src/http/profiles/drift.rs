@@ -48,7 +48,10 @@ pub async fn drift(State(app): State<App>, key: ProfileKey, uri: Uri) -> ApiResu
     let Parameters { from, to } = params::from_uri(&uri)?;
     let ProfileKey { rig, lens } = &key;
     let load = async |revision: Option<u32>| -> ApiResult<Profile> {
-        app.rows.profile(rig, lens, revision).await?.ok_or_else(|| not_found(rig, lens, revision))
+        match app.rows.profile(rig, lens, revision).await? {
+            Some(profile) => Ok(profile),
+            None => Err(not_found(&app, rig, lens, revision).await),
+        }
     };
     let to = load(to).await?;
     let from = match from {

@@ -70,7 +70,7 @@ struct Parameters {
 pub async fn export(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
     let Parameters { revision, format } = params::from_uri(&uri)?;
     let profile = app.rows.profile(&key.rig, &key.lens, revision).await?;
-    let profile = profile.ok_or_else(|| not_found(&key.rig, &key.lens, revision))?;
+    let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
     let tag = profile.revision.to_string();
     let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
     if not_modified(&headers, &tag) {

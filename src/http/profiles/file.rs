@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 use crate::{
     http::extract::json,
     model::{
-        Code, Fault,
+        Code, Fault, Warning,
         error::FaultPlace,
         profile::{Profile, ProfileOrigin},
     },
@@ -102,6 +102,7 @@ impl ProfileFile {
         }
         file.profile.input.check()?;
         file.check_slices()?;
+        file.check_warnings()?;
         Ok(file)
     }
 
@@ -118,6 +119,16 @@ impl ProfileFile {
             origin: Some(ProfileOrigin { rig, lens, revision, digest, created_at, calibration_id }),
             warnings: self.profile.warnings,
         }
+    }
+
+    /// Lists of profiles show the warnings: they must not be longer than what this service writes.
+    fn check_warnings(&self) -> Result<(), Fault> {
+        let warnings = &self.profile.warnings;
+        let is_long = |w: &Warning| w.code.len() > 64 || w.detail.chars().count() > 2000;
+        if warnings.len() > 100 || warnings.iter().any(is_long) {
+            return Err(at("/warnings", "the file has more than 100 warnings, or one of more than 2,000 characters"));
+        }
+        Ok(())
     }
 
     /// The list per slice must say the same as the lists of numbers: results are made with the one and shown by the other.

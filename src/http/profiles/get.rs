@@ -47,6 +47,6 @@ struct Parameters {
 pub async fn get(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
     let Parameters { revision } = params::from_uri(&uri)?;
     let profile = app.rows.profile(&key.rig, &key.lens, revision).await?;
-    let profile = profile.ok_or_else(|| not_found(&key.rig, &key.lens, revision))?;
+    let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
     Ok(shown(&headers, &profile))
 }

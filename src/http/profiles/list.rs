@@ -11,7 +11,7 @@ use crate::http::{
 
 /// List profiles
 ///
-/// The current revision of every profile, the one written last first.
+/// The current revision of every profile, the one written last first, without the numbers per slice.
 #[utoipa::path(
     get,
     path = "/v1/profiles",

@@ -7,6 +7,7 @@ pub mod file;
 pub mod get;
 pub mod import;
 pub mod list;
+mod near;
 pub mod numbers;
 pub mod put;
 pub mod revisions;
@@ -28,16 +29,25 @@ use super::{
     state::App,
 };
 use crate::{
-    model::{Code, profile::Profile},
+    model::{Code, Name, profile::Profile},
     store::Precondition,
 };
 
-/// No profile under this key.
-pub fn not_found(rig: &crate::model::Name, lens: &crate::model::Name, revision: Option<u32>) -> ApiError {
+/// Profiles that are looked through for names near to one that is not there.
+const LOOKED_THROUGH: u32 = 10_000;
+
+/// No profile under this key; names those that may be meant.
+pub async fn not_found(app: &App, rig: &Name, lens: &Name, revision: Option<u32>) -> ApiError {
     let detail = match revision {
-        None => format!(
-            "there is no profile for rig '{rig}' and lens '{lens}'; calibrate it or PUT /v1/profiles/{rig}/{lens} first"
-        ),
+        None => {
+            // the answer is the same without them
+            let keys = app.rows.profile_keys(LOOKED_THROUGH).await.unwrap_or_default();
+            let near = near::sentence(&near::near(rig, lens, &keys));
+            format!(
+                "there is no profile for rig '{rig}' and lens '{lens}'{near}; calibrate it or PUT /v1/profiles/{rig}/{lens} \
+                 first"
+            )
+        }
         Some(revision) => format!("the profile of rig '{rig}' and lens '{lens}' has no revision {revision}"),
     };
     ApiError::new(Code::ProfileNotFound, detail)

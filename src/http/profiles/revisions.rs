@@ -12,7 +12,7 @@ use crate::http::{
 
 /// List the revisions of a profile
 ///
-/// Newest first. A revision never changes; stacks name the one that they used.
+/// Newest first, without the numbers per slice: `?revision=N` of the profile has them. A revision never changes; stacks name the one that they used.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/revisions",
@@ -36,8 +36,8 @@ pub async fn revisions(State(app): State<App>, key: ProfileKey, uri: Uri) -> Api
     params::refuse_rest(&pairs, "limit, cursor")?;
     let is_first_page = page.cursor.is_none();
     let page = app.rows.revisions(&key.rig, &key.lens, &page).await?;
-    if page.items.is_empty() && is_first_page {
-        return Err(not_found(&key.rig, &key.lens, None));
+    if page.items.is_empty() && page.skipped.is_empty() && is_first_page {
+        return Err(not_found(&app, &key.rig, &key.lens, None).await);
     }
     Ok(Json(page.into()))
 }

@@ -16,7 +16,7 @@ use crate::{
 
 /// List stacks
 ///
-/// Newest first.
+/// Newest first. A page ends at `limit` or when the answer would be larger than about 4 MiB.
 #[utoipa::path(
     get,
     path = "/v1/stacks",
@@ -41,5 +41,5 @@ pub async fn list(State(app): State<App>, caller: Caller, uri: Uri) -> ApiResult
     let filter = JobFilter { owner: caller.sees_only(&app), ..params::job_filter(JobKind::Stack, &pairs)? };
     let page = app.rows.jobs(&filter, &page).await?;
     let items = page.items.iter().filter_map(Stack::of).collect();
-    Ok(Json(StackList { items, next_cursor: page.next_cursor }))
+    Ok(Json(StackList { items, next_cursor: page.next_cursor, skipped: page.skipped }))
 }

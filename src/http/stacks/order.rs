@@ -61,7 +61,7 @@ impl Order for StackOrder {
         // before the profile is looked for: what is wrong in the request itself is told first
         options.check()?;
         let profile = app.rows.profile(&rig, &lens, options.profile_revision).await?;
-        let profile = profile.ok_or_else(|| not_found(&rig, &lens, options.profile_revision))?;
+        let Some(profile) = profile else { return Err(not_found(app, &rig, &lens, options.profile_revision).await) };
         Self::new(profile, options, None)
     }
 

@@ -143,7 +143,7 @@ async fn asked(
         Some(revision) if revision == request.profile_revision => app.rows.profile_of_job(rig, lens, revision).await?,
         revision => app.rows.profile(rig, lens, revision).await?,
     };
-    let profile = profile.ok_or_else(|| not_found(rig, lens, options.profile_revision))?;
+    let Some(profile) = profile else { return Err(not_found(app, rig, lens, options.profile_revision).await) };
     Ok((options, profile))
 }
 

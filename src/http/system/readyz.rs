@@ -4,7 +4,7 @@ use axum::{Json, extract::State, http::StatusCode};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::http::{background, state::App};
+use crate::http::state::App;
 
 /// Whether the service can take work.
 #[derive(Serialize, ToSchema)]
@@ -20,7 +20,7 @@ pub struct Readiness {
 pub struct Checks {
     /// The database answers.
     database: Check,
-    /// Files can be written.
+    /// Files can be written and moved into place.
     blobs: Check,
     /// There is room on the disk.
     disk: DiskCheck,
@@ -100,10 +100,5 @@ async fn look(app: &App) -> Look {
 }
 
 async fn is_writable(app: &App) -> bool {
-    let spool = app.blobs.spool_dir().to_owned();
-    let written = background::spawn_blocking(move || {
-        use std::io::Write;
-        tempfile::tempfile_in(spool).and_then(|mut file| file.write_all(b"ready?"))
-    });
-    matches!(written.await, Ok(Ok(())))
+    app.blobs.probe().await.inspect_err(|error| tracing::error!(?error, "files cannot be stored")).is_ok()
 }

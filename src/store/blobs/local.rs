@@ -16,8 +16,9 @@ use uuid::Uuid;
 use super::{
     Blobs, JobBlobs, Partial, Room,
     partial::{self, LocalPartial},
+    probe,
 };
-use crate::store::{StoreError, StoreResult, step::step};
+use crate::store::{StoreError, StoreResult, folder, step::step};
 
 /// Folder of the uploads, one file per job.
 const UPLOADS: &str = "uploads";
@@ -52,9 +53,11 @@ impl LocalBlobs {
         let root = data_dir.join("blobs");
         let spools = data_dir.join("spool");
         let partials = data_dir.join(PARTIALS);
-        for folder in [&root.join(UPLOADS), &root.join(RESULTS), &spools, &partials] {
+        folder::make(data_dir)?;
+        for folder in [&root, &root.join(UPLOADS), &root.join(RESULTS), &spools, &partials] {
             step("open.folders")?;
             fs::create_dir_all(folder)?;
+            folder::keep_private(folder, folder::FOLDER)?;
         }
         for folder in [&root, data_dir] {
             sync_folder(folder)?;
@@ -71,7 +74,21 @@ impl LocalBlobs {
         let spool = spools.join(name);
         step("spool.folder")?;
         fs::create_dir(&spool)?;
-        Ok(Self { root, spool, partials, _spool_lock: spool_lock })
+        let blobs = Self { root, spool, partials, _spool_lock: spool_lock };
+        blobs.require_one_file_system()?;
+        Ok(blobs)
+    }
+
+    /// Refuses folders between which nothing can be moved.
+    fn require_one_file_system(&self) -> io::Result<()> {
+        let (uploads, results) = (self.root.join(UPLOADS), self.root.join(RESULTS));
+        probe::same_file_system(&self.spool, &[&self.partials, &uploads, &results])?;
+        // two mounts of one file system look like one, but nothing can be moved between them; a full disk is no reason not to
+        // serve what is there
+        match probe::probe(&self.spool, &[&uploads, &results]) {
+            Err(error) if error.kind() == io::ErrorKind::CrossesDevices => Err(error),
+            _ => Ok(()),
+        }
     }
 
     /// Where a key lies. Keys are made by us; one that could leave the folder is refused all the same.
@@ -240,6 +257,15 @@ impl Blobs for LocalBlobs {
                 .map_err(|e| StoreError::of_io(e.into(), "cannot ask for disk room".into()))?;
             let bytes = |blocks: u64| blocks.saturating_mul(stat.f_frsize);
             Ok(Room { free: bytes(stat.f_bavail), total: bytes(stat.f_blocks) })
+        })
+        .await
+    }
+
+    async fn probe(&self) -> StoreResult<()> {
+        let (spool, root) = (self.spool.clone(), self.root.clone());
+        blocking(move || {
+            probe::probe(&spool, &[&root.join(UPLOADS), &root.join(RESULTS)])
+                .map_err(|e| StoreError::of_io(e, "files cannot be stored".into()))
         })
         .await
     }

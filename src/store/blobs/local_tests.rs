@@ -62,6 +62,35 @@ async fn what_is_over_its_time_goes_by_its_class() {
 }
 
 #[test]
+fn blobs_on_another_file_system_are_refused_with_what_to_do() {
+    use std::os::unix::fs::MetadataExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let device = |path: &Path| fs::metadata(path).map(|m| m.dev()).ok();
+    let Some(elsewhere) = [Path::new("/dev/shm"), Path::new("/run")]
+        .into_iter()
+        .filter(|path| device(path).is_some() && device(path) != device(folder.path()))
+        .find_map(|path| tempfile::tempdir_in(path).ok())
+    else {
+        return eprintln!("skipped: there is one file system alone");
+    };
+    std::os::unix::fs::symlink(elsewhere.path(), folder.path().join("blobs")).expect("a link");
+    let refused = LocalBlobs::open(folder.path()).expect_err("nothing can be moved there");
+    let told = format!("{:#}", anyhow::Error::from(refused));
+    assert!(told.contains("another file system") && told.contains("data folder itself"), "{told}");
+}
+
+#[tokio::test]
+async fn the_probe_leaves_nothing_behind_and_finds_what_is_broken() {
+    let (folder, blobs) = fresh();
+    blobs.probe().await.expect("sound");
+    let uploads = folder.path().join("blobs/uploads");
+    assert_eq!(fs::read_dir(&uploads).expect("a folder").count(), 0);
+    assert_eq!(fs::read_dir(blobs.spool_dir()).expect("a folder").count(), 0);
+    fs::remove_dir(&uploads).expect("empty");
+    assert!(blobs.probe().await.is_err());
+}
+
+#[test]
 fn a_start_removes_the_spool_of_the_dead_and_not_that_of_the_living() {
     let (folder, living) = fresh();
     let dead = LocalBlobs::open(folder.path()).unwrap();

@@ -33,6 +33,10 @@ impl Blobs for SmallDisk {
         tokio::task::yield_now().await;
         Ok(Room { free, total: TOTAL })
     }
+    async fn probe(&self) -> StoreResult<()> {
+        self.blobs.probe().await
+    }
+
     fn spool_dir(&self) -> &Path {
         self.blobs.spool_dir()
     }

@@ -244,3 +244,42 @@ pub(crate) async fn every_visible_change_is_announced_and_counted(store: Fresh) 
     assert!(job(rows, accepted.id).await.version > claimed.version);
     assert!(rows.healthy().await);
 }
+
+pub(crate) async fn a_page_ends_before_it_is_too_large(store: Fresh) {
+    let rows = &*store.rows;
+    let mut ids = Vec::new();
+    for _ in 0..5 {
+        // a megabyte of names each
+        let job = stack_with(|request| request.layout.front = vec!["x".repeat(1000); 1000]);
+        ids.push(accept(rows, &job).await.id);
+    }
+    ids.reverse();
+    let (mut seen, mut sizes, mut cursor) = (Vec::new(), Vec::new(), None);
+    loop {
+        let part = rows.jobs(&JobFilter::default(), &page(500, cursor)).await.unwrap();
+        sizes.push(part.items.len());
+        seen.extend(part.items.iter().map(|job| job.id));
+        cursor = part.next_cursor;
+        if cursor.is_none() {
+            break;
+        }
+    }
+    assert_eq!((seen, sizes), (ids, vec![3, 2]));
+}
+
+pub(crate) async fn a_result_that_could_not_be_read_again_fails_the_job(store: Fresh) {
+    let rows = &*store.rows;
+    accept(rows, &calibration()).await;
+    let claimed = claim(rows).await.unwrap();
+    let mut measured = draft(1.5);
+    measured.slices[0].scale = f64::NAN;
+    let finish = Finish::Succeeded {
+        outcome: Box::new(calibration_outcome()),
+        warnings: vec![],
+        profile: Some(Box::new(measured)),
+    };
+    assert!(rows.finish(claimed.id, claimed.lease_token, &finish).await.unwrap());
+    let ended = job(rows, claimed.id).await;
+    assert_eq!((ended.state, ended.error.map(|fault| fault.code)), (JobState::Failed, Some(Code::Internal)));
+    assert!(rows.profiles(None, None, &page(10, None)).await.unwrap().items.is_empty());
+}

@@ -195,3 +195,17 @@ pub(crate) async fn a_clock_that_leaps_back_keeps_no_job_with_a_dead_worker(stor
     let living = claim(rows).await.expect("nothing was heard of its worker for a whole lease");
     assert_eq!((living.id, living.attempt), (dead.id, 2));
 }
+
+pub(crate) async fn a_lease_is_judged_by_its_own_length_and_not_by_that_of_who_looks(store: Fresh) {
+    let rows = &*store.rows;
+    accept(rows, &stack()).await;
+    let long = LEASE * 100;
+    let claimed = rows.claim(long, ATTEMPTS).await.unwrap().unwrap();
+    store.clock.advance(LEASE * 50);
+    assert_eq!(claim(rows).await, None, "it is held for a hundred times as long");
+    rows.heartbeat(claimed.id, claimed.lease_token, long, &progress(1)).await.unwrap();
+    store.clock.advance(LEASE * 99);
+    assert_eq!(claim(rows).await, None);
+    store.clock.advance(LEASE);
+    assert_eq!(claim(rows).await.map(|job| job.id), Some(claimed.id), "nothing was heard of it for all that time");
+}

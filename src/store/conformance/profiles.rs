@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    model::profile::ProfileOrigin,
+    model::{ProfileSummary, profile::ProfileOrigin},
     store::digest::{optics_digest, profile_digest},
 };
 
@@ -45,7 +45,10 @@ pub(crate) async fn every_write_is_a_new_revision_and_old_ones_never_change(stor
     assert_eq!(rows.profile(&rig, &lens, None).await.unwrap(), Some(second.clone()));
     assert_eq!(rows.profile(&rig, &lens, Some(3)).await.unwrap(), None);
     let all = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
-    assert_eq!((all.items, all.next_cursor), (vec![second, first], None));
+    let summaries = [&second, &first].map(ProfileSummary::from);
+    assert_eq!((all.items, all.next_cursor), (summaries.to_vec(), None));
+    let stored = rows.stored_revisions(&page(10, None)).await.unwrap();
+    assert_eq!((stored.items, stored.skipped), (vec![second, first], vec![]));
 }
 
 pub(crate) async fn preconditions_decide_a_race(store: Fresh) {
@@ -76,6 +79,8 @@ pub(crate) async fn a_delete_hides_the_profile_and_keeps_the_numbering(store: Fr
     assert!(rows.profiles(None, None, &page(10, None)).await.unwrap().items.is_empty());
     // stacks already made can still say what they used
     assert_eq!(rows.profile_of_job(&rig, &lens, 2).await.unwrap(), Some(second));
+    assert_eq!(rows.stored_revisions(&page(10, None)).await.unwrap().items.len(), 2);
+    assert!(rows.profile_keys(10).await.unwrap().is_empty());
     let third = rows.put_profile(&rig, &lens, &draft(1.5), Precondition::Absent).await.unwrap();
     assert!(matches!(third, PutProfile::Created(p) if p.revision == 3));
     let visible = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
@@ -89,7 +94,7 @@ pub(crate) async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
     }
     put(rows, "two", "a", 1.25).await;
     put(rows, "one", "b", 1.5).await;
-    let key = |p: &Profile| format!("{}/{}@{}", p.rig, p.lens, p.revision);
+    let key = |p: &ProfileSummary| format!("{}/{}@{}", p.rig, p.lens, p.revision);
     let mut seen = Vec::new();
     let mut cursor = None;
     loop {
@@ -106,6 +111,27 @@ pub(crate) async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
     assert_eq!(of_two.items.iter().map(key).collect::<Vec<_>>(), ["two/a@1"]);
     let a = rows.profiles(None, Some(&name("a")), &page(10, None)).await.unwrap();
     assert_eq!(a.items.iter().map(key).collect::<Vec<_>>(), ["two/a@1", "one/a@1"]);
+}
+
+pub(crate) async fn the_keys_of_profiles_are_listed(store: Fresh) {
+    let rows = &*store.rows;
+    for lens in ["b", "a", "b"] {
+        put(rows, "rig", lens, 1.25).await;
+    }
+    let keys = [(name("rig"), name("a")), (name("rig"), name("b"))];
+    assert_eq!(rows.profile_keys(10).await.unwrap(), keys);
+    assert_eq!(rows.profile_keys(1).await.unwrap(), keys[..1]);
+}
+
+pub(crate) async fn a_profile_that_could_not_be_read_again_is_not_stored(store: Fresh) {
+    let rows = &*store.rows;
+    let first = put(rows, "rig", "lens", 1.25).await;
+    let mut draft = draft(1.5);
+    draft.slices[1].shift_px[0] = f64::INFINITY;
+    let refused = rows.put_profile(&first.rig, &first.lens, &draft, Precondition::Any).await;
+    assert!(refused.is_err_and(|error| crate::store::json::is_not_storable(&error)));
+    assert_eq!(rows.profile(&first.rig, &first.lens, None).await.unwrap().as_ref(), Some(&first));
+    assert_eq!(put(rows, "rig", "lens", 1.5).await.revision, 2, "and its number was not used");
 }
 
 pub(crate) async fn a_foreign_cursor_is_refused(store: Fresh) {

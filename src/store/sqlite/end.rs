@@ -5,7 +5,10 @@ use sqlx::SqliteConnection;
 use uuid::Uuid;
 
 use super::{CancelRequest, Finish, SqliteRows, StoreResult, profiles, row, uploads::signed};
-use crate::model::{Fault, JobState, Warning, outcome::JobOutcome};
+use crate::{
+    model::{Code, Fault, JobState, Warning, outcome::JobOutcome},
+    store::json,
+};
 
 /// What a row becomes at its end.
 #[derive(Default)]
@@ -17,6 +20,18 @@ struct End<'a> {
 }
 
 pub(super) async fn finish(store: &SqliteRows, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
+    match write_finish(store, id, lease_token, finish).await {
+        Err(error) if json::is_not_storable(&error) => {
+            tracing::error!(job = %id, ?error, "the result of a job cannot be stored");
+            let detail = "the result of this job has a number that cannot be stored; this is a bug of the service, and its \
+                          log has the details under the job's id";
+            write_finish(store, id, lease_token, &Finish::Failed(Fault::new(Code::Internal, detail))).await
+        }
+        written => written,
+    }
+}
+
+async fn write_finish(store: &SqliteRows, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
     let now = store.clock.now_ms();
     let mut tx = store.write().await?;
     let held: Option<(bool, bool, String, String)> = sqlx::query_as(
@@ -70,9 +85,9 @@ async fn write_end(connection: &mut SqliteConnection, id: Uuid, now: i64, end: &
     .bind(id)
     .bind(end.state)
     .bind(now)
-    .bind(end.error.map(serde_json::to_string).transpose()?)
-    .bind(end.warnings.map(serde_json::to_string).transpose()?)
-    .bind(end.outcome.as_ref().map(serde_json::to_string).transpose()?)
+    .bind(end.error.map(|fault| json::stored::<Fault>("the error of a job", fault)).transpose()?)
+    .bind(end.warnings.map(|all| json::stored::<Vec<Warning>>("the warnings of a job", all)).transpose()?)
+    .bind(end.outcome.as_ref().map(|made| json::stored::<JobOutcome>("the result of a job", made)).transpose()?)
     .bind(signed(end.outcome.as_ref().map_or(0, JobOutcome::bytes)))
     .execute(connection)
     .await?;

@@ -1,15 +1,19 @@
 //! Accepting jobs, and reading them.
 
+use anyhow::Context;
 use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
 use super::{
     BlobOwner, Enqueue, Job, JobCounts, JobFilter, NewJob, Page, PageRequest, SqliteRows, StoreResult,
     page::Window,
-    row::{JobRow, state},
+    row::{JobRow, kind, state},
     uploads::signed,
 };
-use crate::model::{JobKind, JobState, Name, request::JobRequest};
+use crate::{
+    model::{JobKind, JobState, Name, Warning, request::JobRequest},
+    store::{Skipped, json},
+};
 
 /// What a day has.
 const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;
@@ -55,10 +59,10 @@ pub(super) async fn insert(
     .bind(job.rig.as_str())
     .bind(job.lens.as_str())
     .bind(job.request.scan().map(Name::as_str))
-    .bind(serde_json::to_string(&job.request)?)
+    .bind(json::stored::<JobRequest>("the request of a job", &job.request)?)
     .bind(store.clock.now_ms())
     .bind(keep_ms(&job.request))
-    .bind(serde_json::to_string(&job.warnings)?)
+    .bind(json::stored::<Vec<Warning>>("the warnings of a job", &job.warnings)?)
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
@@ -87,9 +91,17 @@ pub(super) async fn get(store: &SqliteRows, id: Uuid) -> StoreResult<Option<Job>
     row.map(Job::try_from).transpose()
 }
 
+pub(super) async fn kind_of(store: &SqliteRows, id: Uuid) -> StoreResult<Option<JobKind>> {
+    let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = ?1 AND delete_requested = 0")
+        .bind(id)
+        .fetch_optional(&store.readers)
+        .await?;
+    name.as_deref().map(kind).transpose()
+}
+
 pub(super) async fn list(store: &SqliteRows, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
     let window = Window::of(page)?;
-    let rows: Vec<JobRow> = sqlx::query_as(
+    let rows = sqlx::query_as(
         "SELECT * FROM jobs
          WHERE seq < ?1 AND delete_requested = 0
            AND (?2 IS NULL OR kind = ?2) AND (?3 IS NULL OR state = ?3)
@@ -105,10 +117,38 @@ pub(super) async fn list(store: &SqliteRows, filter: &JobFilter, page: &PageRequ
     .bind(filter.scan.as_ref().map(Name::as_str))
     .bind(window.rows)
     .bind(filter.owner)
+    .fetch(&store.readers);
+    let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
+    // megabytes of JSON are no work for a thread that answers requests
+    let parsed = tokio::task::spawn_blocking(move || {
+        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
+        for row in rows {
+            let id = row.id;
+            match Job::try_from(row) {
+                Ok(job) => page.items.push(job),
+                Err(error) => page.skipped.push(Skipped::because(id.to_string(), &error)),
+            }
+        }
+        page
+    });
+    Ok(parsed.await.context("the task that reads rows died")?)
+}
+
+/// Keys of the blobs that a row names, also of one that cannot be read; none where its JSON is no JSON.
+pub(super) async fn named_keys(store: &SqliteRows, id: Uuid) -> StoreResult<Vec<String>> {
+    Ok(sqlx::query_scalar(
+        "SELECT key FROM (
+             SELECT json_extract(request, '$.upload.key') AS key FROM jobs
+             WHERE id = ?1 AND json_valid(request) AND upload_removed = 0
+             UNION ALL
+             SELECT json_extract(value, '$.key') AS key
+             FROM jobs, json_each(iif(json_valid(outcome), outcome, '{}'), '$.artifacts')
+             WHERE id = ?1
+         ) WHERE typeof(key) = 'text'",
+    )
+    .bind(id)
     .fetch_all(&store.readers)
-    .await?;
-    let jobs: StoreResult<Vec<(i64, Job)>> = rows.into_iter().map(|row| Ok((row.seq, row.try_into()?))).collect();
-    Ok(window.page(jobs?))
+    .await?)
 }
 
 pub(super) async fn counts(store: &SqliteRows) -> StoreResult<JobCounts> {

@@ -6,12 +6,13 @@ use sqlx::SqliteConnection;
 use uuid::Uuid;
 
 use super::{
-    Attempt, Heartbeat, Job, Progress, SqliteRows, StoreResult,
+    Attempt, Finish, Heartbeat, Job, Progress, SqliteRows, StoreError, StoreResult, end,
     lost::Lease,
     row::{JobRow, kind},
 };
 use crate::{
     model::{Code, Fault, JobKind},
+    store::json,
     telemetry::events,
 };
 
@@ -23,7 +24,7 @@ pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32
     let row: Option<JobRow> = sqlx::query_as(
         "UPDATE jobs
          SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
-             attempt = attempt + 1, lease_token = lease_token + 1, lease_until = ?1, version = version + 1,
+             attempt = attempt + 1, lease_token = lease_token + 1, lease_until = ?1, lease_ms = ?4, version = version + 1,
              started_at = COALESCE(started_at, ?2)
          WHERE seq = (SELECT seq FROM jobs
                       WHERE state = 'queued'
@@ -34,15 +35,25 @@ pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32
     .bind(until(now, lease))
     .bind(now)
     .bind(&lost)
+    .bind(millis(lease))
     .fetch_optional(&mut *tx)
     .await?;
     store.commit(tx, "rows.claim").await?;
     for kind in failed {
         events::failed(kind, Code::WorkerLost);
     }
-    let job = row.map(Job::try_from).transpose()?;
+    let claimed = row.as_ref().map(|row| (row.id, row.lease_token));
+    let job = match row.map(Job::try_from).transpose() {
+        Ok(job) => job,
+        Err(error) => {
+            if let Some((id, token)) = claimed {
+                fail_unreadable(store, id, token, &error).await?;
+            }
+            return Box::pin(claim(store, lease, max_attempts)).await;
+        }
+    };
     if let Some(job) = &job {
-        let given = Lease { token: job.lease_token, until: until(now, lease) };
+        let given = Lease { token: job.lease_token, until: until(now, lease), length: lease };
         store.leases.given(job.id, given, store.clock.steady());
     }
     for id in ended.into_iter().chain(job.as_ref().map(|job| job.id)) {
@@ -51,14 +62,30 @@ pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32
     Ok(job)
 }
 
+/// A job whose row cannot be read is no work for anybody, now or later.
+async fn fail_unreadable(store: &SqliteRows, id: Uuid, token: i64, error: &StoreError) -> StoreResult<()> {
+    tracing::error!(job = %id, ?error, "the row of a job cannot be read");
+    let detail = "what this job was asked to do cannot be read any more; 'pinstack verify' looks for more, and the log of \
+                  the service has the details under the job's id";
+    end::finish(store, id, token, &Finish::Failed(Fault::new(Code::Internal, detail))).await?;
+    Ok(())
+}
+
 /// The jobs whose worker is gone, as a JSON list of their ids in hex.
 async fn lost(store: &SqliteRows, connection: &mut SqliteConnection, lease: Duration, now: i64) -> StoreResult<String> {
-    let rows: Vec<(Uuid, i64, i64)> =
-        sqlx::query_as("SELECT id, lease_token, COALESCE(lease_until, 0) FROM jobs WHERE state = 'running'")
+    let rows: Vec<(Uuid, i64, i64, Option<i64>)> =
+        sqlx::query_as("SELECT id, lease_token, COALESCE(lease_until, 0), lease_ms FROM jobs WHERE state = 'running'")
             .fetch_all(connection)
             .await?;
-    let leases: Vec<(Uuid, Lease)> = rows.into_iter().map(|(id, token, until)| (id, Lease { token, until })).collect();
-    let lost = store.leases.lost(&leases, lease, now, store.clock.steady());
+    let leases: Vec<(Uuid, Lease)> = rows
+        .into_iter()
+        .map(|(id, token, until, ms)| {
+            // a process of before the length was kept wrote none
+            let length = ms.map_or(lease, |ms| Duration::from_millis(ms.unsigned_abs()));
+            (id, Lease { token, until, length })
+        })
+        .collect();
+    let lost = store.leases.lost(&leases, now, store.clock.steady());
     Ok(serde_json::to_string(&lost.iter().map(|id| id.simple().to_string()).collect::<Vec<_>>())?)
 }
 
@@ -111,7 +138,7 @@ async fn end_the_lost(
     )
     .bind(now)
     .bind(max_attempts)
-    .bind(serde_json::to_string(&fault)?)
+    .bind(json::stored::<Fault>("the error of a job", &fault)?)
     .bind(lost)
     .fetch_all(&mut *connection)
     .await?;
@@ -132,7 +159,7 @@ pub(super) async fn heartbeat(
     // the right-hand sides see the row as it was, so the version grows only when the progress is news
     let beat: Option<(bool, i64)> = sqlx::query_as(
         "UPDATE jobs
-         SET lease_until = ?3,
+         SET lease_until = ?3, lease_ms = ?8,
              version = version + ((stage, completed, total, fraction) IS NOT (?4, ?5, ?6, ?7)),
              stage = ?4, completed = ?5, total = ?6, fraction = ?7
          WHERE id = ?1 AND lease_token = ?2 AND state = 'running'
@@ -145,6 +172,7 @@ pub(super) async fn heartbeat(
     .bind(progress.completed)
     .bind(progress.total)
     .bind(fraction)
+    .bind(millis(lease))
     .fetch_optional(&mut *tx)
     .await?;
     store.commit(tx, "rows.heartbeat").await?;
@@ -188,5 +216,9 @@ pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64, atte
 }
 
 fn until(now_ms: i64, lease: Duration) -> i64 {
-    now_ms.saturating_add(i64::try_from(lease.as_millis()).unwrap_or(i64::MAX))
+    now_ms.saturating_add(millis(lease))
+}
+
+fn millis(time: Duration) -> i64 {
+    i64::try_from(time.as_millis()).unwrap_or(i64::MAX)
 }

@@ -19,6 +19,8 @@ const PATIENCE: u32 = 5;
 pub(super) struct Lease {
     pub(super) token: i64,
     pub(super) until: i64,
+    /// How long it was given for: what its worker goes by, however long leases are where somebody looks.
+    pub(super) length: Duration,
 }
 
 /// The leases that this process has seen, and since when they have not changed, by the clock that never leaps.
@@ -27,7 +29,7 @@ pub(super) struct Watched(Mutex<HashMap<Uuid, (Lease, Duration)>>);
 
 impl Watched {
     /// Looks at all leases there are: those that are over. `now_ms` is the wall's time, `steady` that of the other clock.
-    pub(super) fn lost(&self, leases: &[(Uuid, Lease)], length: Duration, now_ms: i64, steady: Duration) -> Vec<Uuid> {
+    pub(super) fn lost(&self, leases: &[(Uuid, Lease)], now_ms: i64, steady: Duration) -> Vec<Uuid> {
         let mut seen = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let known = std::mem::take(&mut *seen);
         let mut lost = Vec::new();
@@ -37,7 +39,7 @@ impl Watched {
                 _ => steady,
             };
             let silent = steady.saturating_sub(since);
-            if silent >= length || (lease.until <= now_ms && silent >= length / PATIENCE) {
+            if silent >= lease.length || (lease.until <= now_ms && silent >= lease.length / PATIENCE) {
                 lost.push(*id);
             }
             seen.insert(*id, (*lease, since));
@@ -62,13 +64,13 @@ mod tests {
     }
 
     fn lease(until: i64) -> Lease {
-        Lease { token: 1, until }
+        Lease { token: 1, until, length: LENGTH }
     }
 
     #[test]
     fn a_lease_that_is_over_by_the_wall_is_taken_after_a_while_of_silence() {
         let (watched, id) = (Watched::default(), Uuid::now_v7());
-        let look = |at| watched.lost(&[(id, lease(1_000))], LENGTH, 2_000, after(at));
+        let look = |at| watched.lost(&[(id, lease(1_000))], 2_000, after(at));
         assert!(look(100).is_empty(), "seen for the first time");
         assert!(look(102).is_empty());
         assert_eq!(look(103), [id]);
@@ -79,14 +81,14 @@ mod tests {
         let (watched, id) = (Watched::default(), Uuid::now_v7());
         watched.given(id, lease(16_000), after(0));
         let leapt = 3_600_000;
-        assert!(watched.lost(&[(id, lease(16_000))], LENGTH, leapt, after(1)).is_empty());
-        assert!(watched.lost(&[(id, lease(leapt + 16_000))], LENGTH, leapt + 1_000, after(2)).is_empty());
+        assert!(watched.lost(&[(id, lease(16_000))], leapt, after(1)).is_empty());
+        assert!(watched.lost(&[(id, lease(leapt + 16_000))], leapt + 1_000, after(2)).is_empty());
     }
 
     #[test]
     fn a_dead_workers_lease_ends_though_the_wall_leapt_back() {
         let (watched, id) = (Watched::default(), Uuid::now_v7());
-        let look = |at| watched.lost(&[(id, lease(3_600_000))], LENGTH, 5, after(at));
+        let look = |at| watched.lost(&[(id, lease(3_600_000))], 5, after(at));
         assert!(look(0).is_empty());
         assert!(look(14).is_empty());
         assert_eq!(look(15), [id]);
@@ -95,10 +97,10 @@ mod tests {
     #[test]
     fn a_job_that_was_claimed_again_is_a_new_lease_and_one_that_is_gone_is_forgotten() {
         let (watched, id) = (Watched::default(), Uuid::now_v7());
-        let look = |token, at| watched.lost(&[(id, Lease { token, until: 0 })], LENGTH, 1, after(at));
+        let look = |token, at| watched.lost(&[(id, Lease { token, until: 0, length: LENGTH })], 1, after(at));
         look(1, 0);
         assert!(look(2, 20).is_empty());
-        watched.lost(&[], LENGTH, 1, after(30));
+        watched.lost(&[], 1, after(30));
         assert!(look(2, 60).is_empty());
     }
 }

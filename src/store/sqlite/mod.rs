@@ -8,6 +8,7 @@ mod error;
 mod jobs;
 mod lease;
 mod lost;
+mod observed;
 mod page;
 mod profiles;
 mod retention;
@@ -30,25 +31,28 @@ use uuid::Uuid;
 
 use super::{
     Attempt, BlobOwner, CancelRequest, Clock, Enqueue, Finish, Heartbeat, Job, JobCounts, JobFilter, NewJob, Page,
-    PageRequest, Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock, Totals,
+    PageRequest, Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock, Totals, folder,
     step::step, sweep::Retention,
 };
-use crate::model::{Name, Progress, profile::Profile};
+use crate::model::{JobKind, Name, ProfileSummary, Progress, profile::Profile};
 
 /// How long a statement waits for another process that writes.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
 /// Connections for reading.
 const READERS: u32 = 4;
+/// Rows that are read before somebody takes them.
+const ROWS_AHEAD: usize = 4;
 /// Changes that a slow listener may lag behind before it has to look at the rows again.
 const CHANGES: usize = 1024;
 
 /// Every change of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 5] = [
+const SCHEMA: [(i64, &str, &str); 6] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
     (4, "retention", include_str!("schema/0004_retention.sql")),
     (5, "totals", include_str!("schema/0005_totals.sql")),
+    (6, "heads", include_str!("schema/0006_heads.sql")),
 ];
 
 /// Rows in one SQLite file.
@@ -57,6 +61,7 @@ pub struct SqliteRows {
     readers: SqlitePool,
     clock: Arc<dyn Clock>,
     leases: lost::Watched,
+    seen: observed::Seen,
     changes: broadcast::Sender<Uuid>,
 }
 
@@ -83,15 +88,21 @@ impl SqliteRows {
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
-            .busy_timeout(BUSY_TIMEOUT);
+            .busy_timeout(BUSY_TIMEOUT)
+            // rows may have a megabyte: few wait in memory for whoever reads them
+            .row_buffer_size(ROWS_AHEAD);
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
         step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
         migrator().run(&writer).await.with_context(|| format!("cannot bring {} up to date", path.display()))?;
+        profiles::fill_heads(&writer).await?;
+        for ending in ["", "-wal", "-shm", ".lock"] {
+            keep_private(path, ending)?;
+        }
         drop(lock);
         let reading = options.pragma("query_only", "ON");
         let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(reading).await?;
         let (changes, _) = broadcast::channel(CHANGES);
-        Ok(Self { writer, readers, clock, leases: lost::Watched::default(), changes })
+        Ok(Self { writer, readers, clock, leases: lost::Watched::default(), seen: observed::Seen::default(), changes })
     }
 
     /// Writes all rows, as they are at this moment, into a new file at `path`. Whoever writes meanwhile waits for nothing.
@@ -105,6 +116,22 @@ impl SqliteRows {
         let mut connection = self.writer.acquire().await?;
         sqlx::query("VACUUM INTO ?1").bind(path).execute(&mut *connection).await?;
         Ok(())
+    }
+
+    /// Keys of the blobs that the row of a job names, also of one that cannot be read.
+    ///
+    /// # Errors
+    /// When the database does not answer.
+    pub async fn named_keys(&self, id: Uuid) -> StoreResult<Vec<String>> {
+        jobs::named_keys(self, id).await
+    }
+
+    /// Says that the clock is right though it leapt: what is over its time by it expires.
+    ///
+    /// # Errors
+    /// When the database cannot be written.
+    pub async fn trust_clock(&self) -> StoreResult<()> {
+        observed::trust(self).await
     }
 
     /// Waits for running statements and closes the file.
@@ -131,6 +158,14 @@ impl SqliteRows {
     fn changed(&self, id: Uuid) {
         let _ = self.changes.send(id);
     }
+}
+
+/// The database tells everything but the pictures.
+fn keep_private(path: &Path, ending: &str) -> StoreResult<()> {
+    let mut file = path.as_os_str().to_owned();
+    file.push(ending);
+    let kept = folder::keep_private(Path::new(&file), folder::FILE);
+    kept.map_err(|error| StoreError::of_io(error, format!("cannot set the mode of {}", Path::new(&file).display())))
 }
 
 fn migrator() -> Migrator {
@@ -178,12 +213,20 @@ impl Rows for SqliteRows {
         rig: Option<&Name>,
         lens: Option<&Name>,
         page: &PageRequest,
-    ) -> StoreResult<Page<Profile>> {
+    ) -> StoreResult<Page<ProfileSummary>> {
         profiles::list(self, rig, lens, page).await
     }
 
-    async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<Profile>> {
+    async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>> {
         profiles::revisions(self, rig, lens, page).await
+    }
+
+    async fn stored_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>> {
+        profiles::stored(self, page).await
+    }
+
+    async fn profile_keys(&self, limit: u32) -> StoreResult<Vec<(Name, Name)>> {
+        profiles::keys(self, limit).await
     }
 
     async fn delete_profile(
@@ -205,6 +248,10 @@ impl Rows for SqliteRows {
 
     async fn job(&self, id: Uuid) -> StoreResult<Option<Job>> {
         jobs::get(self, id).await
+    }
+
+    async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>> {
+        jobs::kind_of(self, id).await
     }
 
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {

@@ -1,9 +1,15 @@
 //! Pages of lists: newest first, by the sequence number of the row.
 
-use super::{Page, PageRequest, StoreError, StoreResult};
+use futures::{Stream, TryStreamExt};
+
+use super::{PageRequest, StoreError, StoreResult};
 
 /// Most items of a page.
 const MOST: u32 = 500;
+/// A page ends before its rows have more bytes than this, so that an answer stays below 4 MiB.
+const MOST_BYTES: usize = 3 << 20;
+/// What an answer adds to each row: links, times, progress.
+const BYTES_PER_ROW: usize = 2 << 10;
 
 /// Where a page begins and how many rows to read.
 pub(super) struct Window {
@@ -22,13 +28,24 @@ impl Window {
         Ok(Self { before, rows: i64::from(page.limit.clamp(1, MOST)) + 1 })
     }
 
-    /// The page made of the rows read, each with its sequence number.
-    pub(super) fn page<T>(&self, mut rows: Vec<(i64, T)>) -> Page<T> {
+    /// The rows of the page, at least one if there is any, and the cursor of the next page. `measure` gives the sequence
+    /// number and the bytes of a row. What lies behind the page is not read.
+    pub(super) async fn fill<R>(
+        &self,
+        mut rows: impl Stream<Item = Result<R, sqlx::Error>> + Unpin,
+        measure: impl Fn(&R) -> (i64, usize),
+    ) -> StoreResult<(Vec<R>, Option<String>)> {
         let full = usize::try_from(self.rows - 1).unwrap_or(usize::MAX);
-        let more = rows.len() > full;
-        rows.truncate(full);
-        let last = rows.last().map(|(seq, _)| *seq);
-        let next_cursor = last.filter(|_| more).map(|seq| format!("{seq:016x}"));
-        Page { items: rows.into_iter().map(|(_, item)| item).collect(), next_cursor }
+        let (mut taken, mut bytes, mut last) = (Vec::new(), 0, 0);
+        while let Some(row) = rows.try_next().await? {
+            let (seq, size) = measure(&row);
+            bytes += size + BYTES_PER_ROW;
+            if taken.len() == full || (bytes > MOST_BYTES && !taken.is_empty()) {
+                return Ok((taken, Some(format!("{last:016x}"))));
+            }
+            last = seq;
+            taken.push(row);
+        }
+        Ok((taken, None))
     }
 }

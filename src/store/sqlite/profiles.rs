@@ -1,13 +1,24 @@
 //! Profiles and their revisions.
 
-use sqlx::SqliteConnection;
+use std::fmt::Display;
+
+use anyhow::Context;
+use futures::Stream;
+use sqlx::{SqliteConnection, SqlitePool};
 
 use super::{
-    Page, PageRequest, Precondition, ProfileDraft, PutProfile, SqliteRows, StoreResult, page::Window, row::time,
+    Page, PageRequest, Precondition, ProfileDraft, PutProfile, SqliteRows, StoreError, StoreResult,
+    page::Window,
+    row::{self, time},
 };
 use crate::{
-    model::{Name, profile::Profile},
-    store::digest::{optics_digest, profile_digest},
+    model::{Name, ProfileSummary, profile::Profile},
+    store::{
+        Skipped,
+        digest::{optics_digest, profile_digest},
+        json,
+        step::step,
+    },
 };
 
 pub(super) async fn put(
@@ -65,13 +76,15 @@ pub(super) async fn insert(
         input: draft.input.clone(),
         slices: draft.slices.clone(),
     };
-    sqlx::query("INSERT INTO revisions (rig, lens, revision, body) VALUES (?1, ?2, ?3, ?4)")
-        .bind(rig.as_str())
-        .bind(lens.as_str())
-        .bind(revision)
-        .bind(serde_json::to_string(&profile)?)
-        .execute(&mut *connection)
-        .await?;
+    let seq: i64 =
+        sqlx::query_scalar("INSERT INTO revisions (rig, lens, revision, body) VALUES (?1, ?2, ?3, ?4) RETURNING seq")
+            .bind(rig.as_str())
+            .bind(lens.as_str())
+            .bind(revision)
+            .bind(json::stored::<Profile>("a profile", &profile)?)
+            .fetch_one(&mut *connection)
+            .await?;
+    insert_head(connection, seq, &profile).await?;
     Ok(profile)
 }
 
@@ -81,8 +94,8 @@ pub(super) async fn get(
     lens: &Name,
     revision: Option<u32>,
 ) -> StoreResult<Option<Profile>> {
-    let body: Option<String> = sqlx::query_scalar(
-        "SELECT body FROM revisions NATURAL JOIN profiles
+    let row: Option<(u32, String)> = sqlx::query_as(
+        "SELECT revision, body FROM revisions NATURAL JOIN profiles
          WHERE rig = ?1 AND lens = ?2 AND revision = COALESCE(?3, current_revision) AND deleted_at IS NULL",
     )
     .bind(rig.as_str())
@@ -90,7 +103,7 @@ pub(super) async fn get(
     .bind(revision)
     .fetch_optional(&store.readers)
     .await?;
-    body.as_deref().map(read).transpose()
+    row.map(|(revision, body)| read(&called(rig, lens, revision), &body)).transpose()
 }
 
 pub(super) async fn of_job(store: &SqliteRows, rig: &Name, lens: &Name, revision: u32) -> StoreResult<Option<Profile>> {
@@ -101,7 +114,7 @@ pub(super) async fn of_job(store: &SqliteRows, rig: &Name, lens: &Name, revision
             .bind(revision)
             .fetch_optional(&store.readers)
             .await?;
-    body.as_deref().map(read).transpose()
+    body.map(|body| read(&called(rig, lens, revision), &body)).transpose()
 }
 
 pub(super) async fn list(
@@ -109,10 +122,11 @@ pub(super) async fn list(
     rig: Option<&Name>,
     lens: Option<&Name>,
     page: &PageRequest,
-) -> StoreResult<Page<Profile>> {
+) -> StoreResult<Page<ProfileSummary>> {
     let window = Window::of(page)?;
-    let rows: Vec<(i64, String)> = sqlx::query_as(
-        "SELECT seq, body FROM revisions NATURAL JOIN profiles
+    let rows = sqlx::query_as(
+        "SELECT seq, rig, lens, revision, COALESCE(head, body) AS json
+         FROM profiles NATURAL JOIN revisions LEFT JOIN revision_heads USING (seq)
          WHERE revision = current_revision AND seq < ?1
            AND (?2 IS NULL OR rig = ?2) AND (?3 IS NULL OR lens = ?3)
          ORDER BY seq DESC LIMIT ?4",
@@ -121,9 +135,8 @@ pub(super) async fn list(
     .bind(rig.map(Name::as_str))
     .bind(lens.map(Name::as_str))
     .bind(window.rows)
-    .fetch_all(&store.readers)
-    .await?;
-    parsed(&window, rows)
+    .fetch(&store.readers);
+    parsed(&window, rows, |row: RevisionRow| json::read(row.called(), &row.json)).await
 }
 
 pub(super) async fn revisions(
@@ -131,10 +144,11 @@ pub(super) async fn revisions(
     rig: &Name,
     lens: &Name,
     page: &PageRequest,
-) -> StoreResult<Page<Profile>> {
+) -> StoreResult<Page<ProfileSummary>> {
     let window = Window::of(page)?;
-    let rows: Vec<(i64, String)> = sqlx::query_as(
-        "SELECT seq, body FROM revisions
+    let rows = sqlx::query_as(
+        "SELECT seq, rig, lens, revision, COALESCE(head, body) AS json
+         FROM revisions LEFT JOIN revision_heads USING (seq)
          WHERE rig = ?1 AND lens = ?2 AND deleted_at IS NULL AND seq < ?3
          ORDER BY seq DESC LIMIT ?4",
     )
@@ -142,9 +156,53 @@ pub(super) async fn revisions(
     .bind(lens.as_str())
     .bind(window.before)
     .bind(window.rows)
-    .fetch_all(&store.readers)
-    .await?;
-    parsed(&window, rows)
+    .fetch(&store.readers);
+    parsed(&window, rows, |row: RevisionRow| json::read(row.called(), &row.json)).await
+}
+
+pub(super) async fn stored(store: &SqliteRows, page: &PageRequest) -> StoreResult<Page<Profile>> {
+    let window = Window::of(page)?;
+    let rows = sqlx::query_as(
+        "SELECT seq, rig, lens, revision, body AS json FROM revisions WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2",
+    )
+    .bind(window.before)
+    .bind(window.rows)
+    .fetch(&store.readers);
+    parsed(&window, rows, |row: RevisionRow| read(&row.called(), &row.json)).await
+}
+
+pub(super) async fn keys(store: &SqliteRows, limit: u32) -> StoreResult<Vec<(Name, Name)>> {
+    let rows: Vec<(String, String)> =
+        sqlx::query_as("SELECT rig, lens FROM profiles WHERE current_revision IS NOT NULL ORDER BY rig, lens LIMIT ?1")
+            .bind(limit)
+            .fetch_all(&store.readers)
+            .await?;
+    rows.into_iter().map(|(rig, lens)| Ok((row::name(rig)?, row::name(lens)?))).collect()
+}
+
+/// Gives a head to each revision of before there were heads. What cannot be read gets none.
+pub(super) async fn fill_heads(writer: &SqlitePool) -> StoreResult<()> {
+    let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+    let mut after = 0;
+    loop {
+        let row: Option<RevisionRow> = sqlx::query_as(
+            "SELECT seq, rig, lens, revision, body AS json FROM revisions
+             WHERE seq = (SELECT seq FROM revisions LEFT JOIN revision_heads USING (seq)
+                          WHERE head IS NULL AND seq > ?1 ORDER BY seq LIMIT 1)",
+        )
+        .bind(after)
+        .fetch_optional(&mut *tx)
+        .await?;
+        let Some(row) = row else { break };
+        after = row.seq;
+        match read(&row.called(), &row.json) {
+            Ok(profile) => insert_head(&mut tx, row.seq, &profile).await?,
+            Err(error) => tracing::error!(row = row.called(), ?error, "a revision cannot be read"),
+        }
+    }
+    step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot write the summaries of profiles".into()))?;
+    tx.commit().await?;
+    Ok(())
 }
 
 pub(super) async fn delete(
@@ -186,14 +244,62 @@ async fn current_revision(connection: &mut SqliteConnection, rig: &Name, lens: &
     Ok(current.flatten())
 }
 
-fn parsed(window: &Window, rows: Vec<(i64, String)>) -> StoreResult<Page<Profile>> {
-    let rows: StoreResult<Vec<(i64, Profile)>> = rows.into_iter().map(|(seq, body)| Ok((seq, read(&body)?))).collect();
-    Ok(window.page(rows?))
+/// What lists read of a row of `revisions`.
+#[derive(sqlx::FromRow)]
+struct RevisionRow {
+    seq: i64,
+    rig: String,
+    lens: String,
+    revision: u32,
+    json: String,
+}
+
+impl RevisionRow {
+    fn called(&self) -> String {
+        called(&self.rig, &self.lens, self.revision)
+    }
+}
+
+/// What a revision is called where it cannot be read.
+fn called(rig: impl Display, lens: impl Display, revision: u32) -> String {
+    format!("{rig}/{lens}?revision={revision}")
+}
+
+/// Reads a page of rows; those that cannot be read are left out and named.
+async fn parsed<T: Send + 'static>(
+    window: &Window,
+    rows: impl Stream<Item = Result<RevisionRow, sqlx::Error>> + Unpin,
+    read: impl Fn(RevisionRow) -> StoreResult<T> + Send + 'static,
+) -> StoreResult<Page<T>> {
+    let (rows, next_cursor) = window.fill(rows, |row: &RevisionRow| (row.seq, row.json.len())).await?;
+    let parsed = tokio::task::spawn_blocking(move || {
+        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
+        for row in rows {
+            let id = row.called();
+            match read(row) {
+                Ok(item) => page.items.push(item),
+                Err(error) => page.skipped.push(Skipped::because(id, &error)),
+            }
+        }
+        page
+    });
+    Ok(parsed.await.context("the task that reads rows died")?)
+}
+
+/// Stores what lists show of a revision.
+async fn insert_head(connection: &mut SqliteConnection, seq: i64, profile: &Profile) -> StoreResult<()> {
+    let head = json::stored::<ProfileSummary>("the summary of a profile", &ProfileSummary::from(profile))?;
+    sqlx::query("INSERT INTO revision_heads (seq, head) VALUES (?1, ?2)")
+        .bind(seq)
+        .bind(head)
+        .execute(connection)
+        .await?;
+    Ok(())
 }
 
 /// The profile that a body holds. One that was stored before profiles had a digest of their optics gets it here.
-fn read(body: &str) -> StoreResult<Profile> {
-    let mut profile: Profile = serde_json::from_str(body)?;
+fn read(row: &str, body: &str) -> StoreResult<Profile> {
+    let mut profile: Profile = json::read(row, body)?;
     if profile.optics_digest.is_empty() {
         profile.optics_digest = optics_digest(&profile.input);
     }

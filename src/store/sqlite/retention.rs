@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use uuid::Uuid;
 
-use super::{Retention, SqliteRows, StoreResult, uploads::unsigned};
+use super::{Retention, SqliteRows, StoreResult, observed, uploads::unsigned};
 
 pub(super) async fn delete_expired(store: &SqliteRows, keep: &Retention) -> StoreResult<Vec<Uuid>> {
+    observed::observe(store).await?;
     let mut tx = store.write().await?;
     // what a job says itself comes first; a calibration that went well is kept: profiles name it
     let gone: Vec<Uuid> = sqlx::query_scalar(
@@ -14,7 +15,7 @@ pub(super) async fn delete_expired(store: &SqliteRows, keep: &Retention) -> Stor
          WHERE finished_at + COALESCE(keep_ms, CASE
                    WHEN state IN ('failed', 'cancelled') THEN ?2
                    WHEN state = 'succeeded' AND kind = 'stack' THEN ?3
-               END) <= ?1
+               END) + (SELECT COALESCE(SUM(gap_ms), 0) FROM clock_gaps WHERE at_ms > finished_at) <= ?1
            AND state IN ('succeeded', 'failed', 'cancelled')
          RETURNING id",
     )
@@ -32,10 +33,12 @@ pub(super) async fn delete_expired(store: &SqliteRows, keep: &Retention) -> Stor
 
 pub(super) async fn expire_job_uploads(store: &SqliteRows, keep: &Retention) -> StoreResult<Vec<Uuid>> {
     let Some(uploads) = keep.uploads else { return Ok(Vec::new()) };
+    observed::observe(store).await?;
     let mut tx = store.write().await?;
     let gone: Vec<Uuid> = sqlx::query_scalar(
         "UPDATE jobs SET upload_removed = 1, upload_bytes = 0
-         WHERE state = 'succeeded' AND upload_removed = 0 AND finished_at + ?2 <= ?1
+         WHERE state = 'succeeded' AND upload_removed = 0
+           AND finished_at + ?2 + (SELECT COALESCE(SUM(gap_ms), 0) FROM clock_gaps WHERE at_ms > finished_at) <= ?1
          RETURNING id",
     )
     .bind(store.clock.now_ms())

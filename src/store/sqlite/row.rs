@@ -5,13 +5,16 @@ use jiff::Timestamp;
 use uuid::Uuid;
 
 use super::{Job, StoreError, StoreResult};
-use crate::model::{JobKind, JobState, Name, Progress};
+use crate::{
+    model::{JobKind, JobState, Name, Progress},
+    store::json,
+};
 
 /// Every column of `jobs` that makes a [`Job`], under the column's name.
 #[derive(sqlx::FromRow)]
 pub(super) struct JobRow {
     pub(super) seq: i64,
-    id: Uuid,
+    pub(super) id: Uuid,
     rig: String,
     lens: String,
     request: String,
@@ -21,7 +24,7 @@ pub(super) struct JobRow {
     total: i64,
     fraction: f64,
     attempt: i64,
-    lease_token: i64,
+    pub(super) lease_token: i64,
     version: i64,
     created_at: i64,
     started_at: Option<i64>,
@@ -34,15 +37,24 @@ pub(super) struct JobRow {
     pub(super) fingerprint: Option<String>,
 }
 
+impl JobRow {
+    /// Bytes of what grows with the stack.
+    pub(super) fn bytes(&self) -> usize {
+        let optional = |text: &Option<String>| text.as_ref().map_or(0, String::len);
+        self.request.len() + self.warnings.len() + optional(&self.error) + optional(&self.outcome)
+    }
+}
+
 impl TryFrom<JobRow> for Job {
     type Error = StoreError;
 
     fn try_from(row: JobRow) -> StoreResult<Self> {
+        let called = format!("the row of job {}", row.id);
         Ok(Self {
             id: row.id,
             rig: name(row.rig)?,
             lens: name(row.lens)?,
-            request: serde_json::from_str(&row.request)?,
+            request: json::read(&called, &row.request)?,
             state: state(&row.state)?,
             progress: Progress {
                 stage: row.stage,
@@ -57,10 +69,10 @@ impl TryFrom<JobRow> for Job {
             started_at: row.started_at.map(time).transpose()?,
             finished_at: row.finished_at.map(time).transpose()?,
             cancel_requested: row.cancel_requested,
-            error: row.error.as_deref().map(serde_json::from_str).transpose()?,
-            warnings: serde_json::from_str(&row.warnings)?,
+            error: row.error.as_deref().map(|text| json::read(&called, text)).transpose()?,
+            warnings: json::read(&called, &row.warnings)?,
             upload_removed: row.upload_removed,
-            outcome: row.outcome.as_deref().map(serde_json::from_str).transpose()?,
+            outcome: row.outcome.as_deref().map(|text| json::read(&called, text)).transpose()?,
         })
     }
 }

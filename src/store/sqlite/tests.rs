@@ -35,6 +35,8 @@ conforms!(profiles:
     a_delete_hides_the_profile_and_keeps_the_numbering,
     lists_are_paged_newest_first_and_filtered,
     a_foreign_cursor_is_refused,
+    the_keys_of_profiles_are_listed,
+    a_profile_that_could_not_be_read_again_is_not_stored,
     concurrent_writes_each_get_a_revision_of_their_own,
 );
 
@@ -54,6 +56,8 @@ conforms!(jobs:
     a_deleted_job_is_gone_and_a_running_one_goes_with_its_worker,
     a_job_expires_only_after_its_days,
     every_visible_change_is_announced_and_counted,
+    a_page_ends_before_it_is_too_large,
+    a_result_that_could_not_be_read_again_fails_the_job,
 );
 
 conforms!(uploads:
@@ -89,6 +93,12 @@ conforms!(leases:
     a_job_whose_worker_is_gone_is_cancelled_without_one,
     a_released_job_that_was_to_end_ends,
     a_deleted_job_whose_worker_died_goes_with_the_next_claim,
+    a_lease_is_judged_by_its_own_length_and_not_by_that_of_who_looks,
+);
+
+conforms!(expiry:
+    a_clock_that_leaps_expires_nothing,
+    after_a_leap_time_that_passes_counts,
 );
 
 #[tokio::test]
@@ -186,4 +196,86 @@ async fn a_revision_stored_before_profiles_had_an_origin_or_a_digest_of_their_op
         .await
         .unwrap();
     assert_eq!(rows.profile(&put.rig, &put.lens, Some(2)).await.unwrap(), Some(put));
+}
+
+/// A store as the schema of before heads, leases with a length and gaps of the clock left it, with a revision and a job.
+async fn old_store(path: &Path) -> (Profile, Job) {
+    let rows = SqliteRows::open(path).await.unwrap();
+    let profile = conformance::put(&rows, "rig", "lens", 1.5).await;
+    let job = conformance::accept(&rows, &conformance::stack()).await;
+    for sql in [
+        "DROP INDEX revisions_that_are_there",
+        "DROP TRIGGER revision_heads_never_go",
+        "DROP TABLE revision_heads",
+        "ALTER TABLE jobs DROP COLUMN lease_ms",
+        "DROP TABLE clock_seen",
+        "DROP TABLE clock_gaps",
+        "DELETE FROM _sqlx_migrations WHERE version = 6",
+    ] {
+        sqlx::query(sql).execute(&rows.writer).await.unwrap();
+    }
+    rows.close().await;
+    (profile, job)
+}
+
+#[tokio::test]
+async fn a_store_of_the_schema_before_is_brought_up_to_date_with_all_that_is_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rows.db");
+    let (profile, job) = old_store(&path).await;
+    let rows = SqliteRows::open(&path).await.unwrap();
+    assert_eq!(rows.profile(&profile.rig, &profile.lens, None).await.unwrap().as_ref(), Some(&profile));
+    assert_eq!(rows.job(job.id).await.unwrap().as_ref(), Some(&job));
+    let heads: i64 = sqlx::query_scalar("SELECT count(*) FROM revision_heads").fetch_one(&rows.writer).await.unwrap();
+    assert_eq!(heads, 1);
+    let listed = rows.profiles(None, None, &conformance::page(10, None)).await.unwrap();
+    assert_eq!(listed.items, [ProfileSummary::from(&profile)]);
+    assert!(sqlx::query("UPDATE revision_heads SET head = '{}'").execute(&rows.writer).await.is_err());
+    assert_eq!(conformance::claim(&rows).await.map(|claimed| claimed.id), Some(job.id));
+}
+
+#[tokio::test]
+async fn a_clock_that_leapt_while_no_server_ran_expires_nothing_until_somebody_says_that_it_is_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rows.db");
+    let clock = Arc::new(ManualClock::default());
+    let rows = SqliteRows::open_with_clock(&path, clock.clone()).await.unwrap();
+    conformance::accept(&rows, &conformance::stack_with(|request| request.options.keep_days = Some(1))).await;
+    let job = conformance::claim(&rows).await.unwrap();
+    assert!(rows.finish(job.id, job.lease_token, &conformance::success()).await.unwrap());
+    assert!(rows.delete_expired(&Retention::default()).await.unwrap().is_empty());
+    rows.close().await;
+
+    let later = Arc::new(ManualClock::default());
+    later.set_wall_by(10 * 24 * 60 * 60 * 1000);
+    let rows = SqliteRows::open_with_clock(&path, later).await.unwrap();
+    for _ in 0..2 {
+        assert!(rows.delete_expired(&Retention::default()).await.unwrap().is_empty());
+    }
+    rows.trust_clock().await.unwrap();
+    assert_eq!(rows.delete_expired(&Retention::default()).await.unwrap(), [job.id]);
+}
+
+#[tokio::test]
+async fn a_job_whose_row_cannot_be_read_is_named_in_lists_and_fails_when_its_turn_comes() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let broken = conformance::accept(&rows, &conformance::stack()).await;
+    let next = conformance::accept(&rows, &conformance::stack()).await;
+    sqlx::query("UPDATE jobs SET request = json_set(request, '$.layout.width', 'wide') WHERE id = ?1")
+        .bind(broken.id)
+        .execute(&rows.writer)
+        .await
+        .unwrap();
+    let page = rows.jobs(&JobFilter::default(), &conformance::page(10, None)).await.unwrap();
+    let skipped: Vec<String> = page.skipped.into_iter().map(|row| row.id).collect();
+    assert_eq!((page.items, skipped), (vec![next.clone()], vec![broken.id.to_string()]));
+    assert_eq!(rows.named_keys(broken.id).await.unwrap(), [broken.request.upload().key.as_str()]);
+    assert_eq!(conformance::claim(&rows).await.map(|claimed| claimed.id), Some(next.id), "the queue goes on");
+    let (state, error): (String, String) = sqlx::query_as("SELECT state, error FROM jobs WHERE id = ?1")
+        .bind(broken.id)
+        .fetch_one(&rows.writer)
+        .await
+        .unwrap();
+    assert!(state == "failed" && error.contains("cannot be read any more"), "{state} {error}");
 }

@@ -75,6 +75,10 @@ impl TokenRows for SqliteRows {
         rows.into_iter().map(Token::try_from).collect()
     }
 
+    async fn any_token(&self) -> StoreResult<bool> {
+        Ok(sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM tokens)").fetch_one(&self.readers).await?)
+    }
+
     async fn revoke_token(&self, name: &Name) -> StoreResult<bool> {
         let mut tx = self.write().await?;
         let revoked = sqlx::query("UPDATE tokens SET revoked_at = ?2 WHERE name = ?1 AND revoked_at IS NULL")

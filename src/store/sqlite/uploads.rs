@@ -6,11 +6,12 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::{
-    Enqueue, NewJob, SqliteRows, StoreError, StoreResult, jobs,
+    Enqueue, NewJob, SqliteRows, StoreError, StoreResult, jobs, observed,
     row::{JobRow, kind, time},
 };
 use crate::{
     model::Fault,
+    store::json,
     store::uploads::{Advance, NewUpload, PartialUpload, UploadRows, UploadState},
 };
 
@@ -35,7 +36,9 @@ impl TryFrom<UploadRow> for PartialUpload {
     fn try_from(row: UploadRow) -> StoreResult<Self> {
         let state = match (row.job_kind, row.fault) {
             (Some(name), _) => UploadState::Complete(kind(&name)?),
-            (None, Some(fault)) => UploadState::Refused(serde_json::from_str(&fault)?),
+            (None, Some(fault)) => {
+                UploadState::Refused(json::read(format_args!("the row of upload {}", row.id), &fault)?)
+            }
             (None, None) => UploadState::Receiving,
         };
         Ok(Self {
@@ -163,7 +166,7 @@ impl UploadRows for SqliteRows {
         let mut tx = self.write().await?;
         let refused = sqlx::query("UPDATE uploads SET fault = ?2 WHERE id = ?1 AND job_kind IS NULL")
             .bind(id)
-            .bind(serde_json::to_string(fault)?)
+            .bind(json::stored::<Fault>("the refusal of an upload", fault)?)
             .execute(&mut *tx)
             .await?;
         self.commit(tx, "rows.refuse_upload").await?;
@@ -179,11 +182,16 @@ impl UploadRows for SqliteRows {
     }
 
     async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>> {
+        observed::observe(self).await?;
         let mut tx = self.write().await?;
-        let gone: Vec<Uuid> = sqlx::query_scalar("DELETE FROM uploads WHERE expires_at <= ?1 RETURNING id")
-            .bind(self.clock.now_ms())
-            .fetch_all(&mut *tx)
-            .await?;
+        let gone: Vec<Uuid> = sqlx::query_scalar(
+            "DELETE FROM uploads
+             WHERE expires_at + (SELECT COALESCE(SUM(gap_ms), 0) FROM clock_gaps WHERE at_ms > created_at) <= ?1
+             RETURNING id",
+        )
+        .bind(self.clock.now_ms())
+        .fetch_all(&mut *tx)
+        .await?;
         self.commit(tx, "rows.expire_uploads").await?;
         Ok(gone)
     }

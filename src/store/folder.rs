@@ -1,0 +1,87 @@
+//! Folders and files of a store: there after a power cut, and for nobody but the account that the service runs under.
+
+use std::{
+    fs::{self, DirBuilder, Permissions},
+    io,
+    os::unix::fs::{DirBuilderExt, PermissionsExt},
+    path::Path,
+};
+
+use super::{backup::DATABASE, blobs::local::sync_folder, step::step};
+
+/// Mode of a folder of a store.
+pub const FOLDER: u32 = 0o700;
+/// Mode of a file of a store.
+pub const FILE: u32 = 0o600;
+
+/// Makes a folder with all above it, each durable in the one that holds it. One that is there already and is a store, or
+/// empty, is made private; a folder with other things in it keeps its mode, because it may not be ours alone.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn make(folder: &Path) -> io::Result<()> {
+    let missing: Vec<&Path> =
+        folder.ancestors().take_while(|part| !part.as_os_str().is_empty() && !part.exists()).collect();
+    if missing.is_empty() {
+        let is_ours = folder.join(DATABASE).exists() || fs::read_dir(folder)?.next().is_none();
+        return if is_ours { keep_private(folder, FOLDER) } else { Ok(()) };
+    }
+    step("open.folders")?;
+    DirBuilder::new().recursive(true).mode(FOLDER).create(folder)?;
+    for made in missing {
+        match made.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => sync_folder(parent)?,
+            _ => sync_folder(Path::new("."))?,
+        }
+    }
+    Ok(())
+}
+
+/// Takes away what `mode` does not allow; a file that is not there is fine. What belongs to another account cannot be changed:
+/// the log says so.
+///
+/// # Errors
+/// When the mode cannot be read or set.
+pub fn keep_private(path: &Path, mode: u32) -> io::Result<()> {
+    let now = match fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        other => other?.permissions().mode() & 0o777,
+    };
+    if now & !mode == 0 {
+        return Ok(());
+    }
+    match fs::set_permissions(path, Permissions::from_mode(now & mode)) {
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+            let path = path.display();
+            tracing::warn!(%path, mode = format!("{now:o}"), "other accounts may read the data, and the mode cannot be set");
+            Ok(())
+        }
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mode(path: &Path) -> u32 {
+        fs::metadata(path).expect("it is there").permissions().mode() & 0o777
+    }
+
+    #[test]
+    fn a_store_is_private_and_a_folder_with_other_things_keeps_its_mode() {
+        let outer = tempfile::tempdir().expect("a folder");
+        let new = outer.path().join("a/b");
+        make(&new).expect("made");
+        assert_eq!((mode(&new), mode(&outer.path().join("a"))), (0o700, 0o700));
+
+        let (store, shared) = (outer.path().join("store"), outer.path().join("shared"));
+        for (folder, file) in [(&store, DATABASE), (&shared, "thesis.tex")] {
+            fs::create_dir(folder).expect("made");
+            fs::write(folder.join(file), "x").expect("written");
+            fs::set_permissions(folder, Permissions::from_mode(0o755)).expect("set");
+            make(folder).expect("there already");
+        }
+        assert_eq!((mode(&store), mode(&shared)), (0o700, 0o755));
+    }
+}
