@@ -53,6 +53,7 @@ fn need(archive: &StackArchive, largest_file_bytes: u64) -> u64 {
             options,
             profile_revision: 1,
             profile_digest,
+            profile_optics_digest: None,
             upload,
             layout,
             rerun_of: None,
