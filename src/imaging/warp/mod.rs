@@ -50,18 +50,21 @@ pub struct Warp {
 
 impl Warp {
     /// A slice of `slice` (width, height) px, sent by `to_canvas` onto a `width` x `height` canvas, its
-    /// samples multiplied by `gain`. `None` when the homography is singular.
+    /// samples multiplied by `gain`. `None` when the homography is singular, or the gain is not above 0 and finite.
     pub fn new(
         to_canvas: &Homography,
         gain: f64,
         slice: (usize, usize),
         (width, height): (usize, usize),
     ) -> Option<Self> {
+        let gain = gain as f32;
+        if !(gain.is_finite() && gain > 0.0) {
+            return None;
+        }
         let stays = to_canvas.is_identity() && slice == (width, height);
         let to_slice = if stays { Homography::IDENTITY } else { to_canvas.inverse()? };
         let coverage =
             if stays { Coverage::full(width, height) } else { Coverage::of(&to_slice, slice, width, height) };
-        let gain = gain as f32;
         Some(Self { to_slice: to_slice.0, gain, identity: stays && gain == 1.0, slice, coverage, simd: Avx2::detect() })
     }
 

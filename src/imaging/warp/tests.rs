@@ -152,6 +152,13 @@ fn eight_bits_are_weighted_as_well_as_floats_are() {
 }
 
 #[test]
+fn a_gain_that_is_none_gives_no_warp() {
+    for gain in [0.0, -1.0, -8.5e4, f64::NAN, f64::INFINITY, 1e-300, 1e300] {
+        assert!(Warp::new(&keystone(), gain, (8, 8), (8, 8)).is_none(), "{gain}");
+    }
+}
+
+#[test]
 fn a_singular_homography_gives_no_warp() {
     let flat = Homography([1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
     assert!(Warp::new(&flat, 1.0, (8, 8), (8, 8)).is_none());
