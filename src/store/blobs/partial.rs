@@ -1,15 +1,23 @@
 //! The file of an upload that arrives in pieces: `{data_dir}/partial/{id}.part`, held by whoever has the lock on
 //! `{id}.lock`. The lock is a file of its own, because the upload itself moves away when it is published.
+//!
+//! Whatever touches the file runs on a blocking thread that shares the lock. So the lock is not released before the
+//! last write has ended, also when the request that started it was cancelled: no late write of one request lands in
+//! what the next one writes.
 
 use std::{
     fs::{self, File, TryLockError},
     io,
+    os::unix::fs::FileExt,
     path::{Path, PathBuf},
+    sync::{
+        Arc, OnceLock,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use async_trait::async_trait;
 use bytes::Bytes;
-use tokio::io::{AsyncSeekExt, AsyncWriteExt};
 use uuid::Uuid;
 
 use super::{
@@ -21,9 +29,19 @@ use crate::store::{StoreError, StoreResult, step::step};
 /// A held upload.
 pub(super) struct LocalPartial {
     path: PathBuf,
+    lock: Arc<File>,
     /// `None` before [`Partial::start_at`].
-    file: Option<tokio::fs::File>,
-    _lock: File,
+    open: Option<Arc<OpenFile>>,
+}
+
+/// The open file, with the lock that protects it.
+struct OpenFile {
+    file: File,
+    /// Where the next byte goes.
+    at: AtomicU64,
+    /// Set when a write failed: where the file ends is unknown then.
+    broken: OnceLock<()>,
+    _lock: Arc<File>,
 }
 
 impl LocalPartial {
@@ -32,16 +50,39 @@ impl LocalPartial {
         step("partial.lock")?;
         let lock = File::options().create(true).truncate(false).write(true).open(folder.join(format!("{id}.lock")))?;
         match lock.try_lock() {
-            Ok(()) => Ok(Some(Self { path: folder.join(format!("{id}.part")), file: None, _lock: lock })),
+            Ok(()) => Ok(Some(Self { path: folder.join(format!("{id}.part")), lock: Arc::new(lock), open: None })),
             Err(TryLockError::WouldBlock) => Ok(None),
             Err(TryLockError::Error(error)) => Err(error),
         }
     }
 
-    fn file(&mut self) -> StoreResult<&mut tokio::fs::File> {
-        self.file
-            .as_mut()
-            .ok_or_else(|| StoreError::Other(anyhow::anyhow!("an upload was written before it was opened")))
+    /// Runs `work` on the open file where it may block.
+    async fn on_file(
+        &self,
+        what: &'static str,
+        work: impl FnOnce(&OpenFile) -> io::Result<()> + Send + 'static,
+    ) -> StoreResult<()> {
+        let open = self.open.clone();
+        let open = open.ok_or_else(|| anyhow::anyhow!("an upload was written before it was opened"))?;
+        blocking(move || work(&open).map_err(cannot(what))).await
+    }
+}
+
+impl OpenFile {
+    fn write(&self, bytes: &[u8]) -> io::Result<()> {
+        step("partial.write")?;
+        if self.broken.get().is_some() {
+            return Err(io::Error::other("a write before this one failed"));
+        }
+        let at = self.at.load(Ordering::Relaxed);
+        self.file.write_all_at(bytes, at).inspect_err(|_| _ = self.broken.set(()))?;
+        self.at.store(at + bytes.len() as u64, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        step("partial.sync")?;
+        self.file.sync_data()
     }
 }
 
@@ -53,26 +94,23 @@ fn cannot(what: &str) -> impl FnOnce(io::Error) -> StoreError {
 #[async_trait]
 impl Partial for LocalPartial {
     async fn start_at(&mut self, offset: u64) -> StoreResult<bool> {
-        self.file = None;
-        let path = self.path.clone();
-        let opened = blocking(move || open(&path, offset).map_err(cannot("open"))).await?;
-        let Some(file) = opened else { return Ok(false) };
-        let mut file = tokio::fs::File::from_std(file);
-        file.seek(io::SeekFrom::Start(offset)).await.map_err(cannot("open"))?;
-        self.file = Some(file);
-        Ok(true)
+        self.open = None;
+        let (path, lock) = (self.path.clone(), Arc::clone(&self.lock));
+        let opened = blocking(move || {
+            let file = open(&path, offset).map_err(cannot("open"))?;
+            let at = AtomicU64::new(offset);
+            Ok(file.map(|file| Arc::new(OpenFile { file, at, broken: OnceLock::new(), _lock: lock })))
+        });
+        self.open = opened.await?;
+        Ok(self.open.is_some())
     }
 
     async fn write(&mut self, bytes: Bytes) -> StoreResult<()> {
-        step("partial.write").map_err(cannot("write"))?;
-        self.file()?.write_all(&bytes).await.map_err(cannot("write"))
+        self.on_file("write", move |open| open.write(&bytes)).await
     }
 
     async fn sync(&mut self) -> StoreResult<()> {
-        let file = self.file()?;
-        file.flush().await.map_err(cannot("write"))?;
-        step("partial.sync").map_err(cannot("sync"))?;
-        file.sync_data().await.map_err(cannot("sync"))
+        self.on_file("sync", OpenFile::sync).await
     }
 
     fn path(&self) -> &Path {
@@ -120,4 +158,53 @@ pub(super) fn list(folder: &Path) -> io::Result<Vec<Uuid>> {
     found.sort();
     found.dedup();
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Waits until `holds`; the other thread runs meanwhile.
+    async fn until(mut holds: impl FnMut() -> bool) {
+        while !holds() {
+            tokio::task::yield_now().await;
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+    async fn the_lock_is_held_until_the_last_write_has_ended_though_its_request_is_gone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let id = Uuid::now_v7();
+        let hold = || LocalPartial::hold(folder.path(), id).expect("the lock can be tried");
+        let mut first = hold().expect("nobody has it");
+        assert!(first.start_at(0).await.expect("opened"));
+        // a write that is on its way to the disk when its request is cancelled
+        let (at_disk, arrived) = std::sync::mpsc::channel();
+        let (go_on, told) = std::sync::mpsc::channel::<()>();
+        let late = async move {
+            let written = first.on_file("write", move |file| {
+                at_disk.send(()).expect("the test waits");
+                told.recv().expect("the test says when");
+                file.write(b"late")
+            });
+            written.await.expect("it is cancelled before");
+        };
+        let request = tokio::spawn(late);
+        until(|| arrived.try_recv().is_ok()).await;
+        request.abort();
+        assert!(request.await.expect_err("aborted").is_cancelled());
+        assert!(hold().is_none(), "the write has not ended");
+        go_on.send(()).expect("the write waits");
+        let mut second = None;
+        until(|| {
+            second = hold();
+            second.is_some()
+        })
+        .await;
+        let mut second = second.expect("held");
+        assert!(second.start_at(2).await.expect("opened"), "what was written late is there and can be cut");
+        second.write(Bytes::from_static(b"xyz")).await.expect("written");
+        second.sync().await.expect("synced");
+        assert_eq!(fs::read(second.path()).expect("the file"), b"laxyz");
+    }
 }
