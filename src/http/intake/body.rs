@@ -29,7 +29,8 @@ const LINGER_TIME: Duration = Duration::from_secs(5);
 pub struct Verdict(Arc<Mutex<Option<Fault>>>);
 
 impl Verdict {
-    fn set(&self, fault: Fault) {
+    /// Keeps the reason.
+    pub fn set(&self, fault: Fault) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(fault);
     }
 

@@ -6,6 +6,7 @@ pub mod accept;
 pub mod admission;
 pub mod body;
 pub mod filename;
+pub mod form_body;
 pub mod idempotency;
 pub mod multipart;
 pub mod order;

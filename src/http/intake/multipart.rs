@@ -9,9 +9,12 @@ use axum::{
     http::{HeaderMap, header},
 };
 
+use futures::TryStreamExt;
+
 use super::{
-    body::{Verdict, WatchedBody},
+    body::{EndedEarly, WatchedBody},
     filename,
+    form_body::FormBody,
     order::{Fields, Order},
     reservation::UploadReservation,
     spool::{Spooled, spool},
@@ -24,8 +27,10 @@ use crate::{
     model::Code,
 };
 
-/// Longest text of a part that is not the file.
+/// Longest text of a part that is not the file, and of all of them together.
 const MAX_TEXT: usize = 64 << 10;
+/// Longest name of a part.
+const MAX_NAME: usize = 100;
 /// Most parts of a form.
 const MAX_PARTS: usize = 64;
 /// Names under which clients send the file.
@@ -42,13 +47,20 @@ pub async fn receive<O: Order>(
     mut fields: Fields,
     reservation: UploadReservation,
 ) -> ApiResult<(O, Spooled)> {
-    let verdict = body.verdict();
-    let mut form = open(headers, body).await?;
+    let mut body = FormBody::new(body);
+    let mut form = open(headers, body.clone()).await?;
     let mut reservation = Some(reservation);
     let mut file = None;
     let mut seen = Vec::new();
-    while let Some(part) = form.next_field().await.map_err(|e| broken(&verdict, &e))? {
+    let mut text_left = MAX_TEXT;
+    while let Some(part) = form.next_field().await.map_err(|e| broken(&body, &e))? {
+        body.part_began();
         let name = part.name().unwrap_or_default().to_owned();
+        if name.len() > MAX_NAME {
+            let detail =
+                format!("the form has a part with a name of {} bytes; at most {MAX_NAME} are read", name.len());
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
         if seen.contains(&name) || seen.len() >= MAX_PARTS {
             let detail = format!("the form has the part '{name}' twice, or more than {MAX_PARTS} parts");
             return Err(ApiError::new(Code::InvalidRequest, detail));
@@ -61,9 +73,10 @@ pub async fn receive<O: Order>(
                 O::read(app, &fields).await?;
             }
             let filename = part.file_name().and_then(filename::tidy);
-            file = Some(spool(app, part, reservation, filename, |e| broken(&verdict, &e)).await?);
+            let data = part.inspect_ok(|chunk| body.data_came(chunk.len() as u64));
+            file = Some(spool(app, data, reservation, filename, |e| broken(&body, &e)).await?);
         } else if name == "options" {
-            fields.options = Some(text(part, &verdict).await?.into_bytes());
+            fields.options = Some(text(part, &body, &mut text_left).await?.into_bytes());
         } else if part.file_name().is_some() {
             let detail = format!(
                 "the part '{name}' is a file; put all slices into one zip and send it in the part 'stack' \
@@ -71,11 +84,12 @@ pub async fn receive<O: Order>(
             );
             return Err(ApiError::new(Code::InvalidRequest, detail));
         } else {
-            let value = text(part, &verdict).await?;
+            let value = text(part, &body, &mut text_left).await?;
             fields.add(&name, value)?;
         }
         seen.push(name);
     }
+    body.drain().await.map_err(|EndedEarly| body.verdict().error())?;
     let order = O::read(app, &fields).await?;
     match file {
         Some(file) => Ok((order, file)),
@@ -83,7 +97,7 @@ pub async fn receive<O: Order>(
     }
 }
 
-async fn open(headers: &HeaderMap, body: WatchedBody) -> ApiResult<Multipart> {
+async fn open(headers: &HeaderMap, body: FormBody) -> ApiResult<Multipart> {
     let mut request = Request::new(Body::from_stream(body));
     if let Some(kind) = headers.get(header::CONTENT_TYPE) {
         request.headers_mut().insert(header::CONTENT_TYPE, kind.clone());
@@ -95,23 +109,26 @@ async fn open(headers: &HeaderMap, body: WatchedBody) -> ApiResult<Multipart> {
         .map_err(|_| ApiError::new(Code::InvalidRequest, "the Content-Type of the form names no boundary"))
 }
 
-async fn text(mut part: Field<'_>, verdict: &Verdict) -> ApiResult<String> {
+async fn text(mut part: Field<'_>, body: &FormBody, left: &mut usize) -> ApiResult<String> {
     let name = part.name().unwrap_or_default().to_owned();
     let mut bytes = Vec::new();
-    while let Some(chunk) = part.chunk().await.map_err(|e| broken(verdict, &e))? {
-        bytes.extend_from_slice(&chunk);
-        if bytes.len() > MAX_TEXT {
-            let detail =
-                format!("the part '{name}' is longer than {MAX_TEXT} bytes; the zip goes into the part 'stack'");
+    while let Some(chunk) = part.chunk().await.map_err(|e| broken(body, &e))? {
+        body.data_came(chunk.len() as u64);
+        let Some(rest) = left.checked_sub(chunk.len()) else {
+            let detail = format!(
+                "the parts up to '{name}' have more than {MAX_TEXT} bytes of text; the zip goes into the part 'stack'"
+            );
             return Err(ApiError::new(Code::InvalidRequest, detail));
-        }
+        };
+        *left = rest;
+        bytes.extend_from_slice(&chunk);
     }
     String::from_utf8(bytes)
         .map_err(|_| ApiError::new(Code::InvalidRequest, format!("the part '{name}' is not UTF-8 text")))
 }
 
-fn broken(verdict: &Verdict, error: &MultipartError) -> ApiError {
-    verdict.known().unwrap_or_else(|| {
+fn broken(body: &FormBody, error: &MultipartError) -> ApiError {
+    body.verdict().known().unwrap_or_else(|| {
         let detail = format!("the form cannot be read: {}", error.body_text());
         ApiError::new(Code::UploadIncomplete, detail)
     })

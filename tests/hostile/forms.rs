@@ -1,0 +1,54 @@
+//! Forms that never make sense, and the memory that they take.
+
+use std::sync::Arc;
+
+use axum::{
+    body::{Body, Bytes},
+    http::{Request, StatusCode, header},
+};
+use pinstack::{
+    http::{App, Policy, router},
+    store::{Rows, blobs::Blobs, blobs::local::LocalBlobs, sqlite::SqliteRows},
+};
+use tower::ServiceExt;
+
+use crate::peak::peak_of;
+
+/// Pieces of a body, as large as the network gives them at the most.
+const PIECE: usize = 400 << 10;
+/// 200 MB.
+const PIECES: usize = 500;
+/// What one request may hold at its peak: a chunk as it came, the copy of it that the parser has (which grows by
+/// doubling), and what a request takes anyway.
+const MOST: usize = 4 << 20;
+
+#[test]
+fn a_form_that_never_makes_sense_takes_little_memory_and_is_refused() {
+    let data = tempfile::tempdir().expect("a folder");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+    let service = runtime.block_on(async {
+        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data.path().join("rows.sqlite")).await.expect("rows"));
+        let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
+        router::service(App::new(rows, blobs, Policy { min_free_bytes: 0, ..Policy::default() }))
+    });
+    let part = "--XBX\r\nContent-Disposition: form-data; name=\"";
+    for (what, first) in [
+        ("no boundary", String::new()),
+        ("the start of a boundary", "--XB".into()),
+        ("a name without an end", part.into()),
+        ("headers without an end", format!("{part}x\"\r\nA: ")),
+        ("a body behind its end", format!("{part}x\"\r\n\r\ny\r\n--XBX--\r\n")),
+        ("a text without an end", format!("{part}x\"\r\n\r\n")),
+    ] {
+        let filler = Bytes::from(vec![b'a'; PIECE]);
+        let pieces = std::iter::once(Bytes::from(first)).chain(std::iter::repeat_n(filler, PIECES));
+        let pieces = futures::stream::iter(pieces.map(Ok::<_, std::io::Error>));
+        let request = Request::post("/v1/stacks").header(header::CONTENT_TYPE, "multipart/form-data; boundary=XBX");
+        let request = request.body(Body::from_stream(pieces)).expect("a request");
+        let (status, peak) = peak_of(|| {
+            runtime.block_on(async { service.clone().oneshot(request).await.map(|answer| answer.status()) })
+        });
+        assert_eq!(status.expect("an answer"), StatusCode::BAD_REQUEST, "{what}");
+        assert!(peak < MOST, "{what}: {peak} bytes at the peak");
+    }
+}
