@@ -48,6 +48,10 @@ pub struct ServeConfig {
     pub queue_limit: u64,
     /// Room that must stay free on the disk, bytes.
     pub min_free_bytes: u64,
+    /// Bytes that the uploads in progress of one token reserve ahead of those that have arrived.
+    pub upload_reserve_bytes: u64,
+    /// Resumable uploads that one token may have open.
+    pub max_open_uploads: u64,
     /// An upload that sends nothing for this long is given up, seconds.
     pub body_idle_timeout_s: u64,
     /// A resumable upload waits for its next piece so long, seconds.
@@ -126,6 +130,14 @@ pub struct Flags {
     #[arg(long, value_name = "BYTES")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_free_bytes: Option<u64>,
+    /// Most bytes that the uploads in progress of one token reserve on the disk ahead of those that have arrived [default: 16 GiB] [env: PINSTACK_UPLOAD_RESERVE_BYTES]
+    #[arg(long, value_name = "BYTES")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub upload_reserve_bytes: Option<u64>,
+    /// Most resumable uploads that one token may have open [default: 100] [env: PINSTACK_MAX_OPEN_UPLOADS]
+    #[arg(long, value_name = "N")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_open_uploads: Option<u64>,
     /// Give an upload up that sends nothing for so long [default: 60] [env: PINSTACK_BODY_IDLE_TIMEOUT_S]
     #[arg(long, value_name = "SECONDS")]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -212,6 +224,8 @@ impl Default for ServeConfig {
             max_upload_bytes: policy.max_upload_bytes,
             queue_limit: policy.queue_limit,
             min_free_bytes: policy.min_free_bytes,
+            upload_reserve_bytes: policy.upload_reserve_bytes,
+            max_open_uploads: policy.max_open_uploads,
             body_idle_timeout_s: policy.body_idle_timeout.as_secs(),
             upload_keep_s: policy.upload_keep.as_secs(),
             keep_stacks_days: None,
@@ -235,7 +249,7 @@ impl Default for ServeConfig {
 }
 
 /// Names of the settings, as the file spells them.
-const KEYS: [&str; 26] = [
+const KEYS: [&str; 28] = [
     "listen",
     "data_dir",
     "workers",
@@ -244,6 +258,8 @@ const KEYS: [&str; 26] = [
     "max_upload_bytes",
     "queue_limit",
     "min_free_bytes",
+    "upload_reserve_bytes",
+    "max_open_uploads",
     "body_idle_timeout_s",
     "upload_keep_s",
     "keep_stacks_days",
@@ -309,6 +325,7 @@ impl ServeConfig {
             ("lease_s", (2..=3600).contains(&self.lease_s), "must be 2 to 3600"),
             ("max_upload_bytes", self.max_upload_bytes >= 1024, "must be at least 1024"),
             ("queue_limit", self.queue_limit >= 1, "must be at least 1"),
+            ("max_open_uploads", self.max_open_uploads >= 1, "must be at least 1"),
             ("body_idle_timeout_s", (1..=86_400).contains(&self.body_idle_timeout_s), "must be 1 to 86400"),
             (
                 "tls_cert",

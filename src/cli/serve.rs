@@ -143,6 +143,8 @@ fn policy(config: &ServeConfig) -> Policy {
         max_upload_bytes: config.max_upload_bytes,
         queue_limit: config.queue_limit,
         min_free_bytes: config.min_free_bytes,
+        upload_reserve_bytes: config.upload_reserve_bytes,
+        max_open_uploads: config.max_open_uploads,
         body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
         upload_keep: Duration::from_secs(config.upload_keep_s),
         isolate_tokens: config.isolate_tokens,

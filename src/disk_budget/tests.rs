@@ -1,6 +1,6 @@
 //! The budget on a disk that the test fills.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 
 use tempfile::TempDir;
 use tokio::task::JoinSet;
@@ -14,7 +14,7 @@ use crate::store::{
 fn budget(min_free: u64) -> (TempDir, Arc<SmallDisk>, Arc<DiskBudget>) {
     let folder = tempfile::tempdir().expect("a folder");
     let blobs = Arc::new(LocalBlobs::open(folder.path()).expect("blobs"));
-    let disk = Arc::new(SmallDisk { blobs, free: AtomicU64::new(TOTAL) });
+    let disk = Arc::new(SmallDisk::over(blobs, TOTAL));
     (folder, Arc::clone(&disk), DiskBudget::new(disk, min_free))
 }
 

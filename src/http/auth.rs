@@ -34,25 +34,9 @@ impl Caller {
         self.0.as_ref().map(|token| &token.name)
     }
 
-    /// Refuses bytes that would not fit into what the token may take. Requests that arrive at the same moment may pass it
-    /// together.
-    ///
-    /// # Errors
-    /// `insufficient_storage` with figures.
-    pub async fn require_quota(&self, app: &App, bytes: u64) -> ApiResult<()> {
-        let Some((token, quota)) = self.0.as_ref().and_then(|token| Some((token, token.quota_bytes?))) else {
-            return Ok(());
-        };
-        let used = app.rows.bytes_of(token.id).await?;
-        if used.saturating_add(bytes) <= quota {
-            return Ok(());
-        }
-        let detail = format!(
-            "no room for this upload in the quota of token '{}': it needs {bytes} bytes, and {used} of {quota} are used; \
-             delete old stacks, or ask for a larger quota",
-            token.name
-        );
-        Err(ApiError::new(Code::InsufficientStorage, detail))
+    /// The token itself; `None` where nobody is asked.
+    pub fn token(&self) -> Option<&Token> {
+        self.0.as_ref()
     }
 
     /// The token whose stacks alone are shown; `None`: all are.
@@ -122,7 +106,10 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
         return None;
     }
     let reads = [Method::GET, Method::HEAD].contains(method);
-    Some(if below("/v1/uploads") {
+    Some(if path == "/v1/uploads" && reads {
+        // those of all tokens
+        &[Scope::Admin]
+    } else if below("/v1/uploads") {
         // what it is for says which of the two, when it begins
         match *method {
             Method::GET => &[Scope::Read, Scope::StacksWrite, Scope::ProfilesWrite],
@@ -180,6 +167,9 @@ mod tests {
             (Method::POST, "/v1/calibrations/x/cancel", Some("profiles:write")),
             (Method::PATCH, "/v1/uploads/x", Some("stacks:write profiles:write")),
             (Method::HEAD, "/v1/uploads/x", Some("stacks:write profiles:write")),
+            (Method::GET, "/v1/uploads/x", Some("read stacks:write profiles:write")),
+            (Method::GET, "/v1/uploads", Some("admin")),
+            (Method::HEAD, "/v1/uploads", Some("admin")),
             (Method::POST, "/v1/stacksother", Some("admin")),
             (Method::POST, "/v1/anything", Some("admin")),
         ] {

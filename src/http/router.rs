@@ -57,7 +57,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::rerun::rerun))
         .routes(routes!(stacks::upload::upload))
         // uploads in pieces (tus)
-        .routes(routes!(uploads::create::create, uploads::options::options))
+        .routes(routes!(uploads::list::list, uploads::create::create, uploads::options::options))
         .routes(routes!(uploads::get::get, uploads::head::head, uploads::patch::patch, uploads::delete::delete))
         // scans, poses, optics, targets: their places
         // the service about itself

@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::{
     connections::{AddressRange, Tally},
-    intake::reservation::Shares,
+    intake::{quota::Claims, reservation::Shares},
     recent::Recent,
     system::readyz,
 };
@@ -43,6 +43,8 @@ pub struct Policy {
     pub min_free_bytes: u64,
     /// Most bytes that the uploads in progress of one token reserve ahead of those that have arrived.
     pub upload_reserve_bytes: u64,
+    /// Most resumable uploads that one token may have open.
+    pub max_open_uploads: u64,
     /// An upload that sends nothing for this long is given up.
     pub body_idle_timeout: Duration,
     /// An upload that arrives in pieces waits so long for its next one.
@@ -81,6 +83,7 @@ impl Default for Policy {
             queue_limit: 1000,
             min_free_bytes: 512 << 20,
             upload_reserve_bytes: 16 << 30,
+            max_open_uploads: 100,
             body_idle_timeout: Duration::from_secs(60),
             upload_keep: Duration::from_secs(24 * 60 * 60),
             poll_interval: Duration::from_secs(1),
@@ -121,6 +124,8 @@ pub struct App {
     pub disk: Arc<DiskBudget>,
     /// What of it the uploads in progress of each token hold.
     pub shares: Shares,
+    /// What requests have claimed of the quotas of their tokens.
+    pub claims: Claims,
     /// A token was seen among the rows: they never go.
     has_tokens: Arc<AtomicBool>,
     /// Conversions between file formats hold a whole image each: few at once.
@@ -142,6 +147,7 @@ impl App {
             blobs,
             disk,
             shares: Shares::default(),
+            claims: Claims::default(),
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
             has_tokens: Arc::default(),

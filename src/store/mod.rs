@@ -248,6 +248,19 @@ pub enum Enqueue {
         /// Jobs that wait.
         waiting: u64,
     },
+    /// The upload does not fit into the quota of its token.
+    OverQuota(OverQuota),
+}
+
+/// Why bytes do not fit into the quota of a token.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OverQuota {
+    /// Name of the token.
+    pub token: String,
+    /// Bytes that its stacks, calibrations and open uploads take.
+    pub used: u64,
+    /// Bytes that they may take.
+    pub quota: u64,
 }
 
 /// What the heartbeat of a worker learns.
@@ -294,8 +307,11 @@ pub struct BlobOwner {
 /// Whether an attempt that was given up counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Attempt {
-    /// The job may be why: it counts towards the most that are made.
-    Counts,
+    /// The job may be why: it counts towards the most that are made. It is not claimed again before `pause` is over.
+    Counts {
+        /// Time before the next claim.
+        pause: std::time::Duration,
+    },
     /// The server goes down: the job has nothing to do with it.
     IsFree,
 }
@@ -363,7 +379,8 @@ pub trait Rows: UploadRows + TokenRows + Send + Sync + 'static {
         condition: Precondition,
     ) -> StoreResult<Result<bool, Option<u32>>>;
 
-    /// Accepts a job: when this returns, it survives a crash. At most `queue_limit` jobs may wait.
+    /// Accepts a job: when this returns, it survives a crash. At most `queue_limit` jobs may wait, and the upload must
+    /// fit into the quota of its owner.
     async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue>;
     /// The job that an `Idempotency-Key` made, with the fingerprint it came with.
     async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>>;

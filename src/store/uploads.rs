@@ -10,7 +10,7 @@ use async_trait::async_trait;
 use jiff::Timestamp;
 use uuid::Uuid;
 
-use super::{Enqueue, NewJob, StoreResult};
+use super::{Enqueue, NewJob, OverQuota, Page, PageRequest, StoreResult};
 use crate::model::{Fault, JobKind};
 
 /// An upload about to begin.
@@ -77,11 +77,47 @@ pub struct PartialUpload {
     pub expires_at: Timestamp,
 }
 
+/// How many uploads may be open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OpenUploadLimits {
+    /// In all.
+    pub all: u64,
+    /// Of one token. Uploads without a token are counted in all alone.
+    pub of_owner: u64,
+}
+
+/// How beginning an upload ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum CreateUpload {
+    /// It is stored.
+    Begun(PartialUpload),
+    /// As many as may be are open already.
+    TooMany {
+        /// Of its token; else in all.
+        of_owner: bool,
+    },
+    /// It does not fit into the quota of its token.
+    OverQuota(OverQuota),
+}
+
+/// An upload that waits for bytes or for its job, as the list of them shows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OpenUpload {
+    /// The upload.
+    pub upload: PartialUpload,
+    /// Name of the token that sends it; `None` when nobody was asked.
+    pub token: Option<String>,
+    /// When bytes came last; `None` when none did.
+    pub last_byte_at: Option<Timestamp>,
+}
+
 /// The rows of uploads.
 #[async_trait]
 pub trait UploadRows: Send + Sync + 'static {
-    /// Begins an upload; `None` when `limit` are open already.
-    async fn create_upload(&self, upload: &NewUpload, limit: u64) -> StoreResult<Option<PartialUpload>>;
+    /// Begins an upload, if that many may be open and it fits into the quota of its owner.
+    async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload>;
+    /// The open uploads with their tokens, newest first.
+    async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>>;
     /// One upload; `None` when there is none or its time is over.
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>>;
     /// Says that another request wants to go on with it: the number by which that request knows whether a still newer

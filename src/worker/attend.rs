@@ -54,7 +54,8 @@ impl Shared {
             () = line.beat(&self.deps, &self.config, &job, &self.abandon) => Err(Stop::Cancelled(crate::model::Cancelled)),
         };
         let kind = job.request.kind();
-        let ending = Ending::of(result, line.why(), job.attempt < self.config.max_attempts);
+        let may_try_again = job.attempt < self.config.max_attempts;
+        let ending = Ending::of(result, line.why(), may_try_again, |code| self.pause(code, job.attempt));
         let (code, detail) = ending.fault().map(|fault| (fault.code.name(), one_line(&fault.detail))).unzip();
         let (rig, lens) = (&job.rig, &job.lens);
         tracing::info!(
@@ -93,7 +94,10 @@ impl Shared {
         };
         let _reserved = events::memory_reserved(u64::from(permits) * MB);
         let _gate = suspect.then_some(gate);
-        let _room = self.room_for(job, line).await?;
+        let _room = match self.room_for(job, line).await? {
+            Ok(reservation) => reservation,
+            Err(fault) => return Ok(Finish::Failed(fault)),
+        };
 
         let profile = self.profile_of(job).await.map_err(internal)??;
         let archive = self.archive_of(job).await.map_err(internal)??;
@@ -144,6 +148,13 @@ impl Shared {
         Ok(found.ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive is not there any more; send it again")))
     }
 
+    /// Time before the next claim of a job that met an error of the machine: 6 times longer after each attempt. Short
+    /// when the disk became full: the next attempt waits for its room anyway.
+    fn pause(&self, code: Code, attempt: u32) -> Duration {
+        let pause = self.config.retry_pause.saturating_mul(6_u32.saturating_pow(attempt.saturating_sub(1)));
+        if code == Code::InsufficientStorage { pause / 10 } else { pause }
+    }
+
     /// Writes the end, again when the database cannot be reached for a moment. False when the lease was lost.
     async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
         let mut pause = Duration::from_millis(100);
@@ -185,13 +196,18 @@ enum Ending {
 impl Ending {
     /// A job that was done or failed by itself ends so, even if it was told to stop meanwhile: the store decides who
     /// was first.
-    fn of(result: Result<Finish, Stop>, why: Option<Why>, may_try_again: bool) -> Self {
+    fn of(
+        result: Result<Finish, Stop>,
+        why: Option<Why>,
+        may_try_again: bool,
+        pause: impl FnOnce(Code) -> Duration,
+    ) -> Self {
         match (result, why) {
             (Ok(finish), _) => Self::Finished(finish),
-            // whoever filled the disk, the upload is here: the next attempt waits for room before it begins
-            (Err(Stop::Fault(fault)), _) if fault.code == Code::InsufficientStorage && may_try_again => {
-                tracing::warn!(detail = fault.detail, "the disk became full under a job; it goes back to the queue");
-                Self::Released(Attempt::Counts)
+            // not the fault of the upload: another attempt may succeed
+            (Err(Stop::Fault(fault)), _) if fault.code.is_of_the_machine() && may_try_again => {
+                tracing::warn!(?fault, "an error of the machine under a job; it goes back to the queue");
+                Self::Released(Attempt::Counts { pause: pause(fault.code) })
             }
             (Err(Stop::Fault(fault)), _) => Self::Finished(Finish::Failed(fault)),
             (Err(Stop::Cancelled(_)), Some(Why::Lost)) => Self::Lost,
@@ -236,7 +252,7 @@ pub(super) fn internal(error: StoreError) -> Stop {
             "the disk of the service is full, so the results could not be stored; make room and send the stack again",
         ),
         StoreError::BadCursor | StoreError::Other(_) => {
-            Fault::new(Code::Internal, "the service could not reach its own storage; its log has the details")
+            Fault::new(Code::Unavailable, "the service could not reach its own storage; its log has the details")
         }
     };
     fault.into()

@@ -48,13 +48,15 @@ pub struct Config {
     pub poll: Duration,
     /// Claims of a job whose worker dies each time.
     pub max_attempts: u32,
+    /// Time before a job is claimed again that met an error of the machine at its first attempt; longer after each.
+    pub retry_pause: Duration,
     /// Memory for all running jobs together, bytes. A job that needs more than all of it runs alone.
     pub memory_budget: u64,
 }
 
 impl Default for Config {
-    /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 2 GiB of
-    /// memory.
+    /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 10 s
+    /// before the second, 2 GiB of memory.
     fn default() -> Self {
         Self {
             workers: 1,
@@ -63,6 +65,7 @@ impl Default for Config {
             progress_gap: Duration::from_millis(200),
             poll: Duration::from_secs(1),
             max_attempts: 3,
+            retry_pause: Duration::from_secs(10),
             memory_budget: 2 << 30,
         }
     }

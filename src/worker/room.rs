@@ -21,17 +21,17 @@ impl Shared {
     /// what it has written is counted twice, so that another job or an upload waits rather than that this one fails.
     ///
     /// # Errors
-    /// When the job is told to stop meanwhile, or could not fit if the disk were empty.
-    pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Reservation, Stop> {
+    /// When the job is told to stop meanwhile. The inner error: it could not fit if the disk were empty.
+    pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Result<Reservation, Fault>, Stop> {
         let bytes = self.deps.work.disk_need(&job.request);
         let mut waits = false;
         loop {
             let state = match self.deps.disk.reserve(bytes).await.map_err(internal)? {
-                Ok(reservation) => return Ok(reservation),
+                Ok(reservation) => return Ok(Ok(reservation)),
                 Err(state) => state,
             };
             if bytes.saturating_add(state.min_free) > state.total {
-                return Err(never_fits(bytes, &state).into());
+                return Ok(Err(never_fits(bytes, &state)));
             }
             if !waits {
                 tracing::warn!(job = %job.id, needs = bytes, ?state, "a job waits for room on the disk");

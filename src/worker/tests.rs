@@ -29,6 +29,7 @@ macro_rules! worker_test {
 // after the macro, which they use
 mod disk;
 mod leases;
+mod machine;
 mod science;
 
 worker_test! {

@@ -205,6 +205,10 @@ async fn the_contract_says_which_scope_each_call_needs() {
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
             let told = &operation["x-required-scopes"];
+            if (method.as_str(), path.as_str()) == ("get", "/v1/uploads") {
+                assert_eq!(*told, json!(["admin"]), "it lists the uploads of all tokens");
+                continue;
+            }
             assert_ne!(*told, json!(["admin"]), "{method} {path}: the table of scopes has no line for it");
         }
     }
@@ -422,4 +426,93 @@ async fn nothing_in_a_data_folder_is_open_to_other_accounts_nor_in_a_copy() {
         }
         std::fs::set_permissions(data.join("pinstack.sqlite"), std::fs::Permissions::from_mode(0o644)).unwrap();
     }
+}
+
+/// Begins an upload in pieces for `rig/lens`.
+async fn upload_of(app: &TestApp, token: &str, length: u64) -> reqwest::Response {
+    let request = app.post("/v1/uploads").bearer_auth(token).header("tus-resumable", "1.0.0");
+    let request = request.header("upload-length", length);
+    request.header("upload-metadata", "rig cmln,lens bGVucw==,filename YmVlLnppcA==").send().await.unwrap()
+}
+
+#[tokio::test]
+async fn a_quota_holds_however_many_requests_come_at_once() {
+    let app = TestApp::start_with(|policy| policy.auth_required = true).await;
+    let admin = token(&app, "admin", &[Scope::Admin]).await;
+    app.put("/v1/profiles/rig/lens").bearer_auth(&admin).json(&profile(2)).send().await.unwrap();
+    let zip = stack_zip(2, 0);
+    let length = zip.len() as u64;
+    let small = token_with_quota(&app, "small", &[Scope::StacksWrite], Some(length * 5 / 2)).await;
+    let small_id = app.rows.tokens().await.unwrap().iter().find(|t| t.name.as_str() == "small").unwrap().id;
+    let posts = (0..30).map(|i| {
+        let (app, zip, small) = (&app, zip.clone(), &small);
+        async move {
+            let post = app.post(POST).bearer_auth(small);
+            let answer = match i % 3 {
+                0 => post.body(zip).send().await.unwrap(),
+                // of unknown length
+                1 => {
+                    let chunks = futures::stream::iter([Ok::<_, std::io::Error>(zip)]);
+                    post.body(reqwest::Body::wrap_stream(chunks)).send().await.unwrap()
+                }
+                _ => upload_of(app, small, length).await,
+            };
+            answer.status().as_u16()
+        }
+    });
+    let mut told = futures::future::join_all(posts).await;
+    told.sort_unstable();
+    let accepted = told.iter().filter(|status| **status != 507).count();
+    assert!((1..=2).contains(&accepted), "{told:?}");
+    assert!(told.iter().all(|status| [201, 202, 507].contains(status)), "{told:?}");
+    let used = app.rows.bytes_of(small_id).await.unwrap();
+    assert_eq!(used, accepted as u64 * length);
+    assert_eq!(app.spooled(), 0);
+
+    // repeats of one request take the quota once, also while the first arrives
+    let other = token_with_quota(&app, "other", &[Scope::StacksWrite], Some(length * 3 / 2)).await;
+    let repeats = (0..10)
+        .map(|_| app.post(POST).bearer_auth(&other).header("idempotency-key", "view 7").body(zip.clone()).send());
+    for answer in futures::future::join_all(repeats).await {
+        assert_eq!(answer.unwrap().status(), StatusCode::ACCEPTED);
+    }
+}
+
+#[tokio::test]
+async fn an_admin_sees_and_ends_the_open_uploads_of_all_tokens() {
+    let app = TestApp::start_with(|policy| {
+        (policy.auth_required, policy.isolate_tokens, policy.max_open_uploads) = (true, true, 2);
+    })
+    .await;
+    let admin = token(&app, "admin", &[Scope::Admin]).await;
+    app.put("/v1/profiles/rig/lens").bearer_auth(&admin).json(&profile(2)).send().await.unwrap();
+    let (ann, ben) =
+        (token(&app, "ann", &[Scope::StacksWrite, Scope::Read]).await, token(&app, "ben", &[Scope::StacksWrite]).await);
+    let begun =
+        [upload_of(&app, &ann, 1000).await, upload_of(&app, &ann, 2000).await, upload_of(&app, &ben, 3000).await];
+    let urls = begun.map(|answer| answer.headers()["location"].to_str().unwrap().to_owned());
+    let refused = problem(upload_of(&app, &ann, 10).await, 503, "queue_full").await;
+    assert!(refused["detail"].as_str().unwrap().contains("2 uploads of this token"), "{refused}");
+
+    let list = async |query: &str| -> Value {
+        app.get(&format!("/v1/uploads{query}")).bearer_auth(&admin).send().await.unwrap().json().await.unwrap()
+    };
+    let page = list("?limit=2").await;
+    let shown = |page: &Value| -> Vec<(String, Value)> {
+        let items = page["items"].as_array().unwrap().iter();
+        items.map(|item| (format!("/v1/uploads/{}", item["id"].as_str().unwrap()), item["token"].clone())).collect()
+    };
+    assert_eq!(shown(&page), [(urls[2].clone(), "ben".into()), (urls[1].clone(), "ann".into())]);
+    let first = &page["items"][0];
+    assert_eq!((&first["filename"], &first["rig"], &first["lens"]), (&json!("bee.zip"), &json!("rig"), &json!("lens")));
+    assert_eq!((&first["offset"], &first["length"], &first["last_byte_at"]), (&json!(0), &json!(3000), &Value::Null));
+    let rest = list(&format!("?limit=2&cursor={}", page["next_cursor"].as_str().unwrap())).await;
+    assert_eq!((shown(&rest), &rest["next_cursor"]), (vec![(urls[0].clone(), "ann".into())], &Value::Null));
+    problem(app.get("/v1/uploads?state=x").bearer_auth(&admin).send().await.unwrap(), 400, "invalid_request").await;
+    problem(app.get("/v1/uploads").bearer_auth(&ann).send().await.unwrap(), 403, "forbidden").await;
+
+    let gone = app.delete(&urls[1]).bearer_auth(&admin).header("tus-resumable", "1.0.0").send().await.unwrap();
+    assert_eq!(gone.status(), StatusCode::NO_CONTENT);
+    assert_eq!(shown(&list("").await).len(), 2);
+    assert_eq!(upload_of(&app, &ann, 10).await.status(), StatusCode::CREATED);
 }

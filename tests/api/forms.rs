@@ -87,7 +87,7 @@ async fn endless(app: &TestApp, pieces: impl IntoIterator<Item = Vec<u8>>) -> (S
     let socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     let (mut answer, mut request) = socket.into_split();
     let head = format!(
-        "POST /v1/stacks?rig=rig&lens=lens HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\
+        "POST /v1/stacks?rig=rig&lens=lens HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\
          content-type: multipart/form-data; boundary={BOUNDARY}\r\ncontent-length: 1073741824\r\n\r\n"
     );
     request.write_all(head.as_bytes()).await.unwrap();

@@ -43,7 +43,8 @@ fn a_form_that_never_makes_sense_takes_little_memory_and_is_refused() {
         let filler = Bytes::from(vec![b'a'; PIECE]);
         let pieces = std::iter::once(Bytes::from(first)).chain(std::iter::repeat_n(filler, PIECES));
         let pieces = futures::stream::iter(pieces.map(Ok::<_, std::io::Error>));
-        let request = Request::post("/v1/stacks").header(header::CONTENT_TYPE, "multipart/form-data; boundary=XBX");
+        let request = Request::post("/v1/stacks").header(header::HOST, "localhost");
+        let request = request.header(header::CONTENT_TYPE, "multipart/form-data; boundary=XBX");
         let request = request.body(Body::from_stream(pieces)).expect("a request");
         let (status, peak) = peak_of(|| {
             runtime.block_on(async { service.clone().oneshot(request).await.map(|answer| answer.status()) })

@@ -9,9 +9,9 @@ use serde::Serialize;
 use uuid::Uuid;
 
 use super::{
-    admission::content_length,
     idempotency,
     order::{Fields, Order},
+    quota::QuotaClaim,
     receive::receive,
     spool::Spooled,
     submit::{Origin, Submission, Submitted, submit},
@@ -47,10 +47,9 @@ pub async fn upload<O: Order, V: Serialize>(
         Some(key) => app.rows.by_idempotency_key(key).await?.is_some(),
         None => false,
     };
-    if !is_repeat {
-        caller.require_quota(app, content_length(headers).unwrap_or(0)).await?;
-    }
-    let (order, file) = receive::<O>(app, caller, headers, body, fields, is_repeat).await?;
+    // a repeat takes nothing of the quota
+    let quota = if is_repeat { QuotaClaim::default() } else { QuotaClaim::of(app, caller, key.clone()) };
+    let (order, file) = receive::<O>(app, caller, headers, body, fields, is_repeat, quota).await?;
     complete(app, caller, headers, order, file, key, view).await
 }
 
@@ -87,8 +86,6 @@ async fn accept<O: Order>(
     {
         return Ok(Submitted { job, replayed: true });
     }
-    // how long it is may have been told only by its end
-    caller.require_quota(&app, file.bytes).await?;
     let submission = Submission {
         id: Uuid::now_v7(),
         file: file.path().to_owned(),

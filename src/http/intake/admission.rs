@@ -2,7 +2,7 @@
 
 use axum::http::{HeaderMap, header};
 
-use super::{body::too_large, reservation::UploadReservation};
+use super::{body::too_large, quota::QuotaClaim, reservation::UploadReservation};
 use crate::{
     http::{
         auth::Caller,
@@ -26,12 +26,13 @@ pub async fn admit(
     max_bytes: u64,
     is_repeat: bool,
     job_bytes: u64,
+    quota: QuotaClaim,
 ) -> ApiResult<UploadReservation> {
     let length = content_length(headers);
     if length.is_some_and(|length| length > max_bytes) {
         return Err(too_large(app.policy.max_upload_bytes).into());
     }
-    let reservation = UploadReservation::admit(app, caller.id(), length, job_bytes).await?;
+    let reservation = UploadReservation::admit(app, caller.id(), length, job_bytes, quota).await?;
     // a repeat makes no new job
     if !is_repeat {
         require_place(app).await?;

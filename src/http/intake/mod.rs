@@ -10,6 +10,7 @@ pub mod form_body;
 pub mod idempotency;
 pub mod multipart;
 pub mod order;
+pub mod quota;
 pub mod receive;
 pub mod reservation;
 pub mod spool;

@@ -10,6 +10,7 @@ use super::{
     body::{EndedEarly, WatchedBody},
     filename, multipart,
     order::{Fields, Order},
+    quota::QuotaClaim,
     spool::{Spooled, spool},
 };
 use crate::{
@@ -44,6 +45,7 @@ pub async fn receive<O: Order>(
     body: Body,
     fields: Fields,
     is_repeat: bool,
+    quota: QuotaClaim,
 ) -> ApiResult<(O, Spooled)> {
     let kind = media_type(headers);
     let is_form = kind == "multipart/form-data";
@@ -54,7 +56,7 @@ pub async fn receive<O: Order>(
         // what the URL says can be checked at once
         let is_addressed = O::is_addressed(&fields);
         let job_bytes = if is_addressed { O::read(app, &fields).await?.disk_need() } else { 0 };
-        let reservation = admit(app, caller, headers, max_body, is_repeat, job_bytes).await?;
+        let reservation = admit(app, caller, headers, max_body, is_repeat, job_bytes, quota).await?;
         return multipart::receive(app, headers, body, fields, reservation).await;
     }
     if !kind.is_empty() && !ZIP_TYPES.contains(&kind.as_str()) {
@@ -69,7 +71,7 @@ pub async fn receive<O: Order>(
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
     let order = O::read(app, &fields).await?;
-    let reservation = admit(app, caller, headers, max_body, is_repeat, order.disk_need()).await?;
+    let reservation = admit(app, caller, headers, max_body, is_repeat, order.disk_need(), quota).await?;
     let verdict = body.verdict();
     let file = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
     Ok((order, file))

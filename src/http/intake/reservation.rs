@@ -1,4 +1,4 @@
-//! What an upload in progress holds: room on the disk, a little ahead of its bytes.
+//! What an upload in progress holds: room on the disk, a little ahead of its bytes, and a part of its token's quota.
 //!
 //! Bytes are reserved as they come. An upload that announces much and sends nothing holds at most [`AHEAD`], and the
 //! uploads of one token together hold at most `upload_reserve_bytes`; beyond that each reserves only the bytes that have
@@ -14,6 +14,7 @@ use uuid::Uuid;
 use crate::{
     disk_budget::{DiskState, Reservation},
     http::{
+        intake::quota::QuotaClaim,
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -30,8 +31,10 @@ pub struct UploadReservation {
     app: App,
     /// Announced and not written yet; `None` when the length is unknown.
     rest: Option<u64>,
+    received: u64,
     room: Reservation,
     share: Share,
+    quota: QuotaClaim,
 }
 
 impl UploadReservation {
@@ -40,13 +43,20 @@ impl UploadReservation {
     ///
     /// # Errors
     /// `insufficient_storage` with figures.
-    pub async fn admit(app: &App, owner: Option<Uuid>, announced: Option<u64>, job_bytes: u64) -> ApiResult<Self> {
+    pub async fn admit(
+        app: &App,
+        owner: Option<Uuid>,
+        announced: Option<u64>,
+        job_bytes: u64,
+        mut quota: QuotaClaim,
+    ) -> ApiResult<Self> {
         let length = announced.unwrap_or(0);
+        quota.cover(length).await?;
         let mut share = app.shares.of(owner);
         let ahead = share.take_at_most(length.min(AHEAD), app.policy.upload_reserve_bytes);
         let beside = (length - ahead).saturating_add(job_bytes);
         match app.disk.reserve_beside(ahead, beside).await? {
-            Ok(room) => Ok(Self { app: app.clone(), rest: announced, room, share }),
+            Ok(room) => Ok(Self { app: app.clone(), rest: announced, received: 0, room, share, quota }),
             Err(state) => Err(no_room(length, job_bytes, &state)),
         }
     }
@@ -56,6 +66,7 @@ impl UploadReservation {
     /// # Errors
     /// `insufficient_storage` with figures.
     pub async fn require(&mut self, bytes: u64) -> ApiResult<()> {
+        self.quota.cover(self.received + bytes).await?;
         let Some(least) = bytes.checked_sub(self.room.bytes()).filter(|least| *least > 0) else { return Ok(()) };
         let wanted = self.rest.map_or(AHEAD_OF_UNKNOWN, |rest| rest.min(AHEAD)).saturating_sub(bytes);
         let ahead = self.share.take_at_most(wanted, self.app.policy.upload_reserve_bytes);
@@ -76,6 +87,12 @@ impl UploadReservation {
         self.room.written(bytes);
         self.share.give(before - self.room.bytes());
         self.rest = self.rest.map(|rest| rest.saturating_sub(bytes));
+        self.received += bytes;
+    }
+
+    /// All bytes are here: the room that is left goes back, the claim on the quota stays.
+    pub fn into_quota(self) -> QuotaClaim {
+        self.quota
     }
 }
 

@@ -9,7 +9,7 @@ use tempfile::TempPath;
 use tokio::io::AsyncWriteExt;
 use uuid::Uuid;
 
-use super::reservation::UploadReservation;
+use super::{quota::QuotaClaim, reservation::UploadReservation};
 use crate::{
     http::{
         problem::{ApiError, ApiResult},
@@ -20,7 +20,6 @@ use crate::{
 };
 
 /// A whole upload in the spool folder. The file goes when this is dropped, unless it has become a blob.
-#[derive(Debug)]
 pub struct Spooled {
     path: TempPath,
     /// Size.
@@ -29,6 +28,8 @@ pub struct Spooled {
     pub sha256: String,
     /// Name that the client gave.
     pub filename: Option<String>,
+    /// Held until the store counts the bytes.
+    _quota: QuotaClaim,
 }
 
 impl Spooled {
@@ -44,7 +45,8 @@ impl Spooled {
             return Ok(None);
         }
         let Upload { bytes, sha256, filename, .. } = upload.clone();
-        Ok(Some(Self { path, bytes, sha256, filename }))
+        // the store checks the quota
+        Ok(Some(Self { path, bytes, sha256, filename, _quota: QuotaClaim::default() }))
     }
 
     /// Where it lies.
@@ -82,7 +84,8 @@ pub async fn spool<E>(
     }
     step("upload.flush").map_err(cannot_write)?;
     file.flush().await.map_err(cannot_write)?;
-    Ok(Spooled { path, bytes, sha256: hex(&hash.finalize()), filename })
+    let sha256 = hex(&hash.finalize());
+    Ok(Spooled { path, bytes, sha256, filename, _quota: reservation.into_quota() })
 }
 
 fn cannot_write(error: std::io::Error) -> ApiError {

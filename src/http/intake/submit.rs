@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use uuid::Uuid;
 
-use super::{admission::queue_full, idempotency, order::Order};
+use super::{admission::queue_full, idempotency, order::Order, quota::over_quota};
 use crate::{
     archive,
     http::{
@@ -101,6 +101,7 @@ pub async fn submit<O: Order>(app: &App, order: O, submission: Submission) -> Ap
             Err(idempotency::reused(job.idempotency.as_ref().map_or("", |(key, _)| key.as_str())))
         }
         Some(Enqueue::QueueFull { waiting }) => Err(queue_full(waiting)),
+        Some(Enqueue::OverQuota(over)) => Err(over_quota(bytes, &over)),
         None => Err(crate::http::uploads::hold::unknown(id)),
     };
     match origin {

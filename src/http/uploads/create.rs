@@ -20,7 +20,13 @@ use crate::{
     http::{
         auth::Caller,
         calibrations::order::CalibrationOrder,
-        intake::{admission::require_place, body::too_large, order::Order, reservation::require_room},
+        intake::{
+            admission::require_place,
+            body::too_large,
+            order::Order,
+            quota::{QuotaClaim, over_quota},
+            reservation::require_room,
+        },
         problem::{ApiError, ApiResult},
         stacks::order::StackOrder,
         state::App,
@@ -28,7 +34,7 @@ use crate::{
     model::{Code, JobKind},
     store::{
         tokens::Scope,
-        uploads::{NewUpload, PartialUpload},
+        uploads::{CreateUpload, NewUpload, OpenUploadLimits, PartialUpload},
     },
 };
 
@@ -112,7 +118,7 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
             CalibrationOrder::read(app, &metadata.fields()).await?.disk_need()
         }
     };
-    caller.require_quota(app, length).await?;
+    QuotaClaim::of(app, caller, None).cover(length).await?;
     require_room(app, length, job_bytes).await?;
     require_place(app).await?;
     let new = NewUpload {
@@ -123,11 +129,19 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
         keep: app.policy.upload_keep,
         owner: caller.id(),
     };
-    app.rows.create_upload(&new, app.policy.queue_limit).await?.ok_or_else(|| {
-        let detail =
-            format!("{} uploads are open already; end or finish some, or try again later", app.policy.queue_limit);
-        ApiError::new(Code::QueueFull, detail)
-    })
+    let limits = OpenUploadLimits { all: app.policy.queue_limit, of_owner: app.policy.max_open_uploads };
+    match app.rows.create_upload(&new, limits).await? {
+        CreateUpload::Begun(upload) => Ok(upload),
+        CreateUpload::OverQuota(over) => Err(over_quota(length, &over)),
+        CreateUpload::TooMany { of_owner } => {
+            let (limit, whose) = match of_owner {
+                true => (limits.of_owner, " of this token"),
+                false => (limits.all, ""),
+            };
+            let detail = format!("{limit} uploads{whose} are open already; end or finish some, or try again later");
+            Err(ApiError::new(Code::QueueFull, detail))
+        }
+    }
 }
 
 fn has_body(headers: &HeaderMap) -> bool {

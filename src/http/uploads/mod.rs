@@ -12,6 +12,7 @@ pub mod digest;
 pub mod get;
 pub mod head;
 pub mod hold;
+pub mod list;
 pub mod metadata;
 pub mod options;
 pub mod patch;

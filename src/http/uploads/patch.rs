@@ -24,6 +24,7 @@ use crate::{
         intake::{
             admission::{content_length, waits_for_continue},
             body::WatchedBody,
+            quota::QuotaClaim,
             reservation::UploadReservation,
         },
         problem::{ApiError, ApiResult},
@@ -137,8 +138,10 @@ pub async fn receive_piece(
         if held.upload.state == UploadState::Receiving {
             require_fit(&headers, offset, held.upload.length)?;
             if offset < held.upload.length {
+                // the store counts the whole upload since it began
+                let quota = QuotaClaim::default();
                 let announced = content_length(&headers).unwrap_or(held.upload.length - offset);
-                let reservation = UploadReservation::admit(&app, caller.id(), Some(announced), 0).await?;
+                let reservation = UploadReservation::admit(&app, caller.id(), Some(announced), 0, quota).await?;
                 receive(&app, &mut held, rival, body, checksum, reservation).await?;
             }
             complete_if_whole(&app, &mut held).await?;

@@ -11,7 +11,7 @@ use std::{
 use uuid::Uuid;
 
 use crate::store::{
-    StoreResult,
+    StoreError, StoreResult,
     blobs::{Blobs, JobBlobs, Partial, Room},
 };
 
@@ -22,6 +22,14 @@ pub(crate) const TOTAL: u64 = 1000;
 pub(crate) struct SmallDisk {
     pub(crate) blobs: Arc<dyn Blobs>,
     pub(crate) free: AtomicU64,
+    /// So many times a blob cannot be opened: too many open files.
+    pub(crate) failures: AtomicU64,
+}
+
+impl SmallDisk {
+    pub(crate) fn over(blobs: Arc<dyn Blobs>, free: u64) -> Self {
+        Self { blobs, free: AtomicU64::new(free), failures: AtomicU64::default() }
+    }
 }
 
 #[async_trait::async_trait]
@@ -47,6 +55,10 @@ impl Blobs for SmallDisk {
         self.blobs.share(key, path).await
     }
     async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {
+        let fails = self.failures.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
+        if fails.is_ok() {
+            return Err(StoreError::of_io(std::io::Error::from_raw_os_error(24), "cannot open a blob".into()));
+        }
         self.blobs.local_path(key).await
     }
     async fn delete_job(&self, id: Uuid) -> StoreResult<()> {

@@ -209,3 +209,20 @@ pub(crate) async fn a_lease_is_judged_by_its_own_length_and_not_by_that_of_who_l
     store.clock.advance(LEASE);
     assert_eq!(claim(rows).await.map(|job| job.id), Some(claimed.id), "nothing was heard of it for all that time");
 }
+
+pub(crate) async fn a_job_released_with_a_pause_is_not_claimed_before_it_is_over(store: Fresh) {
+    let rows = &*store.rows;
+    let pause = Duration::from_secs(60);
+    let (paused, next) = (accept(rows, &stack()).await.id, accept(rows, &stack()).await.id);
+    let claimed = claim(rows).await.unwrap();
+    assert!(rows.release(paused, claimed.lease_token, Attempt::Counts { pause }).await.unwrap());
+    assert_eq!(job(rows, paused).await.attempt, 1, "it counts");
+    let claimed = claim(rows).await.expect("the queue goes on");
+    assert_eq!(claimed.id, next);
+    assert!(rows.finish(next, claimed.lease_token, &success()).await.unwrap());
+    store.clock.advance(pause - Duration::from_secs(1));
+    assert_eq!(claim(rows).await, None);
+    store.clock.advance(Duration::from_secs(1));
+    let claimed = claim(rows).await.expect("the pause is over");
+    assert_eq!((claimed.id, claimed.attempt), (paused, 2));
+}

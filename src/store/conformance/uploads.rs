@@ -4,21 +4,24 @@ use std::time::Duration;
 
 use uuid::Uuid;
 
-use super::{Fresh, stack};
+use super::{Fresh, name, page, stack};
 use crate::{
     model::{Code, Fault, JobKind},
     store::{
-        Enqueue, NewJob, UploadRows,
-        uploads::{Advance, NewUpload, UploadState},
+        Enqueue, NewJob, OverQuota, StoreError, UploadRows,
+        tokens::NewToken,
+        uploads::{Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, UploadState},
     },
 };
 
 const KEEP: Duration = Duration::from_secs(3600);
+/// Enough for every test.
+pub(crate) const MANY: OpenUploadLimits = OpenUploadLimits { all: 1000, of_owner: 1000 };
 
 pub(crate) async fn begun(rows: &dyn UploadRows, length: u64) -> Uuid {
     let new =
         NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: "rig cmln".into(), keep: KEEP, owner: None };
-    let upload = rows.create_upload(&new, 1000).await.unwrap().expect("there is room for it");
+    let CreateUpload::Begun(upload) = rows.create_upload(&new, MANY).await.unwrap() else { panic!("there is room") };
     assert_eq!((upload.id, upload.length, upload.offset, upload.state), (new.id, length, 0, UploadState::Receiving));
     assert_eq!((upload.digest, upload.metadata.as_str()), (vec![0], "rig cmln"));
     new.id
@@ -110,8 +113,98 @@ pub(crate) async fn only_open_uploads_are_counted(store: Fresh) {
     assert_eq!(rows.awaited_bytes().await.unwrap(), 70);
     let new =
         NewUpload { id: Uuid::now_v7(), length: 1, digest: vec![0], metadata: String::new(), keep: KEEP, owner: None };
-    assert_eq!(rows.create_upload(&new, 1).await.unwrap(), None, "one is open");
-    assert!(rows.create_upload(&new, 2).await.unwrap().is_some());
+    let at_most = |all| OpenUploadLimits { all, of_owner: 1000 };
+    assert_eq!(rows.create_upload(&new, at_most(1)).await.unwrap(), CreateUpload::TooMany { of_owner: false });
+    assert!(matches!(rows.create_upload(&new, at_most(2)).await.unwrap(), CreateUpload::Begun(_)));
+    let few = OpenUploadLimits { all: 1000, of_owner: 1 };
+    let by = |owner| NewUpload { id: Uuid::now_v7(), owner, ..new.clone() };
+    let (ann, ben) = (Some(Uuid::now_v7()), Some(Uuid::now_v7()));
+    for owner in [None, ann, ben] {
+        assert!(matches!(rows.create_upload(&by(owner), few).await.unwrap(), CreateUpload::Begun(_)), "{owner:?}");
+    }
+    assert_eq!(rows.create_upload(&by(ann), few).await.unwrap(), CreateUpload::TooMany { of_owner: true });
+    assert!(matches!(rows.create_upload(&by(None), few).await.unwrap(), CreateUpload::Begun(_)));
     store.clock.advance(KEEP);
     assert_eq!(rows.awaited_bytes().await.unwrap(), 0);
+}
+
+pub(crate) async fn open_uploads_are_listed_newest_first_with_their_tokens(store: Fresh) {
+    let rows = &*store.rows;
+    let ann = Uuid::now_v7();
+    assert!(rows.add_token(&token(ann, None)).await.unwrap());
+    let of_ann = NewUpload { id: Uuid::now_v7(), owner: Some(ann), ..new(7) };
+    assert!(matches!(rows.create_upload(&of_ann, MANY).await.unwrap(), CreateUpload::Begun(_)));
+    let (second, whole, third) = (begun(rows, 100).await, begun(rows, 10).await, begun(rows, 1000).await);
+    rows.refuse_upload(whole, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
+    rows.advance_upload(second, &advance(0, 30)).await.unwrap();
+    let first = rows.list_open_uploads(&page(2, None)).await.unwrap();
+    let shown =
+        |open: &OpenUpload| (open.upload.id, open.token.clone(), open.upload.offset, open.last_byte_at.is_some());
+    assert_eq!(first.items.iter().map(shown).collect::<Vec<_>>(), [(third, None, 0, false), (second, None, 30, true)]);
+    let last = rows.list_open_uploads(&page(2, first.next_cursor)).await.unwrap();
+    assert_eq!(last.items.iter().map(shown).collect::<Vec<_>>(), [(of_ann.id, Some("ann".into()), 0, false)]);
+    assert_eq!(last.next_cursor, None);
+    let foreign = rows.list_open_uploads(&page(2, Some("x".into()))).await;
+    assert!(matches!(foreign, Err(StoreError::BadCursor)), "{foreign:?}");
+    store.clock.advance(KEEP);
+    assert!(rows.list_open_uploads(&page(2, None)).await.unwrap().items.is_empty());
+}
+
+pub(crate) async fn a_quota_holds_however_many_ask_at_once(store: Fresh) {
+    let ann = Uuid::now_v7();
+    // as the requests of these tests say, an upload of a stack has 12 bytes
+    assert!(store.rows.add_token(&token(ann, Some(100))).await.unwrap());
+    let mut asking = tokio::task::JoinSet::new();
+    for i in 0..30 {
+        let rows = std::sync::Arc::clone(&store.rows);
+        asking.spawn(async move {
+            if i % 2 == 0 {
+                let upload = NewUpload { owner: Some(ann), ..new(40) };
+                matches!(rows.create_upload(&upload, MANY).await.unwrap(), CreateUpload::Begun(_))
+            } else {
+                let job = NewJob { owner: Some(ann), ..stack() };
+                matches!(rows.enqueue(&job, 1000).await.unwrap(), Enqueue::Accepted(_))
+            }
+        });
+    }
+    let mut accepted = 0;
+    while let Some(ended) = asking.join_next().await {
+        accepted += u32::from(ended.unwrap());
+    }
+    let used = store.rows.bytes_of(ann).await.unwrap();
+    assert!(accepted > 0 && (100 - 11..=100).contains(&used), "{accepted} were accepted, {used} bytes are used");
+    let over = OverQuota { token: "ann".into(), used, quota: 100 };
+    let refused = store.rows.create_upload(&NewUpload { owner: Some(ann), ..new(u64::MAX) }, MANY).await.unwrap();
+    assert_eq!(refused, CreateUpload::OverQuota(over.clone()));
+    let job = NewJob { owner: Some(ann), ..stack() };
+    assert_eq!(store.rows.enqueue(&job, 1000).await.unwrap(), Enqueue::OverQuota(over));
+    let others = NewJob { owner: Some(Uuid::now_v7()), ..stack() };
+    assert!(matches!(store.rows.enqueue(&others, 1000).await.unwrap(), Enqueue::Accepted(_)));
+}
+
+pub(crate) async fn repeats_of_a_key_at_once_make_one_job_though_the_quota_has_room_for_one(store: Fresh) {
+    let ann = Uuid::now_v7();
+    assert!(store.rows.add_token(&token(ann, Some(12))).await.unwrap());
+    let mut asking = tokio::task::JoinSet::new();
+    for _ in 0..30 {
+        let rows = std::sync::Arc::clone(&store.rows);
+        let job = NewJob { owner: Some(ann), idempotency: Some(("key".into(), "same".into())), ..stack() };
+        asking.spawn(async move { rows.enqueue(&job, 1000).await.unwrap() });
+    }
+    let mut ids = std::collections::BTreeSet::new();
+    while let Some(ended) = asking.join_next().await {
+        match ended.unwrap() {
+            Enqueue::Accepted(job) | Enqueue::Repeated(job) => ids.insert(job.id),
+            other => panic!("{other:?}"),
+        };
+    }
+    assert_eq!(ids.len(), 1);
+}
+
+fn new(length: u64) -> NewUpload {
+    NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: String::new(), keep: KEEP, owner: None }
+}
+
+fn token(id: Uuid, quota_bytes: Option<u64>) -> NewToken {
+    NewToken { id, name: name("ann"), digest: [0; 32], scopes: vec![], quota_bytes }
 }

@@ -7,6 +7,7 @@ use uuid::Uuid;
 use super::{
     BlobOwner, Enqueue, Job, JobCounts, JobFilter, NewJob, Page, PageRequest, SqliteRows, StoreResult,
     page::Window,
+    quota,
     row::{JobRow, kind, state},
     uploads::signed,
 };
@@ -47,6 +48,10 @@ pub(super) async fn insert(
     if waiting >= queue_limit {
         return Ok(Enqueue::QueueFull { waiting });
     }
+    let now = store.clock.now_ms();
+    if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
+        return Ok(Enqueue::OverQuota(over));
+    }
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
@@ -60,7 +65,7 @@ pub(super) async fn insert(
     .bind(job.lens.as_str())
     .bind(job.request.scan().map(Name::as_str))
     .bind(json::stored::<JobRequest>("the request of a job", &job.request)?)
-    .bind(store.clock.now_ms())
+    .bind(now)
     .bind(keep_ms(&job.request))
     .bind(json::stored::<Vec<Warning>>("the warnings of a job", &job.warnings)?)
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))

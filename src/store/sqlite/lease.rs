@@ -16,6 +16,9 @@ use crate::{
     telemetry::events,
 };
 
+/// Longest pause of a released job. One that seems longer is of a clock that was set back, and is over.
+const MAX_PAUSE: Duration = Duration::from_secs(60 * 60);
+
 pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
     let now = store.clock.now_ms();
     let mut tx = store.write().await?;
@@ -25,9 +28,10 @@ pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32
         "UPDATE jobs
          SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
              attempt = attempt + 1, lease_token = lease_token + 1, lease_until = ?1, lease_ms = ?4, version = version + 1,
-             started_at = COALESCE(started_at, ?2)
+             claim_after = NULL, started_at = COALESCE(started_at, ?2)
          WHERE seq = (SELECT seq FROM jobs
-                      WHERE state = 'queued'
+                      WHERE (state = 'queued'
+                             AND (claim_after IS NULL OR claim_after <= ?2 OR claim_after > ?2 + ?5))
                          OR (state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?3)))
                       ORDER BY seq LIMIT 1)
          RETURNING *",
@@ -36,6 +40,7 @@ pub(super) async fn claim(store: &SqliteRows, lease: Duration, max_attempts: u32
     .bind(now)
     .bind(&lost)
     .bind(millis(lease))
+    .bind(millis(MAX_PAUSE))
     .fetch_optional(&mut *tx)
     .await?;
     store.commit(tx, "rows.claim").await?;
@@ -182,6 +187,12 @@ pub(super) async fn heartbeat(
 }
 
 pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
+    let now = store.clock.now_ms();
+    let (uncounted, claim_after) = match attempt {
+        Attempt::Counts { pause } if pause.is_zero() => (0, None),
+        Attempt::Counts { pause } => (0, Some(until(now, pause.min(MAX_PAUSE)))),
+        Attempt::IsFree => (1, None),
+    };
     let mut tx = store.write().await?;
     let deleted = sqlx::query(
         "DELETE FROM jobs WHERE id = ?1 AND lease_token = ?2 AND state = 'running' AND delete_requested = 1",
@@ -198,13 +209,14 @@ pub(super) async fn release(store: &SqliteRows, id: Uuid, lease_token: i64, atte
              completed = iif(cancel_requested, completed, 0),
              total = iif(cancel_requested, total, 0),
              fraction = iif(cancel_requested, fraction, 0.0),
-             attempt = attempt - ?4, lease_until = NULL, version = version + 1
+             attempt = attempt - ?4, claim_after = ?5, lease_until = NULL, version = version + 1
          WHERE id = ?1 AND lease_token = ?2 AND state = 'running'",
     )
     .bind(id)
     .bind(lease_token)
-    .bind(store.clock.now_ms())
-    .bind(i64::from(attempt == Attempt::IsFree))
+    .bind(now)
+    .bind(uncounted)
+    .bind(claim_after)
     .execute(&mut *tx)
     .await?;
     store.commit(tx, "rows.release").await?;

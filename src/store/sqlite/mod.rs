@@ -11,6 +11,7 @@ mod lost;
 mod observed;
 mod page;
 mod profiles;
+mod quota;
 mod retention;
 mod row;
 mod tokens;
@@ -46,13 +47,14 @@ const ROWS_AHEAD: usize = 4;
 const CHANGES: usize = 1024;
 
 /// Every change of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 6] = [
+const SCHEMA: [(i64, &str, &str); 7] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
     (4, "retention", include_str!("schema/0004_retention.sql")),
     (5, "totals", include_str!("schema/0005_totals.sql")),
     (6, "heads", include_str!("schema/0006_heads.sql")),
+    (7, "pauses", include_str!("schema/0007_pauses.sql")),
 ];
 
 /// Rows in one SQLite file.

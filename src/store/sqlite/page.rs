@@ -5,7 +5,7 @@ use futures::{Stream, TryStreamExt};
 use super::{PageRequest, StoreError, StoreResult};
 
 /// Most items of a page.
-const MOST: u32 = 500;
+pub(super) const MOST: u32 = 500;
 /// A page ends before its rows have more bytes than this, so that an answer stays below 4 MiB.
 const MOST_BYTES: usize = 3 << 20;
 /// What an answer adds to each row: links, times, progress.

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use sqlx::{Executor, Sqlite};
 use uuid::Uuid;
 
 use super::{Retention, SqliteRows, StoreResult, observed, uploads::unsigned};
@@ -50,16 +51,25 @@ pub(super) async fn expire_job_uploads(store: &SqliteRows, keep: &Retention) -> 
 }
 
 pub(super) async fn bytes_of(store: &SqliteRows, owner: Uuid) -> StoreResult<u64> {
-    let bytes: i64 = sqlx::query_scalar(
+    Ok(unsigned(bytes_taken(&store.readers, owner, store.clock.now_ms()).await?))
+}
+
+/// Bytes that the stacks, calibrations and open uploads of a token take.
+pub(super) async fn bytes_taken(
+    executor: impl Executor<'_, Database = Sqlite>,
+    owner: Uuid,
+    now: i64,
+) -> StoreResult<i64> {
+    let bytes = sqlx::query_scalar(
         "SELECT (SELECT COALESCE(SUM(upload_bytes + result_bytes), 0) FROM jobs WHERE owner = ?1)
               + (SELECT COALESCE(SUM(length), 0) FROM uploads
                  WHERE owner = ?1 AND job_kind IS NULL AND fault IS NULL AND expires_at > ?2)",
     )
     .bind(owner)
-    .bind(store.clock.now_ms())
-    .fetch_one(&store.readers)
+    .bind(now)
+    .fetch_one(executor)
     .await?;
-    Ok(unsigned(bytes))
+    Ok(bytes)
 }
 
 fn millis(time: Duration) -> i64 {

@@ -61,6 +61,9 @@ conforms!(jobs:
 );
 
 conforms!(uploads:
+    open_uploads_are_listed_newest_first_with_their_tokens,
+    a_quota_holds_however_many_ask_at_once,
+    repeats_of_a_key_at_once_make_one_job_though_the_quota_has_room_for_one,
     an_upload_grows_only_from_where_it_is,
     a_newer_wish_has_a_larger_number_and_is_announced,
     a_whole_upload_becomes_one_job_and_a_torn_one_none,
@@ -80,6 +83,7 @@ conforms!(totals:
 );
 
 conforms!(leases:
+    a_job_released_with_a_pause_is_not_claimed_before_it_is_over,
     a_clock_that_leaps_forward_takes_no_job_from_a_living_worker,
     a_clock_that_leaps_back_keeps_no_job_with_a_dead_worker,
     jobs_are_claimed_in_the_order_of_acceptance,

@@ -6,13 +6,15 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::{
-    Enqueue, NewJob, SqliteRows, StoreError, StoreResult, jobs, observed,
+    Enqueue, NewJob, Page, PageRequest, SqliteRows, StoreError, StoreResult, jobs, observed, page, quota,
     row::{JobRow, kind, time},
 };
 use crate::{
     model::Fault,
-    store::json,
-    store::uploads::{Advance, NewUpload, PartialUpload, UploadRows, UploadState},
+    store::uploads::{
+        Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRows, UploadState,
+    },
+    store::{Skipped, json},
 };
 
 /// A row of `uploads`.
@@ -55,19 +57,45 @@ impl TryFrom<UploadRow> for PartialUpload {
     }
 }
 
+/// A row of `uploads` with the name of its token.
+#[derive(sqlx::FromRow)]
+struct OpenUploadRow {
+    #[sqlx(flatten)]
+    upload: UploadRow,
+    last_byte_at: Option<i64>,
+    token: Option<String>,
+}
+
+impl TryFrom<OpenUploadRow> for OpenUpload {
+    type Error = StoreError;
+
+    fn try_from(row: OpenUploadRow) -> StoreResult<Self> {
+        let last_byte_at = row.last_byte_at.map(time).transpose()?;
+        Ok(Self { upload: row.upload.try_into()?, token: row.token, last_byte_at })
+    }
+}
+
 #[async_trait]
 impl UploadRows for SqliteRows {
-    async fn create_upload(&self, upload: &NewUpload, limit: u64) -> StoreResult<Option<PartialUpload>> {
+    async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload> {
         let now = self.clock.now_ms();
         let mut tx = self.write().await?;
-        let open: i64 = sqlx::query_scalar(
-            "SELECT count(*) FROM uploads WHERE job_kind IS NULL AND fault IS NULL AND expires_at > ?1",
+        let (open, of_owner): (i64, i64) = sqlx::query_as(
+            "SELECT count(*), count(*) FILTER (WHERE owner = ?2) FROM uploads
+             WHERE job_kind IS NULL AND fault IS NULL AND expires_at > ?1",
         )
         .bind(now)
+        .bind(upload.owner)
         .fetch_one(&mut *tx)
         .await?;
-        if unsigned(open) >= limit {
-            return Ok(None);
+        if unsigned(open) >= limits.all {
+            return Ok(CreateUpload::TooMany { of_owner: false });
+        }
+        if unsigned(of_owner) >= limits.of_owner {
+            return Ok(CreateUpload::TooMany { of_owner: true });
+        }
+        if let Some(over) = quota::exceeded(&mut tx, upload.owner, upload.length, now).await? {
+            return Ok(CreateUpload::OverQuota(over));
         }
         let row: UploadRow = sqlx::query_as(
             "INSERT INTO uploads (id, length, received, digest, metadata, wanted, created_at, expires_at, owner)
@@ -84,7 +112,37 @@ impl UploadRows for SqliteRows {
         .fetch_one(&mut *tx)
         .await?;
         self.commit(tx, "rows.create_upload").await?;
-        Ok(Some(row.try_into()?))
+        Ok(CreateUpload::Begun(row.try_into()?))
+    }
+
+    async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>> {
+        // ids are UUIDv7: their order is that of their making
+        let before = match &page.cursor {
+            None => Uuid::max(),
+            Some(cursor) => Uuid::try_parse(cursor).map_err(|_| StoreError::BadCursor)?,
+        };
+        let full = page.limit.clamp(1, page::MOST) as usize;
+        let rows: Vec<OpenUploadRow> = sqlx::query_as(
+            "SELECT uploads.*, tokens.name AS token FROM uploads LEFT JOIN tokens ON tokens.id = uploads.owner
+             WHERE uploads.id < ?1 AND job_kind IS NULL AND fault IS NULL AND expires_at > ?2
+             ORDER BY uploads.id DESC LIMIT ?3",
+        )
+        .bind(before)
+        .bind(self.clock.now_ms())
+        .bind(full as i64 + 1)
+        .fetch_all(&self.readers)
+        .await?;
+        let more = rows.len() > full;
+        let mut page = Page { items: Vec::new(), next_cursor: None, skipped: Vec::new() };
+        for row in rows.into_iter().take(full) {
+            let id = row.upload.id;
+            page.next_cursor = more.then(|| id.simple().to_string());
+            match OpenUpload::try_from(row) {
+                Ok(open) => page.items.push(open),
+                Err(error) => page.skipped.push(Skipped::because(id.to_string(), &error)),
+            }
+        }
+        Ok(page)
     }
 
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>> {
@@ -112,15 +170,17 @@ impl UploadRows for SqliteRows {
 
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool> {
         let mut tx = self.write().await?;
+        let now = self.clock.now_ms();
         let advanced = sqlx::query(
-            "UPDATE uploads SET received = ?3, digest = ?4, expires_at = ?5
+            "UPDATE uploads SET received = ?3, digest = ?4, expires_at = ?5, last_byte_at = ?6
              WHERE id = ?1 AND received = ?2 AND job_kind IS NULL AND fault IS NULL",
         )
         .bind(id)
         .bind(signed(advance.from))
         .bind(signed(advance.to))
         .bind(&advance.digest)
-        .bind(after(self.clock.now_ms(), advance.keep))
+        .bind(after(now, advance.keep))
+        .bind(now)
         .execute(&mut *tx)
         .await?;
         self.commit(tx, "rows.advance_upload").await?;

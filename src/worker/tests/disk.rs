@@ -1,6 +1,6 @@
 //! Workers when the disk is full, or was.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 
 use super::*;
 use crate::{disk_budget::DiskBudget, store::conformance::disk::SmallDisk};
@@ -38,7 +38,7 @@ worker_test! {
 worker_test! {
     async fn a_job_waits_for_room_on_the_disk_and_can_be_cancelled_meanwhile() {
         let stage = stage_with_needs(1, 1).await;
-        let full = Arc::new(SmallDisk { blobs: Arc::clone(&stage.deps.blobs), free: AtomicU64::new(0) });
+        let full = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.blobs), 0));
         let deps = Deps { disk: DiskBudget::new(full.clone(), 0), ..stage.deps.clone() };
         let _pool = Pool::start(deps, config(1));
         let (cancelled, waiting) = (stage.accept().await, stage.accept().await);
@@ -57,7 +57,7 @@ worker_test! {
 worker_test! {
     async fn a_job_waits_for_room_that_an_upload_reserved() {
         let stage = stage_with_needs(1, 600).await;
-        let disk = Arc::new(SmallDisk { blobs: Arc::clone(&stage.deps.blobs), free: AtomicU64::new(1000) });
+        let disk = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.blobs), 1000));
         let deps = Deps { disk: DiskBudget::new(disk, 0), ..stage.deps.clone() };
         let upload = deps.disk.reserve(500).await.unwrap().expect("an upload is first");
         let _pool = Pool::start(deps.clone(), config(1));

@@ -22,6 +22,8 @@ pub enum Order {
     Fail,
     /// The disk became full under it.
     Full,
+    /// The machine fails under it.
+    Unavailable,
     Panic,
 }
 
@@ -56,6 +58,7 @@ impl Work for Puppet {
                 },
                 Ok(Order::Fail) => return Err(Fault::new(Code::InvalidImage, "torn").into()),
                 Ok(Order::Full) => return Err(Fault::new(Code::InsufficientStorage, "full").into()),
+                Ok(Order::Unavailable) => return Err(Fault::new(Code::Unavailable, "too many open files").into()),
                 Ok(Order::Panic) => panic!("a bug, made for the test"),
                 Ok(Order::Succeed) => return Ok(made(bench)),
                 Err(_) => return Err(Fault::new(Code::Internal, "the test is over").into()),

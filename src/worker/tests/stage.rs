@@ -34,7 +34,15 @@ pub struct Stage {
 /// Beats often, so that what a beat must see is seen soon.
 pub fn config(workers: usize) -> Config {
     let often = Duration::from_millis(5);
-    Config { workers, lease: LEASE, beat: often, progress_gap: often, poll: often, ..Config::default() }
+    Config {
+        workers,
+        lease: LEASE,
+        beat: often,
+        progress_gap: often,
+        poll: often,
+        retry_pause: Duration::ZERO,
+        ..Config::default()
+    }
 }
 
 pub async fn stage_with_need(need: u64) -> Stage {

@@ -1,0 +1,109 @@
+//! `GET /v1/uploads`
+
+use axum::{Json, extract::State, http::Uri};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::metadata::Metadata;
+use crate::{
+    http::{
+        extract::{PageQuery, params},
+        problem::ApiResult,
+        state::App,
+    },
+    model::JobKind,
+    store::{Skipped, uploads},
+};
+
+/// A resumable upload that waits for bytes, or for its job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OpenUpload {
+    /// Id; `GET /v1/uploads/{id}` shows more, `DELETE /v1/uploads/{id}` ends it.
+    #[schema(value_type = String, format = Uuid)]
+    pub id: Uuid,
+    /// Name that the client gave; null when it gave none.
+    pub filename: Option<String>,
+    /// What it becomes.
+    pub purpose: JobKind,
+    /// Rig that it is for.
+    pub rig: Option<String>,
+    /// Lens that it is for.
+    pub lens: Option<String>,
+    /// Bytes on stable storage.
+    pub offset: u64,
+    /// Bytes in all.
+    pub length: u64,
+    /// Name of the token that sends it; null when no token was asked for.
+    pub token: Option<String>,
+    /// When it began.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: Timestamp,
+    /// When bytes came last; null when none did.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub last_byte_at: Option<Timestamp>,
+    /// When it is removed unless bytes come before.
+    #[schema(value_type = String, format = DateTime)]
+    pub expires_at: Timestamp,
+}
+
+/// A page of open uploads, newest first.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub struct OpenUploadList {
+    /// At most `limit` of them.
+    pub items: Vec<OpenUpload>,
+    /// Pass it as `cursor` to get the next page; null on the last one.
+    pub next_cursor: Option<String>,
+    /// Rows of the page that cannot be read, and are not among the items.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skipped: Vec<Skipped>,
+}
+
+impl OpenUpload {
+    fn of(open: uploads::OpenUpload) -> ApiResult<Self> {
+        let uploads::OpenUpload { upload, token, last_byte_at } = open;
+        let metadata = Metadata::parse(&upload.metadata)?;
+        let named = |name: &str| metadata.0.get(name).cloned();
+        Ok(Self {
+            id: upload.id,
+            filename: metadata.filename(),
+            purpose: metadata.purpose()?,
+            rig: named("rig"),
+            lens: named("lens"),
+            offset: upload.offset,
+            length: upload.length,
+            token,
+            created_at: upload.created_at,
+            last_byte_at,
+            expires_at: upload.expires_at,
+        })
+    }
+}
+
+/// List open uploads
+///
+/// Resumable uploads that wait for bytes or for their job, newest first, of all tokens. For operators: needs the scope
+/// `admin`.
+#[utoipa::path(
+    get,
+    path = "/v1/uploads",
+    operation_id = "list_uploads",
+    tag = "uploads",
+    params(
+        ("limit" = Option<u32>, Query, description = "Items on a page, 1 to 500, default 50"),
+        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before"),
+    ),
+    responses(
+        (status = 200, description = "A page of open uploads", body = OpenUploadList),
+        (status = 400, description = "`invalid_request`: a parameter that breaks its rule"),
+    )
+)]
+pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<OpenUploadList>> {
+    let mut pairs = params::pairs(&uri)?;
+    let page = PageQuery::take(&mut pairs)?;
+    params::refuse_rest(&pairs, "limit, cursor")?;
+    let page = app.rows.list_open_uploads(&page).await?;
+    let items = page.items.into_iter().map(OpenUpload::of).collect::<ApiResult<_>>()?;
+    Ok(Json(OpenUploadList { items, next_cursor: page.next_cursor, skipped: page.skipped }))
+}

@@ -1,0 +1,55 @@
+//! Workers on a machine that fails for a while.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::*;
+use crate::store::conformance::disk::{SmallDisk, TOTAL};
+
+const PAUSE: Duration = Duration::from_secs(60);
+
+worker_test! {
+    async fn an_error_of_the_machine_is_tried_again_after_a_pause() {
+        let stage = stage().await;
+        let pool = Pool::start(stage.deps.clone(), Config { retry_pause: PAUSE, ..config(1) });
+        let id = stage.accept().await;
+        stage.order(Order::Unavailable);
+        let job = stage.until(id, |job| job.state == JobState::Queued && job.attempt == 1).await;
+        assert_eq!(job.error, None);
+        pool.shutdown(Duration::from_secs(10)).await;
+        assert_eq!(conformance::claim(&*stage.deps.rows).await, None, "not at once");
+        stage.clock.advance(PAUSE);
+        let _pool = Pool::start(stage.deps.clone(), config(1));
+        stage.order(Order::Succeed);
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Succeeded, 2));
+    }
+}
+
+worker_test! {
+    async fn an_error_of_the_machine_that_stays_ends_the_job_at_its_last_attempt() {
+        let stage = stage().await;
+        let _pool = Pool::start(stage.deps.clone(), config(1));
+        let id = stage.accept().await;
+        for _ in 0..3 {
+            stage.order(Order::Unavailable);
+        }
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Failed, 3));
+        assert_eq!(job.error.unwrap().code, Code::Unavailable);
+    }
+}
+
+worker_test! {
+    async fn a_store_that_fails_under_a_job_does_not_end_it() {
+        let stage = stage().await;
+        let disk = SmallDisk { failures: AtomicU64::new(2), ..SmallDisk::over(Arc::clone(&stage.deps.blobs), TOTAL) };
+        let disk = Arc::new(disk);
+        let deps = Deps { blobs: disk.clone(), ..stage.deps.clone() };
+        let _pool = Pool::start(deps, config(1));
+        let id = stage.accept().await;
+        stage.order(Order::Succeed);
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Succeeded, 3));
+        assert_eq!(disk.failures.load(Ordering::SeqCst), 0);
+    }
+}
