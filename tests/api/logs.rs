@@ -70,7 +70,8 @@ async fn a_job_that_fails_is_logged_with_its_reason() {
         assert!(line.contains(told), "{told} is not in {line}");
     }
     // the line of the request leads from one to the other
-    process.logged(&["find-me", &format!("job={id}"), "answered"]).await;
+    let line = process.logged(&["find-me", &format!("job={id}"), "answered"]).await;
+    assert_eq!(line.matches("rig=desk").count(), 1, "{line}");
 }
 
 #[tokio::test]

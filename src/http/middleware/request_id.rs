@@ -8,7 +8,6 @@ use axum::{
     middleware::Next,
     response::Response,
 };
-use tracing::Instrument;
 use uuid::Uuid;
 
 use crate::http::{connections::Seat, log};
@@ -25,7 +24,7 @@ pub async fn keep_or_make(request: Request, next: Next) -> Response {
     let id = given.unwrap_or_else(make);
     let client = request.extensions().get::<Arc<Seat>>().map(|seat| seat.client(request.headers()));
     let span = log::span(id.to_str().unwrap_or_default(), client);
-    let mut response = next.run(request).instrument(span).await;
+    let mut response = log::within(span, next.run(request)).await;
     response.headers_mut().insert(X_REQUEST_ID, id);
     response
 }
