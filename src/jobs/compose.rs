@@ -5,7 +5,7 @@ use crate::{
     imaging::{Depth, Plane, Raster, Rect, Samples},
     model::{
         Code, Fault,
-        options::{BitDepth, Crop, UnderAlpha},
+        options::{BitDepth, Crop, ImageFormat, UnderAlpha},
         profile::ProfileInput,
     },
 };
@@ -37,8 +37,9 @@ pub fn crop_rect(crop: Crop, profile: &ProfileInput) -> Result<Rect, Fault> {
 }
 
 /// The depth that was asked for, for slices of depth `slices`.
-pub fn depth(asked: BitDepth, slices: Depth) -> Depth {
+pub fn depth(asked: BitDepth, format: ImageFormat, slices: Depth) -> Depth {
     match asked {
+        BitDepth::Auto if format == ImageFormat::Jpeg => Depth::Eight,
         BitDepth::Auto => slices,
         BitDepth::Eight => Depth::Eight,
         BitDepth::Sixteen => Depth::Sixteen,

@@ -22,7 +22,8 @@ pub fn disk_need(request: &JobRequest) -> u64 {
         JobRequest::Stack(request) => {
             let sample = match request.options.bit_depth {
                 BitDepth::Sixteen => 2,
-                BitDepth::Auto | BitDepth::Eight => sample(&request.layout),
+                BitDepth::Eight => 1,
+                BitDepth::Auto => sample(&request.layout),
             };
             stack(&Slices::of_layout(&request.layout), sample)
         }

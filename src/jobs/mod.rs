@@ -7,6 +7,7 @@ mod diagnosis;
 pub mod disk;
 mod levels;
 pub mod memory;
+mod pictures;
 mod press;
 pub mod preview;
 pub mod stack;
@@ -23,6 +24,9 @@ use crate::{
     store::{Job, ProfileDraft},
 };
 use threads::with_own_threads;
+
+/// Program and version, as results name it.
+pub const SOFTWARE: &str = concat!("pinstack ", env!("CARGO_PKG_VERSION"));
 
 /// The work of the service: fuses stacks, measures profiles.
 #[derive(Debug, Clone)]

@@ -12,11 +12,37 @@ use super::{Bench, MadeFile, Watcher};
 use crate::{
     imaging::{
         Raster,
-        codec::{Metadata, encode_png, encode_tiff},
+        codec::{Metadata, encode_png, encode_tiff, write_jpeg},
     },
-    model::{Code, Fault, Stop, options::ImageFormat, outcome::Artifact},
+    model::{
+        Code, Fault, Stop,
+        options::{ImageFormat, StackOptions},
+        outcome::Artifact,
+    },
     store::{blobs::result_key, digest::hex, step::step},
 };
+
+/// How a picture is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Png,
+    Tiff,
+    /// Of this quality, 1 to 100, without alpha.
+    Jpeg {
+        quality: u8,
+    },
+}
+
+impl Encoding {
+    /// What `options` ask for.
+    pub(super) fn of(options: &StackOptions) -> Self {
+        match options.format {
+            ImageFormat::Png => Self::Png,
+            ImageFormat::Tiff => Self::Tiff,
+            ImageFormat::Jpeg => Self::Jpeg { quality: options.jpeg_quality },
+        }
+    }
+}
 
 /// Writes the artifacts of one job.
 pub(super) struct Press<'a> {
@@ -33,20 +59,23 @@ impl<'a> Press<'a> {
     }
 
     pub(super) fn png(&self, name: &str, picture: &Raster, metadata: &Metadata) -> Result<Pressed, Stop> {
-        self.picture(name, ImageFormat::Png, picture, metadata)
+        self.picture(name, Encoding::Png, picture, metadata)
     }
 
     /// Writes `picture` as artifact `name`. Stops in the middle when the job is no longer wanted.
     pub(super) fn picture(
         &self,
         name: &str,
-        format: ImageFormat,
+        encoding: Encoding,
         picture: &Raster,
         metadata: &Metadata,
     ) -> Result<Pressed, Stop> {
-        match format {
-            ImageFormat::Png => self.file(name, "png", "image/png", |out| encode_png(out, picture, metadata)),
-            ImageFormat::Tiff => self.file(name, "tif", "image/tiff", |out| encode_tiff(out, picture, metadata)),
+        match encoding {
+            Encoding::Png => self.file(name, "png", "image/png", |out| encode_png(out, picture, metadata)),
+            Encoding::Tiff => self.file(name, "tif", "image/tiff", |out| encode_tiff(out, picture, metadata)),
+            Encoding::Jpeg { quality } => {
+                self.file(name, "jpg", "image/jpeg", |out| write_jpeg(out, picture, metadata, quality))
+            }
         }
     }
 

@@ -2,11 +2,14 @@
 
 use crate::imaging::{Raster, Samples};
 
-/// Widest preview, px.
-pub const MAX_WIDTH: usize = 1024;
+/// Longest side of a preview, px.
+pub const MAX_SIDE: usize = 800;
 
-/// An 8-bit RGBA picture of at most [`MAX_WIDTH`] columns: each of its pixels is the mean of a block, colours weighted
-/// by their alpha, so that what is transparent does not darken the rim of the object. `image` is RGBA.
+/// What is seen through transparent pixels: a light grey, on which dark parts and white ones can be told from the ground.
+const GROUND: u64 = 235;
+
+/// An 8-bit RGB picture of at most [`MAX_SIDE`] columns and rows, laid over a light grey: each of its pixels is the mean of a
+/// block, colours weighted by their alpha, so that what is transparent does not darken the rim of the object. `image` is RGBA.
 pub fn preview(image: &Raster) -> Raster {
     match &image.samples {
         Samples::Eight(samples) => shrink(image, samples, |v| u32::from(v) * 257),
@@ -16,10 +19,14 @@ pub fn preview(image: &Raster) -> Raster {
 
 /// `wide` brings a sample to 0..65535.
 fn shrink<S: Copy>(image: &Raster, samples: &[S], wide: impl Fn(S) -> u32) -> Raster {
-    let width = image.width.min(MAX_WIDTH);
-    let height = ((image.height * width + image.width / 2) / image.width.max(1)).max(1);
+    let longest = image.width.max(image.height);
+    let side = |length: usize| match longest {
+        ..=MAX_SIDE => length,
+        _ => ((length * MAX_SIDE + longest / 2) / longest).max(1),
+    };
+    let (width, height) = (side(image.width), side(image.height));
     let step = image.channels;
-    let mut out = Vec::with_capacity(width * height * 4);
+    let mut out = Vec::with_capacity(width * height * 3);
     for y in 0..height {
         let rows = block(y, height, image.height);
         for x in 0..width {
@@ -38,22 +45,19 @@ fn shrink<S: Copy>(image: &Raster, samples: &[S], wide: impl Fn(S) -> u32) -> Ra
             }
             let [r, g, b, alpha] = sums;
             let count = (rows.len() * columns.len()) as u64;
-            let colour = |sum: u64| if alpha == 0 { 0 } else { rounded(sum, alpha) };
-            out.extend([colour(r), colour(g), colour(b), rounded(alpha, count)]);
+            // sums of alpha times colour, both 0..65535, over the most that they can be, and the rest is ground
+            let most = count * 65_535 * 65_535;
+            let ground = (count * 65_535 - alpha) * (GROUND * 257);
+            out.extend([r, g, b].map(|sum| (((sum + ground) * 255 + most / 2) / most) as u8));
         }
     }
-    Raster::eight(width, height, 4, out)
+    Raster::eight(width, height, 3, out)
 }
 
 /// The source rows (columns) of row (column) `at` of `of`: never empty, and together all of `all`.
 fn block(at: usize, of: usize, all: usize) -> std::ops::Range<usize> {
     let start = at * all / of;
     start..((at + 1) * all / of).max(start + 1)
-}
-
-/// `sum / count`, a mean of 0..65535, to the nearest of 0..255.
-fn rounded(sum: u64, count: u64) -> u8 {
-    ((sum + count * 257 / 2) / (count * 257)).min(255) as u8
 }
 
 #[cfg(test)]
@@ -70,22 +74,32 @@ mod tests {
     #[test]
     fn a_small_picture_is_its_own_preview() {
         let image = Raster::eight(2, 1, 4, vec![1, 2, 3, 255, 9, 8, 7, 255]);
-        assert_eq!(preview(&image), image);
+        assert_eq!(eight(&preview(&image)), [1, 2, 3, 9, 8, 7]);
     }
 
     #[test]
-    fn a_wide_picture_keeps_its_shape_and_its_mean() {
+    fn a_large_picture_keeps_its_shape_and_its_mean() {
         let image = Raster::sixteen(3000, 1500, 4, [20_000, 40_000, 60_000, 65_535].repeat(3000 * 1500));
         let small = preview(&image);
-        assert_eq!((small.width, small.height), (1024, 512));
-        assert!(eight(&small).chunks_exact(4).all(|pixel| pixel == [78, 156, 233, 255]));
+        assert_eq!((small.width, small.height, small.channels), (800, 400, 3));
+        assert!(eight(&small).chunks_exact(3).all(|pixel| pixel == [78, 156, 233]));
     }
 
     #[test]
-    fn transparent_pixels_lend_no_colour_to_the_rim() {
-        // columns of opaque white and of transparent black in turn, halved: half transparent and still white
+    fn no_side_is_longer_than_the_limit() {
+        for (width, height, expected) in [(16, 65_535, (1, 800)), (65_535, 16, (800, 1)), (1600, 1600, (800, 800))] {
+            let small = preview(&Raster::eight(width, height, 4, vec![7; width * height * 4]));
+            assert_eq!((small.width, small.height), expected);
+        }
+    }
+
+    #[test]
+    fn transparent_pixels_show_the_ground_and_lend_no_colour() {
+        // columns of opaque white and of transparent black in turn, halved: half white, half ground
         let pair = [255, 255, 255, 255, 0, 0, 0, 0];
-        let image = Raster::eight(2048, 1, 4, pair.repeat(1024));
-        assert!(eight(&preview(&image)).chunks_exact(4).all(|pixel| pixel == [255, 255, 255, 128]));
+        let image = Raster::eight(1600, 1, 4, pair.repeat(800));
+        assert!(eight(&preview(&image)).iter().all(|&value| value == 245));
+        let clear = Raster::eight(2, 2, 4, vec![0; 16]);
+        assert!(eight(&preview(&clear)).iter().all(|&value| value == 235));
     }
 }

@@ -1,17 +1,14 @@
 //! Fusing one stack: archive, back light, silhouette, front light, pictures, numbers.
 
-use std::{
-    sync::{Mutex, PoisonError},
-    time::Instant,
-};
+use std::time::Instant;
 
 use super::{
-    Bench, Made, Watcher,
+    Bench, Made, SOFTWARE, Watcher,
     compose::{self, crop_rect},
     diagnosis,
     levels::{self, Levels},
-    press::{Press, Pressed},
-    preview::preview,
+    pictures::{self, Pictures},
+    press::Press,
     stages::{Phase, Stage},
 };
 use crate::{
@@ -21,7 +18,7 @@ use crate::{
         mask::{MaskParams, Silhouette, cut_out},
     },
     imaging::{
-        Plane, Raster, Rect, Slices,
+        Slices,
         codec::{self, Metadata},
     },
     model::{
@@ -29,7 +26,7 @@ use crate::{
         input::SliceOrder,
         metrics::{Metrics, Severity, StageTime, Timing},
         options::{GuidedParams, MaskMode, Method},
-        outcome::{ImageInfo, JobOutcome, StackOutcome},
+        outcome::{JobOutcome, StackOutcome},
         profile::{CaptureMode, Profile, ProfileInput},
         request::StackRequest,
     },
@@ -112,9 +109,11 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     warnings.extend(levels::warning(&[&front_slices, &back_slices]));
     times.end("fusing");
 
-    let metadata = reference_metadata(&archive, plan.reference, rect);
+    let source = archive.front_bytes(plan.reference).map(|bytes| codec::metadata(&bytes)).unwrap_or_default();
+    warnings.extend(pictures::untold_focal_length(&source, &profile.input));
     let writing = Phase::new(watcher, &[("writing", 1.0)], FUSED, 1.0);
-    let (image, files) = pictures(&press, &writing, &front, silhouette.as_ref(), rect, request, &metadata)?;
+    let order = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
+    let (image, files) = order.write(&press, &writing, &source)?;
     pressed.extend(files);
     times.end("writing");
 
@@ -123,7 +122,7 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
     let (artifacts, files) = pressed.into_iter().unzip();
-    let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics });
+    let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics, software: Some(SOFTWARE.to_owned()) });
     Ok(Made { outcome, warnings: once(warnings), profile: None, files })
 }
 
@@ -203,77 +202,6 @@ fn useful(silhouette: &Silhouette) -> Result<(), Fault> {
             Err(Fault::new(Code::MaskFailed, detail))
         }
     }
-}
-
-/// ICC profile and EXIF of the reference slice. A slice that was decoded just now can be read again; if not, the
-/// pictures come without, which is no reason to lose them.
-fn reference_metadata(archive: &StackArchive, reference: usize, rect: Rect) -> Metadata {
-    let bytes = archive.front_bytes(reference).unwrap_or_default();
-    let side = |length: usize| u32::try_from(length).unwrap_or(u32::MAX);
-    codec::metadata(&bytes).for_output(side(rect.width), side(rect.height))
-}
-
-/// Writes image, preview, mask and depth: the image, which takes longest, beside the others.
-fn pictures(
-    press: &Press<'_>,
-    control: &dyn Control,
-    front: &Fused,
-    silhouette: Option<&Silhouette>,
-    rect: Rect,
-    request: &StackRequest,
-    metadata: &Metadata,
-) -> Result<(ImageInfo, Vec<Pressed>), Stop> {
-    let options = &request.options;
-    let (steps, done) = (if silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
-    let step = |picture: Pressed| {
-        let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
-        *done += 1;
-        control.progress("writing", *done, steps);
-        picture
-    };
-    control.progress("writing", 0, steps);
-
-    let alpha = alpha(&front.valid, silhouette);
-    let depth = compose::depth(options.bit_depth, front.image.depth());
-    let image = compose::rgba(&front.image, &alpha, rect, depth, options.under_alpha);
-    let others = || -> Result<Vec<Pressed>, Stop> {
-        // a page needs the colours right and nothing else
-        let colours = Metadata { icc: metadata.icc.clone(), exif: None };
-        let mut pressed = vec![step(press.png("preview", &preview(&image), &colours)?)];
-        if let Some(silhouette) = silhouette {
-            // the mask is for tools that know two values alone
-            let hard = within(&front.valid, &silhouette.alpha);
-            let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&hard, rect));
-            pressed.push(step(press.png("mask", &mask, &Metadata::default())?));
-        }
-        let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
-        pressed.push(step(press.png("depth", &index, &Metadata::default())?));
-        Ok(pressed)
-    };
-    let main = || press.picture("image", options.format, &image, metadata).map(step);
-    let (main, others) = rayon::join(main, others);
-    let mut pressed = vec![main?];
-    pressed.append(&mut others?);
-
-    let number = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-    let info = ImageInfo {
-        width: number(rect.width),
-        height: number(rect.height),
-        bit_depth: if depth.bytes() == 2 { 16 } else { 8 },
-        crop_offset_px: [number(rect.x), number(rect.y)],
-    };
-    Ok((info, pressed))
-}
-
-/// Opaque where a slice covers the canvas and, with a back light, the object is; at its edge as soft as asked.
-fn alpha(valid: &Plane<u8>, silhouette: Option<&Silhouette>) -> Plane<u8> {
-    silhouette.map_or_else(|| valid.clone(), |silhouette| within(valid, silhouette.of_picture()))
-}
-
-/// `alpha` where `valid` is 255.
-fn within(valid: &Plane<u8>, alpha: &Plane<u8>) -> Plane<u8> {
-    let data = valid.data.iter().zip(&alpha.data).map(|(&v, &a)| v & a).collect();
-    Plane { width: valid.width, height: valid.height, data }
 }
 
 fn metrics(front: Fused, silhouette: Option<Silhouette>, times: Times) -> Metrics {

@@ -2,11 +2,13 @@
 
 use super::*;
 use crate::{
-    imaging::Samples,
+    imaging::{Raster, Rect, Samples},
     jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, png, stack, zip},
     model::{
+        intrinsics::Intrinsics,
         metrics::Metrics,
         options::{BitDepth, Crop, ImageFormat, MaskEdge, MaskThreshold, StackOptions, UnderAlpha},
+        outcome::ImageInfo,
         request::JobRequest,
     },
     store::digest::hex,
@@ -53,7 +55,11 @@ fn a_stack_with_back_light_comes_out_sharp_cut_out_and_measured() {
     let (made, outcome) = done(&laid);
     let names: Vec<&str> = outcome.artifacts.iter().map(|a| a.name.as_str()).collect();
     assert_eq!(names, ["backlight", "image", "preview", "mask", "depth"]);
-    assert_eq!(outcome.image, ImageInfo { width: 240, height: 180, bit_depth: 8, crop_offset_px: [0, 0] });
+    assert_eq!(
+        outcome.image,
+        ImageInfo { width: 240, height: 180, bit_depth: 8, crop_offset_px: [0, 0], intrinsics: None }
+    );
+    assert_eq!(outcome.software.as_deref(), Some(SOFTWARE));
     for artifact in &outcome.artifacts {
         let (_, bytes) = file(&made, &artifact.name);
         assert_eq!(artifact.bytes, bytes.len() as u64);
@@ -190,13 +196,17 @@ fn format_depth_and_crop_are_as_asked() {
     let asked = StackOptions { format: ImageFormat::Tiff, bit_depth: BitDepth::Sixteen, crop, ..options() };
     let laid = Laid::stack(&both_zip(), StackOptions { under_alpha: UnderAlpha::Keep, ..asked });
     let (made, outcome) = done(&laid);
-    assert_eq!(outcome.image, ImageInfo { width: 100, height: 80, bit_depth: 16, crop_offset_px: [20, 10] });
+    assert_eq!(
+        outcome.image,
+        ImageInfo { width: 100, height: 80, bit_depth: 16, crop_offset_px: [20, 10], intrinsics: None }
+    );
     let (artifact, image) = picture(&made, "image");
     assert_eq!(artifact.media_type, "image/tiff");
     assert_eq!((image.width, image.height, image.depth()), (100, 80, crate::imaging::Depth::Sixteen));
     for name in ["mask", "backlight", "depth", "preview"] {
         let (artifact, picture) = picture(&made, name);
-        assert_eq!((picture.width, picture.height, artifact.media_type.as_str()), (100, 80, "image/png"), "{name}");
+        let kind = if name == "preview" { "image/jpeg" } else { "image/png" };
+        assert_eq!((picture.width, picture.height, artifact.media_type.as_str()), (100, 80, kind), "{name}");
     }
     // the crop moves nothing: the same pixels as without
     let whole = Laid::stack(&both_zip(), options());
@@ -245,4 +255,46 @@ fn a_torn_slice_fails_the_job_and_is_named() {
     let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
     assert_eq!(fault.code, Code::InvalidImage);
     assert!(fault.detail.contains("img_3.png"), "{}", fault.detail);
+}
+
+#[test]
+fn a_jpeg_has_the_colours_of_the_png_and_no_alpha() {
+    let of = |format: ImageFormat, under_alpha: UnderAlpha| {
+        let laid = Laid::stack(&both_zip(), StackOptions { format, under_alpha, ..options() });
+        let (made, outcome) = done(&laid);
+        assert_eq!(outcome.image.bit_depth, 8);
+        let (artifact, picture) = picture(&made, "image");
+        (artifact.media_type.clone(), picture, grey(&self::picture(&made, "mask").1))
+    };
+    for under in [UnderAlpha::Black, UnderAlpha::Keep] {
+        let (_, png, mask) = of(ImageFormat::Png, under);
+        let (media_type, jpeg, same) = of(ImageFormat::Jpeg, under);
+        assert_eq!((media_type.as_str(), jpeg.channels), ("image/jpeg", 3));
+        assert_eq!(mask, same, "the mask is a file of its own");
+        let (ours, theirs) = (jpeg.luma(), png.luma());
+        let pairs = ours.data.iter().zip(&theirs.data);
+        let mean: f64 = pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / ours.data.len() as f64;
+        assert!(mean < 0.01 * 255.0, "{under:?}: off by {mean} on average");
+        let outside = ours.data.iter().zip(&mask).filter(|(_, inside)| **inside == 0);
+        let brightest = outside.map(|(value, _)| *value).fold(0.0, f32::max);
+        assert_eq!(brightest < 40.0, under == UnderAlpha::Black, "{under:?}: {brightest} outside the object");
+    }
+}
+
+#[test]
+fn what_the_profile_knows_of_the_camera_stands_beside_the_image() {
+    let crop = Crop::Rect { x: 20, y: 10, width: 100, height: 80 };
+    let mut laid = Laid::stack(&front_zip(), StackOptions { crop, ..options() });
+    let input = &mut laid.bench.profile.as_mut().expect("a profile").input;
+    input.principal_distance_mm = Some(121.0);
+    input.pixel_pitch_mm = Some(0.05);
+    input.principal_point_px = Some([118.5, 91.0]);
+    let (_, outcome) = done(&laid);
+    let expected = Intrinsics {
+        principal_distance_px: 2420.0,
+        principal_distance_mm: 121.0,
+        pixel_pitch_mm: 0.05,
+        principal_point_px: Some([98.5, 81.0]),
+    };
+    assert_eq!(outcome.image.intrinsics, Some(expected));
 }

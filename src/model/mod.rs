@@ -6,6 +6,7 @@ pub mod control;
 pub mod error;
 pub mod homography;
 pub mod input;
+pub mod intrinsics;
 pub mod job;
 pub mod matrices;
 pub mod metrics;

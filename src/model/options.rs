@@ -29,18 +29,22 @@ pub enum ImageFormat {
     /// PNG, RGBA.
     #[default]
     Png,
-    /// TIFF, RGBA.
+    /// TIFF, RGBA, deflated.
+    #[serde(alias = "tif")]
     Tiff,
+    /// JPEG, RGB, 8 bits. There is no alpha: pixels outside the object have the colour that `under_alpha` says.
+    #[serde(alias = "jpg")]
+    Jpeg,
 }
 
 /// Bits per sample of the image: `auto`, `8` or `16`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "TextOrNumber", into = "String")]
 pub enum BitDepth {
-    /// The depth of the slices.
-    #[default]
+    /// The depth of the slices; 8 bits in a JPEG.
     Auto,
-    /// 8 bits.
+    /// 8 bits. The default: COLMAP 3.8 does not open a PNG or TIFF of 16-bit RGBA.
+    #[default]
     Eight,
     /// 16 bits.
     Sixteen,
@@ -226,6 +230,9 @@ impl Default for GuidedParams {
     }
 }
 
+/// Quality of a JPEG that nobody asked another of. Its errors are those of the noise of a photograph.
+pub const JPEG_QUALITY: u8 = 95;
+
 /// Options of a stack, as query parameters, as the `options` part of a form, and as the stack shows what
 /// was used.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -238,16 +245,19 @@ pub struct StackOptions {
     /// Threshold of the fused back light: `auto` (half-way between object and background) or 0 to 1.
     #[schema(value_type = String, example = "auto")]
     pub mask_threshold: MaskThreshold,
-    /// Object parts smaller than this are removed, px. Default: 0.002 % of the image, at least 4.
+    /// Object parts smaller than this are removed, px. Default: 0.002 % of a slice, at least 4. Null where no mask is made.
     pub mask_min_blob_px: Option<u32>,
-    /// Holes smaller than this are filled, px. Default: 0.0005 % of the image, at least 4.
+    /// Holes smaller than this are filled, px. Default: 0.0005 % of a slice, at least 4. Null where no mask is made.
     pub mask_min_hole_px: Option<u32>,
     /// What the alpha of the image is at the edge of the object.
     pub mask_edge: MaskEdge,
     /// File format of the image.
     pub format: ImageFormat,
-    /// Bits per sample of the image.
-    #[schema(value_type = String, example = "auto", pattern = "^(auto|8|16)$")]
+    /// Quality of the image with `format=jpeg`, 1 to 100. Colour is kept at full resolution (4:4:4).
+    #[schema(default = 95, minimum = 1, maximum = 100)]
+    pub jpeg_quality: u8,
+    /// Bits per sample of the image: `8`, `16`, or `auto` for the depth of the slices.
+    #[schema(value_type = String, default = "8", example = "8", pattern = "^(auto|8|16)$")]
     pub bit_depth: BitDepth,
     /// Order of the slices against the profile.
     pub order: SliceOrder,
@@ -306,6 +316,7 @@ impl Default for StackOptions {
             mask_min_hole_px: None,
             mask_edge: MaskEdge::default(),
             format: ImageFormat::default(),
+            jpeg_quality: JPEG_QUALITY,
             bit_depth: BitDepth::default(),
             order: SliceOrder::default(),
             input_bits: InputBits::default(),
@@ -335,13 +346,20 @@ impl StackOptions {
         GuidedParams { r1, eps1, r2, eps2, average, r_g, sigma_g }
     }
 
+    /// Smallest part and smallest hole that the mask of a `width` x `height` picture keeps, px.
+    pub fn mask_limits(&self, width: usize, height: usize) -> [u32; 2] {
+        let share = |percent: f64| ((width * height) as f64 * percent / 100.0).round().max(4.0) as u32;
+        [self.mask_min_blob_px.unwrap_or_else(|| share(0.002)), self.mask_min_hole_px.unwrap_or_else(|| share(0.0005))]
+    }
+
     /// Checks the rules that types alone do not hold.
     ///
     /// # Errors
     /// A [`Fault`] with [`Code::InvalidRequest`] that names each parameter.
     pub fn check(&self) -> Result<(), Fault> {
         let guided = self.guided();
-        let rules: [(&str, bool, &str); 11] = [
+        let is_deep_jpeg = self.format == ImageFormat::Jpeg && self.bit_depth == BitDepth::Sixteen;
+        let rules: [(&str, bool, &str); 13] = [
             ("r1", (1..=200).contains(&guided.r1), "must be 1 to 200"),
             ("r2", (1..=200).contains(&guided.r2), "must be 1 to 200"),
             ("eps1", (1e-9..=10.0).contains(&guided.eps1), "must be 1e-9 to 10"),
@@ -349,6 +367,8 @@ impl StackOptions {
             ("average", (3..=201).contains(&guided.average) && guided.average % 2 == 1, "must be odd, 3 to 201"),
             ("r_g", (1..=20).contains(&guided.r_g), "must be 1 to 20"),
             ("sigma_g", (0.1..=50.0).contains(&guided.sigma_g), "must be 0.1 to 50"),
+            ("jpeg_quality", (1..=100).contains(&self.jpeg_quality), "must be 1 to 100"),
+            ("bit_depth", !is_deep_jpeg, "is 16, and a JPEG has 8 bits: send bit_depth=8, or format=png or tiff"),
             ("label", self.label.as_ref().is_none_or(|l| l.chars().count() <= 200), "has at most 200 characters"),
             ("pan_deg", self.pan_deg.is_none_or(|v| v.abs() <= 3600.0), "must be -3600 to 3600"),
             ("tilt_deg", self.tilt_deg.is_none_or(|v| v.abs() <= 360.0), "must be -360 to 360"),

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{metrics::Metrics, profile::ProfileSlice};
+use super::{intrinsics::Intrinsics, metrics::Metrics, profile::ProfileSlice};
 
 /// One file that a job made. It becomes visible only with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -13,7 +13,7 @@ pub struct Artifact {
     /// Key in the blob store; not shown.
     #[serde(skip_serializing_if = "String::is_empty", default)]
     pub key: String,
-    /// `image/png` or `image/tiff`; `application/json` of a report.
+    /// `image/png`, `image/tiff` or `image/jpeg`; `application/json` of a report.
     pub media_type: String,
     /// Size.
     pub bytes: u64,
@@ -22,7 +22,7 @@ pub struct Artifact {
 }
 
 /// The image that came out.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ImageInfo {
     /// Width, px.
     pub width: u32,
@@ -32,6 +32,9 @@ pub struct ImageInfo {
     pub bit_depth: u8,
     /// Where its top-left pixel lies in the reference slice, `[x, y]` px: subtract it from the principal point.
     pub crop_offset_px: [u32; 2],
+    /// The pinhole that it was taken with; null when the profile lacks `principal_distance_mm` or `pixel_pitch_mm`.
+    #[serde(default)]
+    pub intrinsics: Option<Intrinsics>,
 }
 
 /// What fusing a stack made.
@@ -43,6 +46,9 @@ pub struct StackOutcome {
     pub image: ImageInfo,
     /// Its quality.
     pub metrics: Metrics,
+    /// Program and version that made it, as in the EXIF tag `Software`; null of results that are older than this member.
+    #[serde(default)]
+    pub software: Option<String>,
 }
 
 /// What a calibration made.

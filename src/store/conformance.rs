@@ -145,8 +145,8 @@ pub(crate) fn stack_outcome() -> JobOutcome {
         bytes: 3,
         sha256: "ab".into(),
     };
-    let image = ImageInfo { width: 64, height: 48, bit_depth: 8, crop_offset_px: [0, 0] };
-    JobOutcome::Stack(StackOutcome { artifacts: vec![artifact], image, metrics: Default::default() })
+    let image = ImageInfo { width: 64, height: 48, bit_depth: 8, crop_offset_px: [0, 0], intrinsics: None };
+    JobOutcome::Stack(StackOutcome { artifacts: vec![artifact], image, metrics: Default::default(), software: None })
 }
 
 pub(crate) fn calibration_outcome() -> JobOutcome {

@@ -156,8 +156,8 @@ impl TestApp {
             artifacts.push(self.artifact(job, "mask", png(WIDTH, HEIGHT, 1, 6)).await);
             artifacts.push(self.artifact(job, "backlight", png(WIDTH, HEIGHT, 1, 7)).await);
         }
-        let image = ImageInfo { width: WIDTH, height: HEIGHT, bit_depth: 8, crop_offset_px: [0, 0] };
-        StackOutcome { artifacts, image, metrics: Metrics::default() }
+        let image = ImageInfo { width: WIDTH, height: HEIGHT, bit_depth: 8, crop_offset_px: [0, 0], intrinsics: None };
+        StackOutcome { artifacts, image, metrics: Metrics::default(), software: Some("pinstack test".into()) }
     }
 
     async fn artifact(&self, job: &Job, name: &str, bytes: Vec<u8>) -> Artifact {
@@ -173,6 +173,11 @@ impl TestApp {
     pub fn partial_bytes(&self, id: Uuid) -> u64 {
         let path = self.data.path().join("partial").join(format!("{id}.part"));
         path.metadata().map(|m| m.len()).unwrap_or(0)
+    }
+
+    /// Leaves no room on the disk until what is returned is dropped.
+    pub async fn without_room(&self) -> impl Drop {
+        self.app.promise(self.blobs.room().await.expect("measured").free)
     }
 
     /// Files in the spool folder.

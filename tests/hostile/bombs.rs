@@ -167,7 +167,7 @@ fn refused_picture(what: &str, bytes: &[u8], most: usize, sentence: &str) {
     let told = outcome.expect_err(what).to_string();
     assert!(told.contains(sentence), "{what}: {told:?} does not say {sentence:?}");
     assert!(peak <= most, "{what}: {peak} bytes to decode {} ({told})", bytes.len());
-    let (_, peak) = peak_of(|| codec::metadata(bytes).for_output(8, 8));
+    let (_, peak) = peak_of(|| codec::metadata(bytes).for_output(8, 8, &codec::OutputCamera::default()));
     assert!(peak <= HEADERS + 3 * bytes.len(), "{what}: {peak} bytes for its metadata");
 }
 
@@ -246,7 +246,7 @@ fn pngs_that_are_bombs_are_refused() {
         assert!(peak <= HEADERS + bytes.len(), "{what}: {peak} bytes to read its header");
         let (outcome, peak) = peak_of(|| codec::decode(&bytes, &Limits::default()).map(|_| ()));
         assert!(peak <= HEADERS + 2 * bytes.len(), "{what}: {peak} bytes to decode, {outcome:?}");
-        let (_, peak) = peak_of(|| codec::metadata(&bytes).for_output(8, 8));
+        let (_, peak) = peak_of(|| codec::metadata(&bytes).for_output(8, 8, &codec::OutputCamera::default()));
         assert!(peak <= HEADERS + 2 * bytes.len(), "{what}: {peak} bytes for its metadata");
     }
 }
@@ -325,7 +325,7 @@ fn tiffs_that_lead_in_circles_or_say_much_beside_their_pixels_cost_no_more() {
         ] {
             let (outcome, peak) = peak_of(|| codec::decode(&bytes, &Limits::default()).map(|_| ()));
             assert!(peak <= MB, "{what}: {peak} bytes to decode, {outcome:?}");
-            let (_, peak) = peak_of(|| codec::metadata(&bytes).for_output(8, 8));
+            let (_, peak) = peak_of(|| codec::metadata(&bytes).for_output(8, 8, &codec::OutputCamera::default()));
             assert!(peak <= 65 * MB, "{what}: {peak} bytes for its metadata");
         }
     }

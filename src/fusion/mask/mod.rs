@@ -45,13 +45,8 @@ impl MaskParams {
     /// What `options` say for a `width` x `height` picture: by default parts below 0.002 % and holes below
     /// 0.0005 % of it are cleaned away, at least 4 px.
     pub fn from_options(options: &StackOptions, width: usize, height: usize) -> Self {
-        let share = |percent: f64| ((width * height) as f64 * percent / 100.0).round().max(4.0) as u32;
-        Self {
-            threshold: options.mask_threshold,
-            min_blob_px: options.mask_min_blob_px.unwrap_or_else(|| share(0.002)),
-            min_hole_px: options.mask_min_hole_px.unwrap_or_else(|| share(0.0005)),
-            edge: options.mask_edge,
-        }
+        let [min_blob_px, min_hole_px] = options.mask_limits(width, height);
+        Self { threshold: options.mask_threshold, min_blob_px, min_hole_px, edge: options.mask_edge }
     }
 }
 

@@ -129,8 +129,14 @@ impl Order for StackOrder {
             SliceOrder::Name => layout,
             SliceOrder::Reverse => layout.reversed(),
         };
+        let mut options = self.options.clone();
+        if options.mask != MaskMode::None && !layout.back.is_empty() {
+            // what is used is shown, and stays what it is when the defaults change
+            let [blob, hole] = options.mask_limits(layout.width as usize, layout.height as usize);
+            (options.mask_min_blob_px, options.mask_min_hole_px) = (Some(blob), Some(hole));
+        }
         JobRequest::Stack(StackRequest {
-            options: self.options.clone(),
+            options,
             profile_revision: self.profile.revision,
             profile_digest: self.profile.digest.clone(),
             profile_optics_digest: Some(self.profile.optics_digest.clone()),

@@ -61,7 +61,7 @@ pub struct FormatsInfo {
     /// Bits per sample of a slice.
     bit_depths: [u8; 2],
     /// Kinds of image that come out.
-    images: [&'static str; 2],
+    images: [&'static str; 3],
 }
 
 /// Read limits and defaults
@@ -90,7 +90,7 @@ pub async fn info(State(app): State<App>) -> Json<Info> {
             uploads: ["application/zip", "multipart/form-data", "application/offset+octet-stream"],
             slices: ["image/jpeg", "image/png", "image/tiff"],
             bit_depths: [8, 16],
-            images: ["image/png", "image/tiff"],
+            images: ["image/png", "image/tiff", "image/jpeg"],
         },
         defaults: StackOptions::default(),
         workers: policy.workers,

@@ -50,6 +50,7 @@ pub(super) fn precise(name: &str) -> Option<Value> {
         // options of a stack
         "mask_threshold" => text(r"^(auto|0(\.[0-9]{1,9})?|1(\.0{1,9})?)$"),
         "mask_min_blob_px" | "mask_min_hole_px" => whole(0, u64::from(u32::MAX)),
+        "jpeg_quality" => whole(1, 100),
         "bit_depth" => json!({ "type": "string", "enum": ["auto", "8", "16"] }),
         "input_bits" => json!({ "type": "string", "enum": ["auto", "10", "12", "14", "16"] }),
         "crop" => text("^(none|valid|[0-9]{1,5},[0-9]{1,5},[1-9][0-9]{0,4},[1-9][0-9]{0,4})$"),

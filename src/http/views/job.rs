@@ -66,7 +66,7 @@ pub struct ArtifactView {
     pub name: String,
     /// Where it can be had.
     pub href: String,
-    /// `image/png` or `image/tiff`.
+    /// `image/png`, `image/tiff` or `image/jpeg`.
     pub media_type: String,
     /// Size.
     pub bytes: u64,

@@ -36,6 +36,8 @@ pub struct Stack {
     pub slices: StackLayout,
     /// The image that came out; null before the end.
     pub image: Option<ImageInfo>,
+    /// Program and version that made the results; null before the end.
+    pub software: Option<String>,
     /// Its quality; null before the end.
     pub metrics: Option<Metrics>,
     /// The files that were made; empty before the end.
@@ -119,6 +121,7 @@ impl Stack {
             options: request.options.clone(),
             slices: request.layout.clone(),
             image: outcome.map(|o| o.image.clone()),
+            software: outcome.and_then(|o| o.software.clone()),
             metrics: outcome.map(|o| o.metrics.clone()),
             artifacts,
             links,

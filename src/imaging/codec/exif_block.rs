@@ -29,9 +29,6 @@ const DESCRIPTIVE: &[u16] = &[
 /// Tags of the Exif directory that do not hold for another picture: maker note, padding, places in the picture.
 const LEFT_OUT: &[u16] = &[0x927C, 0xEA1C, 0x9214, 0xA214];
 
-const FOCAL_PLANE_X: Tag = Tag::FocalPlaneXResolution;
-const FOCAL_PLANE_Y: Tag = Tag::FocalPlaneYResolution;
-
 /// Longest value that is taken over.
 const MAX_VALUE_BYTES: usize = 64 << 10;
 
@@ -161,7 +158,7 @@ pub(super) fn orientation(block: &[u8]) -> Option<u8> {
 
 /// The fields of a block (or of a TIFF file) that still hold in another file with the same pixels, each tag once, and
 /// whether the block is little-endian.
-fn kept(block: &[u8]) -> Option<(Vec<Field>, bool)> {
+pub(super) fn kept(block: &[u8]) -> Option<(Vec<Field>, bool)> {
     let structure = Structure::of(block)?;
     let primary = structure.entries(structure.long_at(4)?);
     let exif = structure.child(&primary, Tag::ExifIFDPointer);
@@ -194,7 +191,8 @@ fn holds_elsewhere(context: Context, number: u16) -> bool {
     }
 }
 
-fn written(fields: &[Field], little_endian: bool) -> Option<Vec<u8>> {
+/// A block of these fields; none for no fields.
+pub(super) fn written(fields: &[Field], little_endian: bool) -> Option<Vec<u8>> {
     if fields.is_empty() {
         return None;
     }
@@ -213,33 +211,45 @@ pub(super) fn from_tiff(file: &[u8]) -> Option<Vec<u8>> {
     written(&fields, little_endian)
 }
 
-/// The block for an upright picture of `width` x `height` px made from the one that `block` describes.
-pub(super) fn rewritten(block: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
+/// The block without its longest values, so that it has at most `most` bytes; none when nothing is left.
+pub(super) fn within(block: &[u8], most: usize) -> Option<Vec<u8>> {
+    if block.len() <= most {
+        return Some(block.to_vec());
+    }
     let (fields, little_endian) = kept(block)?;
-    written(&for_picture(fields, orientation(block), width, height), little_endian)
+    [4096, 256, 32].iter().find_map(|&longest| {
+        let short: Vec<Field> = fields.iter().filter(|field| length(&field.value) <= longest).cloned().collect();
+        written(&short, little_endian).filter(|block| block.len() <= most)
+    })
 }
 
-fn for_picture(mut fields: Vec<Field>, stored: Option<u8>, width: u32, height: u32) -> Vec<Field> {
-    // a picture that was turned by a quarter has its columns where the rows were
-    if stored.is_some_and(orientation::swaps) {
-        for field in &mut fields {
-            field.tag = match field.tag {
-                FOCAL_PLANE_X => FOCAL_PLANE_Y,
-                FOCAL_PLANE_Y => FOCAL_PLANE_X,
-                Tag::XResolution => Tag::YResolution,
-                Tag::YResolution => Tag::XResolution,
-                other => other,
-            };
-        }
+/// Bytes of a value.
+fn length(value: &Value) -> usize {
+    match value {
+        Value::Ascii(lines) => lines.iter().map(|line| line.len() + 1).sum(),
+        Value::Byte(v) | Value::Undefined(v, _) => v.len(),
+        Value::SByte(v) => v.len(),
+        Value::Short(v) => 2 * v.len(),
+        Value::SShort(v) => 2 * v.len(),
+        Value::Long(v) => 4 * v.len(),
+        Value::SLong(v) => 4 * v.len(),
+        Value::Float(v) => 4 * v.len(),
+        Value::Double(v) => 8 * v.len(),
+        Value::Rational(v) => 8 * v.len(),
+        Value::SRational(v) => 8 * v.len(),
+        Value::Unknown(_, count, _) => *count as usize,
     }
-    let replaced = [
-        (Tag::Orientation, Value::Short(vec![1])),
-        (Tag::PixelXDimension, Value::Long(vec![width])),
-        (Tag::PixelYDimension, Value::Long(vec![height])),
-    ];
-    fields.retain(|field| replaced.iter().all(|(tag, _)| *tag != field.tag));
-    fields.extend(replaced.map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value }));
-    fields
+}
+
+/// The text of an ASCII tag of the main directory.
+pub(super) fn text(block: &[u8], tag: Tag) -> Option<String> {
+    let structure = Structure::of(block)?;
+    let entries = structure.entries(structure.long_at(4)?);
+    let found = entries.iter().find(|entry| entry.number == tag.number())?;
+    match structure.value(found) {
+        Value::Ascii(lines) => lines.first().map(|line| String::from_utf8_lossy(line).trim().to_owned()),
+        _ => None,
+    }
 }
 
 /// The fields of a block by directory, for a writer that writes directories itself.

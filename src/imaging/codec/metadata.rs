@@ -1,6 +1,8 @@
 //! What a picture file says besides its pixels.
 
-use super::exif_block;
+use exif::Tag;
+
+use super::{exif_block, exif_output, exif_output::OutputCamera};
 
 /// ICC profile and EXIF of a picture file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -14,12 +16,24 @@ pub struct Metadata {
 impl Metadata {
     /// The same for a picture of `width` x `height` px that was made from the file: size tags say so, the
     /// orientation is upright (it was applied), thumbnail and maker note are dropped (the one would show another
-    /// picture, the other is full of offsets that no longer hold). Camera, lens, exposure, dates and the focal
-    /// plane resolution (the pixels are as large as before) stay.
+    /// picture, the other is full of offsets that no longer hold). Camera, lens, exposure and dates stay. Focal length,
+    /// focal plane resolution and software are those of `camera`. There is a block even where the file has none.
     #[must_use]
-    pub fn for_output(&self, width: u32, height: u32) -> Self {
-        let exif = self.exif.as_deref().and_then(|block| exif_block::rewritten(block, width, height));
+    pub fn for_output(&self, width: u32, height: u32, camera: &OutputCamera<'_>) -> Self {
+        let exif = exif_output::for_output(self.exif.as_deref(), width, height, camera);
         Self { icc: self.icc.clone(), exif }
+    }
+
+    /// Whether the file names a focal length.
+    pub fn has_focal_length(&self) -> bool {
+        self.exif.as_deref().and_then(exif_block::kept).is_some_and(|(fields, _)| {
+            fields.iter().any(|field| [Tag::FocalLength, Tag::FocalLengthIn35mmFilm].contains(&field.tag))
+        })
+    }
+
+    /// The program that made the file, as its EXIF names it.
+    pub(super) fn software(&self) -> Option<String> {
+        exif_block::text(self.exif.as_deref()?, Tag::Software)
     }
 
     /// The ICC profile, when it is meant for a picture of `channels` channels (a CMYK profile in an RGB file

@@ -6,6 +6,7 @@
 
 mod encode;
 mod exif_block;
+mod exif_output;
 mod fault;
 mod jpeg;
 mod metadata;
@@ -19,7 +20,8 @@ use std::io::{BufRead, Cursor, Seek};
 
 use super::Raster;
 
-pub use encode::{encode_jpeg, encode_png, encode_tiff};
+pub use encode::{encode_jpeg, encode_png, encode_tiff, write_jpeg};
+pub use exif_output::OutputCamera;
 pub use fault::ImageFault;
 pub use metadata::Metadata;
 pub use sniff::{is_picture_name, raw_extension};

@@ -35,6 +35,12 @@ fn tiff_of(raster: &Raster, metadata: &Metadata) -> Vec<u8> {
     out.into_inner()
 }
 
+fn jpeg_of(raster: &Raster, metadata: &Metadata) -> Vec<u8> {
+    let mut out = Vec::new();
+    write_jpeg(&mut out, raster, metadata, 95).unwrap();
+    out
+}
+
 fn without_alpha(raster: &Raster) -> Raster {
     let kept = if raster.channels == 4 { 3 } else { raster.channels };
     let samples = match &raster.samples {

@@ -71,6 +71,6 @@ fn judge(archive: &StackArchive) {
         }
     }
     if let Ok(bytes) = archive.front_bytes(0) {
-        let _ = codec::metadata(&bytes).for_output(layout.width, layout.height);
+        let _ = codec::metadata(&bytes).for_output(layout.width, layout.height, &codec::OutputCamera::default());
     }
 }

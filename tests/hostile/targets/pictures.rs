@@ -18,7 +18,7 @@ pub fn header(bytes: &[u8]) {
         Ok(header) => judge(&header),
         Err(fault) => refused(&fault),
     }
-    let metadata = codec::metadata(bytes).for_output(3, 2);
+    let metadata = codec::metadata(bytes).for_output(3, 2, &codec::OutputCamera::default());
     let picture = Raster::eight(3, 2, 3, (1..=18).collect());
     let mut png = Vec::new();
     codec::encode_png(&mut png, &picture, &metadata).expect("no metadata keep a PNG from being written");

@@ -1,8 +1,89 @@
-//! JPEG out: small pictures for pages, and the JPEG slices of rendered stacks.
+//! JPEG out: results, small pictures for pages, and the slices of rendered stacks.
 
-use image::{ExtendedColorType, codecs::jpeg::JpegEncoder};
+use std::{
+    io::{self, Write},
+    ops::RangeInclusive,
+};
 
-use crate::imaging::{Raster, Samples};
+use image::{
+    ExtendedColorType, GenericImageView, ImageEncoder, ImageError, Luma, PixelWithColorType, Rgb,
+    codecs::jpeg::JpegEncoder,
+};
+
+use crate::imaging::{
+    Raster, Samples,
+    codec::{Metadata, exif_block},
+};
+
+/// Sides that a JPEG can have, px.
+const SIDES: RangeInclusive<usize> = 1..=65_535;
+
+/// Most bytes of EXIF: what one segment holds.
+const MAX_EXIF_BYTES: usize = 65_533 - 6;
+
+/// Most bytes of an ICC profile: what 255 segments hold.
+const MAX_ICC_BYTES: usize = 255 * (65_533 - 14);
+
+/// Writes a baseline JPEG of `quality` 1 to 100 with colour at full resolution (4:4:4), the ICC profile (when it is for as
+/// many channels) and the EXIF block. Alpha is dropped: the colours come out as they are stored. 16 bits are rounded to 8.
+/// Pixels are converted block by block: nothing is held twice. EXIF values that do not fit a JPEG are dropped, the longest
+/// first.
+///
+/// # Errors
+/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for sides beyond 65,535 px or other channels than 1, 3 or
+/// 4.
+pub fn write_jpeg(out: impl Write, raster: &Raster, metadata: &Metadata, quality: u8) -> io::Result<()> {
+    let fits = SIDES.contains(&raster.width) && SIDES.contains(&raster.height);
+    if !fits || !matches!(raster.channels, 1 | 3 | 4) {
+        let shape = format!("{} x {} px of {} channels", raster.width, raster.height, raster.channels);
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, shape));
+    }
+    let mut encoder = JpegEncoder::new_with_quality(out, quality.clamp(1, 100));
+    if let Some(icc) = metadata.icc_for(raster.channels).filter(|icc| icc.len() <= MAX_ICC_BYTES) {
+        encoder.set_icc_profile(icc.to_vec()).map_err(|error| io_error(ImageError::Unsupported(error)))?;
+    }
+    if let Some(exif) = metadata.exif.as_deref().and_then(|block| exif_block::within(block, MAX_EXIF_BYTES)) {
+        encoder.set_exif_metadata(exif).map_err(|error| io_error(ImageError::Unsupported(error)))?;
+    }
+    let written = match raster.channels {
+        1 => encoder.encode_image(&View { raster, pixel: |at| Luma([sample(raster, at)]) }),
+        _ => encoder.encode_image(&View { raster, pixel: |at| Rgb([0, 1, 2].map(|c| sample(raster, at + c))) }),
+    };
+    written.map_err(io_error)
+}
+
+/// A raster as the encoder looks at it.
+struct View<'a, F> {
+    raster: &'a Raster,
+    /// The pixel whose first sample has this index.
+    pixel: F,
+}
+
+impl<P: PixelWithColorType<Subpixel = u8>, F: Fn(usize) -> P> GenericImageView for View<'_, F> {
+    type Pixel = P;
+
+    fn dimensions(&self) -> (u32, u32) {
+        (self.raster.width as u32, self.raster.height as u32)
+    }
+
+    fn get_pixel(&self, x: u32, y: u32) -> P {
+        (self.pixel)((y as usize * self.raster.width + x as usize) * self.raster.channels)
+    }
+}
+
+fn sample(raster: &Raster, at: usize) -> u8 {
+    match &raster.samples {
+        Samples::Eight(samples) => samples[at],
+        Samples::Sixteen(samples) => ((u32::from(samples[at]) + 128) / 257) as u8,
+    }
+}
+
+fn io_error(error: ImageError) -> io::Error {
+    match error {
+        ImageError::IoError(error) => error,
+        other => io::Error::new(io::ErrorKind::InvalidInput, other),
+    }
+}
 
 /// Encodes a JPEG of `quality` 1 to 100. 16 bits are rounded to 8. Pictures with alpha are laid over white, which
 /// is how a page shows them.

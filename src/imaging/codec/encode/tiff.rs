@@ -6,8 +6,8 @@ use ::tiff::{
     Directory, TiffError, TiffResult,
     encoder::{DirectoryEncoder, Rational, TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, TiffValue},
     tags::{
-        CompressionMethod, ExtraSamples, PhotometricInterpretation, PlanarConfiguration, ResolutionUnit, SampleFormat,
-        Tag, Type,
+        CompressionMethod, ExtraSamples, PhotometricInterpretation, PlanarConfiguration, Predictor, ResolutionUnit,
+        SampleFormat, Tag, Type,
     },
 };
 use exif::{Field, Value};
@@ -30,8 +30,10 @@ const INLINE_BYTES: usize = 4;
 /// unassociated (straight). The ICC profile is written when it is for as many channels, the EXIF fields tag by tag:
 /// Make, Model, DateTime and alike in the main directory, the others in an Exif and a GPS directory.
 ///
-/// Not compressed: 16-bit photographs lose less than a tenth to deflate with predictor and take ten times as long,
-/// and every photogrammetry program reads plain strips. A picture beyond 4 GB becomes a BigTIFF.
+/// Deflate with horizontal predictor, by the compressor of our PNGs, which is made for such differences: photographs with
+/// alpha come out at 0.3 to 0.4 of their size with 8 bits and at 0.75 with 16, at 110 MB/s and more. Next to it LZW takes 0.22 to
+/// 0.38 and 0.82 to 0.9, at 17 to 24 MB/s, and zlib at its quickest 0.42 to 0.58 and 0.84 to 0.89, at 31 to 91 MB/s. libtiff and
+/// with it COLMAP, OpenCV and Pillow read it. A picture of more than 4 GB of samples becomes a BigTIFF.
 ///
 /// # Errors
 /// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
@@ -61,12 +63,13 @@ fn write<W: Write + Seek, K: TiffKind>(
     let exif_at = write_directory(&mut encoder, &fields.exif)?;
     let gps_at = write_directory(&mut encoder, &fields.gps)?;
 
-    // The crate's own image writer adds a Predictor tag to uncompressed pictures, of which libtiff complains on every
-    // reading: so the strips and the tags of a baseline TIFF are written here.
+    // Strips and tags are written here: the crate's own image writer compresses by a general deflate.
     let mut directory = encoder.image_directory()?;
     let strips = match &raster.samples {
-        Samples::Eight(samples) => write_strips(&mut directory, raster, samples)?,
-        Samples::Sixteen(samples) => write_strips(&mut directory, raster, samples)?,
+        Samples::Eight(samples) => write_strips(&mut directory, raster, samples, |v, left| [v.wrapping_sub(left)])?,
+        Samples::Sixteen(samples) => {
+            write_strips(&mut directory, raster, samples, |v, left| v.wrapping_sub(left).to_ne_bytes())?
+        }
     };
     write_layout(&mut directory, raster, &strips)?;
     for field in &fields.primary {
@@ -91,24 +94,41 @@ struct Strips<K: TiffKind> {
     bytes: Vec<K::OffsetType>,
 }
 
-fn write_strips<W: Write + Seek, K: TiffKind, T>(
+/// `difference` gives the bytes of a sample less its left neighbour.
+fn write_strips<W: Write + Seek, K: TiffKind, T: Copy + Default, const N: usize>(
     directory: &mut DirectoryEncoder<'_, W, K>,
     raster: &Raster,
     samples: &[T],
-) -> TiffResult<Strips<K>>
-where
-    [T]: TiffValue,
-{
-    let row_samples = raster.width * raster.channels;
-    let rows = (STRIP_BYTES / (row_samples * raster.depth().bytes())).clamp(1, raster.height);
+    difference: impl Fn(T, T) -> [u8; N],
+) -> TiffResult<Strips<K>> {
+    let (step, row_samples) = (raster.channels, raster.width * raster.channels);
+    let rows = (STRIP_BYTES / (row_samples * N)).clamp(1, raster.height);
     let (mut offsets, mut bytes) = (Vec::new(), Vec::new());
+    let mut differences = Vec::with_capacity(rows * row_samples * N);
     for strip in samples.chunks(rows * row_samples) {
-        offsets.push(K::convert_offset(directory.write_data(strip)?)?);
-        let length = std::mem::size_of_val(strip);
-        bytes.push(K::convert_offset(length as u64)?);
-        pad(directory, length)?;
+        differences.clear();
+        for row in strip.chunks_exact(row_samples) {
+            let (first, rest) = row.split_at(step);
+            differences.extend(first.iter().flat_map(|&sample| difference(sample, T::default())));
+            differences.extend(rest.iter().zip(row).flat_map(|(&sample, &left)| difference(sample, left)));
+        }
+        let packed = compressed(&differences)?;
+        offsets.push(K::convert_offset(directory.write_data(&packed[..])?)?);
+        bytes.push(K::convert_offset(packed.len() as u64)?);
+        pad(directory, packed.len())?;
     }
     Ok(Strips { rows, offsets, bytes })
+}
+
+/// A zlib stream: noise, which would grow, is stored as it is.
+fn compressed(bytes: &[u8]) -> io::Result<Vec<u8>> {
+    let packed = fdeflate::compress_to_vec(bytes);
+    if packed.len() <= bytes.len() {
+        return Ok(packed);
+    }
+    let mut stored = fdeflate::StoredOnlyCompressor::new(io::Cursor::new(Vec::new()))?;
+    stored.write_data(bytes)?;
+    Ok(stored.finish()?.into_inner())
 }
 
 /// The tags that say how the samples are stored.
@@ -125,7 +145,8 @@ fn write_layout<W: Write + Seek, K: TiffKind>(
     directory.write_tag(Tag::BitsPerSample, &vec![raster.depth().bytes() as u16 * 8; channels][..])?;
     directory.write_tag(Tag::SampleFormat, &vec![SampleFormat::Uint.to_u16(); channels][..])?;
     directory.write_tag(Tag::SamplesPerPixel, channels as u16)?;
-    directory.write_tag(Tag::Compression, CompressionMethod::None.to_u16())?;
+    directory.write_tag(Tag::Compression, CompressionMethod::Deflate.to_u16())?;
+    directory.write_tag(Tag::Predictor, Predictor::Horizontal.to_u16())?;
     directory.write_tag(Tag::PhotometricInterpretation, photometric.to_u16())?;
     directory.write_tag(Tag::PlanarConfiguration, PlanarConfiguration::Chunky.to_u16())?;
     if channels == 4 {

@@ -94,9 +94,9 @@ fn camera_lens_and_exposure_survive_while_what_belongs_to_the_old_file_does_not(
     let jpeg = with_exif(&encode_jpeg(&picture(16, 16, 3, false), 90), &camera_block());
     let source = metadata(&jpeg);
     let before = source.exif.clone().unwrap();
-    let ours = source.for_output(64, 48);
+    let ours = source.for_output(64, 48, &OutputCamera::default());
     let raster = picture(64, 48, 4, true);
-    for out in [png_of(&raster, &ours), tiff_of(&raster, &ours)] {
+    for out in [png_of(&raster, &ours), tiff_of(&raster, &ours), jpeg_of(&raster, &ours)] {
         let block = metadata(&out).exif.unwrap();
         for tag in [
             Tag::Make,
@@ -104,7 +104,6 @@ fn camera_lens_and_exposure_survive_while_what_belongs_to_the_old_file_does_not(
             Tag::DateTime,
             Tag::FNumber,
             Tag::ExposureTime,
-            Tag::FocalLength,
             Tag::LensModel,
             Tag::PhotographicSensitivity,
             Tag::GPSLatitudeRef,
@@ -117,7 +116,8 @@ fn camera_lens_and_exposure_survive_while_what_belongs_to_the_old_file_does_not(
         assert_eq!(orientation_of(&block), 1);
         // the picture was turned by a quarter: its columns are the sensor's rows
         assert_eq!(field(&block, Tag::FocalPlaneXResolution).unwrap(), "6001");
-        for gone in [Tag::MakerNote, Tag::SubjectArea, Tag::ImageWidth] {
+        // nobody knows the principal distance, and a wrong focal length is worse than none
+        for gone in [Tag::MakerNote, Tag::SubjectArea, Tag::ImageWidth, Tag::FocalLength] {
             assert_eq!(field(&block, gone), None, "{gone}");
         }
         let exif = exif::Reader::new().read_raw(block).unwrap();
@@ -125,13 +125,90 @@ fn camera_lens_and_exposure_survive_while_what_belongs_to_the_old_file_does_not(
     }
 }
 
+/// What a program computes that divides the focal length by the size of a pixel, px.
+fn focal_px(block: &[u8]) -> Option<f64> {
+    let exif = exif::Reader::new().read_raw(block.to_vec()).unwrap();
+    let number = |tag| match &exif.get_field(tag, exif::In::PRIMARY)?.value {
+        exif::Value::Rational(ratios) => Some(ratios[0].to_f64()),
+        _ => None,
+    };
+    assert_eq!(field(block, exif::Tag::FocalPlaneResolutionUnit)?, "inch");
+    Some(number(exif::Tag::FocalLength)? * number(exif::Tag::FocalPlaneXResolution)? / 25.4)
+}
+
+#[test]
+fn principal_distance_and_pixel_pitch_of_the_profile_replace_what_the_camera_said() {
+    use exif::Tag;
+    let camera = |distance, pitch| OutputCamera {
+        principal_distance_mm: distance,
+        pixel_pitch_mm: pitch,
+        software: "pinstack 1.2.3",
+    };
+    let with_camera = Metadata { icc: None, exif: Some(camera_block()) };
+    let raster = picture(64, 48, 4, false);
+    for source in [&with_camera, &Metadata::default()] {
+        let ours = source.for_output(64, 48, &camera(Some(121.37), Some(0.0041)));
+        for out in [png_of(&raster, &ours), tiff_of(&raster, &ours), jpeg_of(&raster, &ours)] {
+            let block = metadata(&out).exif.unwrap();
+            let focal = focal_px(&block).unwrap();
+            assert!((focal / (121.37 / 0.0041) - 1.0).abs() < 1e-6, "{focal}");
+            assert_eq!(field(&block, Tag::PixelXDimension).unwrap(), "64");
+            assert_eq!(field(&block, Tag::Software).unwrap(), "\"pinstack 1.2.3\"");
+            assert_eq!(field(&block, Tag::FocalLengthIn35mmFilm), None);
+            // by the model COLMAP 3.8 would find another size of the sensor
+            assert_eq!(field(&block, Tag::Model), None);
+            assert_eq!(orientation_of(&block), 1);
+        }
+    }
+    let block = with_camera.for_output(64, 48, &camera(Some(121.37), Some(0.0041))).exif.unwrap();
+    assert_eq!(field(&block, Tag(exif::Context::Tiff, 0xC614)).unwrap(), "\"Canon EOS 5DS\"");
+
+    let block = with_camera.for_output(64, 48, &camera(Some(121.37), None)).exif.unwrap();
+    assert_eq!(field(&block, Tag::FocalLength).unwrap(), "121.37");
+    assert_eq!(field(&block, Tag::Model).unwrap(), "\"Canon EOS 5DS\"");
+    let block = with_camera.for_output(64, 48, &camera(None, Some(0.0041))).exif.unwrap();
+    assert_eq!(field(&block, Tag::FocalLength), None);
+    assert!(field(&block, Tag::FocalPlaneXResolution).unwrap().starts_with("6195."));
+}
+
+#[test]
+fn a_png_names_its_maker_in_a_text_chunk() {
+    let camera = OutputCamera { software: "pinstack 1.2.3", ..OutputCamera::default() };
+    let file = png_of(&picture(4, 4, 3, false), &Metadata::default().for_output(4, 4, &camera));
+    let reader = ::png::Decoder::new(Cursor::new(&file)).read_info().unwrap();
+    let texts = &reader.info().uncompressed_latin1_text;
+    assert_eq!((texts[0].keyword.as_str(), texts[0].text.as_str()), ("Software", "pinstack 1.2.3"));
+}
+
+#[test]
+fn a_jpeg_keeps_colour_at_full_resolution() {
+    let file = jpeg_of(&picture(40, 24, 4, true), &Metadata::default());
+    let frame = file.windows(2).position(|pair| pair == [0xFF, 0xC0]).expect("a baseline frame");
+    let [components, sampling] = [file[frame + 9], file[frame + 11]];
+    assert_eq!((components, sampling, file[frame + 14], file[frame + 17]), (3, 0x11, 0x11, 0x11));
+}
+
+#[test]
+fn a_jpeg_drops_the_longest_values_that_its_segment_cannot_hold() {
+    use exif::{Field, In, Tag, Value};
+    let long = Field { tag: Tag::UserComment, ifd_num: In::PRIMARY, value: Value::Undefined(vec![32; 60_000], 0) };
+    let other =
+        Field { tag: Tag::RelatedSoundFile, ifd_num: In::PRIMARY, value: Value::Ascii(vec![vec![b'x'; 60_000]]) };
+    let make = Field { tag: Tag::Make, ifd_num: In::PRIMARY, value: Value::Ascii(vec![b"Canon".to_vec()]) };
+    let block = exif_block::written(&[long, other, make], true).unwrap();
+    let ours = Metadata { icc: None, exif: Some(block) }.for_output(8, 8, &OutputCamera::default());
+    let block = metadata(&jpeg_of(&picture(8, 8, 3, false), &ours)).exif.unwrap();
+    assert_eq!(field(&block, Tag::Make).unwrap(), "\"Canon\"");
+    assert_eq!(field(&block, Tag::UserComment), None);
+}
+
 #[test]
 fn profile_and_camera_of_a_real_photograph_survive() {
     let Some(path) = shared("coffee6/0000.jpg") else { return };
     let source = metadata(&std::fs::read(path).unwrap());
-    let ours = source.for_output(64, 48);
+    let ours = source.for_output(64, 48, &OutputCamera::default());
     let raster = picture(64, 48, 4, false);
-    for out in [png_of(&raster, &ours), tiff_of(&raster, &ours)] {
+    for out in [png_of(&raster, &ours), tiff_of(&raster, &ours), jpeg_of(&raster, &ours)] {
         let back = metadata(&out);
         let block = back.exif.unwrap();
         assert_eq!(field(&block, exif::Tag::Make).unwrap(), "\"Canon\"");
@@ -157,7 +234,7 @@ fn a_small_block_that_stands_for_gigabytes_is_cut_short() {
         block.extend(64u32.to_le_bytes());
     }
     block.extend(vec![1; 40_100]);
-    let written = Metadata { icc: None, exif: Some(block) }.for_output(8, 8).exif.unwrap();
+    let written = Metadata { icc: None, exif: Some(block) }.for_output(8, 8, &OutputCamera::default()).exif.unwrap();
     assert!((400_000..600_000).contains(&written.len()), "{} bytes", written.len());
 }
 
@@ -165,5 +242,8 @@ fn a_small_block_that_stands_for_gigabytes_is_cut_short() {
 fn metadata_of_rubbish_is_absent() {
     assert_eq!(metadata(b"rubbish"), Metadata::default());
     let torn = with_exif(&encode_jpeg(&picture(8, 8, 1, false), 90), &exif_with(3)[..9]);
-    assert_eq!(metadata(&torn).for_output(8, 8).exif.as_deref().map(orientation_of).unwrap_or(1), 1);
+    assert_eq!(
+        metadata(&torn).for_output(8, 8, &OutputCamera::default()).exif.as_deref().map(orientation_of).unwrap_or(1),
+        1
+    );
 }

@@ -139,7 +139,7 @@ proptest::proptest! {
         let limits = Limits { max_pixels: 1_000_000, ..Limits::default() };
         let _ = probe(Cursor::new(&bytes), &limits);
         let _ = decode(&bytes, &limits);
-        let _ = metadata(&bytes).for_output(5, 6);
+        let _ = metadata(&bytes).for_output(5, 6, &OutputCamera::default());
     }
 }
 
