@@ -13,6 +13,7 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
 use super::{
+    artifacts::conversions::Conversions,
     connections::{AddressRange, Tally},
     intake::{quota::Claims, reservation::Shares},
     recent::Recent,
@@ -128,8 +129,8 @@ pub struct App {
     pub claims: Claims,
     /// A token was seen among the rows: they never go.
     has_tokens: Arc<AtomicBool>,
-    /// Conversions between file formats hold a whole image each: few at once.
-    pub conversions: Arc<Semaphore>,
+    /// Stored pictures in other file formats.
+    pub conversions: Arc<Conversions>,
     /// Requests in progress by token.
     pub tally: Tally,
     /// What `/readyz` found last.
@@ -151,7 +152,7 @@ impl App {
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
             has_tokens: Arc::default(),
-            conversions: Arc::new(Semaphore::new(1)),
+            conversions: Arc::default(),
             tally: Tally::default(),
             readiness: Arc::new(Recent::new(READINESS_AGE)),
             looks: Arc::new(Semaphore::new(LOOKS)),

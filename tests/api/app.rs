@@ -3,6 +3,7 @@
 use std::{io::Write, sync::Arc, time::Duration};
 
 use pinstack::{
+    disk_budget::Reservation,
     http::{self, App, Policy},
     imaging::{Raster, codec},
     model::{
@@ -176,8 +177,9 @@ impl TestApp {
     }
 
     /// Leaves no room on the disk until what is returned is dropped.
-    pub async fn without_room(&self) -> impl Drop {
-        self.app.promise(self.blobs.room().await.expect("measured").free)
+    pub async fn without_room(&self) -> Reservation {
+        let available = self.app.disk.state().await.expect("measured").available();
+        self.app.disk.reserve(available).await.expect("measured").expect("it fits")
     }
 
     /// Files in the spool folder.

@@ -1,38 +1,42 @@
-//! Which file format of the image the client wants.
+//! Which file format of a picture the client wants.
 
 use axum::http::{HeaderMap, header};
 
-use crate::{
-    http::problem::{ApiError, ApiResult},
-    model::Code,
-};
+/// Formats that a picture can be had in, besides the one that is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Formats {
+    /// PNG, TIFF and JPEG: pictures for the eye.
+    All,
+    /// PNG and TIFF: numbers that a JPEG would change.
+    Lossless,
+    /// The stored one alone.
+    Stored,
+}
 
-/// The formats that the image can be had in.
-const FORMATS: [&str; 2] = ["image/png", "image/tiff"];
-
-/// The format that suits the client best; between equals, the one that is stored.
-///
-/// # Errors
-/// `not_acceptable` when neither suits.
-pub fn choose(headers: &HeaderMap, stored: &str) -> ApiResult<&'static str> {
-    let [png, tiff] = FORMATS;
-    let stored = if stored == tiff { tiff } else { png };
-    let values: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|v| v.to_str().ok()).collect();
-    if values.is_empty() {
-        return Ok(stored);
-    }
-    let ranges: Vec<(String, f64)> = values.iter().flat_map(|v| v.split(',')).filter_map(media_range).collect();
-    let mut best = (stored, quality(&ranges, stored));
-    for format in FORMATS {
-        let quality = quality(&ranges, format);
-        if quality > best.1 {
-            best = (format, quality);
+impl Formats {
+    fn media_types(self) -> &'static [&'static str] {
+        match self {
+            Self::All => &["image/png", "image/tiff", "image/jpeg"],
+            Self::Lossless => &["image/png", "image/tiff"],
+            Self::Stored => &[],
         }
     }
-    if best.1 > 0.0 {
-        return Ok(best.0);
+}
+
+/// The format that suits the client best; none for the stored one, which wins between equals and where nothing that can be
+/// had is acceptable. RFC 9110, section 12.4.1, allows that: generated clients ask for `application/json` or
+/// `application/octet-stream` and can read any file.
+pub fn choose(headers: &HeaderMap, formats: Formats, stored: &str) -> Option<&'static str> {
+    let values = headers.get_all(header::ACCEPT).iter().filter_map(|v| v.to_str().ok());
+    let ranges: Vec<(String, f64)> = values.flat_map(|v| v.split(',')).filter_map(media_range).collect();
+    let mut best = (None, quality(&ranges, stored));
+    for &format in formats.media_types().iter().filter(|format| **format != stored) {
+        let quality = quality(&ranges, format);
+        if quality > best.1 {
+            best = (Some(format), quality);
+        }
     }
-    Err(ApiError::new(Code::NotAcceptable, "the image can be had as image/png or image/tiff"))
+    best.0
 }
 
 fn media_range(text: &str) -> Option<(String, f64)> {
@@ -53,18 +57,36 @@ mod tests {
     use super::*;
     use axum::http::HeaderValue;
 
-    fn chosen(accept: &'static str) -> Option<&'static str> {
+    fn chosen(accept: &'static str, formats: Formats) -> Option<&'static str> {
         let headers = HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_static(accept))]);
-        choose(&headers, "image/png").ok()
+        choose(&headers, formats, "image/png")
     }
 
     #[test]
     fn the_stored_format_is_kept_unless_another_is_wanted_more() {
-        assert_eq!(chosen("*/*"), Some("image/png"));
-        assert_eq!(chosen("image/tiff"), Some("image/tiff"));
-        assert_eq!(chosen("image/tiff;q=0.5, image/png;q=0.9"), Some("image/png"));
-        assert_eq!(chosen("image/avif,image/webp,image/*,*/*;q=0.8"), Some("image/png"));
-        assert_eq!(chosen("image/png;q=0, image/*"), Some("image/tiff"));
-        assert_eq!(chosen("text/html"), None);
+        let all = |accept| chosen(accept, Formats::All);
+        assert_eq!(choose(&HeaderMap::new(), Formats::All, "image/png"), None);
+        assert_eq!(all("*/*"), None);
+        assert_eq!(all("image/tiff"), Some("image/tiff"));
+        assert_eq!(all("image/jpeg"), Some("image/jpeg"));
+        assert_eq!(all("image/tiff;q=0.5, image/png;q=0.9"), None);
+        assert_eq!(all("image/avif,image/webp,image/*,*/*;q=0.8"), None);
+        assert_eq!(all("image/png;q=0, image/*"), Some("image/tiff"));
+    }
+
+    #[test]
+    fn who_accepts_nothing_that_there_is_gets_the_stored_file() {
+        for accept in ["text/html", "application/json", "application/problem+json", "application/octet-stream"] {
+            assert_eq!(chosen(accept, Formats::All), None, "{accept}");
+        }
+        assert_eq!(chosen("image/webp", Formats::All), None);
+        assert_eq!(chosen("image/png;q=0", Formats::All), None);
+    }
+
+    #[test]
+    fn numbers_are_not_made_a_jpeg() {
+        assert_eq!(chosen("image/jpeg", Formats::Lossless), None);
+        assert_eq!(chosen("image/tiff", Formats::Lossless), Some("image/tiff"));
+        assert_eq!(chosen("image/tiff", Formats::Stored), None);
     }
 }

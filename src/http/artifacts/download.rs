@@ -1,12 +1,13 @@
 //! A file as an answer: streamed from the disk, with `ETag`, `Range` and a name.
 
-use std::io::SeekFrom;
+use std::{convert::Infallible, io::SeekFrom, path::PathBuf};
 
 use axum::{
     body::Body,
     http::{HeaderMap, HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
+use bytes::Bytes;
 use tokio::{
     fs::File,
     io::{AsyncReadExt, AsyncSeekExt},
@@ -19,11 +20,12 @@ use super::{
 };
 use crate::{
     http::{
-        extract::conditional::{etag, not_modified},
+        extract::conditional::{etag, not_modified, require_match},
         problem::{ApiError, ApiResult},
         state::App,
     },
     model::{Code, outcome::Artifact},
+    store::Job,
 };
 
 /// Bytes that are read from the disk at a time.
@@ -32,10 +34,8 @@ const CHUNK: usize = 128 << 10;
 /// A file that can be sent.
 #[derive(Debug)]
 pub struct Download {
-    /// The file, open: it can be sent to its end even when it is deleted meanwhile.
-    pub file: File,
-    /// Its size.
-    pub length: u64,
+    /// Its bytes; none where they would have to be made first and are not asked for.
+    pub content: Option<Content>,
     /// Its entity tag, without quotes.
     pub tag: String,
     /// Its kind.
@@ -44,14 +44,60 @@ pub struct Download {
     pub name: String,
 }
 
+/// An open file: it can be sent to its end even when it is deleted meanwhile.
+#[derive(Debug)]
+pub struct Content {
+    /// The file.
+    pub file: File,
+    /// Its size.
+    pub length: u64,
+}
+
 /// A file as the job stored it.
 ///
 /// # Errors
-/// `not_found` when it was deleted a moment ago.
-pub async fn stored(app: &App, artifact: &Artifact, name: String) -> ApiResult<Download> {
-    let gone = || ApiError::new(Code::NotFound, format!("the {} was deleted", artifact.name));
-    let (file, length) = open(app, &artifact.key).await?.ok_or_else(gone)?;
-    Ok(Download { file, length, tag: artifact.sha256.clone(), media_type: artifact.media_type.clone(), name })
+/// `not_found` when the job was deleted a moment ago; `internal` when the file is missing or has another size than its row
+/// says.
+pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> ApiResult<Download> {
+    let Some((file, length)) = open(app, &artifact.key).await? else { return Err(missing(app, job, artifact).await) };
+    if length != artifact.bytes {
+        let found = format!("has {length} bytes, its row says {}", artifact.bytes);
+        return Err(damaged(artifact, &found));
+    }
+    let (tag, media_type) = (artifact.sha256.clone(), artifact.media_type.clone());
+    Ok(Download { content: Some(Content { file, length }), tag, media_type, name })
+}
+
+/// Where the file of a job lies.
+///
+/// # Errors
+/// As [`stored`], but for its size.
+pub async fn stored_path(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<PathBuf> {
+    match app.blobs.local_path(&artifact.key).await? {
+        Some(path) => Ok(path),
+        None => Err(missing(app, job, artifact).await),
+    }
+}
+
+/// Why a file that a row named is not there: the job was deleted since the row was read, or the disk lost the file.
+async fn missing(app: &App, job: &Job, artifact: &Artifact) -> ApiError {
+    match app.rows.job(job.id).await {
+        Ok(Some(row)) if row.outcome.as_ref().is_some_and(|o| o.artifacts().contains(artifact)) => {
+            damaged(artifact, "is missing")
+        }
+        Ok(_) => ApiError::new(Code::NotFound, format!("the {} was deleted", artifact.name)),
+        Err(error) => error.into(),
+    }
+}
+
+/// A file that is not what its row says is not sent: it would carry the digest of another one.
+fn damaged(artifact: &Artifact, found: &str) -> ApiError {
+    tracing::error!(key = artifact.key, "a stored result {found}; `pinstack verify` lists all that are damaged");
+    let detail = format!(
+        "the stored file of the {} is damaged and is not sent; fuse the stack again, and let the operator run `pinstack verify`",
+        artifact.name
+    );
+    ApiError::new(Code::Internal, detail)
 }
 
 /// A blob and its size; `None` when it is gone.
@@ -74,33 +120,39 @@ impl Download {
     /// The answer: 200, 206 or 304.
     ///
     /// # Errors
-    /// `range_not_satisfiable`.
-    pub async fn answer(mut self, headers: &HeaderMap) -> ApiResult<Response> {
+    /// `precondition_failed`, `range_not_satisfiable`.
+    pub async fn answer(self, headers: &HeaderMap) -> ApiResult<Response> {
+        require_match(headers, &self.tag)?;
         if not_modified(headers, &self.tag) {
             return Ok((StatusCode::NOT_MODIFIED, self.common_headers()).into_response());
         }
-        let (status, first, length) = match wanted(headers, self.length, &self.tag) {
-            Wanted::Whole => (StatusCode::OK, 0, self.length),
-            Wanted::Part { first, last } => (StatusCode::PARTIAL_CONTENT, first, last - first + 1),
-            Wanted::Unsatisfiable => {
-                let detail = format!("the file has {} bytes; the range lies outside", self.length);
-                let error = ApiError::new(Code::RangeNotSatisfiable, detail);
-                return Err(error.with_header(header::CONTENT_RANGE, format!("bytes */{}", self.length)));
-            }
-        };
         let mut out = self.common_headers();
-        out.insert(header::CONTENT_LENGTH, length.into());
         out.insert(header::CONTENT_DISPOSITION, disposition(&self.name));
         if let Ok(kind) = HeaderValue::from_str(&self.media_type) {
             out.insert(header::CONTENT_TYPE, kind);
         }
+        let Some(Content { mut file, length: total }) = self.content else {
+            // a stream, because an empty body would say that the file has no bytes
+            let nothing = futures::stream::empty::<Result<Bytes, Infallible>>();
+            return Ok((StatusCode::OK, out, Body::from_stream(nothing)).into_response());
+        };
+        let (status, first, length) = match wanted(headers, total, &self.tag) {
+            Wanted::Whole => (StatusCode::OK, 0, total),
+            Wanted::Part { first, last } => (StatusCode::PARTIAL_CONTENT, first, last - first + 1),
+            Wanted::Unsatisfiable => {
+                let detail = format!("the file has {total} bytes; the range lies outside");
+                let error = ApiError::new(Code::RangeNotSatisfiable, detail);
+                return Err(error.with_header(header::CONTENT_RANGE, format!("bytes */{total}")));
+            }
+        };
+        out.insert(header::CONTENT_LENGTH, length.into());
         if status == StatusCode::PARTIAL_CONTENT
-            && let Ok(range) = HeaderValue::from_str(&format!("bytes {first}-{}/{}", first + length - 1, self.length))
+            && let Ok(range) = HeaderValue::from_str(&format!("bytes {first}-{}/{total}", first + length - 1))
         {
             out.insert(header::CONTENT_RANGE, range);
         }
-        self.file.seek(SeekFrom::Start(first)).await.map_err(ApiError::internal)?;
-        let body = Body::from_stream(ReaderStream::with_capacity(self.file.take(length), CHUNK));
+        file.seek(SeekFrom::Start(first)).await.map_err(ApiError::internal)?;
+        let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
         Ok((status, out, body).into_response())
     }
 

@@ -1,9 +1,25 @@
-//! Names of downloads: `{label or name of the upload}_{end of the id}_{what}.png`.
+//! Names of downloads: `{stem}{_what}.png`.
+//!
+//! The stem is what the client called the view, so that it stays when the view is fused again and a project that names the
+//! file still finds it:
+//!
+//! | given | stem |
+//! |---|---|
+//! | label, pan or tilt | `{label}_{pan}_{tilt}`: a label may name the specimen, the same for all its views |
+//! | scan, pan or tilt | `{scan}_{pan}_{tilt}` |
+//! | label | `{label}` |
+//! | none of these | `{name of the upload, or "stack"}_{end of the id}`: differs from view to view |
+//!
+//! Two stacks that were called the same have the same name; `curl -OJ` then refuses to overwrite the first, and browsers
+//! number the second.
 
 use axum::http::HeaderValue;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
-use crate::{model::request::JobRequest, store::Job};
+use crate::{
+    model::{options::StackOptions, request::JobRequest},
+    store::Job,
+};
 
 /// What RFC 8187 lets stand in `filename*`.
 const ATTR_CHAR: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
@@ -12,25 +28,51 @@ const ATTR_CHAR: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(
 const MAX_STEM: usize = 100;
 
 /// The file name of a result. The image itself has no suffix, so that `a.png` and `a_mask.png` are the pair that
-/// photogrammetry tools look for. The last digits of a UUIDv7 are the random ones: two stacks of one minute differ
-/// there.
+/// photogrammetry tools look for.
 pub fn of(job: &Job, what: &str, media_type: &str) -> String {
-    let label = match &job.request {
-        JobRequest::Stack(request) => request.options.label.as_deref(),
+    let stem = match &job.request {
+        JobRequest::Stack(request) => of_view(&request.options),
         JobRequest::Calibration(_) => None,
     };
-    let upload =
-        job.request.upload().filename.as_deref().map(|name| name.rsplit_once('.').map_or(name, |(stem, _)| stem));
-    let stem = [label, upload].into_iter().flatten().map(tidy).find(|stem| !stem.is_empty());
-    let stem = stem.unwrap_or_else(|| match job.request {
+    let stem = stem.unwrap_or_else(|| by_upload(job));
+    let suffix = if what == "image" { String::new() } else { format!("_{what}") };
+    let extension = match media_type {
+        "image/tiff" => "tiff",
+        "image/jpeg" => "jpg",
+        _ => "png",
+    };
+    format!("{stem}{suffix}.{extension}")
+}
+
+/// What the client called the view.
+fn of_view(options: &StackOptions) -> Option<String> {
+    let label = options.label.as_deref().map(tidy).filter(|label| !label.is_empty());
+    let angles = [options.pan_deg, options.tilt_deg];
+    if angles == [None, None] {
+        return label;
+    }
+    let subject = label.or_else(|| options.scan.as_ref().map(|scan| tidy(scan.as_str())))?;
+    Some(angles.iter().flatten().fold(subject, |stem, angle| format!("{stem}_{}", degrees(*angle))))
+}
+
+/// An angle in degrees to a thousandth, with three digits before the point, so that names sort as angles do.
+fn degrees(angle: f64) -> String {
+    let text = format!("{:07.3}", angle.abs());
+    let sign = if angle < 0.0 { "-" } else { "" };
+    format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+/// The name of the upload, and the last digits of the id: of a UUIDv7 they are the random ones, in which two stacks of one
+/// minute differ.
+fn by_upload(job: &Job) -> String {
+    let upload = job.request.upload().filename.as_deref();
+    let upload = upload.map(|name| name.rsplit_once('.').map_or(name, |(stem, _)| stem));
+    let stem = upload.map(tidy).filter(|stem| !stem.is_empty()).unwrap_or_else(|| match job.request {
         JobRequest::Stack(_) => "stack".to_owned(),
         JobRequest::Calibration(_) => "calibration".to_owned(),
     });
     let id = job.id.simple().to_string();
-    let short = id.get(24..).unwrap_or_default();
-    let suffix = if what == "image" { String::new() } else { format!("_{what}") };
-    let extension = if media_type == "image/tiff" { "tiff" } else { "png" };
-    format!("{stem}_{short}{suffix}.{extension}")
+    format!("{stem}_{}", id.get(24..).unwrap_or_default())
 }
 
 /// The file name of the zip of a job: as it was sent, or made up.
@@ -72,12 +114,35 @@ fn disposition_as(kind: &'static str, name: &str) -> HeaderValue {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::Name;
 
     #[test]
     fn a_name_loses_what_tools_stumble_over() {
         assert_eq!(tidy("Carabus violaceus / left \"1\""), "Carabus_violaceus___left__1");
         assert_eq!(tidy("..\\..\\x"), "x");
         assert_eq!(tidy("   "), "");
+    }
+
+    #[test]
+    fn a_view_is_named_by_what_the_client_called_it() {
+        let named = |label: Option<&str>, scan: Option<&str>, pan_deg, tilt_deg| {
+            let scan = scan.map(|scan| Name::new(scan).unwrap());
+            of_view(&StackOptions {
+                label: label.map(str::to_owned),
+                scan,
+                pan_deg,
+                tilt_deg,
+                ..StackOptions::default()
+            })
+        };
+        assert_eq!(named(Some("view 1"), None, None, None).as_deref(), Some("view_1"));
+        assert_eq!(named(Some("view 1"), Some("bee"), None, None).as_deref(), Some("view_1"));
+        assert_eq!(named(None, Some("bee"), Some(20.0), Some(-7.5)).as_deref(), Some("bee_020_-007.5"));
+        assert_eq!(named(Some("Apis"), Some("bee"), Some(120.0), Some(0.0)).as_deref(), Some("Apis_120_000"));
+        assert_eq!(named(None, Some("bee"), None, Some(6.0)).as_deref(), Some("bee_006"));
+        assert_eq!(named(None, Some("bee"), None, None), None);
+        assert_eq!(named(None, None, Some(20.0), None), None);
+        assert_eq!(named(Some("//"), None, None, None), None);
     }
 
     #[test]

@@ -42,6 +42,7 @@ struct Parameters {
         (status = 304, description = "The client has it already"),
         (status = 400, description = "`invalid_request`: `slice` is not a number"),
         (status = 404, description = "`not_found`; `no_result`: no such slice, or it failed or was cancelled"),
+        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
         (status = 409, description = "`not_finished`: it waits or runs"),
         (status = 416, description = "`range_not_satisfiable`"),
     )
@@ -55,6 +56,6 @@ pub async fn overlay(State(app): State<App>, JobId(id): JobId, uri: Uri, headers
     };
     let what = format!("overlay-{}", slice.unwrap_or(reference));
     let artifact = outcome::artifact(&job, &what)?;
-    let download = download::stored(&app, artifact, name::of(&job, &what, &artifact.media_type)).await?;
+    let download = download::stored(&app, &job, artifact, name::of(&job, &what, &artifact.media_type)).await?;
     download.answer(&headers).await
 }

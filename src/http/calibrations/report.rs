@@ -88,7 +88,7 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
     };
     let job = load(&app, id, JobKind::Calibration).await?;
     let (artifact, revision) = kept(&job)?;
-    let bytes = read(&app, artifact).await?;
+    let bytes = read(&app, &job, artifact).await?;
     let drift = since_before(&app, &job, revision).await?;
     // thousands of dots: not on the threads that answer everybody else
     let made = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
@@ -115,10 +115,11 @@ fn kept(job: &Job) -> ApiResult<(&Artifact, u32)> {
     Ok((artifact.ok_or_else(none)?, revision))
 }
 
-async fn read(app: &App, artifact: &Artifact) -> ApiResult<Vec<u8>> {
-    let mut download = download::stored(app, artifact, String::new()).await?;
+async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Vec<u8>> {
     let mut bytes = Vec::new();
-    download.file.read_to_end(&mut bytes).await.map_err(ApiError::internal)?;
+    if let Some(mut content) = download::stored(app, job, artifact, String::new()).await?.content {
+        content.file.read_to_end(&mut bytes).await.map_err(ApiError::internal)?;
+    }
     Ok(bytes)
 }
 

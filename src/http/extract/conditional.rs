@@ -2,6 +2,11 @@
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 
+use crate::{
+    http::problem::{ApiError, ApiResult},
+    model::Code,
+};
+
 /// A list of entity tags, or any.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Tags {
@@ -58,6 +63,21 @@ fn tag(text: &str) -> Option<(bool, String)> {
 /// True when the client has this version already.
 pub fn not_modified(headers: &HeaderMap, opaque: &str) -> bool {
     Tags::of(headers, &header::IF_NONE_MATCH).is_some_and(|tags| tags.contains(opaque))
+}
+
+/// Refuses when `If-Match` names other versions than this one. `If-Unmodified-Since` is passed over, as RFC 9110 wants it of
+/// files without a date: no answer carries `Last-Modified`.
+///
+/// # Errors
+/// `precondition_failed`.
+pub fn require_match(headers: &HeaderMap, opaque: &str) -> ApiResult<()> {
+    match Tags::of(headers, &header::IF_MATCH) {
+        Some(tags) if !tags.contains_strong(opaque) => {
+            let detail = "the file is another one than If-Match names; ask without If-Match for the file as it is";
+            Err(ApiError::new(Code::PreconditionFailed, detail))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The header value of a strong tag.

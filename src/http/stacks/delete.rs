@@ -29,5 +29,6 @@ pub async fn delete(State(app): State<App>, JobId(id): JobId) -> ApiResult<Statu
     if let Err(error) = tidy_job(&*app.rows, &*app.blobs, id).await {
         tracing::warn!(%error, %id, "blobs of a deleted job are left for the sweep");
     }
+    app.conversions.forget_deleted();
     Ok(StatusCode::NO_CONTENT)
 }

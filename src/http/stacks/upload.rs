@@ -11,7 +11,7 @@ use super::rerun::removed;
 use crate::{
     http::{
         artifacts::{
-            download::{Download, open},
+            download::{Content, Download, open},
             name,
         },
         extract::JobId,
@@ -48,6 +48,7 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
         (status = 304, description = "The client has it already"),
         (status = 404, description = "`not_found`"),
         (status = 410, description = "`upload_removed`: its time was over; the results are there"),
+        (status = 412, description = "`precondition_failed`: the zip is not the one that `If-Match` names"),
         (status = 416, description = "`range_not_satisfiable`"),
     )
 )]
@@ -61,7 +62,12 @@ pub async fn upload(State(app): State<App>, JobId(id): JobId, headers: HeaderMap
     let (file, length) = open(&app, &stored.key).await?.ok_or_else(gone)?;
     let name = name::of_upload(&job);
     let tag = stored.sha256.clone();
-    let download = Download { file, length, tag, media_type: "application/zip".to_owned(), name: name.clone() };
+    let download = Download {
+        content: Some(Content { file, length }),
+        tag,
+        media_type: "application/zip".to_owned(),
+        name: name.clone(),
+    };
     let mut response = download.answer(&headers).await?;
     let out = response.headers_mut();
     if out.contains_key(header::CONTENT_DISPOSITION) {

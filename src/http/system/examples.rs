@@ -47,7 +47,7 @@ pub fn sentence(code: Code) -> &'static str {
         Code::UnsupportedMediaType => {
             "the body is 'image/jpeg'; send the zip as application/zip, or multipart/form-data"
         }
-        Code::NotAcceptable => "the image can be had as image/png or image/tiff",
+        Code::NotAcceptable => "the report can be had as text/html or application/json",
         Code::RangeNotSatisfiable => "the range begins behind the end of the file (48210 bytes)",
         Code::UploadTooLarge => "the upload is over the limit of 68719476736 bytes; GET /v1/info shows every limit",
         Code::UploadIncomplete => "the upload broke off before its end; nothing was stored; send it again",
