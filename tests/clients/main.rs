@@ -1,5 +1,6 @@
-//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, tus clients, a browser,
-//! Schemathesis, which asks it whether it keeps its contract, clients that generators make, and linters of the document.
+//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, COLMAP, tus clients, a
+//! browser, Schemathesis, which asks it whether it keeps its contract, clients that generators make, and linters of the
+//! document.
 //!
 //! Each test needs programs that a fresh machine may lack; it is skipped where they are missing, and fails when
 //! `PINSTACK_TEST_TOOLS=required` says that they must be there.
@@ -11,6 +12,7 @@ mod durability;
 mod generated;
 mod lint;
 mod metadata;
+mod photogrammetry;
 mod proxy;
 mod server;
 mod tls;

@@ -1,0 +1,171 @@
+//! What COLMAP takes from the images that come out: whether it opens them, and the focal length that it starts from.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use serde_json::{Value, json};
+
+use crate::{
+    have, run,
+    server::{Server, small_rig, write_slices},
+};
+
+/// What the profile says, mm.
+const DISTANCE: f64 = 121.37;
+const PITCH: f64 = 0.0061;
+
+/// The catalogue of COLMAP has this camera, with a sensor 36 mm wide; the focal length is the engraved one.
+const CAMERA: &str = "-Make=Canon -Model='Canon EOS 5DS' -FocalLength=65 -FocalLengthIn35mmFormat=65 \
+                      -FocalPlaneXResolution=6000 -FocalPlaneYResolution=6000 -FocalPlaneResolutionUnit=inches";
+
+/// A focal length in px, and whether COLMAP trusts it.
+fn prior(image: &Path) -> (f64, bool) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let images = folder.path().join("images");
+    fs::create_dir(&images).expect("a folder");
+    fs::copy(image, images.join(image.file_name().expect("a name"))).expect("a copy");
+    let database = folder.path().join("database.db");
+    run(Command::new("colmap")
+        .env("QT_QPA_PLATFORM", "offscreen")
+        .args(["feature_extractor", "--SiftExtraction.use_gpu", "0", "--SiftExtraction.max_num_features", "50"])
+        .arg("--database_path")
+        .arg(&database)
+        .arg("--image_path")
+        .arg(&images));
+    let query = "import sqlite3, struct, sys\n\
+                 row = sqlite3.connect(sys.argv[1]).execute('select params, prior_focal_length from cameras').fetchone()\n\
+                 print(struct.unpack('d', row[0][:8])[0], row[1])";
+    let told = run(Command::new("python3").args(["-c", query]).arg(&database));
+    let (focal, trusted) =
+        told.trim().split_once(' ').unwrap_or_else(|| panic!("COLMAP did not open {image:?}: {told}"));
+    (focal.parse().expect("a number"), trusted == "1")
+}
+
+fn put_profile(server: &Server, optics: Value) {
+    let rig = small_rig();
+    let mut body = json!({
+        "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
+        "homographies": (0..rig.slices()).map(|i| rig.homography(i)).collect::<Vec<_>>(),
+    });
+    body.as_object_mut().expect("an object").extend(optics.as_object().expect("an object").clone());
+    let arguments = ["-X", "PUT", "-H", "Content-Type: application/json", "-d", &body.to_string()];
+    let profile = server.curl(&arguments, "/v1/profiles/rig/lens");
+    assert!(profile["revision"].is_number(), "{profile}");
+}
+
+/// Two zips of the same slices: as rendered, and tagged as by a camera.
+fn zips(server: &Server) -> [PathBuf; 2] {
+    ["plain", "camera"].map(|name| {
+        let folder = server.folder.path().join(name);
+        write_slices(&folder);
+        let tag = format!("exiftool -q -overwrite_original {CAMERA} front/*.jpg back/*.jpg");
+        let tag = if name == "camera" { tag.as_str() } else { "true" };
+        run(Command::new("sh").current_dir(&folder).args(["-c", &format!("{tag} && zip -q -r stack.zip front back")]));
+        folder.join("stack.zip")
+    })
+}
+
+fn download(server: &Server, stack: &Value, accept: &str, name: &str) -> PathBuf {
+    assert_eq!(stack["state"], "succeeded", "{stack}");
+    let file = server.folder.path().join(name);
+    let image = format!("/v1/stacks/{}/image", stack["id"].as_str().expect("an id"));
+    server.download(&["-H", &format!("Accept: image/{accept}")], &image, &file);
+    file
+}
+
+/// Number of a tag that exiftool reads in the EXIF of a file.
+fn number(file: &Path, tag: &str) -> f64 {
+    let text = run(Command::new("exiftool").args(["-n", "-s3", &format!("-EXIF:{tag}")]).arg(file));
+    text.trim().parse().unwrap_or_else(|_| panic!("{file:?} has no number {tag}: {text}"))
+}
+
+#[test]
+fn colmap_starts_from_the_principal_distance_of_the_profile() {
+    if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
+        return;
+    }
+    let server = Server::start();
+    let zips = zips(&server);
+    // the second is so short that the tenth of a millimetre, to which COLMAP reads the tag, matters
+    for distance in [DISTANCE, 3.04] {
+        put_profile(&server, json!({ "pixel_pitch_mm": PITCH, "principal_distance_mm": distance }));
+        let expected = distance / PITCH;
+        for (zip, camera) in zips.iter().zip(["no camera", "a camera"]) {
+            for crop in ["none", "30,20,150,120"] {
+                let stack = server.fuse(zip, &format!("&crop={crop}"));
+                for (accept, name) in [("jpeg", "view.jpg"), ("tiff", "view.tif")] {
+                    let file = download(&server, &stack, accept, name);
+                    let (focal, is_trusted) = prior(&file);
+                    let what = format!("{name}, {distance} mm, {camera}, crop {crop}: {focal}, not {expected}");
+                    assert!(is_trusted && (focal / expected - 1.0).abs() < 1e-3, "{what}");
+                }
+                let width = if crop == "none" { 240.0 } else { 150.0 };
+                for (accept, name) in [("jpeg", "view.jpg"), ("tiff", "view.tif"), ("png", "view.png")] {
+                    let file = download(&server, &stack, accept, name);
+                    let per_mm = number(&file, "FocalPlaneXResolution") / 25.4;
+                    let focal = number(&file, "FocalLength") * per_mm;
+                    assert!((focal / expected - 1.0).abs() < 1e-4, "{name}: {focal}, not {expected}");
+                    assert_eq!(number(&file, "FocalPlaneResolutionUnit"), 2.0, "{name}: inch");
+                    assert_eq!((number(&file, "ExifImageWidth"), number(&file, "Orientation")), (width, 1.0), "{name}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_engraved_focal_length_is_not_passed_on_as_the_principal_distance() {
+    if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
+        return;
+    }
+    let server = Server::start();
+    let [_, zip] = zips(&server);
+    put_profile(&server, json!({}));
+    let stack = server.fuse(&zip, "");
+    let warned =
+        stack["warnings"].as_array().is_some_and(|all| all.iter().any(|w| w["code"] == "focal_length_dropped"));
+    assert!(warned, "{}", stack["warnings"]);
+    let file = download(&server, &stack, "jpeg", "view.jpg");
+    let (_, is_trusted) = prior(&file);
+    assert!(!is_trusted, "COLMAP trusts a focal length that nobody knows");
+    assert_eq!(run(Command::new("exiftool").args(["-s3", "-Model"]).arg(&file)).trim(), "Canon EOS 5DS");
+}
+
+#[test]
+fn colmap_opens_the_images_of_slices_of_16_bits() {
+    if !have(&["curl", "zip", "colmap", "python3"]) {
+        return;
+    }
+    let server = Server::start();
+    let zip = server.folder.path().join("deep.zip");
+    write_deep(&zip);
+    put_profile(&server, json!({}));
+    let stack = server.fuse(&zip, "");
+    assert_eq!(stack["image"]["bit_depth"], 8, "{stack}");
+    for (accept, name) in [("png", "view.png"), ("tiff", "view.tif"), ("jpeg", "view.jpg")] {
+        prior(&download(&server, &stack, accept, name));
+    }
+}
+
+/// The front light of the small rig, with 16 bits.
+fn write_deep(zip: &Path) {
+    use pinstack::{
+        imaging::{Raster, Samples, codec},
+        synth::{Light, Scene, Stage},
+    };
+    let rig = small_rig();
+    let stage = Stage::new(&rig, &Scene::insect(1));
+    let members = (0..rig.slices()).map(|i| {
+        let slice = stage.render(Light::Front, i);
+        let Samples::Eight(samples) = &slice.samples else { panic!("rendered with 8 bits") };
+        let wide = samples.iter().map(|&v| u16::from(v) * 257).collect();
+        let deep = Raster::sixteen(slice.width, slice.height, slice.channels, wide);
+        let mut png = Vec::new();
+        codec::encode_png(&mut png, &deep, &codec::Metadata::default()).expect("a PNG");
+        (format!("front/{i:02}.png"), png)
+    });
+    pinstack::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
+}
