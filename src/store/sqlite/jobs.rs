@@ -148,7 +148,7 @@ pub(super) async fn named_keys(store: &SqliteRows, id: Uuid) -> StoreResult<Vec<
              UNION ALL
              SELECT json_extract(value, '$.key') AS key
              FROM jobs, json_each(iif(json_valid(outcome), outcome, '{}'), '$.artifacts')
-             WHERE id = ?1
+             WHERE jobs.id = ?1
          ) WHERE typeof(key) = 'text'",
     )
     .bind(id)
