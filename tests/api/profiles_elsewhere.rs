@@ -59,7 +59,7 @@ async fn an_npy_becomes_a_profile_whose_reference_is_the_slice_that_stays() {
         assert_eq!(profile["rail_positions_mm"], json!([0.0, -0.5, -1.0, -1.5]));
         assert_eq!((&profile["note"], &profile["capture_mode"]), (&json!("of Tuesday"), &json!("fixed_lens")));
         assert_eq!((&profile["source"], &profile["model"]), (&json!("upload"), &json!("given")));
-        assert!(profile["warnings"].is_null(), "{profile}");
+        assert_eq!(profile["warnings"], json!([]), "{profile}");
     }
 }
 
