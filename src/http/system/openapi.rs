@@ -138,8 +138,10 @@ fn uploads_by_put(document: &mut Value) {
         }
         document["paths"][path]["put"] = by_put;
     }
-    // the body of a new upload may be its first piece, or nothing
-    document["paths"]["/v1/uploads"]["post"]["requestBody"]["required"] = json!(false);
+    // the body of a new upload may be its first piece, or nothing; that of a rerun names what is different
+    for path in ["/v1/uploads", "/v1/stacks/{id}/rerun"] {
+        document["paths"][path]["post"]["requestBody"]["required"] = json!(false);
+    }
 }
 
 /// What the table of scopes says about an operation.

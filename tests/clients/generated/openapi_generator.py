@@ -5,7 +5,7 @@ from pathlib import Path
 from uuid import UUID
 
 import pinstack_client
-from pinstack_client import Code, JobState, ProfileInput
+from pinstack_client import Code, JobState, ProfileInput, RerunOptions
 from pinstack_client.exceptions import ApiException, ConflictException, NotFoundException, UnauthorizedException
 
 url, token, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
@@ -41,7 +41,7 @@ assert calibration.result.profile_revision == 1 and calibration.options.focal_mm
 stack = stacks.send_stack(str(folder / "stack.zip"), rig="rig", lens="lens", label="by a path")
 stack = ended(stacks.get_stack, stack)
 assert stack.state == JobState.SUCCEEDED and stack.options.label == "by a path" and stack.options.r1 == 45, stack
-image = stacks.get_stack_image(stack.id, accept="image/png")
+image = stacks.get_stack_image(stack.id)
 assert image[:8] == b"\x89PNG\r\n\x1a\n", image[:100]
 assert len(stacks.get_stack_metrics(stack.id).slices) == 4
 
@@ -63,6 +63,11 @@ try:
 except ConflictException as error:
     assert error.data.code == Code.CONFLICT, error
 stacks.delete_stack(second.id)
+
+again = ended(stacks.get_stack, stacks.rerun_stack(stack.id, RerunOptions(label="again")))
+assert again.state == JobState.SUCCEEDED and again.rerun_of == stack.id and again.options.label == "again", again
+assert stacks.get_stack_upload(again.id) == (folder / "stack.zip").read_bytes()
+
 told = refusal(NotFoundException, stacks.get_stack, second.id)
 assert told.code == Code.NOT_FOUND and told.status == 404, told
 told = refusal(NotFoundException, stacks.send_stack, str(folder / "stack.zip"), rig="nobody", lens="lens")

@@ -9,9 +9,10 @@ from pinstack_client import AuthenticatedClient
 from pinstack_client.api.calibrations import calibrate, get_calibration
 from pinstack_client.api.profiles import put_profile
 from pinstack_client.api.stacks import (
-    cancel_stack, delete_stack, get_stack, get_stack_image, get_stack_metrics, list_stacks, send_stack)
+    cancel_stack, delete_stack, get_stack, get_stack_image, get_stack_metrics, get_stack_upload, list_stacks,
+    rerun_stack, send_stack)
 from pinstack_client.models import (
-    Code, JobState, Metrics, Problem, Profile, ProfileInput, Stack, StackForm, StackList, StackOptionsInput)
+    Code, JobState, Metrics, Problem, Profile, ProfileInput, RerunOptions, Stack, StackForm, StackList, StackOptionsInput)
 from pinstack_client.types import File
 
 url, token, folder = sys.argv[1], sys.argv[2], Path(sys.argv[3])
@@ -65,6 +66,13 @@ told = cancel_stack.sync(second.id, client=client)
 assert isinstance(told, Stack) or told.code == Code.CONFLICT, told
 gone = delete_stack.sync_detailed(second.id, client=client)
 assert gone.status_code == 204, gone
+
+again = rerun_stack.sync(stack.id, client=client, body=RerunOptions(label="again"))
+again = ended(get_stack, again)
+assert again.state == JobState.SUCCEEDED and again.rerun_of == stack.id and again.options.label == "again", again
+upload = get_stack_upload.sync(again.id, client=client)
+assert upload.payload.read() == (folder / "stack.zip").read_bytes()
+
 told = get_stack.sync(second.id, client=client)
 assert isinstance(told, Problem) and told.code == Code.NOT_FOUND and told.status == 404, told
 told = send_stack.sync(client=client, body=file("stack.zip"), rig="nobody", lens="lens")
