@@ -13,7 +13,7 @@ const LEAST_DOTS: usize = 60;
 /// ... which fill at least this share of the rows and columns that they span ...
 const FILLED: f64 = 0.7;
 /// ... and those at least this share of the picture.
-const SPANNED: f64 = 0.4;
+const SPANNED: f64 = 0.2;
 
 /// The number of dots when `picture` shows a dot target; none when it shows anything else. Objects with some regular
 /// dots (connectors of a circuit board, rows of hairs) do not count: the dots must fill a grid, and the grid the

@@ -97,7 +97,7 @@ mod tests {
     fn samples_are_stretched_to_full_scale_when_that_is_asked_for() {
         let stack = stack(4_095);
         let slices = stack.as_slice();
-        assert_eq!(samples(&Levels::of(&slices, InputBits::Twelve)), [0, 1_600, 32_760, 65_535]);
+        assert_eq!(samples(&Levels::of(&slices, InputBits::Twelve)), [0, 1_600, 32_759, 65_535]);
         for bits in [InputBits::Auto, InputBits::Sixteen] {
             assert_eq!(samples(&Levels::of(&slices, bits)), [0, 100, 2_047, 4_095]);
         }

@@ -12,7 +12,7 @@ use pinstack::{
     worker::{Config, Deps, Pool},
 };
 
-use crate::app::{TestApp, stack_zip};
+use crate::app::{HEIGHT, TestApp, WIDTH, png, stack_zip, zip};
 
 type Labels = BTreeMap<String, String>;
 
@@ -149,8 +149,13 @@ async fn every_series_exists_with_its_labels_and_none_of_them_is_a_clients() {
     };
     let done = send("/v1/stacks?rig=rig&lens=lens&label=unmistakable", stack_zip(2, 0)).await;
     assert_eq!(done["state"], "succeeded", "{done}");
-    let failed = send("/v1/stacks?rig=rig&lens=lens&mask=required", stack_zip(2, 0)).await;
-    assert_eq!(failed["error"]["code"], "mask_failed", "{failed}");
+    // only decoding shows that the second slice is damaged
+    let (whole, mut damaged) = (png(WIDTH, HEIGHT, 3, 0), png(WIDTH, HEIGHT, 3, 1));
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 0xff;
+    let slices = [("front/img_0.png".to_owned(), whole), ("front/img_1.png".to_owned(), damaged)];
+    let failed = send("/v1/stacks?rig=rig&lens=lens", zip(&slices)).await;
+    assert_eq!(failed["error"]["code"], "invalid_image", "{failed}");
     let none = send("/v1/profiles/rig/unmistakable/calibrations", stack_zip(2, 0)).await;
     assert_eq!(none["state"], "failed", "{none}");
     app.get("/v1/profiles/unmistakable/lens").send().await.expect("an answer");
@@ -180,7 +185,7 @@ async fn every_series_exists_with_its_labels_and_none_of_them_is_a_clients() {
     assert_eq!(value("pinstack_jobs", &[("kind", "stack"), ("state", "failed")]), Some(1.0));
     assert_eq!(value("pinstack_oldest_queued_job_seconds", &[("kind", "stack")]), Some(0.0));
     assert!(value("pinstack_stored_bytes", &[("content", "result")]).is_some_and(|bytes| bytes > 0.0));
-    assert!(value("pinstack_job_failures_total", &[("kind", "stack"), ("code", "mask_failed")]) >= Some(1.0));
+    assert!(value("pinstack_job_failures_total", &[("kind", "stack"), ("code", "invalid_image")]) >= Some(1.0));
     assert!(value("pinstack_http_wait_seconds_count", &[("route", "/v1/stacks"), ("on", "job")]) >= Some(2.0));
     assert!(value("pinstack_job_stage_seconds_count", &[("kind", "stack"), ("stage", "fusing")]) >= Some(1.0));
     assert_eq!(value("pinstack_job_stage_seconds_count", &[("stage", OTHER_STAGE)]), None, "every stage has a label");

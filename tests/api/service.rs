@@ -54,7 +54,7 @@ async fn prometheus_sees_requests_by_route_and_jobs_by_state() {
         text.contains("pinstack_http_requests_total{method=\"POST\",route=\"/v1/stacks\",status=\"202\"}"),
         "{text}"
     );
-    assert!(text.contains("pinstack_jobs{state=\"queued\"}"), "{text}");
+    assert!(text.contains("pinstack_jobs{kind=\"stack\",state=\"queued\"}"), "{text}");
     assert!(text.contains("pinstack_http_request_seconds_bucket"), "{text}");
 }
 

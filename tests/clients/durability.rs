@@ -80,7 +80,7 @@ fn bytes_are_synced_before_the_row_and_the_row_before_the_answer() {
     let from = length();
     tus::send(&server, &path, 0, &piece);
     let row = [("pwrite64", "-wal>"), ("fsync", "-wal>")];
-    let synced = [("write", ".part>"), ("fdatasync", ".part>")];
+    let synced = [("pwrite64", ".part>"), ("fdatasync", ".part>")];
     let first = traced(&trace, from, "HTTP/1.1 204");
     in_order(&first, &[&[("fsync", "/partial>")], &synced[..], &row[..], &[("write", "HTTP/1.1 204")]].concat());
 

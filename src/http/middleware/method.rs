@@ -15,7 +15,7 @@ use crate::{
 /// Longest part of an unknown method that is repeated to its sender.
 const SHOWN: usize = 40;
 
-/// The layer: a method that is not one of RFC 9110 or RFC 5789 gets 501 before anything else is looked at.
+/// The layer: a method that is not one of RFC 9110, RFC 5789 (PATCH) or the HTTP QUERY method gets 501 before anything else is looked at.
 pub async fn refuse_unknown(request: Request, next: Next) -> Response {
     if known(request.method()).is_some() {
         return next.run(request).await;
@@ -27,6 +27,7 @@ pub async fn refuse_unknown(request: Request, next: Next) -> Response {
 
 /// The name of a method, from a fixed list: what may be a label of a metric. `None` for what a client made up.
 pub fn known(method: &Method) -> Option<&'static str> {
-    const KNOWN: [&str; 9] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT"];
+    const KNOWN: [&str; 10] =
+        ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "QUERY"];
     KNOWN.into_iter().find(|name| *name == method.as_str())
 }
