@@ -27,7 +27,6 @@ pub async fn refuse_unknown(request: Request, next: Next) -> Response {
 
 /// The name of a method, from a fixed list: what may be a label of a metric. `None` for what a client made up.
 pub fn known(method: &Method) -> Option<&'static str> {
-    const KNOWN: [&str; 10] =
-        ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "QUERY"];
+    const KNOWN: [&str; 10] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "QUERY"];
     KNOWN.into_iter().find(|name| *name == method.as_str())
 }

@@ -64,7 +64,7 @@ except ConflictException as error:
     assert error.data.code == Code.CONFLICT, error
 stacks.delete_stack(second.id)
 
-again = ended(stacks.get_stack, stacks.rerun_stack(stack.id, RerunOptions(label="again")))
+again = ended(stacks.get_stack, stacks.rerun_stack(stack.id, rerun_options=RerunOptions(label="again")))
 assert again.state == JobState.SUCCEEDED and again.rerun_of == stack.id and again.options.label == "again", again
 assert stacks.get_stack_upload(again.id) == (folder / "stack.zip").read_bytes()
 
