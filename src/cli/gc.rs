@@ -15,8 +15,8 @@ pub struct Gc {
     /// Leave files alone that are younger, seconds: an upload lies on the disk before its row does. 0 only while no server runs
     #[arg(long, value_name = "SECONDS", default_value_t = GRACE.as_secs())]
     grace_s: u64,
-    /// The clock of this machine is right though it leapt, or no server ran for more than a day: let what is over its time by it
-    /// expire
+    /// Confirm that the clock is right, after it jumped or after no server ran for more than a day: what has expired by this
+    /// clock is then removed
     #[arg(long)]
     clock_is_right: bool,
 }

@@ -160,7 +160,7 @@ impl App {
     }
 
     /// Whether this request must bring a token. Where tokens are asked for once there are any, the rows are looked at until
-    /// there are: whoever makes the first token need not restart the server.
+    /// there are: the server need not be restarted after the first token is made.
     ///
     /// # Errors
     /// When the rows do not answer: then nobody knows, and nobody is let in.

@@ -7,7 +7,7 @@
 //!
 //! Kept files lie in the spool folder. They go when their picture is deleted, when [`KEEP_BYTES`] or [`KEEP_FILES`] are
 //! exceeded (the one used longest ago first), and with the process. Before a file is made its room is reserved in the disk
-//! budget; what is written counts as used, by whoever still reads it too.
+//! budget; what is written counts as used, also while a client still reads it.
 
 use std::{
     collections::HashMap,

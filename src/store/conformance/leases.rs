@@ -204,7 +204,7 @@ pub(crate) async fn a_lease_is_judged_by_its_own_length_and_not_by_that_of_who_l
     store.clock.advance(LEASE * 50);
     assert_eq!(claim(rows).await, None, "it is held for a hundred times as long");
     rows.heartbeat(claimed.id, claimed.lease_token, long, &progress(1)).await.unwrap();
-    assert_eq!(claim(rows).await, None, "whoever looks sees the beat");
+    assert_eq!(claim(rows).await, None, "the heartbeat is seen");
     store.clock.advance(LEASE * 99);
     assert_eq!(claim(rows).await, None);
     store.clock.advance(LEASE);

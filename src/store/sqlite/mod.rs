@@ -91,7 +91,7 @@ impl SqliteRows {
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
             .busy_timeout(BUSY_TIMEOUT)
-            // rows may have a megabyte: few wait in memory for whoever reads them
+            // a row may have a megabyte, so only a few are read ahead of the reader
             .row_buffer_size(ROWS_AHEAD);
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
         step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
@@ -128,7 +128,7 @@ impl SqliteRows {
         jobs::named_keys(self, id).await
     }
 
-    /// Says that the clock is right though it leapt: what is over its time by it expires.
+    /// Confirms the wall clock after a jump: what has expired by this clock may be removed.
     ///
     /// # Errors
     /// When the database cannot be written.
