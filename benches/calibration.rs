@@ -3,11 +3,11 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use pinstack::calibration::calibrate;
-use pinstack::imaging::{Raster, Slices};
-use pinstack::model::request::CalibrationOptions;
-use pinstack::model::{Fault, Unwatched};
-use pinstack::synth::{DotTarget, Rig, target_stack};
+use pinstack_science::calibration::calibrate;
+use pinstack_science::imaging::{Raster, Slices};
+use pinstack_science::synth::{DotTarget, Rig, target_stack};
+use pinstack_science::types::NoControl;
+use pinstack_science::types::calibration_options::CalibrationOptions;
 
 /// Slices that cost nothing to load but the copy.
 struct Memory(Vec<Raster>);
@@ -21,7 +21,7 @@ impl Slices for Memory {
         "slice"
     }
 
-    fn load(&self, index: usize) -> Result<Raster, Fault> {
+    fn load(&self, index: usize) -> Result<Raster, pinstack_science::types::Error> {
         Ok(self.0[index].clone())
     }
 }
@@ -34,7 +34,7 @@ fn whole(c: &mut Criterion) {
     group.sample_size(10);
     group.throughput(Throughput::Elements((rig.width * rig.height * rig.slices()) as u64));
     group.bench_function("five slices of 1.4 MP", |b| {
-        b.iter(|| calibrate(black_box(&slices), &options, &Unwatched).expect("the target is good"));
+        b.iter(|| calibrate(black_box(&slices), &options, &NoControl).expect("the target is good"));
     });
     group.finish();
 }

@@ -6,12 +6,12 @@
 
 use std::{fs, io::BufWriter, path::Path, time::Instant};
 
-use pinstack::{
+use pinstack_science::{
     archive::{ArchiveLimits, ArchivedSlices, open, pack},
     calibration::calibrate,
     imaging::{Raster, SliceError, Slices, codec},
-    model::{Stop, Unwatched, request::CalibrationOptions},
     synth::{DotTarget, Rig, render_target},
+    types::{Interrupted, NoControl, calibration_options::CalibrationOptions},
 };
 
 /// Distances of the dots in a picture 6000 px wide.
@@ -137,7 +137,7 @@ fn measure(rig: &Rig, pitch: f64, slices: &Middle) {
     let before = status_mib("VmRSS:");
     let watched = fs::write("/proc/self/clear_refs", "5").is_ok();
     let (cpu, wall) = (cpu_seconds(), Instant::now());
-    let result = calibrate(slices, &CalibrationOptions::default(), &Unwatched);
+    let result = calibrate(slices, &CalibrationOptions::default(), &NoControl);
     let (spent, spent_wall) = (cpu_seconds() - cpu, wall.elapsed().as_secs_f64());
     let peak = if watched { format!("{:.0}", status_mib("VmHWM:")) } else { "-".into() };
     let corner = match &result {
@@ -147,8 +147,8 @@ fn measure(rig: &Rig, pitch: f64, slices: &Middle) {
                 |i: usize| found.slices[i].homography.corner_distance(&rig.homography(slices.first + i), width, height);
             format!("{:.3} px", (0..slices.count()).map(error).fold(0.0, f64::max))
         }
-        Err(Stop::Fault(fault)) => format!("FAILED {}", fault.detail),
-        Err(Stop::Cancelled(_)) => "cancelled".into(),
+        Err(Interrupted::Failed(fault)) => format!("FAILED {}", fault.detail),
+        Err(Interrupted::Cancelled(_)) => "cancelled".into(),
     };
     println!(
         "{pitch:>8} {:>7} | {decode:>12.2} {spent:>13.2} {:>6.2} | {decode_wall:>13.2} {spent_wall:>15.2} | {before:>14.0} {peak:>13} | {corner}",

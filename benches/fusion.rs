@@ -1,7 +1,7 @@
 //! The kernels of fusion, per pixel, and a small stack as a whole.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use pinstack::{
+use pinstack_science::{
     fusion::{Plan, Watch, fuse},
     imaging::{
         Plane, Raster, Rect,
@@ -13,7 +13,7 @@ use pinstack::{
         grey,
         warp::Warp,
     },
-    model::{Homography, Unwatched},
+    types::{Homography, NoControl},
 };
 
 const WIDTH: usize = 1024;
@@ -38,8 +38,8 @@ fn kernels(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements((WIDTH * HEIGHT) as u64)).sample_size(10);
     let raster = slice(1, 4);
     let pixels = match &raster.samples {
-        pinstack::imaging::Samples::Eight(samples) => samples.clone(),
-        pinstack::imaging::Samples::Sixteen(_) => Vec::new(),
+        pinstack_science::imaging::Samples::Eight(samples) => samples.clone(),
+        pinstack_science::imaging::Samples::Sixteen(_) => Vec::new(),
     };
     let luma = raster.luma();
 
@@ -89,7 +89,7 @@ fn whole_stack(criterion: &mut Criterion) {
     for metrics in [false, true] {
         let watch = Watch { metrics, object: None };
         group.bench_function(format!("6 slices, metrics {metrics}"), |bench| {
-            bench.iter(|| fuse(&&slices[..], &plan, &watch, &std::env::temp_dir(), &Unwatched));
+            bench.iter(|| fuse(&&slices[..], &plan, &watch, &std::env::temp_dir(), &NoControl));
         });
     }
     group.finish();

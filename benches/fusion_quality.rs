@@ -13,14 +13,14 @@ mod fusion_quality;
 use std::{fs, path::PathBuf};
 
 use fusion_quality::{Case, Crop, Peers, Regions, Scores, Table, spreads, worst};
-use pinstack::{
+use pinstack_science::{
     imaging::{Raster, codec},
-    model::options::Method,
     synth::scene::SCENES,
+    types::fusion_options::Method,
 };
 
 const METHODS: [(&str, Method); 3] =
-    [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("unveiled", Method::Unveiled)];
+    [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
 
 /// Softness of the lens, px: its sharpest edges are as sharp as the sharpest hundredth of those in photographs.
 const SOFTNESS: f64 = 0.7;
@@ -71,7 +71,7 @@ fn arguments() -> Result<Arguments, String> {
 }
 
 /// Three seeds in two sizes, and one of the smaller with more blur; the first of them alone when it must be quick.
-fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack::synth::Scene) -> Vec<Case> {
+fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack_science::synth::Scene) -> Vec<Case> {
     let case =
         |seed, size, blur| Case { scene, make, seed, size, blur: blur * arguments.blur, softness: arguments.softness };
     let (small, large) = ((600, 400), (1200, 800));

@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use pinstack::{
+use pinstack_science::{
     imaging::{Coverage, Plane, Rect},
     quality::{
         alignment,

@@ -1,32 +1,22 @@
-//! The floors of the house, held by reading the source: `docs/ARCHITECTURE.md` says why.
+//! The layers of the code, checked by reading the source: `docs/ARCHITECTURE.md` gives the reasons.
 
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-/// From the ground up. A module may name only modules that stand before it in this list.
-const FLOORS: [&[&str]; 13] = [
-    &["model"],
-    &["imaging"],
-    &["synth"],
-    &["quality"],
-    &["fusion", "calibration"],
-    &["archive"],
-    // the line: above it there may be async code, a database and a clock
-    &["telemetry"],
-    &["store"],
-    &["disk_budget"],
-    &["jobs"],
-    &["worker"],
-    &["http"],
-    &["cli"],
-];
+/// The modules of `science/src`, lowest layer first. A module may name only modules of the layers before its own.
+const SCIENCE: &[&[&str]] =
+    &[&["types"], &["imaging"], &["synth"], &["quality", "segmentation"], &["fusion", "calibration"], &["archive"]];
 
-/// How many floors are pure.
-const PURE: usize = 6;
+/// The modules of `src`, lowest layer first.
+const SERVICE: &[&[&str]] =
+    &[&["contract"], &["telemetry"], &["store"], &["disk_budget"], &["jobs"], &["worker"], &["http"], &["cli"]];
 
-/// What a pure floor must not name.
+/// The two crates: folder of the sources and layers.
+const CRATES: [(&str, &[&[&str]]); 2] = [("science/src", SCIENCE), ("src", SERVICE)];
+
+/// What the science must not name.
 const IMPURE: [&str; 12] = [
     "tokio",
     "axum",
@@ -44,37 +34,64 @@ const IMPURE: [&str; 12] = [
 
 const LONGEST_FILE: usize = 600;
 
-fn floor_of(module: &str) -> Option<usize> {
-    FLOORS.iter().position(|floor| floor.contains(&module))
+/// A source file.
+struct Source {
+    /// Path within the project.
+    path: String,
+    /// Layers of its crate.
+    layers: &'static [&'static [&'static str]],
+    /// Top module that it belongs to.
+    module: String,
+    /// Its text without comments.
+    code: String,
+    /// How many lines it has.
+    lines: usize,
 }
 
-fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).expect("src can be read") {
-        let path = entry.expect("src can be read").path();
+impl Source {
+    fn layer_of(&self, module: &str) -> Option<usize> {
+        self.layers.iter().position(|layer| layer.contains(&module))
+    }
+
+    fn is_science(&self) -> bool {
+        self.path.starts_with("science/")
+    }
+}
+
+fn find(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("the folder can be read") {
+        let path = entry.expect("the folder can be read").path();
         if path.is_dir() {
-            sources(&path, found);
+            find(&path, found);
         } else if path.extension().is_some_and(|e| e == "rs") {
             found.push(path);
         }
     }
 }
 
-/// Every source file with the module it belongs to and its code without comments.
-fn files() -> Vec<(PathBuf, String, String)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut paths = Vec::new();
-    sources(&root, &mut paths);
-    paths
-        .into_iter()
-        .map(|path| {
-            let relative = path.strip_prefix(&root).expect("inside src").to_path_buf();
+/// Every source file of both crates.
+fn files() -> Vec<Source> {
+    let project = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut all = Vec::new();
+    for (folder, layers) in CRATES {
+        let root = project.join(folder);
+        let mut paths = Vec::new();
+        find(&root, &mut paths);
+        all.extend(paths.into_iter().map(|path| {
+            let relative = path.strip_prefix(&root).expect("inside the folder");
             let first = relative.components().next().expect("a file").as_os_str().to_string_lossy();
-            let module = first.trim_end_matches(".rs").to_owned();
             let text = fs::read_to_string(&path).expect("source is UTF-8");
             let code: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap_or("")).collect();
-            (relative, module, code.join("\n"))
-        })
-        .collect()
+            Source {
+                module: first.trim_end_matches(".rs").to_owned(),
+                path: path.strip_prefix(project).expect("inside the project").display().to_string(),
+                layers,
+                code: code.join("\n"),
+                lines: text.lines().count(),
+            }
+        }));
+    }
+    all
 }
 
 /// Modules named as `crate::name` in a piece of code, grouped imports (`crate::{a, b::c}`) included.
@@ -109,14 +126,14 @@ fn named_modules(code: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_module_imports_only_from_the_floors_below_it() {
+fn every_module_imports_only_from_the_layers_below_it() {
     let mut wrong = Vec::new();
-    for (path, module, code) in files() {
-        let Some(own) = floor_of(&module) else { continue };
-        for name in named_modules(&code) {
-            let Some(other) = floor_of(&name) else { continue };
-            if other > own || (other == own && name != module) {
-                wrong.push(format!("{} names crate::{name}, which is not below {module}", path.display()));
+    for source in files() {
+        let Some(own) = source.layer_of(&source.module) else { continue };
+        for name in named_modules(&source.code) {
+            let Some(other) = source.layer_of(&name) else { continue };
+            if other > own || (other == own && name != source.module) {
+                wrong.push(format!("{} names crate::{name}, which is not below {}", source.path, source.module));
             }
         }
     }
@@ -124,29 +141,26 @@ fn every_module_imports_only_from_the_floors_below_it() {
 }
 
 #[test]
-fn every_module_has_its_floor() {
-    for (path, module, _) in files() {
-        let known = ["lib", "main", "science"].contains(&module.as_str()) || floor_of(&module).is_some();
-        assert!(known, "{} belongs to no floor: add its module to FLOORS", path.display());
+fn every_module_belongs_to_a_layer() {
+    for source in files() {
+        let known = ["lib", "main"].contains(&source.module.as_str()) || source.layer_of(&source.module).is_some();
+        assert!(known, "{} belongs to no layer: add its module to SCIENCE or SERVICE", source.path);
     }
 }
 
 #[test]
 fn the_science_knows_no_runtime_no_database_and_no_clock() {
     let mut wrong = Vec::new();
-    for (path, module, code) in files() {
-        if floor_of(&module).is_none_or(|floor| floor >= PURE) {
-            continue;
-        }
+    for source in files().into_iter().filter(Source::is_science) {
         for word in IMPURE {
-            let named = code.match_indices(word).any(|(at, _)| {
-                let before = code[..at].chars().next_back();
-                let after = code[at + word.len()..].chars().next();
+            let is_named = source.code.match_indices(word).any(|(at, _)| {
+                let before = source.code[..at].chars().next_back();
+                let after = source.code[at + word.len()..].chars().next();
                 let part_of_a_word = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
                 !part_of_a_word(before) && !part_of_a_word(after)
             });
-            if named {
-                wrong.push(format!("{} names {word}", path.display()));
+            if is_named {
+                wrong.push(format!("{} names {word}", source.path));
             }
         }
     }
@@ -154,39 +168,30 @@ fn the_science_knows_no_runtime_no_database_and_no_clock() {
 }
 
 #[test]
-fn one_file_alone_names_the_zip_crate_below_the_line() {
-    let naming: Vec<String> = files()
-        .into_iter()
-        .filter(|(_, _, code)| code.contains("zip::") && !code.contains("crate::zip"))
-        .filter(|(_, _, code)| {
-            code.lines().any(|line| line.trim_start().starts_with("use zip") || line.contains(" zip::"))
-        })
-        .map(|(path, _, _)| path.display().to_string())
-        .collect();
+fn one_file_alone_names_the_zip_crate() {
+    let names_zip = |source: &Source| {
+        source.code.lines().any(|line| line.trim_start().starts_with("use zip") || line.contains(" zip::"))
+    };
+    let naming: Vec<String> = files().into_iter().filter(names_zip).map(|source| source.path).collect();
     assert!(naming.len() <= 1, "the zip crate is named by {}", naming.join(", "));
 }
 
 #[test]
 fn work_beside_a_request_keeps_the_request_in_its_log_lines() {
     let mut wrong = Vec::new();
-    for (path, module, code) in files() {
-        let starts_tasks = path.ends_with("http/background.rs") || path.ends_with("http/serve.rs");
-        if module == "http"
-            && !starts_tasks
-            && (code.contains("tokio::spawn(") || code.contains("task::spawn_blocking("))
-        {
-            wrong.push(format!("{} starts a task by itself; use http::background", path.display()));
+    for source in files().into_iter().filter(|source| source.module == "http") {
+        let starts_tasks = ["http/background.rs", "http/serve.rs"].iter().any(|end| source.path.ends_with(end));
+        if !starts_tasks && (source.code.contains("tokio::spawn(") || source.code.contains("task::spawn_blocking(")) {
+            wrong.push(format!("{} starts a task by itself; use http::background", source.path));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]
-fn no_file_is_too_long_to_have_one_reason_to_exist() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    for (path, _, _) in files() {
-        let lines = fs::read_to_string(root.join(&path)).expect("source is UTF-8").lines().count();
-        assert!(lines <= LONGEST_FILE, "{} has {lines} lines; split it (at most {LONGEST_FILE})", path.display());
+fn no_file_is_too_long_to_have_one_purpose() {
+    for Source { path, lines, .. } in files() {
+        assert!(lines <= LONGEST_FILE, "{path} has {lines} lines; split it (at most {LONGEST_FILE})");
     }
 }
 

@@ -172,6 +172,7 @@ fn every_test_that_a_guarantee_names_exists() {
         }
     }
     let mut sources = String::new();
+    read(&project().join("science/src"), &mut sources);
     read(&project().join("src"), &mut sources);
     read(&project().join("tests"), &mut sources);
     let text = fs::read_to_string(project().join("docs/GUARANTEES.md")).expect("UTF-8");

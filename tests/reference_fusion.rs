@@ -5,11 +5,11 @@
 
 use std::path::{Path, PathBuf};
 
-use pinstack::{
+use pinstack_science::{
     fusion::{Fused, Plan, Watch, fuse},
     imaging::Raster,
-    model::Unwatched,
     quality::two_source,
+    types::NoControl,
 };
 
 /// The folder with the real stacks, when there is one.
@@ -27,7 +27,7 @@ fn picture(path: &Path) -> Raster {
 
 fn fuse_aligned(slices: &[Raster]) -> Fused {
     let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
-    fuse(&slices, &plan, &Watch::default(), &std::env::temp_dir(), &Unwatched).unwrap()
+    fuse(&slices, &plan, &Watch::default(), &std::env::temp_dir(), &NoControl).unwrap()
 }
 
 #[test]

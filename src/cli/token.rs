@@ -8,7 +8,7 @@ use super::{
     store::make_files_private,
 };
 use crate::{
-    model::Name,
+    contract::Name,
     store::{
         Rows,
         backup::DATABASE,

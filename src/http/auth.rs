@@ -15,7 +15,7 @@ use super::{
     state::App,
 };
 use crate::{
-    model::{Code, Name},
+    contract::{Code, Name},
     store::tokens::{Scope, Token, names, parse},
 };
 

@@ -11,7 +11,7 @@ use axum::{
 };
 
 use crate::{
-    model::{Code, Fault, Problem},
+    contract::{Code, Fault, Problem},
     store::StoreError,
 };
 
@@ -56,6 +56,12 @@ impl ApiError {
     /// The fault.
     pub fn fault(&self) -> &Fault {
         &self.fault
+    }
+}
+
+impl From<pinstack_science::types::Error> for ApiError {
+    fn from(error: pinstack_science::types::Error) -> Self {
+        Fault::from(error).into()
     }
 }
 
@@ -108,7 +114,7 @@ pub fn problem(fault: &Fault, instance: Option<String>) -> Problem {
         detail: fault.detail.clone(),
         instance,
         code: fault.code,
-        errors: fault.places.clone(),
+        errors: fault.locations.clone(),
     }
 }
 

@@ -20,10 +20,10 @@ use super::{
     system::readyz,
 };
 use crate::{
-    archive::ArchiveLimits,
     disk_budget::DiskBudget,
     store::{Rows, StoreResult, blobs::Blobs},
 };
+use pinstack_science::archive::ArchiveLimits;
 
 /// Uploads that are looked into at a time. Each may hold one member of the zip at the worst (a TIFF that jumps about).
 const LOOKS: usize = 2;

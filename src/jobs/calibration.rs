@@ -1,5 +1,6 @@
 //! Measuring one profile: archive, dots, homographies, overlays, report.
 
+use crate::contract::JobError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
@@ -11,16 +12,18 @@ use super::{
     stages::{Phase, Stage},
 };
 use crate::{
-    archive::{self, ArchiveLimits},
-    calibration::{self, Calibration},
-    imaging::{Slices, codec::Metadata},
-    model::{
-        Control, Stop,
+    contract::{
         outcome::{CalibrationOutcome, JobOutcome},
-        profile::{ProfileInput, ProfileSource},
+        profile::ProfileSource,
         request::CalibrationRequest,
     },
     store::ProfileDraft,
+};
+use pinstack_science::{
+    archive::{self, ArchiveLimits},
+    calibration::{self, Calibration},
+    imaging::{Slices, codec::Metadata},
+    types::{Control, profile::ProfileInput},
 };
 
 /// What a calibration spends its time on.
@@ -32,14 +35,14 @@ const MEASURED: f64 = 0.7;
 /// Does the job. The revision that it leads to is stored with the end of the job, by the store.
 ///
 /// # Errors
-/// [`Stop::Cancelled`]; what [`calibration::calibrate`] finds wrong with the target; a fault that names the file when a
+/// [`JobError::Cancelled`]; what [`calibration::calibrate`] finds wrong with the target; a fault that names the file when a
 /// slice cannot be read.
 pub fn run(
     bench: &Bench,
     request: &CalibrationRequest,
     limits: &ArchiveLimits,
     watcher: &dyn Watcher,
-) -> Result<Made, Stop> {
+) -> Result<Made, JobError> {
     let reading = Phase::new(watcher, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
     let archive = archive::open(&bench.archive, limits)?;
@@ -106,7 +109,7 @@ fn overlays(
     measured: &Calibration,
     press: &Press<'_>,
     control: &Phase<'_>,
-) -> Result<Vec<Pressed>, Stop> {
+) -> Result<Vec<Pressed>, JobError> {
     let count = slices.count();
     let done = AtomicUsize::new(0);
     control.progress("writing", 0, count);
@@ -126,11 +129,12 @@ fn overlays(
 mod tests {
     use super::*;
     use crate::{
+        contract::{Code, request::JobRequest},
         jobs::testkit::{Laid, Recorder, front_zip, picture, rig, target_zip},
-        model::{Code, Homography, report::CalibrationReport, request::CalibrationOptions, request::JobRequest},
     };
+    use pinstack_science::types::{Homography, calibration_options::CalibrationOptions, report::CalibrationReport};
 
-    fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, Stop> {
+    fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, JobError> {
         let JobRequest::Calibration(request) = &laid.bench.job.request else { panic!("a calibration") };
         run(&laid.bench, request, &ArchiveLimits::default(), watcher)
     }
@@ -168,7 +172,7 @@ mod tests {
     #[test]
     fn a_picture_without_dots_is_no_target() {
         let laid = Laid::calibration(&front_zip(), CalibrationOptions::default());
-        let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+        let Err(JobError::Failed(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
         assert_eq!(fault.code, Code::TargetNotFound);
     }
 
@@ -177,7 +181,7 @@ mod tests {
         for stop_at in [0.0, 0.3, 0.8] {
             let laid = Laid::calibration(&target_zip(), CalibrationOptions::default());
             let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };
-            assert!(matches!(run_with(&laid, &recorder), Err(Stop::Cancelled(_))), "at {stop_at}");
+            assert!(matches!(run_with(&laid, &recorder), Err(JobError::Cancelled(_))), "at {stop_at}");
         }
     }
 }

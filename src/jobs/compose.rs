@@ -1,13 +1,13 @@
 //! From the fused picture to the one that comes out: crop, bit depth, straight alpha.
 
-use crate::{
+use crate::contract::{
+    Code, Fault,
+    options::{BitDepth, Crop, ImageFormat, UnderAlpha},
+};
+use pinstack_science::{
     fusion::crop::valid_rect,
     imaging::{Depth, Plane, Raster, Rect, Samples},
-    model::{
-        Code, Fault,
-        options::{BitDepth, Crop, ImageFormat, UnderAlpha},
-        profile::ProfileInput,
-    },
+    types::profile::ProfileInput,
 };
 
 /// The part of the canvas that comes out.
@@ -128,7 +128,7 @@ pub fn cropped_plane<S: Copy>(plane: &Plane<S>, rect: Rect) -> Vec<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Homography;
+    use pinstack_science::types::Homography;
 
     fn profile(homographies: Vec<Homography>) -> ProfileInput {
         ProfileInput {

@@ -6,11 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{
+use pinstack_science::{
     imaging::{Raster, Samples, Slices},
-    model::{Code, Fault},
-    store::step::step,
+    types::{Error, ErrorKind},
 };
+
+use crate::store::step::step;
 
 /// Long side of a copy at most, px.
 const SIDE: usize = 1600;
@@ -32,7 +33,7 @@ impl<'a> Copying<'a> {
     }
 
     /// The small copy of a slice; made now when the slice was never loaded.
-    pub(super) fn copy(&self, index: usize) -> Result<Raster, Fault> {
+    pub(super) fn copy(&self, index: usize) -> Result<Raster, Error> {
         if !self.path(index).exists() {
             self.load(index)?;
         }
@@ -50,7 +51,7 @@ impl Slices for Copying<'_> {
         self.slices.name(index)
     }
 
-    fn load(&self, index: usize) -> Result<Raster, Fault> {
+    fn load(&self, index: usize) -> Result<Raster, Error> {
         let slice = self.slices.load(index)?;
         step("copy.write")
             .and_then(|()| fs::write(self.path(index), packed(&smaller(&slice))))
@@ -59,25 +60,25 @@ impl Slices for Copying<'_> {
     }
 }
 
-fn unwritten(error: &io::Error) -> Fault {
+fn unwritten(error: &io::Error) -> Error {
     match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Fault::new(
-            Code::InsufficientStorage,
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Error::new(
+            ErrorKind::DiskFull,
             "the disk of the service is full, so the job could not go on; make room and send the target again",
         ),
         _ => {
             tracing::error!(%error, "cannot write a copy of a slice");
             let detail =
                 "the service could not write into its scratch folder; its log has the details under the job's id";
-            Fault::new(Code::Unavailable, detail)
+            Error::new(ErrorKind::ResourcesExhausted, detail)
         }
     }
 }
 
-fn failed(error: &dyn std::fmt::Display) -> Fault {
+fn failed(error: &dyn std::fmt::Display) -> Error {
     tracing::error!(%error, "cannot keep a copy of a slice in the scratch folder");
     let detail = "the service could not use its scratch folder; its log has the details under the job's id";
-    Fault::new(Code::Internal, detail)
+    Error::new(ErrorKind::Internal, detail)
 }
 
 /// Four samples of each cell of the slice, averaged: fast, and good enough for the eye.
@@ -144,6 +145,6 @@ mod tests {
             assert!((i64::from(samples[x]) - middle as i64).abs() <= 1, "{} for {middle}", samples[x]);
         }
         fs::write(folder.path().join("copy-0"), b"torn").expect("written");
-        assert_eq!(copying.copy(0).expect_err("torn").code, Code::Internal);
+        assert_eq!(copying.copy(0).expect_err("torn").kind, ErrorKind::Internal);
     }
 }

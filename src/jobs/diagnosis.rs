@@ -1,10 +1,11 @@
 //! What is wrong with a stack as a whole: told from its fused pictures.
 
-use crate::{
+use crate::contract::{Code, Fault, JobError, options::MaskMode};
+use pinstack_science::{
     calibration,
-    fusion::mask,
     imaging::{Raster, reduced::reduced},
-    model::{Cancelled, Code, Control, Fault, Stop, Warning, options::MaskMode},
+    segmentation,
+    types::{Cancelled, Control, Warning},
 };
 
 /// Longer side of the copies that are looked at, px: one of the back light is kept until the front light is fused.
@@ -15,7 +16,7 @@ const OF_A_WRONG_LIGHT: [&str; 5] =
     ["mask_translucent", "mask_low_separability", "mask_uneven_light", "mask_inverted", "mask_touches_border"];
 
 /// What is kept of the fused back light.
-pub fn remembered(back: &Raster) -> Raster {
+pub(super) fn remembered(back: &Raster) -> Raster {
     reduced(back, SIDE)
 }
 
@@ -23,16 +24,16 @@ pub fn remembered(back: &Raster) -> Raster {
 /// follow from what is named.
 ///
 /// # Errors
-/// [`Code::MaskFailed`] when a mask is required and the lights are exchanged; [`Stop::Cancelled`].
-pub fn look(
+/// [`Code::MaskFailed`] when a mask is required and the lights are exchanged; [`JobError::Cancelled`].
+pub(super) fn look(
     front: &Raster,
     back: Option<&Raster>,
     mode: MaskMode,
     control: &dyn Control,
     warnings: &mut Vec<Warning>,
-) -> Result<(), Stop> {
+) -> Result<(), JobError> {
     let front = reduced(front, SIDE);
-    if back.is_some_and(|back| mask::exchanged(&front, back)) {
+    if back.is_some_and(|back| segmentation::exchanged(&front, back)) {
         let detail = "the front-light slices show a silhouette and the back-light slices a lit object: front/ and \
                       back/ seem to be exchanged; exchange the folders, and send the stack again";
         if mode == MaskMode::Required {

@@ -4,22 +4,24 @@ use std::path::Path;
 
 use super::*;
 use crate::{
-    archive::ArchiveLimits,
-    imaging::{Samples, codec},
+    contract::{
+        input::{InputBits, SliceOrder},
+        options::StackOptions,
+        request::JobRequest,
+    },
     jobs::{
         Made,
         stack::run,
         testkit::{Laid, Recorder, both_zip, file, front_zip, png, stack, target_zip, zip},
     },
-    model::{
-        Unwatched,
-        input::{InputBits, SliceOrder},
-        options::{Method, StackOptions},
-        request::JobRequest,
-    },
+};
+use pinstack_science::{
+    archive::ArchiveLimits,
+    imaging::{Samples, codec},
+    types::{NoControl, fusion_options::Method},
 };
 
-fn outcome(archive: &[u8], options: StackOptions) -> Result<Made, Stop> {
+fn outcome(archive: &[u8], options: StackOptions) -> Result<Made, JobError> {
     let laid = Laid::stack(archive, options);
     let JobRequest::Stack(request) = &laid.bench.job.request else { panic!("a stack") };
     let made = run(&laid.bench, request, &ArchiveLimits::default(), &Recorder::default())?;
@@ -60,7 +62,7 @@ const DIAGNOSES: [&str; 4] = ["lights_exchanged", "dot_target", "unused_input_bi
 
 #[test]
 fn a_stack_without_fault_hears_nothing_of_this() {
-    for method in [Method::Guided, Method::Pyramid, Method::Unveiled] {
+    for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
         for archive in [front_zip(), both_zip()] {
             let warned = warned(&archive, StackOptions { method, ..StackOptions::default() });
             assert!(DIAGNOSES.iter().all(|code| !warned.iter().any(|told| told == code)), "{method:?}: {warned:?}");
@@ -88,13 +90,13 @@ fn exchanged_lights_are_named_and_no_mask_is_made_of_them_where_one_is_required(
     let mut all = members("back", stack().front.iter());
     all.extend(members("front", stack().back.iter()));
     let exchanged = zip(all);
-    for method in [Method::Guided, Method::Unveiled] {
+    for method in [Method::Guided, Method::HaloCorrected] {
         let warned = warned(&exchanged, StackOptions { method, ..StackOptions::default() });
         assert!(warned.iter().any(|code| code == "lights_exchanged"), "{warned:?}");
         assert!(!warned.iter().any(|code| OF_A_WRONG_LIGHT.contains(&code.as_str())), "{warned:?}");
     }
     let required = StackOptions { mask: MaskMode::Required, ..StackOptions::default() };
-    let Err(Stop::Fault(fault)) = outcome(&exchanged, required.clone()) else { panic!("must fail") };
+    let Err(JobError::Failed(fault)) = outcome(&exchanged, required.clone()) else { panic!("must fail") };
     assert!(fault.code == Code::MaskFailed && fault.detail.contains("exchanged"), "{}", fault.detail);
     assert!(outcome(&both_zip(), required).is_ok());
 }
@@ -125,7 +127,7 @@ fn twelve_bits_in_files_of_sixteen_are_named_and_stretched_on_demand() {
     assert!((ours / right - 1.0).abs() < 0.03, "mean {ours} instead of {right}");
 
     let fewer = StackOptions { input_bits: InputBits::Ten, ..StackOptions::default() };
-    let Err(Stop::Fault(fault)) = outcome(&dark, fewer) else { panic!("must fail") };
+    let Err(JobError::Failed(fault)) = outcome(&dark, fewer) else { panic!("must fail") };
     assert_eq!(fault.code, Code::InvalidImage);
     let ordinary = StackOptions { input_bits: InputBits::Sixteen, ..StackOptions::default() };
     assert!(!warned(&dark, ordinary).iter().any(|code| code == "unused_input_bits"));
@@ -145,15 +147,18 @@ fn real_pictures_are_told_apart() {
         let mut files: Vec<_> = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
         files.sort();
         let Some(object) = files.get(files.len() / 2).and_then(|path| picture(path)) else { continue };
-        let dots = calibration::dot_target(&object, &Unwatched).expect("not cancelled");
+        let dots = calibration::dot_target(&object, &NoControl).expect("not cancelled");
         assert_eq!(dots, None, "{}", folder.display());
     }
     let view = data.join("turntable_stack/view_p000.00_t00.00");
     let front = picture(&view.join("f004.jpg")).or_else(|| picture(&view.join("front/f004.jpg")));
     if let (Some(front), Some(back)) = (front, picture(&view.join("back/f004.jpg"))) {
-        assert!(!mask::exchanged(&front, &back) && mask::exchanged(&back, &front));
+        assert!(
+            !pinstack_science::segmentation::exchanged(&front, &back)
+                && pinstack_science::segmentation::exchanged(&back, &front)
+        );
     }
     if let Some(target) = picture(&data.join("turntable_stack/calib/calib_f004.png")) {
-        assert!(calibration::dot_target(&target, &Unwatched).expect("not cancelled").is_some());
+        assert!(calibration::dot_target(&target, &NoControl).expect("not cancelled").is_some());
     }
 }

@@ -1,11 +1,8 @@
 //! How much room on the disk a job needs while it runs, beyond its upload. Known before the first byte of the upload
 //! arrives, because the profile says how large and how many the slices are.
 
-use crate::model::{
-    options::BitDepth,
-    profile::ProfileInput,
-    request::{JobRequest, StackLayout},
-};
+use crate::contract::{options::BitDepth, request::JobRequest};
+use pinstack_science::types::{profile::ProfileInput, stack_layout::StackLayout};
 
 /// Small pictures, documents, and what files of this size take of a file system besides their bytes.
 const BASE: u64 = 16 << 20;

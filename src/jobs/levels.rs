@@ -2,9 +2,10 @@
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use crate::{
-    imaging::{Raster, Samples, SliceError, Slices},
-    model::{Code, Fault, Warning, input::InputBits},
+use crate::contract::input::InputBits;
+use pinstack_science::{
+    imaging::{Raster, Samples, Slices},
+    types::{Error, ErrorKind, Warning},
 };
 
 /// Full scale of 16 bits.
@@ -13,7 +14,7 @@ const FULL: u32 = 65_535;
 const USUAL: [u32; 3] = [10, 12, 14];
 
 /// The slices of one light, with their samples brought to full scale and the brightest of them noted.
-pub struct Levels<'a> {
+pub(super) struct Levels<'a> {
     slices: &'a dyn Slices,
     bits: InputBits,
     /// Brightest sample of 16 bits as it is in the files; 0 until one was seen.
@@ -22,11 +23,11 @@ pub struct Levels<'a> {
 
 impl<'a> Levels<'a> {
     /// `slices`, of which files of 16 bits have as many bits as `bits` says.
-    pub fn of(slices: &'a dyn Slices, bits: InputBits) -> Self {
+    pub(super) fn of(slices: &'a dyn Slices, bits: InputBits) -> Self {
         Self { slices, bits, brightest: AtomicU32::new(0) }
     }
 
-    fn scaled(&self, samples: &mut [u16], brightest: u32, index: usize) -> Result<(), Fault> {
+    fn scaled(&self, samples: &mut [u16], brightest: u32, index: usize) -> Result<(), Error> {
         let Some(bits) = self.bits.bits().filter(|&bits| bits < 16) else { return Ok(()) };
         let full = (1u32 << bits) - 1;
         if brightest > full {
@@ -35,7 +36,7 @@ impl<'a> Levels<'a> {
                 "input_bits={bits}, but {name} has samples up to {brightest}, more than {full}; send the stack with \
                  the right number of bits, or without input_bits"
             );
-            return Err(Fault::new(Code::InvalidImage, detail).in_file(name, u32::try_from(index).ok()));
+            return Err(Error::new(ErrorKind::InvalidImage, detail).in_file(name, u32::try_from(index).ok()));
         }
         // the quotient is at most FULL
         samples.iter_mut().for_each(|sample| *sample = ((u32::from(*sample) * FULL + full / 2) / full) as u16);
@@ -52,7 +53,7 @@ impl Slices for Levels<'_> {
         self.slices.name(index)
     }
 
-    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+    fn load(&self, index: usize) -> Result<Raster, Error> {
         let mut raster = self.slices.load(index)?;
         if let Samples::Sixteen(samples) = &mut raster.samples {
             let brightest = u32::from(samples.iter().copied().max().unwrap_or(0));
@@ -65,7 +66,7 @@ impl Slices for Levels<'_> {
 
 /// What is to be said of the levels of slices that were loaded: a warning when the brightest sample of 16 bits leaves
 /// two bits or more unused and nothing was said about that.
-pub fn warning(lights: &[&Levels<'_>]) -> Option<Warning> {
+pub(super) fn warning(lights: &[&Levels<'_>]) -> Option<Warning> {
     let asked = lights.iter().any(|light| light.bits != InputBits::Auto);
     let brightest =
         lights.iter().map(|light| light.brightest.load(Ordering::Relaxed)).max().filter(|&most| most > 0)?;
@@ -102,8 +103,8 @@ mod tests {
             assert_eq!(samples(&Levels::of(&slices, bits)), [0, 100, 2_047, 4_095]);
         }
         let fault = Levels::of(&slices, InputBits::Ten).load(1).unwrap_err();
-        assert!(fault.code == Code::InvalidImage && fault.detail.contains("4095"), "{}", fault.detail);
-        assert_eq!(fault.places[0].slice, Some(1));
+        assert!(fault.kind == ErrorKind::InvalidImage && fault.detail.contains("4095"), "{}", fault.detail);
+        assert_eq!(fault.locations[0].slice, Some(1));
     }
 
     #[test]

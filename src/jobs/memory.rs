@@ -1,14 +1,14 @@
 //! How much memory a job needs, from what the POST knows about its slices.
 
-use crate::{
+use crate::contract::{
+    options::BitDepth,
+    request::{CalibrationRequest, JobRequest, StackRequest},
+};
+use pinstack_science::{
     calibration::MOST_SAMPLES,
     fusion::{self, Plan},
     imaging::Depth,
-    model::{
-        Homography,
-        options::{BitDepth, GuidedParams, MaskEdge},
-        request::{CalibrationRequest, JobRequest, StackLayout, StackRequest},
-    },
+    types::{Homography, fusion_options::GuidedParams, mask_options::MaskEdge, stack_layout::StackLayout},
 };
 
 /// What a job needs whatever its size: the archive's directory, codecs, stacks of the threads.
@@ -93,7 +93,8 @@ fn sample(layout: &StackLayout) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::request::{CalibrationOptions, Upload};
+    use crate::contract::request::Upload;
+    use pinstack_science::types::calibration_options::CalibrationOptions;
 
     fn layout(slices: usize, width: u32, bit_depth: u8) -> StackLayout {
         StackLayout {

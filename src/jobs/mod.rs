@@ -16,12 +16,16 @@ pub mod stages;
 pub(crate) mod testkit;
 mod threads;
 
+use crate::contract::JobError;
 use std::{path::PathBuf, time::Instant};
 
 use crate::{
-    archive::ArchiveLimits,
-    model::{Cancelled, Progress, Stop, Warning, outcome::JobOutcome, profile::Profile, request::JobRequest},
+    contract::{Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
     store::{Job, ProfileDraft},
+};
+use pinstack_science::{
+    archive::ArchiveLimits,
+    types::{Cancelled, Warning},
 };
 use threads::with_own_threads;
 
@@ -53,7 +57,7 @@ impl Work for Science {
         disk::disk_need(request)
     }
 
-    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
+    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, JobError> {
         with_own_threads(self.threads, || match &bench.job.request {
             JobRequest::Stack(request) => stack::run(bench, request, &self.archive_limits, watcher),
             JobRequest::Calibration(request) => calibration::run(bench, request, &self.archive_limits, watcher),
@@ -121,6 +125,6 @@ pub trait Work: Send + Sync + 'static {
     /// Does the job, on a thread that may block.
     ///
     /// # Errors
-    /// [`Stop::Cancelled`] when the watcher said so; [`Stop::Fault`] when it cannot be done.
-    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop>;
+    /// [`JobError::Cancelled`] when the watcher said so; [`JobError::Failed`] when it cannot be done.
+    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, JobError>;
 }

@@ -10,16 +10,15 @@ use super::{
     press::{Encoding, Press, Pressed},
     preview::preview,
 };
-use crate::{
-    fusion::{Fused, mask::Silhouette},
+use crate::contract::{JobError, options::StackOptions, outcome::ImageInfo};
+use pinstack_science::{
+    fusion::Fused,
     imaging::{
         Plane, Raster, Rect,
         codec::{Metadata, OutputCamera},
     },
-    model::{
-        Control, Stop, Warning, intrinsics::Intrinsics, options::StackOptions, outcome::ImageInfo,
-        profile::ProfileInput,
-    },
+    segmentation::Silhouette,
+    types::{Control, Warning, intrinsics::Intrinsics, profile::ProfileInput},
 };
 
 /// Quality of a preview: its errors are hardly seen at 1:1.
@@ -43,13 +42,13 @@ impl Pictures<'_> {
     /// Writes the files. `source` is the metadata of the reference slice.
     ///
     /// # Errors
-    /// [`Stop::Cancelled`]; a fault when a file cannot be written.
+    /// [`JobError::Cancelled`]; a fault when a file cannot be written.
     pub(super) fn write(
         &self,
         press: &Press<'_>,
         control: &dyn Control,
         source: &Metadata,
-    ) -> Result<(ImageInfo, Vec<Pressed>), Stop> {
+    ) -> Result<(ImageInfo, Vec<Pressed>), JobError> {
         let (rect, options, front) = (self.rect, self.options, self.front);
         let (steps, done) = (if self.silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
         let step = |picture: Pressed| {
@@ -64,7 +63,7 @@ impl Pictures<'_> {
         let metadata = source.for_output(info.width, info.height, &self.camera());
         let depth = compose::depth(options.bit_depth, options.format, front.image.depth());
         let image = compose::rgba(&front.image, &self.alpha(), rect, depth, options.under_alpha);
-        let others = || -> Result<Vec<Pressed>, Stop> {
+        let others = || -> Result<Vec<Pressed>, JobError> {
             // a page needs the colours right and nothing else
             let colours = Metadata { icc: metadata.icc.clone(), exif: None };
             let small = Encoding::Jpeg { quality: PREVIEW_QUALITY };

@@ -1,5 +1,6 @@
 //! Pictures and documents into the files of a job: written into the scratch folder, hashed, named as artifacts.
 
+use crate::contract::JobError;
 use std::{
     fs::File,
     io::{self, BufWriter, Read, Seek, SeekFrom, Write},
@@ -10,16 +11,16 @@ use sha2::{Digest, Sha256};
 
 use super::{Bench, MadeFile, Watcher};
 use crate::{
-    imaging::{
-        Raster,
-        codec::{Metadata, encode_png, encode_tiff, write_jpeg},
-    },
-    model::{
-        Code, Fault, Stop,
+    contract::{
+        Code, Fault,
         options::{ImageFormat, StackOptions},
         outcome::Artifact,
     },
     store::{blobs::result_key, digest::hex, step::step},
+};
+use pinstack_science::imaging::{
+    Raster,
+    codec::{Metadata, encode_png, encode_tiff, write_jpeg},
 };
 
 /// How a picture is written.
@@ -58,7 +59,7 @@ impl<'a> Press<'a> {
         Self { bench, watcher }
     }
 
-    pub(super) fn png(&self, name: &str, picture: &Raster, metadata: &Metadata) -> Result<Pressed, Stop> {
+    pub(super) fn png(&self, name: &str, picture: &Raster, metadata: &Metadata) -> Result<Pressed, JobError> {
         self.picture(name, Encoding::Png, picture, metadata)
     }
 
@@ -69,7 +70,7 @@ impl<'a> Press<'a> {
         encoding: Encoding,
         picture: &Raster,
         metadata: &Metadata,
-    ) -> Result<Pressed, Stop> {
+    ) -> Result<Pressed, JobError> {
         match encoding {
             Encoding::Png => self.file(name, "png", "image/png", |out| encode_png(out, picture, metadata)),
             Encoding::Tiff => self.file(name, "tif", "image/tiff", |out| encode_tiff(out, picture, metadata)),
@@ -80,7 +81,7 @@ impl<'a> Press<'a> {
     }
 
     /// Writes `value` as artifact `name`, a JSON document.
-    pub(super) fn json(&self, name: &str, value: &impl Serialize) -> Result<Pressed, Stop> {
+    pub(super) fn json(&self, name: &str, value: &impl Serialize) -> Result<Pressed, JobError> {
         self.file(name, "json", "application/json", |out| Ok(serde_json::to_writer(out, value)?))
     }
 
@@ -90,7 +91,7 @@ impl<'a> Press<'a> {
         extension: &str,
         media_type: &str,
         fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
-    ) -> Result<Pressed, Stop> {
+    ) -> Result<Pressed, JobError> {
         self.watcher.check()?;
         let file_name = format!("{name}.{extension}");
         let path = self.bench.scratch.join(&file_name);
@@ -127,7 +128,7 @@ impl<'a> Press<'a> {
         }
     }
 
-    fn stop(&self, error: &io::Error) -> Stop {
+    fn stop(&self, error: &io::Error) -> JobError {
         if let Err(cancelled) = self.watcher.check() {
             return cancelled.into();
         }

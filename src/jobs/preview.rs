@@ -1,6 +1,6 @@
 //! A small picture for a page.
 
-use crate::imaging::{Raster, Samples};
+use pinstack_science::imaging::{Raster, Samples};
 
 /// Longest side of a preview, px.
 pub const MAX_SIDE: usize = 800;

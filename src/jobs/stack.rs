@@ -11,33 +11,36 @@ use super::{
     press::Press,
     stages::{Phase, Stage},
 };
-use crate::{
+use crate::contract::{
+    Code, Fault, JobError,
+    input::SliceOrder,
+    options::MaskMode,
+    outcome::{JobOutcome, StackOutcome},
+    profile::Profile,
+    request::StackRequest,
+};
+use pinstack_science::{
     archive::{self, ArchiveLimits, StackArchive},
-    fusion::{
-        self, Fused, Plan, Watch,
-        mask::{MaskParams, Silhouette, cut_out},
-    },
+    fusion::{self, Fused, Plan, Watch},
     imaging::{
         Slices,
         codec::{self, Metadata},
     },
-    model::{
-        Code, Control, Fault, Homography, Stop, Warning,
-        input::SliceOrder,
-        metrics::{Metrics, Severity, StageTime, Timing},
-        options::{GuidedParams, MaskMode, Method},
-        outcome::{JobOutcome, StackOutcome},
-        profile::{CaptureMode, Profile, ProfileInput},
-        request::StackRequest,
-    },
     quality::VERSIONS,
+    segmentation::{Silhouette, cut_out},
+    types::{
+        Control, Homography, Warning,
+        fusion_options::{GuidedParams, Method},
+        metrics::{Metrics, Severity, StageTime, Timing},
+        profile::{CaptureMode, ProfileInput},
+    },
 };
 
 /// What a fusion spends its time on.
 const FUSING: [Stage; 2] = [("aligning", 3.0), ("fusing", 2.0)];
 
 /// The same, when the veil of near parts is taken off.
-const UNVEILING: [Stage; 3] = [("aligning", 3.0), ("fusing", 3.0), ("unveiling", 3.0)];
+const CORRECTING: [Stage; 3] = [("aligning", 3.0), ("fusing", 3.0), ("unveiling", 3.0)];
 
 /// Where reading ends and where writing begins, as fractions of the job.
 const READ: f64 = 0.02;
@@ -49,9 +52,14 @@ const NOT_OF_THE_BACK: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
 /// Does the job.
 ///
 /// # Errors
-/// [`Stop::Cancelled`]; a fault that names the file when a slice cannot be read; [`Code::MaskFailed`] when a mask is required
+/// [`JobError::Cancelled`]; a fault that names the file when a slice cannot be read; [`Code::MaskFailed`] when a mask is required
 /// and none can be made; [`Code::InsufficientStorage`] when the disk is full.
-pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watcher: &dyn Watcher) -> Result<Made, Stop> {
+pub fn run(
+    bench: &Bench,
+    request: &StackRequest,
+    limits: &ArchiveLimits,
+    watcher: &dyn Watcher,
+) -> Result<Made, JobError> {
     let profile = bench.profile.as_ref().ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile is gone"))?;
     let options = &request.options;
     let mut times = Times::since(bench.started);
@@ -85,7 +93,7 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
         times.end("fusing the back light");
         let phase = Phase::new(watcher, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
-        let silhouette = cut_out(&back.image, &back.valid, &MaskParams::from_options(options, plan.width, plan.height));
+        let silhouette = cut_out(&back.image, &back.valid, &options.mask_params(plan.width, plan.height));
         if options.mask == MaskMode::Required {
             useful(&silhouette)?;
         }
@@ -100,7 +108,7 @@ pub fn run(bench: &Bench, request: &StackRequest, limits: &ArchiveLimits, watche
         None
     };
 
-    let stages: &[Stage] = if plan.method == Method::Unveiled { &UNVEILING } else { &FUSING };
+    let stages: &[Stage] = if plan.method == Method::HaloCorrected { &CORRECTING } else { &FUSING };
     let control = Phase::new(watcher, stages, middle, FUSED);
     let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.alpha) };
     let front = fusion::fuse(&front_slices, &plan, &watch, &bench.scratch, &control)?;
@@ -146,7 +154,7 @@ fn plan(profile: &Profile, request: &StackRequest) -> Plan {
 fn of_back_light(front: Method) -> Method {
     match front {
         Method::Guided => Method::Guided,
-        Method::Pyramid | Method::Unveiled => Method::Pyramid,
+        Method::Pyramid | Method::HaloCorrected => Method::Pyramid,
     }
 }
 

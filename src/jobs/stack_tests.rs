@@ -2,20 +2,25 @@
 
 use super::*;
 use crate::{
-    imaging::{Raster, Rect, Samples},
-    jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, png, stack, zip},
-    model::{
-        intrinsics::Intrinsics,
-        metrics::Metrics,
-        options::{BitDepth, Crop, ImageFormat, MaskEdge, MaskThreshold, StackOptions, UnderAlpha},
+    contract::{
+        options::{BitDepth, Crop, ImageFormat, StackOptions, UnderAlpha},
         outcome::ImageInfo,
         request::JobRequest,
     },
+    jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, png, stack, zip},
     store::digest::hex,
+};
+use pinstack_science::{
+    imaging::{Raster, Rect, Samples},
+    types::{
+        intrinsics::Intrinsics,
+        mask_options::{MaskEdge, MaskThreshold},
+        metrics::Metrics,
+    },
 };
 use sha2::{Digest, Sha256};
 
-fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, Stop> {
+fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, JobError> {
     let JobRequest::Stack(request) = &laid.bench.job.request else { panic!("a stack") };
     run(&laid.bench, request, &ArchiveLimits::default(), watcher)
 }
@@ -121,7 +126,7 @@ fn parameters_of_guided_filtering_that_do_not_count_are_named() {
         let laid = Laid::stack(&front_zip(), StackOptions { method, r1: 20, ..options() });
         done(&laid).0.warnings.iter().any(|warning| warning.code == "unused_parameters")
     };
-    assert!(warned(Method::Unveiled) && warned(Method::Pyramid));
+    assert!(warned(Method::HaloCorrected) && warned(Method::Pyramid));
     assert!(!warned(Method::Guided));
 }
 
@@ -137,7 +142,7 @@ fn a_required_mask_that_cannot_be_made_fails_the_job() {
     let required = StackOptions { mask: MaskMode::Required, ..options() };
     let hopeless = StackOptions { mask_threshold: MaskThreshold::Fixed(0.0), ..required.clone() };
     for laid in [Laid::stack(&front_zip(), required), Laid::stack(&both_zip(), hopeless)] {
-        let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+        let Err(JobError::Failed(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
         assert_eq!(fault.code, Code::MaskFailed);
         assert!(fault.detail.contains("mask=required"), "{}", fault.detail);
     }
@@ -185,7 +190,7 @@ fn a_black_and_a_white_back_light_are_named_as_such() {
         let told: Vec<&str> = made.warnings.iter().filter(|w| w.code == code).map(|w| w.detail.as_str()).collect();
         assert!(told.len() == 1 && told[0].contains(says), "{code}: {:?}", made.warnings);
         let required = Laid::stack(&of(level), StackOptions { mask: MaskMode::Required, ..options() });
-        let Err(Stop::Fault(fault)) = run_with(&required, &Recorder::default()) else { panic!("must fail") };
+        let Err(JobError::Failed(fault)) = run_with(&required, &Recorder::default()) else { panic!("must fail") };
         assert!(fault.code == Code::MaskFailed && fault.detail.contains(says), "{}", fault.detail);
     }
 }
@@ -202,7 +207,7 @@ fn format_depth_and_crop_are_as_asked() {
     );
     let (artifact, image) = picture(&made, "image");
     assert_eq!(artifact.media_type, "image/tiff");
-    assert_eq!((image.width, image.height, image.depth()), (100, 80, crate::imaging::Depth::Sixteen));
+    assert_eq!((image.width, image.height, image.depth()), (100, 80, pinstack_science::imaging::Depth::Sixteen));
     for name in ["mask", "backlight", "depth", "preview"] {
         let (artifact, picture) = picture(&made, name);
         let kind = if name == "preview" { "image/jpeg" } else { "image/png" };
@@ -237,7 +242,7 @@ fn a_job_that_is_not_wanted_stops_wherever_it_is() {
         let laid = Laid::stack(&both_zip(), options());
         let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };
         let result = run_with(&laid, &recorder);
-        assert!(matches!(result, Err(Stop::Cancelled(_))), "at {stop_at}");
+        assert!(matches!(result, Err(JobError::Cancelled(_))), "at {stop_at}");
     }
 }
 
@@ -252,7 +257,7 @@ fn a_torn_slice_fails_the_job_and_is_named() {
     let half = members[3].1.len() / 2;
     members[3].1.truncate(half);
     let laid = Laid::stack(&zip(members), options());
-    let Err(Stop::Fault(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+    let Err(JobError::Failed(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
     assert_eq!(fault.code, Code::InvalidImage);
     assert!(fault.detail.contains("img_3.png"), "{}", fault.detail);
 }

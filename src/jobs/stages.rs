@@ -3,7 +3,8 @@
 use std::sync::Mutex;
 
 use super::Watcher;
-use crate::model::{Cancelled, Control, Progress};
+use crate::contract::Progress;
+use pinstack_science::types::{Cancelled, Control};
 
 /// A stage that the science reports, and its share of the phase.
 pub type Stage = (&'static str, f64);

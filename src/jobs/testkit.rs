@@ -12,23 +12,30 @@ use uuid::Uuid;
 
 use super::{Bench, Made, Watcher};
 use crate::{
-    archive::{self, ArchiveLimits, pack},
-    imaging::{
-        Raster,
-        codec::{self, Limits, Metadata, encode_png},
-    },
-    model::{
-        Cancelled, JobState, Name, Progress,
+    contract::{
+        JobState, Name, Progress,
         options::StackOptions,
         outcome::Artifact,
-        profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
-        request::{CalibrationOptions, CalibrationRequest, JobRequest, StackRequest, Upload},
+        profile::{Profile, ProfileSource},
+        request::{CalibrationRequest, JobRequest, StackRequest, Upload},
     },
     store::{
         Job,
         digest::{optics_digest, profile_digest},
     },
+};
+use pinstack_science::{
+    archive::{self, ArchiveLimits, pack},
+    imaging::{
+        Raster,
+        codec::{self, Limits, Metadata, encode_png},
+    },
     synth::{DotTarget, Light, Rig, Scene, Stage, Truth, target_stack},
+    types::{
+        Cancelled,
+        calibration_options::CalibrationOptions,
+        profile::{HomographyModel, ProfileInput, ProfileSlice},
+    },
 };
 
 /// The rig of the tests: small, so that they are quick.
@@ -151,7 +158,7 @@ impl Laid {
     fn lay(
         archive: &[u8],
         profile: Option<Profile>,
-        request: impl FnOnce(Upload, crate::model::request::StackLayout) -> JobRequest,
+        request: impl FnOnce(Upload, pinstack_science::types::stack_layout::StackLayout) -> JobRequest,
     ) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let (path, scratch) = (folder.path().join("upload.zip"), folder.path().join("scratch"));

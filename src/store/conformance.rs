@@ -16,11 +16,17 @@ use std::{sync::Arc, time::Duration};
 use uuid::Uuid;
 
 use super::{Enqueue, Job, ManualClock, NewJob, PageRequest, Precondition, ProfileDraft, PutProfile, Rows};
-use crate::model::{
-    Homography, Name,
+use crate::contract::{
+    Name,
     outcome::{Artifact, CalibrationOutcome, ImageInfo, JobOutcome, StackOutcome},
-    profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
-    request::{CalibrationOptions, CalibrationRequest, JobRequest, StackLayout, StackRequest, Upload},
+    profile::{Profile, ProfileSource},
+    request::{CalibrationRequest, JobRequest, StackRequest, Upload},
+};
+use pinstack_science::types::{
+    Homography,
+    calibration_options::CalibrationOptions,
+    profile::{HomographyModel, ProfileInput, ProfileSlice},
+    stack_layout::StackLayout,
 };
 
 /// A fresh, empty store and the clock that it goes by.

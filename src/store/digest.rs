@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
-use crate::model::profile::{CaptureMode, ProfileInput};
+use pinstack_science::types::profile::{CaptureMode, ProfileInput};
 
 /// SHA-256 (hex) of what defines the geometry and the gains of a profile: image size, reference slice, and for each
 /// slice the nine numbers of its homography and its gain (1 where none is given). Note, rail positions and where the
@@ -65,7 +65,7 @@ pub fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Homography;
+    use pinstack_science::types::Homography;
 
     fn input() -> ProfileInput {
         ProfileInput {

@@ -30,11 +30,15 @@ use async_trait::async_trait;
 use jiff::Timestamp;
 use uuid::Uuid;
 
-use crate::model::{
-    Fault, JobKind, JobState, Name, ProfileSummary, Progress, Warning,
+use crate::contract::{
+    Fault, JobKind, JobState, Name, ProfileSummary, Progress,
     outcome::JobOutcome,
-    profile::{HomographyModel, Profile, ProfileInput, ProfileOrigin, ProfileSlice, ProfileSource},
+    profile::{Profile, ProfileOrigin, ProfileSource},
     request::JobRequest,
+};
+use pinstack_science::types::{
+    Warning,
+    profile::{HomographyModel, ProfileInput, ProfileSlice},
 };
 use sweep::Retention;
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use uuid::Uuid;
 
 use super::{BlobOwner, Rows, StoreResult, blobs::Blobs};
-use crate::model::JobState;
+use crate::contract::JobState;
 
 /// An upload is published before its row is written: blobs without a row are left alone for so long.
 pub const GRACE: Duration = Duration::from_secs(60 * 60);

@@ -13,7 +13,7 @@ use subtle::ConstantTimeEq;
 use uuid::Uuid;
 
 use super::StoreResult;
-use crate::model::Name;
+use crate::contract::Name;
 
 /// What every token begins with, so that a token in the wrong place is known for what it is.
 const PREFIX: &str = "pinstack_";

@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 
-use crate::model::{JobKind, JobState};
+use crate::contract::{JobKind, JobState};
 
 /// What the rows add up to at one moment. As large as the lists of kinds and states, and one entry per token with a quota.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -11,7 +11,7 @@ use jiff::Timestamp;
 use uuid::Uuid;
 
 use super::{Enqueue, NewJob, OverQuota, Page, PageRequest, StoreResult};
-use crate::model::{Fault, JobKind};
+use crate::contract::{Fault, JobKind};
 
 /// An upload about to begin.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -16,7 +16,7 @@ use super::{
     blobs::Blobs,
     digest::{hex, optics_digest, profile_digest},
 };
-use crate::model::{JobState, profile::Profile};
+use crate::contract::{JobState, profile::Profile};
 
 /// Rows read at a time.
 const PAGE: u32 = 200;

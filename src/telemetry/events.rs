@@ -5,7 +5,7 @@ use std::time::Duration;
 use metrics::{counter, gauge, histogram};
 
 use super::series::*;
-use crate::model::{Code, JobKind};
+use crate::contract::{Code, JobKind};
 
 /// What a request waited on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

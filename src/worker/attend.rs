@@ -10,9 +10,10 @@ use super::{
     Config, Deps,
     lifeline::{Lifeline, Why},
 };
+use crate::contract::JobError;
 use crate::{
+    contract::{Code, Fault, one_line, profile::Profile, request::JobRequest},
     jobs::{Bench, Made},
-    model::{Code, Fault, Stop, one_line, profile::Profile, request::JobRequest},
     store::{Attempt, Finish, Job, StoreError, StoreResult, step::step, sweep::tidy_job},
     telemetry::events,
 };
@@ -51,7 +52,7 @@ impl Shared {
         let _stop = line.stop_on_drop();
         let result = tokio::select! {
             result = self.work(&job, &line, gate) => result,
-            () = line.beat(&self.deps, &self.config, &job, &self.abandon) => Err(Stop::Cancelled(crate::model::Cancelled)),
+            () = line.beat(&self.deps, &self.config, &job, &self.abandon) => Err(JobError::Cancelled(pinstack_science::types::Cancelled)),
         };
         let kind = job.request.kind();
         let may_try_again = job.attempt < self.config.max_attempts;
@@ -82,7 +83,7 @@ impl Shared {
         }
     }
 
-    async fn work(&self, job: &Job, line: &Arc<Lifeline>, gate: OwnedMutexGuard<()>) -> Result<Finish, Stop> {
+    async fn work(&self, job: &Job, line: &Arc<Lifeline>, gate: OwnedMutexGuard<()>) -> Result<Finish, JobError> {
         let started = Instant::now();
         let suspect = job.attempt > 1;
         let whole = self.whole_budget();
@@ -90,7 +91,7 @@ impl Shared {
         let permits = if suspect { whole } else { need.min(whole) };
         let _memory = tokio::select! {
             permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is going down"))?,
-            () = line.stopped() => return Err(Stop::Cancelled(crate::model::Cancelled)),
+            () = line.stopped() => return Err(JobError::Cancelled(pinstack_science::types::Cancelled)),
         };
         let _reserved = events::memory_reserved(u64::from(permits) * MB);
         let _gate = suspect.then_some(gate);
@@ -118,7 +119,7 @@ impl Shared {
     }
 
     /// Runs the job where it may block, and turns a panic into a fault: a bug in one job is no reason for a worker to die.
-    async fn on_a_thread(&self, bench: Bench, line: Arc<Lifeline>) -> Result<Made, Stop> {
+    async fn on_a_thread(&self, bench: Bench, line: Arc<Lifeline>) -> Result<Made, JobError> {
         let (work, id) = (Arc::clone(&self.deps.work), bench.job.id);
         match tokio::task::spawn_blocking(move || work.run(&bench, &*line)).await {
             Ok(result) => result,
@@ -197,7 +198,7 @@ impl Ending {
     /// A job that was done or failed by itself ends so, even if it was told to stop meanwhile: the store decides who
     /// was first.
     fn of(
-        result: Result<Finish, Stop>,
+        result: Result<Finish, JobError>,
         why: Option<Why>,
         may_try_again: bool,
         pause: impl FnOnce(Code) -> Duration,
@@ -205,15 +206,15 @@ impl Ending {
         match (result, why) {
             (Ok(finish), _) => Self::Finished(finish),
             // not the fault of the upload: another attempt may succeed
-            (Err(Stop::Fault(fault)), _) if fault.code.is_of_the_machine() && may_try_again => {
+            (Err(JobError::Failed(fault)), _) if fault.code.is_of_the_machine() && may_try_again => {
                 tracing::warn!(?fault, "an error of the machine under a job; it goes back to the queue");
                 Self::Released(Attempt::Counts { pause: pause(fault.code) })
             }
-            (Err(Stop::Fault(fault)), _) => Self::Finished(Finish::Failed(fault)),
-            (Err(Stop::Cancelled(_)), Some(Why::Lost)) => Self::Lost,
-            (Err(Stop::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released(Attempt::IsFree),
-            (Err(Stop::Cancelled(_)), Some(Why::Cancelled)) => Self::Finished(Finish::Cancelled),
-            (Err(Stop::Cancelled(_)), None) => {
+            (Err(JobError::Failed(fault)), _) => Self::Finished(Finish::Failed(fault)),
+            (Err(JobError::Cancelled(_)), Some(Why::Lost)) => Self::Lost,
+            (Err(JobError::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released(Attempt::IsFree),
+            (Err(JobError::Cancelled(_)), Some(Why::Cancelled)) => Self::Finished(Finish::Cancelled),
+            (Err(JobError::Cancelled(_)), None) => {
                 let detail = "the job stopped although nobody asked it to; this is a bug of the service";
                 Self::Finished(Finish::Failed(Fault::new(Code::Internal, detail)))
             }
@@ -244,7 +245,7 @@ impl Ending {
 }
 
 /// What a client is told when rows or blobs fail under a job.
-pub(super) fn internal(error: StoreError) -> Stop {
+pub(super) fn internal(error: StoreError) -> JobError {
     tracing::error!(?error, "the store failed under a job");
     let fault = match error {
         StoreError::NoRoom(_) => Fault::new(

@@ -16,10 +16,11 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 
 use super::{Config, Deps, stages::StageTimes};
 use crate::{
+    contract::Progress,
     jobs::Watcher,
-    model::{Cancelled, Progress},
     store::{Heartbeat, Job, StoreResult},
 };
+use pinstack_science::types::Cancelled;
 
 /// Why a job is told to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

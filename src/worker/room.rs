@@ -1,5 +1,6 @@
 //! Room on the disk for running jobs: one that would fill it waits, and its upload with it, until somebody made room.
 
+use crate::contract::JobError;
 use tokio::time::sleep;
 
 use super::{
@@ -7,11 +8,12 @@ use super::{
     lifeline::Lifeline,
 };
 use crate::{
+    contract::{Code, Fault, Progress},
     disk_budget::{DiskState, Reservation},
     jobs::Watcher,
-    model::{Cancelled, Code, Fault, Progress, Stop},
     store::Job,
 };
+use pinstack_science::types::Cancelled;
 
 /// What clients see of a job that waits here.
 const STAGE: &str = "waiting for room on the disk";
@@ -22,7 +24,7 @@ impl Shared {
     ///
     /// # Errors
     /// When the job is told to stop meanwhile. The inner error: it could not fit if the disk were empty.
-    pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Result<Reservation, Fault>, Stop> {
+    pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Result<Reservation, Fault>, JobError> {
         let bytes = self.deps.work.disk_need(&job.request);
         let mut waits = false;
         loop {
@@ -40,7 +42,7 @@ impl Shared {
             }
             tokio::select! {
                 () = sleep(self.config.poll) => {}
-                () = line.stopped() => return Err(Stop::Cancelled(Cancelled)),
+                () = line.stopped() => return Err(JobError::Cancelled(Cancelled)),
             }
         }
     }

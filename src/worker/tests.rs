@@ -5,7 +5,7 @@ mod stage;
 
 use super::*;
 use crate::{
-    model::{Code, JobState},
+    contract::{Code, JobState},
     store::{
         Job,
         blobs::result_key,

@@ -6,7 +6,7 @@ use std::{
 };
 
 use pinstack::{
-    model::Name,
+    contract::Name,
     store::tokens::{NewToken, Scope, mint},
 };
 use reqwest::{RequestBuilder, StatusCode};

@@ -3,20 +3,22 @@
 use std::{io::Write, sync::Arc, time::Duration};
 
 use pinstack::{
-    disk_budget::Reservation,
-    http::{self, App, Policy},
-    imaging::{Raster, codec},
-    model::{
+    contract::{
         Fault,
-        metrics::Metrics,
         outcome::{Artifact, CalibrationOutcome, ImageInfo, JobOutcome, StackOutcome},
         request::JobRequest,
     },
+    disk_budget::Reservation,
+    http::{self, App, Policy},
     store::{
         Finish, Job, Rows,
         blobs::{Blobs, local::LocalBlobs, result_key},
         sqlite::SqliteRows,
     },
+};
+use pinstack_science::{
+    imaging::{Raster, codec},
+    types::metrics::Metrics,
 };
 use reqwest::{Client, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};

@@ -11,7 +11,7 @@ use tokio::{
 };
 
 use pinstack::{
-    model::Name,
+    contract::Name,
     store::tokens::{NewToken, Scope, mint},
 };
 

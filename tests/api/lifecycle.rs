@@ -1,4 +1,4 @@
-use pinstack::model::{Code, Fault};
+use pinstack::contract::{Code, Fault};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 

@@ -1,6 +1,6 @@
 //! Profiles that move between servers as files.
 
-use pinstack::archive::npz;
+use pinstack_science::archive::npz;
 use reqwest::{Response, StatusCode};
 use serde_json::{Value, json};
 

@@ -1,12 +1,12 @@
 //! Profiles from matrices of other programs and from rig parameters.
 
-use pinstack::{
+use pinstack_science::{
     archive::{npy, npz},
-    model::{
+    synth::Rig,
+    types::{
         Homography,
         profile::{CaptureMode, ProfileInput},
     },
-    synth::Rig,
 };
 use reqwest::{RequestBuilder, StatusCode};
 use serde_json::{Value, json};

@@ -1,11 +1,15 @@
 use pinstack::{
-    model::{
-        Fault, Homography, Warning,
+    contract::{
+        Fault,
         outcome::{Artifact, CalibrationOutcome, JobOutcome},
-        profile::{HomographyModel, ProfileInput, ProfileSlice, ProfileSource},
-        report::{CalibrationReport, CameraReport, CaptureReport, DotReport, Grade, SliceReport, TargetReport},
+        profile::ProfileSource,
     },
     store::{Finish, Job, ProfileDraft, blobs::result_key},
+};
+use pinstack_science::types::{
+    Homography, Warning,
+    profile::{HomographyModel, ProfileInput, ProfileSlice},
+    report::{CalibrationReport, CameraReport, CaptureReport, DotReport, Grade, SliceReport, TargetReport},
 };
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -196,7 +200,7 @@ async fn there_is_no_report_before_the_end_nor_of_a_failure() {
     problem(app.get(&url).send().await.unwrap(), 409, "not_finished").await;
     let job = app.claim().await;
     problem(app.get(&url).send().await.unwrap(), 409, "not_finished").await;
-    app.fail(&job, Fault::new(pinstack::model::Code::TargetNotFound, "there are no dots")).await;
+    app.fail(&job, Fault::new(pinstack::contract::Code::TargetNotFound, "there are no dots")).await;
     let told = problem(app.get(&url).send().await.unwrap(), 404, "no_result").await;
     assert!(told["detail"].as_str().unwrap().contains("there are no dots"), "{told}");
     let stack = app.with_stack("").await;

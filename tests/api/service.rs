@@ -217,7 +217,7 @@ fn every_refusal_names_its_codes_with_an_example_of_each() {
             assert!(!named.is_empty(), "{method} {path} {status} names no code");
             for (code, example) in named {
                 assert_eq!(example["$ref"], format!("#/components/examples/{code}"), "{method} {path} {status}");
-                let example: pinstack::model::Problem =
+                let example: pinstack::contract::Problem =
                     serde_json::from_value(examples[code]["value"].clone()).unwrap();
                 assert_eq!(example.status.to_string(), *status, "{method} {path}: {code}");
             }

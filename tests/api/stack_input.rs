@@ -1,11 +1,9 @@
 //! How a client says in which order slices come and how many bits they have.
 
-use pinstack::{
-    imaging::{
-        Raster,
-        codec::{self, Metadata},
-    },
-    model::request::JobRequest,
+use pinstack::contract::request::JobRequest;
+use pinstack_science::imaging::{
+    Raster,
+    codec::{self, Metadata},
 };
 use serde_json::{Value, json};
 

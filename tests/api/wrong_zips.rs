@@ -1,6 +1,6 @@
 //! What a technician hears about a zip that is wrong in a usual way.
 
-use pinstack::imaging::{
+use pinstack_science::imaging::{
     Raster,
     codec::{self, Metadata},
 };

@@ -4,7 +4,7 @@ use crate::{
     have,
     server::{Server, write_stack_of},
 };
-use pinstack::synth::Rig;
+use pinstack_science::synth::Rig;
 
 #[test]
 fn a_server_that_is_killed_goes_on_where_it_was() {

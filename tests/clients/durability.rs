@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, fs, path::Path};
 
-use pinstack::synth::Rig;
+use pinstack_science::synth::Rig;
 
 use crate::{
     have,

@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path, process::Command};
 
-use pinstack::{
+use pinstack_science::{
     archive,
     imaging::codec,
     synth::{DotTarget, Rig, target_stack},

@@ -152,7 +152,7 @@ fn colmap_opens_the_images_of_slices_of_16_bits() {
 
 /// The front light of the small rig, with 16 bits.
 fn write_deep(zip: &Path) {
-    use pinstack::{
+    use pinstack_science::{
         imaging::{Raster, Samples, codec},
         synth::{Light, Scene, Stage},
     };
@@ -167,5 +167,5 @@ fn write_deep(zip: &Path) {
         codec::encode_png(&mut png, &deep, &codec::Metadata::default()).expect("a PNG");
         (format!("front/{i:02}.png"), png)
     });
-    pinstack::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
+    pinstack_science::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
 }

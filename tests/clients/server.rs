@@ -7,7 +7,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use pinstack::{
+use pinstack_science::{
     imaging::codec,
     synth::{Light, Rig, Scene, Stage},
 };
@@ -152,5 +152,5 @@ pub fn write_stack_of(rig: &Rig, zip: &Path) {
         (0..rig.slices())
             .map(move |i| (format!("{folder}/{i:02}.jpg"), codec::encode_jpeg(&stage.render(light, i), 92)))
     });
-    pinstack::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
+    pinstack_science::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
 }

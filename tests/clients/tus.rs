@@ -2,7 +2,7 @@
 
 use std::{fs, path::PathBuf, process::Command};
 
-use pinstack::synth::Rig;
+use pinstack_science::synth::Rig;
 use serde_json::Value;
 
 use crate::{

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use pinstack::{
+use pinstack_science::{
     archive,
     imaging::codec,
     synth::{DotTarget, Rig, target_stack},

@@ -7,7 +7,7 @@ use std::{
 };
 
 use base64::{Engine, prelude::BASE64_STANDARD};
-use pinstack::{
+use pinstack_science::{
     archive,
     imaging::{Raster, codec},
 };

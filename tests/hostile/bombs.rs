@@ -2,13 +2,13 @@
 
 use std::io::Cursor;
 
-use pinstack::{
+use pinstack::contract::{Code, Fault};
+use pinstack_science::{
     archive::{self, ArchiveLimits, StackArchive},
     imaging::{
         Raster, Slices,
         codec::{self, Limits, Metadata},
     },
-    model::{Code, Fault},
 };
 
 use crate::{
@@ -23,7 +23,7 @@ const MB: usize = 1 << 20;
 const HEADERS: usize = 72 * MB;
 
 fn open(bytes: Vec<u8>) -> Result<StackArchive, Fault> {
-    archive::open_in_memory(bytes, &ArchiveLimits::default())
+    archive::open_in_memory(bytes, &ArchiveLimits::default()).map_err(Fault::from)
 }
 
 /// Opens a zip that must be refused; gives the code.
@@ -37,7 +37,8 @@ fn refused(what: &str, bytes: Vec<u8>, most: usize) -> Code {
 
 /// The same for a zip whose headers may be sound, so that only loading its first slice shows what is wrong.
 fn refused_or_not_loaded(bytes: Vec<u8>, most: usize) -> Code {
-    let (outcome, peak) = peak_of(|| open(bytes).and_then(|archive| archive.front().load(0).map(|_| ())));
+    let (outcome, peak) =
+        peak_of(|| open(bytes).and_then(|archive| archive.front().load(0).map(|_| ()).map_err(Fault::from)));
     let fault = outcome.expect_err("a lie");
     assert!(peak <= most, "{peak} bytes, at most {most}: {}", fault.detail);
     fault.code
@@ -196,7 +197,7 @@ fn jpegs_that_are_bombs_are_refused() {
     refused_picture("400 MP in 60 bytes", &closed(jpeg_frame(0xC2, 20_000, 20_000, 3), 3), MB, "torn file");
 
     // a sound progressive picture with its last scan a thousand times
-    let sound = include_bytes!("../../src/imaging/codec/testdata/progressive.jpg");
+    let sound = include_bytes!("../../science/src/imaging/codec/testdata/progressive.jpg");
     let last = sound.windows(2).rposition(|two| two == [0xFF, 0xDA]).expect("a scan");
     let (head, scan) = (&sound[..last], &sound[last..sound.len() - 2]);
     let repeated = [head, &scan.repeat(1_000), &[0xFF, 0xD9]].concat();

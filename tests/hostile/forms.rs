@@ -8,7 +8,11 @@ use axum::{
 };
 use pinstack::{
     http::{App, Policy, router},
-    store::{Rows, blobs::Blobs, blobs::local::LocalBlobs, sqlite::SqliteRows},
+    store::{
+        Rows,
+        blobs::{Blobs, local::LocalBlobs},
+        sqlite::SqliteRows,
+    },
 };
 use tower::ServiceExt;
 

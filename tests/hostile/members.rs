@@ -1,13 +1,15 @@
 //! Files of slices that are far larger than their pictures: refused, or counted in the memory of the job.
 
 use pinstack::{
-    archive::{self, ArchiveLimits, StackArchive},
-    imaging::Slices,
-    jobs::memory::memory_need,
-    model::{
+    contract::{
         Code,
         request::{JobRequest, StackRequest, Upload},
     },
+    jobs::memory::memory_need,
+};
+use pinstack_science::{
+    archive::{self, ArchiveLimits, StackArchive},
+    imaging::Slices,
 };
 
 use crate::{
@@ -28,7 +30,7 @@ fn padded_png(name: &str, megabytes: usize) -> Member {
 
 /// A JPEG with so many megabytes of comments between its scans.
 fn commented_jpeg(name: &str, megabytes: usize) -> Member {
-    let sound = include_bytes!("../../src/imaging/codec/testdata/progressive.jpg");
+    let sound = include_bytes!("../../science/src/imaging/codec/testdata/progressive.jpg");
     let last = sound.windows(2).rposition(|two| two == [0xFF, 0xDA]).expect("a scan");
     let comment = [&[0xFF, 0xFE, 0xFF, 0xFF][..], &[b'x'; 65_533]].concat();
     deflated(name, |out| {
@@ -38,8 +40,8 @@ fn commented_jpeg(name: &str, megabytes: usize) -> Member {
     })
 }
 
-fn open(members: &[Member]) -> Result<StackArchive, pinstack::model::Fault> {
-    archive::open_in_memory(zip(members), &ArchiveLimits::default())
+fn open(members: &[Member]) -> Result<StackArchive, pinstack::contract::Fault> {
+    archive::open_in_memory(zip(members), &ArchiveLimits::default()).map_err(pinstack::contract::Fault::from)
 }
 
 /// Bytes that a stack of these slices is said to need with one thread.

@@ -113,7 +113,7 @@ fn forms_that_were_found_are_withstood() {
 
 #[test]
 fn sound_inputs_are_taken_so_that_the_others_are_refused_for_a_reason() {
-    use pinstack::{archive, imaging::codec};
+    use pinstack_science::{archive, imaging::codec};
     for target in &TARGETS {
         for (name, bytes) in (target.seeds)() {
             let is_taken = match target.name {

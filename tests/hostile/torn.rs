@@ -1,15 +1,15 @@
 //! JPEGs that were cut and closed again with an end marker: they look sound, and must not pass as whole.
 
-use pinstack::imaging::{
+use pinstack_science::imaging::{
     Raster, Samples,
     codec::{self, Format, ImageFault, Limits},
 };
 
 /// The same picture, coded in three ways by another program, and a larger one whose last scan refines.
 const CODED: [&[u8]; 4] = [
-    include_bytes!("../../src/imaging/codec/testdata/baseline.jpg"),
-    include_bytes!("../../src/imaging/codec/testdata/restart.jpg"),
-    include_bytes!("../../src/imaging/codec/testdata/progressive.jpg"),
+    include_bytes!("../../science/src/imaging/codec/testdata/baseline.jpg"),
+    include_bytes!("../../science/src/imaging/codec/testdata/restart.jpg"),
+    include_bytes!("../../science/src/imaging/codec/testdata/progressive.jpg"),
     include_bytes!("testdata/progressive.jpg"),
 ];
 

@@ -1,13 +1,13 @@
 //! One scene before one rig, rendered, and fused.
 
-use pinstack::{
+use pinstack_science::{
     fusion::{Fused, Plan, Watch, fuse},
     imaging::{Coverage, Raster, Sample, Samples, warp::Warp},
-    model::{
-        Unwatched,
-        options::{GuidedParams, Method},
-    },
     synth::{Light, Rig, Stage, Truth, scene::Make},
+    types::{
+        NoControl,
+        fusion_options::{GuidedParams, Method},
+    },
 };
 use rayon::prelude::*;
 
@@ -63,7 +63,7 @@ impl Stack {
             near_first: Some(true),
         };
         let (slices, folder) = (&self.slices[..], std::env::temp_dir());
-        fuse(&slices, &plan, &Watch::default(), &folder, &Unwatched).expect("the stack can be fused")
+        fuse(&slices, &plan, &Watch::default(), &folder, &NoControl).expect("the stack can be fused")
     }
 
     /// Which pixels all slices cover: elsewhere nobody can show what is in focus in a slice that ends before.

@@ -1,6 +1,6 @@
 //! Where a picture is worst, cut out of several pictures and laid side by side.
 
-use pinstack::imaging::{Raster, Rect};
+use pinstack_science::imaging::{Raster, Rect};
 
 use super::case::samples;
 
@@ -55,6 +55,6 @@ impl Crop {
     }
 
     pub fn jpeg(&self) -> Vec<u8> {
-        pinstack::imaging::codec::encode_jpeg(&self.picture, 90)
+        pinstack_science::imaging::codec::encode_jpeg(&self.picture, 90)
     }
 }

@@ -7,7 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use pinstack::imaging::Raster;
+use pinstack_science::imaging::Raster;
 
 use super::case::samples;
 

@@ -1,6 +1,6 @@
 //! PSNR over parts of the picture, and tables of it.
 
-use pinstack::{imaging::Raster, synth::Truth};
+use pinstack_science::{imaging::Raster, synth::Truth};
 
 use super::case::samples;
 

@@ -1,6 +1,6 @@
 //! How soft the edges of a picture are: whether a synthetic lens is as sharp as real ones.
 
-use pinstack::imaging::{Raster, Samples};
+use pinstack_science::imaging::{Raster, Samples};
 
 /// How far to both sides of its middle an edge is looked at, px.
 const REACH: usize = 4;

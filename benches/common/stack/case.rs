@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use pinstack::{
+use pinstack_science::{
     archive::{ArchiveLimits, StackArchive, open},
     fusion::Plan,
     imaging::{Samples, Slices},
-    model::options::{GuidedParams, Method},
     synth::Rig,
+    types::fusion_options::{GuidedParams, Method},
 };
 
 /// The zips of a case. The back light is one of its own, so that the front's size can be told.
@@ -109,10 +109,10 @@ impl Case {
     }
 }
 
-/// METHOD=guided|pyramid|unveiled
+/// METHOD=guided|pyramid|halo_corrected
 fn method() -> Method {
     std::env::var("METHOD").map_or_else(
         |_| Method::default(),
-        |name| serde_json::from_value(name.into()).expect("METHOD is guided, pyramid or unveiled"),
+        |name| serde_json::from_value(name.into()).expect("METHOD is guided, pyramid or halo_corrected"),
     )
 }

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use pinstack::model::{Cancelled, Control};
+use pinstack_science::types::{Cancelled, Control};
 
 /// CPU time of all threads of this process that are alive.
 pub fn cpu() -> Duration {

@@ -8,7 +8,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use pinstack::imaging::{Plane, Raster, Rect, Samples, Slices, codec, codec::Metadata, warp::Warp};
+use pinstack_science::imaging::{
+    Plane, Raster, Rect, Samples, Slices,
+    codec::{self, Metadata},
+    warp::Warp,
+};
 
 use super::{
     case::Case,

@@ -2,9 +2,13 @@
 
 use std::{fs::File, io::BufWriter, path::Path};
 
-use pinstack::{
+use pinstack_science::{
     archive::pack,
-    imaging::{Raster, Samples, codec, codec::Metadata, warp::Warp},
+    imaging::{
+        Raster, Samples,
+        codec::{self, Metadata},
+        warp::Warp,
+    },
     synth::{
         Light, Rig, Scene, Stage,
         scene::{Part, Pattern, Relief, Shape, Skin},

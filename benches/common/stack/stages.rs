@@ -8,19 +8,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-use pinstack::{
-    fusion::{
-        Watch, fuse,
-        mask::{MaskParams, cut_out},
-    },
+use pinstack_science::{
+    fusion::{Watch, fuse},
     imaging::{
-        Samples, Slices, codec,
-        codec::Metadata,
+        Samples, Slices,
+        codec::{self, Metadata},
         filter::saliency::{Rows, Saliency},
         grey,
         warp::Warp,
     },
-    model::{Cancelled, Control, options::StackOptions},
+    segmentation::{MaskParams, cut_out},
+    types::{Cancelled, Control},
 };
 use rayon::prelude::*;
 
@@ -120,7 +118,7 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
         "its mask" => {
             let back = fuse(case.back(folder).front(), &case.plan_of_back(), &Watch::default(), folder, &passes)
                 .expect("it can be fused");
-            let params = MaskParams::from_options(&StackOptions::default(), case.width, case.height);
+            let params = MaskParams::default_for(case.width, case.height);
             watch.time(|| std::hint::black_box(cut_out(&back.image, &back.valid, &params)));
             watch.cost()
         }

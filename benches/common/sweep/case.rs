@@ -1,6 +1,6 @@
 //! The cases: a typical one, each factor alone, and random combinations.
 
-use pinstack::synth::{DotTarget, Flaws, Glare, Rig, Surround};
+use pinstack_science::synth::{DotTarget, Flaws, Glare, Rig, Surround};
 
 /// How much of the picture the grid covers.
 #[derive(Debug, Clone, Copy, PartialEq)]

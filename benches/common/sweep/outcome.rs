@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use pinstack::{
+use pinstack_science::{
     calibration::{Calibration, DotUse, calibrate},
     imaging::Raster,
-    model::{Stop, Unwatched, request::CalibrationOptions},
     synth::{DotTarget, Rig, target_stack},
+    types::{Interrupted, NoControl, calibration_options::CalibrationOptions},
 };
 
 use super::case::Case;
@@ -57,12 +57,13 @@ pub fn judge(case: &Case) -> Outcome {
     let (rig, target) = case.build();
     let stack = target_stack(&rig, &target);
     let started = std::time::Instant::now();
-    let result = calibrate(&&stack[..] as &dyn pinstack::imaging::Slices, &CalibrationOptions::default(), &Unwatched);
+    let result =
+        calibrate(&&stack[..] as &dyn pinstack_science::imaging::Slices, &CalibrationOptions::default(), &NoControl);
     let seconds = started.elapsed().as_secs_f64();
     let result = match result {
         Ok(calibration) => Ok(judge_slices(case, &rig, &target, &calibration, &stack)),
-        Err(Stop::Fault(fault)) => Err(format!("{:?}: {}", fault.code, fault.detail)),
-        Err(Stop::Cancelled(_)) => Err("cancelled".into()),
+        Err(Interrupted::Failed(fault)) => Err(format!("{:?}: {}", fault.kind, fault.detail)),
+        Err(Interrupted::Cancelled(_)) => Err("cancelled".into()),
     };
     Outcome { name: case.name.clone(), factors: case.factors(), result, seconds }
 }

@@ -7,14 +7,14 @@ use serde_json::Value;
 use tokio_util::io::ReaderStream;
 
 /// Speaks to one server.
-pub struct Client {
+pub(super) struct Client {
     base: String,
     http: reqwest::Client,
 }
 
 impl Client {
     /// A client of the server at `base` (`http://host:port`).
-    pub fn new(base: String) -> Self {
+    pub(super) fn new(base: String) -> Self {
         Self { base, http: reqwest::Client::new() }
     }
 
@@ -22,7 +22,7 @@ impl Client {
     ///
     /// # Errors
     /// When the server refuses the upload or the job fails: with its own sentence.
-    pub async fn run_job(&self, path: &str, zip: &Path, mut seen: impl FnMut(&str, f64)) -> Result<Value> {
+    pub(super) async fn run_job(&self, path: &str, zip: &Path, mut seen: impl FnMut(&str, f64)) -> Result<Value> {
         let file = tokio::fs::File::open(zip).await.with_context(|| format!("cannot read {}", zip.display()))?;
         let length = file.metadata().await?.len();
         let answer = self
@@ -68,7 +68,7 @@ impl Client {
     ///
     /// # Errors
     /// When the server does not answer with 2xx: with its own sentence.
-    pub async fn get_json(&self, path: &str) -> Result<Value> {
+    pub(super) async fn get_json(&self, path: &str) -> Result<Value> {
         json(self.http.get(format!("{}{path}", self.base)).send().await?).await
     }
 
@@ -76,7 +76,7 @@ impl Client {
     ///
     /// # Errors
     /// When the server does not answer with 2xx.
-    pub async fn get_bytes(&self, path: &str) -> Result<Vec<u8>> {
+    pub(super) async fn get_bytes(&self, path: &str) -> Result<Vec<u8>> {
         let answer = self.http.get(format!("{}{path}", self.base)).send().await?;
         Ok(answer.error_for_status().with_context(|| format!("GET {path}"))?.bytes().await?.to_vec())
     }

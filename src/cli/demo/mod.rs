@@ -21,7 +21,7 @@ use self::{
     truth::{Known, Score},
 };
 use super::{config::ServeConfig, serve::Service};
-use crate::{
+use pinstack_science::{
     imaging::{
         Raster,
         codec::{self, Metadata},

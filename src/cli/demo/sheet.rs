@@ -2,7 +2,7 @@
 
 use font8x8::UnicodeFonts;
 
-use crate::imaging::{Raster, Samples};
+use pinstack_science::imaging::{Raster, Samples};
 
 /// Size of one cell's picture, px.
 const CELL: (usize, usize) = (480, 320);
@@ -13,7 +13,7 @@ const PAPER: [u8; 3] = [246, 246, 244];
 const INK: [u8; 3] = [40, 40, 44];
 
 /// A captioned picture.
-pub struct Cell<'a> {
+pub(super) struct Cell<'a> {
     /// Under the picture.
     pub caption: String,
     /// 8 or 16 bits; alpha is shown over a checkerboard.
@@ -21,7 +21,7 @@ pub struct Cell<'a> {
 }
 
 /// Lays the cells out in rows of `columns`. RGB, 8 bits.
-pub fn contact_sheet(cells: &[Cell<'_>], columns: usize) -> Raster {
+pub(super) fn contact_sheet(cells: &[Cell<'_>], columns: usize) -> Raster {
     let rows = cells.len().div_ceil(columns);
     let (width, height) = (GAP + columns * (CELL.0 + GAP), GAP + rows * (CELL.1 + CAPTION + GAP));
     let mut sheet = Sheet { width, pixels: PAPER.repeat(width * height) };
@@ -113,7 +113,7 @@ fn over_checks(picture: &Raster, x: usize, y: usize, grey: f32) -> [f32; 3] {
 }
 
 /// Slice indices as colours: from violet (first slice) over green to yellow (last); black where there is none.
-pub fn depth_colours(index: &Raster, slices: usize) -> Raster {
+pub(super) fn depth_colours(index: &Raster, slices: usize) -> Raster {
     let value = |i: usize| match &index.samples {
         Samples::Eight(s) => usize::from(s[i]),
         Samples::Sixteen(s) => usize::from(s[i]),

@@ -5,7 +5,7 @@ use std::{fs::File, io::BufWriter, path::Path};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 
-use crate::{
+use pinstack_science::{
     archive::pack,
     imaging::{Raster, codec},
     synth::{DotTarget, Light, Rig, Stage, render_target},
@@ -18,7 +18,7 @@ const QUALITY: u8 = 95;
 ///
 /// # Errors
 /// When the zip cannot be written.
-pub fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result<()> {
+pub(super) fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result<()> {
     let slices = (0..rig.slices()).into_par_iter().map(|i| {
         let name = format!("dots_{:02}.jpg", i + 1);
         (name, jpeg(&render_target(rig, target, i)))
@@ -30,7 +30,7 @@ pub fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// When the zip cannot be written.
-pub fn write_stack(slices: usize, stage: &Stage, path: &Path) -> Result<()> {
+pub(super) fn write_stack(slices: usize, stage: &Stage, path: &Path) -> Result<()> {
     let mut members = Vec::new();
     for (folder, light) in [("front", Light::Front), ("back", Light::Back)] {
         for i in 0..slices {

@@ -4,14 +4,14 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 
 use super::compare::{iou, psnr, worst_corner_px};
-use crate::{
+use pinstack_science::{
     imaging::{Plane, Raster, Samples, warp::Warp},
-    model::Homography,
     synth::{Light, Rig, Stage, Truth},
+    types::Homography,
 };
 
 /// Everything that the demo was rendered from.
-pub struct Known {
+pub(super) struct Known {
     /// The camera on its rail.
     pub rig: Rig,
     /// The object before it.
@@ -19,7 +19,7 @@ pub struct Known {
 }
 
 /// How far the results are from the truth.
-pub struct Score {
+pub(super) struct Score {
     worst_corner_px: f64,
     worst_rms_px: f64,
     /// Of the fused image on the object, dB.
@@ -43,7 +43,7 @@ impl Known {
     ///
     /// # Errors
     /// When the profile is not what the contract says.
-    pub fn score(&self, profile: &Value, image: &Raster, mask: &Raster) -> Result<Score> {
+    pub(super) fn score(&self, profile: &Value, image: &Raster, mask: &Raster) -> Result<Score> {
         let Truth { sharp, mask: true_mask, .. } = self.stage.truth();
         let measured: Vec<Homography> =
             serde_json::from_value(profile["homographies"].clone()).context("the profile has homographies")?;
@@ -79,7 +79,7 @@ impl Known {
 
 impl Score {
     /// The numbers, for the terminal.
-    pub fn table(&self) -> String {
+    pub(super) fn table(&self) -> String {
         [
             format!(
                 "homographies  worst image corner {:.3} px from the truth (dots: worst RMS {:.3} px)",
@@ -101,7 +101,7 @@ fn warped(slice: &Raster, homography: &Homography, gain: f64) -> Option<(Raster,
         Samples::Eight(samples) => Samples::Eight(warp.apply(samples.clone(), slice.channels)),
         Samples::Sixteen(samples) => Samples::Sixteen(warp.apply(samples.clone(), slice.channels)),
     };
-    let covered = warp.coverage().mask(crate::imaging::Rect::whole(size.0, size.1));
+    let covered = warp.coverage().mask(pinstack_science::imaging::Rect::whole(size.0, size.1));
     Some((Raster { samples, ..*slice }, covered))
 }
 
@@ -121,7 +121,7 @@ fn difference(image: &Raster, truth: &Raster, object: &Plane<u8>) -> Raster {
 ///
 /// # Errors
 /// When the bytes are no picture of 8 or 16 bits.
-pub fn decode_with_alpha(bytes: &[u8]) -> Result<Raster> {
+pub(super) fn decode_with_alpha(bytes: &[u8]) -> Result<Raster> {
     use image::DynamicImage;
     let picture = image::load_from_memory(bytes)?;
     let (width, height) = (picture.width() as usize, picture.height() as usize);

@@ -23,12 +23,12 @@ use tokio::sync::{Semaphore, watch};
 
 use super::convert::{convert, most_bytes};
 use crate::{
+    contract::{Code, Fault},
     http::{
         background,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Code, Fault},
     store::step::step,
 };
 

@@ -11,10 +11,8 @@ use std::{
 use anyhow::{Context, anyhow};
 use image::{DynamicImage, ImageReader, Limits};
 
-use crate::{
-    imaging::{Raster, codec},
-    model::options::JPEG_QUALITY,
-};
+use crate::contract::options::JPEG_QUALITY;
+use pinstack_science::imaging::{Raster, codec};
 
 /// Largest side of a result.
 const MAX_SIDE: u32 = 65_535;

@@ -19,12 +19,12 @@ use super::{
     range::{Wanted, wanted},
 };
 use crate::{
+    contract::{Code, outcome::Artifact},
     http::{
         extract::conditional::{etag, not_modified, require_match},
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Code, outcome::Artifact},
     store::Job,
 };
 

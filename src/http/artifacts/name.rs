@@ -17,7 +17,7 @@ use axum::http::HeaderValue;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
 use crate::{
-    model::{options::StackOptions, request::JobRequest},
+    contract::{options::StackOptions, request::JobRequest},
     store::Job,
 };
 
@@ -114,7 +114,7 @@ fn disposition_as(kind: &'static str, name: &str) -> HeaderValue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Name;
+    use crate::contract::Name;
 
     #[test]
     fn a_name_loses_what_tools_stumble_over() {

@@ -1,11 +1,11 @@
 //! What a job made, or why there is nothing.
 
 use crate::{
-    http::problem::{ApiError, ApiResult},
-    model::{
+    contract::{
         Code, JobState,
         outcome::{Artifact, JobOutcome},
     },
+    http::problem::{ApiError, ApiResult},
     store::Job,
 };
 

@@ -11,12 +11,12 @@ use super::{
     name, outcome,
 };
 use crate::{
+    contract::outcome::Artifact,
     http::{
         extract::conditional::{not_modified, require_match},
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::outcome::Artifact,
     store::Job,
 };
 

@@ -3,6 +3,7 @@
 use axum::{Json, extract::State, http::StatusCode};
 
 use crate::{
+    contract::{Code, JobKind, JobState},
     http::{
         extract::JobId,
         problem::{ApiError, ApiResult},
@@ -10,7 +11,6 @@ use crate::{
         views::Calibration,
         watch::load::load,
     },
-    model::{Code, JobKind, JobState},
     store::CancelRequest,
 };
 

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::order::CalibrationOrder;
 use crate::{
+    contract::Code,
     http::{
         auth::Caller,
         extract::{ProfileKey, params},
@@ -19,11 +20,8 @@ use crate::{
         state::App,
         views::Calibration,
     },
-    model::{
-        Code,
-        request::{CalibrationOptions, ModelChoice},
-    },
 };
+use pinstack_science::types::calibration_options::{CalibrationOptions, ModelChoice};
 
 /// The same by a form.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -54,7 +52,7 @@ pub struct CalibrationForm {
         ("pixel_pitch_mm" = Option<f64>, Query, description = "Size of one pixel on the sensor; kept in the profile"),
         ("focal_mm" = Option<f64>, Query, description = "Focal length engraved on the lens, mm"),
         ("rail_step_mm" = Option<f64>, Query, description = "Distance from slice to slice on the rail, mm; negative when it moves away from the object. Uneven positions: `rail_positions_mm` in the part `options` of a form"),
-        ("capture_mode" = Option<crate::model::profile::CaptureMode>, Query, description = "What moves between slices; a disagreement with what the pictures show is a warning"),
+        ("capture_mode" = Option<pinstack_science::types::profile::CaptureMode>, Query, description = "What moves between slices; a disagreement with what the pictures show is a warning"),
         ("model" = Option<ModelChoice>, Query, description = "Transform model; default `auto`: the simplest that explains the dots"),
         ("allow_new_size" = Option<bool>, Query, description = "The slices may have another size than the profile that this calibration replaces; default false"),
         ("note" = Option<String>, Query, description = "Free text kept in the profile, at most 4,000 characters"),

@@ -3,8 +3,8 @@
 use axum::{extract::State, http::StatusCode};
 
 use crate::{
+    contract::JobKind,
     http::{extract::JobId, problem::ApiResult, state::App, watch::load::require},
-    model::JobKind,
     store::sweep::tidy_job,
 };
 

@@ -3,6 +3,7 @@
 use axum::{extract::State, http::HeaderMap, response::Response};
 
 use crate::{
+    contract::JobKind,
     http::{
         extract::JobId,
         problem::ApiResult,
@@ -10,7 +11,6 @@ use crate::{
         views::Calibration,
         watch::{events::answer, load::load},
     },
-    model::JobKind,
 };
 
 /// Watch a calibration

@@ -3,13 +3,13 @@
 use axum::{Json, extract::State, http::Uri};
 
 use crate::{
+    contract::{JobKind, JobState},
     http::{
         extract::{PageQuery, params},
         problem::ApiResult,
         state::App,
         views::{Calibration, CalibrationList},
     },
-    model::{JobKind, JobState},
     store::JobFilter,
 };
 

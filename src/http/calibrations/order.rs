@@ -1,17 +1,22 @@
 //! What the upload of a dot-target stack must fit.
 
 use crate::{
+    contract::{
+        Code, Fault, JobKind, Name,
+        request::{CalibrationRequest, JobRequest, Upload},
+    },
     http::{
         extract::path::name,
         intake::order::{Fields, Order},
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{
-        Code, Fault, JobKind, Name, Warning,
-        profile::{MAX_SLICES, RAIL_MM},
-        request::{CalibrationOptions, CalibrationRequest, JobRequest, StackLayout, Upload},
-    },
+};
+use pinstack_science::types::{
+    Warning,
+    calibration_options::CalibrationOptions,
+    profile::{MAX_SLICES, RAIL_MM},
+    stack_layout::StackLayout,
 };
 
 /// A dot-target stack to be measured.

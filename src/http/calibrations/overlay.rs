@@ -8,6 +8,7 @@ use axum::{
 use serde::Deserialize;
 
 use crate::{
+    contract::{JobKind, outcome::JobOutcome},
     http::{
         artifacts::{download, name, outcome},
         extract::{JobId, params},
@@ -15,7 +16,6 @@ use crate::{
         state::App,
         watch::load::load,
     },
-    model::{JobKind, outcome::JobOutcome},
 };
 
 #[derive(Deserialize)]

@@ -13,7 +13,11 @@ use sha2::{Digest, Sha256};
 use tokio::io::AsyncReadExt;
 
 use crate::{
-    calibration::page::{self, Subject},
+    contract::{
+        Code, JobKind,
+        outcome::{Artifact, JobOutcome},
+        request::JobRequest,
+    },
     http::{
         artifacts::{download, outcome},
         background,
@@ -24,13 +28,11 @@ use crate::{
         views::calibration::{REPORT, ReportView},
         watch::load::load,
     },
-    model::{
-        Code, JobKind,
-        outcome::{Artifact, JobOutcome},
-        report::Drift,
-        request::JobRequest,
-    },
     store::Job,
+};
+use pinstack_science::{
+    calibration::page::{self, Subject},
+    types::report::Drift,
 };
 
 /// The page is one file with one style sheet inside, named by its hash: nothing may be loaded, run, sent or framed.

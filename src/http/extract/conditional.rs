@@ -3,8 +3,8 @@
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 
 use crate::{
+    contract::Code,
     http::problem::{ApiError, ApiResult},
-    model::Code,
 };
 
 /// A list of entity tags, or any.

@@ -8,6 +8,7 @@ use futures::StreamExt;
 use serde::de::DeserializeOwned;
 
 use crate::{
+    contract::{Code, Fault},
     http::{
         intake::{
             admission::{content_length, waits_for_continue},
@@ -16,8 +17,8 @@ use crate::{
         problem::ApiError,
         state::App,
     },
-    model::{Code, Fault, error::FaultPlace},
 };
+use pinstack_science::types::error::ErrorLocation;
 
 /// Largest JSON body: a profile of 1000 slices has about 200 kB, exported with everything 1 MB.
 const MAX_JSON_BYTES: u64 = 4 << 20;
@@ -106,7 +107,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
     let inner = error.into_inner();
     if inner.is_data() {
         let detail = if pointer.is_empty() { inner.to_string() } else { format!("{pointer}: {inner}") };
-        let place = FaultPlace { detail: detail.clone(), pointer: Some(pointer), ..FaultPlace::default() };
+        let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), ..ErrorLocation::default() };
         return Err(Fault::new(shape, detail).at(place));
     }
     // Python writes NaN and Infinity into JSON, and 1e999 overflows: numbers that cannot be, not broken JSON
@@ -114,7 +115,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
     let not_finite = ["NaN", "Infinity"].iter().any(|word| text.contains(word));
     if not_finite || inner.to_string().contains("out of range") {
         let detail = format!("{pointer}: a number is not finite ({inner})");
-        let place = FaultPlace { detail: detail.clone(), pointer: Some(pointer), ..FaultPlace::default() };
+        let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), ..ErrorLocation::default() };
         return Err(Fault::new(shape, detail).at(place));
     }
     Err(Fault::new(Code::InvalidRequest, format!("the body is not JSON: {inner}")))
@@ -136,7 +137,7 @@ fn pointer(path: &serde_path_to_error::Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::profile::ProfileInput;
+    use pinstack_science::types::profile::ProfileInput;
 
     fn fault(text: &str) -> Fault {
         parse::<ProfileInput>(text.as_bytes(), Code::InvalidProfile).expect_err("the test sends something wrong")
@@ -147,7 +148,7 @@ mod tests {
         let short = r#"{"image_width":64,"image_height":64,"reference_index":0,"homographies":[[1,0,0,0,1,0,0,0]]}"#;
         let told = fault(short);
         assert_eq!(told.code, Code::InvalidProfile);
-        assert!(told.places[0].pointer.as_deref().is_some_and(|p| p.starts_with("/homographies/0")), "{told:?}");
+        assert!(told.locations[0].pointer.as_deref().is_some_and(|p| p.starts_with("/homographies/0")), "{told:?}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `?limit=&cursor=` of every list.
 
-use crate::{http::problem::ApiError, model::Code, store::PageRequest};
+use crate::{contract::Code, http::problem::ApiError, store::PageRequest};
 
 use super::params;
 

@@ -9,10 +9,11 @@ use serde::{
 };
 
 use crate::{
+    contract::{Code, Fault, JobKind, JobState, Name},
     http::problem::ApiError,
-    model::{Code, Fault, JobKind, JobState, Name, error::FaultPlace},
     store::JobFilter,
 };
+use pinstack_science::types::error::ErrorLocation;
 
 /// Most parameters of a URL; no call knows half as many.
 const MAX_PARAMETERS: usize = 64;
@@ -52,7 +53,7 @@ pub fn take(pairs: &mut Vec<(String, String)>, name: &str) -> Option<String> {
 pub fn typed<T: DeserializeOwned>(pairs: &[(String, String)]) -> Result<T, ApiError> {
     let map = pairs.iter().map(|(name, text)| (name.as_str(), Parameter { name, text }));
     T::deserialize(MapDeserializer::new(map)).map_err(|Refusal { name, detail }| {
-        let place = FaultPlace { detail: detail.clone(), pointer: name, ..FaultPlace::default() };
+        let place = ErrorLocation { detail: detail.clone(), pointer: name, ..ErrorLocation::default() };
         Fault::new(Code::InvalidRequest, detail).at(place).into()
     })
 }
@@ -206,7 +207,8 @@ impl<'de> Deserializer<'de> for Parameter<'de> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::options::{BitDepth, Crop, MaskMode, MaskThreshold, StackOptions};
+    use crate::contract::options::{BitDepth, Crop, MaskMode, StackOptions};
+    use pinstack_science::types::mask_options::MaskThreshold;
 
     fn options(query: &str) -> Result<StackOptions, String> {
         let uri: Uri = format!("/x?{query}").parse().expect("a test writes valid URLs");

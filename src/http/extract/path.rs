@@ -9,8 +9,8 @@ use axum::{
 use uuid::Uuid;
 
 use crate::{
+    contract::{Code, Name},
     http::{log, problem::ApiError},
-    model::{Code, Name},
 };
 
 /// `{rig}` and `{lens}`.

@@ -4,12 +4,12 @@ use axum::http::{HeaderMap, header};
 
 use super::{body::too_large, quota::QuotaClaim, reservation::UploadReservation};
 use crate::{
+    contract::Code,
     http::{
         auth::Caller,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
 };
 
 /// What a form may have around the zip itself.

@@ -13,8 +13,8 @@ use futures::{Stream, StreamExt};
 use tokio::time::{Instant, Sleep, sleep, timeout};
 
 use crate::{
+    contract::{Code, Fault},
     http::{background, problem::ApiError, waiting},
-    model::{Code, Fault},
     telemetry::events::{self, WaitsOn},
 };
 

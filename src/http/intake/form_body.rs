@@ -21,7 +21,7 @@ use bytes::Bytes;
 use futures::{Stream, StreamExt};
 
 use super::body::{EndedEarly, Verdict, WatchedBody};
-use crate::model::{Code, Fault};
+use crate::contract::{Code, Fault};
 
 /// Most bytes of a form outside the data of its parts: boundaries, headers, and what stands before and behind.
 pub const MAX_OUTSIDE: u64 = 64 << 10;

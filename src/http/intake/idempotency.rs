@@ -5,11 +5,11 @@ use sha2::{Digest, Sha256};
 
 use super::spool::hex;
 use crate::{
+    contract::{Code, JobKind},
     http::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Code, JobKind},
     store::Job,
 };
 

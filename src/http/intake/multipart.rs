@@ -20,11 +20,11 @@ use super::{
     spool::{Spooled, spool},
 };
 use crate::{
+    contract::Code,
     http::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
 };
 
 /// Longest text of a part that is not the file, and of all of them together.

@@ -2,12 +2,17 @@
 //! the same for both.
 
 use crate::{
-    http::{extract::json, extract::params, problem::ApiError, problem::ApiResult, state::App},
-    model::{
-        Code, Fault, JobKind, Name, Warning,
-        request::{JobRequest, StackLayout, Upload},
+    contract::{
+        Code, Fault, JobKind, Name,
+        request::{JobRequest, Upload},
+    },
+    http::{
+        extract::{json, params},
+        problem::{ApiError, ApiResult},
+        state::App,
     },
 };
+use pinstack_science::types::{Warning, stack_layout::StackLayout};
 use serde::de::DeserializeOwned;
 
 /// The texts that say what is wanted: query parameters, parts of the path, and parts of a form.

@@ -12,12 +12,12 @@ use std::{
 use uuid::Uuid;
 
 use crate::{
+    contract::Code,
     http::{
         auth::Caller,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
     store::OverQuota,
 };
 

@@ -14,13 +14,13 @@ use super::{
     spool::{Spooled, spool},
 };
 use crate::{
+    contract::Code,
     http::{
         auth::Caller,
         extract::json,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
 };
 
 /// Kinds of body that are taken for a bare zip: what is right, and what tools send that do not know better. Not what a page of

@@ -12,13 +12,13 @@ use std::{
 use uuid::Uuid;
 
 use crate::{
+    contract::Code,
     disk_budget::{DiskState, Reservation},
     http::{
         intake::quota::QuotaClaim,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
 };
 
 /// Most bytes that one upload reserves ahead of those that have arrived.

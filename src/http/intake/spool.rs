@@ -11,11 +11,11 @@ use uuid::Uuid;
 
 use super::{quota::QuotaClaim, reservation::UploadReservation};
 use crate::{
+    contract::{Code, request::Upload},
     http::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Code, request::Upload},
     store::step::step,
 };
 

@@ -9,14 +9,17 @@ use uuid::Uuid;
 
 use super::{admission::queue_full, idempotency, order::Order, quota::over_quota};
 use crate::{
-    archive,
+    contract::{Fault, request::Upload},
     http::{
         background,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Fault, Warning, request::StackLayout, request::Upload},
     store::{Enqueue, Job, NewJob, blobs::upload_key},
+};
+use pinstack_science::{
+    archive,
+    types::{Warning, stack_layout::StackLayout},
 };
 
 /// A zip on the disk that is to become a job.

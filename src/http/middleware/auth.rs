@@ -10,6 +10,7 @@ use axum::{
 };
 
 use crate::{
+    contract::Code,
     http::{
         auth::{Caller, identify, needs, owned_by_someone},
         connections::tally::InProgress,
@@ -18,7 +19,6 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
 };
 
 /// The layer.

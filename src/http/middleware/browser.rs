@@ -20,11 +20,11 @@ use axum::{
 
 use super::auth::read_a_little;
 use crate::{
+    contract::{Code, one_line},
     http::{
         problem::{ApiError, ApiResult},
         state::{App, Policy},
     },
-    model::{Code, one_line},
 };
 
 const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");

@@ -8,8 +8,8 @@ use axum::{
 };
 
 use crate::{
+    contract::{Code, one_line},
     http::problem::ApiError,
-    model::{Code, one_line},
 };
 
 /// Longest part of an unknown method that is repeated to its sender.

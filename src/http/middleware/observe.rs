@@ -10,8 +10,8 @@ use axum::{
 
 use super::method;
 use crate::{
+    contract::{Problem, one_line},
     http::waiting,
-    model::{Problem, one_line},
     telemetry::events,
 };
 

@@ -10,8 +10,8 @@ use axum::{
 };
 
 use crate::{
+    contract::{Code, Fault, Problem},
     http::problem::{ApiError, code_of, problem, render},
-    model::{Code, Fault, Problem},
 };
 
 /// The layer: fills in `instance`, and turns bare error answers into problems.

@@ -10,8 +10,8 @@ use axum::{
 };
 
 use crate::{
+    contract::Code,
     http::{connections::Seat, problem::ApiError},
-    model::Code,
 };
 
 /// The layer. A request that came over no connection (a test's) needs no slot.

@@ -5,14 +5,14 @@ use serde::Deserialize;
 
 use super::not_found;
 use crate::{
-    calibration,
+    contract::{Code, Name, profile::Profile},
     http::{
         extract::{ProfileKey, params},
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Code, Name, profile::Profile, report::Drift},
 };
+use pinstack_science::{calibration, types::report::Drift};
 
 /// Revisions that are tried, one after the other, when the one before is not there.
 const TRIED: usize = 64;

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 use super::{file::ProfileFile, not_found};
 use crate::{
-    archive::{npy, npz},
+    contract::profile::Profile,
     http::{
         extract::{
             ProfileKey,
@@ -20,8 +20,8 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::profile::Profile,
 };
+use pinstack_science::archive::{npy, npz};
 
 /// The form of the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]

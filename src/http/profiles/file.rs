@@ -6,17 +6,17 @@ use sha2::{Digest, Sha256};
 use utoipa::ToSchema;
 
 use crate::{
-    http::extract::json,
-    model::{
-        Code, Fault, Warning,
-        error::FaultPlace,
+    contract::{
+        Code, Fault,
         profile::{Profile, ProfileOrigin},
     },
+    http::extract::json,
     store::{
         ProfileDraft,
         digest::{hex, optics_digest, profile_digest},
     },
 };
+use pinstack_science::types::{Warning, error::ErrorLocation};
 
 /// `format` of every such file.
 const FORMAT: &str = "pinstack-profile";
@@ -151,7 +151,7 @@ impl ProfileFile {
 
 fn at(pointer: &str, detail: impl Into<String>) -> Fault {
     let detail = detail.into();
-    let place = FaultPlace { detail: detail.clone(), pointer: Some(pointer.to_owned()), ..FaultPlace::default() };
+    let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer.to_owned()), ..ErrorLocation::default() };
     Fault::new(Code::InvalidProfile, detail).at(place)
 }
 

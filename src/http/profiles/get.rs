@@ -9,12 +9,12 @@ use serde::Deserialize;
 
 use super::{not_found, shown};
 use crate::{
+    contract::profile::Profile,
     http::{
         extract::{ProfileKey, params},
         problem::ApiResult,
         state::App,
     },
-    model::profile::Profile,
 };
 
 #[derive(Deserialize)]

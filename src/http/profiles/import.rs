@@ -9,12 +9,12 @@ use axum::{
 
 use super::{file::ProfileFile, lost_race, precondition, write};
 use crate::{
+    contract::profile::Profile,
     http::{
         extract::{ProfileKey, json, params},
         problem::ApiResult,
         state::App,
     },
-    model::profile::Profile,
     store::ProfileDraft,
 };
 

@@ -29,7 +29,7 @@ use super::{
     state::App,
 };
 use crate::{
-    model::{Code, Name, profile::Profile},
+    contract::{Code, Name, profile::Profile},
     store::Precondition,
 };
 

@@ -1,13 +1,13 @@
 //! Names near to one that is not there: a capital letter, a missing hyphen, the other setting of the lens.
 
-use crate::model::Name;
+use crate::contract::Name;
 
 /// Most names in a sentence.
 const MOST: usize = 3;
 
 /// The profiles that somebody may have meant, the nearest first: both names differ by at most a third of their letters,
 /// capital letters and separators aside; else the lenses of that rig.
-pub fn near<'a>(rig: &Name, lens: &Name, keys: &'a [(Name, Name)]) -> Vec<&'a (Name, Name)> {
+pub(super) fn near<'a>(rig: &Name, lens: &Name, keys: &'a [(Name, Name)]) -> Vec<&'a (Name, Name)> {
     let (rig_folded, lens_folded) = (folded(rig), folded(lens));
     let mut found: Vec<(usize, &(Name, Name))> = Vec::new();
     for key in keys {
@@ -25,7 +25,7 @@ pub fn near<'a>(rig: &Name, lens: &Name, keys: &'a [(Name, Name)]) -> Vec<&'a (N
 }
 
 /// The names for the middle of a sentence; nothing when there are none.
-pub fn sentence(near: &[&(Name, Name)]) -> String {
+pub(super) fn sentence(near: &[&(Name, Name)]) -> String {
     let named: Vec<String> = near.iter().map(|(rig, lens)| format!("rig '{rig}' with lens '{lens}'")).collect();
     match named.as_slice() {
         [] => String::new(),

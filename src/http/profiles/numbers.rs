@@ -5,13 +5,16 @@ use axum::http::{HeaderMap, Uri, header};
 use serde::Deserialize;
 
 use crate::{
-    archive::{npy, npz},
+    contract::Code,
     http::{
         extract::{json, params},
         problem::{ApiError, ApiResult},
     },
-    model::{
-        Code, Homography, Warning,
+};
+use pinstack_science::{
+    archive::{npy, npz},
+    types::{
+        Homography, Warning,
         matrices::{self, Direction},
         profile::{CaptureMode, ProfileInput},
     },

@@ -9,15 +9,16 @@ use axum::{
 
 use super::{numbers, precondition, write};
 use crate::{
+    contract::profile::Profile,
     http::{
         extract::{ProfileKey, json},
         problem::ApiResult,
         state::App,
     },
-    model::{
-        matrices::Direction,
-        profile::{CaptureMode, HomographyModel, Profile, ProfileInput},
-    },
+};
+use pinstack_science::types::{
+    matrices::Direction,
+    profile::{CaptureMode, HomographyModel, ProfileInput},
 };
 
 /// Store homographies measured elsewhere

@@ -9,17 +9,14 @@ use axum::{
 
 use super::{precondition, write};
 use crate::{
+    contract::{Code, profile::Profile},
     http::{
         extract::{ProfileKey, json, params},
         problem::ApiResult,
         state::App,
     },
-    model::{
-        Code,
-        profile::{HomographyModel, Profile},
-        rig_parameters::RigParameters,
-    },
 };
+use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParameters};
 
 /// Make a profile from rig parameters
 ///

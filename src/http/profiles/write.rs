@@ -8,20 +8,21 @@ use axum::{
 
 use super::lost_race;
 use crate::{
+    contract::profile::{Profile, ProfileSource},
     http::{
         extract::{ProfileKey, conditional::etag},
         problem::ApiResult,
         state::App,
     },
-    model::{
-        Warning,
-        profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
-    },
     store::{Precondition, ProfileDraft, PutProfile},
+};
+use pinstack_science::types::{
+    Warning,
+    profile::{HomographyModel, ProfileInput, ProfileSlice},
 };
 
 /// What follows from numbers that were not measured here.
-pub fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<Warning>) -> ProfileDraft {
+pub(super) fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<Warning>) -> ProfileDraft {
     ProfileDraft {
         source: ProfileSource::Upload,
         calibration_id: None,
@@ -37,7 +38,12 @@ pub fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<Warning>
 ///
 /// # Errors
 /// `precondition_failed` when the condition does not hold any more.
-pub async fn store(app: &App, key: &ProfileKey, draft: &ProfileDraft, condition: Precondition) -> ApiResult<Response> {
+pub(super) async fn store(
+    app: &App,
+    key: &ProfileKey,
+    draft: &ProfileDraft,
+    condition: Precondition,
+) -> ApiResult<Response> {
     let (status, profile) = match app.rows.put_profile(&key.rig, &key.lens, draft, condition).await? {
         PutProfile::Created(profile) => (StatusCode::CREATED, profile),
         PutProfile::Updated(profile) => (StatusCode::OK, profile),
@@ -47,7 +53,7 @@ pub async fn store(app: &App, key: &ProfileKey, draft: &ProfileDraft, condition:
 }
 
 /// The answer to a write.
-pub fn written(key: &ProfileKey, status: StatusCode, profile: &Profile) -> Response {
+pub(super) fn written(key: &ProfileKey, status: StatusCode, profile: &Profile) -> Response {
     let tag = etag(&profile.revision.to_string());
     let mut response = (status, [(header::ETAG, tag)], Json(profile)).into_response();
     if status == StatusCode::CREATED
@@ -59,6 +65,6 @@ pub fn written(key: &ProfileKey, status: StatusCode, profile: &Profile) -> Respo
 }
 
 /// The header that makes this demand.
-pub fn demanding(condition: Precondition) -> header::HeaderName {
+pub(super) fn demanding(condition: Precondition) -> header::HeaderName {
     if condition == Precondition::Absent { header::IF_NONE_MATCH } else { header::IF_MATCH }
 }

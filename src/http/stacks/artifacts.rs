@@ -8,6 +8,7 @@ use axum::{
 use uuid::Uuid;
 
 use crate::{
+    contract::JobKind,
     http::{
         artifacts::{accept::Formats, picture},
         extract::JobId,
@@ -15,7 +16,6 @@ use crate::{
         state::App,
         watch::load::load,
     },
-    model::JobKind,
 };
 
 async fn send(app: &App, id: Uuid, what: &str, formats: Formats, request: (Method, HeaderMap)) -> ApiResult<Response> {

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::order::StackOrder;
 use crate::{
+    contract::{Name, options::StackOptions},
     http::{
         auth::Caller,
         extract::params,
@@ -19,7 +20,6 @@ use crate::{
         state::App,
         views::Stack,
     },
-    model::{Name, options::StackOptions},
 };
 
 /// The same by a form. `rig` and `lens` are given once: here, or in the URL.
@@ -57,19 +57,19 @@ pub struct StackForm {
         ("rig" = Option<String>, Query, description = "Rig of the profile. Required with a bare zip. With a form, give it here or as the part `rig`, not both", example = "turntable-1"),
         ("lens" = Option<String>, Query, description = "Lens of the profile. Required with a bare zip. With a form, give it here or as the part `lens`, not both", example = "mpe65-2x"),
         ("profile_revision" = Option<u32>, Query, description = "Use this revision of the profile instead of the current one"),
-        ("mask" = Option<crate::model::options::MaskMode>, Query, description = "Whether the object is cut out with the back light; default `auto`"),
+        ("mask" = Option<crate::contract::options::MaskMode>, Query, description = "Whether the object is cut out with the back light; default `auto`"),
         ("mask_threshold" = Option<String>, Query, description = "`auto` (half-way between object and background) or 0 to 1; default `auto`"),
         ("mask_min_blob_px" = Option<u32>, Query, description = "Object parts smaller than this are removed"),
         ("mask_min_hole_px" = Option<u32>, Query, description = "Holes smaller than this are filled"),
-        ("mask_edge" = Option<crate::model::options::MaskEdge>, Query, description = "What the image's alpha is at the edge of the object: `hard` (default), 0 or full, or `soft`, the share of the pixel that is object; the separate mask stays hard"),
-        ("format" = Option<crate::model::options::ImageFormat>, Query, description = "Format of the image; default `png`"),
+        ("mask_edge" = Option<pinstack_science::types::mask_options::MaskEdge>, Query, description = "What the image's alpha is at the edge of the object: `hard` (default), 0 or full, or `soft`, the share of the pixel that is object; the separate mask stays hard"),
+        ("format" = Option<crate::contract::options::ImageFormat>, Query, description = "Format of the image; default `png`"),
         ("jpeg_quality" = Option<u8>, Query, description = "Quality of a JPEG, 1 to 100; default 95"),
         ("bit_depth" = Option<String>, Query, description = "`8` (default), `16`, or `auto`: as the slices"),
-        ("order" = Option<crate::model::input::SliceOrder>, Query, description = "Order of the slices against the profile: `name` (default), as the names or `manifest.json` say, or `reverse`, the opposite"),
+        ("order" = Option<crate::contract::input::SliceOrder>, Query, description = "Order of the slices against the profile: `name` (default), as the names or `manifest.json` say, or `reverse`, the opposite"),
         ("input_bits" = Option<String>, Query, description = "Bits that the camera puts into 16-bit files: `10`, `12` and `14` are brought to full scale; `auto` (default) uses samples as they are and warns when they look like fewer bits; `16` does not warn"),
         ("crop" = Option<String>, Query, description = "`none`, `valid` or `x,y,w,h`; default `none`"),
-        ("under_alpha" = Option<crate::model::options::UnderAlpha>, Query, description = "Colour where alpha is 0; default `black`"),
-        ("method" = Option<crate::model::options::Method>, Query, description = "How slices are fused; default `unveiled`; `guided` is the paper's method, and the following seven are its parameters"),
+        ("under_alpha" = Option<crate::contract::options::UnderAlpha>, Query, description = "Colour where alpha is 0; default `black`"),
+        ("method" = Option<pinstack_science::types::fusion_options::Method>, Query, description = "How slices are fused; default `halo_corrected`; `guided` is the paper's method, and the following seven are its parameters"),
         ("r1" = Option<u32>, Query, description = "Radius of the guided filter for the base weights, px; default 45"),
         ("eps1" = Option<f64>, Query, description = "Its regularisation; default 0.3"),
         ("r2" = Option<u32>, Query, description = "Radius of the guided filter for the detail weights, px; default 7"),

@@ -3,6 +3,7 @@
 use axum::{Json, extract::State, http::HeaderMap};
 
 use crate::{
+    contract::JobKind,
     http::{
         extract::{JobId, prefer},
         problem::ApiResult,
@@ -10,7 +11,6 @@ use crate::{
         views::Stack,
         watch::{load::load, wait::until_final},
     },
-    model::JobKind,
 };
 
 /// Read a stack

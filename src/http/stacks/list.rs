@@ -3,6 +3,7 @@
 use axum::{Json, extract::State, http::Uri};
 
 use crate::{
+    contract::{JobKind, JobState},
     http::{
         auth::Caller,
         extract::{PageQuery, params},
@@ -10,7 +11,6 @@ use crate::{
         state::App,
         views::{Stack, StackList},
     },
-    model::{JobKind, JobState},
     store::JobFilter,
 };
 

@@ -3,9 +3,10 @@
 use axum::{Json, extract::State};
 
 use crate::{
+    contract::{JobKind, outcome::JobOutcome},
     http::{artifacts::outcome, extract::JobId, problem::ApiResult, state::App, watch::load::load},
-    model::{JobKind, metrics::Metrics, outcome::JobOutcome},
 };
+use pinstack_science::types::metrics::Metrics;
 
 /// The metrics of a stack alone
 ///

@@ -3,7 +3,13 @@
 use uuid::Uuid;
 
 use crate::{
-    archive,
+    contract::{
+        Code, Fault, JobKind, Name,
+        input::SliceOrder,
+        options::{Crop, MaskMode, StackOptions},
+        profile::Profile,
+        request::{JobRequest, StackRequest, Upload},
+    },
     http::{
         extract::path::name,
         intake::order::{Fields, Order},
@@ -12,13 +18,11 @@ use crate::{
         state::App,
     },
     jobs::disk::disk_need_by_profile,
-    model::{
-        Code, Fault, JobKind, Name, Warning,
-        input::SliceOrder,
-        options::{Crop, MaskMode, StackOptions},
-        profile::Profile,
-        request::{JobRequest, StackLayout, StackRequest, Upload},
-    },
+};
+use pinstack_science::segmentation::MaskParams;
+use pinstack_science::{
+    archive,
+    types::{Warning, stack_layout::StackLayout},
 };
 
 /// A stack to be fused with one revision of a profile.
@@ -132,7 +136,8 @@ impl Order for StackOrder {
         let mut options = self.options.clone();
         if options.mask != MaskMode::None && !layout.back.is_empty() {
             // what is used is shown, and stays what it is when the defaults change
-            let [blob, hole] = options.mask_limits(layout.width as usize, layout.height as usize);
+            let MaskParams { min_blob_px: blob, min_hole_px: hole, .. } =
+                options.mask_params(layout.width as usize, layout.height as usize);
             (options.mask_min_blob_px, options.mask_min_hole_px) = (Some(blob), Some(hole));
         }
         JobRequest::Stack(StackRequest {

@@ -10,6 +10,12 @@ use serde_json::{Map, Value};
 
 use super::order::StackOrder;
 use crate::{
+    contract::{
+        Code, JobKind,
+        options::StackOptions,
+        profile::Profile,
+        request::{JobRequest, StackRequest},
+    },
     http::{
         auth::Caller,
         extract::{JobId, json, params},
@@ -22,12 +28,6 @@ use crate::{
         state::App,
         views::Stack,
         watch::load::load,
-    },
-    model::{
-        Code, JobKind,
-        options::StackOptions,
-        profile::Profile,
-        request::{JobRequest, StackRequest},
     },
     store::Job,
 };
@@ -166,7 +166,7 @@ fn merged(options: &StackOptions, changes: Map<String, Value>) -> ApiResult<Stac
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::options::ImageFormat;
+    use crate::contract::options::ImageFormat;
     use serde_json::json;
 
     fn with(changes: Value) -> Result<StackOptions, String> {

@@ -9,6 +9,7 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 
 use super::rerun::removed;
 use crate::{
+    contract::{Code, JobKind},
     http::{
         artifacts::{
             download::{Content, Download, open},
@@ -19,7 +20,6 @@ use crate::{
         state::App,
         watch::load::load,
     },
-    model::{Code, JobKind},
 };
 
 /// Digest of the whole file (RFC 9530).

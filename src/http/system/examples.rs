@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use crate::{
+    contract::{Code, Fault},
     http::problem::{PROBLEM_JSON, code_name, problem, status},
-    model::{Code, Fault},
 };
 
 /// Something that was really said under this code.

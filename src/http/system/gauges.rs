@@ -5,8 +5,8 @@ use std::time::Instant;
 use jiff::Timestamp;
 
 use crate::{
+    contract::{JobKind, JobState},
     http::state::App,
-    model::{JobKind, JobState},
     store::{
         StoreResult, Totals,
         totals::{JobTotals, QuotaUse},
@@ -21,7 +21,7 @@ const HIGH: f64 = 0.8;
 ///
 /// # Errors
 /// When the rows cannot be read. A disk that cannot be measured is left out.
-pub async fn measure(app: &App, started: Instant) -> StoreResult<String> {
+pub(super) async fn measure(app: &App, started: Instant) -> StoreResult<String> {
     let mut text = Exposition::default();
     let totals = app.rows.totals().await?;
     jobs(&mut text, &totals.jobs);

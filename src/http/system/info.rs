@@ -5,9 +5,10 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::{
+    contract::options::StackOptions,
     http::{extract::prefer::MAX_WAIT_S, state::App},
-    model::{options::StackOptions, profile::MAX_SLICES},
 };
+use pinstack_science::types::profile::MAX_SLICES;
 
 /// The service: version, limits, formats, defaults.
 #[derive(Serialize, ToSchema)]

@@ -10,15 +10,16 @@ use sha2::{Digest, Sha256};
 use utoipa::OpenApi;
 
 use crate::{
+    contract::{Code, Problem},
     http::{
         auth::needs,
         extract::conditional::{etag, not_modified},
         intake::spool::hex,
         system::{examples, parameters, schemas},
     },
-    model::{Code, Problem, error::FaultPlace},
     store::tokens::names,
 };
+use pinstack_science::types::error::ErrorLocation;
 
 /// What no endpoint says by itself.
 #[derive(OpenApi)]
@@ -45,7 +46,7 @@ use crate::{
         (name = "uploads", description = "Stacks and dot targets sent in pieces: tus 1.0.0"),
         (name = "service", description = "The service about itself"),
     ),
-    components(schemas(Problem, Code, FaultPlace))
+    components(schemas(Problem, Code, ErrorLocation))
 )]
 pub struct Base;
 

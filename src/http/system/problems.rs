@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 
 use super::examples::sentence;
 use crate::{
+    contract::{Code, one_line},
     http::problem::{ApiError, ApiResult, status, title},
-    model::{Code, one_line},
 };
 
 /// A kind of problem.

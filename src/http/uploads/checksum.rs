@@ -7,8 +7,8 @@ use sha2::{Digest, Sha256};
 
 use super::protocol::UPLOAD_CHECKSUM;
 use crate::{
+    contract::Code,
     http::problem::{ApiError, ApiResult},
-    model::Code,
 };
 
 /// The algorithms, as `Tus-Checksum-Algorithm` lists them.

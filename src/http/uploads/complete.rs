@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::{digest::RunningDigest, hold::Held, metadata::Metadata};
 use crate::{
+    contract::JobKind,
     http::{
         calibrations::order::CalibrationOrder,
         intake::{
@@ -15,7 +16,6 @@ use crate::{
         stacks::order::StackOrder,
         state::App,
     },
-    model::JobKind,
     store::{blobs::upload_key, sweep::tidy_upload, uploads::UploadState},
 };
 

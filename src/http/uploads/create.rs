@@ -17,6 +17,7 @@ use super::{
     receive::require_fit,
 };
 use crate::{
+    contract::{Code, JobKind},
     http::{
         auth::Caller,
         calibrations::order::CalibrationOrder,
@@ -31,7 +32,6 @@ use crate::{
         stacks::order::StackOrder,
         state::App,
     },
-    model::{Code, JobKind},
     store::{
         tokens::Scope,
         uploads::{CreateUpload, NewUpload, OpenUploadLimits, PartialUpload},

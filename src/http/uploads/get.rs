@@ -14,12 +14,12 @@ use super::{
     protocol::{job_url, url},
 };
 use crate::{
+    contract::{JobKind, Problem},
     http::{
         extract::UploadId,
         problem::{ApiResult, problem},
         state::App,
     },
-    model::{JobKind, Problem},
     store::uploads::{PartialUpload, UploadState},
 };
 

@@ -10,11 +10,11 @@ use tokio::{
 use uuid::Uuid;
 
 use crate::{
+    contract::Code,
     http::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
     store::{
         blobs::Partial,
         uploads::{PartialUpload, UploadState},

@@ -8,12 +8,12 @@ use uuid::Uuid;
 
 use super::metadata::Metadata;
 use crate::{
+    contract::JobKind,
     http::{
         extract::{PageQuery, params},
         problem::ApiResult,
         state::App,
     },
-    model::JobKind,
     store::{Skipped, uploads},
 };
 

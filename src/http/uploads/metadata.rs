@@ -7,11 +7,11 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 
 use super::protocol::UPLOAD_METADATA;
 use crate::{
+    contract::{Code, JobKind},
     http::{
         intake::{filename, order::Fields},
         problem::{ApiError, ApiResult},
     },
-    model::{Code, JobKind},
 };
 
 /// Longest header that is kept.

@@ -17,6 +17,7 @@ use super::{
     receive::{receive, require_fit},
 };
 use crate::{
+    contract::Code,
     http::{
         auth::Caller,
         background,
@@ -30,7 +31,6 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
     store::uploads::{PartialUpload, UploadState},
 };
 

@@ -10,8 +10,8 @@ use jiff::{Timestamp, fmt::rfc2822::DateTimePrinter};
 use uuid::Uuid;
 
 use crate::{
+    contract::{Code, JobKind},
     http::problem::{ApiError, ApiResult},
-    model::{Code, JobKind},
     store::uploads::{PartialUpload, UploadState},
 };
 

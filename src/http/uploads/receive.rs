@@ -12,12 +12,12 @@ use super::{
     hold::{Held, Rival, unknown},
 };
 use crate::{
+    contract::Code,
     http::{
         intake::{admission::content_length, body::WatchedBody, reservation::UploadReservation},
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::Code,
     store::uploads::Advance,
 };
 

@@ -5,13 +5,14 @@ use utoipa::ToSchema;
 
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
-    model::{
-        outcome::JobOutcome,
-        profile::ProfileSlice,
-        report::{CalibrationReport, Drift},
-        request::{CalibrationOptions, JobRequest, StackLayout},
-    },
+    contract::{outcome::JobOutcome, request::JobRequest},
     store::Job,
+};
+use pinstack_science::types::{
+    calibration_options::CalibrationOptions,
+    profile::ProfileSlice,
+    report::{CalibrationReport, Drift},
+    stack_layout::StackLayout,
 };
 
 /// A dot-target stack and the profile that was measured from it.

@@ -6,10 +6,11 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::{
+    contract::{JobKind, JobState, Name, Problem, Progress, outcome::Artifact, request::Upload},
     http::problem,
-    model::{JobKind, JobState, Name, Problem, Progress, Warning, outcome::Artifact, request::Upload},
     store::Job,
 };
+use pinstack_science::types::Warning;
 
 /// The part of a stack or a calibration that tells how its work goes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::{Calibration, Stack};
 use crate::{
-    model::ProfileSummary,
+    contract::ProfileSummary,
     store::{Page, Skipped},
 };
 

@@ -6,14 +6,14 @@ use uuid::Uuid;
 
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
-    model::{
-        metrics::Metrics,
+    contract::{
         options::StackOptions,
         outcome::{ImageInfo, JobOutcome},
-        request::{JobRequest, StackLayout},
+        request::JobRequest,
     },
     store::Job,
 };
+use pinstack_science::types::{metrics::Metrics, stack_layout::StackLayout};
 
 /// A focus stack and what became of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

@@ -16,8 +16,8 @@ use uuid::Uuid;
 
 use super::wait::changed;
 use crate::{
+    contract::{JobState, Progress},
     http::state::App,
-    model::{JobState, Progress},
     store::Job,
 };
 

@@ -3,12 +3,12 @@
 use uuid::Uuid;
 
 use crate::{
+    contract::{Code, JobKind},
     http::{
         log,
         problem::{ApiError, ApiResult},
         state::App,
     },
-    model::{Code, JobKind},
     store::Job,
 };
 

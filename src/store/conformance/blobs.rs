@@ -4,7 +4,7 @@ use std::{fs, path::PathBuf};
 
 use super::*;
 use crate::{
-    model::JobState,
+    contract::JobState,
     store::{
         blobs::{Blobs, result_key, upload_key},
         sweep::{GRACE, Retention, sweep, tidy_job},
@@ -109,7 +109,7 @@ pub(crate) async fn the_sweep_keeps_what_a_row_names_and_removes_the_rest(store:
         publish(blobs, &result_key(id, 1, "image.png")).await;
     }
     assert!(rows.finish(succeeded, 1, &success()).await.unwrap());
-    let fault = crate::model::Fault::new(crate::model::Code::Internal, "no");
+    let fault = crate::contract::Fault::new(crate::contract::Code::Internal, "no");
     assert!(rows.finish(failed, 1, &super::super::Finish::Failed(fault)).await.unwrap());
     let waiting = accept_with_upload().await;
     let orphan = Uuid::now_v7();
@@ -170,7 +170,7 @@ pub(crate) async fn what_is_over_its_time_goes_by_its_class(store: Fresh, blobs:
     for id in [plain, own] {
         assert!(rows.finish(id, 1, &success()).await.unwrap());
     }
-    let fault = crate::model::Fault::new(crate::model::Code::Internal, "no");
+    let fault = crate::contract::Fault::new(crate::contract::Code::Internal, "no");
     assert!(rows.finish(failed, 1, &super::super::Finish::Failed(fault)).await.unwrap());
     let keep = Retention { stacks: Some(DAY * 10), failed: Some(DAY * 2), uploads: Some(DAY) };
     let there = async |id| {

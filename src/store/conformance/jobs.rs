@@ -2,15 +2,16 @@
 
 use super::*;
 use crate::{
-    model::{Code, Fault, JobKind, JobState, Warning, profile::Profile},
+    contract::{Code, Fault, JobKind, JobState, profile::Profile},
     store::{BlobOwner, CancelRequest, Finish, JobCounts, JobFilter, sweep::Retention},
 };
+use pinstack_science::types::Warning;
 
 pub(crate) async fn an_accepted_job_waits_with_all_that_was_asked(store: Fresh) {
     let rows = &*store.rows;
     let mut asked = stack_with(|request| {
         request.options.scan = Some(name("beetle"));
-        request.options.mask_threshold = crate::model::options::MaskThreshold::Fixed(0.25);
+        request.options.mask_threshold = pinstack_science::types::mask_options::MaskThreshold::Fixed(0.25);
     });
     asked.warnings.push(Warning::new("junk", "a file was passed over"));
     let accepted = accept(rows, &asked).await;

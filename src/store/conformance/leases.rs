@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::{
-    model::{Code, JobState, Progress},
+    contract::{Code, JobState, Progress},
     store::{Attempt, CancelRequest, Heartbeat},
 };
 

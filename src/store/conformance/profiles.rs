@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    model::{ProfileSummary, profile::ProfileOrigin},
+    contract::{ProfileSummary, profile::ProfileOrigin},
     store::digest::{optics_digest, profile_digest},
 };
 
@@ -24,7 +24,7 @@ pub(crate) async fn an_imported_profile_remembers_its_origin_and_its_warnings(st
         created_at: jiff::Timestamp::UNIX_EPOCH,
         calibration_id: Some(uuid::Uuid::nil()),
     };
-    let warnings = vec![crate::model::Warning::new("rebased", "based on slice 1")];
+    let warnings = vec![pinstack_science::types::Warning::new("rebased", "based on slice 1")];
     let mut draft = ProfileDraft { origin: Some(origin.clone()), warnings: warnings.clone(), ..draft(1.5) };
     (draft.input.principal_distance_mm, draft.input.pixel_pitch_mm) = (Some(130.0), Some(0.5));
     let (rig, lens) = (name("rig"), name("lens"));

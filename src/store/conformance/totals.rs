@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{Fresh, accept, claim, name, stack};
 use crate::{
-    model::{Code, Fault, JobKind, JobState},
+    contract::{Code, Fault, JobKind, JobState},
     store::{Finish, NewJob, Totals, tokens::NewToken, totals::QuotaUse},
 };
 

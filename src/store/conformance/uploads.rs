@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{Fresh, name, page, stack};
 use crate::{
-    model::{Code, Fault, JobKind},
+    contract::{Code, Fault, JobKind},
     store::{
         Enqueue, NewJob, OverQuota, StoreError, UploadRows,
         tokens::NewToken,

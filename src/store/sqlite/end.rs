@@ -6,9 +6,10 @@ use uuid::Uuid;
 
 use super::{CancelRequest, Finish, SqliteRows, StoreResult, profiles, row, uploads::signed};
 use crate::{
-    model::{Code, Fault, JobState, Warning, outcome::JobOutcome},
+    contract::{Code, Fault, JobState, outcome::JobOutcome},
     store::json,
 };
+use pinstack_science::types::Warning;
 
 /// What a row becomes at its end.
 #[derive(Default)]

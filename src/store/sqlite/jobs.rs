@@ -12,9 +12,10 @@ use super::{
     uploads::signed,
 };
 use crate::{
-    model::{JobKind, JobState, Name, Warning, request::JobRequest},
+    contract::{JobKind, JobState, Name, request::JobRequest},
     store::{Skipped, json},
 };
+use pinstack_science::types::Warning;
 
 /// What a day has.
 const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;

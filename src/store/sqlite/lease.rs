@@ -11,7 +11,7 @@ use super::{
     row::{JobRow, kind},
 };
 use crate::{
-    model::{Code, Fault, JobKind},
+    contract::{Code, Fault, JobKind},
     store::json,
     telemetry::events,
 };

@@ -35,7 +35,7 @@ use super::{
     PageRequest, Precondition, ProfileDraft, PutProfile, Rows, StoreError, StoreResult, SystemClock, Totals, folder,
     step::step, sweep::Retention,
 };
-use crate::model::{JobKind, Name, ProfileSummary, Progress, profile::Profile};
+use crate::contract::{JobKind, Name, ProfileSummary, Progress, profile::Profile};
 
 /// How long a statement waits for another process that writes.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);

@@ -12,7 +12,7 @@ use super::{
     row::{self, time},
 };
 use crate::{
-    model::{Name, ProfileSummary, profile::Profile},
+    contract::{Name, ProfileSummary, profile::Profile},
     store::{
         Skipped,
         digest::{optics_digest, profile_digest},

@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{Job, StoreError, StoreResult};
 use crate::{
-    model::{JobKind, JobState, Name, Progress},
+    contract::{JobKind, JobState, Name, Progress},
     store::json,
 };
 

@@ -10,7 +10,7 @@ use super::{
     uploads::{signed, unsigned},
 };
 use crate::{
-    model::Name,
+    contract::Name,
     store::tokens::{NewToken, Scope, Token, TokenRows, names},
 };
 

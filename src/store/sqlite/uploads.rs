@@ -10,11 +10,13 @@ use super::{
     row::{JobRow, kind, time},
 };
 use crate::{
-    model::Fault,
-    store::uploads::{
-        Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRows, UploadState,
+    contract::Fault,
+    store::{
+        Skipped, json,
+        uploads::{
+            Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRows, UploadState,
+        },
     },
-    store::{Skipped, json},
 };
 
 /// A row of `uploads`.

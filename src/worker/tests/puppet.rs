@@ -5,15 +5,16 @@ use std::sync::{Mutex, mpsc};
 use tokio::sync::mpsc as async_mpsc;
 use uuid::Uuid;
 
+use crate::contract::JobError;
 use crate::{
+    contract::{Code, Fault, Progress, request::JobRequest},
     jobs::{Bench, Made, MadeFile, Watcher},
-    model::{Code, Fault, Progress, Stop, request::JobRequest},
     store::{blobs::result_key, conformance},
     worker::Work,
 };
 
 /// What a job in a test is told to do next.
-pub enum Order {
+pub(super) enum Order {
     /// Report this fraction.
     Report(f64),
     /// Wait until it is not wanted any more, and stop.
@@ -28,7 +29,7 @@ pub enum Order {
 }
 
 /// Work that says that it began and then does what it is ordered to.
-pub struct Puppet {
+pub(super) struct Puppet {
     pub began: async_mpsc::UnboundedSender<Uuid>,
     pub orders: Mutex<mpsc::Receiver<Order>>,
     pub need: u64,
@@ -44,7 +45,7 @@ impl Work for Puppet {
         self.disk_need
     }
 
-    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, Stop> {
+    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, JobError> {
         let _ = self.began.send(bench.job.id);
         loop {
             let order = self.orders.lock().unwrap().recv();

@@ -5,13 +5,16 @@ use uuid::Uuid;
 
 use super::*;
 use crate::{
-    archive::{self, ArchiveLimits},
-    jobs::{Science, testkit},
-    model::{
+    contract::{
         outcome::JobOutcome,
-        request::{CalibrationRequest, JobRequest, StackLayout, StackRequest, Upload},
+        request::{CalibrationRequest, JobRequest, StackRequest, Upload},
     },
+    jobs::{Science, testkit},
     store::{NewJob, blobs::upload_key, conformance::accept, digest::hex},
+};
+use pinstack_science::{
+    archive::{self, ArchiveLimits},
+    types::stack_layout::StackLayout,
 };
 
 /// Publishes an archive as the upload of a new job and accepts the job.

@@ -11,8 +11,8 @@ use uuid::Uuid;
 
 use super::puppet::{Order, Puppet};
 use crate::{
+    contract::request::JobRequest,
     disk_budget::DiskBudget,
-    model::request::JobRequest,
     store::{
         Job, ManualClock, NewJob,
         blobs::{local::LocalBlobs, result_key, upload_key},
@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// A store, its clock, and the strings of the puppets.
-pub struct Stage {
+pub(super) struct Stage {
     pub folder: TempDir,
     pub clock: Arc<ManualClock>,
     pub deps: Deps,
@@ -32,7 +32,7 @@ pub struct Stage {
 }
 
 /// Beats often, so that what a beat must see is seen soon.
-pub fn config(workers: usize) -> Config {
+pub(super) fn config(workers: usize) -> Config {
     let often = Duration::from_millis(5);
     Config {
         workers,
@@ -45,11 +45,11 @@ pub fn config(workers: usize) -> Config {
     }
 }
 
-pub async fn stage_with_need(need: u64) -> Stage {
+pub(super) async fn stage_with_need(need: u64) -> Stage {
     stage_with_needs(need, 0).await
 }
 
-pub async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
+pub(super) async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     let folder = tempfile::tempdir().unwrap();
     let clock = Arc::new(ManualClock::default());
     let rows = SqliteRows::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.unwrap();
@@ -64,12 +64,12 @@ pub async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     Stage { folder, clock, deps, began, orders }
 }
 
-pub async fn stage() -> Stage {
+pub(super) async fn stage() -> Stage {
     stage_with_need(1).await
 }
 
 impl Stage {
-    pub async fn accept(&self) -> Uuid {
+    pub(super) async fn accept(&self) -> Uuid {
         let mut job: NewJob = conformance::stack();
         let key = upload_key(job.id);
         if let JobRequest::Stack(request) = &mut job.request {
@@ -81,12 +81,12 @@ impl Stage {
         accept(&*self.deps.rows, &job).await.id
     }
 
-    pub fn order(&self, order: Order) {
+    pub(super) fn order(&self, order: Order) {
         self.orders.send(order).expect("the puppets listen");
     }
 
     /// Waits for the row to be as it should.
-    pub async fn until(&self, id: Uuid, holds: impl Fn(&Job) -> bool) -> Job {
+    pub(super) async fn until(&self, id: Uuid, holds: impl Fn(&Job) -> bool) -> Job {
         let mut changes = self.deps.rows.changes();
         loop {
             let job = conformance::job(&*self.deps.rows, id).await;
@@ -97,17 +97,17 @@ impl Stage {
         }
     }
 
-    pub async fn ended(&self, id: Uuid) -> Job {
+    pub(super) async fn ended(&self, id: Uuid) -> Job {
         self.until(id, |job| job.state.is_final()).await
     }
 
-    pub async fn results_of(&self, job: &Job) -> Option<Vec<u8>> {
+    pub(super) async fn results_of(&self, job: &Job) -> Option<Vec<u8>> {
         let key = result_key(job.id, job.lease_token, "image.png");
         self.deps.blobs.local_path(&key).await.unwrap().map(|path| std::fs::read(path).unwrap())
     }
 
     /// The folders that running jobs have in the spool.
-    pub fn benches(&self) -> usize {
+    pub(super) fn benches(&self) -> usize {
         std::fs::read_dir(self.deps.blobs.spool_dir()).unwrap().count()
     }
 }

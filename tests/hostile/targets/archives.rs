@@ -1,9 +1,9 @@
 //! Zips, and the manifest in them.
 
-use pinstack::{
+use pinstack::contract::Code;
+use pinstack_science::{
     archive::{self, StackArchive},
     imaging::{Slices, codec},
-    model::Code,
 };
 
 use super::{limits, pictures::png, refused_with};
@@ -25,7 +25,7 @@ const DECODED: usize = 4;
 pub fn archive(bytes: &[u8]) {
     match archive::open_in_memory(bytes.to_vec(), &limits()) {
         Ok(archive) => judge(&archive),
-        Err(fault) => refused_with(&fault, &REFUSALS),
+        Err(fault) => refused_with(&fault.clone().into(), &REFUSALS),
     }
 }
 
@@ -46,7 +46,7 @@ pub fn manifest(bytes: &[u8]) {
             assert_eq!(found, all, "a manifest loses no slice and doubles none");
             judge(&archive);
         }
-        Err(fault) => refused_with(&fault, &[Code::InvalidArchive, Code::SliceCountMismatch]),
+        Err(fault) => refused_with(&fault.clone().into(), &[Code::InvalidArchive, Code::SliceCountMismatch]),
     }
 }
 
@@ -64,8 +64,8 @@ fn judge(archive: &StackArchive) {
                     assert_eq!((raster.width, raster.height), (layout.width as usize, layout.height as usize));
                 }
                 Err(fault) => {
-                    refused_with(&fault, &REFUSALS);
-                    assert!(fault.places.iter().any(|place| place.file.is_some()), "{} names no file", fault.detail);
+                    refused_with(&fault.clone().into(), &REFUSALS);
+                    assert!(fault.locations.iter().any(|place| place.file.is_some()), "{} names no file", fault.detail);
                 }
             }
         }

@@ -15,7 +15,8 @@ use std::{
     sync::{Mutex, Once, PoisonError},
 };
 
-use pinstack::{archive::ArchiveLimits, imaging::codec, model::Code, model::Fault};
+use pinstack::contract::{Code, Fault};
+use pinstack_science::{archive::ArchiveLimits, imaging::codec};
 
 /// A way into the service.
 pub struct Target {

@@ -2,12 +2,10 @@
 
 use std::io::Cursor;
 
-use pinstack::{
-    imaging::{
-        Raster, Samples,
-        codec::{self, Header, ImageFault, Metadata},
-    },
-    model::Code,
+use pinstack::contract::Code;
+use pinstack_science::imaging::{
+    Raster, Samples,
+    codec::{self, Header, ImageFault, Metadata},
 };
 
 use super::{limits, refused_with};
@@ -55,7 +53,7 @@ fn judge(header: &Header) {
 }
 
 fn refused(fault: &ImageFault) {
-    refused_with(&fault.in_file("slice", None), &[Code::InvalidImage, Code::InvalidArchive]);
+    refused_with(&fault.in_file("slice", None).into(), &[Code::InvalidImage, Code::InvalidArchive]);
 }
 
 /// A small PNG.

@@ -2,7 +2,7 @@
 
 use axum::http::Uri;
 use pinstack::{
-    archive::{npy, npz},
+    contract::{Code, options::StackOptions},
     http::{
         calibrations::order::check_options,
         extract::{json, params},
@@ -12,11 +12,12 @@ use pinstack::{
             numbers::{self, Kind},
         },
     },
-    model::{
-        Code,
-        options::StackOptions,
+};
+use pinstack_science::{
+    archive::{npy, npz},
+    types::{
+        calibration_options::CalibrationOptions,
         profile::{ProfileInput, ProfileSlice},
-        request::CalibrationOptions,
         rig_parameters::RigParameters,
     },
 };
@@ -38,7 +39,7 @@ pub fn profile(bytes: &[u8]) {
             Err(error) => refused_with(error.fault(), &REFUSALS),
         }
     }
-    match json::parse::<RigParameters>(bytes, Code::InvalidProfile).and_then(|told| told.profile()) {
+    match json::parse::<RigParameters>(bytes, Code::InvalidProfile).and_then(|told| Ok(told.profile()?)) {
         Ok(input) => sound(&input),
         Err(fault) => refused_with(&fault, &REFUSALS),
     }
@@ -58,7 +59,7 @@ pub fn numpy(bytes: &[u8]) {
                 let bits = |of: &[[f64; 9]]| of.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
                 assert_eq!(bits(&again), bits(&matrices));
             }
-            Err(fault) => refused_with(&fault, &[Code::InvalidProfile]),
+            Err(fault) => refused_with(&fault.into(), &[Code::InvalidProfile]),
         }
     }
     match numbers::read(Kind::Numpy, bytes.to_vec(), &uri("/p?image_width=640&image_height=480&rail_step_mm=0.5")) {

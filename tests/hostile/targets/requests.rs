@@ -12,9 +12,13 @@ use axum::{
 };
 use http_body_util::BodyExt;
 use pinstack::{
+    contract::{Code, Problem},
     http::{App, Policy, problem, router},
-    model::{Code, Problem},
-    store::{Rows, blobs::Blobs, blobs::local::LocalBlobs, sqlite::SqliteRows},
+    store::{
+        Rows,
+        blobs::{Blobs, local::LocalBlobs},
+        sqlite::SqliteRows,
+    },
 };
 use tempfile::TempDir;
 use tokio::runtime::Runtime;

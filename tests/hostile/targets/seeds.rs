@@ -3,17 +3,20 @@
 use std::io::Cursor;
 
 use pinstack::{
-    archive::{self, npy, npz},
+    contract::{
+        Name,
+        profile::{Profile, ProfileSource},
+    },
     http::profiles::file::ProfileFile,
+    store::digest::{optics_digest, profile_digest},
+};
+use pinstack_science::{
+    archive::{self, npy, npz},
     imaging::{
         Raster,
         codec::{self, Metadata},
     },
-    model::{
-        Name,
-        profile::{HomographyModel, Profile, ProfileInput, ProfileSlice, ProfileSource},
-    },
-    store::digest::{optics_digest, profile_digest},
+    types::profile::{HomographyModel, ProfileInput, ProfileSlice},
 };
 use serde_json::json;
 
@@ -63,9 +66,9 @@ pub fn pictures() -> Seeds {
         ("deep.png", deep_png),
         ("grey.jpg", codec::encode_jpeg(&pattern(17, 9, 1), 90)),
         ("colour.jpg", codec::encode_jpeg(&pattern(17, 9, 3), 60)),
-        ("progressive.jpg", include_bytes!("../../../src/imaging/codec/testdata/progressive.jpg").to_vec()),
-        ("baseline.jpg", include_bytes!("../../../src/imaging/codec/testdata/baseline.jpg").to_vec()),
-        ("restart.jpg", include_bytes!("../../../src/imaging/codec/testdata/restart.jpg").to_vec()),
+        ("progressive.jpg", include_bytes!("../../../science/src/imaging/codec/testdata/progressive.jpg").to_vec()),
+        ("baseline.jpg", include_bytes!("../../../science/src/imaging/codec/testdata/baseline.jpg").to_vec()),
+        ("restart.jpg", include_bytes!("../../../science/src/imaging/codec/testdata/restart.jpg").to_vec()),
         ("deep.tif", tiff(&deep(), &metadata)),
         ("colour.tif", tiff(&pattern(9, 7, 3), &metadata)),
         ("alpha.tif", tiff(&pattern(9, 7, 4), &Metadata::default())),

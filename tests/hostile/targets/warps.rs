@@ -1,8 +1,8 @@
 //! Resampling: the addresses that vector code reads come from homographies and sizes that clients send.
 
-use pinstack::{
+use pinstack_science::{
     imaging::{Sample, warp::Warp},
-    model::Homography,
+    types::Homography,
 };
 
 /// Longest side of slices and canvases, px.

@@ -1,0 +1,404 @@
+//! The zip container: the only file that names the zip crate.
+
+use std::{
+    fs::File,
+    io::{self, BufReader, Read, Seek, SeekFrom, Write},
+    os::unix::fs::FileExt,
+    path::Path,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
+use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
+
+use super::{ArchiveLimits, kind, names, picture, window::Window};
+use crate::{
+    imaging::codec::{self, Header, ImageFault},
+    types::{Error, ErrorKind},
+};
+
+/// Deflate cannot make more than this of one byte; keeps a lying size from being allocated.
+const LARGEST_RATIO: u64 = 1_100;
+
+/// Where the bytes of a zip lie.
+enum Source {
+    Disk(File),
+    Memory(Vec<u8>),
+    /// A disk that fails while a test says so.
+    #[cfg(test)]
+    Failing(Vec<u8>, Arc<std::sync::atomic::AtomicBool>),
+}
+
+impl Source {
+    fn length(&self) -> io::Result<u64> {
+        match self {
+            Self::Disk(file) => Ok(file.metadata()?.len()),
+            Self::Memory(bytes) => Ok(bytes.len() as u64),
+            #[cfg(test)]
+            Self::Failing(bytes, _) => Ok(bytes.len() as u64),
+        }
+    }
+
+    fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+        match self {
+            Self::Disk(file) => file.read_at(buffer, at),
+            Self::Memory(bytes) => {
+                let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
+                (&mut &*rest).read(buffer)
+            }
+            #[cfg(test)]
+            Self::Failing(_, fails) if fails.load(Ordering::SeqCst) => Err(io::Error::from_raw_os_error(5)),
+            #[cfg(test)]
+            Self::Failing(bytes, _) => Self::Memory(bytes.clone()).read_at(buffer, at),
+        }
+    }
+
+    fn read_exact_at(&self, buffer: &mut [u8], at: u64) -> io::Result<()> {
+        match self {
+            Self::Disk(file) => file.read_exact_at(buffer, at),
+            Self::Memory(bytes) => {
+                let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
+                (&mut &*rest).read_exact(buffer)
+            }
+            #[cfg(test)]
+            Self::Failing(bytes, _) => Self::Memory(bytes.clone()).read_exact_at(buffer, at),
+        }
+    }
+}
+
+/// A source that many readers read at places of their own, with a budget of bytes that can be closed and opened.
+#[derive(Clone)]
+struct Shared {
+    source: Arc<Source>,
+    length: u64,
+    at: u64,
+    budget: Arc<AtomicU64>,
+    failure: Failure,
+}
+
+/// The last error of the disk. Libraries wrap it beyond recognition; it must not be blamed on the content of the zip.
+#[derive(Clone, Default)]
+struct Failure(Arc<Mutex<Option<io::Error>>>);
+
+impl Failure {
+    fn note(&self, error: &io::Error) {
+        let noted = error.raw_os_error().map_or_else(|| error.kind().into(), io::Error::from_raw_os_error);
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(noted);
+    }
+
+    /// A fault that came of an error of the disk says so instead of what it looked like.
+    fn explain<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
+        let noted = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        result.map_err(|fault| noted.map_or(fault, unreadable))
+    }
+}
+
+/// What a read beyond the budget says, to be told from other errors.
+const BUDGET_SPENT: &str = "directory budget spent";
+
+impl Read for Shared {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.source.read_at(buffer, self.at).inspect_err(|error| self.failure.note(error))?;
+        let spend = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(read as u64) };
+        if self.budget.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend).is_err() {
+            return Err(io::Error::other(BUDGET_SPENT));
+        }
+        self.at += read as u64;
+        Ok(read)
+    }
+}
+
+impl Seek for Shared {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let target = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::End(by) => self.length.checked_add_signed(by),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = target.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "seek before the start"))?;
+        Ok(self.at)
+    }
+}
+
+/// One entry of the directory.
+#[derive(Debug, Clone)]
+pub(super) struct Member {
+    /// Position in the directory.
+    pub index: usize,
+    /// Name with `/` between folders, as it is shown.
+    pub name: String,
+    /// Declared size, unpacked.
+    pub size: u64,
+    /// The name is neither UTF-8 nor, by its letters, in code page 437.
+    pub unclear_name: bool,
+}
+
+/// An open zip. Cheap to clone; clones read independently of each other.
+#[derive(Clone)]
+pub(super) struct Container {
+    zip: ZipArchive<Shared>,
+    failure: Failure,
+}
+
+impl Container {
+    /// Reads the directory of a file.
+    pub(super) fn open(path: &Path, limits: &ArchiveLimits) -> Result<Self, Error> {
+        Self::of(Source::Disk(File::open(path).map_err(unreadable)?), limits)
+    }
+
+    /// Reads the directory of a small zip that is in memory.
+    pub(super) fn in_memory(bytes: Vec<u8>, limits: &ArchiveLimits) -> Result<Self, Error> {
+        Self::of(Source::Memory(bytes), limits)
+    }
+
+    /// Reads the directory of a zip on a disk that fails (EIO) while `fails` is set.
+    #[cfg(test)]
+    pub(super) fn on_a_failing_disk(
+        bytes: Vec<u8>,
+        fails: Arc<std::sync::atomic::AtomicBool>,
+        limits: &ArchiveLimits,
+    ) -> Result<Self, Error> {
+        Self::of(Source::Failing(bytes, fails), limits)
+    }
+
+    fn of(source: Source, limits: &ArchiveLimits) -> Result<Self, Error> {
+        let failure = Failure::default();
+        failure.explain(Self::checked(source, limits, &failure))
+    }
+
+    fn checked(source: Source, limits: &ArchiveLimits, failure: &Failure) -> Result<Self, Error> {
+        let length = source.length().map_err(unreadable)?;
+        let head = refuse_what_is_no_zip(&source, length).map_err(unreadable)??;
+        let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
+
+        let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
+        let shared =
+            Shared { source: Arc::new(source), length, at: 0, budget: budget.clone(), failure: failure.clone() };
+        let directory_fault = |error: ZipError| match error {
+            ZipError::Io(error) if error.to_string() == BUDGET_SPENT => Error::new(
+                ErrorKind::ArchiveTooLarge,
+                "the directory of the zip is too large to be one of a focus stack",
+            ),
+            ZipError::UnsupportedArchive(what) => {
+                Error::new(ErrorKind::UnsupportedArchive, format!("this kind of zip is not read ({what})"))
+            }
+            ZipError::InvalidArchive(what) if what.contains("Multi-disk") => Error::new(
+                ErrorKind::UnsupportedArchive,
+                "the zip is split over several files; make one zip (zip64 is read, so it may be as large as it must)",
+            ),
+            ZipError::InvalidArchive(what) => damaged_directory(&what),
+            other => damaged_directory(&other),
+        };
+        let mut zip = ZipArchive::new(shared).map_err(directory_fault)?;
+        if zip.len() > limits.max_members {
+            return Err(Error::new(
+                ErrorKind::ArchiveTooLarge,
+                format!("the zip has {} members; at most {} are read", zip.len(), limits.max_members),
+            ));
+        }
+        // duplicates collapse to the last one without a word
+        if zip.has_duplicate_names() {
+            return Err(Error::new(
+                ErrorKind::InvalidArchive,
+                "the zip has several members of the same name; make it again from an empty file",
+            ));
+        }
+        if zip.has_overlapping_entries().map_err(directory_fault)? {
+            return Err(Error::new(
+                ErrorKind::InvalidArchive,
+                "members of the zip overlap, which no honest zip program writes",
+            ));
+        }
+        budget.store(u64::MAX, Ordering::Relaxed);
+        Ok(Self { zip, failure: failure.clone() })
+    }
+
+    /// Every member that is a file and no rubbish of an operating system, names checked.
+    pub(super) fn members(&self) -> Result<Vec<Member>, Error> {
+        let mut members = Vec::new();
+        for index in 0..self.zip.len() {
+            let entry = self.zip.by_index_data(index).map_err(|error| {
+                Error::new(
+                    ErrorKind::InvalidArchive,
+                    format!("the directory of the zip is damaged{}", in_brackets(&error)),
+                )
+            })?;
+            let raw = match entry.name() {
+                Ok(name) => name.into_owned(),
+                Err(_) => String::from_utf8_lossy(entry.name_raw()).into_owned(),
+            };
+            let unclear_name = names::is_of_another_code_page(entry.name_raw());
+            let Some(name) = names::checked(&raw)? else { continue };
+            if entry.is_symlink() {
+                return Err(super::invalid(
+                    &name,
+                    format!("{name} is a symbolic link; put the file itself into the zip"),
+                ));
+            }
+            if !entry.is_dir() {
+                members.push(Member { index, name, size: entry.size(), unclear_name });
+            }
+        }
+        Ok(members)
+    }
+
+    /// Refuses members that cannot be unpacked or are too large.
+    pub(super) fn refuse_unreadable(&self, member: &Member, limits: &ArchiveLimits) -> Result<(), Error> {
+        let entry = self.zip.by_index_data(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let unsupported =
+            |detail: String| Error::new(ErrorKind::UnsupportedArchive, detail).in_file(&member.name, None);
+        if entry.encrypted() {
+            return Err(unsupported(format!("{} is encrypted; make the zip without a password", member.name)));
+        }
+        let method = entry.compression();
+        if !matches!(method, CompressionMethod::Stored | CompressionMethod::Deflated | CompressionMethod::Deflate64) {
+            let method = method_name(method);
+            return Err(unsupported(format!(
+                "{} is compressed by {method}; make the zip with \"store\" or \"deflate\" (pictures hardly get smaller)",
+                member.name
+            )));
+        }
+        if member.size > limits.max_member_bytes {
+            let (size, most) = (member.size, limits.max_member_bytes);
+            let detail = format!("{} has {size} bytes unpacked; at most {most} are read", member.name);
+            return Err(Error::new(ErrorKind::ArchiveTooLarge, detail).in_file(&member.name, None));
+        }
+        Ok(())
+    }
+
+    /// The member, its size and its CRC checked. What follows the end of a PNG is unpacked and not kept.
+    pub(super) fn read(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
+        self.failure.explain(self.read_whole(member, limits))
+    }
+
+    fn read_whole(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
+        self.refuse_unreadable(member, limits)?;
+        let mut zip = self.zip.clone();
+        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let room = member.size.min(entry.compressed_size().saturating_mul(LARGEST_RATIO));
+        let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
+        // one byte more than declared shows a member that is larger than it says
+        let mut entry = entry.take(member.size.saturating_add(1));
+        let unpacked = picture::read(&mut entry, &mut bytes).map_err(|error| damaged(&member.name, &error))?;
+        if unpacked != member.size {
+            return Err(damaged(&member.name, &"it does not have the size that the directory tells"));
+        }
+        Ok(bytes)
+    }
+
+    /// The first `most` bytes of a member (all of a shorter one), however large it says it is. Its CRC is not checked.
+    pub(super) fn read_start(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Vec<u8>, Error> {
+        self.refuse_unreadable(member, &ArchiveLimits { max_member_bytes: u64::MAX, ..*limits })?;
+        let mut zip = self.zip.clone();
+        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let mut bytes = Vec::new();
+        let read = entry.take(most).read_to_end(&mut bytes).map_err(|error| damaged(&member.name, &error));
+        self.failure.explain(read)?;
+        Ok(bytes)
+    }
+
+    /// The header of a picture; reads no more of it than it takes. Of a compressed member at most `most` bytes are
+    /// unpacked for it; `None` when the header lies behind them.
+    pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Option<Header>, Error> {
+        self.failure.explain(self.probe_header(member, limits, most))
+    }
+
+    fn probe_header(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Option<Header>, Error> {
+        self.refuse_unreadable(member, limits)?;
+        let picture_fault = |fault: ImageFault| fault.in_file(&member.name, None);
+        let mut zip = self.zip.clone();
+        if let Ok(entry) = zip.by_index_seek(member.index) {
+            return codec::probe(BufReader::new(entry), &limits.image).map(Some).map_err(picture_fault);
+        }
+        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let mut reader = BufReader::new(Window::new(entry, member.size, most));
+        let header = codec::probe(&mut reader, &limits.image);
+        if header.is_err() && reader.get_ref().was_stopped() {
+            return Ok(None);
+        }
+        if header.is_err() && reader.get_ref().fell_behind() {
+            // a TIFF that jumps about in the file; rare
+            drop(reader);
+            let bytes = self.read_whole(member, limits)?;
+            return codec::probe(io::Cursor::new(bytes), &limits.image).map(Some).map_err(picture_fault);
+        }
+        header.map(Some).map_err(picture_fault)
+    }
+}
+
+/// A disk that does not give what was written to it.
+fn unreadable(error: io::Error) -> Error {
+    let detail = format!(
+        "the server cannot read the upload on its disk ({error}); this is no fault of the archive: try again in a moment"
+    );
+    Error::new(ErrorKind::ResourcesExhausted, detail)
+}
+
+/// A directory that does not fit the file, which begins with `head`.
+fn damaged_directory(why: &dyn std::fmt::Display, head: &[u8]) -> Error {
+    if kind::lost_line_ends(head) {
+        return Error::new(ErrorKind::InvalidArchive, kind::LOST_LINE_ENDS);
+    }
+    let detail =
+        format!("the zip is damaged{}; was the upload cut off? Make it again and send it again", in_brackets(why));
+    Error::new(ErrorKind::InvalidArchive, detail)
+}
+
+/// What a library says, in brackets; nothing when it names types of a program, which say nothing to anybody else.
+fn in_brackets(why: &dyn std::fmt::Display) -> String {
+    let why = why.to_string();
+    if why.is_empty() || why.contains("::") { String::new() } else { format!(" ({why})") }
+}
+
+/// A member whose bytes cannot be had.
+fn damaged(name: &str, why: &dyn std::fmt::Display) -> Error {
+    super::invalid(
+        name,
+        format!(
+            "{name} is damaged in the zip{}; was the upload cut off? Make the zip again and send it again",
+            in_brackets(why)
+        ),
+    )
+}
+
+#[allow(deprecated)]
+fn method_name(method: CompressionMethod) -> String {
+    match method {
+        CompressionMethod::Unsupported(number) => {
+            format!("{} (method {number})", CompressionMethod::name_from_u16(number))
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Refuses files that are no zip, and zips that end early. Gives the first bytes.
+fn refuse_what_is_no_zip(file: &Source, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
+    let mut head = vec![0; length.min(kind::HEAD_BYTES) as usize];
+    file.read_exact_at(&mut head, 0)?;
+    let tail_length = length.min(kind::END_RECORD_BYTES);
+    let mut tail = vec![0; tail_length as usize];
+    file.read_exact_at(&mut tail, length - tail_length)?;
+    Ok(match kind::objection(&head, &tail, length) {
+        Some(detail) => Err(Error::new(ErrorKind::InvalidArchive, detail)),
+        None => Ok(head),
+    })
+}
+
+/// Writes a zip of stored members (pictures hardly get smaller), zip64 where it must be. The same members give the
+/// same bytes: no times are kept.
+///
+/// # Errors
+/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for a name that comes twice.
+pub fn pack(out: impl Write + Seek, members: impl Iterator<Item = (String, Vec<u8>)>) -> io::Result<()> {
+    let mut zip = ZipWriter::new(out);
+    for (name, bytes) in members {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .large_file(bytes.len() as u64 >= u64::from(u32::MAX));
+        zip.start_file(name, options)?;
+        zip.write_all(&bytes)?;
+    }
+    zip.finish()?.flush()
+}

@@ -1,0 +1,123 @@
+//! `manifest.json`: the order of the slices, told instead of guessed.
+
+use std::collections::HashMap;
+
+use serde::Deserialize;
+
+use super::{
+    ArchiveLimits,
+    container::{Container, Member},
+    invalid,
+    layout::{Picture, Sorted},
+    light::Light,
+    listed, names,
+};
+use crate::types::{Error, Warning};
+
+/// Name of the file, in the root or in the folder around everything.
+const FILE: &str = "manifest.json";
+
+/// Largest manifest that is read.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// The order of the slices.
+#[derive(Debug, Deserialize)]
+pub(super) struct Manifest {
+    #[serde(default)]
+    front: Vec<String>,
+    #[serde(default)]
+    back: Vec<String>,
+}
+
+/// The manifest among the files that are no pictures, when there is one. A `manifest.json` that speaks of neither
+/// front nor back belongs to another program and is passed over.
+pub(super) fn find(
+    container: &Container,
+    others: &[Member],
+    wrapper: &str,
+    limits: &ArchiveLimits,
+    warnings: &mut Vec<Warning>,
+) -> Result<Option<(Member, Manifest)>, Error> {
+    let inside = format!("{wrapper}{FILE}");
+    let called = |member: &&Member, name: &str| member.name.eq_ignore_ascii_case(name);
+    let found = others.iter().find(|m| called(m, &inside)).or_else(|| others.iter().find(|m| called(m, FILE)));
+    let Some(member) = found else { return Ok(None) };
+    let name = &member.name;
+    if member.size > MAX_BYTES {
+        return Err(invalid(name, format!("{name} is larger than 1 MiB, so it is not a list of slices")));
+    }
+    let bytes = container.read(member, limits)?;
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
+    let advice = r#"it must look like {"front": ["a.jpg", "b.jpg"], "back": []}; or leave it out"#;
+    let value: serde_json::Value = serde_json::from_slice(text)
+        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")))?;
+    if value.get("front").is_none() && value.get("back").is_none() {
+        let detail = format!("{name} names neither front nor back slices, so it was passed over");
+        warnings.push(Warning::new("manifest_passed_over", detail));
+        return Ok(None);
+    }
+    let manifest = serde_json::from_value(value)
+        .map_err(|error| invalid(name, format!("{name} is not a list of slices ({error}); {advice}")))?;
+    Ok(Some((member.clone(), manifest)))
+}
+
+impl Manifest {
+    /// The pictures in the order of the manifest. Every picture must be named once, and every name must be there:
+    /// a slice that is left out or counted twice would shift all others against the profile.
+    pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<Sorted, Error> {
+        let mut pictures = Pictures::new(pictures);
+        let front = pictures.take(&self.front, Light::Front)?;
+        let back = pictures.take(&self.back, Light::Back)?;
+        let unnamed: Vec<&str> = pictures.left.iter().flatten().map(|picture| picture.member.name.as_str()).collect();
+        if let Some(first) = unnamed.first().copied() {
+            let detail = format!("{FILE} does not name {}; name every picture of the zip", listed(unnamed));
+            return Err(invalid(first, detail));
+        }
+        Ok(Sorted { front, back })
+    }
+}
+
+/// Pictures that were not named yet, and where each is to be found by its names in small letters.
+struct Pictures {
+    left: Vec<Option<Picture>>,
+    /// Whole names, and names within the folder around everything.
+    by_name: HashMap<String, Vec<usize>>,
+    /// Names within the folder of a light.
+    by_light: HashMap<(Light, String), Vec<usize>>,
+}
+
+impl Pictures {
+    fn new(pictures: Vec<Picture>) -> Self {
+        let mut by_name: HashMap<String, Vec<usize>> = HashMap::new();
+        let mut by_light: HashMap<(Light, String), Vec<usize>> = HashMap::new();
+        for (at, picture) in pictures.iter().enumerate() {
+            by_name.entry(picture.member.name.to_lowercase()).or_default().push(at);
+            by_name.entry(picture.inner.to_lowercase()).or_default().push(at);
+            if let Some((light, rest)) = picture.in_light_folder() {
+                by_light.entry((light, rest.to_lowercase())).or_default().push(at);
+            }
+        }
+        Self { left: pictures.into_iter().map(Some).collect(), by_name, by_light }
+    }
+
+    /// Takes out the slices of one light in the order in which they are named.
+    fn take(&mut self, named: &[String], light: Light) -> Result<Vec<Member>, Error> {
+        let mut out = Vec::new();
+        for name in named {
+            let Some(label) = names::checked(name)? else {
+                return Err(invalid(name, format!("{FILE} names {name:?}, which cannot be a slice")));
+            };
+            let small = label.to_lowercase();
+            let called = self.by_name.get(&small).into_iter().chain(self.by_light.get(&(light, small.clone())));
+            let free = called.flatten().copied().filter(|&at| self.left.get(at).is_some_and(Option::is_some)).min();
+            let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {
+                let word = light.word();
+                let detail =
+                    format!("{FILE} names the {word} slice {label}, which is not in the zip or was named before");
+                return Err(invalid(&label, detail));
+            };
+            out.push(picture.member);
+        }
+        Ok(out)
+    }
+}

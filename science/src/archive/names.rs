@@ -1,0 +1,123 @@
+//! Names of members: labels that are checked, never paths that are opened.
+
+use super::invalid;
+use crate::types::Error;
+
+/// Longest name that is shown and kept.
+const LONGEST: usize = 1_024;
+
+/// The name with `/` between folders and without empty parts; none for folders and for rubbish of operating systems.
+/// Backslashes always separate: Windows programs write them, and nobody needs them in a file name.
+pub(super) fn checked(raw: &str) -> Result<Option<String>, Error> {
+    let shown: String = raw.chars().take(120).map(|c| if c.is_control() { '?' } else { c }).collect();
+    // macOS keeps the icon of a folder in a file of this name
+    let printed = raw.strip_suffix("Icon\r").unwrap_or(raw);
+    if printed.chars().any(char::is_control) {
+        return Err(invalid(&shown, format!("the name {shown:?} has control characters; rename the file")));
+    }
+    if raw.len() > LONGEST {
+        return Err(invalid(&shown, format!("the name {shown}... is longer than {LONGEST} bytes; rename the file")));
+    }
+    let name = raw.replace('\\', "/");
+    let drive = matches!(name.as_bytes(), [letter, b':', ..] if letter.is_ascii_alphabetic());
+    if name.starts_with('/') || drive {
+        return Err(invalid(
+            &shown,
+            format!("{shown} is an absolute name; make the zip from within the folder of the stack"),
+        ));
+    }
+    let parts: Vec<&str> = name.split('/').filter(|part| !part.is_empty() && *part != ".").collect();
+    if parts.contains(&"..") {
+        return Err(invalid(&shown, format!("{shown} points outside of the zip (\"..\"), which is not allowed")));
+    }
+    if name.ends_with('/') || is_rubbish(&parts) {
+        return Ok(None);
+    }
+    match parts.is_empty() {
+        true => Err(invalid(&shown, format!("a member of the zip has no name ({shown:?})"))),
+        false => Ok(Some(parts.join("/"))),
+    }
+}
+
+/// True for bytes that are neither UTF-8 nor letters of code page 437, which zip takes for granted: Windows programs write
+/// names in the code page of their country (GBK, 932, 1252), and the zip does not say in which.
+pub(super) fn is_of_another_code_page(raw: &[u8]) -> bool {
+    // of the upper half of 437 these are letters; the others are lines of tables, Greek and mathematics
+    let is_letter = |byte: u8| matches!(byte, 0..=0xA8 | 0xE1);
+    std::str::from_utf8(raw).is_err() && !raw.iter().copied().all(is_letter)
+}
+
+/// Files that operating systems leave in folders.
+fn is_rubbish(parts: &[&str]) -> bool {
+    let Some(last) = parts.last() else { return false };
+    let known = [".ds_store", "thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r"];
+    parts.iter().any(|part| part.eq_ignore_ascii_case("__macosx"))
+        || last.starts_with("._")
+        || known.contains(&last.to_ascii_lowercase().as_str())
+}
+
+/// The last part of a name.
+pub(super) fn base(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
+
+/// A name without its extension.
+pub(super) fn stem(name: &str) -> &str {
+    match name.rfind('.') {
+        Some(dot) if dot > name.rfind('/').map_or(0, |slash| slash + 1) => &name[..dot],
+        _ => name,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_become_labels_with_slashes() {
+        for (raw, name) in [
+            ("front\\img_1.jpg", "front/img_1.jpg"),
+            ("./front//img_1.jpg", "front/img_1.jpg"),
+            ("Käfer/vorne/1.tif", "Käfer/vorne/1.tif"),
+        ] {
+            assert_eq!(checked(raw).unwrap().as_deref(), Some(name));
+        }
+    }
+
+    #[test]
+    fn names_that_reach_outside_are_refused() {
+        for raw in ["../a.jpg", "front/../../a.jpg", "..\\a.jpg", "/etc/passwd", "\\a.jpg", "C:\\a.jpg", "c:a.jpg"] {
+            assert_eq!(checked(raw).unwrap_err().kind, crate::types::ErrorKind::InvalidArchive, "{raw}");
+        }
+        for raw in ["a\0.jpg", "a\n.jpg", "", "./"] {
+            assert!(checked(raw).is_err() || checked(raw) == Ok(None), "{raw:?}");
+        }
+        assert!(checked("a\0.jpg").is_err());
+        assert!(checked("front/..jpg").is_ok(), "dots in a name are fine");
+    }
+
+    #[test]
+    fn rubbish_and_folders_are_passed_over() {
+        for raw in [
+            "front/",
+            "front\\",
+            "__MACOSX/front/._a.jpg",
+            "front/._a.jpg",
+            ".DS_Store",
+            "x/Thumbs.db",
+            "Desktop.ini",
+            "front/Icon\r",
+        ] {
+            assert_eq!(checked(raw), Ok(None), "{raw}");
+        }
+    }
+
+    #[test]
+    fn the_stem_is_the_name_without_its_extension() {
+        assert_eq!(
+            [stem("a.b/c"), stem("a/c.d.jpg"), stem("a/.hidden"), stem("x.tif")],
+            ["a.b/c", "a/c.d", "a/.hidden", "x"]
+        );
+        assert_eq!(base("a/b.jpg"), "b.jpg");
+    }
+}

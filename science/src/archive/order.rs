@@ -1,0 +1,229 @@
+//! The order in which slices were taken, read from their names.
+
+use std::cmp::Ordering;
+
+use super::names;
+use crate::types::Warning;
+
+/// A piece of a name.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Piece<'a> {
+    Text(String),
+    /// Digits, and whether a minus stands before them that is a sign.
+    Number {
+        negative: bool,
+        digits: &'a str,
+    },
+}
+
+/// Cuts a name into text and numbers. A minus is a sign at the start of a part of the name: after `_`, `=` or at the
+/// very start (`_step_-08000_`), not after a letter or digit (`IMG-0001`, `2024-01-02`).
+pub(super) fn pieces(name: &str) -> Vec<Piece<'_>> {
+    let bytes = name.as_bytes();
+    let mut out = Vec::new();
+    let mut at = 0;
+    let mut text_start = 0;
+    while at < bytes.len() {
+        let signed = matches!(bytes[at], b'-' | b'+')
+            && bytes.get(at + 1).is_some_and(u8::is_ascii_digit)
+            && (at == 0 || matches!(bytes[at - 1], b'_' | b'=' | b'/'));
+        if !signed && !bytes[at].is_ascii_digit() {
+            at += 1;
+            continue;
+        }
+        if text_start < at {
+            out.push(Piece::Text(name[text_start..at].to_lowercase()));
+        }
+        let digits_start = at + usize::from(signed);
+        let negative = signed && bytes[at] == b'-';
+        at = digits_start;
+        while bytes.get(at).is_some_and(u8::is_ascii_digit) {
+            at += 1;
+        }
+        out.push(Piece::Number { negative, digits: &name[digits_start..at] });
+        text_start = at;
+    }
+    if text_start < name.len() {
+        out.push(Piece::Text(name[text_start..].to_lowercase()));
+    }
+    out
+}
+
+/// Compares digits as numbers of any length.
+fn by_magnitude(a: &str, b: &str) -> Ordering {
+    let (a, b) = (a.trim_start_matches('0'), b.trim_start_matches('0'));
+    a.len().cmp(&b.len()).then_with(|| a.cmp(b))
+}
+
+fn by_piece(a: &Piece<'_>, b: &Piece<'_>) -> Ordering {
+    match (a, b) {
+        (Piece::Text(a), Piece::Text(b)) => a.cmp(b),
+        (Piece::Number { .. }, Piece::Text(_)) => Ordering::Less,
+        (Piece::Text(_), Piece::Number { .. }) => Ordering::Greater,
+        (Piece::Number { negative: n, digits: a }, Piece::Number { negative: m, digits: b }) => match (n, m) {
+            (false, false) => by_magnitude(a, b),
+            (true, true) => by_magnitude(b, a),
+            (true, false) => Ordering::Less,
+            (false, true) => Ordering::Greater,
+        },
+    }
+}
+
+/// Natural order of file names: numbers count as numbers of any length, with their sign where one stands; upper and
+/// lower case are the same; the extension is looked at last. A total order: only equal names are equal.
+pub fn natural_order(a: &str, b: &str) -> Ordering {
+    let (pieces_a, pieces_b) = (pieces(names::stem(a)), pieces(names::stem(b)));
+    for (a, b) in pieces_a.iter().zip(&pieces_b) {
+        let order = by_piece(a, b);
+        if order != Ordering::Equal {
+            return order;
+        }
+    }
+    pieces_a.len().cmp(&pieces_b.len()).then_with(|| a.cmp(b))
+}
+
+/// A camera counts 0001 to 9999 and starts again.
+const COUNTER_DIGITS: usize = 4;
+
+/// Smallest gap in the numbers of a stack that says "the counter rolled over here".
+const ROLLOVER_GAP: u32 = 5_000;
+
+/// Where the stack begins in naturally ordered `names` whose camera counter rolled over: none when it did not.
+///
+/// It did when the names differ in one four-digit number alone, the numbers fall into a low run that begins near 1
+/// and a high run that ends near 9999, and more than half of all numbers lie unused in between: no other way of
+/// counting leaves such a gap.
+fn rollover(names: &[&str]) -> Option<usize> {
+    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| pieces(names::stem(name))).collect();
+    let first = cut.first()?;
+    let same_shape = |other: &Vec<Piece<'_>>| other.len() == first.len();
+    if !cut.iter().all(same_shape) {
+        return None;
+    }
+    let mut varying = (0..first.len()).filter(|&i| cut.iter().any(|other| other[i] != first[i]));
+    let counter = varying.next()?;
+    if varying.next().is_some() {
+        return None;
+    }
+    let numbers: Vec<u32> = cut
+        .iter()
+        .map(|pieces| match &pieces[counter] {
+            Piece::Number { negative: false, digits } if digits.len() == COUNTER_DIGITS => digits.parse().ok(),
+            _ => None,
+        })
+        .collect::<Option<_>>()?;
+    // every other picture may be of another light or of another stack
+    let near = (numbers.len() as u32 * 4).min(1_000);
+    let (low, high) = (*numbers.first()?, *numbers.last()?);
+    if low > near || high < 9_999 - near {
+        return None;
+    }
+    let at = (1..numbers.len()).find(|&i| numbers[i] - numbers[i - 1] >= ROLLOVER_GAP)?;
+    Some(at)
+}
+
+/// True for names that file managers give to second copies.
+fn looks_like_a_copy(name: &str) -> bool {
+    let stem = names::base(names::stem(name)).to_lowercase();
+    let numbered = stem
+        .strip_suffix(')')
+        .and_then(|rest| rest.rsplit_once(" ("))
+        .is_some_and(|(_, number)| !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()));
+    numbered || stem.ends_with(" - copy") || stem.ends_with(" - kopie") || stem.ends_with(" copy")
+}
+
+/// Orders `items` by `name_of` as they were taken, and warns about what looks odd.
+pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &mut Vec<Warning>) {
+    items.sort_by(|a, b| natural_order(name_of(a), name_of(b)));
+    let names: Vec<&str> = items.iter().map(&name_of).collect();
+    if let Some(start) = rollover(&names) {
+        warnings.push(Warning::new(
+            "counter_rollover",
+            format!(
+                "the camera's counter started again within the stack: {} is taken to follow {}",
+                names[0],
+                names[names.len() - 1]
+            ),
+        ));
+        items.rotate_left(start);
+    }
+    let copies: Vec<&str> = items.iter().map(name_of).filter(|name| looks_like_a_copy(name)).collect();
+    if !copies.is_empty() {
+        warnings.push(Warning::new(
+            "copied_file_name",
+            format!("{} look like second copies of a file; they are used as slices", super::listed(copies)),
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ordered(names: &[&str]) -> (Vec<String>, Vec<Warning>) {
+        let mut names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        names.reverse();
+        let mut warnings = Vec::new();
+        sort(&mut names, |name| name, &mut warnings);
+        (names, warnings)
+    }
+
+    #[test]
+    fn numbers_count_as_numbers_and_signs_as_signs() {
+        for names in [
+            &["img_1.jpg", "img_2.jpg", "img_10.jpg"][..],
+            &["_x_1_step_-08000_.jpg", "_x_1_step_-00400_.jpg", "_x_1_step_00000_.jpg", "_x_1_step_00400_.jpg"],
+            &["IMG-0001.jpg", "img-0002.JPG", "IMG-0010.jpg"],
+            &["f99999999999999999999.png", "f100000000000000000000.png"],
+            &["2024-01-02_5.jpg", "2024-01-10_1.jpg"],
+            &["angle_001_focus_001.tiff", "angle_001_focus_002.tiff", "angle_002_focus_001.tiff"],
+            &["a.jpg", "a1.jpg", "b.jpg"],
+            &["-2.jpg", "-1.jpg", "0.jpg", "1.jpg"],
+        ] {
+            let (sorted, warnings) = ordered(names);
+            assert_eq!(sorted, names);
+            assert_eq!(warnings, []);
+        }
+    }
+
+    #[test]
+    fn a_counter_that_rolled_over_is_put_right() {
+        let names = ["IMG_9998.JPG", "IMG_9999.JPG", "IMG_0001.JPG", "IMG_0002.JPG"];
+        let (sorted, warnings) = ordered(&names);
+        assert_eq!(sorted, names);
+        assert_eq!(warnings[0].code, "counter_rollover");
+    }
+
+    #[test]
+    fn numbers_that_only_look_a_little_like_a_roll_over_stay_as_they_are() {
+        for names in [
+            &["s_0001.jpg", "s_4000.jpg", "s_8000.jpg", "s_9999.jpg"][..],
+            &["IMG_0001.JPG", "IMG_0002.JPG", "IMG_5300.JPG"],
+            &["z_00001.jpg", "z_99999.jpg"],
+            &["a_0001.jpg", "b_9999.jpg"],
+        ] {
+            let (sorted, warnings) = ordered(names);
+            assert_eq!(sorted, names);
+            assert_eq!(warnings, []);
+        }
+    }
+
+    #[test]
+    fn second_copies_are_pointed_out() {
+        let (_, warnings) = ordered(&["IMG_0001.JPG", "IMG_0001 (2).JPG", "IMG_0002.JPG"]);
+        assert_eq!(warnings[0].code, "copied_file_name");
+        assert!(warnings[0].detail.contains("IMG_0001 (2).JPG"));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn natural_order_is_a_total_order(names in proptest::collection::vec("[-_a1B0 .]{0,8}", 3)) {
+            let [a, b, c] = names.as_slice() else { unreachable!() };
+            assert_eq!(natural_order(a, b), natural_order(b, a).reverse());
+            assert_eq!(natural_order(a, b) == Ordering::Equal, a == b);
+            if natural_order(a, b).is_le() && natural_order(b, c).is_le() {
+                assert!(natural_order(a, c).is_le());
+            }
+        }
+    }
+}

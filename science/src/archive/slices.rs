@@ -1,0 +1,103 @@
+//! Slices that are loaded from the zip when they are wanted.
+
+use super::{
+    ArchiveLimits,
+    container::{Container, Member},
+};
+use crate::{
+    imaging::{
+        Raster, SliceError, Slices,
+        codec::{self, Header},
+    },
+    types::{Error, ErrorKind},
+};
+
+/// The slices of one light. Each [`Slices::load`] reads one member with readers of its own, so several threads can
+/// load at once; nothing is kept.
+pub struct ArchivedSlices {
+    container: Container,
+    members: Vec<Member>,
+    limits: ArchiveLimits,
+    /// Width and height that every slice has.
+    size: Option<(usize, usize)>,
+}
+
+impl ArchivedSlices {
+    pub(super) fn new(container: Container, members: Vec<Member>, limits: ArchiveLimits) -> Self {
+        Self { container, members, limits, size: None }
+    }
+
+    /// The same, with the size that every slice was found to declare.
+    pub(super) fn sized(self, width: u32, height: u32) -> Self {
+        Self { size: Some((width as usize, height as usize)), ..self }
+    }
+
+    /// Names in order.
+    pub(super) fn names(&self) -> Vec<String> {
+        self.members.iter().map(|member| member.name.clone()).collect()
+    }
+
+    /// The header of slice `index`; `None` when it lies behind the first `most` bytes of a compressed member.
+    pub(super) fn header(&self, index: usize, most: u64) -> Result<Option<Header>, Error> {
+        self.container.probe(self.member(index)?, &self.limits, most).map_err(|fault| at_slice(fault, index))
+    }
+
+    /// The slice whose file is the largest unpacked, with its size; the first of several.
+    pub(super) fn largest(&self) -> Option<(&str, u64)> {
+        let sizes = self.members.iter().map(|member| (member.name.as_str(), member.size));
+        sizes.fold(None, |best, next| if best.is_none_or(|(_, size)| next.1 > size) { Some(next) } else { best })
+    }
+
+    /// The same slices from the last to the first.
+    pub(super) fn reversed(mut self) -> Self {
+        self.members.reverse();
+        self
+    }
+
+    /// The file of slice `index` as it is in the zip, its CRC checked.
+    ///
+    /// # Errors
+    /// A fault that names the file when it is damaged in the zip, and [`ErrorKind::Internal`] when there is no such slice.
+    pub fn bytes(&self, index: usize) -> Result<Vec<u8>, Error> {
+        self.container.read(self.member(index)?, &self.limits).map_err(|fault| at_slice(fault, index))
+    }
+
+    fn member(&self, index: usize) -> Result<&Member, Error> {
+        let missing = || Error::new(ErrorKind::Internal, format!("there is no slice {index} in this stack"));
+        self.members.get(index).ok_or_else(missing)
+    }
+}
+
+impl Slices for ArchivedSlices {
+    fn count(&self) -> usize {
+        self.members.len()
+    }
+
+    fn name(&self, index: usize) -> &str {
+        self.members.get(index).map_or("", |member| &member.name)
+    }
+
+    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+        let bytes = self.bytes(index)?;
+        let name = self.name(index);
+        let raster = codec::decode(&bytes, &self.limits.image).map_err(|fault| fault.in_file(name, slice(index)))?;
+        let size = (raster.width, raster.height);
+        if self.size.is_some_and(|expected| expected != size) {
+            let detail = format!("{name} is {} x {} px, which is not what its header says", size.0, size.1);
+            return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(name, slice(index)));
+        }
+        Ok(raster)
+    }
+}
+
+fn slice(index: usize) -> Option<u32> {
+    u32::try_from(index).ok()
+}
+
+/// The fault with the number of the slice filled in.
+fn at_slice(mut fault: Error, index: usize) -> Error {
+    for place in &mut fault.locations {
+        place.slice = slice(index);
+    }
+    fault
+}

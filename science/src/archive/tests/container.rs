@@ -1,0 +1,157 @@
+//! What is wrong with the zip itself: damage, compressions, hostile names, limits.
+
+use std::io::Cursor;
+
+use super::*;
+
+#[test]
+fn what_is_no_zip_is_told_from_a_zip_that_ends_early() {
+    let whole = zip(&pictures(&["a.png", "b.png"]));
+    for (bytes, expected) in [
+        (&b""[..], "empty"),
+        (b"PK\x03\x04 and no more", "ends early"),
+        (&whole[..whole.len() - 30], "ends early"),
+        (b"7z\xBC\xAF\x27\x1C", "7z"),
+        (b"hello world, no zip here", "not a zip"),
+    ] {
+        let fault = open_bytes(bytes).err().unwrap();
+        assert_eq!(fault.kind, ErrorKind::InvalidArchive);
+        assert!(fault.detail.contains(expected), "{:?} lacks {expected:?}", fault.detail);
+    }
+}
+
+#[test]
+fn a_wrong_crc_names_the_member() {
+    for make in [|e| e, |e| deflated(e, 8)] {
+        let mut entries = pictures(&["front/a.png", "front/b.png"]);
+        entries[1].crc = Some(1);
+        let entries: Vec<Entry> = entries.into_iter().map(make).collect();
+        let fault = open_bytes(&zip(&entries)).and_then(|archive| archive.front().load(1)).unwrap_err();
+        assert_eq!(fault.kind, ErrorKind::InvalidArchive);
+        assert!(fault.detail.contains("front/b.png"), "{}", fault.detail);
+        assert_eq!(fault.locations[0].file.as_deref(), Some("front/b.png"));
+        assert_eq!(fault.locations[0].slice, Some(1));
+    }
+}
+
+#[test]
+fn deflate_and_deflate64_are_read_and_other_methods_refused_by_name() {
+    for method in [8, 9] {
+        let entries: Vec<Entry> =
+            pictures(&["a.png", "b.png"]).into_iter().map(|entry| deflated(entry, method)).collect();
+        let archive = open_bytes(&zip(&entries)).unwrap();
+        assert_eq!(archive.front().load(1).unwrap(), raster(1), "method {method}");
+    }
+    for (method, name) in [(12, "Bzip2"), (14, "Lzma"), (93, "Zstd"), (98, "Ppmd"), (77, "77")] {
+        let mut entries = pictures(&["front/a.png", "front/b.png"]);
+        entries[0].method = method;
+        let fault = refused(&entries);
+        assert_eq!(fault.kind, ErrorKind::UnsupportedArchive);
+        assert!(fault.detail.contains(name) && fault.detail.contains("front/a.png"), "{}", fault.detail);
+    }
+}
+
+#[test]
+fn a_deflate64_zip_of_another_program_is_read() {
+    let archive = open_bytes(include_bytes!("../testdata/deflate64.zip")).unwrap();
+    assert_eq!(archive.layout().front, ["img_1.tif", "img_2.tif"]);
+    assert_eq!((archive.layout().width, archive.layout().height), (40, 30));
+    let expected = (0..40 * 30).map(|i| ((i % 40 / 4 * 16 + i / 40 / 3 * 10 + 40) % 256) as u8).collect();
+    assert_eq!(archive.front().load(1).unwrap(), Raster::eight(40, 30, 1, expected));
+}
+
+#[test]
+fn encrypted_members_are_refused() {
+    let mut entries = pictures(&["front/a.png", "front/b.png"]);
+    entries[1].flags = 1;
+    let fault = refused(&entries);
+    assert_eq!(fault.kind, ErrorKind::UnsupportedArchive);
+    assert!(fault.detail.contains("front/b.png is encrypted"), "{}", fault.detail);
+}
+
+#[test]
+fn hostile_names_are_refused() {
+    for name in
+        ["../a.png", "front/../../b.png", "/a.png", "C:\\a.png", "front/a\0.png", "..\\..\\a.png", "x/a\u{1b}[2J.png"]
+    {
+        let mut entries = pictures(&["front/a.png", "front/b.png"]);
+        entries.push(entry(name, &png(9)));
+        assert_eq!(refused(&entries).kind, ErrorKind::InvalidArchive, "{name:?}");
+    }
+    let mut entries = pictures(&["front/a.png", "front/b.png", "front/c.png"]);
+    entries[2].mode = 0o120_777;
+    let fault = refused(&entries);
+    assert_eq!(fault.kind, ErrorKind::InvalidArchive);
+    assert!(fault.detail.contains("symbolic link"));
+}
+
+#[test]
+fn duplicate_names_are_refused_also_when_only_case_or_slashes_differ() {
+    for other in ["front/a.png", "Front/A.PNG", "front\\a.png", "./front/a.png"] {
+        let mut entries = pictures(&["front/a.png", "front/b.png"]);
+        entries.push(entry(other, &png(9)));
+        assert_eq!(refused(&entries).kind, ErrorKind::InvalidArchive, "{other}");
+    }
+}
+
+#[test]
+fn overlapping_members_are_refused() {
+    let mut entries = pictures(&["front/a.png", "front/a.png"]);
+    entries[1].name = b"front/b.png".to_vec();
+    entries[1].data = entries[0].data.clone();
+    entries[1].same_as = Some(0);
+    let fault = refused(&entries);
+    assert_eq!(fault.kind, ErrorKind::InvalidArchive);
+    assert!(fault.detail.contains("overlap"), "{}", fault.detail);
+}
+
+#[test]
+fn limits_are_kept_and_a_member_that_is_larger_than_it_says_is_refused() {
+    let bytes = zip(&pictures(&["a.png", "b.png", "c.png"]));
+    let size = png(0).len() as u64;
+    let defaults = ArchiveLimits::default();
+    for limits in [
+        ArchiveLimits { max_members: 2, ..defaults },
+        ArchiveLimits { max_member_bytes: size / 2, ..defaults },
+        ArchiveLimits { max_total_bytes: size * 2, ..defaults },
+        ArchiveLimits { max_directory_bytes: 64, ..defaults },
+    ] {
+        let fault = open_within(&bytes, &limits).err().unwrap();
+        assert_eq!(fault.kind, ErrorKind::ArchiveTooLarge, "{limits:?}: {fault}");
+    }
+    let small = codec::Limits { max_pixels: 100, ..codec::Limits::default() };
+    let fault = open_within(&bytes, &ArchiveLimits { image: small, ..defaults }).err().unwrap();
+    assert_eq!(fault.kind, ErrorKind::InvalidImage);
+
+    let mut entries = pictures(&["a.png", "b.png"]);
+    entries[1].size = Some(entries[1].data.len() as u32 - 9);
+    entries[1] = deflated(entries[1].clone(), 8);
+    let fault = open_bytes(&zip(&entries)).and_then(|archive| archive.front().load(1)).unwrap_err();
+    assert_eq!(fault.kind, ErrorKind::InvalidArchive, "{fault}");
+}
+
+#[test]
+fn a_tiff_with_its_directory_at_the_end_is_probed_from_a_compressed_member() {
+    let tiff = |seed| {
+        let mut out = Cursor::new(Vec::new());
+        codec::encode_tiff(&mut out, &sized(1800, 900, seed), &Metadata::default()).unwrap();
+        out.into_inner()
+    };
+    let entries = [deflated(entry("a.tif", &tiff(0)), 8), deflated(entry("b.tif", &tiff(1)), 9)];
+    let archive = open_bytes(&zip(&entries)).unwrap();
+    assert_eq!((archive.layout().width, archive.layout().height), (1800, 900));
+    assert_eq!(archive.front().load(1).unwrap(), sized(1800, 900, 1));
+}
+
+#[test]
+fn what_pack_writes_is_read_and_is_the_same_every_time() {
+    let members = || [("front/a.png", 0), ("front/b.png", 1)].map(|(name, seed)| (name.to_owned(), png(seed)));
+    let packed = || {
+        let mut out = Cursor::new(Vec::new());
+        pack(&mut out, members().into_iter()).unwrap();
+        out.into_inner()
+    };
+    assert_eq!(packed(), packed());
+    let archive = open_bytes(&packed()).unwrap();
+    assert_eq!(archive.front().load(1).unwrap(), raster(1));
+}

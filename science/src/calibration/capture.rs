@@ -1,0 +1,121 @@
+//! What moved between the slices: the sensor alone, or camera and lens together.
+//!
+//! With a fixed lens 1/scale is a straight line over the rail; with a moving lens and a flat target the scale itself
+//! is. The two part by half the square of the relative change over the stack. And towards the object a sensor sees a
+//! smaller picture (it comes nearer to the lens), a camera a larger one.
+
+use super::working::median;
+use crate::types::profile::CaptureMode;
+use crate::types::report::CaptureReport;
+
+/// One measured slice.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scaled {
+    /// Position on the rail; mm towards the object when `told`, else the index.
+    pub position: f64,
+    /// Scale towards the reference slice.
+    pub scale: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
+/// Judges the scales. `told_positions`: positions came from the user, so their direction counts; `even`: steps
+/// are known to be even, so the law counts.
+pub(super) fn judge(slices: &[Scaled], told_positions: bool, even: bool, told: Option<CaptureMode>) -> CaptureReport {
+    let by_law = if even { by_law(slices) } else { None };
+    let by_sign = if told_positions { by_sign(slices) } else { None };
+    let (found, detail) = match (by_law, by_sign) {
+        (Some(law), Some(sign)) if law != sign => (
+            None,
+            "the law of the scales and the direction of the rail disagree: are rail positions counted towards the object?"
+                .to_owned(),
+        ),
+        (Some(mode), _) => (Some(mode), format!("the scales follow the law of {}", name(mode))),
+        (None, Some(mode)) => (
+            Some(mode),
+            format!("towards the object the picture {}, as with {}", if mode == CaptureMode::FixedLens { "shrinks" } else { "grows" }, name(mode)),
+        ),
+        (None, None) => (None, "the scales leave open what moved: too few slices, too small a change, or uneven steps".to_owned()),
+    };
+    CaptureReport { told, found, detail }
+}
+
+/// For sentences.
+pub(super) fn name(mode: CaptureMode) -> &'static str {
+    match mode {
+        CaptureMode::FixedLens => "a fixed lens (only the sensor moves)",
+        CaptureMode::MovingLens => "a moving lens (camera and lens move together)",
+    }
+}
+
+fn by_law(slices: &[Scaled]) -> Option<CaptureMode> {
+    if slices.len() < 5 {
+        return None;
+    }
+    let fixed = off_line(slices.iter().map(|s| (s.position, 1.0 / s.scale)));
+    let moving = off_line(slices.iter().map(|s| (s.position, s.scale)));
+    let noise = median(&mut slices.iter().map(|s| s.sigma).collect::<Vec<_>>()).max(1e-7);
+    let certain = |right: f64, wrong: f64| right < 0.25 * wrong && wrong > 5.0 * noise && right < 4.0 * noise;
+    match () {
+        () if certain(fixed, moving) => Some(CaptureMode::FixedLens),
+        () if certain(moving, fixed) => Some(CaptureMode::MovingLens),
+        () => None,
+    }
+}
+
+fn by_sign(slices: &[Scaled]) -> Option<CaptureMode> {
+    let mut slopes = Vec::new();
+    for (k, a) in slices.iter().enumerate() {
+        slopes.extend(slices[k + 1..].iter().map(|b| (b.scale - a.scale) / (b.position - a.position)));
+    }
+    let slope = median(&mut slopes);
+    let span =
+        slices.iter().fold(f64::MIN, |m, s| m.max(s.position)) - slices.iter().fold(f64::MAX, |m, s| m.min(s.position));
+    let noise = median(&mut slices.iter().map(|s| s.sigma).collect::<Vec<_>>()).max(1e-7);
+    if slices.len() < 3 || (slope * span).abs() < 10.0 * noise {
+        return None;
+    }
+    // the scale towards the reference grows where the picture shrinks
+    Some(if slope > 0.0 { CaptureMode::FixedLens } else { CaptureMode::MovingLens })
+}
+
+/// RMS distance of values from the straight line that fits them best.
+fn off_line(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let n = points.clone().count() as f64;
+    let (sx, sy) = points.clone().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+    let (mx, my) = (sx / n, sy / n);
+    let (xx, xy) = points.clone().fold((0.0, 0.0), |s, p| (s.0 + (p.0 - mx).powi(2), s.1 + (p.0 - mx) * (p.1 - my)));
+    let slope = xy / xx.max(1e-12);
+    (points.map(|p| (p.1 - my - slope * (p.0 - mx)).powi(2)).sum::<f64>() / (n - 2.0).max(1.0)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stack(scale: impl Fn(f64) -> f64) -> Vec<Scaled> {
+        (-4..=4).map(|z| Scaled { position: f64::from(z), scale: scale(f64::from(z)), sigma: 3e-6 }).collect()
+    }
+
+    #[test]
+    fn what_moved_is_told_by_the_law_only_when_the_scales_tell_it() {
+        let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
+        assert_eq!(judge(&fixed, false, true, None).found, Some(CaptureMode::FixedLens));
+        assert_eq!(judge(&stack(|dz| 1.0 - dz / 47.0), false, true, None).found, Some(CaptureMode::MovingLens));
+        assert_eq!(judge(&stack(|dz| 1.0 - dz / 1e6), false, true, None).found, None);
+        assert_eq!(judge(&stack(|dz| 1.0 + 0.01 * (dz * 2.0).sin()), false, true, None).found, None);
+        assert_eq!(judge(&fixed, false, false, None).found, None);
+    }
+
+    #[test]
+    fn the_direction_of_the_rail_tells_it_too_and_a_contradiction_is_said() {
+        let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
+        assert_eq!(judge(&fixed, true, false, None).found, Some(CaptureMode::FixedLens));
+        let moving = stack(|dz| 1.0 - dz / 47.0);
+        assert_eq!(judge(&moving, true, false, None).found, Some(CaptureMode::MovingLens));
+        let turned = stack(|dz| 141.0 / (141.0 + 3.0 * dz));
+        let report = judge(&turned, true, true, None);
+        assert_eq!(report.found, None);
+        assert!(report.detail.contains("counted towards the object"), "{}", report.detail);
+    }
+}

@@ -1,0 +1,304 @@
+//! Which family of maps a stack asks for: the simplest that explains its dots.
+//!
+//! What counts is the image corner, which often lies outside the dots. So each family is judged by the error that it is
+//! to be expected to make there (a focused information criterion, after Claeskens and Hjort 2003): the variance that
+//! its free numbers have, and the square of its bias, which is how far its corners lie from those of the full
+//! homography beyond what that one's own scatter explains. A criterion of fit alone does not see a perspective that
+//! is hidden within the dots of a small target and is a fifth of a pixel at the corner. The Bayesian information
+//! criterion stands beside it (dots whose windows overlap do not count in full, and what is below a hundredth of a pixel
+//! explains nothing), and so does what dots predict that were held out in blocks of three by three (neighbours share
+//! pixels, so every other dot would be no test).
+
+use super::families::{self, Departure, Family, Match};
+use super::joint::Joint;
+use super::lattice::Label;
+use crate::types::calibration_options::ModelChoice;
+use crate::types::profile::HomographyModel;
+use crate::types::report::ModelCandidate;
+
+/// The dots of one slice that agree with one another.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Evidence {
+    /// Which dots.
+    pub labels: Vec<Label>,
+    /// In the reference slice and here.
+    pub matches: Vec<Match>,
+    /// Variance of the mean of them over that of as many independent ones.
+    pub overlap: f64,
+}
+
+/// A family for the whole stack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Model {
+    /// Three numbers for all slices.
+    Joint,
+    /// Each slice has its own.
+    PerSlice(Family),
+}
+
+impl Model {
+    /// The name in a profile.
+    pub(super) fn name(self) -> HomographyModel {
+        match self {
+            Self::Joint => HomographyModel::RailLinear,
+            Self::PerSlice(family) => family.model(),
+        }
+    }
+}
+
+/// Factor in the expected squared error from which a family is better than a simpler one.
+const CLEARLY: f64 = 1.2;
+/// Distances below this explain nothing, px.
+const FLOOR: f64 = 0.01;
+
+/// What a family does at the corners of the pictures, beside what the full homography does.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Corner {
+    /// Standard deviation of the worst corner, px.
+    pub sigma: f64,
+    /// The same for the full homography.
+    pub full_sigma: f64,
+    /// Largest distance between the corners of the two, px.
+    pub apart: f64,
+}
+
+/// Mean square of a family's bias at the corner, px^2, over the slices: expected, and no less than what could hide in
+/// the scatter of so many slices, nor than half of what is seen (all slices share the errors of the reference).
+pub(super) fn bias(corners: &[Corner]) -> (f64, f64) {
+    if corners.is_empty() {
+        return (0.0, 0.0);
+    }
+    let count = corners.len() as f64;
+    let mean = |of: &dyn Fn(&Corner) -> f64| corners.iter().map(of).sum::<f64>() / count;
+    let noise = mean(&|c| (c.full_sigma.powi(2) - c.sigma.powi(2)).max(0.0));
+    // the largest of four distances scatters more than each
+    let apart = mean(&|c| c.apart.powi(2));
+    let seen = (apart - 1.7 * noise).max(0.0);
+    (seen, (seen + noise * (2.0 / count).sqrt()).max(0.5 * apart))
+}
+
+/// Judges every family by `corners` of it and takes one. `away`: positions counted from the reference slice; `half`: px
+/// per unit.
+pub(super) fn choose(
+    evidence: &[Evidence],
+    away: &[f64],
+    half: f64,
+    corners: &dyn Fn(Model) -> Vec<Corner>,
+    asked: ModelChoice,
+) -> (Model, Vec<ModelCandidate>, String) {
+    let measured: Vec<usize> = (0..evidence.len()).filter(|&i| !evidence[i].matches.is_empty()).collect();
+    let per_slice = |family: Family| {
+        let maps = measured.iter().map(|&i| fitted(family, &evidence[i].matches)).collect::<Option<Vec<_>>>();
+        let held = measured.iter().map(|&i| held_out(&evidence[i], |m| fitted(family, m))).collect::<Option<Vec<_>>>();
+        (maps, held, (family.size() * measured.len()) as u32)
+    };
+    let joint = || {
+        let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
+        let maps = Joint::fit(&all, away).map(|j| measured.iter().map(|&i| j.departure(away[i])).collect::<Vec<_>>());
+        let halves = [0, 1].map(|part| {
+            let some: Vec<Vec<Match>> = evidence.iter().map(|e| block(e, part)).collect();
+            Joint::fit(&some, away)
+        });
+        let held = match halves {
+            [Some(even), Some(odd)] => Some(
+                measured
+                    .iter()
+                    .map(|&i| {
+                        squares(&even.departure(away[i]), &block(&evidence[i], 1))
+                            .chain(squares(&odd.departure(away[i]), &block(&evidence[i], 0)))
+                            .collect()
+                    })
+                    .collect::<Vec<_>>(),
+            ),
+            _ => None,
+        };
+        (maps, held, 3)
+    };
+    let models = [Model::Joint].into_iter().chain(families::ALL.map(Model::PerSlice));
+    let mut judged: Vec<(Model, ModelCandidate)> = models
+        .map(|model| {
+            let (maps, held, parameters) = match model {
+                Model::Joint => joint(),
+                Model::PerSlice(family) => per_slice(family),
+            };
+            let rms = |all: Vec<f64>| (all.iter().sum::<f64>() / all.len().max(1) as f64).sqrt() * half;
+            let score = maps.as_ref().map(|maps| score(evidence, &measured, maps, parameters, half));
+            let rms_px = maps.map(|maps| {
+                rms(measured
+                    .iter()
+                    .zip(&maps)
+                    .flat_map(|(&i, p)| squares(p, &evidence[i].matches).collect::<Vec<_>>())
+                    .collect())
+            });
+            let candidate = ModelCandidate {
+                model: model.name(),
+                parameters,
+                rms_px,
+                held_out_px: held.map(|held| rms(held.concat())),
+                bic: score.filter(|s| s.is_finite()),
+                corner_sigma_px: None,
+                chosen: false,
+            };
+            (model, candidate)
+        })
+        .collect();
+    let wanted = match asked {
+        ModelChoice::Auto => None,
+        ModelChoice::RailLinear => Some(Model::Joint),
+        ModelChoice::Similarity => Some(Model::PerSlice(Family::Similarity)),
+        ModelChoice::Affine => Some(Model::PerSlice(Family::Affine)),
+        ModelChoice::Homography => Some(Model::PerSlice(Family::Homography)),
+    };
+    let risk = |model: Model| {
+        let corners = corners(model);
+        let variance = corners.iter().map(|c| c.sigma.powi(2)).sum::<f64>() / corners.len().max(1) as f64;
+        (!corners.is_empty()).then(|| variance + bias(&corners).0)
+    };
+    let fitted = judged.iter().filter(|(_, c)| c.bic.is_some());
+    let risks: Vec<(f64, Model)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
+    let least = risks.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
+    // simplest first: the simpler wins unless another is clearly better
+    let best = risks.iter().find(|r| r.0 <= CLEARLY * least + FLOOR * FLOOR).map(|r| r.1);
+    let model = wanted.or(best).unwrap_or(Model::PerSlice(Family::Similarity));
+    let reason = match (wanted, best) {
+        (Some(_), Some(best)) if best != model => {
+            format!("{} was asked for; the dots would have chosen {}", words(model), words(best))
+        }
+        (Some(_), _) => format!("{} was asked for", words(model)),
+        (None, _) => format!("{} is expected to err least at the image corners", words(model)),
+    };
+    for (candidate, judged) in &mut judged {
+        judged.chosen = *candidate == model;
+    }
+    (model, judged.into_iter().map(|j| j.1).collect(), reason)
+}
+
+/// For sentences.
+fn words(model: Model) -> &'static str {
+    match model {
+        Model::Joint => "one law for the whole rail",
+        Model::PerSlice(Family::Similarity) => "scale, rotation and shift per slice",
+        Model::PerSlice(Family::Affine) => "an affine map per slice",
+        Model::PerSlice(Family::Homography) => "a homography per slice",
+    }
+}
+
+fn fitted(family: Family, matches: &[Match]) -> Option<Departure> {
+    families::fit(family, matches).map(|fit| family.departure(&fit.free))
+}
+
+/// Squared distances in units between where dots are sent and where they are.
+fn squares<'a>(p: &'a Departure, matches: &'a [Match]) -> impl Iterator<Item = f64> + 'a {
+    matches.iter().map(|m| {
+        let sent = families::send(p, m.base);
+        (m.here[0] - sent[0]).powi(2) + (m.here[1] - sent[1]).powi(2)
+    })
+}
+
+/// Sum over the slices of `n ln(mean square)` plus what the free numbers cost.
+fn score(evidence: &[Evidence], measured: &[usize], maps: &[Departure], parameters: u32, half: f64) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (&i, p) in measured.iter().zip(maps) {
+        let e = &evidence[i];
+        let n = 2.0 * e.matches.len() as f64 / e.overlap.max(1.0);
+        let mean = half * half * squares(p, &e.matches).sum::<f64>() / (2.0 * e.matches.len() as f64);
+        sum += n * (mean + FLOOR * FLOOR).ln();
+        count += n;
+    }
+    sum + f64::from(parameters) * count.max(1.0).ln()
+}
+
+/// The dots of every other block of three by three.
+fn block(evidence: &Evidence, part: i32) -> Vec<Match> {
+    let of = |[i, j]: Label| (i.div_euclid(3) + j.div_euclid(3)).rem_euclid(2);
+    evidence.labels.iter().zip(&evidence.matches).filter(|(l, _)| of(**l) == part).map(|(_, m)| *m).collect()
+}
+
+/// Squared distances of the dots of either half from the map that the other half makes.
+fn held_out(evidence: &Evidence, fit: impl Fn(&[Match]) -> Option<Departure>) -> Option<Vec<f64>> {
+    let [even, odd] = [block(evidence, 0), block(evidence, 1)];
+    let (from_even, from_odd) = (fit(&even)?, fit(&odd)?);
+    Some(squares(&from_even, &odd).chain(squares(&from_odd, &even)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testkit::Noise;
+    use super::*;
+
+    /// Nine slices of 150 dots whose maps are `map(dz)`.
+    fn stack(map: impl Fn(f64) -> Departure, seed: u64) -> (Vec<Evidence>, Vec<f64>) {
+        let mut noise = Noise(seed);
+        let away: Vec<f64> = (-4..=4).map(f64::from).collect();
+        let evidence = away
+            .iter()
+            .map(|dz| {
+                let labels: Vec<Label> = (0..150).map(|k| [k % 15, k / 15]).collect();
+                let matches = labels.iter().map(|l| {
+                    let base = [f64::from(l[0]) / 9.0 - 0.78, f64::from(l[1]) / 9.0 - 0.5];
+                    let here = families::send(&map(*dz), base).map(|v| v + 5e-5 * noise.normal());
+                    Match { base, here, sigma: 5e-5 }
+                });
+                let matches = if *dz == 0.0 { Vec::new() } else { matches.collect() };
+                Evidence { labels, matches, overlap: 2.25 }
+            })
+            .collect();
+        (evidence, away)
+    }
+
+    /// Corners as the families' own fits have them.
+    fn corners(evidence: &[Evidence], away: &[f64], model: Model) -> Vec<Corner> {
+        let frame = families::Frame { centre: [400.0, 300.0], half: 500.0 };
+        let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
+        let joint = Joint::fit(&all, away).expect("a law");
+        let at = |family: Family, e: &Evidence| {
+            let fit = families::fit(family, &e.matches).expect("a fit");
+            let sigma = families::corner_sigma(family, &fit.free, &fit.covariance, &frame, 801, 601);
+            (frame.homography(&family.departure(&fit.free)).expect("regular"), sigma)
+        };
+        let measured = (0..away.len()).filter(|&i| !evidence[i].matches.is_empty());
+        measured
+            .map(|i| {
+                let (full, full_sigma) = at(Family::Homography, &evidence[i]);
+                let (own, sigma) = match model {
+                    Model::PerSlice(family) => at(family, &evidence[i]),
+                    Model::Joint => (
+                        frame.homography(&joint.departure(away[i])).expect("regular"),
+                        500.0 * joint.corner_sigma(away[i]),
+                    ),
+                };
+                Corner { sigma, full_sigma, apart: own.corner_distance(&full, 801, 601) }
+            })
+            .collect()
+    }
+
+    fn chosen(map: impl Fn(f64) -> Departure) -> HomographyModel {
+        let (evidence, away) = stack(map, 3);
+        let (model, candidates, _) =
+            choose(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Auto);
+        assert_eq!(candidates.iter().filter(|c| c.chosen).count(), 1);
+        assert!(candidates.iter().all(|c| c.held_out_px.is_some() && c.bic.is_some()));
+        model.name()
+    }
+
+    #[test]
+    fn the_family_that_errs_least_at_the_corners_is_taken() {
+        assert_eq!(chosen(|z| [0.007 * z, 0.0, 0.001 * z, 0.0, 0.007 * z, 0.0, 0.0, 0.0]), HomographyModel::RailLinear);
+        let turning = |z: f64| [0.007 * z, -3e-4 * z * z, 0.001 * z, 3e-4 * z * z, 0.007 * z, 0.0, 0.0, 0.0];
+        assert_eq!(chosen(turning), HomographyModel::Similarity);
+        assert_eq!(chosen(|z| [0.007 * z, 1e-3 * z, 0.0, 0.0, 0.008 * z, 0.0, 0.0, 0.0]), HomographyModel::Affine);
+        assert_eq!(
+            chosen(|z| [0.007 * z, 0.0, 0.0, 0.0, 0.007 * z, 0.0, 8e-4 * z, -5e-4 * z]),
+            HomographyModel::Homography
+        );
+    }
+
+    #[test]
+    fn what_the_user_asks_for_is_taken_and_the_better_choice_is_named() {
+        let (evidence, away) = stack(|z| [0.007 * z, 0.0, 0.0, 0.0, 0.007 * z, 0.0, 8e-4 * z, 0.0], 4);
+        let (model, _, reason) =
+            choose(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Similarity);
+        assert_eq!(model.name(), HomographyModel::Similarity);
+        assert!(reason.contains("would have chosen a homography"), "{reason}");
+    }
+}

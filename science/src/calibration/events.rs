@@ -1,0 +1,155 @@
+//! What went wrong on the rail: uneven steps, a slice too few or too many, a rig that was bumped.
+
+use super::working::median;
+
+/// Something that the rail did, between or at slices (0-based).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Event {
+    /// About one more step lies between the two slices than between others.
+    Missing {
+        /// The first of the two.
+        after: usize,
+    },
+    /// The two slices were taken at one place.
+    Doubled {
+        /// The first of the two.
+        first: usize,
+    },
+    /// The rail went the other way between the two.
+    Backwards {
+        /// The first of the two.
+        after: usize,
+    },
+    /// The step behind this slice is `steps` ordinary steps long.
+    Uneven {
+        /// The first of the two.
+        after: usize,
+        /// Its length in ordinary steps.
+        steps: f64,
+    },
+    /// The picture jumped sideways by this many px from this slice on.
+    Bumped {
+        /// The first slice behind the jump.
+        from: usize,
+        /// How far, px.
+        by: [f64; 2],
+    },
+}
+
+/// Departure from an ordinary step that is worth a word.
+const UNEVEN: f64 = 0.25;
+
+/// Judges the steps between neighbouring slices that were both measured. `stood` are positions by scale with their
+/// standard deviations, `expected` the positions that were told or assumed.
+pub(super) fn steps(stood: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<Event> {
+    let mut lengths = Vec::new();
+    for k in 0..stood.len().saturating_sub(1) {
+        if let (Some(a), Some(b)) = (stood[k], stood[k + 1]) {
+            let step = expected[k + 1] - expected[k];
+            lengths.push((k, (b.0 - a.0) / step, a.1.hypot(b.1) / step.abs()));
+        }
+    }
+    if lengths.len() < 3 {
+        return Vec::new();
+    }
+    let usual = median(&mut lengths.iter().map(|l| l.1).collect::<Vec<_>>());
+    // steps that vary all the time are no event each
+    let wobble = 1.4826 * median(&mut lengths.iter().map(|l| (l.1 / usual - 1.0).abs()).collect::<Vec<_>>());
+    let mut events = Vec::new();
+    for (after, length, sigma) in lengths {
+        let steps = length / usual;
+        let doubt = 5.0 * (sigma / usual.abs()).hypot(wobble);
+        if !steps.is_finite() || (steps - 1.0).abs() < UNEVEN.max(doubt) {
+            continue;
+        }
+        events.push(match steps {
+            s if s < -UNEVEN => Event::Backwards { after },
+            s if s < UNEVEN => Event::Doubled { first: after },
+            s if (1.7..2.3).contains(&s) => Event::Missing { after },
+            steps => Event::Uneven { after, steps },
+        });
+    }
+    events
+}
+
+/// A sideways jump that stays, when one explains the shifts far better than a straight line does. `shifts` per
+/// slice px, `None` where nothing was measured; `least` px is not worth a word.
+pub(super) fn bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f64) -> Option<Event> {
+    let known: Vec<(usize, f64, [f64; 2])> =
+        shifts.iter().enumerate().filter_map(|(i, s)| s.map(|s| (i, positions[i], s))).collect();
+    if known.len() < 7 {
+        return None;
+    }
+    let all: Vec<(f64, f64, [f64; 2])> = known.iter().map(|k| (k.1, 0.0, k.2)).collect();
+    let before = with_step(&all, false)?;
+    let mut best: Option<(f64, usize, [f64; 2])> = None;
+    for cut in 2..known.len() - 1 {
+        let points: Vec<(f64, f64, [f64; 2])> =
+            known.iter().enumerate().map(|(k, p)| (p.1, f64::from(u8::from(k >= cut)), p.2)).collect();
+        let Some((left, step)) = with_step(&points, true) else { continue };
+        if best.is_none_or(|b| left < b.0) {
+            best = Some((left, known[cut].0, step));
+        }
+    }
+    let (left, from, by) = best?;
+    let scatter = (left / (2.0 * known.len() as f64 - 6.0)).sqrt();
+    let size = by[0].hypot(by[1]);
+    (left < 0.15 * before.0 && size > least.max(6.0 * scatter)).then_some(Event::Bumped { from, by })
+}
+
+/// Sum of squares that a line (with a step of its own) leaves over in both coordinates, and the step.
+fn with_step(points: &[(f64, f64, [f64; 2])], step: bool) -> Option<(f64, [f64; 2])> {
+    use nalgebra::{DMatrix, DVector};
+    let unknowns = 2 + usize::from(step);
+    let rows = DMatrix::from_fn(points.len(), unknowns, |k, c| [1.0, points[k].0, points[k].1][c]);
+    let inverse = (rows.transpose() * &rows).try_inverse()?;
+    let (mut left, mut by) = (0.0, [0.0; 2]);
+    for (a, by) in by.iter_mut().enumerate() {
+        let values = DVector::from_iterator(points.len(), points.iter().map(|p| p.2[a]));
+        let solved = &inverse * rows.transpose() * &values;
+        left += (&values - &rows * &solved).norm_squared();
+        *by = if step { solved[2] } else { 0.0 };
+    }
+    Some((left, by))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testkit::Noise;
+    use super::*;
+
+    fn judged(positions: &[f64]) -> Vec<Event> {
+        let expected: Vec<f64> = (0..positions.len()).map(|i| i as f64).collect();
+        steps(&positions.iter().map(|z| Some((*z, 0.01))).collect::<Vec<_>>(), &expected)
+    }
+
+    #[test]
+    fn slices_too_few_too_many_and_out_of_step_are_named() {
+        assert!(judged(&[0.0, 1.01, 2.0, 2.98, 4.0, 5.0]).is_empty());
+        assert_eq!(judged(&[0.0, 1.0, 3.0, 4.0, 5.0, 6.0]), [Event::Missing { after: 1 }]);
+        assert_eq!(judged(&[0.0, 1.0, 2.0, 2.02, 3.0, 4.0]), [Event::Doubled { first: 2 }]);
+        assert_eq!(judged(&[0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 4.0]), [Event::Backwards { after: 2 }]);
+        assert!(
+            matches!(judged(&[0.0, 1.0, 2.0, 3.5, 4.5, 5.5])[..], [Event::Uneven { after: 2, steps }] if (steps - 1.5).abs() < 0.1)
+        );
+    }
+
+    #[test]
+    fn a_rig_that_was_bumped_is_told_from_one_that_drifts() {
+        let mut noise = Noise(3);
+        let positions: Vec<f64> = (0..13).map(f64::from).collect();
+        let mut shifts: Vec<Option<[f64; 2]>> = positions
+            .iter()
+            .map(|z| Some([0.6 * z + 0.05 * noise.normal(), -0.3 * z + 0.05 * noise.normal()]))
+            .collect();
+        assert_eq!(bump(&shifts, &positions, 0.5), None);
+        for shift in shifts.iter_mut().skip(8).flatten() {
+            shift[0] += 3.0;
+            shift[1] -= 1.0;
+        }
+        shifts[3] = None;
+        let Some(Event::Bumped { from, by }) = bump(&shifts, &positions, 0.5) else { panic!("not seen") };
+        assert_eq!(from, 8);
+        assert!((by[0] - 3.0).abs() < 0.3 && (by[1] + 1.0).abs() < 0.3, "{by:?}");
+    }
+}

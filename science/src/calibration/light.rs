@@ -1,0 +1,121 @@
+//! The light on the target, dot by dot, from which the gains of the slices follow.
+//!
+//! Two measures, because neither serves everywhere. The *bright level* (the ground midway between four dots; for
+//! bright dots the middle of the dot) is exact in every response curve, but blur beyond some 0.4 of the pitch (0.2
+//! for bright dots) runs into it. The *mean* over whole steps of the grid is what blur leaves alone for good; but a
+//! camera's curve bends it by a fraction of a percent. So slices are compared by the bright level as long as blur
+//! allows, and the others by the mean, against the nearest slice that has both.
+
+use super::field::{Field, Polarity};
+use super::lockin::{self, Locked, Site};
+use super::working::{median, sample};
+use crate::imaging::Plane;
+
+/// The light at one dot, grey levels 0..255.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Light {
+    /// Mean over whole steps of the grid, missing dots drawn in.
+    pub mean: f64,
+    /// The same of the light that an sRGB picture stands for, 0..1; `None` where it was not taken.
+    pub linear_mean: Option<f64>,
+    /// The level that is bright: between dark dots, or on bright ones; `None` outside the picture.
+    pub bright: Option<f64>,
+}
+
+/// The light around the dot at `at` (px of the plane).
+pub(super) fn around(
+    plane: &Plane<f32>,
+    field: &Field,
+    drawn: &Plane<f32>,
+    at: [f64; 2],
+    steps: [[f64; 2]; 2],
+    locked: &Locked,
+) -> Light {
+    let ground = field.ground_at(at);
+    let mean = match field.polarity {
+        Polarity::DarkOnLight => ground * (1.0 - locked.mean),
+        Polarity::LightOnDark => ground + field.span * locked.mean,
+    };
+    // the spot that is averaged: small against the gap, but more than a few samples
+    let spot = 0.06;
+    let level = |p: [f64; 2]| {
+        let around = [[0.0, 0.0], [spot, 0.0], [-spot, 0.0], [0.0, spot], [0.0, -spot]];
+        let mut sum = 0.0;
+        for [a, b] in around {
+            let q = [0, 1].map(|k| p[k] + a * steps[0][k] + b * steps[1][k]);
+            // where a dot was drawn in, the picture itself does not show what the others show
+            if sample(drawn, q)?.abs() > 0.02 {
+                return None;
+            }
+            sum += f64::from(sample(plane, q)?);
+        }
+        Some(sum / around.len() as f64)
+    };
+    let bright = match field.polarity {
+        Polarity::LightOnDark => level(at),
+        Polarity::DarkOnLight => {
+            let corners = [[0.5, 0.5], [0.5, -0.5], [-0.5, 0.5], [-0.5, -0.5]];
+            let levels: Vec<f64> = corners
+                .iter()
+                .filter_map(|[a, b]| level([0, 1].map(|k| at[k] + a * steps[0][k] + b * steps[1][k])))
+                .collect();
+            (levels.len() == 4).then(|| levels.iter().sum::<f64>() / 4.0)
+        }
+    };
+    Light { mean, linear_mean: None, bright }
+}
+
+/// Mean light around each site, 0..1, taking the values for sRGB; missing dots drawn in.
+pub(super) fn linear_means(plane: &Plane<f32>, field: &Field, drawn: &Plane<f32>, sites: &[Site]) -> Vec<Option<f64>> {
+    let width = plane.width;
+    let values = plane.data.iter().zip(&drawn.data).enumerate().map(|(k, (value, drawn))| {
+        let missing = if drawn.abs() < 1e-4 { 0.0 } else { f64::from(*drawn) };
+        let value = match (missing == 0.0, field.polarity) {
+            (true, _) => f64::from(*value),
+            (_, Polarity::DarkOnLight) => {
+                f64::from(*value) - missing * field.ground_at([(k % width) as f64, (k / width) as f64])
+            }
+            (_, Polarity::LightOnDark) => f64::from(*value) + missing * field.span,
+        };
+        to_light(value) as f32
+    });
+    let light = Plane { width, height: plane.height, data: values.collect() };
+    lockin::lock(&light, None, sites).into_iter().map(|l| l.map(|l| l.mean)).collect()
+}
+
+/// Light 0..1 of an sRGB value 0..255 (IEC 61966-2-1).
+pub(super) fn to_light(value: f64) -> f64 {
+    let v = (value / 255.0).max(0.0);
+    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The sRGB value 0..255 of light 0..1.
+pub(super) fn from_light(light: f64) -> f64 {
+    let v = light.max(0.0);
+    255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// Up to which blur radius, in steps of the grid, the bright level is untouched by dots `fill` of a step wide.
+pub(super) fn clear_blur(fill: f64, polarity: Polarity) -> f64 {
+    let edge = match polarity {
+        // from the middle of four dots to the edge of each
+        Polarity::DarkOnLight => std::f64::consts::FRAC_1_SQRT_2 - fill / 2.0,
+        Polarity::LightOnDark => fill / 2.0,
+    };
+    (edge - 0.09).max(0.02)
+}
+
+/// Median over shared dots of reference over slice, what the slice must be multiplied by, and its relative standard
+/// deviation. `None` when fewer than six dots have the measure in both.
+pub(super) fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> Option<(f64, f64)> {
+    let mut ratios: Vec<f64> =
+        pairs.filter_map(|(slice, base)| Some(base? / slice.filter(|s| *s > 0.5)?)).filter(|r| r.is_finite()).collect();
+    if ratios.len() < 6 {
+        return None;
+    }
+    let value = median(&mut ratios);
+    let mut off: Vec<f64> = ratios.iter().map(|r| (r - value).abs()).collect();
+    // of a median, over windows that overlap
+    let sigma = 1.4826 * median(&mut off) * (1.57 * lockin::OVERLAP / ratios.len() as f64).sqrt();
+    Some((value, sigma / value.abs().max(1e-9)))
+}

@@ -1,0 +1,235 @@
+//! One chart over the slices: points, bars, laws and limits on two axes.
+
+use super::{
+    axes::{Axis, round_down},
+    html::{at, escape},
+};
+
+const WIDTH: f64 = 360.0;
+const HEIGHT: f64 = 200.0;
+const LEFT: f64 = 48.0;
+const RIGHT: f64 = 10.0;
+/// Right margin with words at the ends of limits.
+const LABELLED: f64 = 44.0;
+const TOP: f64 = 22.0;
+const BOTTOM: f64 = 34.0;
+/// Beyond so many slices the points carry no words of their own: the page would grow too large.
+const MOST_TITLED: usize = 200;
+
+/// A value of one slice.
+pub(super) struct Mark {
+    /// The slice.
+    pub slice: usize,
+    /// Its value.
+    pub value: f64,
+    /// Filled when measured, hollow when predicted.
+    pub measured: bool,
+    /// Squares instead of circles: the second of two series.
+    pub second: bool,
+    /// What a pointer resting on it, or a reader of the screen, is told.
+    pub title: String,
+}
+
+/// How the marks are drawn.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// Circles and squares.
+    Points,
+    /// Bars from zero.
+    Bars,
+}
+
+/// How the values are laid out.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Spread {
+    /// Evenly; the axis spans at least so much.
+    Even(f64),
+    /// By powers of ten.
+    Logarithmic,
+}
+
+/// A line through values of slices, with a word at its end.
+pub(super) struct Line {
+    /// Slice and value, in the order of the slices.
+    pub points: Vec<(usize, f64)>,
+    /// A limit (dashed, warm) or a law (plain).
+    pub limit: bool,
+    /// A word or two, beside its end.
+    pub label: Option<String>,
+}
+
+/// A chart.
+pub(super) struct Chart<'a> {
+    /// Heading.
+    pub title: &'a str,
+    /// What it means, in one sentence.
+    pub hint: String,
+    /// Unit of the values, over the axis.
+    pub unit: &'a str,
+    /// Number of slices.
+    pub count: usize,
+    /// The reference slice.
+    pub reference: usize,
+    /// Slices with a band behind them: those that were predicted.
+    pub bands: Vec<usize>,
+    /// The values.
+    pub marks: Vec<Mark>,
+    /// The laws and limits.
+    pub lines: Vec<Line>,
+    /// How the marks are drawn.
+    pub form: Form,
+    /// How the values are laid out.
+    pub spread: Spread,
+    /// What is said when there are no values.
+    pub empty: &'a str,
+}
+
+impl Chart<'_> {
+    /// The chart as a figure.
+    pub(super) fn figure(&self) -> String {
+        let caption = format!("<figcaption>{}<small>{}</small></figcaption>", escape(self.title), escape(&self.hint));
+        if !self.marks.iter().any(|mark| mark.value.is_finite()) {
+            return format!("<figure>{caption}<p class=\"none\">{}</p></figure>\n", escape(self.empty));
+        }
+        format!("<figure>{caption}\n{}</figure>\n", self.svg())
+    }
+
+    fn svg(&self) -> String {
+        let axis = self.axis();
+        let y = |value: f64| HEIGHT - BOTTOM - axis.share(value).clamp(-0.05, 1.05) * (HEIGHT - TOP - BOTTOM);
+        let mut out = format!(
+            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0}\"><title>{0}</title>",
+            escape(&format!("{}: {}", self.title, self.hint))
+        );
+        self.ground(&mut out, &axis, &y);
+        // limits stand before bars, and behind points
+        let (before, behind): (Vec<&Line>, Vec<&Line>) =
+            self.lines.iter().partition(|line| line.limit && self.form == Form::Bars);
+        for line in behind {
+            self.line(&mut out, line, &axis, &y);
+        }
+        for mark in self.marks.iter().filter(|mark| axis.shows(mark.value)) {
+            self.mark(&mut out, mark, y(mark.value), y);
+        }
+        for line in before {
+            self.line(&mut out, line, &axis, &y);
+        }
+        for (label, (_, value)) in self.lines.iter().filter_map(|line| line.label.as_ref().zip(line.points.last())) {
+            let (x, y) = (at(self.right() + 4.0), at(y(*value) + 4.0));
+            out.push_str(&format!("<text class=\"w\" x=\"{x}\" y=\"{y}\">{}</text>", escape(label)));
+        }
+        out.push_str("</svg>\n");
+        out
+    }
+
+    /// The middle of a slice's column.
+    fn x(&self, slice: usize) -> f64 {
+        LEFT + (slice as f64 + 0.5) * self.step()
+    }
+
+    /// Where the columns end.
+    fn right(&self) -> f64 {
+        WIDTH - if self.lines.iter().any(|line| line.label.is_some()) { LABELLED } else { RIGHT }
+    }
+
+    fn step(&self) -> f64 {
+        (self.right() - LEFT) / self.count.max(1) as f64
+    }
+
+    fn axis(&self) -> Axis {
+        let values = self.marks.iter().map(|mark| mark.value);
+        let values = values.chain(self.lines.iter().flat_map(|line| line.points.iter().map(|point| point.1)));
+        let (mut low, mut high, mut least) = (f64::MAX, f64::MIN, f64::MAX);
+        for value in values.filter(|value| value.is_finite()) {
+            (low, high) = (low.min(value), high.max(value));
+            if value > 0.0 {
+                least = least.min(value);
+            }
+        }
+        if self.form == Form::Bars {
+            low = low.min(0.0);
+        }
+        match self.spread {
+            Spread::Even(span) => Axis::even(low, high, span),
+            Spread::Logarithmic => Axis::logarithmic(least.min(1e6), high),
+        }
+    }
+
+    /// Bands, grid, axes and what is written on them.
+    fn ground(&self, out: &mut String, axis: &Axis, y: &dyn Fn(f64) -> f64) {
+        let (right, bottom) = (self.right(), HEIGHT - BOTTOM);
+        let step = self.step();
+        for &slice in &self.bands {
+            let (x, height) = (self.x(slice) - step / 2.0, bottom - TOP);
+            out.push_str(&format!(
+                "<rect class=\"i\" x=\"{}\" y=\"{TOP}\" width=\"{}\" height=\"{}\"/>",
+                at(x),
+                at(step.max(0.5)),
+                at(height)
+            ));
+        }
+        for (value, text) in &axis.ticks {
+            let line = y(*value);
+            out.push_str(&format!("<path class=\"g\" d=\"M{LEFT} {}H{right}\"/>", at(line)));
+            out.push_str(&format!("<text class=\"e\" x=\"{}\" y=\"{}\">{text}</text>", LEFT - 6.0, at(line + 4.0)));
+        }
+        let reference = at(self.x(self.reference));
+        out.push_str(&format!("<path class=\"r\" d=\"M{reference} {TOP}V{bottom}\"/>"));
+        out.push_str(&format!("<path class=\"x\" d=\"M{LEFT} {TOP}V{bottom}H{right}\"/>"));
+        // a tick per slice while they can be told apart, a number at every few
+        let numbered = (round_down(self.count as f64 / 5.0) as usize).max(1);
+        let ticked = if step >= 4.0 { 1 } else { numbered };
+        for slice in (0..self.count).step_by(ticked) {
+            let x = at(self.x(slice));
+            let is_numbered = slice % numbered == 0;
+            out.push_str(&format!("<path class=\"x\" d=\"M{x} {bottom}v{}\"/>", if is_numbered { 5 } else { 3 }));
+            if is_numbered {
+                out.push_str(&format!("<text class=\"m\" x=\"{x}\" y=\"{}\">{slice}</text>", bottom + 17.0));
+            }
+        }
+        out.push_str(&format!("<text class=\"e\" x=\"{right}\" y=\"{}\">slice</text>", HEIGHT - 4.0));
+        out.push_str(&format!("<text x=\"2\" y=\"12\">{}</text>", escape(self.unit)));
+    }
+
+    fn line(&self, out: &mut String, line: &Line, axis: &Axis, y: &dyn Fn(f64) -> f64) {
+        let mut path = String::new();
+        for (k, (slice, value)) in line.points.iter().filter(|point| axis.shows(point.1)).enumerate() {
+            let letter = if k == 0 { 'M' } else { 'L' };
+            path.push_str(&format!("{letter}{} {}", at(self.x(*slice)), at(y(*value))));
+        }
+        let class = if line.limit { "lim" } else { "law" };
+        out.push_str(&format!("<path class=\"{class}\" d=\"{path}\"/>"));
+    }
+
+    fn mark(&self, out: &mut String, mark: &Mark, y: f64, of: impl Fn(f64) -> f64) {
+        let x = self.x(mark.slice);
+        let step = self.step();
+        let size = (0.35 * step).clamp(1.2, 3.4);
+        let class = match (mark.second, mark.measured) {
+            (false, true) => "p",
+            (false, false) => "p h",
+            (true, true) => "p b",
+            (true, false) => "p b h",
+        };
+        let (name, shape) = match (self.form, mark.second) {
+            (Form::Bars, _) => {
+                let (zero, half) = (of(0.0), (0.36 * step).clamp(0.4, 12.0));
+                let (top, height) = (y.min(zero), (zero - y).abs().max(0.5));
+                ("rect", rectangle(x - half, top, 2.0 * half, height))
+            }
+            (Form::Points, true) => ("rect", rectangle(x - size, y - size, 2.0 * size, 2.0 * size)),
+            (Form::Points, false) => ("circle", format!("cx=\"{}\" cy=\"{}\" r=\"{size:.1}\"", at(x), at(y))),
+        };
+        match self.count <= MOST_TITLED {
+            true => out.push_str(&format!(
+                "<{name} class=\"{class}\" {shape}><title>{}</title></{name}>",
+                escape(&mark.title)
+            )),
+            false => out.push_str(&format!("<{name} class=\"{class}\" {shape}/>")),
+        }
+    }
+}
+
+fn rectangle(x: f64, y: f64, width: f64, height: f64) -> String {
+    format!("x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"", at(x), at(y), at(width), at(height))
+}

@@ -1,0 +1,125 @@
+//! What is drawn over the slices, and the key to it.
+
+use super::{
+    chart::{Chart, Form, Line, Mark, Spread},
+    html::number,
+};
+use crate::types::report::{CalibrationReport, SliceReport};
+
+/// Blur radius over the distance of the dots beyond which dots run into each other.
+const MOST_BLUR: f64 = 0.45;
+/// Uncertainty of the worst corner of a good slice, px.
+const GOOD: f64 = 0.3;
+
+/// The charts over the slices.
+pub(super) fn charts(report: &CalibrationReport) -> String {
+    let slices = &report.slices;
+    if slices.is_empty() {
+        return String::new();
+    }
+    let sheet = Sheet { report };
+    let figures = [sheet.scale(), sheet.shift(), sheet.off_law(), sheet.blur(), sheet.gain(), sheet.sigma()].concat();
+    format!("<section>\n<h2>Over the slices</h2>\n{KEY}<div class=\"charts\">\n{figures}</div>\n</section>\n")
+}
+
+/// Said once for all charts.
+const KEY: &str = "<p class=\"key\">\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><circle class=\"p\" cx=\"13\" cy=\"8\" r=\"3.4\"/></svg>measured</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><rect class=\"i\" x=\"7\" y=\"0\" width=\"12\" height=\"16\"/><circle class=\"p h\" cx=\"13\" cy=\"8\" r=\"3.4\"/></svg>interpolated: not measured, predicted from the other slices</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"law\" d=\"M1 8H25\"/></svg>law of the rail</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"lim\" d=\"M1 8H25\"/></svg>limit</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"r\" d=\"M13 0V16\"/></svg>reference slice</span></p>\n";
+
+struct Sheet<'a> {
+    report: &'a CalibrationReport,
+}
+
+impl Sheet<'_> {
+    fn chart<'t>(&self, title: &'t str, hint: &str, unit: &'t str, marks: Vec<Mark>, spread: Spread) -> Chart<'t> {
+        let slices = &self.report.slices;
+        Chart {
+            title,
+            hint: hint.to_owned(),
+            unit,
+            count: slices.len(),
+            reference: self.report.reference_index as usize,
+            bands: (0..slices.len()).filter(|&i| slices[i].interpolated).collect(),
+            marks,
+            lines: Vec::new(),
+            form: Form::Points,
+            spread,
+            empty: "Not measured.",
+        }
+    }
+
+    /// One mark per slice that has the value.
+    fn marks(&self, decimals: usize, unit: &str, value: impl Fn(&SliceReport) -> Option<f64>) -> Vec<Mark> {
+        let mark = |(i, slice): (usize, &SliceReport)| {
+            let value = value(slice)?;
+            let how = if slice.interpolated { ", interpolated" } else { "" };
+            let title = format!("slice {i}, {}: {}{unit}{how}", slice.name, number(value, decimals));
+            Some(Mark { slice: i, value, measured: !slice.interpolated, second: false, title })
+        };
+        self.report.slices.iter().enumerate().filter_map(mark).collect()
+    }
+
+    fn line(&self, limit: bool, label: Option<&str>, value: impl Fn(&SliceReport) -> Option<f64>) -> Line {
+        let points = self.report.slices.iter().enumerate();
+        let points = points.filter_map(|(i, slice)| Some((i, value(slice).filter(|v| v.is_finite())?))).collect();
+        Line { points, limit, label: label.map(str::to_owned) }
+    }
+
+    fn scale(&self) -> String {
+        let hint = "how much larger the reference slice shows things";
+        let mut chart = self.chart("Scale", hint, "times", self.marks(6, "", |s| Some(s.scale)), Spread::Even(1e-4));
+        chart.lines.push(self.line(false, None, |s| s.law_scale));
+        chart.figure()
+    }
+
+    fn shift(&self) -> String {
+        let mut marks = self.marks(2, " px to the right", |s| Some(s.shift_px[0]));
+        let second = self.marks(2, " px down", |s| Some(s.shift_px[1]));
+        marks.extend(second.into_iter().map(|mark| Mark { second: true, ..mark }));
+        let hint = "of the image centre, towards the reference: ● to the right, ■ down";
+        let mut chart = self.chart("Shift", hint, "px", marks, Spread::Even(1.0));
+        chart.lines.push(self.line(false, None, |s| s.law_shift_px.map(|shift| shift[0])));
+        chart.lines.push(self.line(false, None, |s| s.law_shift_px.map(|shift| shift[1])));
+        chart.figure()
+    }
+
+    fn off_law(&self) -> String {
+        let hint = "farthest that a corner lies from where the law of the rail puts it";
+        let marks = self.marks(3, " px", |s| s.off_law_px);
+        let mut chart = self.chart("Distance from the law", hint, "px", marks, Spread::Even(0.1));
+        chart.form = Form::Bars;
+        chart.empty = "No law of the rail was fitted.";
+        chart.figure()
+    }
+
+    fn blur(&self) -> String {
+        let pitch = self.report.target.pitch_px;
+        let limit = |s: &SliceReport| (s.scale > 0.0).then(|| MOST_BLUR * pitch / s.scale);
+        let hint = "radius; above the limit, 0.45 of the dot pitch, dots run into each other and cannot be measured";
+        let mut chart = self.chart("Blur", hint, "px", self.marks(1, " px", |s| s.blur_radius_px), Spread::Even(1.0));
+        if pitch > 0.0 {
+            chart.lines.push(self.line(true, Some("limit"), limit));
+        }
+        chart.figure()
+    }
+
+    fn gain(&self) -> String {
+        let hint = "a slice is multiplied by this to match the reference";
+        self.chart("Gain", hint, "times", self.marks(3, "", |s| Some(s.gain)), Spread::Even(0.02)).figure()
+    }
+
+    fn sigma(&self) -> String {
+        let sigma = |s: &SliceReport| Some(s.corner_sigma_px);
+        let worst = self.report.slices.iter().filter_map(sigma).filter(|v| v.is_finite()).fold(0.0, f64::max);
+        // the limit stays in the picture, and so does what lies far under it
+        let spread = if worst > 5.0 * GOOD { Spread::Logarithmic } else { Spread::Even(0.1) };
+        let hint = "standard deviation of the worst image corner; under the limit a calibration is good";
+        let mut chart = self.chart("Corner uncertainty", hint, "px", self.marks(3, " px", sigma), spread);
+        chart.lines.push(self.line(true, Some("0.3 px"), |_| Some(GOOD)));
+        chart.figure()
+    }
+}

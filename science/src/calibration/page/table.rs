@@ -1,0 +1,65 @@
+//! All numbers, slice by slice.
+
+use super::html::{self, escape, maybe, number};
+use crate::types::report::{CalibrationReport, SliceReport};
+
+const HEADS: [&str; 16] = [
+    "slice",
+    "file",
+    "how",
+    "scale",
+    "law",
+    "shift x, px",
+    "shift y, px",
+    "off law, px",
+    "blur, px",
+    "contrast",
+    "gain",
+    "clipped, %",
+    "dots",
+    "agree",
+    "RMS, px",
+    "corner σ, px",
+];
+
+/// The table at the end.
+pub(super) fn table(report: &CalibrationReport) -> String {
+    let rows: Vec<(&str, Vec<String>)> = report
+        .slices
+        .iter()
+        .enumerate()
+        .map(|(i, slice)| row(i, slice, i == report.reference_index as usize))
+        .collect();
+    format!(
+        "<section>\n<h2>All numbers</h2>\n<div class=\"l\">{}</div>\n</section>\n",
+        html::table("All numbers per slice", &HEADS, &rows)
+    )
+}
+
+fn row(index: usize, slice: &SliceReport, is_reference: bool) -> (&'static str, Vec<String>) {
+    let (class, how) = match (is_reference, slice.interpolated) {
+        (true, _) => ("", "reference"),
+        (false, true) => ("guess", "interpolated"),
+        (false, false) => ("", "measured"),
+    };
+    let name = escape(&slice.name);
+    let cells = vec![
+        index.to_string(),
+        format!("<a href=\"overlay?slice={index}\" title=\"{name}\"><bdi>{name}</bdi></a>"),
+        how.to_owned(),
+        number(slice.scale, 6),
+        maybe(slice.law_scale, 6),
+        number(slice.shift_px[0], 2),
+        number(slice.shift_px[1], 2),
+        maybe(slice.off_law_px, 3),
+        maybe(slice.blur_radius_px, 1),
+        maybe(slice.contrast, 2),
+        number(slice.gain, 4),
+        maybe(slice.clipped.map(|share| 100.0 * share), 1),
+        slice.dots_found.to_string(),
+        slice.inliers.to_string(),
+        maybe(slice.rms_px, 3),
+        number(slice.corner_sigma_px, 3),
+    ];
+    (class, cells)
+}

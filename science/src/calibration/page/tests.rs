@@ -1,0 +1,161 @@
+//! What the page says, shows and survives.
+
+use super::{STYLE, Subject, page, testkit};
+use crate::types::{
+    Warning,
+    report::{CameraReport, Grade},
+};
+
+const SUBJECT: Subject<'static> = Subject {
+    rig: "bench",
+    lens: "macro-65",
+    revision: 4,
+    measured: "2026-05-04 10:12 UTC",
+    note: Some("after cleaning"),
+};
+
+fn count(text: &str, what: &str) -> usize {
+    text.matches(what).count()
+}
+
+/// Every tag that is opened is closed, in order; nothing else is written into a tag than names and quoted values.
+fn check_tags(html: &str) {
+    let mut open: Vec<&str> = Vec::new();
+    let void = ["meta", "!DOCTYPE"];
+    let body = html.replace(STYLE, "");
+    let mut rest = body.as_str();
+    while let Some(from) = rest.find('<') {
+        let after = rest.get(from + 1..).expect("more");
+        let to = after.find('>').expect("a tag ends");
+        let tag = after.get(..to).expect("a tag");
+        assert_eq!(count(tag, "\"") % 2, 0, "quotes of <{tag}>");
+        assert!(!tag.contains('<'), "<{tag}>");
+        let name = tag.split([' ', '/']).find(|part| !part.is_empty()).expect("a name");
+        if let Some(closed) = tag.strip_prefix('/') {
+            assert_eq!(open.pop(), Some(closed));
+        } else if !tag.ends_with('/') && !void.contains(&name) {
+            open.push(name);
+        }
+        rest = after.get(to + 1..).expect("more");
+    }
+    assert!(open.is_empty(), "{open:?}");
+}
+
+#[test]
+fn the_page_says_the_verdict_first_then_shows_maps_charts_models_drift_and_all_numbers() {
+    let report = testkit::report(13);
+    let html = page(&SUBJECT, &report, Some(&testkit::drift(13, 1.8)));
+    check_tags(&html);
+    let places: Vec<usize> = [
+        "The image corners are good to 0.21 px",
+        "<h2>Findings",
+        "<h2>What was measured",
+        "<h2>Where the dots miss",
+        "<h2>Over the slices",
+        "<h2>Why this model",
+        "<h2>Since the revision before",
+        "<h2>All numbers",
+    ]
+    .iter()
+    .map(|what| html.find(what).unwrap_or_else(|| panic!("no {what}")))
+    .collect();
+    assert!(places.is_sorted(), "{places:?}");
+    assert!(html.contains("</span> Good</span>"), "the grade is a word, not only a colour");
+    assert!(html.contains("Slice 7 moved most: 1.8 px at a corner since revision 3"));
+    assert_eq!(count(&html, "aria-label=\"Residuals of slice"), 13);
+    assert_eq!(count(&html, "<title>outlier, 2.25 px off</title>"), 2, "both outliers of the third slice");
+    assert!(html.contains("2 outliers") && html.contains("enlarged 500 times"), "the enlargement is said");
+    assert!(html.contains(">limit</text>") && html.contains(">0.3 px</text>"), "limits are drawn");
+    assert!(html.contains("href=\"overlay?slice=12\"") && html.contains("✓ chosen"));
+    assert!(html.contains("59.520 mm = 13227.0 px; by another way 59.880 mm (+0.6 %)"));
+}
+
+#[test]
+fn the_page_loads_nothing_and_runs_nothing() {
+    let html = page(&SUBJECT, &testkit::report(13), None);
+    for forbidden in
+        ["<script", "<link", "<img", "<iframe", "@import", "url(", "src=", "style=", "onload", "http://", "https://"]
+    {
+        assert!(!html.contains(forbidden), "{forbidden}");
+    }
+    assert_eq!(count(&html, "<style>"), 1);
+    assert!(html.contains(&format!("<style>{STYLE}</style>")), "the policy names the hash of just this");
+    assert!(html.contains("no earlier revision"));
+}
+
+#[test]
+fn names_and_sentences_cannot_break_out_of_the_page() {
+    let evil = "<script>alert('x')</script>\"><svg onload=alert(1)>&\u{202e}gnp.exe\u{0}.png";
+    let mut report = testkit::report(13);
+    report.slices[3].name = evil.into();
+    report.verdict = evil.into();
+    report.findings = vec![Warning::new("<b>", evil)];
+    report.model_reason = evil.into();
+    report.capture.detail = evil.into();
+    report.camera.detail = evil.into();
+    let mut drift = testkit::drift(13, 0.1);
+    drift.detail = evil.into();
+    let subject = Subject { rig: evil, lens: evil, revision: 1, measured: evil, note: Some(evil) };
+    let html = page(&subject, &report, Some(&drift));
+    check_tags(&html);
+    assert!(!html.contains("<script") && !html.contains("<svg onload") && !html.contains("<b>"));
+    assert!(!html.contains('\u{202e}') && !html.contains('\0'));
+    assert!(html.contains("&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;&quot;&gt;"));
+}
+
+#[test]
+fn an_interpolated_slice_is_marked_in_every_drawing() {
+    let html = page(&SUBJECT, &testkit::report(13), None);
+    let map = html.split("aria-label=\"Residuals of slice 12").nth(1).expect("its map");
+    let map = map.split("</figure>").next().expect("its end");
+    assert!(map.contains("stroke-dasharray") && map.contains("interpolated") && !map.contains("class=\"a\""), "{map}");
+    // scale, shift (two marks), gain, corner uncertainty, and the title of the map; blur and the distance from the law
+    // were not measured
+    assert_eq!(count(&html, " interpolated</title>"), 5 + 1);
+    assert_eq!(count(&html, "class=\"p h\""), 4 + 1, "hollow marks, and the one of the key");
+    assert!(html.contains("<tr class=\"guess\">"));
+}
+
+#[test]
+fn a_report_that_knows_little_is_still_a_page() {
+    let mut report = testkit::report(3);
+    report.grade = Grade::Poor;
+    report.findings.clear();
+    report.candidates.clear();
+    report.rail = None;
+    report.camera = CameraReport::default();
+    for slice in &mut report.slices {
+        slice.dots.clear();
+        (slice.law_scale, slice.law_shift_px, slice.off_law_px, slice.blur_radius_px) = (None, None, None, None);
+        slice.scale = f64::NAN;
+        slice.corner_sigma_px = f64::INFINITY;
+    }
+    let html = page(&SUBJECT, &report, None);
+    check_tags(&html);
+    for said in [
+        "No law of the rail was fitted.",
+        "Not measured.",
+        "Not known",
+        "No other families",
+        "Nothing to put right",
+        "✕",
+    ] {
+        assert!(html.contains(said), "{said}");
+    }
+    assert!(!html.contains("NaN") && !html.contains("inf "), "numbers that are none are dashes");
+    report.slices.clear();
+    check_tags(&page(&SUBJECT, &report, None));
+}
+
+#[test]
+fn sixty_slices_fit_in_two_megabytes_and_a_thousand_do_not_make_it_ten() {
+    let html = page(&SUBJECT, &testkit::report(60), Some(&testkit::drift(60, 0.5)));
+    assert!(html.len() < 2_000_000, "{} bytes", html.len());
+    let mut many = testkit::report(13);
+    let slice = many.slices[1].clone();
+    many.slices = (0..1000).map(|_| slice.clone()).collect();
+    let html = page(&SUBJECT, &many, Some(&testkit::drift(1000, 0.5)));
+    check_tags(&html);
+    assert!(html.len() < 4_000_000, "{} bytes", html.len());
+    assert!(html.contains("of 1000 slices are drawn"));
+}

@@ -1,0 +1,284 @@
+//! The law that binds the slices of one rail together.
+//!
+//! With the sensor moved along the rail, a point of the reference slice is seen in slice i at `x + dz_i (a x + e)`:
+//! the map from the reference slice **to** slice i is linear in the position. Real rails add a little of their own to
+//! each slice. So every number of the maps is taken as a straight line over the positions plus a scatter, and both are
+//! learnt from the slices that were measured. A slice then gets what its own dots say and what the line says, each
+//! weighted by how sure it is: sharp slices keep what was measured, slices too blurred to be measured follow the line,
+//! and between there is no step (empirical Bayes, one number at a time for the line, all together for the slice).
+
+use nalgebra::{DMatrix, DVector};
+
+use super::working::median;
+
+/// What one slice says by itself.
+#[derive(Debug, Clone)]
+pub(super) struct Own {
+    /// The free numbers of its map.
+    pub free: DVector<f64>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+}
+
+/// The line and the scatter of one number.
+#[derive(Debug, Clone, Copy, Default)]
+struct Line {
+    intercept: f64,
+    slope: f64,
+    /// What is added from slice `Law::jump` on.
+    step: f64,
+    /// Variance of the slices about the line, their own errors not counted.
+    scatter: f64,
+}
+
+/// The law fitted to a stack.
+#[derive(Debug, Clone)]
+pub(super) struct Law {
+    lines: Vec<Line>,
+    positions: Vec<f64>,
+    /// The first slice behind a jump of the picture, when there is one.
+    pub jump: Option<usize>,
+}
+
+/// Slices that must have been measured before a line through them is believed.
+const LEAST: usize = 4;
+/// Scatter that no rail falls short of, in units of half the picture's diagonal.
+const SMOOTH: f64 = 2e-6;
+
+impl Law {
+    /// Fits the law to the slices that were measured (`None`: was not), at `positions` on the rail. `None` when
+    /// fewer than four were.
+    pub(super) fn fit(own: &[Option<Own>], positions: &[f64], jump: Option<usize>) -> Option<Self> {
+        let known: Vec<usize> = (0..own.len()).filter(|&i| own[i].is_some()).collect();
+        if known.len() < LEAST + usize::from(jump.is_some()) {
+            return None;
+        }
+        let size = own[known[0]].as_ref()?.free.len();
+        let lines = (0..size).map(|n| line(own, &known, positions, n, jump)).collect::<Option<_>>()?;
+        Some(Self { lines, positions: positions.to_vec(), jump })
+    }
+
+    /// What the line says of slice `index`.
+    pub(super) fn says(&self, index: usize) -> DVector<f64> {
+        let at = self.positions[index];
+        let behind = f64::from(u8::from(self.jump.is_some_and(|k| index >= k)));
+        DVector::from_iterator(
+            self.lines.len(),
+            self.lines.iter().map(|l| l.intercept + l.slope * at + l.step * behind),
+        )
+    }
+
+    /// Slopes of all numbers.
+    pub(super) fn slopes(&self) -> DVector<f64> {
+        DVector::from_iterator(self.lines.len(), self.lines.iter().map(|l| l.slope))
+    }
+}
+
+/// What slice `index` is when its own dots and the other slices are both listened to, with covariance; without
+/// enough other slices just what its own dots say. `None` when there is neither.
+pub(super) fn settled(
+    own: &[Option<Own>],
+    positions: &[f64],
+    jump: Option<usize>,
+    index: usize,
+) -> Option<(Own, Source)> {
+    // the slice itself must not speak twice
+    let mut others = own.to_vec();
+    others[index] = None;
+    let law = Law::fit(&others, positions, jump);
+    let mine = own[index].clone();
+    let Some(law) = law else { return mine.map(|mine| (mine, Source::Dots)) };
+    let expected = law.says(index);
+    let known: Vec<usize> = (0..others.len()).filter(|&i| others[i].is_some()).collect();
+    let spread = DVector::from_iterator(
+        expected.len(),
+        (0..expected.len()).map(|n| law.lines[n].scatter + leverage(&others, &known, positions, n, index, &law)),
+    );
+    let Some(mine) = mine else {
+        return Some((Own { free: expected, covariance: DMatrix::from_diagonal(&spread) }, Source::Law));
+    };
+    let from_law = DMatrix::from_diagonal(&spread.map(|v| 1.0 / v.max(1e-30)));
+    let from_dots = mine.covariance.clone().try_inverse()?;
+    // where the two contradict one another more than both allow for, neither is as sure as it says
+    let apart = &mine.free - &expected;
+    let together = (&mine.covariance + DMatrix::from_diagonal(&spread)).try_inverse()?;
+    let contradiction = ((apart.transpose() * together * &apart)[(0, 0)] / apart.len() as f64).max(1.0);
+    let covariance = (&from_dots + &from_law).try_inverse()?;
+    let free = &covariance * (from_dots * &mine.free + from_law * expected);
+    let covariance = covariance * contradiction;
+    Some((Own { free, covariance }, Source::Dots))
+}
+
+/// Whether a slice's own dots had a say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    /// They had.
+    Dots,
+    /// The law of the rail alone.
+    Law,
+}
+
+/// Weighted straight line (with a step behind `jump`) through number `n` of the slices `known`.
+fn line(own: &[Option<Own>], known: &[usize], positions: &[f64], n: usize, jump: Option<usize>) -> Option<Line> {
+    let points: Vec<[f64; 4]> = known
+        .iter()
+        .filter_map(|&i| own[i].as_ref().map(|o| (i, o)))
+        .map(|(i, o)| {
+            let behind = f64::from(u8::from(jump.is_some_and(|k| i >= k)));
+            [positions[i], behind, o.free[n], o.covariance[(n, n)].max(0.0)]
+        })
+        .collect();
+    let unknowns = 2 + usize::from(jump.is_some());
+    let (mut scatter, mut out) = (SMOOTH * SMOOTH, Line::default());
+    for _ in 0..6 {
+        let (mut normal, mut right) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
+        for [z, behind, value, variance] in &points {
+            let row = DVector::from_column_slice(&[1.0, *z, *behind][..unknowns]);
+            let weight = 1.0 / (variance + scatter);
+            normal += weight * &row * row.transpose();
+            right += weight * *value * row;
+        }
+        let solved = normal.try_inverse()? * right;
+        out =
+            Line { intercept: solved[0], slope: solved[1], step: if unknowns > 2 { solved[2] } else { 0.0 }, scatter };
+        // what is left over beyond the errors of the slices themselves, those that were measured well counting most
+        let (mut excess, mut weights) = (0.0, 0.0);
+        for [z, behind, value, variance] in &points {
+            let weight = 1.0 / (variance + scatter);
+            let miss = value - out.intercept - out.slope * z - out.step * behind;
+            excess += weight * (miss * miss - variance);
+            weights += weight;
+        }
+        let count = points.len() as f64;
+        let freedom = count / (count - unknowns as f64);
+        // few slices tell little about their scatter: as much more as the tails of a t distribution ask for
+        let caution = (1.0 + 2.5 / (count - unknowns as f64)).powi(2);
+        scatter = (excess / weights * freedom * caution).max(SMOOTH * SMOOTH);
+    }
+    out.scatter = scatter;
+    out.intercept.is_finite().then_some(out)
+}
+
+/// Variance of what the line says at slice `index`, from the errors of the line itself.
+fn leverage(own: &[Option<Own>], known: &[usize], positions: &[f64], n: usize, index: usize, law: &Law) -> f64 {
+    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+    for &i in known {
+        let Some(o) = &own[i] else { continue };
+        let weight = 1.0 / (o.covariance[(n, n)].max(0.0) + law.lines[n].scatter);
+        sum += weight;
+        first += weight * positions[i];
+        second += weight * positions[i] * positions[i];
+    }
+    let middle = first / sum;
+    let spread = (second - sum * middle * middle).max(1e-30);
+    1.0 / sum + (positions[index] - middle).powi(2) / spread
+}
+
+/// Where the scales say that each measured slice stood, in the unit of `positions` and counted from slice
+/// `reference`; `None` when the picture hardly scales. `scale` is the map's scale number (0 at the reference) with its standard deviation.
+pub(super) fn positions_by_scale(
+    scale: &[Option<(f64, f64)>],
+    positions: &[f64],
+    reference: usize,
+) -> Option<Vec<Option<(f64, f64)>>> {
+    let known: Vec<usize> = (0..scale.len()).filter(|&i| scale[i].is_some()).collect();
+    let mut slopes = Vec::new();
+    for (k, &i) in known.iter().enumerate() {
+        for &j in &known[k + 1..] {
+            let (Some(a), Some(b)) = (scale[i], scale[j]) else { continue };
+            slopes.push((b.0 - a.0) / (positions[j] - positions[i]));
+        }
+    }
+    let growth = median(&mut slopes);
+    let span = positions.iter().fold(f64::MIN, |m, z| m.max(*z)) - positions.iter().fold(f64::MAX, |m, z| m.min(*z));
+    let mut sigmas: Vec<f64> = scale.iter().flatten().map(|s| s.1).collect();
+    let sure = known.len() >= LEAST && (growth * span).abs() > 20.0 * median(&mut sigmas).max(1e-7);
+    sure.then(|| {
+        let at = |s: (f64, f64)| (positions[reference] + s.0 / growth, (s.1 / growth).abs());
+        scale.iter().map(|s| s.map(at)).collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testkit::Noise;
+    use super::*;
+
+    /// One number per slice: a line, a scatter, and errors that grow towards the ends.
+    fn stack(
+        count: usize,
+        scatter: f64,
+        error: impl Fn(usize) -> f64,
+        seed: u64,
+    ) -> (Vec<Option<Own>>, Vec<f64>, Vec<f64>) {
+        let mut noise = Noise(seed);
+        let positions: Vec<f64> = (0..count).map(|i| i as f64).collect();
+        let truth: Vec<f64> = (0..count).map(|i| 0.01 * i as f64 - 0.05 + scatter * noise.normal()).collect();
+        let own = truth
+            .iter()
+            .enumerate()
+            .map(|(i, t)| {
+                let sigma = error(i);
+                Some(Own {
+                    free: DVector::from_element(1, t + sigma * noise.normal()),
+                    covariance: DMatrix::from_element(1, 1, sigma * sigma),
+                })
+            })
+            .collect();
+        (own, positions, truth)
+    }
+
+    #[test]
+    fn a_slice_that_was_not_measured_follows_the_line_and_says_how_sure_it_is() {
+        let (mut inside, mut trials) = (0, 0);
+        for seed in 0..60 {
+            let (mut own, positions, truth) = stack(13, 3e-4, |_| 1e-5, seed);
+            own[0] = None;
+            own[7] = None;
+            for index in [0, 7] {
+                let (settled, source) = settled(&own, &positions, None, index).expect("predicted");
+                assert_eq!(source, Source::Law);
+                trials += 1;
+                let sigma = settled.covariance[(0, 0)].sqrt();
+                inside += i32::from((settled.free[0] - truth[index]).abs() < 3.0 * sigma);
+                assert!(sigma < 2e-3, "{sigma}");
+            }
+        }
+        assert!(inside >= trials - 2, "{inside} of {trials}");
+    }
+
+    #[test]
+    fn a_slice_measured_well_keeps_what_was_measured_and_a_poor_one_gains_from_the_others() {
+        let (mut alone, mut together) = (0.0, 0.0);
+        for seed in 0..40 {
+            let (own, positions, truth) = stack(13, 1e-4, |i| if i == 0 { 2e-3 } else { 1e-5 }, seed);
+            let (poor, _) = settled(&own, &positions, None, 0).expect("settled");
+            alone += (own[0].as_ref().expect("measured").free[0] - truth[0]).powi(2);
+            together += (poor.free[0] - truth[0]).powi(2);
+            let (good, source) = settled(&own, &positions, None, 6).expect("settled");
+            assert_eq!(source, Source::Dots);
+            assert!((good.free[0] - truth[6]).abs() < 5e-5);
+        }
+        assert!(together < 0.05 * alone, "{together} against {alone}");
+    }
+
+    #[test]
+    fn too_few_slices_make_no_law() {
+        let (own, positions, _) = stack(3, 0.0, |_| 1e-5, 1);
+        assert!(Law::fit(&own, &positions, None).is_none());
+        assert_eq!(settled(&own, &positions, None, 1).map(|s| s.1), Some(Source::Dots));
+    }
+
+    #[test]
+    fn the_scales_tell_where_on_the_rail_a_slice_stood() {
+        let positions: Vec<f64> = (0..9).map(f64::from).collect();
+        let mut scale: Vec<Option<(f64, f64)>> = (0..9).map(|i| Some((0.005 * (f64::from(i) - 4.0), 1e-6))).collect();
+        scale[6] = Some((0.005 * 2.5, 1e-6));
+        let found = positions_by_scale(&scale, &positions, 4).expect("the picture scales");
+        assert!(
+            (found[6].expect("measured").0 - 6.5).abs() < 0.01 && (found[1].expect("measured").0 - 1.0).abs() < 0.01
+        );
+        let still: Vec<_> = (0..9).map(|_| Some((0.0, 1e-6))).collect();
+        assert!(positions_by_scale(&still, &positions, 4).is_none());
+    }
+}

@@ -1,0 +1,284 @@
+//! What the technician is told.
+
+use super::camera::{self, Known};
+use super::capture::{self, Scaled};
+use super::chain::Seen;
+use super::field::Polarity;
+use super::findings::{self, Facts, GOOD};
+use super::gains;
+use super::solve::Solution;
+use super::{Calibration, Dot, DotUse};
+use crate::imaging::Slices;
+use crate::types::Homography;
+use crate::types::calibration_options::CalibrationOptions;
+use crate::types::profile::ProfileSlice;
+use crate::types::report::{CalibrationReport, DotReport, Grade, RailReport, SliceReport, TargetReport};
+
+/// Most dots of a slice that a report keeps.
+const MOST_DOTS: usize = 2000;
+/// Blur radius over pitch that a target is to stay below (its pitch is 2.5 times the largest blur).
+const ADVISED: f64 = 0.4;
+
+/// Puts everything together. `in_mm`: positions on the rail were told.
+pub(super) fn report(
+    slices: &dyn Slices,
+    options: &CalibrationOptions,
+    seen: &Seen,
+    solution: Solution,
+    in_mm: bool,
+) -> Calibration {
+    let (width, height) = (seen.width as u32, seen.height as u32);
+    let reference = solution.reference;
+    let profile: Vec<ProfileSlice> = solution
+        .slices
+        .iter()
+        .enumerate()
+        .map(|(index, s)| ProfileSlice {
+            dots_found: Some(s.dots.len() as u32),
+            inliers: Some(s.dots.iter().filter(|d| d.used == DotUse::Inlier).count() as u32),
+            rms_px: s.rms,
+            p95_px: s.p95,
+            corner_sigma_px: Some(s.corner_sigma),
+            interpolated: s.interpolated,
+            ..ProfileSlice::given(index as u32, s.homography, s.gain, width, height)
+        })
+        .collect();
+    let blurs = gains::blurs(seen);
+    let pitch = seen.sightings[reference].as_ref().map_or(0.0, |s| s.pitch);
+    let magnification = match (options.pixel_pitch_mm, options.target_pitch_mm) {
+        (Some(pixel), Some(target)) if target > 0.0 => Some(pitch * pixel / target),
+        _ => None,
+    };
+    let half = 0.5 * (f64::from(width) - 1.0).hypot(f64::from(height) - 1.0);
+    let scaled: Vec<Scaled> = (0..profile.len())
+        .filter_map(|i| {
+            let (_, sigma) = solution.scales[i].filter(|_| !profile[i].interpolated)?;
+            Some(Scaled { position: solution.positions[i], scale: profile[i].scale, sigma: sigma.max(0.01 / half) })
+        })
+        .collect();
+    let capture = capture::judge(&scaled, in_mm, in_mm || solution.events.is_empty(), options.capture_mode);
+    let rail = rail(&solution, in_mm, width, height);
+    let known = Known {
+        magnification,
+        growth_per_mm: rail.as_ref().filter(|_| in_mm).map(|r| r.growth),
+        capture: capture.found.or(options.capture_mode),
+    };
+    let camera = camera::camera(options, known);
+    let facts = Facts {
+        slices,
+        seen,
+        solution: &solution,
+        profile: &profile,
+        blurs: &blurs,
+        capture: &capture,
+        camera: &camera,
+    };
+    let warnings = findings::findings(&facts);
+    let (grade, verdict) = verdict(&profile, &blurs, reference, pitch, options.target_pitch_mm);
+    let target = TargetReport {
+        pitch_px: pitch,
+        pitch_mm: options.target_pitch_mm,
+        fill: gains::fill(seen),
+        bright_dots: seen.target.polarity == Polarity::LightOnDark,
+        asymmetric: seen.sightings[reference].as_ref().is_some_and(|s| is_asymmetric(s.places.keys().copied())),
+        dots: profile.get(reference).and_then(|s| s.dots_found).unwrap_or(0),
+        coverage: findings::coverage(seen, reference),
+        magnification,
+    };
+    let slice_reports =
+        (0..profile.len()).map(|i| slice_report(slices.name(i), &profile[i], &solution, seen, blurs[i], i)).collect();
+    let report = CalibrationReport {
+        width,
+        height,
+        reference_index: reference as u32,
+        verdict: verdict.clone(),
+        grade,
+        findings: warnings.clone(),
+        target,
+        model: solution.model.0.name(),
+        model_reason: solution.model.1.clone(),
+        candidates: solution.candidates.clone(),
+        capture: capture.clone(),
+        rail,
+        camera,
+        slices: slice_reports,
+    };
+    Calibration {
+        width,
+        height,
+        reference_index: reference,
+        dot_pitch_px: pitch,
+        magnification,
+        capture_mode: capture.found.or(options.capture_mode),
+        model: solution.model.0.name(),
+        verdict,
+        warnings,
+        slices: profile,
+        dots: solution.slices.into_iter().map(|s| s.dots).collect(),
+        report,
+    }
+}
+
+fn rail(solution: &Solution, in_mm: bool, width: u32, height: u32) -> Option<RailReport> {
+    let [scale, turn, x, y] = solution.slopes?;
+    let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
+    let half = centre[0].hypot(centre[1]);
+    // x (a) + e = 0 with a the scaling and turning per step
+    let size = scale * scale + turn * turn;
+    let span = solution.positions.iter().fold(0.0_f64, |m, z| m.max((z - solution.positions[0]).abs()));
+    let fixed_point_px = (size.sqrt() * span > 2e-3).then(|| {
+        let unit = [-(scale * x + turn * y) / size, -(scale * y - turn * x) / size];
+        [centre[0] + half * unit[0], centre[1] + half * unit[1]]
+    });
+    let off: Vec<f64> = solution.slices.iter().filter_map(|s| s.off_law).collect();
+    let corner_rms_px = (off.iter().map(|o| o * o).sum::<f64>() / off.len().max(1) as f64).sqrt();
+    Some(RailReport {
+        growth: scale,
+        fixed_point_px,
+        in_mm,
+        positions: solution.positions.clone(),
+        measured_positions: match &solution.stood {
+            Some(stood) => stood.iter().map(|s| s.map(|s| s.0)).collect(),
+            None => vec![None; solution.positions.len()],
+        },
+        corner_rms_px,
+    })
+}
+
+fn slice_report(
+    name: &str,
+    slice: &ProfileSlice,
+    solution: &Solution,
+    seen: &Seen,
+    blur: Option<f64>,
+    index: usize,
+) -> SliceReport {
+    let solved = &solution.slices[index];
+    let sighting = seen.sightings[index].as_ref();
+    let (width, height) = (seen.width as u32, seen.height as u32);
+    let law = solved.by_law.map(|h| ProfileSlice::given(0, h, 1.0, width, height));
+    let strongest = seen.sightings.iter().flatten().map(|s| s.ripple).fold(1e-9, f64::max);
+    let base = seen.sightings[solution.reference].as_ref();
+    let every = solved.dots.len().div_ceil(MOST_DOTS).max(1);
+    let dot = |d: &Dot| DotReport {
+        at: d.at,
+        residual: base.and_then(|b| b.dots.get(&d.label)).map(|b| {
+            let sent = slice.homography.apply(d.at);
+            [sent[0] - b.at[0], sent[1] - b.at[1]]
+        }),
+        inlier: d.used == DotUse::Inlier,
+    };
+    SliceReport {
+        index: slice.index,
+        name: name.to_owned(),
+        scale: slice.scale,
+        law_scale: law.as_ref().map(|l| l.scale),
+        shift_px: slice.shift_px,
+        law_shift_px: law.map(|l| l.shift_px),
+        off_law_px: solved.off_law,
+        blur_radius_px: blur.zip(sighting).map(|(b, s)| b * s.pitch),
+        contrast: sighting.map(|s| s.ripple / strongest),
+        gain: slice.gain,
+        clipped: sighting.map(|s| s.clipped),
+        dots_found: slice.dots_found.unwrap_or(0),
+        inliers: slice.inliers.unwrap_or(0),
+        rms_px: slice.rms_px,
+        corner_sigma_px: solved.corner_sigma,
+        interpolated: slice.interpolated,
+        dots: solved.dots.iter().step_by(every).map(dot).collect(),
+    }
+}
+
+/// True when the grid is the asymmetric one that some tools print: seen along its diagonals it is the fuller rectangle.
+fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
+    let area = |of: &dyn Fn([i32; 2]) -> [i32; 2]| {
+        let span = |axis: usize| {
+            let (low, high) =
+                labels.clone().map(|l| of(l)[axis]).fold((i32::MAX, i32::MIN), |b, v| (b.0.min(v), b.1.max(v)));
+            f64::from(high - low + 1)
+        };
+        span(0) * span(1)
+    };
+    let upright = area(&|l| l);
+    // turned by 45 degrees every other place of the rectangle is empty
+    let turned = area(&|[i, j]| [i + j, i - j]) / 2.0;
+    turned < 0.75 * upright
+}
+
+fn verdict(
+    profile: &[ProfileSlice],
+    blurs: &[Option<f64>],
+    reference: usize,
+    pitch_px: f64,
+    pitch_mm: Option<f64>,
+) -> (Grade, String) {
+    let others = || profile.iter().filter(|s| s.index as usize != reference);
+    let worst = others().filter_map(|s| s.corner_sigma_px).fold(0.0, f64::max);
+    let rms = others().filter(|s| !s.interpolated).filter_map(|s| s.rms_px).fold(0.0, f64::max);
+    let dots = profile.iter().filter(|s| !s.interpolated).filter_map(|s| s.inliers).min().unwrap_or(0);
+    let (grade, word) = match worst {
+        w if w <= GOOD => (Grade::Good, "Good"),
+        w if w <= 2.0 * GOOD => (Grade::Usable, "Usable"),
+        _ => (Grade::Poor, "Poor"),
+    };
+    let predicted: Vec<usize> = profile.iter().filter(|s| s.interpolated).map(|s| s.index as usize).collect();
+    let blur = blurs.iter().flatten().fold(0.0_f64, |m, b| m.max(*b));
+    let tail = if predicted.is_empty() {
+        format!("all {} slices measured", profile.len())
+    } else {
+        // a predicted slice that showed nothing at all is blurred beyond where the dots vanish
+        let unseen = predicted.iter().any(|&i| blurs[i].is_none());
+        let largest = if unseen { blur.max(super::blur::VANISHES) } else { blur };
+        let advice = match pitch_mm {
+            Some(mm) => format!("{:.2} mm or more", mm * largest / ADVISED),
+            None => format!("{:.1} times the pitch or more", largest / ADVISED),
+        };
+        let why = if largest > ADVISED && pitch_px > 0.0 {
+            format!(", the target's pitch is too fine for their blur: use {advice}")
+        } else {
+            String::new()
+        };
+        format!("slices {} predicted{why}", ranges(&predicted))
+    };
+    let same = others().all(|s| s.homography.corner_distance(&Homography::IDENTITY, 1000, 1000) < 1e-3);
+    let still = if same { "; the slices do not differ in geometry" } else { "" };
+    let text = format!(
+        "{word}: the image corners are good to {worst:.2} px; dots fit to {rms:.3} px RMS or better, at least {dots} \
+         dots per slice, {tail}{still}"
+    );
+    (grade, text)
+}
+
+/// `0 to 2, 7`.
+fn ranges(indices: &[usize]) -> String {
+    let mut parts: Vec<(usize, usize)> = Vec::new();
+    for &i in indices {
+        match parts.last_mut() {
+            Some((_, last)) if *last + 1 == i => *last = i,
+            _ => parts.push((i, i)),
+        }
+    }
+    let text = |(a, b): &(usize, usize)| if a == b { a.to_string() } else { format!("{a} to {b}") };
+    parts.iter().map(text).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_are_named_in_ranges() {
+        assert_eq!(ranges(&[0, 1, 2, 7, 9, 10]), "0 to 2, 7, 9 to 10");
+        assert_eq!(ranges(&[]), "");
+    }
+
+    #[test]
+    fn an_asymmetric_grid_is_told_from_an_upright_one() {
+        let upright = (0..8_i32).flat_map(|j| (0..11_i32).map(move |i| [i, j]));
+        assert!(!is_asymmetric(upright));
+        let asymmetric = (0..11_i32).flat_map(|r| {
+            (0..5_i32).map(move |c| 2 * c + r % 2).map(move |x| [(x + r).div_euclid(2), (x - r).div_euclid(2)])
+        });
+        assert!(is_asymmetric(asymmetric));
+    }
+}

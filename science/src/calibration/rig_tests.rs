@@ -1,0 +1,184 @@
+//! Calibration on synthetic rigs that did what rigs do: blur too much, lose a slice, get bumped, stand askew.
+
+use super::tests::worst_corner;
+use super::*;
+use crate::imaging::{Raster, Samples};
+use crate::synth::{DotTarget, Rig, target_stack};
+use crate::types::{Homography, NoControl, calibration_options::ModelChoice};
+
+fn rig(slices: usize) -> Rig {
+    Rig { channels: 1, ..Rig::sized(480, 360, slices) }
+}
+
+fn with(pictures: &[Raster], options: &CalibrationOptions) -> Calibration {
+    calibrate(&pictures, options, &NoControl).expect("a calibration")
+}
+
+fn measured(pictures: &[Raster]) -> Calibration {
+    with(pictures, &CalibrationOptions::default())
+}
+
+fn truths(rig: &Rig) -> Vec<Homography> {
+    (0..rig.slices()).map(|i| rig.homography(i)).collect()
+}
+
+/// The rig with an aperture that blurs the target by this share of its pitch at the worse end of the stack.
+fn blurred(rig: Rig, target: &DotTarget, share: f64) -> Rig {
+    let last = rig.slices() - 1;
+    let now = [0, last].map(|i| target.blur_radius_px(&rig, i) / target.pitch_px(&rig, i));
+    Rig { f_number: rig.f_number * now[0].max(now[1]) / share, ..rig }
+}
+
+fn codes(calibration: &Calibration) -> Vec<&str> {
+    calibration.warnings.iter().map(|w| w.code.as_str()).collect()
+}
+
+fn sentence<'a>(calibration: &'a Calibration, code: &str) -> &'a str {
+    let warning = calibration.warnings.iter().find(|w| w.code == code);
+    &warning.unwrap_or_else(|| panic!("no {code} among {:?}", calibration.warnings)).detail
+}
+
+#[test]
+fn blur_up_to_the_pitch_times_045_is_measured_and_beyond_it_the_rail_helps() {
+    for share in [0.45, 0.7] {
+        let plain = rig(9);
+        let target = DotTarget::for_rig(&plain, 16);
+        let rig = blurred(plain, &target, share);
+        let calibration = measured(&target_stack(&rig, &target));
+        let worst = worst_corner(&calibration, &truths(&rig));
+        assert!(worst < 0.3, "blur {share}: {worst} px");
+        let honest = calibration.slices.iter().zip(truths(&rig)).filter(|(s, _)| s.corner_sigma_px > Some(0.0));
+        for (slice, truth) in honest {
+            let error = slice.homography.corner_distance(&truth, 480, 360);
+            assert!(error < 4.0 * slice.corner_sigma_px.unwrap_or(0.0), "slice {}: {error}", slice.index);
+        }
+        for (i, slice) in calibration.report.slices.iter().enumerate() {
+            let blur = target.blur_radius_px(&rig, i);
+            if let Some(found) = slice.blur_radius_px.filter(|_| blur > 3.0) {
+                assert!((found / blur - 1.0).abs() < 0.25, "blur of slice {i}: {found} for {blur}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_slice_that_is_missing_and_one_too_many_are_named_and_do_no_harm() {
+    let rig = rig(11);
+    let target = DotTarget::for_rig(&rig, 16);
+    let mut pictures = target_stack(&rig, &target);
+    let mut expected = truths(&rig);
+    let doubled = pictures[7].clone();
+    pictures.insert(8, doubled);
+    expected.insert(8, expected[7]);
+    pictures.remove(2);
+    expected.remove(2);
+    let reference = CalibrationOptions { reference_index: Some(4), ..CalibrationOptions::default() };
+    let calibration = with(&pictures, &reference);
+    assert!(codes(&calibration).contains(&"slice_missing"), "{:?}", calibration.warnings);
+    assert!(codes(&calibration).contains(&"slice_doubled"), "{:?}", calibration.warnings);
+    // the fifth slice of the eleven is the reference now, and was the sixth of the rig
+    let to_reference = expected[4].inverse().expect("regular");
+    let rebased: Vec<Homography> = expected.iter().map(|h| h.then(&to_reference).expect("regular")).collect();
+    let worst = worst_corner(&calibration, &rebased);
+    assert!(worst < 0.3, "{worst}");
+}
+
+#[test]
+fn a_rig_that_was_bumped_is_named_with_the_slice() {
+    let rig = Rig { drift_px: [1.0, 0.5], ..rig(11) };
+    let target = DotTarget::for_rig(&rig, 16);
+    let mut pictures = target_stack(&rig, &target);
+    for picture in &mut pictures[8..] {
+        let Samples::Eight(samples) = &mut picture.samples else { panic!("rendered with 8 bits") };
+        samples.chunks_exact_mut(480).for_each(|row| row.rotate_right(4));
+    }
+    let calibration = measured(&pictures);
+    let said = sentence(&calibration, "rig_bumped");
+    assert!(said.contains("jumps by 4.") || said.contains("jumps by 3."), "{said}");
+}
+
+#[test]
+fn what_moved_is_told_and_a_wrong_belief_is_contradicted() {
+    let fixed = Rig { drift_px: [0.0; 2], rotation_deg: 0.0, keystone: [0.0; 2], noise: 0.5, ..rig(9) };
+    let target = DotTarget::for_rig(&fixed, 16);
+    let told = CalibrationOptions { capture_mode: Some(CaptureMode::MovingLens), ..CalibrationOptions::default() };
+    let calibration = with(&target_stack(&fixed, &target), &told);
+    assert_eq!(calibration.report.capture.found, Some(CaptureMode::FixedLens), "{:?}", calibration.report.capture);
+    assert!(sentence(&calibration, "capture_mode_disagrees").contains("a fixed lens"));
+}
+
+#[test]
+fn what_is_told_of_rail_and_target_gives_the_principal_distance_two_ways() {
+    let rig = rig(9);
+    let target = DotTarget::for_rig(&rig, 16);
+    let options = CalibrationOptions {
+        // the renderer counts the sensor's way from the lens, and begins far from it
+        rail_positions_mm: Some(rig.rail_mm.iter().map(|z| -z).collect()),
+        focal_mm: Some(rig.focal_mm),
+        pixel_pitch_mm: Some(rig.pixel_pitch_mm),
+        target_pitch_mm: Some(target.pitch_mm),
+        ..CalibrationOptions::default()
+    };
+    let calibration = with(&target_stack(&rig, &target), &options);
+    let camera = &calibration.report.camera;
+    for distance in [camera.principal_distance_mm, camera.cross_check_mm] {
+        assert!((distance.expect("known") / 130.0 - 1.0).abs() < 0.01, "{camera:?}");
+    }
+    assert!((calibration.magnification.expect("known") - 1.0).abs() < 0.01);
+    assert_eq!(calibration.capture_mode, Some(CaptureMode::FixedLens));
+    assert!(!codes(&calibration).contains(&"principal_distance_disagrees"));
+}
+
+#[test]
+fn the_family_that_was_asked_for_is_used_and_all_are_reported() {
+    let rig = rig(7);
+    let target = DotTarget::for_rig(&rig, 14);
+    let pictures = target_stack(&rig, &target);
+    for (asked, model) in [
+        (ModelChoice::RailLinear, HomographyModel::RailLinear),
+        (ModelChoice::Similarity, HomographyModel::Similarity),
+        (ModelChoice::Affine, HomographyModel::Affine),
+        (ModelChoice::Homography, HomographyModel::Homography),
+    ] {
+        let calibration = with(&pictures, &CalibrationOptions { model: asked, ..CalibrationOptions::default() });
+        assert_eq!(calibration.model, model);
+        let report = &calibration.report;
+        assert_eq!(report.candidates.iter().filter(|c| c.chosen).map(|c| c.model).collect::<Vec<_>>(), [model]);
+        assert!(report.candidates.iter().all(|c| c.rms_px.is_some() && c.corner_sigma_px.is_some()));
+    }
+}
+
+#[test]
+fn grids_at_any_angle_asymmetric_ones_and_ones_with_gaps_are_measured() {
+    let rig = rig(5);
+    let upright = DotTarget::for_rig(&rig, 16);
+    let mut asymmetric = DotTarget { asymmetric: true, rotation_deg: 31.0, ..upright.clone() };
+    asymmetric.rows *= 2;
+    asymmetric.dot_diameter_mm *= 0.7;
+    for target in [
+        DotTarget { rotation_deg: 45.0, ..upright.clone() },
+        DotTarget { rotation_deg: 90.0, ..upright.clone() },
+        asymmetric,
+        upright.without(0.1, 3),
+    ] {
+        let calibration = measured(&target_stack(&rig, &target));
+        let worst = worst_corner(&calibration, &truths(&rig));
+        assert!(worst < 0.1, "{}: {worst}", target.rotation_deg);
+    }
+}
+
+#[test]
+fn a_target_seen_obliquely_among_other_things_or_on_a_monitor_is_refused_or_solved_never_mistaken() {
+    let rig = rig(5);
+    for target in [DotTarget::oblique(&rig, 14), DotTarget::on_monitor(&rig, 14)] {
+        let pictures = target_stack(&rig, &target);
+        match calibrate(&&pictures[..], &CalibrationOptions::default(), &NoControl) {
+            Err(Interrupted::Failed(fault)) => assert_eq!(fault.kind, ErrorKind::TargetNotFound, "{fault}"),
+            Err(Interrupted::Cancelled(_)) => panic!("nobody cancelled"),
+            Ok(calibration) => {
+                let worst = worst_corner(&calibration, &truths(&rig));
+                assert!(worst < 0.5, "{worst}: {}", calibration.verdict);
+            }
+        }
+    }
+}

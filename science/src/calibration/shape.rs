@@ -1,0 +1,284 @@
+//! What one dot looks like in one slice: its ink as a function of the distance from its centre.
+//!
+//! All dots of a slice are the same disc under the same blur, so one radial curve serves them all. It is
+//! measured from the picture itself, whatever the lens's blur: the ink at a pixel is the sum of the curves of
+//! the dots around it, which is linear in the curve. Knowing it takes the neighbours' blur out of each dot,
+//! so a dot at the rim of the grid is not pulled towards the side on which it has neighbours.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::imaging::Plane;
+
+/// Ink against distance: straight lines between values that are `step` px apart; 0 beyond the last.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Shape {
+    /// Distance between two values, px.
+    pub step: f64,
+    /// Ink at 0, step, 2 step, ...
+    pub values: Vec<f64>,
+}
+
+/// A dot as the shape is measured from it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placed {
+    /// Centre, px.
+    pub at: [f64; 2],
+    /// How strong it is, 1 for an ordinary dot, 0 where there is none.
+    pub strength: f64,
+}
+
+/// Dots by place, so that those around a pixel are found at once.
+pub(super) struct Buckets {
+    cell: f64,
+    columns: usize,
+    rows: usize,
+    lists: Vec<Vec<u32>>,
+}
+
+impl Buckets {
+    /// Cells of `cell` px over a `width` x `height` plane and a margin of one cell.
+    pub(super) fn new(dots: &[Placed], cell: f64, width: usize, height: usize) -> Self {
+        let columns = (width as f64 / cell).ceil() as usize + 2;
+        let rows = (height as f64 / cell).ceil() as usize + 2;
+        let mut lists = vec![Vec::new(); columns * rows];
+        for (k, dot) in dots.iter().enumerate().filter(|(_, d)| d.strength != 0.0) {
+            let (x, y) = ((dot.at[0] / cell).floor() + 1.0, (dot.at[1] / cell).floor() + 1.0);
+            if x >= 0.0 && y >= 0.0 && (x as usize) < columns && (y as usize) < rows {
+                lists[y as usize * columns + x as usize].push(k as u32);
+            }
+        }
+        Self { cell, columns, rows, lists }
+    }
+
+    /// Indices of the dots in the 3 x 3 cells around (x, y): all within one cell size of it.
+    pub(super) fn around(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {
+        let (cx, cy) = (((x / self.cell) as usize) + 1, ((y / self.cell) as usize) + 1);
+        let (left, right) = (cx - 1, (cx + 1).min(self.columns - 1));
+        (cy - 1..=(cy + 1).min(self.rows - 1))
+            .flat_map(move |row| self.lists[row * self.columns + left..=row * self.columns + right].iter())
+            .flatten()
+            .map(|&k| k as usize)
+    }
+}
+
+/// Rows per task: fixed, so that sums do not depend on the number of threads.
+const BAND: usize = 32;
+/// Numbers of the polynomial for the ground.
+const GROUND: usize = 6;
+/// About how many pixels the shape is measured from.
+const PIXELS: f64 = 24_000.0;
+
+/// Length of (dx, dy); `hypot` guards against overflow that pixels cannot cause, and is slow.
+fn distance(dx: f64, dy: f64) -> f64 {
+    (dx * dx + dy * dy).sqrt()
+}
+
+/// What the equations of the shape are made from.
+struct Table<'a> {
+    open: &'a Plane<u8>,
+    ink: &'a Plane<f32>,
+    dots: &'a [Placed],
+    buckets: &'a Buckets,
+    step: f64,
+    count: usize,
+    stride: usize,
+}
+
+impl Table<'_> {
+    /// Normal matrix (row by row; the lower triangle is complete) and right side over the rows of one band.
+    fn equations(&self, band: usize) -> (Vec<f64>, Vec<f64>) {
+        let (count, stride, size) = (self.count, self.stride, self.count + GROUND);
+        let (mut normal, mut right) = (vec![0.0; size * size], vec![0.0; size]);
+        let mut row: Vec<(usize, f64)> = Vec::new();
+        let (top, bottom) = (band * BAND * stride, ((band + 1) * BAND * stride).min(self.ink.height));
+        for (line, y) in (top..bottom).step_by(stride).enumerate() {
+            // each row begins elsewhere, or pixels and dots could march in step
+            for x in (line * 5 % stride..self.ink.width).step_by(stride) {
+                if self.open.at(x, y) == 0 {
+                    continue;
+                }
+                row.clear();
+                for k in self.buckets.around(x as f64, y as f64) {
+                    let dot = &self.dots[k];
+                    let t = distance(x as f64 - dot.at[0], y as f64 - dot.at[1]) / self.step;
+                    let i = t as usize;
+                    if i >= count {
+                        continue;
+                    }
+                    let part = t - i as f64;
+                    row.push((i, dot.strength * (1.0 - part)));
+                    if i + 1 < count {
+                        row.push((i + 1, dot.strength * part));
+                    }
+                }
+                if row.is_empty() {
+                    continue;
+                }
+                let u = 2.0 * x as f64 / self.ink.width as f64 - 1.0;
+                let v = 2.0 * y as f64 / self.ink.height as f64 - 1.0;
+                let ground: [f64; GROUND] = [1.0, u, v, u * u, u * v, v * v];
+                let value = f64::from(self.ink.at(x, y));
+                for &(a, wa) in &row {
+                    right[a] += wa * value;
+                    let line = &mut normal[a * size..(a + 1) * size];
+                    row.iter().for_each(|&(b, wb)| line[b] += wa * wb);
+                }
+                for (k, g) in ground.iter().enumerate() {
+                    right[count + k] += g * value;
+                    let line = &mut normal[(count + k) * size..(count + k + 1) * size];
+                    row.iter().for_each(|&(b, wb)| line[b] += g * wb);
+                    line[count..].iter_mut().zip(&ground[..=k]).for_each(|(sum, other)| *sum += g * other);
+                }
+            }
+        }
+        (normal, right)
+    }
+}
+
+impl Shape {
+    /// Ink at distance `rho` and its slope there.
+    pub(super) fn at(&self, rho: f64) -> (f64, f64) {
+        let t = rho / self.step;
+        let k = t as usize;
+        if k >= self.values.len() {
+            return (0.0, 0.0);
+        }
+        let (a, b) = (self.values[k], self.values.get(k + 1).copied().unwrap_or(0.0));
+        (a + (b - a) * (t - k as f64), (b - a) / self.step)
+    }
+
+    /// Least squares over the pixels of `open` (1, not 0) within `reach` of a dot, slightly smoothed, together with what is wrong
+    /// with the ground (a polynomial of degree 2, thrown away: ground and the tail of the shape must not
+    /// stand in for one another). `None` when there is too little to measure it from.
+    pub(super) fn measure(ink: &Plane<f32>, open: &Plane<u8>, dots: &[Placed], reach: f64) -> Option<Self> {
+        // one value per px: coarser ones blunt the edge of a sharp dot, and its centre with it
+        let count = (reach as usize).clamp(6, 64);
+        let step = reach / count as f64;
+        let size = count + GROUND;
+        let buckets = Buckets::new(dots, reach, ink.width, ink.height);
+        // evenly spread pixels are plenty where there are many: all dots have the one shape
+        let stride = ((ink.data.len() as f64 / PIXELS).sqrt() as usize).max(1);
+        let table = Table { open, ink, dots, buckets: &buckets, step, count, stride };
+        let bands: Vec<(Vec<f64>, Vec<f64>)> =
+            (0..ink.height.div_ceil(BAND * stride)).into_par_iter().map(|band| table.equations(band)).collect();
+        let mut sums = vec![0.0; size * size];
+        let mut right = DVector::zeros(size);
+        for (n, r) in bands {
+            sums.iter_mut().zip(n).for_each(|(sum, part)| *sum += part);
+            right.iter_mut().zip(r).for_each(|(sum, part)| *sum += part);
+        }
+        let mut normal = DMatrix::from_row_slice(size, size, &sums);
+        let weight = (0..count).map(|k| normal[(k, k)]).sum::<f64>() / count as f64;
+        if weight < 1.0 {
+            return None;
+        }
+        for k in 0..size {
+            // In a grid that fills the picture a wide tail and a darker ground look alike: the shape with the
+            // smaller tail is taken.
+            let tail = (2.5 * (k as f64 / count as f64 - 0.6)).clamp(0.0, 1.0);
+            let doubt = if k < count { 1e-6 + 1e-2 * tail * tail } else { 1e-6 };
+            normal[(k, k)] += doubt * weight;
+        }
+        for k in 1..count - 1 {
+            // a bend costs a little: keeps values that few pixels see in line
+            let bend = [(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)];
+            for (a, wa) in bend {
+                for (b, wb) in bend {
+                    normal[(a, b)] += 1e-5 * weight * wa * wb;
+                }
+            }
+        }
+        // reads the lower triangle only
+        let solved = normal.cholesky()?.solve(&right);
+        let values: Vec<f64> = solved.iter().take(count).copied().collect();
+        values.iter().all(|v| v.is_finite()).then_some(Self { step, values })
+    }
+
+    /// The picture that these dots make.
+    pub(super) fn picture(&self, dots: &[Placed], width: usize, height: usize) -> Plane<f32> {
+        let reach = self.step * self.values.len() as f64;
+        let mut plane = Plane::filled(width, height, 0.0_f32);
+        let drawn: Vec<&Placed> = dots.iter().filter(|d| d.strength != 0.0).collect();
+        let range = |v: f64, reach: f64, from: usize, to: usize| {
+            let low = (v - reach).ceil().clamp(from as f64, to as f64) as usize;
+            low..((v + reach).floor() + 1.0).clamp(low as f64, to as f64) as usize
+        };
+        // value and rise per step, 0 beyond the reach
+        let next = |k: usize| self.values.get(k + 1).copied().unwrap_or(0.0);
+        let steps: Vec<(f32, f32)> =
+            self.values.iter().enumerate().map(|(k, &v)| (v as f32, (next(k) - v) as f32)).collect();
+        let per_step = (1.0 / self.step) as f32;
+        plane.data.par_chunks_mut(width * BAND).enumerate().for_each(|(band, rows)| {
+            let (top, bottom) = (band * BAND, band * BAND + rows.len() / width);
+            for dot in &drawn {
+                let strength = dot.strength as f32;
+                for y in range(dot.at[1], reach, top, bottom) {
+                    let row = &mut rows[(y - top) * width..(y - top + 1) * width];
+                    let dy = y as f64 - dot.at[1];
+                    let columns = range(dot.at[0], (reach * reach - dy * dy).max(0.0).sqrt(), 0, width);
+                    let (first, dy) = ((columns.start as f64 - dot.at[0]) as f32, dy as f32);
+                    for (k, out) in row[columns].iter_mut().enumerate() {
+                        let dx = first + k as f32;
+                        let t = (dx * dx + dy * dy).sqrt() * per_step;
+                        if let Some((value, rise)) = steps.get(t as usize) {
+                            *out += strength * (value + rise * t.fract());
+                        }
+                    }
+                }
+            }
+        });
+        plane
+    }
+
+    /// True when neighbouring dots, `pitch` px apart, run into one another.
+    pub(super) fn merges(&self, pitch: f64) -> bool {
+        self.at(0.5 * pitch).0.abs() > 0.25 * self.top()
+    }
+
+    /// The largest ink.
+    pub(super) fn top(&self) -> f64 {
+        self.values.iter().fold(0.0_f64, |top, v| top.max(v.abs()))
+    }
+
+    /// Distance at which the ink is half of its largest value, px.
+    pub(super) fn half_width(&self) -> f64 {
+        let half = 0.5 * self.values.iter().take(3).fold(0.0_f64, |top, v| top.max(v.abs()));
+        // the first crossing: the tail may wave where few pixels tell it
+        let Some(next) = self.values.iter().position(|v| v.abs() < half) else {
+            return self.values.len() as f64 * self.step;
+        };
+        let Some(last) = next.checked_sub(1) else { return 0.5 * self.step };
+        let (here, there) = (self.values[last].abs(), self.values[next].abs());
+        (last as f64 + (here - half) / (here - there).max(1e-12)) * self.step
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shape_of_overlapping_dots_is_recovered() {
+        let dots: Vec<Placed> = (0..36)
+            .map(|k| Placed { at: [20.3 + 12.0 * f64::from(k % 6), 18.7 + 12.0 * f64::from(k / 6)], strength: 1.0 })
+            .collect();
+        let truth = |rho: f64| 0.6 * (-rho * rho / 24.0).exp();
+        let ink = Plane::from_fn(100, 100, |x, y| {
+            dots.iter().map(|d| truth((x as f64 - d.at[0]).hypot(y as f64 - d.at[1]))).sum::<f64>() as f32
+        });
+        let shape = Shape::measure(&ink, &Plane::filled(100, 100, 1), &dots, 14.0).expect("a shape");
+        for rho in [0.5, 3.0, 6.0, 9.0] {
+            assert!((shape.at(rho).0 - truth(rho)).abs() < 0.02, "{rho}: {} for {}", shape.at(rho).0, truth(rho));
+        }
+        let again = shape.picture(&dots, 100, 100);
+        let worst = again.data.iter().zip(&ink.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst < 0.02, "{worst}");
+        assert!(!shape.merges(30.0) && shape.merges(8.0));
+    }
+
+    #[test]
+    fn without_dots_there_is_no_shape() {
+        assert!(Shape::measure(&Plane::filled(40, 40, 0.0), &Plane::filled(40, 40, 1), &[], 10.0).is_none());
+    }
+}

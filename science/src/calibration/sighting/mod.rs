@@ -1,0 +1,243 @@
+//! The dots of one slice: found blindly in the first slice, followed from slice to slice in the others.
+
+mod looks;
+mod measure;
+mod sites;
+
+use std::collections::BTreeMap;
+
+pub(super) use looks::looks;
+pub(super) use sites::steps_of;
+
+use measure::measure;
+use sites::{chosen, in_picture, moved, sites};
+
+use super::blobs;
+use super::dlt;
+use super::field::{Field, Polarity};
+use super::lattice::{self, LEAST_DOTS, Label, Lattice, Places};
+use super::light::Light;
+use super::lockin;
+use super::robust;
+use super::search::{Found, Motion, Search};
+use super::working::Working;
+use crate::imaging::Raster;
+use crate::types::{Cancelled, Control};
+
+/// A dot in px of its slice.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spotted {
+    /// Centre.
+    pub at: [f64; 2],
+    /// Standard deviation of each coordinate as noise and what spoils its window would have it.
+    pub sigma: f64,
+    /// The light around it.
+    pub light: Light,
+    /// The part of that which its neighbours share.
+    pub doubt: f64,
+    /// Share of its window that is made up or at full scale: the light there is not to be relied on.
+    pub spoilt: f64,
+}
+
+/// What one slice showed. Holds no pixels.
+#[derive(Debug, Clone)]
+pub(super) struct Sighting {
+    /// The dots that were measured.
+    pub dots: BTreeMap<Label, Spotted>,
+    /// All dots that the target is known to have, where they are or would be, px of the slice.
+    pub places: Places,
+    /// Distance of neighbouring dots, px of the slice.
+    pub pitch: f64,
+    /// How the picture moved since the slice that it was followed from.
+    pub motion: Motion,
+    /// Share of the pixels at full scale.
+    pub clipped: f64,
+    /// Amplitude of the grid's first harmonic over the mean light; negative where blur has inverted the dots.
+    pub ripple: f64,
+    /// Diameter of a dot over the pitch, as this slice shows it (too wide where it is blurred).
+    pub width: f64,
+    /// True when neighbouring dots run into one another.
+    pub merged: bool,
+    /// Measured dots over dots that could have been: where windows overlap less, errors are less alike.
+    pub density: f64,
+}
+
+/// What stays the same for all slices of a stack once the first has been seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Target {
+    /// Dark or bright dots.
+    pub polarity: Polarity,
+    /// Resolution that dots are measured at: pixels per sample along each axis.
+    pub bin: usize,
+}
+
+/// What is expected of a slice before it is looked at.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Expected {
+    /// Where the picture goes.
+    pub motion: Motion,
+    /// True when that is known from the slices before.
+    pub sure: bool,
+    /// True when blur may have inverted the dots.
+    pub maybe_inverted: bool,
+}
+
+/// Long side of the picture in which dots are looked for blindly.
+const BLIND_SIDE: usize = 2400;
+/// Samples of the picture in which dots are measured: more do not make them better.
+const SAMPLES: f64 = 7e5;
+/// Samples that memory is reckoned with: more only where dots would else be too near to one another.
+pub const MOST_SAMPLES: usize = 8_000_000;
+/// Distance of dots in that picture below which nothing is gained, px.
+const COARSEST_PITCH: f64 = 8.0;
+/// In that picture they are at least this far apart, px.
+const MEASURED_PITCH: f64 = 16.0;
+/// Standard errors by which predicted dots must stand out to be believed.
+const SURE: f64 = 6.0;
+/// Shifts, in steps of the grid, beyond which a dot is not where it was expected.
+const LOST: f64 = 0.3;
+
+/// The grid in a slice about which nothing is known, in px of the slice, or `None` when there is none.
+///
+/// # Errors
+/// When the work is cancelled.
+pub(super) fn blind(slice: &Raster, control: &dyn Control) -> Result<Option<(Target, Lattice)>, Cancelled> {
+    let working = Working::of(slice, slice.width.max(slice.height).div_ceil(BLIND_SIDE).max(1));
+    let likely = Polarity::guess(&working.plane);
+    // on a dark table the gaps between dark dots may pass for a few bright ones, so both are looked at
+    let mut best: Option<(Polarity, Lattice)> = None;
+    for polarity in [likely, likely.other()] {
+        let found = grid(&working, polarity, control)?;
+        if let Some(found) = found
+            && best.as_ref().is_none_or(|(_, b)| found.outdoes(b))
+        {
+            best = Some((polarity, found));
+        }
+    }
+    Ok(best.map(|(polarity, lattice)| {
+        let places = lattice.places.iter().map(|(label, p)| (*label, working.to_slice(*p))).collect();
+        let pitch = lattice.pitch * working.bin as f64;
+        let target = Target { polarity, bin: resolution((slice.width * slice.height) as f64, pitch) };
+        (target, Lattice { places, pitch })
+    }))
+}
+
+/// The largest grid of dots of one polarity.
+fn grid(working: &Working, polarity: Polarity, control: &dyn Control) -> Result<Option<Lattice>, Cancelled> {
+    let ink = Field::first(&working.plane, polarity, None).ink(&working.plane);
+    let mut best: Option<Lattice> = None;
+    let largest = working.plane.width.min(working.plane.height) / 4;
+    let mut radius = 6;
+    while radius <= largest.max(6) {
+        control.check()?;
+        // a wider surrounding than the steps of the grid tells nothing new
+        if best.as_ref().is_some_and(|b| radius as f64 > 2.0 * b.pitch) {
+            break;
+        }
+        if let Some(found) = lattice::index(&blobs::find(&ink, radius))
+            && best.as_ref().is_none_or(|b| found.places.len() > b.places.len())
+        {
+            best = Some(found);
+        }
+        radius = radius * 3 / 2;
+    }
+    Ok(best)
+}
+
+/// Pixels per sample along each axis, for a slice of so many pixels with dots `pitch` px apart.
+fn resolution(pixels: f64, pitch: f64) -> usize {
+    let within = |samples: f64| (pixels / samples).sqrt().ceil();
+    let good = within(SAMPLES).min(pitch / MEASURED_PITCH);
+    // a very fine grid in a very large picture is measured more coarsely than is best for it
+    let bounded = within(MOST_SAMPLES as f64).min(pitch / COARSEST_PITCH);
+    good.max(bounded).max(1.0) as usize
+}
+
+/// Measures the dots of a slice in which the grid was found blindly. `None` when fewer than a dozen can be relied on.
+///
+/// # Errors
+/// When the work is cancelled.
+pub(super) fn observe(
+    slice: &Raster,
+    target: Target,
+    found: &Lattice,
+    control: &dyn Control,
+) -> Result<Option<Sighting>, Cancelled> {
+    let working = Working::of(slice, target.bin);
+    let places: Places = found.places.iter().map(|(label, p)| (*label, working.place_of(*p))).collect();
+    let field = ground(&working, target, &places);
+    measure(&working, field, places, 1.0, control)
+}
+
+/// Finds the grid of a neighbouring slice again in this one and measures its dots. `None` when it cannot be seen.
+///
+/// # Errors
+/// When the work is cancelled.
+pub(super) fn follow(
+    slice: &Raster,
+    target: Target,
+    from: &Places,
+    expected: &Expected,
+    control: &dyn Control,
+) -> Result<Option<Sighting>, Cancelled> {
+    let working = Working::of(slice, target.bin);
+    let from: Places = from.iter().map(|(label, p)| (*label, working.place_of(*p))).collect();
+    let field = ground(&working, target, &from);
+    let ink = field.ink(&working.plane);
+    let seen: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&working, p)).copied().collect();
+    let pitch = lattice::pitch_of(&from);
+    let steps = steps_of(&from);
+    let bin = working.bin as f64;
+    let search = Search { ink: &ink, dots: &seen, steps, pitch };
+    let around = Motion { shift: expected.motion.shift.map(|s| s / bin), ..expected.motion };
+    let Found { motion, sign, sure, .. } = if expected.sure {
+        let near = search.best(around, 0.02, 0.3, 1.0);
+        let inverted = expected.maybe_inverted.then(|| search.best(around, 0.02, 0.3, -1.0));
+        inverted.filter(|i| i.depth > near.depth).unwrap_or(near)
+    } else {
+        search.best(around, 0.09, 0.6, 1.0)
+    };
+    control.check()?;
+    let middle = search.middle();
+    let strays = (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1])
+        > if expected.maybe_inverted { 0.3 } else { 0.45 } * pitch;
+    if sure < SURE || (expected.sure && strays) {
+        return Ok(None);
+    }
+    let predicted: Places = from.iter().map(|(label, p)| (*label, motion.apply(middle, *p))).collect();
+    // a first look, to take out rotation and keystone before dots are counted on
+    let labels = chosen(&working, &predicted);
+    let sites = sites(&labels, &predicted, motion.scale, steps);
+    let locked = lockin::lock(&ink, None, &sites);
+    let pairs: Vec<dlt::Pair> = sites
+        .iter()
+        .zip(&locked)
+        .filter_map(|(site, locked)| locked.map(|l| (site.at, moved(site, &l, sign))))
+        .filter(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < LOST * pitch)
+        .collect();
+    if pairs.len() < LEAST_DOTS || 2 * pairs.len() < sites.len() {
+        return Ok(None);
+    }
+    let Some(shared) = robust::agree(&pairs, 0.02 * pitch, 0.15 * pitch) else { return Ok(None) };
+    if 2 * shared.agrees.iter().filter(|a| **a).count() < pairs.len() {
+        return Ok(None);
+    }
+    let places = predicted.into_iter().map(|(label, p)| (label, shared.homography.apply(p))).collect();
+    let mut sighting = measure(&working, field, places, sign, control)?;
+    if let Some(sighting) = &mut sighting {
+        let slice_middle = [(slice.width as f64 - 1.0) / 2.0, (slice.height as f64 - 1.0) / 2.0];
+        let back = |p: [f64; 2]| working.to_slice(shared.homography.apply(motion.apply(middle, working.place_of(p))));
+        let goes = back(slice_middle);
+        sighting.motion = Motion {
+            scale: motion.scale * shared.homography.scale_at(middle),
+            shift: [goes[0] - slice_middle[0], goes[1] - slice_middle[1]],
+        };
+    }
+    Ok(sighting)
+}
+
+/// The ground about the dots, which are about at `places`.
+fn ground(working: &Working, target: Target, places: &Places) -> Field {
+    let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(working, p)).copied().collect();
+    Field::first(&working.plane, target.polarity, Some((&near, 0.6 * lattice::pitch_of(places))))
+}

@@ -1,0 +1,54 @@
+//! Where the windows of dots lie: steps of the grid, the dots that are measured, and how a window says where its dot is.
+
+use crate::calibration::lattice::{Label, Places};
+use crate::calibration::lockin::{self, Locked, Site};
+use crate::calibration::working::{Working, median};
+
+/// Most dots that are measured in a slice: more do not make its homography better.
+const MOST: usize = 1200;
+
+/// The dots whose windows lie in the picture; an even choice of them when there are very many.
+pub(super) fn chosen(working: &Working, places: &Places) -> Vec<Label> {
+    let steps = steps_of(places);
+    let fits = |p: &[f64; 2]| lockin::inside(&Site { at: *p, steps }, working.plane.width, working.plane.height);
+    let all: Vec<Label> = places.iter().filter(|(_, p)| fits(p)).map(|(label, _)| *label).collect();
+    let every = ((all.len() as f64 / MOST as f64).sqrt().ceil() as i32).max(1);
+    all.into_iter().filter(|[i, j]| i.rem_euclid(every) == 0 && j.rem_euclid(every) == 0).collect()
+}
+
+/// The sites of `labels`, each with the steps that its own neighbours have where they are known.
+pub(super) fn sites(labels: &[Label], places: &Places, scale: f64, steps: [[f64; 2]; 2]) -> Vec<Site> {
+    let local = |[i, j]: Label, axis: usize| {
+        let d: Label = if axis == 0 { [1, 0] } else { [0, 1] };
+        let (next, back) = (places.get(&[i + d[0], j + d[1]]), places.get(&[i - d[0], j - d[1]]));
+        let (Some(next), Some(back)) = (next, back) else { return steps[axis].map(|s| s * scale) };
+        [0.5 * (next[0] - back[0]), 0.5 * (next[1] - back[1])]
+    };
+    labels
+        .iter()
+        .filter_map(|label| places.get(label).map(|at| Site { at: *at, steps: [local(*label, 0), local(*label, 1)] }))
+        .collect()
+}
+
+/// Where the pattern says that the dot of a site is.
+pub(super) fn moved(site: &Site, locked: &Locked, sign: f64) -> [f64; 2] {
+    let shift = locked.wave.map(|w| w.shift(sign));
+    [0, 1].map(|a| site.at[a] + shift[0] * site.steps[0][a] + shift[1] * site.steps[1][a])
+}
+
+pub(super) fn in_picture(working: &Working, p: &[f64; 2]) -> bool {
+    p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= working.plane.width as f64 - 1.0 && p[1] <= working.plane.height as f64 - 1.0
+}
+
+/// The two steps of the grid: medians over all neighbours.
+pub(crate) fn steps_of(places: &Places) -> [[f64; 2]; 2] {
+    [[1, 0], [0, 1]].map(|step: Label| {
+        let between: Vec<[f64; 2]> = places
+            .iter()
+            .filter_map(|(label, p)| {
+                places.get(&[label[0] + step[0], label[1] + step[1]]).map(|q| [q[0] - p[0], q[1] - p[1]])
+            })
+            .collect();
+        [0, 1].map(|a| median(&mut between.iter().map(|d| d[a]).collect::<Vec<_>>()))
+    })
+}

@@ -1,0 +1,66 @@
+//! What is said when slices show too little.
+
+use crate::imaging::Slices;
+use crate::types::error::ErrorLocation;
+use crate::types::{Error, ErrorKind};
+
+pub(super) fn blind_reference(slices: &dyn Slices, reference: usize) -> Error {
+    let name = slices.name(reference);
+    let detail = format!(
+        "the reference slice {name} (slice {reference}) is too blurred to show the dots: name a sharper one with \
+         reference_index"
+    );
+    Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(reference as u32))
+}
+
+/// The slices that are to be left out at the ends, `None` when that would leave a gap or too few.
+fn ends(count: usize, lost: &[usize]) -> Option<String> {
+    let first = (0..count).take_while(|i| lost.contains(i)).count();
+    let last = (0..count).rev().take_while(|i| lost.contains(i)).count();
+    if first + last != lost.len() || count < first + last + 2 {
+        return None;
+    }
+    let some = |n: usize, end: &str| match n {
+        0 => None,
+        1 => Some(format!("the {end} slice")),
+        n => Some(format!("the {end} {n} slices")),
+    };
+    Some([some(first, "first"), some(last, "last")].into_iter().flatten().collect::<Vec<_>>().join(" and "))
+}
+
+pub(super) fn unseen(slices: &dyn Slices, indices: &[usize], why: &str) -> Error {
+    let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
+    if indices.len() > names.len() {
+        names.push("...");
+    }
+    let detail = format!(
+        "the dots could not be measured in {}{why}: {}use a target with larger, wider spaced dots (pitch at least 2.5 \
+         times the largest blur radius)",
+        names.join(", "),
+        ends(slices.count(), indices)
+            .map_or_else(String::new, |ends| format!("leave {ends} out, of the target and of every stack alike, or ")),
+    );
+    let mut fault = Error::new(ErrorKind::TargetNotFound, detail);
+    for &index in indices {
+        fault = fault.at(ErrorLocation {
+            detail: "fewer than 12 dots that agree with the reference slice".into(),
+            pointer: None,
+            file: Some(slices.name(index).to_owned()),
+            slice: Some(index as u32),
+        });
+    }
+    fault
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ends;
+
+    #[test]
+    fn slices_at_the_ends_can_be_left_out_and_those_between_cannot() {
+        assert_eq!(ends(9, &[0, 1, 8]).as_deref(), Some("the first 2 slices and the last slice"));
+        assert_eq!(ends(9, &[7, 8]).as_deref(), Some("the last 2 slices"));
+        assert_eq!(ends(9, &[0, 4]), None);
+        assert_eq!(ends(3, &[0, 2]), None);
+    }
+}

@@ -1,0 +1,57 @@
+//! Whether a picture shows a dot target.
+
+use super::sighting;
+use crate::{
+    imaging::{Raster, reduced::reduced},
+    types::{Cancelled, Control},
+};
+
+/// Longer side of the copy that is looked at, px.
+const SIDE: usize = 1_200;
+/// A target has at least so many dots in the picture ...
+const LEAST_DOTS: usize = 60;
+/// ... which fill at least this share of the rows and columns that they span ...
+const FILLED: f64 = 0.7;
+/// ... and those at least this share of the picture.
+const SPANNED: f64 = 0.2;
+
+/// The number of dots when `picture` shows a dot target; none when it shows anything else. Objects with some regular
+/// dots (connectors of a circuit board, rows of hairs) do not count: the dots must fill a grid, and the grid the
+/// picture.
+///
+/// # Errors
+/// When the work is cancelled.
+pub fn dot_target(picture: &Raster, control: &dyn Control) -> Result<Option<usize>, Cancelled> {
+    let picture = reduced(picture, SIDE);
+    let Some((_, lattice)) = sighting::blind(&picture, control)? else { return Ok(None) };
+    let span = |values: &mut dyn Iterator<Item = f64>| {
+        let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+        (high - low).max(0.0)
+    };
+    let places = &lattice.places;
+    let cells = [0, 1].map(|axis| 1.0 + span(&mut places.keys().map(|label| f64::from(label[axis]))));
+    let extent = [0, 1].map(|axis| span(&mut places.values().map(|place| place[axis])));
+    let is_filled = places.len() as f64 >= FILLED * cells[0] * cells[1];
+    let is_wide = extent[0] * extent[1] >= SPANNED * (picture.width * picture.height) as f64;
+    Ok((places.len() >= LEAST_DOTS && is_filled && is_wide).then_some(places.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        synth::{DotTarget, Light, Rig, Scene, Stage, render_target},
+        types::NoControl,
+    };
+
+    #[test]
+    fn a_target_is_told_from_objects() {
+        let rig = Rig::sized(600, 400, 5);
+        let target = render_target(&rig, &DotTarget::for_rig(&rig, 18), 2);
+        assert!(dot_target(&target, &NoControl).unwrap().is_some_and(|dots| dots > 100));
+        for scene in [Scene::insect(3), Scene::flower(5), Scene::plates(1), Scene::weave(1), Scene::wing(2)] {
+            let picture = Stage::new(&rig, &scene).render(Light::Front, 2);
+            assert_eq!(dot_target(&picture, &NoControl).unwrap(), None, "{scene:?}");
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The part of the canvas that every slice covers.
+
+use crate::{
+    imaging::{Coverage, Rect},
+    types::Homography,
+};
+
+/// The largest rectangle of the canvas that every slice covers, for slices of the size of the canvas: by the
+/// same rule as the warp, so that no pixel of it is uncovered in any slice. It depends on the homographies
+/// alone, so that all views of a scan get the same. `None` when there is no such pixel.
+pub fn valid_rect(homographies: &[Homography], width: u32, height: u32) -> Option<Rect> {
+    let size = (width as usize, height as usize);
+    let mut common = Coverage::full(size.0, size.1);
+    for homography in homographies.iter().filter(|homography| !homography.is_identity()) {
+        common = common.intersection(&Coverage::of(&homography.inverse()?, size, size.0, size.1));
+    }
+    largest_rect(&common)
+}
+
+/// The covered pixels are convex, so that a rectangle fits when its top and its bottom row do.
+fn largest_rect(common: &Coverage) -> Option<Rect> {
+    let rows = common.height();
+    let mut best = Rect::default();
+    for top in 0..rows {
+        let first = common.span(top);
+        // even the whole width of the top row down to the last row would be smaller
+        if first.len() * (rows - top) <= best.width * best.height {
+            continue;
+        }
+        for bottom in top..rows {
+            let last = common.span(bottom);
+            let (left, right) = (first.start.max(last.start), first.end.min(last.end));
+            if left >= right {
+                break;
+            }
+            let (width, height) = (right - left, bottom + 1 - top);
+            if width * height > best.width * best.height {
+                best = Rect { x: left, y: top, width, height };
+            }
+        }
+    }
+    (best.width > 0).then_some(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area(rect: Rect) -> usize {
+        rect.width * rect.height
+    }
+
+    #[test]
+    fn aligned_slices_lose_nothing() {
+        let all = [Homography::IDENTITY; 3];
+        assert_eq!(valid_rect(&all, 60, 40), Some(Rect::whole(60, 40)));
+    }
+
+    #[test]
+    fn shifts_cut_the_sides_they_uncover() {
+        let all = [Homography::similarity(1.0, [3.5, 0.0]), Homography::similarity(1.0, [-2.0, 4.0])];
+        assert_eq!(valid_rect(&all, 60, 40), Some(Rect { x: 4, y: 4, width: 54, height: 36 }));
+    }
+
+    #[test]
+    fn every_slice_covers_it_and_no_larger_rectangle_is_covered() {
+        let turn = |degrees: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            Homography([cos, -sin, 2.0, sin, cos, -3.0, 1e-4, -2e-4, 1.0])
+        };
+        let all = [turn(4.0), turn(-3.0), Homography::similarity(0.95, [1.0, 1.0])];
+        let (width, height) = (48usize, 32usize);
+        let found = valid_rect(&all, 48, 32).unwrap();
+        let coverages: Vec<Coverage> =
+            all.iter().map(|h| Coverage::of(&h.inverse().unwrap(), (width, height), width, height)).collect();
+        let covered = |rect: Rect| coverages.iter().all(|coverage| coverage.contains(rect));
+        assert!(covered(found));
+        for y in 0..height {
+            for x in 0..width {
+                for rows in 1..=height - y {
+                    // the widest rectangle with this corner and height that would beat the one found
+                    let columns = area(found) / rows + 1;
+                    if x + columns <= width {
+                        assert!(!covered(Rect { x, y, width: columns, height: rows }));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn slices_that_have_nothing_in_common_have_no_rectangle() {
+        let all = [Homography::similarity(1.0, [40.0, 0.0]), Homography::similarity(1.0, [-40.0, 0.0])];
+        assert_eq!(valid_rect(&all, 60, 40), None);
+    }
+}

@@ -1,0 +1,78 @@
+//! Parts of warped slices, read back from the scratch file as planes of floats.
+
+use crate::{
+    fusion::align::Aligned,
+    imaging::{
+        Coverage, Plane, Rect, Sample, grey,
+        simd::{self, Avx2},
+    },
+    types::{Control, Interrupted},
+};
+
+/// The warped slices of a stack.
+pub(crate) struct Pictures<'a, S, const C: usize> {
+    aligned: &'a Aligned,
+    control: &'a dyn Control,
+    kind: std::marker::PhantomData<fn() -> S>,
+}
+
+impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
+    pub(super) fn new(aligned: &'a Aligned, control: &'a dyn Control) -> Self {
+        Self { aligned, control, kind: std::marker::PhantomData }
+    }
+
+    /// Number of slices.
+    pub(super) fn count(&self) -> usize {
+        self.aligned.coverages.len()
+    }
+
+    /// Columns and rows of the canvas.
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.aligned.index.width, self.aligned.index.height)
+    }
+
+    /// What a slice covers.
+    pub(super) fn coverage(&self, slice: usize) -> &Coverage {
+        &self.aligned.coverages[slice]
+    }
+
+    /// Whether a slice covers all of `rect`.
+    pub(super) fn covers(&self, slice: usize, rect: Rect) -> bool {
+        self.coverage(slice).contains(rect)
+    }
+
+    /// Samples of `rect`, interleaved, as the slice has them.
+    pub(super) fn samples(&self, slice: usize, rect: Rect) -> Result<Vec<S>, Interrupted> {
+        self.control.check()?;
+        let (mut samples, mut bytes) = (Vec::new(), Vec::new());
+        self.aligned.scratch.read(slice, rect, &mut samples, &mut bytes)?;
+        Ok(samples)
+    }
+
+    /// Luma 0..255 of `rect`.
+    pub(super) fn luma(&self, slice: usize, rect: Rect) -> Result<Plane<f32>, Interrupted> {
+        let samples = self.samples(slice, rect)?;
+        let mut plane = Plane::filled(rect.width, rect.height, 0.0);
+        grey::luma_row(&samples, C, &mut plane.data);
+        Ok(plane)
+    }
+
+    /// The channels of `rect`, in the scale of the samples.
+    pub(super) fn channels(&self, slice: usize, rect: Rect) -> Result<[Plane<f32>; C], Interrupted> {
+        let samples = self.samples(slice, rect)?;
+        let mut planes: [Plane<f32>; C] = std::array::from_fn(|_| Plane::filled(rect.width, rect.height, 0.0));
+        let out = planes.each_mut().map(|plane| &mut plane.data[..]);
+        simd::run(
+            Avx2::detect(),
+            #[inline(always)]
+            || {
+                for (channel, out) in out.into_iter().enumerate() {
+                    for (out, pixel) in out.iter_mut().zip(samples.as_chunks::<C>().0) {
+                        *out = pixel[channel].value();
+                    }
+                }
+            },
+        );
+        Ok(planes)
+    }
+}

@@ -1,0 +1,379 @@
+//! Each fault of a stack is made, and must be named, it alone; on the stack without it nothing may be.
+
+use rayon::prelude::*;
+
+use crate::{
+    fusion::{
+        Fused, Plan, Watch, fuse,
+        tests::taken::{Taken, taken},
+    },
+    imaging::{Plane, Raster, Samples},
+    synth::{
+        Light, Rig, Scene,
+        scene::{Relief, SCENES},
+    },
+    types::{
+        Homography, NoControl,
+        fusion_options::Method,
+        metrics::{Finding, Severity},
+    },
+};
+
+/// A stack with its profile, as it was taken or with a fault.
+#[derive(Clone)]
+struct Stack {
+    slices: Vec<Raster>,
+    plan: Plan,
+    object: Plane<u8>,
+}
+
+impl Stack {
+    fn of(rig: &Rig, scene: &Scene) -> Self {
+        let Taken { slices, plan, truth } = taken(rig, scene, Light::Front);
+        // as the job does it
+        Self { slices, plan: Plan { method: Method::HaloCorrected, ..plan }, object: truth.mask }
+    }
+
+    fn count(&self) -> usize {
+        self.slices.len()
+    }
+
+    fn fused(&self, masked: bool) -> Fused {
+        let watch = Watch { metrics: true, object: masked.then_some(&self.object) };
+        fuse(&&self.slices[..], &self.plan, &watch, &std::env::temp_dir(), &NoControl).unwrap()
+    }
+
+    fn findings(&self, masked: bool) -> Vec<Finding> {
+        self.fused(masked).quality.unwrap().findings
+    }
+
+    /// The same with these slices alone, and a profile of them alone.
+    fn only(mut self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.count()).filter(|&n| keep(n)).collect();
+        let pick = |n: &usize| self.slices[*n].clone();
+        self.slices = kept.iter().map(pick).collect();
+        self.plan.homographies = kept.iter().map(|&n| self.plan.homographies[n]).collect();
+        self.plan.gains = kept.iter().map(|&n| self.plan.gains[n]).collect();
+        self.plan.rail = self.plan.rail.map(|rail| kept.iter().map(|&n| rail[n]).collect());
+        self.plan.reference = kept.len() / 2;
+        self
+    }
+
+    fn swapped(mut self, a: usize, b: usize) -> Self {
+        self.slices.swap(a, b);
+        self
+    }
+
+    fn doubled(mut self, slice: usize) -> Self {
+        self.slices[slice] = self.slices[slice - 1].clone();
+        self
+    }
+
+    /// Samples of a slice multiplied, by channel.
+    fn lit(mut self, slice: usize, by: [f32; 3]) -> Self {
+        let Samples::Eight(samples) = &mut self.slices[slice].samples else { panic!("8 bits expected") };
+        for pixel in samples.chunks_exact_mut(3) {
+            pixel
+                .iter_mut()
+                .zip(by)
+                .for_each(|(sample, by)| *sample = (f32::from(*sample) * by).round().min(255.0) as u8);
+        }
+        self
+    }
+
+    /// Each slice's homography followed by a similarity about the middle of the picture.
+    fn profiled(mut self, left: impl Fn(f64) -> (f64, [f64; 2])) -> Self {
+        let middle = [(self.plan.width as f64 - 1.0) / 2.0, (self.plan.height as f64 - 1.0) / 2.0];
+        for n in 0..self.count() {
+            let (scale, shift) = left(n as f64);
+            let shift = [0, 1].map(|axis: usize| middle[axis] * (1.0 - scale) + shift[axis]);
+            let moved = self.plan.homographies[n].then(&Homography::similarity(scale, shift)).unwrap();
+            self.plan.homographies[n] = moved;
+        }
+        self
+    }
+}
+
+type Error = (&'static str, fn(Stack) -> Stack);
+
+const FAULTS: [Error; 15] = [
+    ("", |stack| stack),
+    ("range_too_short_near", |stack| {
+        let n = stack.count();
+        stack.only(|i| i >= n / 3)
+    }),
+    ("range_too_short_far", |stack| {
+        let n = stack.count();
+        stack.only(|i| i < n - n / 3)
+    }),
+    ("coverage_gap", |stack| {
+        let n = stack.count();
+        stack.only(|i| i < n / 2 - 1 || i > n / 2 + 1)
+    }),
+    ("uneven_step", |stack| {
+        let n = stack.count();
+        stack.only(|i| i != n / 2)
+    }),
+    ("slices_out_of_order", |stack| {
+        let n = stack.count();
+        stack.swapped(n / 2, n / 2 + 2)
+    }),
+    ("duplicate_slice", |stack| {
+        let n = stack.count();
+        stack.doubled(n / 2)
+    }),
+    ("exposure_flicker", |stack| {
+        let n = stack.count();
+        stack.lit(n / 2 + 1, [0.93; 3])
+    }),
+    ("white_balance_drift", |stack| {
+        let n = stack.count();
+        stack.lit(n / 2 - 1, [1.04, 0.985, 1.0])
+    }),
+    ("exposure_drift", |stack| {
+        let n = stack.count();
+        (0..n).fold(stack, |s, i| s.lit(i, [1.0 - 0.2 * i as f32 / n as f32; 3]))
+    }),
+    ("slice_misaligned", |stack| {
+        let n = stack.count() / 2;
+        stack.profiled(|i| (1.0, if i == n as f64 { [2.0, -1.0] } else { [0.0; 2] }))
+    }),
+    ("picture_jumps", |stack| {
+        let n = stack.count() / 2;
+        stack.profiled(|i| (1.0, if i >= n as f64 { [2.0, -1.0] } else { [0.0; 2] }))
+    }),
+    ("profile_misfit", |stack| {
+        let n = stack.count() as f64;
+        stack.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2]))
+    }),
+    ("slices_reversed", |mut stack| {
+        stack.slices.reverse();
+        stack
+    }),
+    ("clipped", |stack| (0..stack.count()).fold(stack, |s, i| s.lit(i, [3.0; 3]))),
+];
+
+/// Codes of the warnings of a stack.
+fn warned(stack: &Stack, masked: bool) -> Vec<String> {
+    let findings = stack.findings(masked).into_iter();
+    findings.filter(|finding| finding.severity == Severity::Warning).map(|finding| finding.code).collect()
+}
+
+/// `but` are faults that this scene cannot show.
+fn each_fault_alone(rig: &Rig, scene: &Scene, but: &[&str]) {
+    let clean = Stack::of(rig, scene);
+    let wrong: Vec<String> = FAULTS
+        .par_iter()
+        .filter(|(fault, _)| !but.contains(fault))
+        .filter_map(|(fault, make)| {
+            let expected: Vec<&str> = if fault.is_empty() { Vec::new() } else { vec![fault] };
+            let found = warned(&make(clean.clone()), true);
+            let as_good = AS_GOOD.iter().any(|(name, other)| name == fault && found == [*other]);
+            (found != expected && !as_good).then(|| format!("{expected:?} was told as {found:?}"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn each_fault_is_named_alone_on_an_insect() {
+    // one slice of so fine a step may be missing without loss
+    each_fault_alone(&Rig::sized(480, 360, 11), &Scene::insect(1), &["uneven_step"]);
+    // and little of this one is bright in all colours
+    let but = ["uneven_step", "clipped"];
+    each_fault_alone(&Rig { seed: 2, ..Rig::sized(640, 440, 9) }, &Scene::insect(2), &but);
+}
+
+#[test]
+fn each_fault_is_named_alone_on_a_flower() {
+    // little of it lies near, and none of it is bright
+    let but = ["uneven_step", "range_too_short_near", "clipped"];
+    each_fault_alone(&Rig::sized(480, 360, 11), &Scene::flower(1), &but);
+}
+
+#[test]
+fn a_clean_stack_of_any_scene_is_told_nothing() {
+    let mut wrong = Vec::new();
+    for (name, scene) in SCENES {
+        for (width, height, count) in [(480, 360, 11), (360, 240, 9)] {
+            for seed in 1..=3 {
+                let stack = Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
+                let found = warned(&stack, true);
+                println!("{name} {width} x {height}, seed {seed}: {found:?}");
+                if !found.is_empty() {
+                    wrong.push(format!("{name} {width} x {height}, seed {seed}: {found:?}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Faults that a scene cannot show: one slice of so fine a step is missing without loss, or too little of it is bright.
+const CANNOT_SHOW: [&[&str]; 5] =
+    [&["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"]];
+
+/// What is as good a name: a gap that is just not lost is a step that is too long, and where a slice shows too little to
+/// be compared with the next one, nobody can say whether the picture came back.
+const AS_GOOD: [(&str, &str); 2] = [("coverage_gap", "uneven_step"), ("slice_misaligned", "picture_jumps")];
+
+#[test]
+fn each_fault_is_named_on_all_scenes_that_can_show_it() {
+    let mut wrong = Vec::new();
+    for ((name, scene), but) in SCENES.into_iter().zip(CANNOT_SHOW) {
+        let clean = Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4));
+        for (fault, make) in FAULTS.iter().filter(|(fault, _)| !fault.is_empty()) {
+            let found = warned(&make(clean.clone()), true);
+            println!("{name} [{fault}]: {found:?}");
+            let is_named = |code: &String| code == fault || AS_GOOD.contains(&(fault, code.as_str()));
+            if !but.contains(fault) && !found.iter().any(is_named) {
+                wrong.push(format!("{fault} on {name} was told as {found:?}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The same scene with nothing in the middle of the range: near parts come nearer, far ones go farther.
+fn parted(mut scene: Scene) -> Scene {
+    let away = |depth: f64| if depth < 0.5 { 0.5 * depth } else { 0.5 + 0.5 * depth };
+    for part in &mut scene.parts {
+        match &mut part.relief {
+            Relief::Dome { depth, slope, bulge, .. } => {
+                *depth = away(*depth);
+                *slope = slope.map(|slope| 0.3 * slope);
+                *bulge *= 0.3;
+            }
+            Relief::Along { depths, .. } => {
+                let middle = f64::midpoint(depths[0], depths[1]);
+                *depths = depths.map(|depth| away(middle) + 0.3 * (depth - middle));
+            }
+        }
+    }
+    scene
+}
+
+#[test]
+fn slices_of_depths_where_nothing_lies_are_noted() {
+    for &(name, scene) in &SCENES[..4] {
+        let stack = Stack::of(&Rig { seed: 6, ..Rig::sized(480, 360, 15) }, &parted(scene(6)));
+        let findings = stack.findings(true);
+        let noted = findings.iter().find(|finding| finding.code == "redundant_slices");
+        println!("{name}: {noted:?}, {:?}", warned(&stack, true));
+        // (the reference slice, 7, gets what is sharp nowhere)
+        let slices = noted.map(|finding| finding.slices.clone()).unwrap_or_default();
+        assert!(slices.contains(&6) && slices.iter().all(|slice| (3..=11).contains(slice)), "{name}: {findings:?}");
+    }
+}
+
+#[test]
+fn a_profile_that_does_not_fit_is_named_though_slices_are_clipped() {
+    for (name, scene) in [SCENES[0], SCENES[2], SCENES[4]] {
+        let clean = Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4));
+        let clipped = (0..clean.count()).fold(clean, |stack, slice| stack.lit(slice, [2.0; 3]));
+        let right = warned(&clipped, true);
+        let n = clipped.count() as f64;
+        let wrong = warned(&clipped.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2])), true);
+        println!("{name}: {right:?}, {wrong:?}");
+        assert!(right.iter().all(|code| code != "profile_misfit"), "{name}: {right:?}");
+        assert!(wrong.iter().any(|code| code == "profile_misfit"), "{name}: {wrong:?}");
+    }
+}
+
+/// A stack whose brightness drifts by `share` from the first slice to the last.
+fn drifting(clean: &Stack, share: f32) -> Stack {
+    let last = (clean.count() - 1) as f32;
+    (0..clean.count()).fold(clean.clone(), |stack, slice| stack.lit(slice, [1.0 - share * slice as f32 / last; 3]))
+}
+
+#[test]
+fn a_drift_of_brightness_is_named_when_the_ends_are_off_by_more_than_three_per_cent() {
+    for (name, scene) in SCENES {
+        let clean = Stack::of(&Rig { seed: 5, ..Rig::sized(360, 240, 9) }, &scene(5));
+        // against the reference slice in the middle it is about half of this
+        for (share, told) in [(0.0, false), (0.02, false), (0.04, false), (0.08, true), (0.15, true)] {
+            let found = warned(&drifting(&clean, share), true);
+            println!("{name} {share}: {found:?}");
+            assert_eq!(found.iter().any(|code| code == "exposure_drift"), told, "{name} {share}: {found:?}");
+        }
+    }
+}
+
+/// For `docs/METRICS.md`: from which drift on `exposure_drift` is told.
+#[test]
+#[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
+fn which_drift_is_named() {
+    for (name, scene) in SCENES {
+        for (width, height, count) in [(480, 360, 11), (720, 480, 13)] {
+            let of_seed = |seed: u64| Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
+            let stacks: Vec<Stack> = (1..=3).map(of_seed).collect();
+            for share in [0.0, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.15, 0.2] {
+                let told = |stack: &Stack| warned(&drifting(stack, share), true).contains(&"exposure_drift".to_owned());
+                let count = stacks.iter().filter(|stack| told(stack)).count();
+                println!("{name} {width} x {height}, {:.0} %: {count} of 3", 100.0 * share);
+            }
+        }
+    }
+}
+
+/// For `docs/METRICS.md`: what is named on which stack.
+#[test]
+#[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
+fn what_is_named_on_many_stacks() {
+    let cases: Vec<(usize, usize, usize, u64, usize)> = vec![
+        (480, 360, 11, 1, 0),
+        (480, 360, 11, 1, 1),
+        (480, 360, 11, 1, 2),
+        (640, 440, 9, 2, 0),
+        (640, 440, 9, 2, 1),
+        (640, 440, 9, 2, 2),
+        (400, 520, 15, 3, 0),
+        (400, 520, 15, 3, 1),
+        (400, 520, 15, 3, 2),
+    ];
+    cases.into_iter().for_each(|(width, height, count, seed, scene)| {
+        let rig = Rig { seed, ..Rig::sized(width, height, count) };
+        let (name, make) = SCENES[scene];
+        let clean = Stack::of(&rig, &make(seed));
+        for masked in [true, false] {
+            let lines: Vec<String> = FAULTS.par_iter().map(|(fault, make)| {
+                let quality = make(clean.clone()).fused(masked).quality.unwrap();
+                let codes: Vec<String> = quality.findings.iter().map(|f| format!("{}{}{:?}", if f.severity == Severity::Note { "~" } else { "" }, f.code, f.slices)).collect();
+                let s = quality.alignment.similarity;
+                format!("{name} {width}x{height}x{count} masked {masked} [{fault}]: {} | drift {:.2}+-{:.2} n {} p95 {:.2} | peak {:.3} {:.3} label {:.3} amb {:.3} tex {:.2} over {:.4} {:.3} clip {:.4} common {:.3}", codes.join(" "),
+                    s.map_or(-1.0, |s| s.corner_drift_px), s.map_or(-1.0, |s| s.corner_drift_sigma_px), s.map_or(0, |s| s.shifts), quality.alignment.residual_p95_px.unwrap_or(-1.0),
+                    quality.focus.peak_at_first_fraction.unwrap_or(-1.0), quality.focus.peak_at_last_fraction.unwrap_or(-1.0), quality.focus.label_noise.unwrap_or(-1.0), quality.focus.ambiguity.unwrap_or(-1.0), quality.focus.textured_fraction.unwrap_or(-1.0), quality.fusion.overshoot_fraction.unwrap_or(-1.0), quality.fusion.overshoot_levels.unwrap_or(-1.0), quality.fusion.clipped_fraction.unwrap_or(-1.0), quality.alignment.common_fraction.unwrap_or(-1.0))
+            }).collect();
+            lines.iter().for_each(|line| println!("{line}"));
+        }
+    });
+}
+
+/// Real stacks beside the repository, as far as they are there: what is said of them.
+#[test]
+#[ignore = "needs pictures that are not in the repository: --ignored --nocapture"]
+fn what_is_said_of_real_stacks() {
+    let shared = std::env::var_os("PINSTACK_SHARED").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
+        std::path::PathBuf::from,
+    );
+    for name in ["coffee6", "flies9", "newto12", "pcb7", "pcb_depth10"] {
+        let Ok(folder) = std::fs::read_dir(shared.join("data").join(name)) else { continue };
+        let mut files: Vec<_> = folder.flatten().map(|entry| entry.path()).collect();
+        files.retain(|file| {
+            file.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg")) && !file.ends_with("expected.jpg")
+        });
+        files.sort();
+        let slices: Vec<Raster> = files
+            .iter()
+            .map(|file| {
+                let picture = image::open(file).unwrap().into_rgb8();
+                Raster::eight(picture.width() as usize, picture.height() as usize, 3, picture.into_raw())
+            })
+            .collect();
+        let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
+        let watch = Watch { metrics: true, object: None };
+        let quality = fuse(&&slices[..], &plan, &watch, &std::env::temp_dir(), &NoControl).unwrap().quality.unwrap();
+        println!("{name}\n{:#?}\n{:?}\n{:?}\n{:?}", quality.findings, quality.fusion, quality.focus, quality.alignment);
+    }
+}

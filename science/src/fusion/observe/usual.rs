@@ -1,0 +1,54 @@
+//! What the scores of fusion usually are: for the limits that `docs/METRICS.md` gives.
+
+use super::*;
+use crate::{
+    fusion::{align, blend, fuse},
+    imaging::{Raster, Samples},
+    synth::{Light, Rig, Stage, scene::SCENES},
+    types::{NoControl, metrics::FusionMetrics},
+};
+
+/// Scores of the fused picture and of the true one, which no method can beat, on the object alone.
+fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
+    let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
+    let truth = stage.truth();
+    let mut plan = Plan { method, ..Plan::aligned(rig.width, rig.height, rig.slices()) };
+    for i in 0..rig.slices() {
+        (plan.homographies[i], plan.gains[i]) = (rig.homography(i), rig.gain(i));
+    }
+    let watch = Watch { metrics: true, object: Some(&truth.mask) };
+    let (folder, first, slices) = (std::env::temp_dir(), slices[0].clone(), &slices[..]);
+    let fused = fuse(&slices, &plan, &watch, &folder, &NoControl).unwrap();
+    let tile = blend::TILE;
+    let run = Run { slices: &slices, plan: &plan, watch: &watch, scratch_dir: &folder, control: &NoControl, tile };
+    let aligned = align::align::<u8, 3>(&run, first, None).unwrap();
+    let blocks = Blocks::of(rig.width, rig.height, watch.object);
+    [&fused.image, &truth.sharp].map(|picture| {
+        let Samples::Eight(samples) = &picture.samples else { panic!("8 bits") };
+        score::<u8, 3>(&run, &aligned, &blocks, samples).unwrap().metrics()
+    })
+}
+
+/// For `docs/METRICS.md`: scores of all scenes by all methods, with lenses of two kinds and with noise and without.
+#[test]
+#[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
+fn usual_scores_over_scenes() {
+    println!("   scene seed soft noise    method     q_g    q_w retention | truth q_g    q_w retention");
+    for (name, make) in SCENES {
+        for (seed, softness_px, noise) in [(1, 0.0, 1.0), (2, 0.0, 1.0), (1, 0.7, 1.0), (2, 0.7, 1.0), (1, 0.7, 0.0)] {
+            let rig = Rig { seed, softness_px, noise, ..Rig::sized(600, 400, 13) };
+            let stage = Stage::new(&rig, &make(seed));
+            for method in [Method::HaloCorrected, Method::Guided, Method::Pyramid] {
+                let [fused, truth] = scores(&rig, &stage, method).map(|m| {
+                    [m.q_g_top, m.q_w_top, m.sharpness_retention]
+                        .map(|v| format!("{:>7.3}", v.unwrap_or(f64::NAN)))
+                        .join("")
+                });
+                println!(
+                    "{name:>8} {seed:>4} {softness_px:>4} {noise:>5} {:>9} {fused}   | {truth}",
+                    format!("{method:?}")
+                );
+            }
+        }
+    }
+}

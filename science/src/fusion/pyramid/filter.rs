@@ -1,0 +1,283 @@
+//! The filters of the pyramid: reduce, expand (Burt & Adelson 1983, a = 3/8: the binomial kernel) and smooth.
+//!
+//! Every pixel is computed by the same operations in the same order, whatever the rectangle it is computed in.
+
+use crate::imaging::{
+    Rect,
+    simd::{self, Avx2},
+};
+
+/// Numbers of one level: a rectangle of the plane of that level.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Patch<T> {
+    /// Where it lies.
+    pub rect: Rect,
+    /// Its numbers, row by row.
+    pub data: Vec<T>,
+}
+
+/// A level: three channels (of a grey picture the first), and weights.
+pub(super) type Level = [Patch<f32>; 4];
+
+/// Which of a level's planes are the weights.
+pub(super) const WEIGHT: usize = 3;
+
+impl<T: Copy> Patch<T> {
+    /// Makes this `rect`, filled with `value`.
+    pub(super) fn reset(&mut self, rect: Rect, value: T) {
+        self.data.clear();
+        self.shape(rect, value);
+    }
+
+    /// Makes this `rect`; what is in it may be anything.
+    pub(super) fn shape(&mut self, rect: Rect, value: T) {
+        self.rect = rect;
+        self.data.resize(rect.width * rect.height, value);
+    }
+
+    /// Row `y` of the plane.
+    pub(super) fn row(&self, y: usize) -> &[T] {
+        &self.data[(y - self.rect.y) * self.rect.width..][..self.rect.width]
+    }
+
+    /// `width` numbers of it, from column `x` on.
+    pub(super) fn part(&self, x: usize, y: usize, width: usize) -> &[T] {
+        &self.row(y)[x - self.rect.x..][..width]
+    }
+
+    /// Row `y` of the plane.
+    pub(super) fn row_mut(&mut self, y: usize) -> &mut [T] {
+        &mut self.data[(y - self.rect.y) * self.rect.width..][..self.rect.width]
+    }
+
+    /// Whether row `y` of the plane lies in this.
+    fn has_row(&self, y: usize) -> bool {
+        (self.rect.y..self.rect.y + self.rect.height).contains(&y)
+    }
+}
+
+/// The kernel that levels are reduced with.
+const REDUCE: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
+/// Twice that kernel, one after the other.
+pub(super) const SMOOTH: [f32; 9] = [
+    1.0 / 256.0,
+    8.0 / 256.0,
+    28.0 / 256.0,
+    56.0 / 256.0,
+    70.0 / 256.0,
+    56.0 / 256.0,
+    28.0 / 256.0,
+    8.0 / 256.0,
+    1.0 / 256.0,
+];
+/// Reach of [`SMOOTH`], px.
+pub(super) const SMOOTHING: usize = SMOOTH.len() / 2;
+
+/// Where three pixels of a coarse row lie that a fine pixel is made of, and their weights. Beyond the ends of a
+/// plane of `length` coarse pixels there is nothing, and the others weigh more.
+fn taps(fine: usize, length: usize) -> (isize, [f32; 3]) {
+    let middle = (fine / 2) as isize;
+    let (first, mut weights) = match fine % 2 {
+        0 => (middle - 1, [0.125, 0.75, 0.125]),
+        _ => (middle, [0.5, 0.5, 0.0]),
+    };
+    let mut total = 0.0;
+    for (at, weight) in (first..).zip(&mut weights) {
+        if at < 0 || at >= length as isize {
+            *weight = 0.0;
+        }
+        total += *weight;
+    }
+    (first, weights.map(|weight| weight / total))
+}
+
+/// How much of what a pixel of each of the levels `lengths` is computed from lies on the canvas, along one axis.
+pub(super) fn weights_along(lengths: &[usize]) -> Vec<Vec<f32>> {
+    let mut levels = vec![vec![1.0f32; lengths[0]]];
+    for &length in &lengths[1..] {
+        let finer = &levels[levels.len() - 1];
+        let of = |x: usize| -> f32 {
+            let around = REDUCE
+                .iter()
+                .enumerate()
+                .filter_map(|(tap, weight)| Some(weight * finer.get((2 * x + tap).checked_sub(2)?).copied()?));
+            around.fold(0.0, |sum, part| sum + part)
+        };
+        levels.push((0..length).map(of).collect());
+    }
+    levels
+}
+
+/// Buffers of the filters.
+#[derive(Default)]
+pub(super) struct Filters {
+    nothing: Vec<f32>,
+    line: Vec<f32>,
+    halves: [Vec<f32>; 2],
+    across: Patch<f32>,
+}
+
+impl Filters {
+    /// The next coarser plane of `fine`: sums. Beyond the canvas there is nothing.
+    pub(super) fn reduce(&mut self, simd: Option<Avx2>, fine: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
+        let Self { nothing, line, halves, across } = self;
+        across.shape(Rect { x: rect.x, width: rect.width, ..fine.rect }, 0.0);
+        // two pixels of nothing before the first one that is needed, at least two after the last
+        let skipped = fine.rect.x as isize - (2 * rect.x as isize - 2);
+        let length = 2 * rect.width + 4;
+        for y in fine.rect.y..fine.rect.y + fine.rect.height {
+            laid(fine.row(y), skipped, length, line);
+            let row = across.row_mut(y);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || {
+                    split(line, halves);
+                    let [even, odd] = &*halves;
+                    let count = row.len();
+                    weigh(row, [even, odd, &even[1..], &odd[1..], &even[2..]].map(|taps| &taps[..count]), &REDUCE);
+                },
+            );
+        }
+        out.shape(rect, 0.0);
+        nothing.clear();
+        nothing.resize(rect.width, 0.0);
+        for y in rect.y..rect.y + rect.height {
+            let rows = std::array::from_fn(|tap| {
+                let from = (2 * y + tap).checked_sub(2).filter(|&from| across.has_row(from));
+                from.map_or(&nothing[..], |from| across.row(from))
+            });
+            let row = out.row_mut(y);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || weigh(row, rows, &REDUCE),
+            );
+        }
+    }
+
+    /// Columns `columns` of row `y` of the next finer level, expanded from `coarse`, which is part of a plane of `size`.
+    pub(super) fn expand<'a>(
+        &mut self,
+        simd: Option<Avx2>,
+        coarse: &Patch<f32>,
+        size: (usize, usize),
+        (y, columns): (usize, &std::ops::Range<usize>),
+        out: &'a mut Vec<f32>,
+    ) -> &'a mut [f32] {
+        let Self { line, halves: [even, odd], .. } = self;
+        let (first_row, weights) = taps(y, size.1);
+        // coarse pixels under the columns, and one to each side, as far as they are there
+        let (start, end) = (columns.start / 2, (columns.end - 1) / 2 + 1);
+        let (from, to) = ((start.max(1) - 1).max(coarse.rect.x), (end + 1).min(coarse.rect.x + coarse.rect.width));
+        let count = end - start;
+        line.clear();
+        line.resize(count + 2, 0.0);
+        out.resize(2 * count, 0.0);
+        let rows = (first_row..).zip(weights).filter(|row| row.1 > 0.0);
+        simd::run(
+            simd,
+            #[inline(always)]
+            || {
+                let held = &mut line[from + 1 - start..][..to - from];
+                for (row, weight) in rows {
+                    let row = coarse.part(from, row as usize, to - from);
+                    held.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
+                }
+                even.resize(count, 0.0);
+                odd.resize(count, 0.0);
+                let [before, here, after] = [0, 1, 2].map(|by| &line[by..by + count]);
+                for ((((even, odd), before), here), after) in
+                    even.iter_mut().zip(odd.iter_mut()).zip(before).zip(here).zip(after)
+                {
+                    *even = 0.125 * before + 0.75 * here + 0.125 * after;
+                    *odd = 0.5 * here + 0.5 * after;
+                }
+                for ((out, &even), &odd) in out.as_chunks_mut::<2>().0.iter_mut().zip(&*even).zip(&*odd) {
+                    *out = [even, odd];
+                }
+            },
+        );
+        // at the ends of the plane weights are others
+        let last = 2 * (size.0 - 1);
+        for x in [0, last, last + 1] {
+            if (2 * start..2 * end).contains(&x) {
+                let (first, weights) = taps(x, size.0);
+                let sum = (first..)
+                    .zip(weights)
+                    .filter(|tap| tap.1 > 0.0)
+                    .fold(0.0, |sum, (at, weight)| sum + weight * line[(at + 1) as usize - start]);
+                out[x - 2 * start] = sum;
+            }
+        }
+        &mut out[columns.start - 2 * start..][..columns.len()]
+    }
+
+    /// `values` smoothed by the kernel that levels are reduced with, in `rect`, which lies in them with all that is
+    /// looked at, save what lies beyond the canvas: that counts as 0.
+    pub(super) fn smooth_less(&mut self, simd: Option<Avx2>, values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
+        let Self { nothing, line, across, .. } = self;
+        let reach = REDUCE.len() / 2;
+        across.shape(Rect { x: rect.x, width: rect.width, ..values.rect }, 0.0);
+        let skipped = values.rect.x as isize + reach as isize - rect.x as isize;
+        for y in values.rect.y..values.rect.y + values.rect.height {
+            laid(values.row(y), skipped, rect.width + 2 * reach, line);
+            let row = across.row_mut(y);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || weigh(row, std::array::from_fn(|tap| &line[tap..]), &REDUCE),
+            );
+        }
+        out.shape(rect, 0.0);
+        nothing.clear();
+        nothing.resize(rect.width, 0.0);
+        for y in rect.y..rect.y + rect.height {
+            let rows = std::array::from_fn(|tap| {
+                let from = (y + tap).checked_sub(reach).filter(|&from| across.has_row(from));
+                from.map_or(&nothing[..], |from| across.row(from))
+            });
+            let row = out.row_mut(y);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || weigh(row, rows, &REDUCE),
+            );
+        }
+    }
+}
+
+/// Sums of `K` rows, each with its weight.
+#[inline(always)]
+pub(super) fn weigh<const K: usize>(out: &mut [f32], rows: [&[f32]; K], kernel: &[f32; K]) {
+    let count = out.len();
+    let rows = rows.map(|row| &row[..count]);
+    for (x, out) in out.iter_mut().enumerate() {
+        let mut sum = 0.0;
+        for tap in 0..K {
+            sum += kernel[tap] * rows[tap][x];
+        }
+        *out = sum;
+    }
+}
+
+/// The even and the odd elements of `line`.
+#[inline(always)]
+pub(super) fn split<T: Copy + Default>(line: &[T], [even, odd]: &mut [Vec<T>; 2]) {
+    let pairs = line.as_chunks::<2>().0;
+    even.resize(pairs.len(), T::default());
+    odd.resize(pairs.len(), T::default());
+    for (([first, second], even), odd) in pairs.iter().zip(even).zip(odd) {
+        (*even, *odd) = (*first, *second);
+    }
+}
+
+/// `row` in a line of `length`, starting at `at` (what would come before the line is left out), nothing around it.
+fn laid(row: &[f32], at: isize, length: usize, line: &mut Vec<f32>) {
+    line.clear();
+    line.resize(length, 0.0);
+    let (skip, at) = if at < 0 { (at.unsigned_abs(), 0) } else { (0, at as usize) };
+    let row = row.get(skip..).unwrap_or_default();
+    let count = row.len().min(length.saturating_sub(at));
+    line[at..at + count].copy_from_slice(&row[..count]);
+}

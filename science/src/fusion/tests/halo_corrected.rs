@@ -1,0 +1,208 @@
+//! Fusion by labels: against rendered truth, and by property.
+
+use super::{
+    taken::{Taken, taken},
+    *,
+};
+use crate::{
+    imaging::filter::disc::Disc,
+    quality::truth::psnr,
+    synth::{Light, Rig, Scene},
+};
+
+fn halo_corrected(plan: Plan) -> Plan {
+    Plan { method: Method::HaloCorrected, ..plan }
+}
+
+/// A rendered stack with its plan, the truth, and where edges are: within 8 px of a step in depth.
+struct Case {
+    slices: Vec<Raster>,
+    plan: Plan,
+    truth: Plane<f32>,
+    edges: Plane<u8>,
+    flat: Plane<u8>,
+}
+
+impl Case {
+    fn new(scene: &Scene, seed: u64) -> Self {
+        let rig = Rig { seed, ..Rig::sized(480, 320, 11) };
+        let Taken { slices, plan, truth } = taken(&rig, scene, Light::Front);
+        let depth = |x: usize, y: usize| {
+            let slice = truth.slice.at(x, y);
+            if slice.is_nan() { 99.0 } else { slice }
+        };
+        let step = Plane::from_fn(480, 320, |x, y| {
+            let (right, below) = ((x + 1).min(479), (y + 1).min(319));
+            (depth(x, y) - depth(right, y)).abs() > 1.0 || (depth(x, y) - depth(x, below)).abs() > 1.0
+        });
+        // a margin of the canvas is not covered by every slice
+        let counts = |x: usize, y: usize| (16..464).contains(&x) && (16..304).contains(&y);
+        let near_step = Plane::from_fn(480, 320, |x, y| {
+            let rows = y.saturating_sub(8)..(y + 9).min(320);
+            rows.into_iter().any(|v| step.row(v)[x.saturating_sub(8)..(x + 9).min(480)].iter().any(|&step| step))
+        });
+        let of = |edge: bool| {
+            Plane::from_fn(480, 320, |x, y| if counts(x, y) && near_step.at(x, y) == edge { 255u8 } else { 0 })
+        };
+        Self { slices, plan, truth: truth.sharp.luma(), edges: of(true), flat: of(false) }
+    }
+
+    /// PSNR at edges and elsewhere, dB.
+    fn score(&self, method: Method) -> [f64; 2] {
+        let fused = fused(&self.slices, &Plan { method, ..self.plan.clone() });
+        [&self.edges, &self.flat].map(|mask| psnr(&fused.image.luma(), &self.truth, Some(mask)).unwrap())
+    }
+}
+
+#[test]
+fn it_is_nearer_to_the_truth_than_the_classics_at_edges_and_elsewhere() {
+    let scenes = [Scene::plates(3), Scene::insect(2), Scene::flower(2), Scene::plates(8)].into_iter().zip([5, 6, 7, 8]);
+    for (scene, seed) in scenes {
+        let case = Case::new(&scene, seed);
+        let [edges, elsewhere] = case.score(Method::HaloCorrected);
+        for classic in [Method::Guided, Method::Pyramid] {
+            let [classic_edges, classic_elsewhere] = case.score(classic);
+            let text = format!(
+                "seed {seed}, {classic:?}: edges {edges:.2} against {classic_edges:.2}, elsewhere {elsewhere:.2} against \
+                 {classic_elsewhere:.2}"
+            );
+            println!("{text}");
+            assert!(edges > classic_edges + 0.2, "{text}");
+            assert!(elsewhere > classic_elsewhere - 0.1, "{text}");
+        }
+    }
+}
+
+/// Left, texture in focus in the middle one of five slices; right, haze that none shows sharp: another brightness in each,
+/// and specks of noise.
+fn haze() -> Vec<Raster> {
+    let texture = Plane::from_fn(200, 160, |x, y| 90.0 + 60.0 * noise(x, y, 0) as f32);
+    let of_slice = |slice: usize| {
+        let blurred = Disc::new(4.0 * slice.abs_diff(2) as f32).blurred(&texture);
+        let value = |x: usize, y: usize| match x {
+            ..200 => f64::from(blurred.at(x, y)) + 2.0 * (noise(x, y, 7 + slice) - 0.5),
+            _ => {
+                let specks = if (5.0 * noise(x / 16, y / 16, 30)) as usize == slice { 12.0 } else { 4.0 };
+                170.0 - 12.0 * slice as f64 + 0.2 * (y as f64 - 80.0) + specks * (noise(x, y, 90 + slice) - 0.5)
+            }
+        };
+        let values = (0..280 * 160 * 3).map(|at| value(at / 3 % 280, at / 840) / 255.0);
+        eight(280, 160, &values.collect::<Vec<f64>>())
+    };
+    (0..5).map(of_slice).collect()
+}
+
+#[test]
+fn haze_that_no_slice_shows_sharp_gets_no_patches() {
+    let slices = haze();
+    let plan = Plan { near_first: Some(true), ..Plan::aligned(280, 160, 5) };
+    let of = |method: Method| fused(&slices, &Plan { method, ..plan.clone() }).image.luma();
+    let (halo_corrected, pyramid) = (of(Method::HaloCorrected), of(Method::Pyramid));
+    let mean = |picture: &Plane<f32>, x: usize, y: usize| {
+        (0..25).map(|at| picture.at(x + at % 5 - 2, y + at / 5 - 2)).sum::<f32>() / 25.0
+    };
+    let places = (10..150).flat_map(|y| (225..270).map(move |x| (x, y)));
+    let off: Vec<f32> = places.map(|(x, y)| (mean(&halo_corrected, x, y) - mean(&pyramid, x, y)).abs()).collect();
+    let share = off.iter().filter(|&&off| off > 6.0).count() as f64 / off.len() as f64;
+    assert!(share < 0.05, "{share:.3} of the haze differs by more than 6 grey levels");
+}
+
+#[test]
+fn a_stack_taken_from_far_to_near_gives_the_same_picture() {
+    let case = Case::new(&Scene::plates(4), 4);
+    let forward = fused(&case.slices, &halo_corrected(case.plan.clone()));
+    let mut plan = halo_corrected(case.plan.clone());
+    plan.homographies.reverse();
+    plan.gains.reverse();
+    plan.rail = plan.rail.map(|rail| rail.into_iter().rev().collect());
+    plan.reference = plan.gains.len() - 1 - plan.reference;
+    plan.near_first = Some(false);
+    let slices: Vec<Raster> = case.slices.iter().rev().cloned().collect();
+    let backward = fused(&slices, &plan);
+    let same = psnr(&backward.image.luma(), &forward.image.luma(), None).unwrap();
+    assert!(same > 50.0, "they differ by {same:.1} dB");
+}
+
+#[test]
+fn each_strip_comes_from_the_slice_that_shows_it_sharp_by_its_label() {
+    let slices = stripes(160, 60, 4);
+    let fused = fused(&slices, &halo_corrected(Plan::aligned(160, 60, 4)));
+    for y in 8..52 {
+        for x in (0..160).filter(|x| (8..32).contains(&(x % 40))) {
+            assert_eq!(usize::from(fused.index.at(x, y)), x / 40, "at {x}, {y}");
+        }
+    }
+}
+
+#[test]
+fn one_slice_over_and_over_comes_back_bit_by_bit_in_every_form() {
+    let values = stripe(90, 50, 3, 1);
+    for slice in [eight(90, 50, &values), sixteen(90, 50, &values)] {
+        for count in [1, 2, 70] {
+            let slices = vec![slice.clone(); count];
+            assert_eq!(fused(&slices, &halo_corrected(Plan::aligned(90, 50, count))).image, slice, "{count} slices");
+        }
+    }
+    let grey = Raster::eight(90, 50, 1, values.chunks_exact(3).map(|p| (p[0] * 255.0) as u8).collect());
+    assert_eq!(fused(&vec![grey.clone(); 3], &halo_corrected(Plan::aligned(90, 50, 3))).image, grey);
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_a_bit_of_it() {
+    let case = Case::new(&Scene::insect(5), 5);
+    let plan = halo_corrected(case.plan);
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| fused(&case.slices, &plan))
+    };
+    let one = run(1);
+    assert_eq!(run(2), one);
+    assert_eq!(run(3), one);
+}
+
+#[test]
+fn what_a_slice_does_not_cover_leaves_no_trace_in_it() {
+    let (slices, plan) = moved(120, 80, 5);
+    let bright: Vec<Raster> = slices
+        .iter()
+        .map(|slice| eight(120, 80, &values(slice).iter().map(|v| 0.4 + 0.6 * v).collect::<Vec<_>>()))
+        .collect();
+    let fused = fused(&bright, &halo_corrected(plan));
+    // nothing in the slices is darker than 0.4 of full scale, before gains
+    for (pixel, &valid) in values(&fused.image).chunks_exact(3).zip(&fused.valid.data) {
+        assert!(valid == 0 || pixel.iter().all(|&v| v > 0.2), "a black wedge shows: {pixel:?}");
+        assert!(valid != 0 || pixel.iter().all(|&v| v == 0.0));
+    }
+}
+
+#[test]
+fn a_hot_pixel_in_one_slice_reaches_two_pixels_at_the_most() {
+    let mut slices = vec![eight(80, 60, &stripe(80, 60, 1, 0)); 5];
+    let clean = slices[0].clone();
+    if let Samples::Eight(samples) = &mut slices[3].samples {
+        samples[(30 * 80 + 40) * 3..][..3].fill(255);
+    }
+    let fused = fused(&slices, &halo_corrected(Plan::aligned(80, 60, 5)));
+    let (got, expected) = (values(&fused.image), values(&clean));
+    let off = |at: usize| got[at * 3..at * 3 + 3].iter().zip(&expected[at * 3..]).any(|(a, b)| (a - b).abs() > 0.02);
+    let near = |at: usize| (at % 80).abs_diff(40) <= 2 && (at / 80).abs_diff(30) <= 2;
+    assert!((0..80 * 60).all(|at| near(at) || !off(at)));
+}
+
+#[test]
+fn extreme_pictures_stay_in_range() {
+    for count in [2, 5] {
+        let checks: Vec<Raster> = (0..count)
+            .map(|slice| {
+                let values: Vec<f64> = (0..64 * 48 * 3)
+                    .map(|i| if (i / 3 % 64 / (slice + 1) + i / 192 / (slice + 1)) % 2 == 0 { 1.0 } else { 0.0 })
+                    .collect();
+                eight(64, 48, &values)
+            })
+            .collect();
+        let plan = Plan { near_first: Some(true), ..halo_corrected(Plan::aligned(64, 48, count)) };
+        let fused = fused(&checks, &plan);
+        assert!(fused.valid.data.iter().all(|&v| v == 255));
+        assert!(fused.index.data.iter().all(|&slice| usize::from(slice) < count));
+    }
+}

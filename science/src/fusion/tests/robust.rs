@@ -1,0 +1,353 @@
+//! What cameras and users really send: each flaw alone, through every method.
+
+use std::sync::OnceLock;
+
+use super::{
+    taken::{Taken, taken},
+    *,
+};
+use crate::{
+    imaging::codec::{Limits, decode, encode_jpeg},
+    quality::truth::psnr,
+    synth::{Light, Rig, Scene},
+};
+
+const METHODS: [Method; 3] = [Method::Guided, Method::Pyramid, Method::HaloCorrected];
+
+fn front(rig: &Rig, scene: &Scene) -> Taken {
+    taken(rig, scene, Light::Front)
+}
+
+/// Seven slices of a beetle, 360 x 240 px.
+fn beetle() -> &'static Taken {
+    static TAKEN: OnceLock<Taken> = OnceLock::new();
+    TAKEN.get_or_init(|| front(&Rig { seed: 11, ..Rig::sized(360, 240, 7) }, &Scene::insect(11)))
+}
+
+impl Taken {
+    fn by(&self, method: Method) -> Plan {
+        Plan { method, ..self.plan.clone() }
+    }
+
+    /// PSNR of the luma against the truth, without the rim that few slices cover, dB.
+    fn score(&self, image: &Raster) -> f64 {
+        let (width, height) = (self.plan.width, self.plan.height);
+        let inside = Plane::from_fn(width, height, |x, y| {
+            if (12..width - 12).contains(&x) && (12..height - 12).contains(&y) { 255u8 } else { 0 }
+        });
+        psnr(&image.luma(), &self.truth.sharp.luma(), Some(&inside)).unwrap()
+    }
+}
+
+fn edited(raster: &Raster, edit: impl Fn(usize, f64) -> f64) -> Raster {
+    let Samples::Eight(samples) = &raster.samples else { panic!("8 bits expected") };
+    let new = |(i, &v): (usize, &u8)| edit(i, f64::from(v)).round().clamp(0.0, 255.0) as u8;
+    Raster { samples: Samples::Eight(samples.iter().enumerate().map(new).collect()), ..raster.clone() }
+}
+
+/// Samples that differ by more than `levels`, as (x, y) of their pixels.
+fn differing(a: &Raster, b: &Raster, levels: f64) -> Vec<(usize, usize)> {
+    let pairs = values(a).into_iter().zip(values(b));
+    let mut at: Vec<usize> =
+        pairs.enumerate().filter(|(_, (a, b))| (a - b).abs() > levels).map(|(i, _)| i / a.channels).collect();
+    at.dedup();
+    at.into_iter().map(|at| (at % a.width, at / a.width)).collect()
+}
+
+#[test]
+fn slices_of_different_exposure_give_the_same_picture_when_the_gains_are_known() {
+    let case = beetle();
+    let exposure = |i: usize| [0.8, 1.0, 0.9, 1.0, 0.75, 1.0, 0.85][i];
+    let slices: Vec<Raster> =
+        case.slices.iter().enumerate().map(|(i, slice)| edited(slice, |_, v| v * exposure(i))).collect();
+    for method in METHODS {
+        let mut plan = case.by(method);
+        plan.gains.iter_mut().enumerate().for_each(|(i, gain)| *gain /= exposure(i));
+        let (even, uneven) = (fused(&case.slices, &case.by(method)), fused(&slices, &plan));
+        let same = psnr(&uneven.image.luma(), &even.image.luma(), None).unwrap();
+        println!(
+            "{method:?}: {same:.1} dB from the even stack, {:.2} and {:.2} from the truth",
+            case.score(&even.image),
+            case.score(&uneven.image)
+        );
+        assert!(same > 40.0, "{method:?}: {same:.1} dB");
+        assert!(case.score(&uneven.image) > case.score(&even.image) - 0.5, "{method:?}");
+    }
+}
+
+#[test]
+fn a_flickering_light_that_no_gain_knows_leaves_no_pixel_outside_of_what_the_slices_show() {
+    let case = beetle();
+    let slices: Vec<Raster> = case
+        .slices
+        .iter()
+        .enumerate()
+        .map(|(i, slice)| edited(slice, |_, v| v * if i % 2 == 0 { 0.9 } else { 1.0 }))
+        .collect();
+    for method in METHODS {
+        let (even, uneven) = (fused(&case.slices, &case.by(method)), fused(&slices, &case.by(method)));
+        let (low, high) = (case.score(&uneven.image), case.score(&even.image));
+        println!("{method:?}: {high:.2} dB, flickering {low:.2}");
+        let dark = values(&uneven.image).iter().zip(values(&even.image)).filter(|(u, e)| **u < 0.9 * e - 12.0).count();
+        let bright = values(&uneven.image).iter().zip(values(&even.image)).filter(|(u, e)| **u > e + 12.0).count();
+        let all = uneven.image.width * uneven.image.height * 3;
+        assert!((dark + bright) * 500 < all, "{method:?}: {dark} darker and {bright} brighter of {all}");
+    }
+}
+
+#[test]
+fn a_stack_with_a_gap_is_fused_from_what_is_there() {
+    let case = front(&Rig { seed: 12, ..Rig::sized(360, 240, 13) }, &Scene::insect(12));
+    for method in METHODS {
+        let whole = fused(&case.slices, &case.by(method));
+        let (mut plan, mut slices) = (case.by(method), case.slices.clone());
+        slices.remove(4);
+        plan.homographies.remove(4);
+        plan.gains.remove(4);
+        plan.rail.as_mut().unwrap().remove(4);
+        plan.reference -= 1;
+        let gapped = fused(&slices, &plan);
+        let (before, after) = (case.score(&whole.image), case.score(&gapped.image));
+        println!("{method:?}: {before:.2} dB, {after:.2} without a slice");
+        assert!(after > before - 1.5, "{method:?}: {before:.2} became {after:.2}");
+        // the slices are numbered as they came
+        assert!(gapped.index.data.iter().all(|&slice| slice < 12 || slice == UNCOVERED));
+    }
+}
+
+#[test]
+fn a_hot_pixel_of_the_sensor_stays_a_few_pixels_beside_its_track() {
+    let case = beetle();
+    let hot = [(90usize, 60usize), (200, 150), (300, 100)];
+    let is_hot = |i: usize| hot.contains(&(i / 3 % 360, i / 1080));
+    let slices: Vec<Raster> =
+        case.slices.iter().map(|slice| edited(slice, |i, v| if is_hot(i) { 255.0 } else { v })).collect();
+    for method in METHODS {
+        let (clean, spoilt) = (fused(&case.slices, &case.by(method)), fused(&slices, &case.by(method)));
+        let off = differing(&clean.image, &spoilt.image, 8.0);
+        let track: Vec<[f64; 2]> =
+            (0..7).flat_map(|i| hot.map(|(x, y)| case.plan.homographies[i].apply([x as f64, y as f64]))).collect();
+        let away = |&(x, y): &(usize, usize)| {
+            track.iter().map(|t| (t[0] - x as f64).hypot(t[1] - y as f64)).fold(f64::MAX, f64::min)
+        };
+        let farthest = off.iter().map(away).fold(0.0, f64::max);
+        println!(
+            "{method:?}: {} px differ, the farthest {farthest:.1} px from the track; {:.2} dB, {:.2} with",
+            off.len(),
+            case.score(&clean.image),
+            case.score(&spoilt.image)
+        );
+        assert!(off.len() < 3 * 7 * 25 && farthest < 30.0, "{method:?}: {} px, as far as {farthest:.1} px", off.len());
+    }
+}
+
+#[test]
+fn dust_on_the_sensor_stays_where_it_is() {
+    let case = beetle();
+    let specks = [(100.0f64, 80.0f64), (240.0, 120.0)];
+    let slices: Vec<Raster> = case
+        .slices
+        .iter()
+        .map(|slice| {
+            edited(slice, |i, v| {
+                let (x, y) = ((i / 3 % 360) as f64, (i / 1080) as f64);
+                let away = specks.iter().map(|s| (s.0 - x).hypot(s.1 - y)).fold(f64::MAX, f64::min);
+                v * (1.0 - 0.5 * (4.0 - away).clamp(0.0, 1.0))
+            })
+        })
+        .collect();
+    for method in METHODS {
+        let (clean, spoilt) = (fused(&case.slices, &case.by(method)), fused(&slices, &case.by(method)));
+        let off = differing(&clean.image, &spoilt.image, 10.0);
+        let away = |&(x, y): &(usize, usize)| {
+            specks.iter().map(|s| (s.0 - x as f64).hypot(s.1 - y as f64)).fold(f64::MAX, f64::min)
+        };
+        let farthest = off.iter().map(away).fold(0.0, f64::max);
+        println!("{method:?}: {} px differ, the farthest {farthest:.1} px away", off.len());
+        assert!(farthest < 36.0 && off.len() < 1500, "{method:?}: {} px, as far as {farthest:.1} px", off.len());
+    }
+}
+
+#[test]
+fn blocks_of_jpeg_cost_little_and_are_not_taken_for_detail() {
+    let case = beetle();
+    for quality in [92, 75] {
+        let slices: Vec<Raster> =
+            case.slices.iter().map(|slice| decode(&encode_jpeg(slice, quality), &Limits::default()).unwrap()).collect();
+        // what the compression itself costs the best that there is
+        let truth = decode(&encode_jpeg(&case.truth.sharp, quality), &Limits::default()).unwrap();
+        let limit = case.score(&truth);
+        for method in METHODS {
+            let (clean, blocky) = (fused(&case.slices, &case.by(method)), fused(&slices, &case.by(method)));
+            let (before, after) = (case.score(&clean.image), case.score(&blocky.image));
+            println!("{method:?}, quality {quality}: {before:.2} dB, {after:.2} as JPEG; the truth as JPEG {limit:.2}");
+            let noise = |level: f64| 10f64.powf(-level / 10.0);
+            let expected = -10.0 * (noise(before) + noise(limit)).log10();
+            assert!(after > expected - 0.7, "{method:?}, quality {quality}: {after:.2}, expected {expected:.2}");
+        }
+    }
+}
+
+#[test]
+fn sixteen_bits_and_grey_give_the_picture_of_eight_bits_in_colour() {
+    let case = beetle();
+    let rig = Rig { seed: 11, ..Rig::sized(360, 240, 7) };
+    let deep = front(&Rig { depth: Depth::Sixteen, ..rig.clone() }, &Scene::insect(11));
+    let grey = front(&Rig { channels: 1, ..rig }, &Scene::insect(11));
+    for method in METHODS {
+        let colour = fused(&case.slices, &case.by(method)).image;
+        let (of_deep, of_grey) =
+            (fused(&deep.slices, &deep.by(method)).image, fused(&grey.slices, &grey.by(method)).image);
+        assert_eq!((of_deep.depth(), of_grey.channels), (Depth::Sixteen, 1));
+        let scores = [&colour, &of_deep, &of_grey].map(|image| case.score(image));
+        println!("{method:?}: {scores:.2?}");
+        assert!(scores[1] > scores[0] - 0.2, "{method:?}: 16 bits {scores:.2?}");
+        assert!((scores[2] - scores[0]).abs() < 1.0, "{method:?}: grey {scores:.2?}");
+        let same = psnr(&of_deep.luma(), &colour.luma(), None).unwrap();
+        assert!(same > 42.0, "{method:?}: {same:.1} dB apart");
+    }
+}
+
+#[test]
+fn two_slices_and_two_hundred_are_fused_alike_well() {
+    for count in [2, 200] {
+        let case = front(&Rig { seed: 5, ..Rig::sized(180, 120, count) }, &Scene::plates(5));
+        let best = case.slices.iter().map(|slice| case.score(slice)).fold(0.0, f64::max);
+        for method in METHODS {
+            let image = fused(&case.slices, &case.by(method)).image;
+            let score = case.score(&image);
+            println!("{method:?}, {count} slices: {score:.2} dB, the best slice {best:.2}");
+            assert!(score > best + if count == 2 { 0.5 } else { 4.0 }, "{method:?}, {count}: {score:.2} of {best:.2}");
+        }
+    }
+}
+
+#[test]
+fn a_highlight_at_full_scale_stays_white_without_ring_or_fringe() {
+    // a white disc that clips, more and more out of focus, before grey grain
+    let (width, height, count) = (160, 120, 6);
+    let slice = |i: usize| {
+        let blur = 1.0 + 3.0 * i as f64;
+        let pixel = |at: usize| {
+            let (x, y) = (at % width, at / width);
+            let away = (x as f64 - 80.0).hypot(y as f64 - 60.0);
+            let light = 2.5 / (1.0 + ((away - 14.0) / (0.5 * blur)).exp());
+            let grain = 0.35 + 0.25 * (noise(x, y, 3) - 0.5) / (1.0 + (i as f64 - 3.0).abs());
+            (grain + light).min(1.0)
+        };
+        eight(width, height, &(0..width * height).flat_map(|at| [pixel(at); 3]).collect::<Vec<_>>())
+    };
+    let slices: Vec<Raster> = (0..count).map(slice).collect();
+    let range: Vec<[f64; 2]> = (0..width * height)
+        .map(|at| {
+            let of: Vec<f64> = slices.iter().map(|slice| values(slice)[at * 3]).collect();
+            [of.iter().copied().fold(f64::MAX, f64::min), of.iter().copied().fold(0.0, f64::max)]
+        })
+        .collect();
+    for method in METHODS {
+        let plan = Plan { method, near_first: Some(true), ..Plan::aligned(width, height, count) };
+        let image = values(&fused(&slices, &plan).image);
+        let (mut beyond, mut fringe) = (0.0f64, 0.0f64);
+        for (pixel, [low, high]) in image.chunks_exact(3).zip(&range) {
+            beyond = beyond.max(low - pixel[0]).max(pixel[0] - high);
+            fringe = fringe.max((pixel[0] - pixel[1]).abs()).max((pixel[2] - pixel[1]).abs());
+        }
+        println!("{method:?}: {beyond} levels beyond the slices, fringe {fringe}");
+        let centre = image[(60 * width + 80) * 3];
+        assert_eq!((centre, fringe), (255.0, 0.0), "{method:?}");
+        // guided filtering mixes base and detail layers of different slices
+        let most = if method == Method::Guided { 40.0 } else { 9.0 };
+        assert!(beyond <= most, "{method:?}: {beyond} levels beyond");
+    }
+}
+
+#[test]
+fn colours_are_those_of_the_truth() {
+    for scene in [Scene::flower(6), Scene::plates(6), Scene::insect(6)] {
+        let case = front(&Rig { seed: 6, ..Rig::sized(360, 240, 9) }, &scene);
+        let truth = values(&case.truth.sharp);
+        for method in METHODS {
+            let image = values(&fused(&case.slices, &case.by(method)).image);
+            let shift: [f64; 3] = std::array::from_fn(|c| {
+                let inside = |at: &usize| (20..340).contains(&(at % 360)) && (20..220).contains(&(at / 360));
+                let off: Vec<f64> =
+                    (0..360 * 240).filter(inside).map(|at| image[at * 3 + c] - truth[at * 3 + c]).collect();
+                off.iter().sum::<f64>() / off.len() as f64
+            });
+            println!("{method:?}: {shift:.2?}");
+            assert!(shift.iter().all(|shift| shift.abs() < 1.0), "{method:?}: {shift:.2?}");
+            let between = (shift[0] - shift[1]).abs().max((shift[2] - shift[1]).abs());
+            assert!(between < 0.35, "{method:?}: {shift:.2?}");
+        }
+    }
+}
+
+#[test]
+fn hairs_and_holes_keep_their_contrast() {
+    for (scene, seed) in [(Scene::plates(7), 7), (Scene::wing(7), 8), (Scene::insect(7), 9)] {
+        let case = front(&Rig { seed, ..Rig::sized(480, 320, 11) }, &scene);
+        let truth = case.truth.sharp.luma();
+        // detail of a few pixels: the truth less its mean over 7 x 7
+        let detail = |plane: &Plane<f32>, x: usize, y: usize| {
+            let around = (y - 3..=y + 3).flat_map(|v| (x - 3..=x + 3).map(move |u| (u, v)));
+            f64::from(plane.at(x, y)) - around.map(|(u, v)| f64::from(plane.at(u, v))).sum::<f64>() / 49.0
+        };
+        let fine: Vec<(usize, usize)> = (16..304)
+            .flat_map(|y| (16..464).map(move |x| (x, y)))
+            .filter(|&(x, y)| detail(&truth, x, y).abs() > 25.0)
+            .collect();
+        assert!(fine.len() > 500, "{}", fine.len());
+        for method in METHODS {
+            let image = fused(&case.slices, &case.by(method)).image.luma();
+            let (mut both, mut own) = (0.0, 0.0);
+            for &(x, y) in &fine {
+                let true_detail = detail(&truth, x, y);
+                both += true_detail * detail(&image, x, y);
+                own += true_detail * true_detail;
+            }
+            println!("{method:?}, seed {seed}: {:.3} of the contrast at {} px", both / own, fine.len());
+            let least = if method == Method::Guided { 0.7 } else { 0.8 };
+            assert!(both / own > least, "{method:?}, seed {seed}: {:.3}", both / own);
+        }
+    }
+}
+
+#[test]
+fn noise_is_averaged_where_slices_agree() {
+    // smooth shading, the same in all slices, and noise of its own in each
+    let (width, height, count) = (120, 90, 9);
+    let clean = |at: usize| 0.5 + 0.2 * ((at % width) as f64 * 0.03).sin();
+    let slices: Vec<Raster> = (0..count)
+        .map(|slice| {
+            let of = |at: usize, c: usize| {
+                let sum: f64 =
+                    (0..4).map(|k| noise(at % width, at / width, 40 + 97 * slice + 13 * c + 1000 * k) - 0.5).sum();
+                clean(at) + 0.02 * sum
+            };
+            eight(width, height, &(0..width * height).flat_map(|at| [0, 1, 2].map(|c| of(at, c))).collect::<Vec<_>>())
+        })
+        .collect();
+    let spread = |raster: &Raster| {
+        let sum: f64 = values(raster).iter().enumerate().map(|(i, v)| (v / 255.0 - clean(i / 3)).powi(2)).sum();
+        (sum / (width * height * 3) as f64).sqrt()
+    };
+    for (method, most) in METHODS.into_iter().zip([1.05, 0.8, 0.6]) {
+        let image = fused(&slices, &Plan { method, ..Plan::aligned(width, height, count) }).image;
+        let left = spread(&image) / spread(&slices[0]);
+        println!("{method:?}: {left:.2} of the noise of a slice");
+        assert!(left < most, "{method:?}: {left:.2} of the noise of a slice");
+    }
+}
+
+#[test]
+fn borders_of_tiles_leave_no_trace_with_any_method() {
+    let case = beetle();
+    for method in METHODS {
+        let plan = case.by(method);
+        let whole = fused_in_tiles(&case.slices, &plan, 1000);
+        for tile in [64, 100] {
+            let tiled = fused_in_tiles(&case.slices, &plan, tile);
+            assert_eq!(tiled.image, whole.image, "{method:?} in tiles of {tile} px");
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Which pixels of a canvas a warped slice covers.
+
+use std::ops::Range;
+
+use super::{Plane, Rect};
+use crate::types::Homography;
+
+/// How far outside the outermost pixel centres of a slice a point may lie and still count as inside, px:
+/// room for rounding, so that a homography that is the identity but for its last digits loses no border.
+const TOLERANCE: f64 = 1e-6;
+
+/// The pixels of a canvas that a warped slice covers, as one span per row.
+///
+/// A homography sends the rectangle of a slice to a convex quadrilateral, so that the covered pixels of a row
+/// are always one run: two numbers per row say what a mask of the whole canvas would.
+///
+/// A pixel is covered when it comes from a point between the outermost pixel centres of the slice,
+/// `[0, w-1] x [0, h-1]`. Interpolation beside the slice's border repeats the border; the saliency keeps away
+/// from such pixels by [`Coverage::eroded`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Coverage {
+    width: usize,
+    spans: Vec<Range<usize>>,
+}
+
+impl Coverage {
+    /// Everything is covered.
+    pub fn full(width: usize, height: usize) -> Self {
+        Self { width, spans: vec![0..width; height] }
+    }
+
+    /// What a slice of `slice` (width, height) px covers of a `width` x `height` canvas, where
+    /// `to_slice` maps canvas pixels to slice pixels.
+    pub fn of(to_slice: &Homography, slice: (usize, usize), width: usize, height: usize) -> Self {
+        let h = to_slice.0;
+        let limit = [slice.0 as f64 - 1.0 + TOLERANCE, slice.1 as f64 - 1.0 + TOLERANCE];
+        let inside = |x: usize, y: f64| {
+            let x = x as f64;
+            let w = h[6] * x + h[7] * y + h[8];
+            let (u, v) = ((h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w);
+            u >= -TOLERANCE && v >= -TOLERANCE && u <= limit[0] && v <= limit[1]
+        };
+        let spans = (0..height)
+            .map(|y| {
+                let y = y as f64;
+                let Some(start) = (0..width).find(|&x| inside(x, y)) else {
+                    return 0..0;
+                };
+                let last = (start..width).rev().find(|&x| inside(x, y)).unwrap_or(start);
+                start..last + 1
+            })
+            .collect();
+        Self { width, spans }
+    }
+
+    /// Columns of the canvas.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows of the canvas.
+    pub fn height(&self) -> usize {
+        self.spans.len()
+    }
+
+    /// The covered columns of row `y`; empty when there is none.
+    #[inline]
+    pub fn span(&self, y: usize) -> Range<usize> {
+        self.spans[y].clone()
+    }
+
+    /// Number of covered pixels.
+    pub fn pixels(&self) -> usize {
+        self.spans.iter().map(ExactSizeIterator::len).sum()
+    }
+
+    /// The pixels whose whole surrounding of `radius` px is covered. The canvas ends without harm: beyond
+    /// its border the border pixel is repeated, so only uncovered pixels inside the canvas count.
+    #[must_use]
+    pub fn eroded(&self, radius: usize) -> Self {
+        let height = self.spans.len();
+        let spans = (0..height)
+            .map(|y| {
+                let around = &self.spans[y.saturating_sub(radius)..(y + radius + 1).min(height)];
+                let start = around.iter().map(|span| span.start).max().unwrap_or(0);
+                let end = around.iter().map(|span| span.end).min().unwrap_or(0);
+                let start = if start == 0 { 0 } else { start + radius };
+                let end = if end == self.width { end } else { end.saturating_sub(radius) };
+                if around.iter().any(Range::is_empty) || start >= end { 0..0 } else { start..end }
+            })
+            .collect();
+        Self { width: self.width, spans }
+    }
+
+    /// What both cover.
+    #[must_use]
+    pub fn intersection(&self, other: &Self) -> Self {
+        let both = |(a, b): (&Range<usize>, &Range<usize>)| {
+            let (start, end) = (a.start.max(b.start), a.end.min(b.end));
+            if start >= end { 0..0 } else { start..end }
+        };
+        Self { width: self.width, spans: self.spans.iter().zip(&other.spans).map(both).collect() }
+    }
+
+    /// True when every pixel of `rect` is covered.
+    pub fn contains(&self, rect: Rect) -> bool {
+        self.spans[rect.y..rect.y + rect.height]
+            .iter()
+            .all(|span| span.start <= rect.x && span.end >= rect.x + rect.width)
+    }
+
+    /// True when no pixel of `rect` is covered.
+    pub fn misses(&self, rect: Rect) -> bool {
+        self.spans[rect.y..rect.y + rect.height]
+            .iter()
+            .all(|span| span.is_empty() || span.end <= rect.x || span.start >= rect.x + rect.width)
+    }
+
+    /// The spans of `rect`, in its own columns.
+    pub fn spans_in(&self, rect: Rect) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.spans[rect.y..rect.y + rect.height].iter().map(move |span| {
+            let start = span.start.clamp(rect.x, rect.x + rect.width) - rect.x;
+            let end = span.end.clamp(rect.x, rect.x + rect.width) - rect.x;
+            start..end
+        })
+    }
+
+    /// `rect` as a mask: 255 covered, 0 not.
+    pub fn mask(&self, rect: Rect) -> Plane<u8> {
+        let mut plane = Plane::filled(rect.width, rect.height, 0);
+        for (y, span) in self.spans_in(rect).enumerate() {
+            plane.row_mut(y)[span].fill(255);
+        }
+        plane
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shifted(dx: f64, dy: f64) -> Coverage {
+        Coverage::of(&Homography::similarity(1.0, [-dx, -dy]), (20, 10), 20, 10)
+    }
+
+    #[test]
+    fn the_identity_covers_everything_and_erosion_stops_at_the_canvas() {
+        let full = Coverage::full(20, 10);
+        assert_eq!(shifted(0.0, 0.0), full);
+        assert_eq!(shifted(1e-9, -1e-9), full);
+        assert_eq!(full.eroded(6), full);
+    }
+
+    #[test]
+    fn a_shift_uncovers_the_side_it_leaves() {
+        let coverage = shifted(2.5, 1.0);
+        assert_eq!(coverage.span(0), 0..0);
+        assert_eq!(coverage.span(1), 3..20);
+        assert_eq!(coverage.pixels(), 9 * 17);
+        assert_eq!(coverage.eroded(2).span(2), 0..0);
+        assert_eq!(coverage.eroded(2).span(3), 5..20);
+        assert!(coverage.contains(Rect { x: 3, y: 1, width: 17, height: 9 }));
+        assert!(!coverage.contains(Rect { x: 2, y: 1, width: 1, height: 1 }));
+        assert!(coverage.misses(Rect { x: 0, y: 0, width: 3, height: 10 }));
+    }
+
+    #[test]
+    fn the_mask_of_a_rectangle_is_cut_out_of_the_mask_of_the_whole() {
+        let turn = Homography([0.95, 0.1, -0.5, -0.12, 0.9, 2.0, 1e-3, -2e-3, 1.0]);
+        let coverage = Coverage::of(&turn, (20, 10), 20, 10);
+        let whole = coverage.mask(Rect::whole(20, 10));
+        let rect = Rect { x: 3, y: 2, width: 9, height: 6 };
+        let part = coverage.mask(rect);
+        for y in 0..rect.height {
+            assert_eq!(part.row(y), &whole.row(y + rect.y)[rect.x..rect.x + rect.width]);
+        }
+        assert_eq!(whole.data.iter().filter(|&&v| v == 255).count(), coverage.pixels());
+    }
+
+    #[test]
+    fn erosion_agrees_with_looking_at_every_neighbour() {
+        let turn = Homography([0.9, 0.2, -2.0, -0.2, 0.9, 3.0, 0.0, 0.0, 1.0]);
+        let (width, height, radius) = (40usize, 30usize, 3i64);
+        let coverage = Coverage::of(&turn, (40, 30), width, height);
+        let mask = coverage.mask(Rect::whole(width, height));
+        let eroded = coverage.eroded(3).mask(Rect::whole(width, height));
+        for y in 0..height as i64 {
+            for x in 0..width as i64 {
+                let all = (-radius..=radius).all(|dy| {
+                    (-radius..=radius).all(|dx| {
+                        let (u, v) = ((x + dx).clamp(0, 39) as usize, (y + dy).clamp(0, 29) as usize);
+                        mask.at(u, v) == 255
+                    })
+                });
+                assert_eq!(eroded.at(x as usize, y as usize) == 255, all, "at {x}, {y}");
+            }
+        }
+    }
+}

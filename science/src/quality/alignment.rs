@@ -1,0 +1,225 @@
+//! Residual shifts between warped neighbours: whether the calibration profile fits the stack.
+
+mod backwards;
+mod focus;
+mod phase;
+mod similarity;
+
+use rayon::prelude::*;
+
+use super::statistics;
+use crate::{
+    imaging::{Plane, Rect},
+    types::{
+        Homography,
+        metrics::{AlignmentMetrics, ResidualSimilarity},
+    },
+};
+use similarity::Similarity;
+
+/// Gives the luma (0..255) and validity (255 valid) of a rectangle of warped slice `n`; none where it
+/// cannot be had.
+pub type Window<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
+
+/// Windows in each direction.
+const GRID: usize = 5;
+/// Side of a window on a large canvas, where residual shifts may be large, and on others, px.
+const SIDES: [(usize, usize); 2] = [(2000, 256), (0, 128)];
+/// The smallest window that still says something, px.
+const LEAST_SIDE: usize = 32;
+/// A window must hold this share of object, when there is a mask.
+const LEAST_OBJECT: f64 = 0.1;
+/// A window with fewer valid pixels than this share is passed over.
+const LEAST_VALID: f64 = 0.9;
+/// Fewer shifts than this are no statistics.
+const LEAST_SHIFTS: usize = 3;
+
+/// What [`measure`] found.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Alignment {
+    /// Over all pairs of neighbours.
+    pub metrics: AlignmentMetrics,
+    /// Per slice: median length of the residual shift against the slice before it, px; the first is none.
+    pub per_slice: Vec<Option<f64>>,
+    /// What is left is what a stack in the opposite order would leave: [`Alignment::judge_order`].
+    pub backwards: bool,
+    /// Per pair of neighbours: the middle shift that the common similarity does not explain, px, and its standard
+    /// deviation.
+    pub(super) own: Vec<Option<OwnShift>>,
+}
+
+impl Alignment {
+    /// Compares what is left with what `homographies`, the profile of a canvas of `size` (width, height), would leave in a
+    /// stack whose slices came from the last to the first.
+    pub fn judge_order(&mut self, homographies: &[Homography], size: (usize, usize)) {
+        let left = self.metrics.similarity.as_ref();
+        self.backwards = left.is_some_and(|left| backwards::fits_backwards(left, homographies, size));
+    }
+}
+
+/// The shift of one slice against the one before it, beyond what all do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct OwnShift {
+    pub(super) shift: (f64, f64),
+    pub(super) sigma: f64,
+}
+
+/// The shift of one window from a slice to the next, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shift {
+    /// Centre of the window on the canvas.
+    x: f64,
+    y: f64,
+    dx: f64,
+    dy: f64,
+}
+
+impl Shift {
+    fn length(&self) -> f64 {
+        self.dx.hypot(self.dy)
+    }
+}
+
+/// Measures the residual shift between each warped slice and the one before it, in windows spread over the
+/// canvas (over the object's bounding box, when `object`, 0 or 255, is given). A window counts
+/// for the pairs of slices that are both near its sharpest. Windows without common texture give no shift; where
+/// too few do, the number is none.
+///
+/// `read` is called from several threads; the result does not depend on how many.
+pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, object: Option<&Plane<u8>>) -> Alignment {
+    let windows = windows(width, height, object);
+    let mut of_pair = vec![Vec::new(); slices.saturating_sub(1)];
+    let focus = focus::Focus::of(slices, read, &windows);
+    for (index, window) in windows.iter().enumerate() {
+        focus.pairs(index).into_iter().for_each(|pair| of_pair[pair].push(*window));
+    }
+    let correlator = windows.first().map(|window| phase::Correlator::new(window.width));
+    let pair = |(first, windows): (usize, &Vec<Rect>)| match &correlator {
+        Some(correlator) => shifts(read, correlator, first, first + 1, windows),
+        None => Vec::new(),
+    };
+    let pairs: Vec<Vec<Shift>> = of_pair.par_iter().enumerate().map(pair).collect();
+    let mut per_slice = vec![None; slices.min(1)];
+    per_slice.extend(pairs.iter().map(|shifts| length_quantile(shifts.iter(), 0.5)));
+    let all: Vec<Shift> = pairs.iter().flatten().copied().collect();
+    let common = Similarity::robust(&all);
+    let steps = slices.saturating_sub(1) as f64;
+    let metrics = AlignmentMetrics {
+        residual_p50_px: length_quantile(all.iter(), 0.5),
+        residual_p95_px: length_quantile(all.iter(), 0.95),
+        residual_scale: common.map(|common| common.scale()),
+        similarity: common.map(|common| residual(&common, (width, height), steps, all.len())),
+        common_fraction: None,
+    };
+    let own = pairs.iter().map(|shifts| {
+        let (shift, sigma) = similarity::own_shift(shifts, common.as_ref(), LEAST_SHIFTS)?;
+        Some(OwnShift { shift, sigma })
+    });
+    Alignment { metrics, per_slice, backwards: false, own: own.collect() }
+}
+
+/// A similarity per step as the contract shows it, with what it makes of a picture's corners over `steps` steps.
+fn residual(common: &Similarity, (width, height): (usize, usize), steps: f64, windows: usize) -> ResidualSimilarity {
+    let (right, bottom) = (width as f64 - 1.0, height as f64 - 1.0);
+    let length = |corner: &(f64, f64)| common.at(*corner).0.hypot(common.at(*corner).1);
+    let corners = [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)];
+    let worst = corners.into_iter().max_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or_default();
+    let (x, y) = common.at((right / 2.0, bottom / 2.0));
+    ResidualSimilarity {
+        scale: common.scale(),
+        rotation_deg: common.rotation_deg(),
+        shift_px: [x, y],
+        corner_drift_px: steps * length(&worst),
+        corner_drift_sigma_px: steps * common.sigma_at(worst),
+        shifts: u32::try_from(windows).unwrap_or(u32::MAX),
+    }
+}
+
+fn length_quantile<'a>(shifts: impl Iterator<Item = &'a Shift>, q: f64) -> Option<f64> {
+    let mut lengths: Vec<f32> = shifts.map(|shift| shift.length() as f32).collect();
+    if lengths.len() < LEAST_SHIFTS {
+        return None;
+    }
+    statistics::quantile(&mut lengths, q).map(f64::from)
+}
+
+/// Up to `GRID` x `GRID` windows of one size over the canvas or the object.
+fn windows(width: usize, height: usize, object: Option<&Plane<u8>>) -> Vec<Rect> {
+    let object = object.filter(|object| object.width == width && object.height == height);
+    let area = match object.map(bounding_box) {
+        None => Rect::whole(width, height),
+        Some(Some(bounds)) => bounds,
+        Some(None) => return Vec::new(),
+    };
+    let shorter = width.min(height);
+    let mut side = SIDES.iter().find(|(least, _)| shorter >= *least).map_or(LEAST_SIDE, |&(_, side)| side);
+    // two windows side by side at the least, so that a scale can be seen
+    while side > LEAST_SIDE && side * 2 > shorter {
+        side /= 2;
+    }
+    if side > shorter {
+        return Vec::new();
+    }
+    let [columns, rows] = [(area.x, area.width, width), (area.y, area.height, height)]
+        .map(|(start, length, canvas)| starts(start, length, canvas, side));
+    let all = rows.iter().flat_map(|&y| columns.iter().map(move |&x| Rect { x, y, width: side, height: side }));
+    all.filter(|window| object.is_none_or(|object| share_of(object, *window) >= LEAST_OBJECT)).collect()
+}
+
+/// Where windows begin along one axis, so that they spread over `start..start + length`.
+fn starts(start: usize, length: usize, canvas: usize, side: usize) -> Vec<usize> {
+    let room = length.saturating_sub(side);
+    let count = (room / (side / 2).max(1) + 1).min(GRID);
+    let first = start.min(canvas - side);
+    if count == 1 {
+        return vec![(start + length / 2).saturating_sub(side / 2).min(canvas - side)];
+    }
+    (0..count).map(|i| (first + room * i / (count - 1)).min(canvas - side)).collect()
+}
+
+fn bounding_box(object: &Plane<u8>) -> Option<Rect> {
+    let rows: Vec<usize> = (0..object.height).filter(|&y| object.row(y).iter().any(|&v| v != 0)).collect();
+    let (top, bottom) = (*rows.first()?, *rows.last()?);
+    let (mut left, mut right) = (object.width, 0);
+    for y in top..=bottom {
+        let row = object.row(y);
+        if let (Some(first), Some(last)) = (row.iter().position(|&v| v != 0), row.iter().rposition(|&v| v != 0)) {
+            left = left.min(first);
+            right = right.max(last);
+        }
+    }
+    Some(Rect { x: left, y: top, width: right + 1 - left, height: bottom + 1 - top })
+}
+
+fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
+    let rows = window.y..window.y + window.height;
+    let inside: usize =
+        rows.map(|y| object.row(y)[window.x..window.x + window.width].iter().filter(|&&v| v != 0).count()).sum();
+    inside as f64 / (window.width * window.height) as f64
+}
+
+/// The shifts from slice `from` to slice `to`, window by window.
+fn shifts(read: &Window<'_>, correlator: &phase::Correlator, from: usize, to: usize, windows: &[Rect]) -> Vec<Shift> {
+    let shift = |window: &Rect| {
+        let side = window.width;
+        let (a, valid_a) = read(from, *window)?;
+        let (b, valid_b) = read(to, *window)?;
+        let sizes = [(a.width, a.height), (b.width, b.height)];
+        let samples = [valid_a.data.len(), valid_b.data.len()];
+        if sizes != [(side, side); 2] || samples != [side * side; 2] {
+            return None;
+        }
+        let common: Vec<bool> = valid_a.data.iter().zip(&valid_b.data).map(|(a, b)| *a != 0 && *b != 0).collect();
+        let share = common.iter().filter(|&&both| both).count() as f64 / (side * side) as f64;
+        if share < LEAST_VALID {
+            return None;
+        }
+        let (dx, dy) = correlator.shift(&a.data, &b.data, &common)?;
+        let middle = |start: usize| start as f64 + (side as f64 - 1.0) / 2.0;
+        Some(Shift { x: middle(window.x), y: middle(window.y), dx, dy })
+    };
+    windows.iter().filter_map(shift).collect()
+}
+
+#[cfg(test)]
+mod tests;

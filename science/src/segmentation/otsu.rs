@@ -1,0 +1,136 @@
+//! Otsu's threshold (1979).
+
+/// Bins over full scale: 16 times finer than 8 bits, so that colour and 16-bit pictures lose nothing.
+const BINS: usize = 4096;
+
+/// How often each grey value occurs.
+#[derive(Debug, Clone)]
+pub(super) struct Histogram {
+    counts: Vec<u64>,
+}
+
+/// A threshold and how well it parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Otsu {
+    /// Share of full scale.
+    pub threshold: f64,
+    /// Variance between the two classes over the variance of all, 0 to 1.
+    pub separability: f64,
+}
+
+impl Histogram {
+    /// Of values in 0..1.
+    pub(super) fn of(values: impl Iterator<Item = f32>) -> Self {
+        let mut counts = vec![0u64; BINS];
+        for value in values {
+            // saturates at 0; NaN counts as 0
+            let bin = (value * (BINS - 1) as f32 + 0.5) as usize;
+            counts[bin.min(BINS - 1)] += 1;
+        }
+        Self { counts }
+    }
+
+    /// The threshold that explains most of the variance, in the middle when a whole range of thresholds does;
+    /// none when there is one value only.
+    pub(super) fn otsu(&self) -> Option<Otsu> {
+        let between = self.between();
+        let best = between.iter().copied().fold(0.0, f64::max);
+        if best <= 0.0 {
+            return None;
+        }
+        let as_good = |value: &f64| *value >= best * (1.0 - 1e-12);
+        let (first, last) = (between.iter().position(as_good)?, between.iter().rposition(as_good)?);
+        // `first` and `last` are the last dark bins; the threshold lies just above
+        let threshold = ((first + last) as f64 / 2.0 + 0.5) / (BINS - 1) as f64;
+        Some(Otsu { threshold, separability: best / self.variance() })
+    }
+
+    /// Share of the variance that parting at `threshold` explains; none when there is one value only.
+    pub(super) fn separability(&self, threshold: f64) -> Option<f64> {
+        let variance = self.variance();
+        let dark = (threshold * (BINS - 1) as f64 - 0.5).ceil();
+        let between = if dark < 0.0 { 0.0 } else { self.between().get(dark as usize).copied().unwrap_or(0.0) };
+        (variance > 0.0).then(|| between / variance)
+    }
+
+    /// Value under which `share` of all that lies from `from` up to, and without, `to` lies; none when nothing does.
+    pub(super) fn quantile(&self, from: f64, to: f64, share: f64) -> Option<f64> {
+        let bin = |value: f64| ((value * (BINS - 1) as f64 + 0.5).max(0.0) as usize).min(BINS);
+        let counts = self.counts.get(bin(from)..bin(to))?;
+        let wanted = share * counts.iter().map(|&n| n as f64).sum::<f64>();
+        let mut below = 0.0;
+        let at = counts.iter().position(|&n| {
+            below += n as f64;
+            n > 0 && below >= wanted
+        })?;
+        Some((bin(from) + at) as f64 / (BINS - 1) as f64)
+    }
+
+    /// Between-class variance when the bins `0..=i` are one class.
+    fn between(&self) -> Vec<f64> {
+        let all: f64 = self.counts.iter().map(|&n| n as f64).sum();
+        let total: f64 = self.counts.iter().enumerate().map(|(bin, &n)| bin as f64 * n as f64).sum();
+        let (mut dark, mut dark_sum) = (0.0, 0.0);
+        let parts = self.counts.iter().enumerate().map(|(bin, &n)| {
+            dark += n as f64;
+            dark_sum += bin as f64 * n as f64;
+            let bright = all - dark;
+            if dark == 0.0 || bright == 0.0 {
+                return 0.0;
+            }
+            let distance = dark_sum / dark - (total - dark_sum) / bright;
+            (dark / all) * (bright / all) * distance * distance
+        });
+        parts.collect()
+    }
+
+    fn variance(&self) -> f64 {
+        let all: f64 = self.counts.iter().map(|&n| n as f64).sum();
+        let mean = self.counts.iter().enumerate().map(|(bin, &n)| bin as f64 * n as f64).sum::<f64>() / all;
+        let squares = self.counts.iter().enumerate().map(|(bin, &n)| (bin as f64 - mean).powi(2) * n as f64);
+        squares.sum::<f64>() / all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_values_are_parted_in_the_middle_and_completely() {
+        let otsu = Histogram::of([0.2f32; 30].into_iter().chain([0.8; 10])).otsu().unwrap();
+        assert!((otsu.threshold - 0.5).abs() < 0.001, "{otsu:?}");
+        assert!((otsu.separability - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_quantile_is_of_the_part_that_is_asked_for() {
+        let histogram = Histogram::of((0..=100).map(|i| i as f32 / 100.0));
+        assert!((histogram.quantile(0.0, 0.5, 0.5).unwrap() - 0.25).abs() < 0.011);
+        assert!((histogram.quantile(0.5, 2.0, 0.5).unwrap() - 0.75).abs() < 0.011);
+        assert!((histogram.quantile(0.5, 2.0, 1.0).unwrap() - 1.0).abs() < 0.001);
+        assert_eq!(Histogram::of([0.9f32; 5].into_iter()).quantile(0.0, 0.5, 0.5), None);
+    }
+
+    #[test]
+    fn one_value_has_no_threshold() {
+        assert_eq!(Histogram::of([0.3f32; 9].into_iter()).otsu(), None);
+        assert_eq!(Histogram::of([].into_iter()).otsu(), None);
+        assert_eq!(Histogram::of([0.3f32; 9].into_iter()).separability(0.5), None);
+    }
+
+    #[test]
+    fn it_is_the_best_of_all_thresholds() {
+        let histogram = Histogram::of((0..2000).map(|i| {
+            let t = (i * 7919 % 2000) as f32 / 2000.0;
+            if i % 3 == 0 { 0.1 + 0.3 * t } else { 0.35 + 0.5 * t * t }
+        }));
+        let otsu = histogram.otsu().unwrap();
+        for i in 0..=1000 {
+            let other = histogram.separability(f64::from(i) / 1000.0).unwrap();
+            assert!(other <= otsu.separability + 1e-12, "{i} is better");
+        }
+        let own = histogram.separability(otsu.threshold).unwrap();
+        assert!((own - otsu.separability).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,343 @@
+//! The camera on its rail: thin lens, sensor, and what is not perfect about them.
+
+use nalgebra::Matrix3;
+
+use super::noise::{between, key};
+use crate::imaging::Depth;
+use crate::types::Homography;
+use crate::types::profile::CaptureMode;
+
+/// A thin lens, a sensor and a rail. All lengths in mm, all image coordinates in px with the centre of the
+/// top-left pixel at (0, 0).
+///
+/// Depth is told as a *fraction* 0..1: 0 is in focus in the first slice, 1 in the last, and the place on
+/// the rail grows linearly between. The first slice is in focus nearest to the camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rig {
+    /// What moves.
+    pub mode: CaptureMode,
+    /// Focal length f.
+    pub focal_mm: f64,
+    /// f-number N: the aperture is f / N wide.
+    pub f_number: f64,
+    /// Distance of neighbouring pixels on the sensor.
+    pub pixel_pitch_mm: f64,
+    /// Image width in px.
+    pub width: usize,
+    /// Image height in px.
+    pub height: usize,
+    /// Magnification M of what is in focus in the reference slice: d2 = f (1 + M), d1 = d2 / M.
+    pub magnification: f64,
+    /// One per slice, at least one, strictly rising or falling. Fixed lens: sensor offset, d2 of slice i is
+    /// d2 of the reference + `rail_mm[i] - rail_mm[reference]`. Moving lens: advance of the camera
+    /// towards the object.
+    pub rail_mm: Vec<f64>,
+    /// Index of the reference slice.
+    pub reference: usize,
+    /// In-plane drift of the image, px over the whole rail (plus a jitter of a tenth of it per slice).
+    pub drift_px: [f64; 2],
+    /// Rotation of the image about its centre over the whole rail, degrees.
+    pub rotation_deg: f64,
+    /// Keystone over the whole rail: how much larger the right (bottom) border gets than the centre,
+    /// as a fraction.
+    pub keystone: [f64; 2],
+    /// Light lost in the corners, 0..1; it falls with the square of the distance from the centre.
+    pub vignetting: f64,
+    /// Whether the light per pixel falls with the square of the sensor distance, as it does.
+    pub exposure_falls: bool,
+    /// Standard deviation, px, of what becomes of a point that is in focus (diffraction, low-pass filter, colour from
+    /// neighbouring pixels): 0 when each pixel sees its own square and nothing else, which no camera does.
+    pub softness_px: f64,
+    /// Standard deviation of the noise, in units of an 8-bit picture (of 255).
+    pub noise: f64,
+    /// Bits per sample.
+    pub depth: Depth,
+    /// 1 grey, 3 RGB.
+    pub channels: usize,
+    /// Noise and drift jitter follow from it.
+    pub seed: u64,
+}
+
+impl Default for Rig {
+    /// A small macro rig: 640 x 480 px, 9 slices, fixed lens, moderate imperfections.
+    fn default() -> Self {
+        Self::sized(640, 480, 9)
+    }
+}
+
+impl Rig {
+    /// A fixed-lens rig at magnification 1 with a 65 mm lens and a 24 mm wide sensor whose image grows by
+    /// 6 % over the stack. The aperture is such that one step of the rail is 2 px of blur diameter (as a
+    /// photographer would choose it), at most 40 px from one end of the stack to the other.
+    ///
+    /// Reference is the middle slice. Imperfections: drift, rotation, keystone, falling exposure,
+    /// vignetting, noise 1 of 255.
+    pub fn sized(width: usize, height: usize, slices: usize) -> Self {
+        let (focal_mm, magnification) = (65.0, 1.0);
+        let d2 = focal_mm * (1.0 + magnification);
+        let travel = 0.06 * d2;
+        let slices = slices.max(1);
+        let steps = slices.saturating_sub(1).max(1) as f64;
+        let pixel_pitch_mm = 24.0 / width as f64;
+        let blur_px = (2.0 * steps).min(40.0);
+        let aperture_mm = blur_px * pixel_pitch_mm * d2 / travel;
+        let scale = width as f64 / 1000.0;
+        Self {
+            mode: CaptureMode::FixedLens,
+            focal_mm,
+            f_number: focal_mm / aperture_mm,
+            pixel_pitch_mm,
+            width,
+            height,
+            magnification,
+            rail_mm: (0..slices).map(|i| travel * (0.5 - i as f64 / steps)).collect(),
+            reference: slices / 2,
+            drift_px: [6.0 * scale, -4.0 * scale],
+            rotation_deg: 0.15,
+            keystone: [4e-4, -3e-4],
+            vignetting: 0.15,
+            exposure_falls: true,
+            softness_px: 0.0,
+            noise: 1.0,
+            depth: Depth::Eight,
+            channels: 3,
+            seed: 1,
+        }
+    }
+
+    /// The same rig without drift, rotation, keystone, vignetting and noise: pure optics.
+    #[must_use]
+    pub fn ideal(self) -> Self {
+        Self { drift_px: [0.0; 2], rotation_deg: 0.0, keystone: [0.0; 2], vignetting: 0.0, noise: 0.0, ..self }
+    }
+
+    /// The same range of focus, but camera and lens move together towards the object.
+    #[must_use]
+    pub fn moving_lens(mut self) -> Self {
+        let ends = [0.0, 1.0].map(|fraction| self.object_distance(fraction));
+        let count = self.rail_mm.len();
+        let steps = count.saturating_sub(1).max(1) as f64;
+        self.rail_mm = (0..count).map(|i| (ends[1] - ends[0]) * (i as f64 / steps - 0.5)).collect();
+        self.mode = CaptureMode::MovingLens;
+        self
+    }
+
+    /// Number of slices.
+    pub fn slices(&self) -> usize {
+        self.rail_mm.len()
+    }
+
+    /// Diameter of the aperture, phi_a = f / N.
+    pub fn aperture_mm(&self) -> f64 {
+        self.focal_mm / self.f_number
+    }
+
+    /// The point about which slices scale: the middle of the image.
+    pub fn centre(&self) -> [f64; 2] {
+        [(self.width as f64 - 1.0) / 2.0, (self.height as f64 - 1.0) / 2.0]
+    }
+
+    /// Distance from lens to sensor in slice `i`.
+    ///
+    /// # Panics
+    /// When there is no slice `i`, as all that takes an index here.
+    pub fn sensor_distance(&self, i: usize) -> f64 {
+        let reference = self.focal_mm * (1.0 + self.magnification);
+        match self.mode {
+            CaptureMode::FixedLens => reference + self.rail_mm[i] - self.rail_mm[self.reference],
+            CaptureMode::MovingLens => reference,
+        }
+    }
+
+    /// Distance of the object at depth `fraction` from the lens, when the rail stands at the reference.
+    pub fn object_distance(&self, fraction: f64) -> f64 {
+        let last = self.rail_mm.len() - 1;
+        let rail = self.rail_mm[0] + fraction * (self.rail_mm[last] - self.rail_mm[0]) - self.rail_mm[self.reference];
+        let d2 = self.focal_mm * (1.0 + self.magnification);
+        match self.mode {
+            CaptureMode::FixedLens => self.conjugate(d2 + rail),
+            CaptureMode::MovingLens => self.conjugate(d2) + rail,
+        }
+    }
+
+    /// Depth fraction of what is in focus in slice `i`.
+    pub fn focus_fraction(&self, i: usize) -> f64 {
+        let (first, last) = (self.rail_mm[0], self.rail_mm[self.rail_mm.len() - 1]);
+        if first == last { 0.0 } else { (self.rail_mm[i] - first) / (last - first) }
+    }
+
+    /// Index of the slice in which depth `fraction` is in focus, with a fraction between two slices.
+    pub fn slice_in_focus(&self, fraction: f64) -> f64 {
+        let last = self.rail_mm.len() - 1;
+        if last == 0 {
+            return 0.0;
+        }
+        let below = (0..last).rev().find(|&i| self.focus_fraction(i) <= fraction).unwrap_or(0);
+        let (from, to) = (self.focus_fraction(below), self.focus_fraction(below + 1));
+        below as f64 + (fraction - from) / (to - from)
+    }
+
+    /// The other conjugate distance of the thin lens: 1/f = 1/d1 + 1/d2.
+    fn conjugate(&self, distance: f64) -> f64 {
+        self.focal_mm * distance / (distance - self.focal_mm)
+    }
+
+    /// Radius in px of the circle of confusion of depth `fraction` in slice `i`: half of
+    /// `phi_a |d2_i - d2_object| / d2_object`.
+    pub fn blur_radius_px(&self, i: usize, fraction: f64) -> f64 {
+        self.blur_radius_of(i, self.object_distance(fraction))
+    }
+
+    /// The same of what stands `distance` mm from the lens when the rail is at the reference.
+    pub(super) fn blur_radius_of(&self, i: usize, distance: f64) -> f64 {
+        let object = self.distance_in(i, distance);
+        let d2_object = self.conjugate(object);
+        let diameter = self.aperture_mm() * (self.sensor_distance(i) - d2_object).abs() / d2_object;
+        diameter / 2.0 / self.pixel_pitch_mm
+    }
+
+    /// Distance from the lens in slice `i` of what is `distance` mm away when the rail is at the reference.
+    pub(super) fn distance_in(&self, i: usize, distance: f64) -> f64 {
+        match self.mode {
+            CaptureMode::FixedLens => distance,
+            CaptureMode::MovingLens => distance - self.advance(i),
+        }
+    }
+
+    /// How far the camera of slice `i` stands nearer to the object than that of the reference.
+    fn advance(&self, i: usize) -> f64 {
+        self.rail_mm[i] - self.rail_mm[self.reference]
+    }
+
+    /// Size of depth `fraction` in slice `i` relative to its size in the reference slice. The same for
+    /// every depth when the lens is fixed; different by parallax when it moves.
+    pub fn scale(&self, i: usize, fraction: f64) -> f64 {
+        match self.mode {
+            CaptureMode::FixedLens => self.sensor_distance(i) / self.sensor_distance(self.reference),
+            CaptureMode::MovingLens => {
+                let distance = self.object_distance(fraction);
+                distance / (distance - self.advance(i))
+            }
+        }
+    }
+
+    /// The truth for slice `i`: slice px -> reference px. Exact for every depth with a fixed lens; with a
+    /// moving lens exact for what is in focus in the reference slice, while other depths move by parallax
+    /// ([`Rig::homography_at`]).
+    pub fn homography(&self, i: usize) -> Homography {
+        self.homography_at(i, self.focus_fraction(self.reference))
+    }
+
+    /// The truth for slice `i` and depth `fraction`: slice px -> reference px.
+    pub fn homography_at(&self, i: usize, fraction: f64) -> Homography {
+        if i == self.reference {
+            return Homography::IDENTITY;
+        }
+        let about = self.centre();
+        let to_slice = self.disturbance(i) * scaling(self.scale(i, fraction), about);
+        let invertible = to_slice.try_inverse().and_then(|back| Homography::from_matrix(&back));
+        invertible.unwrap_or(Homography([f64::NAN; 9]))
+    }
+
+    /// Drift, rotation and keystone of slice `i`: ideal slice px -> slice px. None in the reference.
+    pub(super) fn disturbance(&self, i: usize) -> Matrix3<f64> {
+        if i == self.reference {
+            return Matrix3::identity();
+        }
+        let along = self.focus_fraction(i) - self.focus_fraction(self.reference);
+        let jitter = |axis: u64| between(key(&[self.seed, 0xd1f7, i as u64, axis]), -0.1, 0.1);
+        let shift = [self.drift_px[0] * (along + jitter(0)), self.drift_px[1] * (along + jitter(1))];
+        let (sin, cos) = (self.rotation_deg * along).to_radians().sin_cos();
+        let [cx, cy] = self.centre();
+        let perspective = [-self.keystone[0] * along / cx.max(1.0), -self.keystone[1] * along / cy.max(1.0)];
+        let inner = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, perspective[0], perspective[1], 1.0);
+        shifting([cx + shift[0], cy + shift[1]]) * inner * shifting([-cx, -cy])
+    }
+
+    /// Light per pixel in slice `i`, 1 in the reference: it falls with the square of the sensor distance.
+    pub fn exposure(&self, i: usize) -> f64 {
+        if !self.exposure_falls {
+            return 1.0;
+        }
+        (self.sensor_distance(self.reference) / self.sensor_distance(i)).powi(2)
+    }
+
+    /// The truth for slice `i`: multiply its values by this to match the reference.
+    pub fn gain(&self, i: usize) -> f64 {
+        1.0 / self.exposure(i)
+    }
+}
+
+fn shifting(by: [f64; 2]) -> Matrix3<f64> {
+    Matrix3::new(1.0, 0.0, by[0], 0.0, 1.0, by[1], 0.0, 0.0, 1.0)
+}
+
+fn scaling(scale: f64, about: [f64; 2]) -> Matrix3<f64> {
+    let shift = [about[0] * (1.0 - scale), about[1] * (1.0 - scale)];
+    Matrix3::new(scale, 0.0, shift[0], 0.0, scale, shift[1], 0.0, 0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blur_follows_the_aperture_and_the_distance_of_the_image_from_the_sensor() {
+        let rig = Rig::sized(1000, 750, 13);
+        for i in 0..13 {
+            for fraction in [0.0, 0.3, 0.77, 1.0] {
+                let d2_object = rig.focal_mm * rig.object_distance(fraction) / (rig.object_distance(fraction) - 65.0);
+                let diameter_mm = rig.aperture_mm() * (rig.sensor_distance(i) - d2_object).abs() / d2_object;
+                let expected = diameter_mm / 2.0 / rig.pixel_pitch_mm;
+                assert!((rig.blur_radius_px(i, fraction) - expected).abs() < 1e-9);
+            }
+            assert!(rig.blur_radius_px(i, rig.focus_fraction(i)) < 1e-9, "slice {i} is in focus at its own depth");
+        }
+        assert!(rig.object_distance(0.0) < rig.object_distance(1.0), "the first slice is in focus nearest");
+        assert!((rig.blur_radius_px(6, rig.focus_fraction(7)) - 1.0).abs() < 0.05, "a step is 2 px of blur");
+    }
+
+    #[test]
+    fn with_a_fixed_lens_one_homography_serves_every_depth() {
+        let rig = Rig::default();
+        for i in 0..rig.slices() {
+            let moved = rig.homography(i).corner_distance(&rig.homography_at(i, 0.05), 640, 480);
+            assert!(moved < 1e-9, "slice {i}");
+            assert!(rig.homography(i).objection(640, 480).is_none());
+        }
+        assert!(rig.homography(0).scale_at(rig.centre()) < 0.98, "the first slice is the largest");
+        assert!(rig.homography(rig.reference).is_identity());
+    }
+
+    #[test]
+    fn with_a_moving_lens_depths_part_by_parallax() {
+        let rig = Rig::default().moving_lens();
+        let last = rig.slices() - 1;
+        let parallax = rig.homography_at(last, 0.0).corner_distance(&rig.homography_at(last, 1.0), 640, 480);
+        assert!(parallax > 0.5, "{parallax} px");
+        for i in 0..=last {
+            assert!(rig.blur_radius_px(i, rig.focus_fraction(i)) < 1e-9, "slice {i} is in focus at its own depth");
+            assert_eq!(rig.gain(i), 1.0, "the sensor keeps its distance");
+        }
+    }
+
+    #[test]
+    fn the_slice_in_focus_is_the_inverse_of_the_depth_in_focus_on_uneven_rails_too() {
+        let mut rig = Rig::sized(320, 240, 5);
+        rig.rail_mm = vec![4.0, 3.5, 1.0, 0.5, -2.0];
+        for i in 0..5 {
+            assert!((rig.slice_in_focus(rig.focus_fraction(i)) - i as f64).abs() < 1e-9);
+        }
+        let between = rig.slice_in_focus((rig.focus_fraction(1) + rig.focus_fraction(2)) / 2.0);
+        assert!((between - 1.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn light_falls_with_the_square_of_the_sensor_distance() {
+        let rig = Rig::sized(320, 240, 5);
+        let ratio = rig.sensor_distance(0) / rig.sensor_distance(rig.reference);
+        assert!(ratio > 1.02);
+        assert!((rig.gain(0) - ratio * ratio).abs() < 1e-12);
+        assert_eq!(rig.gain(rig.reference), 1.0);
+    }
+}

@@ -1,0 +1,310 @@
+//! Slices of a target, rendered from its formula.
+
+use std::f64::consts::PI;
+
+use super::optics::{overlap, rectangle, wave_left};
+use super::{DotTarget, Flaws};
+use crate::imaging::Raster;
+use crate::synth::noise::{between, fractal, key, uniform};
+use crate::synth::rig::Rig;
+use crate::synth::sensor::expose_as;
+use crate::types::Homography;
+
+/// Second moment of a pixel, as that of a disc: its radius squared.
+const PIXEL_MOMENT: f64 = 1.0 / 3.0;
+
+/// Slice `i` of a stack of the target: every pixel is the share of its circle of confusion that lies on
+/// dots (overlap of two circles), with the rig's drift, exposure, vignetting and noise.
+///
+/// The square of the pixel is taken as a disc of the same second moment; everything is symmetric about the
+/// dot's centre, so no position is biased by sampling. On a tilted plate each dot is blurred as its centre
+/// is.
+pub fn render_target(rig: &Rig, target: &DotTarget, i: usize) -> Raster {
+    let map = target.to_slice(rig, i);
+    let both = Homography::from_matrix(&map).and_then(|map| Some((map, map.inverse()?)));
+    let Some((map, back)) = both else {
+        return expose_as(rig, i, 0xd075, |light| light, |_, _| {});
+    };
+    let grid = Grid::new(rig, target, i);
+    let specks = specks(rig, target, i, &map);
+    let beyond = Beyond::new(rig, target, i);
+    let flaws = &target.flaws;
+    let monitor = flaws.raster_px.map(|period| Monitor::new(rig, target, i, period));
+    expose_as(
+        rig,
+        i,
+        0xd075,
+        |light| flaws.response(light),
+        |y, row| {
+            let near: Vec<&Speck> = specks.iter().filter(|speck| speck.touches_row(y as f64)).collect();
+            for (x, light) in row.iter_mut().enumerate() {
+                let px = [x as f64, y as f64];
+                let place = back.apply(px);
+                let zoom = back.scale_at(px);
+                let mut value = grid.light(place, zoom);
+                if let Some(beyond) = &beyond {
+                    value = beyond.around(value, place, zoom);
+                }
+                if let Some(monitor) = &monitor {
+                    value *= monitor.share(place);
+                }
+                for speck in &near {
+                    value *= 1.0 - speck.shade(px);
+                }
+                value += flaws.glare_at(rig, px);
+                *light = [value as f32; 3];
+            }
+        },
+    )
+}
+
+impl Flaws {
+    /// What the sensor stores for `light`, both 0..1 of full scale; not yet clipped.
+    pub(super) fn response(&self, light: f32) -> f32 {
+        let light = if self.overexposure == 1.0 { light } else { light * self.overexposure as f32 };
+        if !self.gamma {
+            return light;
+        }
+        let light = light.clamp(0.0, 1.0);
+        if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+    }
+
+    fn glare_at(&self, rig: &Rig, px: [f64; 2]) -> f64 {
+        let (width, height) = (rig.width as f64, rig.height as f64);
+        let patch = |glare: &super::Glare| {
+            let radius = glare.radius * width.min(height);
+            let squared = (px[0] - glare.at[0] * width).powi(2) + (px[1] - glare.at[1] * height).powi(2);
+            glare.light * (-0.5 * squared / (radius * radius)).exp()
+        };
+        self.glare.iter().map(patch).sum()
+    }
+}
+
+/// The dots as one slice sees them.
+struct Grid<'a> {
+    target: &'a DotTarget,
+    printed: Vec<bool>,
+    middle: [f64; 2],
+    /// Radius of a dot in pitches.
+    dot: f64,
+    /// Per dot the radius of its blur, the pixel's own included, px; one for all when the plate is parallel.
+    blurs: Vec<f64>,
+    largest: f64,
+    plate: f64,
+    mark: f64,
+}
+
+impl<'a> Grid<'a> {
+    fn new(rig: &Rig, target: &'a DotTarget, i: usize) -> Self {
+        let with_pixel = |blur: f64| (blur.powi(2) + PIXEL_MOMENT).sqrt();
+        let middle = target.middle();
+        let blur_of = |dot: usize| {
+            let place = target.place(dot % target.columns, dot / target.columns);
+            with_pixel(target.blur_at(rig, i, [place[0] - middle[0], place[1] - middle[1]]))
+        };
+        let blurs = if target.tilt_deg == [0.0; 2] {
+            vec![with_pixel(target.blur_radius_px(rig, i))]
+        } else {
+            (0..target.columns * target.rows).map(blur_of).collect()
+        };
+        let (plate, mark) = if target.invert { (target.black, target.white) } else { (target.white, target.black) };
+        Self {
+            target,
+            printed: target.printed(),
+            middle,
+            dot: target.dot_diameter_mm / target.pitch_mm / 2.0,
+            largest: blurs.iter().copied().fold(0.0, f64::max),
+            blurs,
+            plate,
+            mark,
+        }
+    }
+
+    /// Light at a place (grid units from the middle) where a px is `zoom` grid units wide.
+    fn light(&self, place: [f64; 2], zoom: f64) -> f64 {
+        let target = self.target;
+        let (column, line) = (place[0] + self.middle[0], place[1] + self.middle[1]);
+        let reach = self.dot + self.largest * zoom;
+        let near = |at: f64, reach: f64, count: usize| {
+            let first = (at - reach).ceil().max(0.0) as usize;
+            let end = ((at + reach).floor() + 1.0).clamp(0.0, count as f64) as usize;
+            first..end.max(first)
+        };
+        let step = target.row_step();
+        // rows that may be shifted to the right are found by looking further to the left
+        let shift = if target.asymmetric { 0.25 } else { 0.0 };
+        let mut covered = 0.0;
+        for c in near(column - shift, reach + shift, target.columns) {
+            for r in near(line / step, reach / step, target.rows) {
+                let dot = r * target.columns + c;
+                if !self.printed[dot] {
+                    continue;
+                }
+                let blur = self.blurs[if self.blurs.len() == 1 { 0 } else { dot }] * zoom;
+                let centre = target.place(c, r);
+                let distance = (column - centre[0]).hypot(line - centre[1]);
+                covered += overlap(self.dot, blur, distance) / (PI * blur * blur);
+            }
+        }
+        self.plate + (self.mark - self.plate) * covered
+    }
+}
+
+/// A dark speck as one slice sees it; all in px.
+struct Speck {
+    at: [f64; 2],
+    radius: f64,
+    blur: f64,
+    darkness: f64,
+}
+
+impl Speck {
+    fn touches_row(&self, y: f64) -> bool {
+        (y - self.at[1]).abs() < self.radius + self.blur
+    }
+
+    /// Share of the light that it takes at `px`.
+    fn shade(&self, px: [f64; 2]) -> f64 {
+        let distance = (px[0] - self.at[0]).hypot(px[1] - self.at[1]);
+        self.darkness * overlap(self.radius, self.blur, distance) / (PI * self.blur * self.blur)
+    }
+}
+
+/// All dust: what lies on the plate moves and blurs with it, what lies on the sensor does neither.
+fn specks(rig: &Rig, target: &DotTarget, i: usize, map: &Homography) -> Vec<Speck> {
+    let flaws = &target.flaws;
+    let number = |kind: u64, index: usize, what: u64| key(&[flaws.seed, kind, index as u64, what]);
+    let on_picture = |kind: u64, index: usize| {
+        [
+            between(number(kind, index, 0), 0.0, rig.width as f64),
+            between(number(kind, index, 1), 0.0, rig.height as f64),
+        ]
+    };
+    let anchor = anchor(rig, target);
+    let plate = (0..flaws.target_dust).filter_map(|index| {
+        let place = anchor?.apply(on_picture(0xd051, index));
+        let at = map.apply(place);
+        // most specks are small
+        let size = 0.02 + 0.18 * uniform(number(0xd051, index, 2)).powi(3);
+        let blur = (target.blur_at(rig, i, place).powi(2) + PIXEL_MOMENT).sqrt();
+        let darkness = between(number(0xd051, index, 3), 0.3, 0.95);
+        Some(Speck { at, radius: size * map.scale_at(place), blur, darkness })
+    });
+    let sensor = (0..flaws.sensor_dust).map(|index| {
+        let radius = between(number(0xd052, index, 2), 1.5, 7.0);
+        let darkness = between(number(0xd052, index, 3), 0.1, 0.5);
+        Speck { at: on_picture(0xd052, index), radius, blur: 0.6 * radius, darkness }
+    });
+    plate.chain(sensor).collect()
+}
+
+/// Px of the reference slice -> grid units from the middle of the grid.
+fn anchor(rig: &Rig, target: &DotTarget) -> Option<Homography> {
+    Homography::from_matrix(&target.to_slice(rig, rig.reference))?.inverse()
+}
+
+/// What lies beyond the plate, as one slice sees it. All in grid units from the middle of the grid.
+struct Beyond {
+    half: [f64; 2],
+    frame: f64,
+    light: f64,
+    unevenness: f64,
+    seed: u64,
+    /// Radius of the blur in the middle of the plate, px.
+    blur: f64,
+    things: Vec<Thing>,
+}
+
+enum Outline {
+    /// Outer and inner radius.
+    Ring([f64; 2]),
+    /// Half sides, and cosine and sine of the angle.
+    Stick([f64; 2], [f64; 2]),
+}
+
+struct Thing {
+    at: [f64; 2],
+    outline: Outline,
+    light: f64,
+}
+
+impl Beyond {
+    fn new(rig: &Rig, target: &DotTarget, i: usize) -> Option<Self> {
+        let surround = target.flaws.surround?;
+        let seed = target.flaws.seed;
+        let middle = target.middle();
+        let anchor = anchor(rig, target)?;
+        let thing = |index: usize| {
+            let number = |what: u64| key(&[seed, 0x7416, index as u64, what]);
+            let side = |what: u64, size: usize| between(number(what), -0.1, 1.1) * size as f64;
+            let at = anchor.apply([side(0, rig.width), side(1, rig.height)]);
+            let size = 0.15 + 1.6 * uniform(number(2)).powi(2);
+            let turn = between(number(3), 0.0, PI);
+            let outline = match index % 3 {
+                0 => Outline::Ring([size, 0.0]),
+                1 => Outline::Ring([size, 0.5 * size]),
+                _ => Outline::Stick([3.0 * size, 0.2 * size], [turn.cos(), turn.sin()]),
+            };
+            Thing { at, outline, light: between(number(4), 0.03, 0.95) }
+        };
+        Some(Self {
+            half: [middle[0] + surround.margin, middle[1] + surround.margin],
+            frame: surround.frame,
+            light: surround.light,
+            unevenness: surround.unevenness,
+            seed,
+            blur: (target.blur_radius_px(rig, i).powi(2) + PIXEL_MOMENT).sqrt(),
+            things: (0..surround.clutter).map(thing).collect(),
+        })
+    }
+
+    /// `plate` within the plate, what lies around it beyond.
+    fn around(&self, plate: f64, place: [f64; 2], zoom: f64) -> f64 {
+        const BLACK: f64 = 0.03;
+        let blur = self.blur * zoom;
+        let inside = rectangle(self.half, place, blur);
+        if inside >= 1.0 {
+            return plate;
+        }
+        let texture = f64::from(fractal(self.seed, 0.4 * place[0], 0.4 * place[1], 6, 0.6, 0.8 * blur));
+        let mut light = self.light * (1.0 + self.unevenness * texture).max(0.0);
+        for thing in &self.things {
+            let [x, y] = [place[0] - thing.at[0], place[1] - thing.at[1]];
+            let share = match thing.outline {
+                Outline::Ring([outer, inner]) => {
+                    let distance = x.hypot(y);
+                    (overlap(outer, blur, distance) - overlap(inner, blur, distance)) / (PI * blur * blur)
+                }
+                Outline::Stick(half, [cos, sin]) => rectangle(half, [x * cos + y * sin, y * cos - x * sin], blur),
+            };
+            light += (thing.light - light) * share;
+        }
+        if self.frame > 0.0 {
+            let framed = rectangle(self.half.map(|half| half + self.frame), place, blur);
+            light += (BLACK - light) * framed;
+        }
+        light + (plate - light) * inside
+    }
+}
+
+/// The pixels of a monitor as one slice sees them: waves across and down.
+struct Monitor {
+    /// Period in grid units.
+    period: f64,
+    /// What blur leaves of the waves.
+    depth: f64,
+}
+
+impl Monitor {
+    fn new(rig: &Rig, target: &DotTarget, i: usize, period_px: f64) -> Self {
+        const DEPTH: f64 = 0.7;
+        let blur = (target.blur_radius_px(rig, i).powi(2) + PIXEL_MOMENT).sqrt();
+        let period = period_px / target.pitch_px(rig, rig.reference);
+        Self { period, depth: DEPTH * wave_left(blur, period * target.pitch_px(rig, i)) }
+    }
+
+    fn share(&self, place: [f64; 2]) -> f64 {
+        let wave = |at: f64| 1.0 + self.depth * (2.0 * PI * at / self.period).cos();
+        0.5 * wave(place[0]) * wave(place[1])
+    }
+}

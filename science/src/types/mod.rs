@@ -1,0 +1,22 @@
+//! The types that the other modules speak in: homographies, the numbers of a profile, options, metrics, reports, errors.
+//!
+//! They check their own rules and do nothing else; this module imports no other module of the crate.
+
+pub mod calibration_options;
+pub mod control;
+pub mod error;
+pub mod fusion_options;
+pub mod homography;
+pub mod intrinsics;
+pub mod mask_options;
+pub mod matrices;
+pub mod metrics;
+pub mod profile;
+pub mod report;
+pub mod rig_parameters;
+pub mod stack_layout;
+pub mod text_or_number;
+
+pub use control::{Cancelled, Control, Interrupted, NoControl};
+pub use error::{Error, ErrorKind, Warning};
+pub use homography::Homography;

@@ -1,0 +1,264 @@
+//! The numbers of a calibration profile: one homography and one gain per slice, and what is known of the camera.
+
+use std::ops::RangeInclusive;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{Error, ErrorKind, Homography, error::ErrorLocation};
+
+/// What moves between slices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CaptureMode {
+    /// The lens stands still and the sensor moves: one centre of projection (the paper's method).
+    FixedLens,
+    /// Camera and lens move together: the centre of projection moves too.
+    MovingLens,
+}
+
+/// Which family of maps the homographies of a profile belong to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HomographyModel {
+    /// One law for the whole stack: scale and shift linear in the position on the rail, three numbers.
+    RailLinear,
+    /// Scale, rotation and shift per slice.
+    Similarity,
+    /// Six free numbers per slice.
+    Affine,
+    /// Eight free numbers per slice (the paper).
+    Homography,
+    /// Computed from focal length, magnification, pixel pitch and rail positions; nothing was measured.
+    RigParameters,
+    /// As sent by the client; nothing is known about how they were made.
+    Given,
+}
+
+/// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere. Members that are not listed here are passed
+/// over, so what `GET` shows can be sent again.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileInput {
+    /// Width of every slice in px.
+    #[schema(minimum = 16, maximum = 65535)]
+    pub image_width: u32,
+    /// Height of every slice in px.
+    #[schema(minimum = 16, maximum = 65535)]
+    pub image_height: u32,
+    /// 0-based index of the slice that all others are mapped to.
+    pub reference_index: u32,
+    /// One per slice, row-major, slice pixel -> reference-slice pixel, last number 1.
+    #[schema(min_items = 2, max_items = 1000)]
+    pub homographies: Vec<Homography>,
+    /// Position of what moves on the rail, per slice, mm, counted towards the object, strictly rising or falling.
+    #[serde(default)]
+    pub rail_positions_mm: Option<Vec<f64>>,
+    /// Per slice: multiply by this to match the brightness of the reference slice.
+    #[serde(default)]
+    pub gains: Option<Vec<f64>>,
+    /// Size of one pixel on the sensor, mm.
+    #[serde(default)]
+    pub pixel_pitch_mm: Option<f64>,
+    /// What moves between slices.
+    #[serde(default)]
+    pub capture_mode: Option<CaptureMode>,
+    /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole that the fused
+    /// image is taken by. In macro work it is far from the focal length engraved on the lens.
+    #[serde(default)]
+    pub principal_distance_mm: Option<f64>,
+    /// Where the optical axis meets the reference slice, `[x, y]` px.
+    #[serde(default)]
+    pub principal_point_px: Option<[f64; 2]>,
+    /// Image size over object size of what is in focus in the reference slice.
+    #[serde(default)]
+    pub magnification: Option<f64>,
+    /// Free text, at most 4,000 characters.
+    #[serde(default)]
+    pub note: Option<String>,
+}
+
+impl ProfileInput {
+    /// [`ProfileInput::principal_distance_mm`] in px, what photogrammetry calls the focal length; none when the distance
+    /// or the pixel pitch is not known.
+    pub fn principal_distance_px(&self) -> Option<f64> {
+        Some(self.principal_distance_mm? / self.pixel_pitch_mm?)
+    }
+
+    /// The gain of slice `index`: 1 where none is given.
+    pub fn gain(&self, index: usize) -> f64 {
+        self.gains.as_ref().and_then(|gains| gains.get(index)).copied().unwrap_or(1.0)
+    }
+}
+
+/// Where a rail can stand, mm.
+pub const RAIL_MM: RangeInclusive<f64> = -1e6..=1e6;
+
+/// Most slices that a stack can have.
+pub const MAX_SLICES: usize = 1000;
+
+impl ProfileInput {
+    /// Checks every rule and names every place that breaks one.
+    ///
+    /// # Errors
+    /// A [`Error`] with [`ErrorKind::InvalidProfile`], one place per broken rule with a JSON pointer.
+    pub fn check(&self) -> Result<(), Error> {
+        let mut places = Vec::new();
+        let mut object = |pointer: String, detail: String, slice: Option<u32>| {
+            places.push(ErrorLocation { detail, pointer: Some(pointer), file: None, slice });
+        };
+        let count = self.homographies.len();
+        for (name, size) in [("image_width", self.image_width), ("image_height", self.image_height)] {
+            if !(16..=65_535).contains(&size) {
+                object(format!("/{name}"), format!("{name} is {size}; it must be 16 to 65535 px"), None);
+            }
+        }
+        if !(2..=MAX_SLICES).contains(&count) {
+            object("/homographies".into(), format!("{count} homographies; a stack has 2 to {MAX_SLICES} slices"), None);
+        }
+        if self.reference_index as usize >= count {
+            object(
+                "/reference_index".into(),
+                format!("reference_index is {}; it must be below the {count} slices", self.reference_index),
+                None,
+            );
+        }
+        for (i, homography) in self.homographies.iter().enumerate() {
+            if let Some(why) = homography.objection(self.image_width, self.image_height) {
+                object(format!("/homographies/{i}"), format!("the homography of slice {i} {why}"), Some(i as u32));
+            }
+        }
+        if let Some(reference) = self.homographies.get(self.reference_index as usize) {
+            let moved = reference.corner_distance(&Homography::IDENTITY, self.image_width, self.image_height);
+            if moved.is_nan() || moved > 0.01 {
+                let i = self.reference_index;
+                object(
+                    format!("/homographies/{i}"),
+                    format!("slice {i} is the reference, so its homography must be the identity"),
+                    Some(i),
+                );
+            }
+        }
+        if let Some(gains) = &self.gains {
+            if gains.len() != count {
+                object("/gains".into(), format!("{} gains for {count} slices", gains.len()), None);
+            }
+            for (i, gain) in gains.iter().enumerate() {
+                if !(0.05..=20.0).contains(gain) {
+                    object(
+                        format!("/gains/{i}"),
+                        format!("the gain of slice {i} is {gain}; it must be 0.05 to 20"),
+                        Some(i as u32),
+                    );
+                }
+            }
+        }
+        if let Some(rail) = &self.rail_positions_mm {
+            if rail.len() != count {
+                object("/rail_positions_mm".into(), format!("{} rail positions for {count} slices", rail.len()), None);
+            }
+            let rising = rail.windows(2).all(|w| w[0] < w[1]);
+            let falling = rail.windows(2).all(|w| w[0] > w[1]);
+            if rail.iter().any(|z| !RAIL_MM.contains(z)) {
+                let detail = format!("rail positions must be {} to {} mm", RAIL_MM.start(), RAIL_MM.end());
+                object("/rail_positions_mm".into(), detail, None);
+            } else if !(rising || falling) {
+                object(
+                    "/rail_positions_mm".into(),
+                    "rail positions must rise or fall from slice to slice".into(),
+                    None,
+                );
+            }
+        }
+        if let Some(pitch) = self.pixel_pitch_mm
+            && !(1e-5..=1.0).contains(&pitch)
+        {
+            object("/pixel_pitch_mm".into(), format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"), None);
+        }
+        if let Some(distance) = self.principal_distance_mm
+            && !(0.1..=100_000.0).contains(&distance)
+        {
+            let detail = format!("principal_distance_mm is {distance}; it must be 0.1 to 100000");
+            object("/principal_distance_mm".into(), detail, None);
+        }
+        if let Some(point) = self.principal_point_px {
+            let size = [f64::from(self.image_width), f64::from(self.image_height)];
+            // a shifted lens may have its axis beside the picture, but not far from it
+            if !(0..2).all(|a| (-4.0 * size[a]..=5.0 * size[a]).contains(&point[a])) {
+                let detail = format!("principal_point_px is {point:?}, far outside the image");
+                object("/principal_point_px".into(), detail, None);
+            }
+        }
+        if let Some(magnification) = self.magnification
+            && !(1e-4..=1e3).contains(&magnification)
+        {
+            let detail = format!("magnification is {magnification}; it must be 0.0001 to 1000");
+            object("/magnification".into(), detail, None);
+        }
+        if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
+            object("/note".into(), "the note is longer than 4,000 characters".into(), None);
+        }
+        let Some(first) = places.first() else { return Ok(()) };
+        let more = match places.len() {
+            1 => String::new(),
+            n => format!(" ({} more in errors)", n - 1),
+        };
+        let detail = format!("{}{more}", first.detail);
+        Err(Error { kind: ErrorKind::InvalidProfile, detail, locations: places, source: None })
+    }
+}
+
+/// What a profile knows about one slice.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileSlice {
+    /// 0-based.
+    pub index: u32,
+    /// Slice pixel -> reference-slice pixel.
+    pub homography: Homography,
+    /// Local magnification of the homography at the image centre.
+    pub scale: f64,
+    /// Where the image centre goes, minus the image centre: `[x, y]` px.
+    pub shift_px: [f64; 2],
+    /// Multiply by this to match the brightness of the reference slice.
+    pub gain: f64,
+    /// Dots found in this slice; null for an uploaded profile.
+    pub dots_found: Option<u32>,
+    /// Dots that agree with the homography; null for an uploaded profile.
+    pub inliers: Option<u32>,
+    /// RMS distance of the inliers in the reference slice, px.
+    pub rms_px: Option<f64>,
+    /// 95th percentile of that distance, px.
+    pub p95_px: Option<f64>,
+    /// Standard deviation of the worst image corner, propagated from the dots, px.
+    pub corner_sigma_px: Option<f64>,
+    /// True when the slice was too blurred to be measured and a model of the rail predicted it.
+    pub interpolated: bool,
+}
+
+impl ProfileSlice {
+    /// The slices of a profile of which only the numbers are known.
+    pub fn all_given(input: &ProfileInput) -> Vec<Self> {
+        (0..)
+            .zip(input.homographies.iter().enumerate())
+            .map(|(index, (i, &h))| Self::given(index, h, input.gain(i), input.image_width, input.image_height))
+            .collect()
+    }
+
+    /// What follows from the homography and the gain alone: the slices of an uploaded profile.
+    pub fn given(index: u32, homography: Homography, gain: f64, width: u32, height: u32) -> Self {
+        let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
+        let moved = homography.apply(centre);
+        Self {
+            index,
+            homography,
+            scale: homography.scale_at(centre),
+            shift_px: [moved[0] - centre[0], moved[1] - centre[1]],
+            gain,
+            dots_found: None,
+            inliers: None,
+            rms_px: None,
+            p95_px: None,
+            corner_sigma_px: None,
+            interpolated: false,
+        }
+    }
+}

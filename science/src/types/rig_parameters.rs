@@ -1,0 +1,389 @@
+//! A profile computed from what is known about a rig, without a single picture.
+//!
+//! Fixed lens: the sensor moves, the image of everything is as large as the sensor is far from the lens, so one scale
+//! per slice is exact for every depth. Moving lens: the camera comes nearer, and near parts grow faster than far ones;
+//! the scale is right for a flat thing in the plane that is in focus in the reference slice, and the parallax of all
+//! other depths stays.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{
+    Error, ErrorKind, Homography,
+    error::ErrorLocation,
+    profile::{CaptureMode, MAX_SLICES, ProfileInput, RAIL_MM},
+};
+
+/// Where the gains come from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum GainLaw {
+    /// With a fixed lens the light falls with the square of the distance from lens to sensor; with a moving lens that
+    /// distance stays, and so does the light.
+    #[default]
+    Optics,
+    /// All 1: the camera, or a program before, made the slices equally bright.
+    None,
+}
+
+/// Body of `POST /v1/profiles/{rig}/{lens}/rig-parameters`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RigParameters {
+    /// Width of every slice in px.
+    #[schema(minimum = 16, maximum = 65535)]
+    pub image_width: u32,
+    /// Height of every slice in px.
+    #[schema(minimum = 16, maximum = 65535)]
+    pub image_height: u32,
+    /// 0-based index of the slice that all others are mapped to; the middle one when left out.
+    #[serde(default)]
+    pub reference_index: Option<u32>,
+    /// Number of slices; may be left out when `rail_positions_mm` tells it.
+    #[serde(default)]
+    #[schema(minimum = 2, maximum = 1000)]
+    pub slice_count: Option<u32>,
+    /// Focal length f, mm: the one of the lens at this setting.
+    pub focal_mm: f64,
+    /// Image size over object size of what is in focus in the reference slice.
+    pub magnification: f64,
+    /// Size of one pixel of the slices as they are sent, mm (larger than the camera's own where they were made smaller).
+    #[serde(default)]
+    pub pixel_pitch_mm: Option<f64>,
+    /// Position of the rail per slice, mm, strictly rising or falling. It is counted
+    /// towards the object: it rises when the sensor comes nearer to the lens (`fixed_lens`), or when camera and lens come
+    /// nearer to the object (`moving_lens`).
+    #[serde(default)]
+    pub rail_positions_mm: Option<Vec<f64>>,
+    /// Instead of the positions: the step from one slice to the next, mm, with the same sign.
+    #[serde(default)]
+    pub rail_step_mm: Option<f64>,
+    /// What moves between slices.
+    pub capture_mode: CaptureMode,
+    /// Where the optical axis meets the reference slice, `[x, y]` px; the centre of the image when left out.
+    #[serde(default)]
+    pub principal_point_px: Option<[f64; 2]>,
+    /// How far the principal point wanders per mm of rail, `[x, y]` px: a rail that is not parallel to the axis.
+    #[serde(default)]
+    pub drift_px_per_mm: [f64; 2],
+    /// Where the gains come from.
+    #[serde(default)]
+    pub gains: GainLaw,
+    /// Free text, at most 4,000 characters.
+    #[serde(default)]
+    pub note: Option<String>,
+}
+
+impl RigParameters {
+    /// The profile that these numbers make.
+    ///
+    /// # Errors
+    /// [`ErrorKind::InvalidProfile`] with a place per broken rule: numbers out of range, positions and step both or neither, a
+    /// sensor that would come nearer to the lens than the focal length, a camera that would reach the object.
+    pub fn profile(&self) -> Result<ProfileInput, Error> {
+        self.check_numbers()?;
+        let rail = self.rail()?;
+        let reference = self.reference_index.map_or(rail.len() / 2, |index| index as usize);
+        let Some(&origin) = rail.get(reference) else {
+            let detail = format!("reference_index is {reference}; it must be below the {} slices", rail.len());
+            return Err(at("/reference_index", detail, None));
+        };
+        let along: Vec<f64> = rail.iter().map(|z| z - origin).collect();
+        self.check_reach(&along)?;
+
+        let centre = [(f64::from(self.image_width) - 1.0) / 2.0, (f64::from(self.image_height) - 1.0) / 2.0];
+        let point = self.principal_point_px.unwrap_or(centre);
+        let homographies = along.iter().map(|&dz| self.homography(point, dz)).collect();
+        let gains = match (self.gains, self.capture_mode) {
+            (GainLaw::Optics, CaptureMode::FixedLens) => {
+                Some(along.iter().map(|&dz| (1.0 - dz / self.sensor_distance()).powi(2)).collect())
+            }
+            (GainLaw::Optics, CaptureMode::MovingLens) | (GainLaw::None, _) => None,
+        };
+        let profile = ProfileInput {
+            image_width: self.image_width,
+            image_height: self.image_height,
+            reference_index: u32::try_from(reference).unwrap_or(u32::MAX),
+            homographies,
+            rail_positions_mm: Some(rail),
+            gains,
+            pixel_pitch_mm: self.pixel_pitch_mm,
+            capture_mode: Some(self.capture_mode),
+            principal_distance_mm: Some(self.sensor_distance()),
+            principal_point_px: Some(point),
+            magnification: Some(self.magnification),
+            note: self.note.clone(),
+        };
+        profile.check()?;
+        Ok(profile)
+    }
+
+    /// Lens to sensor in the reference slice, mm: `d2 = f (1 + M)`.
+    pub fn sensor_distance(&self) -> f64 {
+        self.focal_mm * (1.0 + self.magnification)
+    }
+
+    /// Lens to what is in focus in the reference slice, mm: `d1 = f (1 + 1/M)`.
+    pub fn object_distance(&self) -> f64 {
+        self.focal_mm * (1.0 + 1.0 / self.magnification)
+    }
+
+    /// Scale slice -> reference, where the rail stands `dz` mm from where it stood for the reference slice.
+    pub fn scale(&self, dz: f64) -> f64 {
+        match self.capture_mode {
+            CaptureMode::FixedLens => self.sensor_distance() / (self.sensor_distance() - dz),
+            CaptureMode::MovingLens => (self.object_distance() - dz) / self.object_distance(),
+        }
+    }
+
+    /// The homography of a slice `dz` mm from the reference: its principal point, wandered off by the drift, comes back to
+    /// `point`, and everything is scaled about it.
+    pub fn homography(&self, point: [f64; 2], dz: f64) -> Homography {
+        let scale = self.scale(dz);
+        let shift = |axis: usize| point[axis] - scale * (point[axis] + self.drift_px_per_mm[axis] * dz);
+        Homography::similarity(scale, [shift(0), shift(1)])
+    }
+
+    /// Rail positions of all slices, mm.
+    fn rail(&self) -> Result<Vec<f64>, Error> {
+        match (&self.rail_positions_mm, self.rail_step_mm, self.slice_count) {
+            (Some(_), Some(_), _) => {
+                Err(at("/rail_step_mm", "rail_positions_mm and rail_step_mm are both given; give one of them", None))
+            }
+            (None, None, _) => Err(at(
+                "/rail_positions_mm",
+                "the rail is missing: give rail_positions_mm (one position per slice) or rail_step_mm with slice_count",
+                None,
+            )),
+            (Some(positions), None, count) => {
+                if let Some(count) = count.filter(|&count| count as usize != positions.len()) {
+                    let detail = format!("{} rail positions for {count} slices", positions.len());
+                    return Err(at("/rail_positions_mm", detail, None));
+                }
+                if positions.iter().any(|z| !RAIL_MM.contains(z)) {
+                    let detail = format!("rail positions must be {} to {} mm", RAIL_MM.start(), RAIL_MM.end());
+                    return Err(at("/rail_positions_mm", detail, None));
+                }
+                Ok(positions.clone())
+            }
+            (None, Some(_), None) => Err(at(
+                "/slice_count",
+                "slice_count is missing: a step alone does not tell how many slices there are",
+                None,
+            )),
+            (None, Some(step), Some(count)) => {
+                if !(2..=MAX_SLICES).contains(&(count as usize)) {
+                    let detail = format!("slice_count is {count}; a stack has 2 to {MAX_SLICES} slices");
+                    return Err(at("/slice_count", detail, None));
+                }
+                if step == 0.0 || !(-1000.0..=1000.0).contains(&step) {
+                    let detail = format!("rail_step_mm is {step}; it must be -1000 to 1000 and not 0");
+                    return Err(at("/rail_step_mm", detail, None));
+                }
+                Ok((0..count).map(|i| f64::from(i) * step).collect())
+            }
+        }
+    }
+
+    fn check_numbers(&self) -> Result<(), Error> {
+        let ranges = [("focal_mm", self.focal_mm, 0.1, 10_000.0), ("magnification", self.magnification, 1e-4, 1e3)];
+        for (name, value, least, most) in ranges {
+            if !(least..=most).contains(&value) {
+                let detail = format!("{name} is {value}; it must be {least} to {most}");
+                return Err(at(&format!("/{name}"), detail, None));
+            }
+        }
+        if !self.drift_px_per_mm.iter().all(|drift| (-1000.0..=1000.0).contains(drift)) {
+            let detail = format!("drift_px_per_mm is {:?}; both numbers must be -1000 to 1000", self.drift_px_per_mm);
+            return Err(at("/drift_px_per_mm", detail, None));
+        }
+        Ok(())
+    }
+
+    /// Refuses positions at which nothing could be in focus: mostly a wrong sign.
+    fn check_reach(&self, along: &[f64]) -> Result<(), Error> {
+        for (i, &dz) in along.iter().enumerate() {
+            let (distance, least) = match self.capture_mode {
+                CaptureMode::FixedLens => (self.sensor_distance() - dz, self.focal_mm),
+                CaptureMode::MovingLens => (self.object_distance() - dz, 0.0),
+            };
+            if distance > least {
+                continue;
+            }
+            let detail = match self.capture_mode {
+                CaptureMode::FixedLens => format!(
+                    "in slice {i} the sensor would be {distance:.2} mm from the lens, not beyond its focal length of {least} mm, \
+                     where nothing is in focus; check the sign of the rail (positive: towards the object, so towards the lens) and the magnification"
+                ),
+                CaptureMode::MovingLens => format!(
+                    "in slice {i} the lens would have moved {dz:.2} mm towards an object that is {:.2} mm away; check the \
+                     positions of the rail (positive: towards the object) and the magnification",
+                    self.object_distance()
+                ),
+            };
+            return Err(at("/rail_positions_mm", detail, u32::try_from(i).ok()));
+        }
+        Ok(())
+    }
+}
+
+fn at(pointer: &str, detail: impl Into<String>, slice: Option<u32>) -> Error {
+    let detail = detail.into();
+    let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer.to_owned()), file: None, slice };
+    Error::new(ErrorKind::InvalidProfile, detail).at(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn macro_rig(capture_mode: CaptureMode) -> RigParameters {
+        RigParameters {
+            image_width: 1200,
+            image_height: 800,
+            reference_index: Some(1),
+            slice_count: Some(3),
+            focal_mm: 65.0,
+            magnification: 1.0,
+            pixel_pitch_mm: Some(0.004),
+            rail_positions_mm: None,
+            rail_step_mm: Some(0.5),
+            capture_mode,
+            principal_point_px: None,
+            drift_px_per_mm: [0.0, 0.0],
+            gains: GainLaw::Optics,
+            note: None,
+        }
+    }
+
+    fn refused(rig: &RigParameters) -> String {
+        rig.profile().expect_err("the test gives something wrong").detail
+    }
+
+    #[test]
+    fn a_sensor_that_moves_towards_the_lens_makes_the_image_smaller_so_its_slice_is_scaled_up() {
+        let profile = macro_rig(CaptureMode::FixedLens).profile().expect("sound");
+        let scale = |i: usize| profile.homographies[i].0[0];
+        assert!(scale(0) < 1.0 && scale(2) > 1.0, "{profile:?}");
+        // d2 = 130 mm at life size
+        assert!((scale(2) - 130.0 / 129.5).abs() < 1e-12);
+        assert_eq!(profile.principal_distance_mm, Some(130.0));
+        assert_eq!(profile.principal_distance_px(), Some(32_500.0));
+        assert_eq!(profile.rail_positions_mm, Some(vec![0.0, 0.5, 1.0]));
+    }
+
+    #[test]
+    fn a_camera_that_comes_nearer_makes_the_image_larger_so_its_slice_is_scaled_down() {
+        let profile = macro_rig(CaptureMode::MovingLens).profile().expect("sound");
+        let scale = |i: usize| profile.homographies[i].0[0];
+        assert!(scale(0) > 1.0 && scale(2) < 1.0, "{profile:?}");
+        assert!((scale(2) - 129.5 / 130.0).abs() < 1e-12);
+        assert_eq!(profile.gains, None);
+    }
+
+    #[test]
+    fn a_sensor_farther_away_gets_less_light_and_its_slice_is_brightened() {
+        let rig = macro_rig(CaptureMode::FixedLens);
+        let gains = rig.profile().expect("sound").gains.expect("gains by the optics");
+        assert_eq!(gains[1], 1.0);
+        assert!((gains[0] - (130.5_f64 / 130.0).powi(2)).abs() < 1e-12 && gains[2] < 1.0, "{gains:?}");
+        assert_eq!(RigParameters { gains: GainLaw::None, ..rig }.profile().expect("sound").gains, None);
+    }
+
+    #[test]
+    fn the_middle_slice_is_the_reference_unless_another_is_named() {
+        let rig = RigParameters { reference_index: None, slice_count: Some(7), ..macro_rig(CaptureMode::FixedLens) };
+        let profile = rig.profile().expect("sound");
+        assert_eq!((profile.reference_index, profile.homographies[3]), (3, Homography::IDENTITY));
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_what_to_do() {
+        let rig = macro_rig(CaptureMode::FixedLens);
+        let wrong = RigParameters { rail_step_mm: None, ..rig.clone() };
+        assert!(refused(&wrong).starts_with("the rail is missing: give rail_positions_mm"));
+        let wrong = RigParameters { rail_positions_mm: Some(vec![0.0, 1.0]), ..rig.clone() };
+        assert!(refused(&wrong).contains("both given"));
+        let wrong = RigParameters { rail_positions_mm: Some(vec![0.0, 1.0]), rail_step_mm: None, ..rig.clone() };
+        assert_eq!(refused(&wrong), "2 rail positions for 3 slices");
+        let wrong = RigParameters { slice_count: None, ..rig.clone() };
+        assert!(refused(&wrong).starts_with("slice_count is missing"));
+        let wrong = RigParameters { rail_step_mm: Some(40.0), slice_count: Some(5), ..rig.clone() };
+        assert!(refused(&wrong).contains("where nothing is in focus; check the sign of the rail"));
+        let wrong = RigParameters { rail_step_mm: Some(0.0), ..rig.clone() };
+        assert!(refused(&wrong).starts_with("rail_step_mm is 0"));
+        let wrong = RigParameters { magnification: f64::NAN, ..rig.clone() };
+        assert!(refused(&wrong).starts_with("magnification is NaN; it must be 0.0001 to 1000"));
+        let wrong = RigParameters { reference_index: Some(3), ..rig };
+        assert_eq!(refused(&wrong), "reference_index is 3; it must be below the 3 slices");
+        let near = RigParameters { rail_step_mm: Some(140.0), ..macro_rig(CaptureMode::MovingLens) };
+        assert!(refused(&near).contains("towards an object that is 130.00 mm away"));
+    }
+
+    prop_compose! {
+        fn any_rig()(
+            moving: bool, focal_mm in 20.0..200.0_f64, magnification in 0.2..5.0_f64, point in [300.0..900.0_f64, 200.0..600.0_f64],
+            drift_px_per_mm in [-20.0..20.0_f64, -20.0..20.0_f64], step in 0.01..0.2_f64, falls: bool, reference in 0..9_u32,
+        ) -> RigParameters {
+            RigParameters {
+                focal_mm,
+                magnification,
+                principal_point_px: Some(point),
+                drift_px_per_mm,
+                rail_step_mm: Some(if falls { -step } else { step }),
+                reference_index: Some(reference),
+                slice_count: Some(9),
+                ..macro_rig(if moving { CaptureMode::MovingLens } else { CaptureMode::FixedLens })
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_reference_stays_and_every_principal_point_comes_home(rig in any_rig()) {
+            let profile = rig.profile().expect("every rig of this kind is sound");
+            let reference = rig.reference_index.expect("named") as usize;
+            let rail = profile.rail_positions_mm.as_ref().expect("kept");
+            let point = profile.principal_point_px.expect("kept");
+            prop_assert!(profile.homographies[reference].is_identity());
+            for (homography, z) in profile.homographies.iter().zip(rail) {
+                let dz = z - rail[reference];
+                let wandered = [0, 1].map(|axis| point[axis] + rig.drift_px_per_mm[axis] * dz);
+                let home = homography.apply(wandered);
+                prop_assert!((home[0] - point[0]).hypot(home[1] - point[1]) < 1e-6);
+            }
+        }
+
+        #[test]
+        fn the_scale_follows_the_sign_of_the_rail(rig in any_rig()) {
+            let profile = rig.profile().expect("every rig of this kind is sound");
+            let rail = profile.rail_positions_mm.as_ref().expect("kept");
+            let reference = rig.reference_index.expect("named") as usize;
+            for (homography, z) in profile.homographies.iter().zip(rail) {
+                // towards the object a sensor sees a smaller image, a camera a larger one
+                let dz = z - rail[reference];
+                let larger = (dz > 0.0) == (rig.capture_mode == CaptureMode::MovingLens);
+                prop_assert!(dz == 0.0 || (homography.0[0] < 1.0) == larger);
+            }
+        }
+
+        #[test]
+        fn a_profile_for_one_reference_based_on_another_is_that_ones_with_a_fixed_lens(rig in any_rig(), other in 0..9_u32) {
+            let rig = RigParameters { capture_mode: CaptureMode::FixedLens, drift_px_per_mm: [0.0; 2], ..rig };
+            let profile = rig.profile().expect("sound");
+            let reference = rig.reference_index.expect("named");
+            let step = rig.rail_step_mm.expect("a step");
+            // the same lens and sensor, told from where the other slice stands
+            let distance = rig.sensor_distance() - (f64::from(other) - f64::from(reference)) * step;
+            let told = RigParameters { magnification: distance / rig.focal_mm - 1.0, reference_index: Some(other), ..rig };
+            let told = told.profile().expect("sound");
+            let back = profile.homographies[other as usize].inverse().expect("invertible");
+            for (a, b) in profile.homographies.iter().zip(&told.homographies) {
+                let a = a.then(&back).expect("finite");
+                prop_assert!(a.corner_distance(b, 1200, 800) < 1e-6);
+            }
+        }
+    }
+}

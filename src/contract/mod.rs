@@ -1,0 +1,22 @@
+//! What clients see and rows keep: jobs, requests, outcomes, stored profiles, error codes.
+//!
+//! Plain data with its own rules. The numbers of the science are in `pinstack_science::types`.
+
+pub mod error;
+pub mod input;
+pub mod job;
+pub mod job_error;
+pub mod name;
+pub mod one_line;
+pub mod options;
+pub mod outcome;
+pub mod profile;
+pub mod profile_summary;
+pub mod request;
+
+pub use error::{Code, Fault, Problem};
+pub use job::{JobKind, JobState, Progress};
+pub use job_error::JobError;
+pub use name::Name;
+pub use one_line::one_line;
+pub use profile_summary::ProfileSummary;

@@ -1,0 +1,99 @@
+//! What lists show of a profile: everything but the numbers per slice.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use pinstack_science::types::{
+    Warning,
+    profile::{CaptureMode, HomographyModel},
+};
+
+use super::{
+    Name,
+    profile::{Profile, ProfileOrigin, ProfileSource},
+};
+
+/// A calibration profile at one revision, without its numbers per slice (`homographies`, `gains`, `rail_positions_mm` and
+/// `slices`): `GET /v1/profiles/{rig}/{lens}?revision=N` has them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProfileSummary {
+    /// The rig's name.
+    pub rig: Name,
+    /// The lens's name (one per setting of a zoom or variable macro lens).
+    pub lens: Name,
+    /// 1 for the first; every write makes the next.
+    pub revision: u32,
+    /// SHA-256 of what defines the geometry and the gains, hex; results name it.
+    pub digest: String,
+    /// SHA-256 of what describes the camera, hex; results name it too.
+    #[serde(default)]
+    pub optics_digest: String,
+    /// When this revision was stored.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: Timestamp,
+    /// Uploaded or measured.
+    pub source: ProfileSource,
+    /// The calibration that measured it, when one did on this server.
+    pub calibration_id: Option<Uuid>,
+    /// The profile that this one was imported from.
+    pub origin: Option<ProfileOrigin>,
+    /// Family of maps the homographies belong to.
+    pub model: HomographyModel,
+    /// What was done to the numbers on their way in.
+    #[serde(default)]
+    pub warnings: Vec<Warning>,
+    /// Number of slices.
+    pub slice_count: u32,
+    /// Width of every slice, px.
+    pub image_width: u32,
+    /// Height of every slice, px.
+    pub image_height: u32,
+    /// 0-based index of the slice that all others are mapped to.
+    pub reference_index: u32,
+    /// Size of one pixel on the sensor, mm.
+    pub pixel_pitch_mm: Option<f64>,
+    /// What moves between slices.
+    pub capture_mode: Option<CaptureMode>,
+    /// Distance from the lens to the sensor in the reference slice, mm.
+    pub principal_distance_mm: Option<f64>,
+    /// The same in px, what photogrammetry calls the focal length; only where `pixel_pitch_mm` is known.
+    pub principal_distance_px: Option<f64>,
+    /// Where the optical axis meets the reference slice, `[x, y]` px.
+    pub principal_point_px: Option<[f64; 2]>,
+    /// Image size over object size of what is in focus in the reference slice.
+    pub magnification: Option<f64>,
+    /// Free text.
+    pub note: Option<String>,
+}
+
+impl From<&Profile> for ProfileSummary {
+    fn from(profile: &Profile) -> Self {
+        let input = &profile.input;
+        Self {
+            rig: profile.rig.clone(),
+            lens: profile.lens.clone(),
+            revision: profile.revision,
+            digest: profile.digest.clone(),
+            optics_digest: profile.optics_digest.clone(),
+            created_at: profile.created_at,
+            source: profile.source,
+            calibration_id: profile.calibration_id,
+            origin: profile.origin.clone(),
+            model: profile.model,
+            warnings: profile.warnings.clone(),
+            slice_count: profile.slice_count,
+            image_width: input.image_width,
+            image_height: input.image_height,
+            reference_index: input.reference_index,
+            pixel_pitch_mm: input.pixel_pitch_mm,
+            capture_mode: input.capture_mode,
+            principal_distance_mm: input.principal_distance_mm,
+            principal_distance_px: profile.principal_distance_px,
+            principal_point_px: input.principal_point_px,
+            magnification: input.magnification,
+            note: input.note.clone(),
+        }
+    }
+}
