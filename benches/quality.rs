@@ -9,7 +9,7 @@ use pinstack_science::{
         alignment,
         sampling::Blocks,
         score::Scorer,
-        slice::{Fingerprint, Observer, Warped},
+        slice::{Fingerprint, SliceMeter, WarpedSlice},
     },
 };
 
@@ -29,14 +29,14 @@ fn picture(width: usize, height: usize, seed: usize) -> Plane<f32> {
 fn observe(c: &mut Criterion) {
     let luma = picture(WIDTH, HEIGHT, 1);
     let samples: Vec<u8> = luma.data.iter().flat_map(|&v| [v as u8, (v / 2.0) as u8, v as u8]).collect();
-    let (observer, coverage) = (Observer::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
-    let slice = Warped { samples: &samples[..], channels: 3, coverage: &coverage, gain: 1.02 };
+    let (observer, coverage) = (SliceMeter::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
+    let slice = WarpedSlice { samples: &samples[..], channels: 3, coverage: &coverage, gain: 1.02 };
     let mut group = c.benchmark_group("quality");
     group.throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));
     group.bench_function("observe one slice", |b| {
         b.iter(|| {
             let fingerprint = Fingerprint::of(&samples, 3, WIDTH, HEIGHT);
-            observer.slice(3, black_box(&slice), vec![1.0; observer.points().count()], fingerprint)
+            observer.measure(3, black_box(&slice), vec![1.0; observer.points().count()], fingerprint)
         });
     });
     group.finish();

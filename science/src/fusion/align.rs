@@ -18,7 +18,7 @@ use super::{
 };
 use crate::{
     imaging::{Coverage, Plane, Raster, Sample, grey, warp::Warp},
-    quality::slice::{Fingerprint, Observer, Seen, Warped},
+    quality::slice::{Fingerprint, SliceMeasurements, SliceMeter, WarpedSlice},
     types::{Error, ErrorKind, Interrupted},
 };
 
@@ -40,14 +40,14 @@ pub(super) struct Aligned {
     /// What only fusion by labels asks for: how sharp that slice is there, and what was seen of wide surroundings.
     pub surveyed: Option<(Plane<f32>, Survey)>,
     /// What the observer noted, slice by slice; empty without an observer.
-    pub seen: Vec<Seen>,
+    pub seen: Vec<SliceMeasurements>,
 }
 
 /// Runs the first pass. `first` is slice 0, which is loaded already.
 pub(super) fn align<S: Sample, const C: usize>(
     run: &Run<'_>,
     first: Raster,
-    observer: Option<&Observer<'_>>,
+    observer: Option<&SliceMeter<'_>>,
 ) -> Result<Aligned, Interrupted> {
     let plan = run.plan;
     let slices = plan.homographies.len();
@@ -62,7 +62,7 @@ pub(super) fn align<S: Sample, const C: usize>(
     };
     let (next, done) = (AtomicUsize::new(0), Mutex::new(0));
     let failure: Mutex<Option<(usize, Interrupted)>> = Mutex::new(None);
-    let results: Vec<OnceLock<(Coverage, Option<Seen>)>> = (0..slices).map(|_| OnceLock::new()).collect();
+    let results: Vec<OnceLock<(Coverage, Option<SliceMeasurements>)>> = (0..slices).map(|_| OnceLock::new()).collect();
 
     // Lanes take slices one by one, so that never more are in flight than there are lanes.
     let lanes = lanes(rayon::current_num_threads(), slices);
@@ -105,7 +105,7 @@ pub(super) fn align<S: Sample, const C: usize>(
 /// What all slices of the first pass share.
 struct Pass<'a, S> {
     run: &'a Run<'a>,
-    observer: Option<&'a Observer<'a>>,
+    observer: Option<&'a SliceMeter<'a>>,
     scratch: Scratch,
     winner: Winner,
     measure: Measure,
@@ -115,7 +115,7 @@ struct Pass<'a, S> {
 }
 
 impl<S: Sample> Pass<'_, S> {
-    fn slice<const C: usize>(&self, slice: usize) -> Result<(Coverage, Option<Seen>), Interrupted> {
+    fn slice<const C: usize>(&self, slice: usize) -> Result<(Coverage, Option<SliceMeasurements>), Interrupted> {
         let plan = self.run.plan;
         self.run.control.check()?;
         let samples = self.load::<C>(slice)?;
@@ -160,7 +160,7 @@ impl<S: Sample> Pass<'_, S> {
         warped: &[S],
         covered: &Coverage,
         fingerprint: Option<Fingerprint>,
-    ) -> Result<Option<Seen>, Interrupted> {
+    ) -> Result<Option<SliceMeasurements>, Interrupted> {
         let plan = self.run.plan;
         let (width, height) = (plan.width, plan.height);
         let supported = covered.eroded(self.measure.reach());
@@ -192,8 +192,8 @@ impl<S: Sample> Pass<'_, S> {
         self.measure.enter(slice, sheet);
 
         let seen = self.observer.zip(fingerprint).map(|(observer, fingerprint)| {
-            let warped = Warped { samples: warped, channels: C, coverage: covered, gain: plan.gains[slice] };
-            observer.slice(slice, &warped, picked.concat(), fingerprint)
+            let warped = WarpedSlice { samples: warped, channels: C, coverage: covered, gain: plan.gains[slice] };
+            observer.measure(slice, &warped, picked.concat(), fingerprint)
         });
         Ok(seen)
     }

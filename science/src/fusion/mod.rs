@@ -33,7 +33,7 @@ use std::{
 
 use crate::{
     imaging::{Depth, Plane, Raster, Rect, Sample, Slices},
-    quality::{StackQuality, score::Sums},
+    quality::{StackQuality, score::ScoreSums},
     types::{
         Control, Error, ErrorKind, Homography, Interrupted, Warning,
         fusion_options::{GuidedParams, Method},
@@ -243,7 +243,7 @@ impl Run<'_> {
         };
         let sums = match &observer {
             Some(observer) => observe::score::<S, C>(self, &aligned, observer.blocks(), &blended.pixels)?,
-            None => Sums::default(),
+            None => ScoreSums::default(),
         };
 
         let valid = aligned.index.map(|slice| if slice == UNCOVERED { 0 } else { 255 });

@@ -9,16 +9,16 @@ use crate::{
         self, StackQuality,
         alignment::Alignment,
         sampling::Blocks,
-        score::{Scorer, Sums},
-        slice::{Observer, Seen},
+        score::{ScoreSums, Scorer},
+        slice::{SliceMeasurements, SliceMeter},
     },
     types::{Control, Interrupted, fusion_options::Method},
 };
 
 /// Who looks at each warped slice, when metrics are wanted.
-pub(super) fn observer<'a>(plan: &Plan, watch: &Watch<'a>) -> Option<Observer<'a>> {
+pub(super) fn observer<'a>(plan: &Plan, watch: &Watch<'a>) -> Option<SliceMeter<'a>> {
     let slices = plan.homographies.len();
-    watch.metrics.then(|| Observer::new(plan.width, plan.height, slices, plan.reference, watch.object))
+    watch.metrics.then(|| SliceMeter::new(plan.width, plan.height, slices, plan.reference, watch.object))
 }
 
 /// Residual shifts between warped neighbours.
@@ -43,7 +43,7 @@ pub(super) fn alignment<S: Sample>(
     };
     let mut found = quality::alignment::measure(aligned.coverages.len(), &read, plan.width, plan.height, watch.object);
     control.check()?;
-    found.judge_order(&plan.homographies, (plan.width, plan.height));
+    found.detect_reversal(&plan.homographies, (plan.width, plan.height));
     found.metrics.common_fraction = common_fraction(aligned);
     Ok(found)
 }
@@ -68,8 +68,8 @@ pub(super) fn score<S: Sample, const C: usize>(
     aligned: &Aligned,
     blocks: &Blocks,
     fused: &[S],
-) -> Result<Sums, Interrupted> {
-    let of_block = |rect: &Rect| -> Result<Sums, Interrupted> {
+) -> Result<ScoreSums, Interrupted> {
+    let of_block = |rect: &Rect| -> Result<ScoreSums, Interrupted> {
         let rect = *rect;
         let rows = (rect.y..rect.y + rect.height).map(|y| (y * run.plan.width + rect.x) * C);
         let mut luma = Plane::filled(rect.width, rect.height, 0.0);
@@ -94,7 +94,7 @@ pub(super) fn score<S: Sample, const C: usize>(
     };
     let scores = blocks.rects.par_iter().with_max_len(1).map(of_block).collect::<Result<Vec<_>, Interrupted>>()?;
     // in the order of the blocks, whoever scored them
-    let mut sums = Sums::default();
+    let mut sums = ScoreSums::default();
     scores.iter().for_each(|score| sums.merge(score));
     Ok(sums)
 }
@@ -102,14 +102,14 @@ pub(super) fn score<S: Sample, const C: usize>(
 /// All metrics together, when they are wanted.
 pub(super) fn finish(
     run: &Run<'_>,
-    observer: Option<&Observer<'_>>,
-    seen: Vec<Seen>,
-    sums: &Sums,
+    observer: Option<&SliceMeter<'_>>,
+    seen: Vec<SliceMeasurements>,
+    sums: &ScoreSums,
     alignment: Alignment,
     index: &Plane<u16>,
 ) -> Option<StackQuality> {
     let names = (0..run.slices.count()).map(|slice| run.slices.name(slice).to_owned()).collect();
-    let choice = quality::Choice { index, settled: run.plan.method == Method::HaloCorrected };
+    let choice = quality::DecisionMap { index, settled: run.plan.method == Method::HaloCorrected };
     observer.map(|observer| quality::finish(observer, seen, sums, alignment, &choice, names))
 }
 

@@ -1,22 +1,22 @@
 //! What a fused stack is worth, in numbers: pure functions over planes, no plane kept per slice.
 //! Definitions and how to read them: `docs/METRICS.md`.
 //!
-//! The parts are called where the data passes by: [`slice::Observer`] once per warped slice,
+//! The parts are called where the data passes by: [`slice::SliceMeter`] once per warped slice,
 //! [`alignment::measure`] on a few windows of the warped slices, [`score::Scorer`] once per block of the fused
 //! picture, and [`finish`] at the end. Where they look, [`sampling`] says: at a part of a large canvas, spread evenly.
 
 pub mod alignment;
-mod findings;
+mod deterministic_sum;
+mod diagnosis;
 mod flicker;
 mod focus;
-mod lanes;
-mod order;
+mod focus_order;
+pub mod full_reference;
 pub mod piella;
 pub mod sampling;
 pub mod score;
 pub mod slice;
 mod statistics;
-pub mod truth;
 pub mod two_source;
 pub mod xydeas;
 
@@ -57,7 +57,7 @@ const ZERO: f32 = 0.5;
 
 /// Which slice each pixel comes from.
 #[derive(Debug, Clone, Copy)]
-pub struct Choice<'a> {
+pub struct DecisionMap<'a> {
     /// Index of the slice; `u16::MAX` where no slice covers the pixel.
     pub index: &'a Plane<u16>,
     /// Whether doubtful choices were settled from their surroundings; else each is the slice of the highest saliency.
@@ -68,16 +68,16 @@ pub struct Choice<'a> {
 ///
 /// `seen` holds one entry per slice, in any order; `choice` is the slice that won each pixel; `names` are what the user calls the slices.
 pub fn finish(
-    observer: &slice::Observer<'_>,
-    seen: Vec<slice::Seen>,
-    sums: &score::Sums,
+    observer: &slice::SliceMeter<'_>,
+    seen: Vec<slice::SliceMeasurements>,
+    sums: &score::ScoreSums,
     alignment: alignment::Alignment,
-    choice: &Choice<'_>,
+    decision_map: &DecisionMap<'_>,
     names: Vec<String>,
 ) -> StackQuality {
     let mut seen = seen;
     seen.sort_by_key(|seen| seen.index);
-    let coverage = focus::coverage(&seen, observer.points(), choice, observer.masked());
+    let coverage = focus::coverage(&seen, observer.points(), decision_map, observer.masked());
     let reference = seen.iter().find(|seen| seen.index == seen.reference);
     let exposures: Vec<Option<f64>> = seen
         .iter()
@@ -120,13 +120,13 @@ pub fn finish(
         slices,
         findings: Vec::new(),
     };
-    quality.findings = findings::of(
+    quality.findings = diagnosis::diagnose(
         &quality,
-        &findings::More {
+        &diagnosis::Evidence {
             own: &alignment.own,
             steps: &coverage.steps,
             evened: &evened,
-            backwards: alignment.backwards,
+            reversed: alignment.reversed,
         },
     );
     quality

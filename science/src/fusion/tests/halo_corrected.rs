@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     imaging::filter::disc::Disc,
-    quality::truth::psnr,
+    quality::full_reference::psnr,
     synth::{Light, Rig, Scene},
 };
 

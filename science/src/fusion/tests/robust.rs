@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     imaging::codec::{Limits, decode, encode_jpeg},
-    quality::truth::psnr,
+    quality::full_reference::psnr,
     synth::{Light, Rig, Scene},
 };
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::quality::slice::{Fingerprint, Observer, Warped};
+use crate::quality::slice::{Fingerprint, SliceMeter, WarpedSlice};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
@@ -30,7 +30,7 @@ impl Stack {
         3.0 + scatter + (self.depth)(x, y).map_or(0.0, sharp)
     }
 
-    fn judged(&self) -> Coverage {
+    fn judged(&self) -> DepthCoverage {
         let slices = self.places.len();
         let planes: Vec<Plane<f32>> =
             (0..slices).map(|n| Plane::from_fn(WIDTH, HEIGHT, |x, y| self.saliency(n, x, y))).collect();
@@ -42,23 +42,23 @@ impl Stack {
     }
 }
 
-/// Coverage by slices whose saliency is known everywhere.
-fn judge(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&Plane<u8>>) -> Coverage {
-    let observer = Observer::new(WIDTH, HEIGHT, saliency.len(), saliency.len() / 2, object);
+/// DepthCoverage by slices whose saliency is known everywhere.
+fn judge(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&Plane<u8>>) -> DepthCoverage {
+    let observer = SliceMeter::new(WIDTH, HEIGHT, saliency.len(), saliency.len() / 2, object);
     let grey = vec![100u8; WIDTH * HEIGHT];
     let everywhere = crate::imaging::Coverage::full(WIDTH, HEIGHT);
     let see = |(n, plane): (usize, &Plane<f32>)| {
         let picked = observer.points().positions().map(|(x, y)| plane.at(x, y)).collect();
-        let slice = Warped { samples: &grey[..], channels: 1, coverage: &everywhere, gain: 1.0 };
-        observer.slice(n, &slice, picked, Fingerprint::default())
+        let slice = WarpedSlice { samples: &grey[..], channels: 1, coverage: &everywhere, gain: 1.0 };
+        observer.measure(n, &slice, picked, Fingerprint::default())
     };
-    let seen: Vec<Seen> = saliency.iter().enumerate().map(see).collect();
-    coverage(&seen, observer.points(), &Choice { index, settled: false }, object.is_some())
+    let seen: Vec<SliceMeasurements> = saliency.iter().enumerate().map(see).collect();
+    coverage(&seen, observer.points(), &DecisionMap { index, settled: false }, object.is_some())
 }
 
 #[test]
 fn a_good_stack_names_no_fault() {
-    let Coverage { metrics, contribution, .. } = Stack::good().judged();
+    let DepthCoverage { metrics, contribution, .. } = Stack::good().judged();
     assert_eq!(metrics.textured_fraction, Some(1.0));
     assert_eq!(metrics.unfocused_fraction, None);
     assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (Some(false), Some(false)));
@@ -125,7 +125,7 @@ fn smooth_parts_of_the_object_are_unfocused() {
 
 #[test]
 fn noise_alone_is_no_texture_and_judges_no_slice() {
-    let Coverage { metrics, contribution, .. } = Stack { depth: |_, _| None, ..Stack::good() }.judged();
+    let DepthCoverage { metrics, contribution, .. } = Stack { depth: |_, _| None, ..Stack::good() }.judged();
     assert_eq!(metrics.textured_fraction, Some(0.0));
     assert_eq!((metrics.range_too_short_near, metrics.range_too_short_far), (None, None));
     assert_eq!((metrics.redundant_slices, metrics.coverage_gaps), (vec![], vec![]));
@@ -141,7 +141,7 @@ fn two_slices_cannot_say_where_the_object_ends() {
 #[test]
 fn no_slice_and_no_covered_pixel_give_no_number() {
     let index = Plane::filled(WIDTH, HEIGHT, u16::MAX);
-    assert_eq!(judge(&[], &index, None), Coverage::default());
+    assert_eq!(judge(&[], &index, None), DepthCoverage::default());
     let found = judge(&[Plane::filled(WIDTH, HEIGHT, f32::NAN)], &index, None);
     assert_eq!((found.metrics, found.contribution), (FocusMetrics::default(), vec![None]));
 }

@@ -1,9 +1,9 @@
 //! Gradient preservation against the sharpest slice per pixel.
 
-use super::{Counts, Sums, whole_neighbourhoods};
+use super::{PixelWeights, ScoreSums, whole_neighbourhoods};
 use crate::{
     imaging::Plane,
-    quality::{lanes, xydeas},
+    quality::{deterministic_sum, xydeas},
 };
 
 /// The strongest Sobel gradient over the slices so far, per inner pixel of a block.
@@ -78,7 +78,7 @@ impl Gradients {
     }
 
     /// Compares with the fused image, on pixels that count and have their neighbourhood covered.
-    pub(super) fn sum(&self, fused: &Plane<f32>, counts: &Counts, covered: &Counts, sums: &mut Sums) {
+    pub(super) fn sum(&self, fused: &Plane<f32>, counts: &PixelWeights, covered: &PixelWeights, sums: &mut ScoreSums) {
         if self.energy.is_empty() {
             return;
         }
@@ -94,15 +94,15 @@ impl Gradients {
             {
                 *weight = counts * neighbours;
             }
-            let count = lanes::sum(&weights);
+            let count = deterministic_sum::sum(&weights);
             if count == 0.0 {
                 continue;
             }
             of_fused.fill(rows);
             laplacians(rows, &mut laplacian, &mut squares);
-            sums.tenengrad.add(lanes::dot(&of_fused.energy, &weights), count);
-            sums.laplacian.add(lanes::dot(&laplacian, &weights), count);
-            sums.laplacian_squares.add(lanes::dot(&squares, &weights), count);
+            sums.tenengrad.add(deterministic_sum::dot(&of_fused.energy, &weights), count);
+            sums.laplacian.add(deterministic_sum::dot(&laplacian, &weights), count);
+            sums.laplacian_squares.add(deterministic_sum::dot(&squares, &weights), count);
 
             let range = y * width..(y + 1) * width;
             let energy = &self.energy[range.clone()];
@@ -116,10 +116,11 @@ impl Gradients {
                 *source = energy.max(0.0);
                 *strength = source.sqrt() * weight;
             }
-            sums.retention.add(lanes::dot(&of_fused.energy, &weights), lanes::dot(&source, &weights));
+            sums.retention
+                .add(deterministic_sum::dot(&of_fused.energy, &weights), deterministic_sum::dot(&source, &weights));
             let best = (&self.gx[range.clone()], &self.gy[range]);
             xydeas::preservations(best, (&of_fused.gx, &of_fused.gy), &mut kept);
-            sums.q_g.add(lanes::dot(&kept, &strength), lanes::sum(&strength));
+            sums.q_g.add(deterministic_sum::dot(&kept, &strength), deterministic_sum::sum(&strength));
         }
     }
 }

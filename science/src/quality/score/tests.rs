@@ -111,7 +111,7 @@ fn sampled(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
     let blocks = Blocks::of(fused.width, fused.height, None).rects;
     let pixels: usize = blocks.iter().map(|block| block.width * block.height).sum();
     assert!(pixels * 2 < fused.data.len(), "the canvas is too small to be sampled");
-    let mut sums = Sums::default();
+    let mut sums = ScoreSums::default();
     for block in blocks {
         let cut = |p: &Plane<f32>| Plane::from_fn(block.width, block.height, |x, y| p.at(block.x + x, block.y + y));
         sums.merge(&score(&cut(fused), &mut slices.iter().map(|slice| (cut(slice), None)), None));

@@ -1,9 +1,9 @@
 //! The quality index per 8x8 window against the slice with the largest variance there.
 
-use super::{Counts, Sums, whole_neighbourhoods};
+use super::{PixelWeights, ScoreSums, whole_neighbourhoods};
 use crate::{
     imaging::Plane,
-    quality::{lanes, piella},
+    quality::{deterministic_sum, piella},
 };
 
 /// Side of a window, px (Piella & Heijmans 2003).
@@ -25,7 +25,7 @@ pub(super) struct Windows {
     variance: Vec<f32>,
     covariance: Vec<f32>,
     /// Of the slice that is looked at: its luma, its square, its product with the fused image.
-    sums: [Boxes; 3],
+    sums: [BoxSums; 3],
 }
 
 impl Windows {
@@ -33,7 +33,7 @@ impl Windows {
         let fits = fused.width >= SIDE && fused.height >= SIDE;
         let (across, down) = if fits { (fused.width + 1 - SIDE, fused.height + 1 - SIDE) } else { (0, 0) };
         let windows = across * down;
-        let middle = (lanes::sum(&fused.data) / fused.data.len().max(1) as f64) as f32;
+        let middle = (deterministic_sum::sum(&fused.data) / fused.data.len().max(1) as f64) as f32;
         // what no slice covers may be anything
         let middle = if middle.is_finite() { middle } else { 127.5 };
         let mut new = Self {
@@ -46,7 +46,7 @@ impl Windows {
             mean: vec![0.0; windows],
             variance: vec![-1.0; windows],
             covariance: vec![0.0; windows],
-            sums: [(); 3].map(|()| Boxes::new(if fits { (fused.width, fused.height) } else { (0, 0) })),
+            sums: [(); 3].map(|()| BoxSums::new(if fits { (fused.width, fused.height) } else { (0, 0) })),
         };
         let [one, two, _] = &mut new.sums;
         one.fill(|y, out| out.copy_from_slice(new.fused.row(y)));
@@ -114,7 +114,7 @@ impl Windows {
     }
 
     /// Adds the windows of which every pixel counts.
-    pub(super) fn sum(&self, counts: &Counts, sums: &mut Sums) {
+    pub(super) fn sum(&self, counts: &PixelWeights, sums: &mut ScoreSums) {
         if self.variance.is_empty() {
             return;
         }
@@ -134,7 +134,7 @@ impl Windows {
                 *index = piella::index_of_many(source, fused, *covariance);
                 *weight = variance * counts;
             }
-            sums.q_w.add(lanes::dot(&index, &weights), lanes::sum(&weights));
+            sums.q_w.add(deterministic_sum::dot(&index, &weights), deterministic_sum::sum(&weights));
         }
     }
 }
@@ -145,18 +145,18 @@ fn product(out: &mut [f32], a: &[f32], b: &[f32]) {
     }
 }
 
-/// Sums over all 8x8 windows of a plane, by doubling: of two neighbours, of two such sums, of two of those. Nothing runs
+/// ScoreSums over all 8x8 windows of a plane, by doubling: of two neighbours, of two such sums, of two of those. Nothing runs
 /// along, so that nothing drifts, and every step is a plain addition of rows.
 #[derive(Debug)]
-struct Boxes {
+struct BoxSums {
     width: usize,
     height: usize,
-    /// Sums per upper left corner; what lies in the last columns and rows is of no worth.
+    /// ScoreSums per upper left corner; what lies in the last columns and rows is of no worth.
     data: Vec<f32>,
     line: Vec<f32>,
 }
 
-impl Boxes {
+impl BoxSums {
     fn new((width, height): (usize, usize)) -> Self {
         Self { width, height, data: vec![0.0; width * height], line: vec![0.0; width] }
     }
@@ -188,7 +188,7 @@ impl Boxes {
     }
 }
 
-/// Sums of what stands `step` apart.
+/// ScoreSums of what stands `step` apart.
 fn pairs(out: &mut [f32], values: &[f32], step: usize) {
     for ((out, one), other) in out.iter_mut().zip(values).zip(&values[step..]) {
         *out = one + other;

@@ -1,6 +1,6 @@
 //! Brightness of a slice over that of the reference, from means of cells that both cover.
 
-use super::Warped;
+use super::WarpedSlice;
 use crate::{
     imaging::{Rect, Sample},
     quality::{FULL, statistics},
@@ -25,7 +25,7 @@ pub(crate) struct Brightness {
 }
 
 impl Brightness {
-    pub(super) fn of<S: Sample>(slice: &Warped<'_, S>, gain: f64) -> Self {
+    pub(super) fn of<S: Sample>(slice: &WarpedSlice<'_, S>, gain: f64) -> Self {
         let (width, height) = (slice.coverage.width(), slice.coverage.height());
         let side = ((width * height / CELLS) as f64).sqrt() as usize;
         let side = side.max(LEAST_SIDE).min(width.min(height)).max(1);
@@ -59,7 +59,7 @@ impl Brightness {
     }
 }
 
-fn mean<S: Sample>(slice: &Warped<'_, S>, gain: f64, cell: Rect) -> [f32; 4] {
+fn mean<S: Sample>(slice: &WarpedSlice<'_, S>, gain: f64, cell: Rect) -> [f32; 4] {
     let (width, channels) = (slice.coverage.width(), slice.channels);
     let scale = S::DEPTH.max() / 255.0;
     let full = (FULL * scale).min(FULL * scale * gain as f32) as u32;

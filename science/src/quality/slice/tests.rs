@@ -13,16 +13,16 @@ fn covered(columns: usize) -> Coverage {
     Coverage::of(&shifted, (WIDTH, HEIGHT), WIDTH, HEIGHT)
 }
 
-fn observer(object: Option<&Plane<u8>>) -> Observer<'_> {
-    Observer::new(WIDTH, HEIGHT, 2, 0, object)
+fn observer(object: Option<&Plane<u8>>) -> SliceMeter<'_> {
+    SliceMeter::new(WIDTH, HEIGHT, 2, 0, object)
 }
 
-fn see(observer: &Observer<'_>, luma: &Plane<u8>, coverage: &Coverage, gain: f64) -> Seen {
-    let slice = Warped { samples: &luma.data[..], channels: 1, coverage, gain };
-    observer.slice(1, &slice, vec![1.0; observer.points().count()], Fingerprint::default())
+fn see(observer: &SliceMeter<'_>, luma: &Plane<u8>, coverage: &Coverage, gain: f64) -> SliceMeasurements {
+    let slice = WarpedSlice { samples: &luma.data[..], channels: 1, coverage, gain };
+    observer.measure(1, &slice, vec![1.0; observer.points().count()], Fingerprint::default())
 }
 
-fn seen(luma: &Plane<u8>, gain: f64) -> Seen {
+fn seen(luma: &Plane<u8>, gain: f64) -> SliceMeasurements {
     see(&observer(None), luma, &covered(WIDTH), gain)
 }
 
@@ -48,8 +48,8 @@ fn a_drift_of_colour_is_told_from_one_of_brightness() {
     let warm: Vec<u8> = scene().data.iter().flat_map(|&v| [(f32::from(v) * 1.2).round() as u8, v, v]).collect();
     let coverage = covered(WIDTH);
     let see = |samples: &[u8]| {
-        let slice = Warped { samples, channels: 3, coverage: &coverage, gain: 1.0 };
-        observer(None).slice(0, &slice, vec![1.0; WIDTH * HEIGHT], Fingerprint::default()).brightness
+        let slice = WarpedSlice { samples, channels: 3, coverage: &coverage, gain: 1.0 };
+        observer(None).measure(0, &slice, vec![1.0; WIDTH * HEIGHT], Fingerprint::default()).brightness
     };
     let [red, blue] = see(&warm).balance_ratio(&see(&grey)).unwrap();
     assert!((red - 1.2).abs() < 0.005 && (blue - 1.0).abs() < 1e-6, "{red}, {blue}");
@@ -61,9 +61,9 @@ fn what_a_slice_does_not_cover_enters_no_number() {
     let seen_torn = see(&observer(None), &torn, &covered(32), 1.0);
     assert_eq!((seen_torn.covered, seen_torn.clipped), (Some(0.5), Some(0.0)));
     let half = Plane::from_fn(32, HEIGHT, |x, y| scene().at(x, y));
-    let alone = Observer::new(32, HEIGHT, 2, 0, None);
-    let slice = Warped { samples: &half.data[..], channels: 1, coverage: &Coverage::full(32, HEIGHT), gain: 1.0 };
-    let alone = alone.slice(1, &slice, vec![1.0; 32 * HEIGHT], Fingerprint::default());
+    let alone = SliceMeter::new(32, HEIGHT, 2, 0, None);
+    let slice = WarpedSlice { samples: &half.data[..], channels: 1, coverage: &Coverage::full(32, HEIGHT), gain: 1.0 };
+    let alone = alone.measure(1, &slice, vec![1.0; 32 * HEIGHT], Fingerprint::default());
     assert!((seen_torn.tenengrad.unwrap() / alone.tenengrad.unwrap() - 1.0).abs() < 1e-9);
     let ratio = seen_torn.brightness.exposure_ratio(&seen(&scene(), 1.0).brightness).unwrap();
     assert!((ratio - 1.0).abs() < 1e-6);
@@ -96,8 +96,8 @@ fn tenengrad_of_a_ramp_is_its_slope_seen_by_sobel() {
 #[test]
 fn samples_that_do_not_fit_the_canvas_cover_nothing() {
     let coverage = Coverage::full(8, 8);
-    let slice = Warped { samples: &[1u8; 64][..], channels: 1, coverage: &coverage, gain: 1.0 };
-    let seen = observer(None).slice(0, &slice, Vec::new(), Fingerprint::default());
+    let slice = WarpedSlice { samples: &[1u8; 64][..], channels: 1, coverage: &coverage, gain: 1.0 };
+    let seen = observer(None).measure(0, &slice, Vec::new(), Fingerprint::default());
     assert_eq!((seen.covered, seen.tenengrad), (None, None));
     assert!(seen.saliency.iter().all(|s| s.is_nan()));
 }

@@ -6,7 +6,7 @@
 mod gradients;
 mod windows;
 
-use super::lanes;
+use super::deterministic_sum;
 use crate::{imaging::Plane, types::metrics::FusionMetrics};
 
 use gradients::Gradients;
@@ -16,42 +16,42 @@ use windows::Windows;
 /// How far outside the range of the slices a pixel of the fused image counts as overshoot, grey levels.
 const OVERSHOOT_LEVELS: f32 = 1.0;
 
-/// Sums over the pixels of one or more blocks; merged in the order of the blocks they are the same
+/// ScoreSums over the pixels of one or more blocks; merged in the order of the blocks they are the same
 /// whatever thread scored which block.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Sums {
+pub struct ScoreSums {
     /// Sum of gradient preservation times the gradient of the sharpest slice, and of that gradient alone.
-    q_g: Share,
+    q_g: Ratio,
     /// Sum of the quality index times the variance of the sharpest slice, and of that variance alone.
-    q_w: Share,
+    q_w: Ratio,
     /// Gradient energy of the fused image, and of the sharpest slice per pixel.
-    retention: Share,
+    retention: Ratio,
     /// Squared differences to the right neighbour, and their number.
-    right: Share,
+    right: Ratio,
     /// Squared differences to the lower neighbour, and their number.
-    below: Share,
+    below: Ratio,
     /// Squared Sobel gradients of the fused image, and their number.
-    tenengrad: Share,
+    tenengrad: Ratio,
     /// Laplacians of the fused image, and their number.
-    laplacian: Share,
+    laplacian: Ratio,
     /// Their squares, and their number.
-    laplacian_squares: Share,
+    laplacian_squares: Ratio,
     /// Pixels outside the range of the slices, and pixels looked at.
-    overshoot: Share,
+    overshoot: Ratio,
     /// Grey levels outside the range of the slices, and pixels looked at.
-    overshoot_levels: Share,
+    overshoot_levels: Ratio,
     /// Pixels of the fused image at full scale or at zero, and pixels looked at.
-    clipped: Share,
+    clipped: Ratio,
 }
 
 /// A numerator and a denominator.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Share {
+struct Ratio {
     above: f64,
     below: f64,
 }
 
-impl Share {
+impl Ratio {
     fn add(&mut self, above: f64, below: f64) {
         self.above += above;
         self.below += below;
@@ -63,7 +63,7 @@ impl Share {
     }
 }
 
-impl Sums {
+impl ScoreSums {
     /// Adds the sums of the next block.
     pub fn merge(&mut self, next: &Self) {
         let mut next = *next;
@@ -72,7 +72,7 @@ impl Sums {
         }
     }
 
-    fn shares(&mut self) -> [&mut Share; 11] {
+    fn shares(&mut self) -> [&mut Ratio; 11] {
         let Self {
             q_g,
             q_w,
@@ -136,7 +136,7 @@ pub fn score(
     fused: &Plane<f32>,
     slices: &mut dyn Iterator<Item = (Plane<f32>, Option<Plane<u8>>)>,
     object: Option<&Plane<u8>>,
-) -> Sums {
+) -> ScoreSums {
     let mut scorer = Scorer::new(fused, object);
     for (luma, valid) in slices {
         scorer.slice(&luma, valid.as_ref());
@@ -192,13 +192,15 @@ impl<'a> Scorer<'a> {
     }
 
     /// The sums over the block.
-    pub fn sums(self) -> Sums {
-        let covered = Counts::of(self.fused, |i| self.highest[i] > f32::NEG_INFINITY);
+    pub fn sums(self) -> ScoreSums {
+        let covered = PixelWeights::of(self.fused, |i| self.highest[i] > f32::NEG_INFINITY);
         let counts = match self.object {
             None => covered.clone(),
-            Some(object) => Counts::of(self.fused, |i| self.highest[i] > f32::NEG_INFINITY && object.data[i] != 0),
+            Some(object) => {
+                PixelWeights::of(self.fused, |i| self.highest[i] > f32::NEG_INFINITY && object.data[i] != 0)
+            }
         };
-        let mut sums = Sums::default();
+        let mut sums = ScoreSums::default();
         self.gradients.sum(self.fused, &counts, &covered, &mut sums);
         self.windows.sum(&counts, &mut sums);
         differences(self.fused, &counts, &mut sums);
@@ -207,7 +209,7 @@ impl<'a> Scorer<'a> {
     }
 
     /// What lies outside the range of the slices, and what is clipped.
-    fn range(&self, counts: &Counts, sums: &mut Sums) {
+    fn range(&self, counts: &PixelWeights, sums: &mut ScoreSums) {
         let width = self.fused.width;
         let (mut beyond, mut outside, mut clipped) = (vec![0.0; width], vec![0.0; width], vec![0.0; width]);
         for y in 0..self.fused.height {
@@ -225,23 +227,23 @@ impl<'a> Scorer<'a> {
                 *clipped = if (super::ZERO..super::FULL).contains(&value) { 0.0 } else { 1.0 };
             }
             let weights = counts.weights.row(y);
-            let count = lanes::sum(weights);
-            sums.overshoot.add(lanes::dot(&outside, weights), count);
-            sums.overshoot_levels.add(lanes::dot(&beyond, weights), count);
-            sums.clipped.add(lanes::dot(&clipped, weights), count);
+            let count = deterministic_sum::sum(weights);
+            sums.overshoot.add(deterministic_sum::dot(&outside, weights), count);
+            sums.overshoot_levels.add(deterministic_sum::dot(&beyond, weights), count);
+            sums.clipped.add(deterministic_sum::dot(&clipped, weights), count);
         }
     }
 }
 
 /// Which pixels of a block count: weights of 1, or 0.
 #[derive(Debug, Clone)]
-struct Counts {
+struct PixelWeights {
     weights: Plane<f32>,
     /// Whether all of them do.
     all: bool,
 }
 
-impl Counts {
+impl PixelWeights {
     fn of(shape: &Plane<f32>, counts: impl Fn(usize) -> bool) -> Self {
         let data: Vec<f32> = (0..shape.data.len()).map(|i| if counts(i) { 1.0 } else { 0.0 }).collect();
         let all = !data.contains(&0.0);
@@ -266,13 +268,13 @@ pub(super) fn same_shape<A, B>(a: &Plane<A>, b: &Plane<B>) -> bool {
     a.width == b.width && a.height == b.height && a.data.len() == b.data.len()
 }
 
-/// Sums the squared differences to the right and lower neighbours, where both pixels count.
-fn differences(fused: &Plane<f32>, counts: &Counts, sums: &mut Sums) {
+/// ScoreSums the squared differences to the right and lower neighbours, where both pixels count.
+fn differences(fused: &Plane<f32>, counts: &PixelWeights, sums: &mut ScoreSums) {
     if fused.width == 0 {
         return;
     }
     let (mut squares, mut weights) = (vec![0.0f32; fused.width], vec![0.0f32; fused.width]);
-    let mut squared = |(a, wa): (&[f32], &[f32]), (b, wb): (&[f32], &[f32]), share: &mut Share| {
+    let mut squared = |(a, wa): (&[f32], &[f32]), (b, wb): (&[f32], &[f32]), share: &mut Ratio| {
         let length = a.len();
         for ((square, a), b) in squares.iter_mut().zip(a).zip(b) {
             *square = (a - b) * (a - b);
@@ -280,7 +282,10 @@ fn differences(fused: &Plane<f32>, counts: &Counts, sums: &mut Sums) {
         for ((weight, a), b) in weights.iter_mut().zip(wa).zip(wb) {
             *weight = a * b;
         }
-        share.add(lanes::dot(&squares[..length], &weights[..length]), lanes::sum(&weights[..length]));
+        share.add(
+            deterministic_sum::dot(&squares[..length], &weights[..length]),
+            deterministic_sum::sum(&weights[..length]),
+        );
     };
     let last = fused.width - 1;
     for y in 0..fused.height {

@@ -8,7 +8,7 @@ const REACH: usize = 2;
 const MOST: usize = 10_000;
 
 /// Share of the pixels `at` whose slice is not the one that most of their 5x5 neighbours come from.
-pub(super) fn noise(index: &Plane<u16>, at: &[(usize, usize)]) -> Option<f64> {
+pub(super) fn fraction(index: &Plane<u16>, at: &[(usize, usize)]) -> Option<f64> {
     let step = at.len().div_ceil(MOST).max(1);
     let (mut odd, mut count) = (0, 0);
     let mut around = Vec::with_capacity((2 * REACH + 1).pow(2));
@@ -48,11 +48,11 @@ mod tests {
     fn a_speck_is_noise_and_a_straight_border_is_not() {
         let halves = Plane::from_fn(40, 40, |x, _| u16::from(x >= 20));
         let all: Vec<(usize, usize)> = (0..40).flat_map(|y| (0..40).map(move |x| (x, y))).collect();
-        assert_eq!(noise(&halves, &all), Some(0.0));
+        assert_eq!(fraction(&halves, &all), Some(0.0));
         let mut speck = halves;
         speck.row_mut(7)[9] = 5;
-        assert_eq!(noise(&speck, &[(9, 7), (30, 30)]), Some(0.5));
-        assert_eq!(noise(&speck, &[]), None);
+        assert_eq!(fraction(&speck, &[(9, 7), (30, 30)]), Some(0.5));
+        assert_eq!(fraction(&speck, &[]), None);
     }
 
     #[test]

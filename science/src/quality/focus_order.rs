@@ -22,12 +22,12 @@ const SUSPECTS: usize = 6;
 
 /// Logarithms of the saliency, cell by cell.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Curves {
+pub(super) struct FocusCurves {
     slices: usize,
     cells: Vec<Vec<f32>>,
 }
 
-impl Curves {
+impl FocusCurves {
     /// From textured pixels: where each lies, and its saliency in every slice (0: not known).
     pub(super) fn of<'a>(
         textured: impl Iterator<Item = ((usize, usize), &'a [f32])>,
@@ -122,15 +122,15 @@ impl Curves {
 mod tests {
     use super::*;
 
-    /// Curves of an object whose depth runs over the slices, seen in the order `order`.
-    fn curves(order: &[usize]) -> Curves {
+    /// FocusCurves of an object whose depth runs over the slices, seen in the order `order`.
+    fn curves(order: &[usize]) -> FocusCurves {
         let slices = order.len();
         let cell = |c: usize| {
             let depth = c as f32 / 40.0 * (slices - 1) as f32;
             let scatter = |n: usize| 0.04 * (((c * 31 + n * 17) % 13) as f32 / 13.0 - 0.5);
             order.iter().map(|&n| (2.0 + 20.0 / (1.0 + ((n as f32 - depth) / 1.5).powi(2))).ln() + scatter(n)).collect()
         };
-        Curves { slices, cells: (0..40).map(cell).collect() }
+        FocusCurves { slices, cells: (0..40).map(cell).collect() }
     }
 
     #[test]
@@ -156,6 +156,6 @@ mod tests {
     #[test]
     fn too_few_cells_or_slices_say_nothing() {
         assert_eq!(curves(&[0, 2, 1]).other_order(), None);
-        assert_eq!(Curves::default().other_order(), None);
+        assert_eq!(FocusCurves::default().other_order(), None);
     }
 }

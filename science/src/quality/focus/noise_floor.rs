@@ -18,7 +18,7 @@ const HIGHEST: f32 = 12.0;
 /// In most slices a pixel is out of focus and shows noise alone; so the quietest tenth of all samples in all
 /// slices is noise, also when the object is textured all over. (Looking for the quietest pixels instead, by
 /// their sharpest slice, finds none there, and on a plain background finds only the lower tail of the noise.)
-pub(super) fn floor(saliency: &[f32]) -> f32 {
+pub(super) fn measure(saliency: &[f32]) -> f32 {
     let mut alive: Vec<f32> = saliency.iter().copied().filter(|&value| value > DEAD).collect();
     let quiet = statistics::nth(&mut alive, QUIET).unwrap_or(0.0);
     (MARGIN * quiet).clamp(LOWEST, HIGHEST)

@@ -18,7 +18,7 @@ const LEAST_POINTS: usize = 6;
 /// One pixel says little: noise and the veil of nearer parts bend its three values, and where much lies just inside of
 /// the end, as a plate does, some of it seems to lie outside. Their means over a cell say more. But cells alone would
 /// take in the many pixels of other parts with thin ones that reach out, so both are asked.
-pub(super) fn goes_on(
+pub(super) fn extends_beyond(
     curves: impl Iterator<Item = ((usize, usize), [f32; 3])>,
     textured: usize,
     (width, height): (usize, usize),
@@ -58,7 +58,7 @@ mod tests {
     }
 
     fn told(z: f32, count: usize, settled: bool) -> bool {
-        goes_on(curves(z, count).into_iter(), 40_000, (400, 300), 3.0, settled)
+        extends_beyond(curves(z, count).into_iter(), 40_000, (400, 300), 3.0, settled)
     }
 
     #[test]

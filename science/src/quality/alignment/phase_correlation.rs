@@ -8,7 +8,7 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use rustfft::{Fft, FftPlanner, num_complex::Complex32};
 
-use crate::quality::lanes;
+use crate::quality::deterministic_sum;
 
 /// Share of the votes that must agree with the peak, 0 (none) to 1 (all).
 const AGREEMENT: f32 = 0.5;
@@ -34,19 +34,19 @@ pub(super) struct Correlator {
     side: usize,
     taper: Vec<f32>,
     /// The frequencies that vote.
-    places: Vec<Place>,
+    frequencies: Vec<Frequency>,
     forward: Arc<dyn Fft<f32>>,
     backward: Arc<dyn Fft<f32>>,
 }
 
 /// One frequency of half the plane.
 #[derive(Clone, Copy)]
-struct Place {
+struct Frequency {
     /// Radians per px.
     u: f32,
     v: f32,
     /// Cycles per px.
-    frequency: f32,
+    radius: f32,
     /// Where it and its opposite lie in a spectrum.
     at: usize,
     opposite: usize,
@@ -56,7 +56,7 @@ struct Place {
 
 /// What the common spectrum says at one frequency.
 struct Vote {
-    place: Place,
+    frequency: Frequency,
     cross: Complex32,
     /// Energies of the two windows there.
     energies: (f32, f32),
@@ -68,7 +68,7 @@ impl Correlator {
         let taper = hann.iter().flat_map(|&y| hann.iter().map(move |&x| x * y)).collect();
         let mut planner = FftPlanner::new();
         let (forward, backward) = (planner.plan_fft_forward(side), planner.plan_fft_inverse(side / 2));
-        Self { side, taper, places: places(side), forward, backward }
+        Self { side, taper, frequencies: frequencies(side), forward, backward }
     }
 
     /// How far the content of `b` lies from where it is in `a`, px (x, y), by the pixels where `valid`; none
@@ -101,12 +101,12 @@ impl Correlator {
         // a value where the slice does not cover may be anything
         let mut values: Vec<f32> =
             window.iter().zip(valid).map(|(&value, &valid)| if valid { value } else { 0.0 }).collect();
-        let sum = lanes::sum(&weights);
-        let mean = (lanes::dot(&values, &weights) / sum) as f32;
+        let sum = deterministic_sum::sum(&weights);
+        let mean = (deterministic_sum::dot(&values, &weights) / sum) as f32;
         values.iter_mut().for_each(|value| *value -= mean);
         let mut tapered = values.clone();
         tapered.iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
-        let contrast = (lanes::dot(&tapered, &values) / sum).sqrt();
+        let contrast = (deterministic_sum::dot(&tapered, &values) / sum).sqrt();
         (contrast.is_finite() && contrast >= f64::from(LEAST_CONTRAST)).then_some(tapered)
     }
 
@@ -116,15 +116,15 @@ impl Correlator {
         self.forward.process(&mut both);
         transpose(&mut both, self.side);
         self.forward.process(&mut both);
-        let vote = |&place: &Place| {
-            let (here, there) = (both[place.at], both[place.opposite].conj());
+        let vote = |&frequency: &Frequency| {
+            let (here, there) = (both[frequency.at], both[frequency.opposite].conj());
             let a = (here + there) * 0.5;
             let b = (here - there) * Complex32::new(0.0, -0.5);
-            Vote { place, cross: a.conj() * b, energies: (a.norm_sqr(), b.norm_sqr()) }
+            Vote { frequency, cross: a.conj() * b, energies: (a.norm_sqr(), b.norm_sqr()) }
         };
-        let mut votes: Vec<Vote> = self.places.iter().map(vote).collect();
+        let mut votes: Vec<Vote> = self.frequencies.iter().map(vote).collect();
         let common = common_band(&votes, self.side);
-        votes.retain(|vote| vote.place.frequency <= common);
+        votes.retain(|vote| vote.frequency.radius <= common);
         if common < LEAST_COMMON {
             votes.clear();
         }
@@ -132,8 +132,8 @@ impl Correlator {
         let half = self.side / 2;
         let mut spectrum = vec![Complex32::default(); half * half];
         for vote in &votes {
-            spectrum[vote.place.coarse.0] = vote.cross;
-            spectrum[vote.place.coarse.1] = vote.cross.conj();
+            spectrum[vote.frequency.coarse.0] = vote.cross;
+            spectrum[vote.frequency.coarse.1] = vote.cross.conj();
         }
         (votes, spectrum)
     }
@@ -163,37 +163,37 @@ impl Correlator {
 impl Vote {
     /// Phase that a shift by (x, y) explains, radians.
     fn phase(&self, x: f32, y: f32) -> f32 {
-        self.place.u * x + self.place.v * y
+        self.frequency.u * x + self.frequency.v * y
     }
 }
 
 /// The frequencies of the band, each once. Spectra are transposed: rows are frequencies across.
-fn places(side: usize) -> Vec<Place> {
+fn frequencies(side: usize) -> Vec<Frequency> {
     let half = side / 2;
     let opposite = |i: usize| (side - i) % side;
-    let frequency = |i: usize| if i <= half { i as f32 } else { i as f32 - side as f32 } / side as f32;
+    let cycles = |i: usize| if i <= half { i as f32 } else { i as f32 - side as f32 } / side as f32;
     // in half as many frequencies the negative ones come sooner
     let coarse = |i: usize| if i < half { i } else { i - half };
-    let mut places = Vec::new();
+    let mut frequencies = Vec::new();
     for across in 0..=half {
         for down in 0..side {
-            let (u, v) = (frequency(across), frequency(down));
+            let (u, v) = (cycles(across), cycles(down));
             let radius = u.hypot(v);
             if !(BAND.0..BAND.1).contains(&radius) || (across == 0 && down > half) {
                 continue;
             }
             let coarse_at = |across: usize, down: usize| coarse(across) * half + coarse(down);
-            places.push(Place {
+            frequencies.push(Frequency {
                 u: TAU * u,
                 v: TAU * v,
-                frequency: radius,
+                radius,
                 at: across * side + down,
                 opposite: opposite(across) * side + opposite(down),
                 coarse: (coarse_at(across, down), coarse_at(opposite(across), opposite(down))),
             });
         }
     }
-    places
+    frequencies
 }
 
 /// The highest frequency up to which neither window is damped away against the other, cycles per px.
@@ -202,7 +202,7 @@ fn common_band(votes: &[Vote], side: usize) -> f32 {
     let ring = |frequency: f32| ((frequency - BAND.0) * side as f32 / 4.0) as usize;
     let mut energies = vec![(0.0f32, 0.0f32); ring(BAND.1) + 1];
     for vote in votes {
-        if let Some(sums) = energies.get_mut(ring(vote.place.frequency)) {
+        if let Some(sums) = energies.get_mut(ring(vote.frequency.radius)) {
             sums.0 += vote.energies.0;
             sums.1 += vote.energies.1;
         }
@@ -238,11 +238,11 @@ fn refine(votes: &[Vote], (start_x, start_y): (f32, f32)) -> Option<(f32, f32)> 
             let (sin, cos) = vote.phase(x, y).sin_cos();
             let agreeing = vote.cross.re * cos - vote.cross.im * sin;
             let turned = vote.cross.re * sin + vote.cross.im * cos;
-            gx -= vote.place.u * turned;
-            gy -= vote.place.v * turned;
-            xx += vote.place.u * vote.place.u * agreeing;
-            xy += vote.place.u * vote.place.v * agreeing;
-            yy += vote.place.v * vote.place.v * agreeing;
+            gx -= vote.frequency.u * turned;
+            gy -= vote.frequency.v * turned;
+            xx += vote.frequency.u * vote.frequency.u * agreeing;
+            xy += vote.frequency.u * vote.frequency.v * agreeing;
+            yy += vote.frequency.v * vote.frequency.v * agreeing;
         }
         let determinant = xx * yy - xy * xy;
         if xx <= 0.0 || determinant <= 1e-6 * xx * yy {

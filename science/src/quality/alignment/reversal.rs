@@ -14,7 +14,7 @@ const UNEXPLAINED: f64 = 0.35;
 /// With the homographies `H_0` to `H_(N-1)`, slice `n` of such a stack was taken where slice `N-1-n` belongs. From
 /// slice `n` to the next its content moves by `H_(n+1) H_(N-2-n)^-1 H_(N-1-n) H_n^-1`, which no rig that was touched
 /// does by chance: the scale runs exactly the wrong way.
-pub(super) fn fits_backwards(
+pub(super) fn fits_reversed_stack(
     left: &ResidualSimilarity,
     homographies: &[Homography],
     (width, height): (usize, usize),
@@ -84,20 +84,20 @@ mod tests {
     fn the_scale_must_run_the_wrong_way_by_twice_the_step() {
         let profile = profile(1.004, 0.0);
         // what the profile does to a stack that needs the opposite: once too little, once too much
-        assert!(fits_backwards(&left(1.004f64.powi(2), 0.0), &profile, SIZE));
-        assert!(fits_backwards(&left(1.0076, 0.1), &profile, SIZE));
+        assert!(fits_reversed_stack(&left(1.004f64.powi(2), 0.0), &profile, SIZE));
+        assert!(fits_reversed_stack(&left(1.0076, 0.1), &profile, SIZE));
         for other in [left(1.0, 0.0), left(1.004, 0.0), left(0.992, 0.0), left(1.016, 0.0), left(1.008, 3.0)] {
-            assert!(!fits_backwards(&other, &profile, SIZE), "{other:?}");
+            assert!(!fits_reversed_stack(&other, &profile, SIZE), "{other:?}");
         }
     }
 
     #[test]
     fn a_profile_that_reads_the_same_both_ways_tells_nothing() {
         let still = vec![Homography::IDENTITY; 9];
-        assert!(!fits_backwards(&left(1.0, 0.0), &still, SIZE));
-        assert!(!fits_backwards(&left(1.0, 0.0), &[], SIZE));
+        assert!(!fits_reversed_stack(&left(1.0, 0.0), &still, SIZE));
+        assert!(!fits_reversed_stack(&left(1.0, 0.0), &[], SIZE));
         let shifted = profile(1.0, 1.5);
-        assert!(fits_backwards(&left(1.0, 3.0), &shifted, SIZE));
-        assert!(!fits_backwards(&left(1.0, -3.0), &shifted, SIZE));
+        assert!(fits_reversed_stack(&left(1.0, 3.0), &shifted, SIZE));
+        assert!(!fits_reversed_stack(&left(1.0, -3.0), &shifted, SIZE));
     }
 }

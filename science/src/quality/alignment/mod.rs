@@ -1,8 +1,8 @@
 //! Residual shifts between warped neighbours: whether the calibration profile fits the stack.
 
-mod backwards;
-mod focus;
-mod phase;
+mod in_focus_pairs;
+mod phase_correlation;
+mod reversal;
 mod similarity;
 
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ use similarity::Similarity;
 
 /// Gives the luma (0..255) and validity (255 valid) of a rectangle of warped slice `n`; none where it
 /// cannot be had.
-pub type Window<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
+pub type ReadWindow<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
 
 /// Windows in each direction.
 const GRID: usize = 5;
@@ -41,8 +41,8 @@ pub struct Alignment {
     pub metrics: AlignmentMetrics,
     /// Per slice: median length of the residual shift against the slice before it, px; the first is none.
     pub per_slice: Vec<Option<f64>>,
-    /// What is left is what a stack in the opposite order would leave: [`Alignment::judge_order`].
-    pub backwards: bool,
+    /// What is left is what a stack in the opposite order would leave: [`Alignment::detect_reversal`].
+    pub reversed: bool,
     /// Per pair of neighbours: the middle shift that the common similarity does not explain, px, and its standard
     /// deviation.
     pub(super) own: Vec<Option<OwnShift>>,
@@ -51,9 +51,9 @@ pub struct Alignment {
 impl Alignment {
     /// Compares what is left with what `homographies`, the profile of a canvas of `size` (width, height), would leave in a
     /// stack whose slices came from the last to the first.
-    pub fn judge_order(&mut self, homographies: &[Homography], size: (usize, usize)) {
+    pub fn detect_reversal(&mut self, homographies: &[Homography], size: (usize, usize)) {
         let left = self.metrics.similarity.as_ref();
-        self.backwards = left.is_some_and(|left| backwards::fits_backwards(left, homographies, size));
+        self.reversed = left.is_some_and(|left| reversal::fits_reversed_stack(left, homographies, size));
     }
 }
 
@@ -86,14 +86,20 @@ impl Shift {
 /// too few do, the number is none.
 ///
 /// `read` is called from several threads; the result does not depend on how many.
-pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, object: Option<&Plane<u8>>) -> Alignment {
+pub fn measure(
+    slices: usize,
+    read: &ReadWindow<'_>,
+    width: usize,
+    height: usize,
+    object: Option<&Plane<u8>>,
+) -> Alignment {
     let windows = windows(width, height, object);
     let mut of_pair = vec![Vec::new(); slices.saturating_sub(1)];
-    let focus = focus::Focus::of(slices, read, &windows);
+    let focus = in_focus_pairs::WindowTexture::of(slices, read, &windows);
     for (index, window) in windows.iter().enumerate() {
         focus.pairs(index).into_iter().for_each(|pair| of_pair[pair].push(*window));
     }
-    let correlator = windows.first().map(|window| phase::Correlator::new(window.width));
+    let correlator = windows.first().map(|window| phase_correlation::Correlator::new(window.width));
     let pair = |(first, windows): (usize, &Vec<Rect>)| match &correlator {
         Some(correlator) => shifts(read, correlator, first, first + 1, windows),
         None => Vec::new(),
@@ -115,7 +121,7 @@ pub fn measure(slices: usize, read: &Window<'_>, width: usize, height: usize, ob
         let (shift, sigma) = similarity::own_shift(shifts, common.as_ref(), LEAST_SHIFTS)?;
         Some(OwnShift { shift, sigma })
     });
-    Alignment { metrics, per_slice, backwards: false, own: own.collect() }
+    Alignment { metrics, per_slice, reversed: false, own: own.collect() }
 }
 
 /// A similarity per step as the contract shows it, with what it makes of a picture's corners over `steps` steps.
@@ -199,7 +205,13 @@ fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
 }
 
 /// The shifts from slice `from` to slice `to`, window by window.
-fn shifts(read: &Window<'_>, correlator: &phase::Correlator, from: usize, to: usize, windows: &[Rect]) -> Vec<Shift> {
+fn shifts(
+    read: &ReadWindow<'_>,
+    correlator: &phase_correlation::Correlator,
+    from: usize,
+    to: usize,
+    windows: &[Rect],
+) -> Vec<Shift> {
     let shift = |window: &Rect| {
         let side = window.width;
         let (a, valid_a) = read(from, *window)?;

@@ -1,12 +1,12 @@
 //! Whether the slices cover the object in depth, from the saliency of every slice on a sparse grid.
 
-mod area;
 mod curve;
-mod ends;
-mod labels;
-mod noise;
+mod label_noise;
+mod noise_floor;
+mod range;
+mod unfocused_area;
 
-use super::{Choice, order::Curves, sampling::Points, slice::Seen, statistics};
+use super::{DecisionMap, focus_order::FocusCurves, sampling::Points, slice::SliceMeasurements, statistics};
 use crate::{imaging::Plane, types::metrics::FocusMetrics};
 
 /// Fewer textured samples than this say nothing about single slices.
@@ -31,7 +31,7 @@ const STRONG: f32 = 2.0;
 
 /// The coverage in depth, and the contribution of every slice.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Coverage {
+pub(super) struct DepthCoverage {
     pub(super) metrics: FocusMetrics,
     pub(super) contribution: Vec<Option<f64>>,
     /// Per pair of neighbours: about how many usual steps focus moves.
@@ -50,7 +50,7 @@ struct Samples {
 }
 
 impl Samples {
-    fn of(seen: &[Seen], points: &Points, index: &Plane<u16>) -> Self {
+    fn of(seen: &[SliceMeasurements], points: &Points, index: &Plane<u16>) -> Self {
         let slices = seen.len();
         let mut samples = Self { saliency: Vec::new(), winner: Vec::new(), at: Vec::new(), slices };
         for (i, (x, y)) in points.positions().enumerate() {
@@ -63,7 +63,8 @@ impl Samples {
             }
             samples.winner.push(winner);
             samples.at.push((x, y));
-            let value = |seen: &Seen| seen.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0);
+            let value =
+                |seen: &SliceMeasurements| seen.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0);
             samples.saliency.extend(seen.iter().map(value));
         }
         samples
@@ -76,15 +77,20 @@ impl Samples {
 }
 
 /// Judges the coverage; `seen` in the order of the slices, `masked` when the points are of the object alone.
-pub(super) fn coverage(seen: &[Seen], points: &Points, choice: &Choice<'_>, masked: bool) -> Coverage {
-    let index = choice.index;
+pub(super) fn coverage(
+    seen: &[SliceMeasurements],
+    points: &Points,
+    decision_map: &DecisionMap<'_>,
+    masked: bool,
+) -> DepthCoverage {
+    let index = decision_map.index;
     let slices = seen.len();
-    let unknown = Coverage { contribution: vec![None; slices], ..Coverage::default() };
+    let unknown = DepthCoverage { contribution: vec![None; slices], ..DepthCoverage::default() };
     let samples = Samples::of(seen, points, index);
     if samples.winner.is_empty() {
         return unknown;
     }
-    let floor = noise::floor(&samples.saliency);
+    let floor = noise_floor::measure(&samples.saliency);
     let is_textured: Vec<bool> =
         samples.each().map(|(_, saliency)| saliency.iter().any(|&value| value > floor)).collect();
     let textured: Vec<(usize, &[f32])> =
@@ -93,11 +99,11 @@ pub(super) fn coverage(seen: &[Seen], points: &Points, choice: &Choice<'_>, mask
     let mut metrics = FocusMetrics {
         textured_fraction: Some(share),
         unfocused_fraction: masked.then_some(1.0 - share),
-        unfocused_area: if masked { area::largest(points, &samples.at, &is_textured) } else { None },
+        unfocused_area: if masked { unfocused_area::largest(points, &samples.at, &is_textured) } else { None },
         ..FocusMetrics::default()
     };
     if textured.len() < LEAST_TEXTURED {
-        return Coverage { metrics, ..unknown };
+        return DepthCoverage { metrics, ..unknown };
     }
     let at: Vec<(usize, usize)> =
         samples.at.iter().zip(&is_textured).filter(|(_, textured)| **textured).map(|(&at, _)| at).collect();
@@ -111,9 +117,9 @@ pub(super) fn coverage(seen: &[Seen], points: &Points, choice: &Choice<'_>, mask
     metrics.coverage_gaps = pairs(&|n| falls[n].is_some_and(|fall| fall < GAP));
     metrics.uneven_steps =
         pairs(&|n| steps[n].is_some_and(|step| step > UNEVEN) && falls[n].is_some_and(|fall| fall < UNEVEN_FALL));
-    metrics.label_noise = labels::noise(index, &at);
-    metrics.ambiguity = labels::ambiguity(textured.iter().map(|(_, saliency)| *saliency));
-    metrics.order = Curves::of(
+    metrics.label_noise = label_noise::fraction(index, &at);
+    metrics.ambiguity = label_noise::ambiguity(textured.iter().map(|(_, saliency)| *saliency));
+    metrics.order = FocusCurves::of(
         at.iter().copied().zip(textured.iter().map(|(_, saliency)| *saliency)),
         (index.width, index.height),
         slices,
@@ -136,14 +142,14 @@ pub(super) fn coverage(seen: &[Seen], points: &Points, choice: &Choice<'_>, mask
             let of_end = textured.iter().zip(&at).filter(|((winner, _), _)| *winner == end);
             let size = (index.width, index.height);
             let curves = of_end.map(|((_, saliency), &at)| (at, ends(saliency)));
-            ends::goes_on(curves, textured.len(), size, floor / noise::MARGIN, choice.settled)
+            range::extends_beyond(curves, textured.len(), size, floor / noise_floor::MARGIN, decision_map.settled)
         };
         metrics.peak_at_first_fraction = Some(falling(first, 0));
         metrics.peak_at_last_fraction = Some(falling(last, slices - 1));
         metrics.range_too_short_near = Some(beyond(first, 0));
         metrics.range_too_short_far = Some(beyond(last, slices - 1));
     }
-    Coverage { metrics, contribution: contribution.into_iter().map(Some).collect(), steps }
+    DepthCoverage { metrics, contribution: contribution.into_iter().map(Some).collect(), steps }
 }
 
 /// Slices between the first and the last that hardly any textured pixel needs.

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::Window;
+use super::ReadWindow;
 use crate::imaging::{Plane, Rect};
 
 /// A slice is near the focus of a window when it holds this share of the fine texture of the sharpest slice.
@@ -20,15 +20,15 @@ const MANY: usize = 5;
 const COMES_AND_GOES: f64 = 1.5;
 
 /// The fine texture of every window in every slice.
-pub(super) struct Focus {
+pub(super) struct WindowTexture {
     /// By slice, then window.
     texture: Vec<Vec<f64>>,
     /// The largest of all slices, by window; infinite where no focus shows.
     sharpest: Vec<f64>,
 }
 
-impl Focus {
-    pub(super) fn of(slices: usize, read: &Window<'_>, windows: &[Rect]) -> Self {
+impl WindowTexture {
+    pub(super) fn of(slices: usize, read: &ReadWindow<'_>, windows: &[Rect]) -> Self {
         let of_strip =
             |slice: usize, strip: Rect| read(slice, strip).map_or(0.0, |(luma, valid)| fine_texture(&luma, &valid));
         let of_window = |slice: usize, window: &Rect| strips(*window).map(|strip| of_strip(slice, strip)).iter().sum();

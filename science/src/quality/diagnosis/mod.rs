@@ -29,7 +29,7 @@ const UNFOCUSED: f64 = 0.25;
 const TEXTURED: f64 = 0.01;
 
 /// What the findings rest on that the contract does not show.
-pub(super) struct More<'a> {
+pub(super) struct Evidence<'a> {
     /// Per pair of neighbours.
     pub(super) own: &'a [Option<OwnShift>],
     /// Per pair of neighbours: how far focus moves, in usual steps.
@@ -37,31 +37,31 @@ pub(super) struct More<'a> {
     /// Per slice: brightness over that of the reference slice, after the gains.
     pub(super) evened: &'a [Option<f64>],
     /// The slices run the other way than the profile.
-    pub(super) backwards: bool,
+    pub(super) reversed: bool,
 }
 
 /// Everything that is to be said of a stack, warnings first.
-pub(super) fn of(quality: &StackQuality, more: &More<'_>) -> Vec<Finding> {
-    let teller = Teller { quality, more };
-    let mut findings = teller.duplicates();
-    let disorder = teller.reversed().or_else(|| teller.disorder());
+pub(super) fn diagnose(quality: &StackQuality, evidence: &Evidence<'_>) -> Vec<Finding> {
+    let diagnoser = Diagnoser { quality, evidence };
+    let mut findings = diagnoser.duplicates();
+    let disorder = diagnoser.reversed().or_else(|| diagnoser.disorder());
     let in_order = disorder.is_none();
     findings.extend(disorder);
     if in_order {
-        findings.extend(teller.alignment());
-        findings.extend(teller.range());
-        findings.extend(teller.gaps());
-        findings.extend(teller.brightness());
-        findings.extend(teller.redundant());
+        findings.extend(diagnoser.alignment());
+        findings.extend(diagnoser.range());
+        findings.extend(diagnoser.gaps());
+        findings.extend(diagnoser.brightness());
+        findings.extend(diagnoser.redundant());
     }
-    findings.extend(teller.picture());
+    findings.extend(diagnoser.picture());
     findings.sort_by_key(|finding| finding.severity);
     findings
 }
 
-struct Teller<'a> {
+struct Diagnoser<'a> {
     quality: &'a StackQuality,
-    more: &'a More<'a>,
+    evidence: &'a Evidence<'a>,
 }
 
 fn warning(code: &str, slices: Vec<u32>, detail: String) -> Finding {
@@ -72,7 +72,7 @@ fn note(code: &str, slices: Vec<u32>, detail: String) -> Finding {
     Finding { severity: Severity::Note, ..warning(code, slices, detail) }
 }
 
-impl Teller<'_> {
+impl Diagnoser<'_> {
     fn name(&self, slice: u32) -> String {
         let slices = &self.quality.slices;
         match slices.get(slice as usize).map(|slice| slice.name.as_str()).filter(|name| !name.is_empty()) {
@@ -161,7 +161,7 @@ impl Teller<'_> {
 
     /// The slices run the other way than the profile. What is said of focus, place and brightness would follow from that.
     fn reversed(&self) -> Option<Finding> {
-        let left = self.quality.alignment.similarity.as_ref().filter(|_| self.more.backwards)?;
+        let left = self.quality.alignment.similarity.as_ref().filter(|_| self.evidence.reversed)?;
         let (drift, sigma) = (left.corner_drift_px, left.corner_drift_sigma_px);
         if drift <= MISFIT_PX.max(MISFIT_SIGMAS * sigma) {
             return None;
@@ -180,12 +180,12 @@ impl Teller<'_> {
     /// Slices that are off though their neighbours are not, and places from where all are.
     fn moved(&self) -> Vec<Finding> {
         let off = |pair: usize| {
-            let own = (*self.more.own.get(pair)?)?;
+            let own = (*self.evidence.own.get(pair)?)?;
             let length = own.shift.0.hypot(own.shift.1);
             let sure = length > MISALIGNED_PX.max(MISALIGNED_SIGMAS * own.sigma) && !self.beside_double(pair);
             sure.then_some((own.shift, length))
         };
-        let pairs = self.more.own.len();
+        let pairs = self.evidence.own.len();
         let (mut findings, mut pair) = (Vec::new(), 0);
         while pair < pairs {
             let Some((shift, length)) = off(pair) else {
@@ -275,7 +275,7 @@ impl Teller<'_> {
         }
         let uneven: Vec<u32> = clean(&focus.uneven_steps).into_iter().filter(|n| !gaps.contains(n)).collect();
         if !uneven.is_empty() {
-            let times = uneven.iter().filter_map(|&n| self.more.steps.get(n as usize).copied().flatten());
+            let times = uneven.iter().filter_map(|&n| self.evidence.steps.get(n as usize).copied().flatten());
             let detail = format!(
                 "between slices {} focus moves about {:.1} times as far as between the others: a slice is missing there, or the \
                  rail slipped",
@@ -307,7 +307,7 @@ impl Teller<'_> {
             findings.push(warning("exposure_flicker", flickering.clone(), detail));
         }
         let steady = |n: &usize| !flickering.contains(&(*n as u32));
-        let evened = (0..self.more.evened.len()).filter(steady).filter_map(|n| self.more.evened[n]);
+        let evened = (0..self.evidence.evened.len()).filter(steady).filter_map(|n| self.evidence.evened[n]);
         let drift = evened.map(|ratio| ratio - 1.0).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
         if drift.abs() > DRIFT && slices.len() > 2 {
             let detail = format!(

@@ -6,7 +6,7 @@ mod fingerprint;
 use rayon::prelude::*;
 
 use super::{
-    FULL, ZERO, lanes,
+    FULL, ZERO, deterministic_sum,
     sampling::{Blocks, Points},
     score::sobel,
 };
@@ -17,7 +17,7 @@ pub use fingerprint::Fingerprint;
 
 /// Looks at the slices of one stack, one at a time, in any order, from any thread.
 #[derive(Debug, Clone)]
-pub struct Observer<'a> {
+pub struct SliceMeter<'a> {
     width: usize,
     height: usize,
     reference: usize,
@@ -28,7 +28,7 @@ pub struct Observer<'a> {
 
 /// A slice on the canvas.
 #[derive(Debug, Clone, Copy)]
-pub struct Warped<'a, S> {
+pub struct WarpedSlice<'a, S> {
     /// Interleaved samples of the whole canvas, with the gain applied.
     pub samples: &'a [S],
     /// 1 or 3.
@@ -41,7 +41,7 @@ pub struct Warped<'a, S> {
 
 /// What was noted about one slice.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
+pub struct SliceMeasurements {
     pub(super) index: usize,
     pub(super) reference: usize,
     /// Mean squared Sobel gradient.
@@ -67,7 +67,7 @@ struct Sums {
     pixels: f64,
 }
 
-impl<'a> Observer<'a> {
+impl<'a> SliceMeter<'a> {
     /// An observer of `slices` warped slices on a canvas of `width` x `height` px; `reference` is the slice
     /// that exposures are compared with (a number that is too large means the last one). `object` (255; elsewhere 0; of
     /// another size it counts as none) restricts all but brightness and coverage to the object.
@@ -94,20 +94,20 @@ impl<'a> Observer<'a> {
 
     /// Notes what matters of warped slice `index`. `saliency` is that of [`Points::pick`], NaN where it is not known;
     /// `fingerprint` that of the slice before it was warped.
-    pub fn slice<S: Sample>(
+    pub fn measure<S: Sample>(
         &self,
         index: usize,
-        slice: &Warped<'_, S>,
+        slice: &WarpedSlice<'_, S>,
         saliency: Vec<f32>,
         fingerprint: Fingerprint,
-    ) -> Seen {
+    ) -> SliceMeasurements {
         // a gain that is no gain would make every brightness senseless
         let gain = if slice.gain.is_finite() && slice.gain > 0.0 { slice.gain } else { 1.0 };
         let size = (slice.coverage.width(), slice.coverage.height());
         let fits = size == (self.width, self.height)
             && slice.samples.len() == self.width * self.height * slice.channels
             && saliency.len() == self.points.count();
-        let mut seen = Seen {
+        let mut seen = SliceMeasurements {
             index,
             reference: self.reference,
             tenengrad: None,
@@ -140,7 +140,7 @@ impl<'a> Observer<'a> {
         seen
     }
 
-    fn block<S: Sample>(&self, slice: &Warped<'_, S>, inner: &Coverage, gain: f32, rect: Rect) -> Sums {
+    fn block<S: Sample>(&self, slice: &WarpedSlice<'_, S>, inner: &Coverage, gain: f32, rect: Rect) -> Sums {
         let mut sums = Sums::default();
         if slice.coverage.misses(rect) {
             return sums;
@@ -170,8 +170,8 @@ impl<'a> Observer<'a> {
             for (value, &luma) in values.iter_mut().zip(luma.row(y)) {
                 *value = if (ZERO..full).contains(&luma) { 0.0 } else { 1.0 };
             }
-            sums.clipped += lanes::dot(&values, &weights);
-            sums.pixels += lanes::sum(&weights);
+            sums.clipped += deterministic_sum::dot(&values, &weights);
+            sums.pixels += deterministic_sum::sum(&weights);
         }
         let Some(across) = rect.width.checked_sub(2) else { return sums };
         for y in 1..rect.height.saturating_sub(1) {
@@ -183,8 +183,8 @@ impl<'a> Observer<'a> {
                 let (gx, gy) = sobel(upper, middle, lower, x);
                 *value = gx * gx + gy * gy;
             }
-            sums.gradients += lanes::dot(&values[..across], &weights[1..=across]);
-            sums.inner += lanes::sum(&weights[1..=across]);
+            sums.gradients += deterministic_sum::dot(&values[..across], &weights[1..=across]);
+            sums.inner += deterministic_sum::sum(&weights[1..=across]);
         }
         sums
     }
