@@ -7,7 +7,7 @@ use anyhow::bail;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use crate::store::tokens::TokenRows;
+use crate::store::Tokens;
 
 /// Whether tokens are asked for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -37,7 +37,7 @@ pub enum Asked {
 ///
 /// # Errors
 /// When other machines could reach it and nobody was told who may use it.
-pub async fn asks_for_tokens(auth: Auth, address: IpAddr, rows: &dyn TokenRows) -> anyhow::Result<Asked> {
+pub async fn asks_for_tokens(auth: Auth, address: IpAddr, rows: &dyn Tokens) -> anyhow::Result<Asked> {
     match auth {
         Auth::Tokens => Ok(Asked::Always),
         Auth::None => {

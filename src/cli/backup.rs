@@ -7,9 +7,10 @@ use clap::Args;
 
 use super::store::Place;
 use crate::store::{
+    MetadataStore,
     backup::{Copied, DATABASE, copy, forget_copy},
     blobs::local::LocalBlobs,
-    sqlite::SqliteRows,
+    sqlite::SqliteMetadata,
     verify::{Depth, Report, verify},
 };
 
@@ -67,11 +68,11 @@ impl Restore {
         }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let (rows, blobs) = (SqliteRows::open(&database).await?, LocalBlobs::open(&self.from)?);
+            let (rows, blobs) = (SqliteMetadata::open(&database).await?, LocalBlobs::open(&self.from)?);
             let copied = copy(&rows, &blobs, &to).await.context("the copy could not be restored")?;
             rows.close().await;
             tell(copied);
-            let (rows, blobs) = (SqliteRows::open(to.join(DATABASE)).await?, LocalBlobs::open(&to)?);
+            let (rows, blobs) = (SqliteMetadata::open(to.join(DATABASE)).await?, LocalBlobs::open(&to)?);
             forget_copy(&to)?;
             let report = verify(&rows, &blobs, Depth::Digests).await?;
             rows.close().await;

@@ -12,7 +12,7 @@ use figment::{
 use serde::{Deserialize, Serialize};
 
 use super::{access::Auth, environment};
-use crate::{http::connections::AddressRange, store::sweep::Retention};
+use crate::{http::connections::AddressRange, store::Retention};
 
 /// Where the server listens when nobody says otherwise.
 pub const DEFAULT_LISTEN: &str = "127.0.0.1:8080";

@@ -5,7 +5,10 @@ use std::time::Duration;
 use clap::Args;
 
 use super::store::Place;
-use crate::store::sweep::{GRACE, sweep};
+use crate::store::{
+    Expiry, MetadataStore,
+    gc::{GRACE, collect},
+};
 
 /// Remove what is over its time and files that no row names, now; a server does the same every hour. Also while a server runs.
 #[derive(Debug, Args)]
@@ -31,14 +34,14 @@ impl Gc {
         runtime.block_on(async {
             let store = self.place.open().await?;
             if self.clock_is_right {
-                store.rows.trust_clock().await?;
+                store.rows.confirm_clock().await?;
             }
-            let swept = sweep(&store.rows, &store.blobs, Duration::from_secs(self.grace_s), &store.config.retention()).await?;
+            let collected = collect(&store.rows, &store.blobs, Duration::from_secs(self.grace_s), &store.config.retention()).await?;
             store.rows.close().await;
             println!(
                 "removed: {} jobs over their time, {} zips of jobs over theirs, {} uploads that nobody went on with, files of \
                  {} jobs that no row names",
-                swept.expired, swept.uploads, swept.given_up, swept.orphans
+                collected.expired, collected.uploads, collected.given_up, collected.orphans
             );
             Ok(())
         })

@@ -50,7 +50,7 @@ enum Command {
 
 /// Runs the command that the arguments name.
 pub fn main() -> ExitCode {
-    crate::store::step::arm();
+    crate::store::failpoint::arm();
     let arguments = Arguments::parse();
     let done = match arguments.command {
         None => serve::run(arguments.serve),

@@ -21,11 +21,11 @@ use crate::{
     http::{self, App, Policy},
     jobs::Science,
     store::{
-        Rows,
+        MetadataStore,
         backup::{DATABASE, forget_copy},
         blobs::{Blobs, local::LocalBlobs},
         folder,
-        sqlite::SqliteRows,
+        sqlite::SqliteMetadata,
     },
     telemetry,
     worker::{self, Deps, Pool, maintenance},
@@ -90,7 +90,7 @@ impl Service {
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
         forget_copy(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data_dir.join(DATABASE)).await?);
+        let rows: Arc<dyn MetadataStore> = Arc::new(SqliteMetadata::open(data_dir.join(DATABASE)).await?);
         let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data_dir)?);
         let listener = TcpListener::bind(&config.listen)
             .await

@@ -7,7 +7,7 @@ use clap::Args;
 use rustix::fs::Mode;
 
 use super::config::{Flags, ServeConfig};
-use crate::store::{backup::DATABASE, blobs::local::LocalBlobs, folder, sqlite::SqliteRows};
+use crate::store::{backup::DATABASE, blobs::local::LocalBlobs, folder, sqlite::SqliteMetadata};
 
 /// Where the data is.
 #[derive(Debug, Args)]
@@ -30,7 +30,7 @@ pub struct Store {
     /// The settings that a server on it would have.
     pub config: ServeConfig,
     /// The rows.
-    pub rows: SqliteRows,
+    pub rows: SqliteMetadata,
     /// The blobs.
     pub blobs: LocalBlobs,
 }
@@ -55,7 +55,7 @@ impl Place {
         if !database.is_file() {
             bail!("there is no {}; say with --data-dir where the data is", database.display());
         }
-        let rows = SqliteRows::open(&database).await?;
+        let rows = SqliteMetadata::open(&database).await?;
         let blobs = LocalBlobs::open(&config.data_dir)?;
         Ok(Store { config, rows, blobs })
     }

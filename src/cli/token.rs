@@ -10,11 +10,11 @@ use super::{
 use crate::{
     contract::Name,
     store::{
-        Rows,
+        MetadataStore, Tokens,
         backup::DATABASE,
         folder,
-        sqlite::SqliteRows,
-        tokens::{NewToken, Scope, TokenRows, mint, names},
+        sqlite::SqliteMetadata,
+        tokens::{NewToken, Scope, mint, names},
     },
 };
 
@@ -68,7 +68,7 @@ impl Token {
         folder::make(&data_dir).with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
-            let rows = SqliteRows::open(data_dir.join(DATABASE)).await?;
+            let rows = SqliteMetadata::open(data_dir.join(DATABASE)).await?;
             let done = match self.command {
                 Command::Add { name, scopes, quota_gb } => add(&rows, name, scopes, quota_gb).await,
                 Command::List => list(&rows).await,
@@ -80,7 +80,7 @@ impl Token {
     }
 }
 
-async fn add(rows: &SqliteRows, name: String, scopes: Vec<Scope>, quota_gb: Option<u64>) -> anyhow::Result<()> {
+async fn add(rows: &SqliteMetadata, name: String, scopes: Vec<Scope>, quota_gb: Option<u64>) -> anyhow::Result<()> {
     let name = Name::new(name)?;
     let (id, secret, text) = mint().context("the system has no random bytes")?;
     let quota_bytes = quota_gb.map(|gb| gb.saturating_mul(GB));
@@ -94,10 +94,10 @@ async fn add(rows: &SqliteRows, name: String, scopes: Vec<Scope>, quota_gb: Opti
     Ok(())
 }
 
-async fn list(rows: &SqliteRows) -> anyhow::Result<()> {
+async fn list(rows: &SqliteMetadata) -> anyhow::Result<()> {
     for token in rows.tokens().await? {
         let state = token.revoked_at.map(|at| format!("revoked {at:.0}")).unwrap_or_else(|| "valid".to_owned());
-        let used = rows.bytes_of(token.id).await? as f64 / GB as f64;
+        let used = rows.used_bytes(token.id).await? as f64 / GB as f64;
         let quota = token.quota_bytes.map(|bytes| format!(" of {} GB", bytes / GB)).unwrap_or_else(|| " GB".to_owned());
         let (name, scopes, made) = (&token.name, names(&token.scopes, ","), token.created_at);
         println!("{name}\t{scopes}\tmade {made:.0}\t{state}\t{used:.1}{quota} used");
@@ -105,7 +105,7 @@ async fn list(rows: &SqliteRows) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(rows: &SqliteRows, name: String) -> anyhow::Result<()> {
+async fn revoke(rows: &SqliteMetadata, name: String) -> anyhow::Result<()> {
     let name = Name::new(name)?;
     if !rows.revoke_token(&name).await? {
         bail!("there is no valid token '{name}'; 'pinstack token list' shows them");

@@ -4,7 +4,10 @@ use anyhow::bail;
 use clap::Args;
 
 use super::store::Place;
-use crate::store::verify::{Depth, verify};
+use crate::store::{
+    MetadataStore,
+    verify::{Depth, verify},
+};
 
 /// Look whether everything that the database names is there and unchanged; the exit code tells. Also while a server runs.
 #[derive(Debug, Args)]

@@ -84,11 +84,11 @@ impl From<Fault> for ApiError {
 impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::NoRoom(cause) => {
+            StoreError::DiskFull(cause) => {
                 tracing::error!(%cause, "no room left");
                 Self::new(Code::InsufficientStorage, "no room is left on the disk of the server; nothing was stored")
             }
-            StoreError::BadCursor => Self::new(
+            StoreError::InvalidCursor => Self::new(
                 Code::InvalidRequest,
                 "the cursor is none of this list; take next_cursor of the page before, or leave it away",
             ),

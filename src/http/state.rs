@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     disk_budget::DiskBudget,
-    store::{Rows, StoreResult, blobs::Blobs},
+    store::{MetadataStore, StoreResult, blobs::Blobs},
 };
 use pinstack_science::archive::ArchiveLimits;
 
@@ -114,7 +114,7 @@ impl Policy {
 #[derive(Clone)]
 pub struct App {
     /// The rows.
-    pub rows: Arc<dyn Rows>,
+    pub rows: Arc<dyn MetadataStore>,
     /// The blobs.
     pub blobs: Arc<dyn Blobs>,
     /// How much the service takes on.
@@ -141,7 +141,7 @@ pub struct App {
 
 impl App {
     /// An application over a store.
-    pub fn new(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, policy: Policy) -> Self {
+    pub fn new(rows: Arc<dyn MetadataStore>, blobs: Arc<dyn Blobs>, policy: Policy) -> Self {
         let disk = DiskBudget::new(Arc::clone(&blobs), policy.min_free_bytes);
         Self {
             rows,

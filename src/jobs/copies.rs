@@ -11,7 +11,7 @@ use pinstack_science::{
     types::{Error, ErrorKind},
 };
 
-use crate::store::step::step;
+use crate::store::failpoint::step;
 
 /// Long side of a copy at most, px.
 const SIDE: usize = 1600;

@@ -16,7 +16,7 @@ use crate::{
         options::{ImageFormat, StackOptions},
         outcome::Artifact,
     },
-    store::{blobs::result_key, digest::hex, step::step},
+    store::{blobs::result_key, digest::hex, failpoint::step},
 };
 use pinstack_science::imaging::{
     Raster,

@@ -16,15 +16,15 @@ use anyhow::{Context, anyhow};
 use uuid::Uuid;
 
 use super::{
-    Job, JobFilter, PageRequest, Rows, StoreError, StoreResult, UploadRows,
+    Job, JobFilter, JobQueue, MetadataStore, PageRequest, Retention, StoreError, StoreResult, UploadRecords,
     blobs::{
         Blobs,
         local::{LocalBlobs, remove, sync_folder},
     },
+    failpoint::step,
     folder,
-    sqlite::SqliteRows,
-    step::step,
-    sweep::{Retention, sweep},
+    gc::collect,
+    sqlite::SqliteMetadata,
 };
 
 /// Name of the database in a data folder.
@@ -56,7 +56,7 @@ pub struct Copied {
 /// # Errors
 /// When `to` holds something else than a copy or an empty folder, a file that a row names is missing, or either side cannot be
 /// read or written.
-pub async fn copy(rows: &SqliteRows, blobs: &dyn Blobs, to: &Path) -> StoreResult<Copied> {
+pub async fn copy(rows: &SqliteMetadata, blobs: &dyn Blobs, to: &Path) -> StoreResult<Copied> {
     let io = |what: &'static str| move |error: io::Error| StoreError::of_io(error, format!("{what} of the copy"));
     require_copy_or_nothing(to).map_err(io("cannot use the folder"))?;
     make_marked(to).map_err(io("cannot make the folder"))?;
@@ -68,11 +68,11 @@ pub async fn copy(rows: &SqliteRows, blobs: &dyn Blobs, to: &Path) -> StoreResul
     }
     if database.exists() {
         // the journal of a copy that was looked at and not closed must not be taken for one of the new file
-        SqliteRows::open(&database).await?.close().await;
+        SqliteMetadata::open(&database).await?.close().await;
     }
     put_in_place(&snapshot, &database, to).map_err(io("cannot put the database in place"))?;
-    let now = SqliteRows::open(&database).await?;
-    sweep(&now, &target, Duration::ZERO, &Retention::default()).await?;
+    let now = SqliteMetadata::open(&database).await?;
+    collect(&now, &target, Duration::ZERO, &Retention::default()).await?;
     now.close().await;
     Ok(copied)
 }
@@ -80,7 +80,7 @@ pub async fn copy(rows: &SqliteRows, blobs: &dyn Blobs, to: &Path) -> StoreResul
 /// Copies the rows as they are now, and the files that they name. False when one of these was deleted meanwhile: what is
 /// there already stays for the next time.
 async fn copy_once(
-    rows: &SqliteRows,
+    rows: &SqliteMetadata,
     blobs: &dyn Blobs,
     snapshot: &Path,
     target: &LocalBlobs,
@@ -90,7 +90,7 @@ async fn copy_once(
         remove(left).map_err(|error| StoreError::of_io(error, "cannot clean the folder of the copy".into()))?;
     }
     rows.snapshot_to(snapshot).await?;
-    let copied_rows = SqliteRows::open(snapshot).await?;
+    let copied_rows = SqliteMetadata::open(snapshot).await?;
     for id in copied_rows.open_uploads().await? {
         copied_rows.delete_upload(id).await?;
     }
@@ -161,7 +161,7 @@ fn beside(file: &Path, ending: &str) -> PathBuf {
 }
 
 /// The jobs, and the ids of those whose row cannot be read.
-async fn every_job(rows: &dyn Rows) -> StoreResult<(Vec<Job>, Vec<Uuid>)> {
+async fn every_job(rows: &dyn MetadataStore) -> StoreResult<(Vec<Job>, Vec<Uuid>)> {
     let (mut jobs, mut unreadable, mut cursor) = (Vec::new(), Vec::new(), None);
     loop {
         let page = rows.jobs(&JobFilter::default(), &PageRequest { limit: PAGE, cursor }).await?;
@@ -176,7 +176,7 @@ async fn every_job(rows: &dyn Rows) -> StoreResult<(Vec<Job>, Vec<Uuid>)> {
 
 /// Copies the files of one job. False when one was deleted meanwhile, because the job was or its zip's time was over.
 async fn copy_job(
-    rows: &dyn Rows,
+    rows: &dyn MetadataStore,
     blobs: &dyn Blobs,
     target: &LocalBlobs,
     job: &Job,
@@ -247,13 +247,13 @@ async fn copy_or_share(from: PathBuf, target: &LocalBlobs, key: &str, shared: &m
 /// Copies what is there of the files that a row names which cannot be read. One that is missing is no reason not to copy the
 /// rest.
 async fn copy_unreadable(
-    rows: &SqliteRows,
+    rows: &SqliteMetadata,
     blobs: &dyn Blobs,
     target: &LocalBlobs,
     id: Uuid,
     copied: &mut Copied,
 ) -> StoreResult<()> {
-    for key in rows.named_keys(id).await? {
+    for key in rows.blob_keys(id).await? {
         if target.local_path(&key).await?.is_some() {
             copied.kept += 1;
         } else if let Some(from) = blobs.local_path(&key).await?

@@ -1,4 +1,4 @@
-//! What time it is: the system's, or a test's.
+//! Time: the clock of the system, or the clock of a test.
 
 use std::{
     sync::{
@@ -10,15 +10,25 @@ use std::{
 
 use jiff::Timestamp;
 
-/// What time it is. Leases and expiry are judged by it, so that tests can let time pass without waiting.
+/// The source of time for leases and expiry. Tests replace it to let time pass without waiting.
 pub trait Clock: Send + Sync + 'static {
-    /// Milliseconds since 1970-01-01 UTC: the wall's time, which somebody may set.
+    /// Wall-clock time in milliseconds since 1970-01-01 UTC. It may be set, and so jump.
     fn now_ms(&self) -> i64;
-    /// Time since some moment before: never leaps, and means nothing to another process.
+    /// Monotonic time since an arbitrary moment. It never jumps; its value means nothing to another process.
     fn steady(&self) -> Duration;
 }
 
-/// The machine's clock.
+/// A duration in whole milliseconds.
+pub(crate) fn millis(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// The time `duration` after `now_ms`, in milliseconds.
+pub(crate) fn later(now_ms: i64, duration: Duration) -> i64 {
+    now_ms.saturating_add(millis(duration))
+}
+
+/// The clock of the system.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SystemClock;
 
@@ -33,7 +43,7 @@ impl Clock for SystemClock {
     }
 }
 
-/// A clock that stands still until it is told otherwise: for tests.
+/// A clock that only moves when a test advances it.
 #[derive(Debug)]
 pub struct ManualClock {
     wall_ms: AtomicI64,
@@ -50,12 +60,12 @@ impl Default for ManualClock {
 impl ManualClock {
     /// Lets time pass.
     pub fn advance(&self, by: Duration) {
-        let ms = i64::try_from(by.as_millis()).unwrap_or(i64::MAX);
+        let ms = millis(by);
         self.steady_ms.fetch_add(ms, Ordering::SeqCst);
         self.set_wall_by(ms);
     }
 
-    /// Somebody sets the clock on the wall, by so many milliseconds.
+    /// Sets the wall clock forward (or back) by `ms` milliseconds.
     pub fn set_wall_by(&self, ms: i64) {
         self.wall_ms.fetch_add(ms, Ordering::SeqCst);
     }

@@ -15,7 +15,7 @@ use std::{sync::Arc, time::Duration};
 
 use uuid::Uuid;
 
-use super::{Enqueue, Job, ManualClock, NewJob, PageRequest, Precondition, ProfileDraft, PutProfile, Rows};
+use super::{Enqueue, Job, ManualClock, MetadataStore, NewJob, PageRequest, Precondition, ProfileDraft, PutProfile};
 use crate::contract::{
     Name,
     outcome::{Artifact, CalibrationOutcome, ImageInfo, JobOutcome, StackOutcome},
@@ -31,7 +31,7 @@ use pinstack_science::types::{
 
 /// A fresh, empty store and the clock that it goes by.
 pub(crate) struct Fresh {
-    pub(crate) rows: Arc<dyn Rows>,
+    pub(crate) rows: Arc<dyn MetadataStore>,
     pub(crate) clock: Arc<ManualClock>,
 }
 
@@ -62,7 +62,7 @@ pub(crate) fn draft(scale: f64) -> ProfileDraft {
     ProfileDraft { input, source, calibration_id: None, model, slices, origin: None, warnings: vec![] }
 }
 
-pub(crate) async fn put(rows: &dyn Rows, rig: &str, lens: &str, scale: f64) -> Profile {
+pub(crate) async fn put(rows: &dyn MetadataStore, rig: &str, lens: &str, scale: f64) -> Profile {
     let put = rows.put_profile(&name(rig), &name(lens), &draft(scale), Precondition::Any).await.expect("put");
     match put {
         PutProfile::Created(profile) | PutProfile::Updated(profile) => profile,
@@ -121,25 +121,25 @@ pub(crate) fn stack_with(change: impl FnOnce(&mut StackRequest)) -> NewJob {
     job
 }
 
-pub(crate) async fn accept(rows: &dyn Rows, job: &NewJob) -> Job {
+pub(crate) async fn accept(rows: &dyn MetadataStore, job: &NewJob) -> Job {
     match rows.enqueue(job, 1000).await.expect("enqueue") {
         Enqueue::Accepted(job) => *job,
         other => panic!("the job was not accepted: {other:?}"),
     }
 }
 
-pub(crate) async fn claim(rows: &dyn Rows) -> Option<Job> {
+pub(crate) async fn claim(rows: &dyn MetadataStore) -> Option<Job> {
     rows.claim(LEASE, ATTEMPTS).await.expect("claim")
 }
 
 /// A job whose worker was not heard of for a whole lease, as a process claims it that did not know of it before.
-pub(crate) async fn claim_from_the_dead(rows: &dyn Rows, clock: &ManualClock) -> Job {
+pub(crate) async fn claim_from_the_dead(rows: &dyn MetadataStore, clock: &ManualClock) -> Job {
     assert_eq!(claim(rows).await, None, "its worker may be alive");
     clock.advance(LEASE);
     claim(rows).await.expect("its worker is dead")
 }
 
-pub(crate) async fn job(rows: &dyn Rows, id: Uuid) -> Job {
+pub(crate) async fn job(rows: &dyn MetadataStore, id: Uuid) -> Job {
     rows.job(id).await.expect("read the job").expect("the job is there")
 }
 

@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use super::{backup::DATABASE, blobs::local::sync_folder, step::step};
+use super::{backup::DATABASE, blobs::local::sync_folder, failpoint::step};
 
 /// Mode of a folder of a store.
 pub const FOLDER: u32 = 0o700;

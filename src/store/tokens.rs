@@ -1,7 +1,7 @@
-//! Tokens: who may do what.
+//! Access tokens.
 //!
-//! A token is `pinstack_{id}_{secret}`. The id finds the row; the row has the SHA-256 of the secret. The secret is
-//! shown once, when it is made, and is in no row, no log and no `Debug`.
+//! A token is `pinstack_{id}_{secret}`. The id selects the row; the row has the SHA-256 of the secret. The secret is shown
+//! once, at its creation. It is in no row, no log and no `Debug` output.
 
 use std::{fmt, str::FromStr};
 
@@ -15,15 +15,15 @@ use uuid::Uuid;
 use super::StoreResult;
 use crate::contract::Name;
 
-/// What every token begins with, so that a token in the wrong place is known for what it is.
+/// Prefix of every token, so that secret scanners recognise a leaked one.
 const PREFIX: &str = "pinstack_";
-/// Bytes of a secret.
+/// Length of a secret, bytes.
 const SECRET_BYTES: usize = 32;
 
 /// What a token allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scope {
-    /// Write and delete profiles, calibrate.
+    /// Write and delete profiles; calibrate.
     ProfilesWrite,
     /// Send, cancel and delete stacks.
     StacksWrite,
@@ -37,7 +37,7 @@ impl Scope {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::ProfilesWrite, Self::StacksWrite, Self::Read, Self::Admin];
 
-    /// As it is written.
+    /// Name of the scope.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::ProfilesWrite => "profiles:write",
@@ -53,7 +53,7 @@ impl FromStr for Scope {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let known = Self::ALL.into_iter().find(|scope| scope.as_str() == text);
-        known.ok_or_else(|| format!("'{text}' is no scope; the scopes are {}", names(&Self::ALL, ", ")))
+        known.ok_or_else(|| format!("unknown scope '{text}'; the scopes are {}", names(&Self::ALL, ", ")))
     }
 }
 
@@ -62,37 +62,37 @@ pub fn names(scopes: &[Scope], between: &str) -> String {
     scopes.iter().map(|scope| scope.as_str()).collect::<Vec<_>>().join(between)
 }
 
-/// A token as its row has it.
+/// A stored token.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token {
     /// The public part.
     pub id: Uuid,
-    /// Name that people know it by.
+    /// Name for people.
     pub name: Name,
     /// What it allows.
     pub scopes: Vec<Scope>,
     /// SHA-256 of the secret.
     pub digest: [u8; 32],
-    /// Bytes that its stacks and uploads may take together; `None`: as many as there is room for.
+    /// Bytes that its stacks and uploads may take together; `None`: no limit.
     pub quota_bytes: Option<u64>,
-    /// When it was made.
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// Since when it is worth nothing; `None` while it is valid.
+    /// Time of revocation; `None` while it is valid.
     pub revoked_at: Option<Timestamp>,
 }
 
-/// A token about to be stored.
+/// A token that is to be stored.
 #[derive(Clone)]
 pub struct NewToken {
     /// The public part.
     pub id: Uuid,
-    /// Name that people know it by.
+    /// Name for people.
     pub name: Name,
     /// SHA-256 of the secret.
     pub digest: [u8; 32],
     /// What it allows.
     pub scopes: Vec<Scope>,
-    /// Bytes that its stacks and uploads may take together; `None`: as many as there is room for.
+    /// Bytes that its stacks and uploads may take together; `None`: no limit.
     pub quota_bytes: Option<u64>,
 }
 
@@ -103,18 +103,18 @@ impl fmt::Debug for Token {
 }
 
 impl Token {
-    /// True when it allows one of these.
+    /// True when it has one of these scopes, or `admin`.
     pub fn allows(&self, any_of: &[Scope]) -> bool {
         self.scopes.iter().any(|scope| *scope == Scope::Admin || any_of.contains(scope))
     }
 
-    /// Whether this is the secret, in a time that does not tell how much of it is right.
+    /// Whether this is its secret and it is not revoked. Compares in constant time.
     pub fn is_opened_by(&self, secret: &Secret) -> bool {
         self.revoked_at.is_none() && bool::from(self.digest.ct_eq(&secret.digest()))
     }
 }
 
-/// The secret part of a token. Not to be printed by accident.
+/// The secret part of a token. Its `Debug` output hides it.
 pub struct Secret([u8; SECRET_BYTES]);
 
 impl fmt::Debug for Secret {
@@ -124,16 +124,16 @@ impl fmt::Debug for Secret {
 }
 
 impl Secret {
-    /// SHA-256 of it: what the row keeps.
+    /// SHA-256 of the secret, as the row has it.
     pub fn digest(&self) -> [u8; 32] {
         Sha256::digest(self.0).into()
     }
 }
 
-/// Makes a token: its id, its secret, and the text to be shown once.
+/// Creates a token: its id, its secret, and the text that is shown once.
 ///
 /// # Errors
-/// When the system has no random bytes.
+/// When the operating system provides no random bytes.
 pub fn mint() -> std::io::Result<(Uuid, Secret, String)> {
     let mut bytes = [0; SECRET_BYTES];
     getrandom::fill(&mut bytes).map_err(|error| std::io::Error::other(error.to_string()))?;
@@ -142,28 +142,30 @@ pub fn mint() -> std::io::Result<(Uuid, Secret, String)> {
     Ok((id, Secret(bytes), text))
 }
 
-/// Takes a token apart; `None` when it is none.
+/// Parses a token; `None` when the text is not a token.
 pub fn parse(text: &str) -> Option<(Uuid, Secret)> {
     let (id, secret) = text.strip_prefix(PREFIX)?.split_once('_')?;
     let bytes = BASE64_URL_SAFE_NO_PAD.decode(secret).ok()?;
     Some((Uuid::try_parse(id).ok()?, Secret(bytes.try_into().ok()?)))
 }
 
-/// The rows of tokens.
+/// Stores tokens.
 #[async_trait]
-pub trait TokenRows: Send + Sync + 'static {
-    /// Stores a token; false when the name is taken, by a revoked one too.
+pub trait Tokens: Send + Sync + 'static {
+    /// Stores a token; false when a valid or revoked token has this name.
     async fn add_token(&self, token: &NewToken) -> StoreResult<bool>;
     /// One token, valid or revoked.
     async fn token(&self, id: Uuid) -> StoreResult<Option<Token>>;
-    /// All of them, the oldest first.
+    /// All tokens, oldest first.
     async fn tokens(&self) -> StoreResult<Vec<Token>>;
-    /// True when a token was ever made, valid or revoked.
+    /// True when there is a token, valid or revoked.
     async fn any_token(&self) -> StoreResult<bool>;
-    /// Makes a token worthless from now on; false when there is none of this name, or it is revoked already.
+    /// Revokes a token; false when there is no valid token of this name.
     async fn revoke_token(&self, name: &Name) -> StoreResult<bool>;
-    /// The token that sent a job or an upload; `None` when nobody was asked, or there is none.
+    /// The token that sent a job or an upload; `None` when it was sent without a token, or does not exist.
     async fn owner(&self, id: Uuid) -> StoreResult<Option<Uuid>>;
+    /// Bytes that the stacks, calibrations and open uploads of a token use.
+    async fn used_bytes(&self, owner: Uuid) -> StoreResult<u64>;
 }
 
 #[cfg(test)]
@@ -171,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_is_opened_by_its_own_secret_alone_and_never_printed() {
+    fn a_token_is_opened_only_by_its_own_secret_and_never_printed() {
         let (id, secret, text) = mint().expect("random bytes");
         let name = Name::new("night-run").expect("a name");
         let token = Token {
@@ -196,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn admin_allows_everything_and_others_what_they_say() {
+    fn admin_allows_everything_and_other_scopes_only_themselves() {
         let with = |scopes: &[Scope]| Token {
             id: Uuid::nil(),
             name: Name::new("x").expect("a name"),

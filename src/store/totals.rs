@@ -1,17 +1,17 @@
-//! Sums over all rows, for the gauges of Prometheus.
+//! Sums over all rows, for metrics.
 
 use jiff::Timestamp;
 
 use crate::contract::{JobKind, JobState};
 
-/// What the rows add up to at one moment. As large as the lists of kinds and states, and one entry per token with a quota.
+/// Sums over all rows at one moment. Its size is bounded by the number of kinds, states, and tokens with a quota.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Totals {
     /// One entry per kind and state that has jobs.
     pub jobs: Vec<JobTotals>,
-    /// Resumable uploads that are not complete.
+    /// Number of resumable uploads that are not complete.
     pub open_uploads: u64,
-    /// Bytes of them that have arrived.
+    /// Bytes of these uploads that have arrived.
     pub open_upload_bytes: u64,
     /// The quotas of valid tokens.
     pub quotas: Vec<QuotaUse>,
@@ -22,23 +22,23 @@ pub struct Totals {
 pub struct JobTotals {
     /// Stacks or calibrations.
     pub kind: JobKind,
-    /// In this state.
+    /// State.
     pub state: JobState,
-    /// How many there are.
+    /// Number of jobs.
     pub count: u64,
     /// Bytes of their zips.
     pub upload_bytes: u64,
     /// Bytes of their results.
     pub result_bytes: u64,
-    /// When the oldest of them was accepted.
+    /// Time of acceptance of the oldest job.
     pub oldest: Timestamp,
 }
 
-/// A quota, and what of it is used, bytes.
+/// A quota and its use, in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QuotaUse {
-    /// May be used.
+    /// Bytes that may be used.
     pub quota: u64,
-    /// Is used.
+    /// Bytes that are used.
     pub used: u64,
 }

@@ -1,8 +1,8 @@
-//! Uploads that arrive in pieces, as their rows have them.
+//! Resumable uploads: their metadata. Their bytes are in [`super::blobs`].
 //!
-//! What a row says was received is on stable storage: the bytes are written and synced before the row is. The file
-//! of an upload is held by one request at a time ([`super::blobs::Blobs::hold_partial`]); a newer request says in the
-//! row that it wants to go on, and the one before lets go.
+//! The offset of a row counts bytes on stable storage only: bytes are written and synced before the row is updated. One
+//! request at a time holds the lock on the bytes of an upload. A newer request increments the generation of the row; the
+//! request that holds the lock observes this and releases it.
 
 use std::time::Duration;
 
@@ -13,131 +13,131 @@ use uuid::Uuid;
 use super::{Enqueue, NewJob, OverQuota, Page, PageRequest, StoreResult};
 use crate::contract::{Fault, JobKind};
 
-/// An upload about to begin.
+/// An upload that is to be created.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewUpload {
-    /// UUIDv7; the job that it becomes has the same.
+    /// UUIDv7; the job that it becomes has the same id.
     pub id: Uuid,
-    /// Bytes in all.
+    /// Total length, bytes.
     pub length: u64,
-    /// State of the digest of no bytes.
+    /// State of the hash of zero bytes.
     pub digest: Vec<u8>,
-    /// What the client says about it, as it came.
+    /// `Upload-Metadata` of the client, unchanged.
     pub metadata: String,
-    /// How long it waits for its next byte.
+    /// Time from the last byte until the upload expires.
     pub keep: Duration,
-    /// The token that sends it; `None` when nobody was asked. The job is its too.
+    /// The token that sends it, `None` when no token was required. The job has the same owner.
     pub owner: Option<Uuid>,
 }
 
-/// Bytes of an upload that are on stable storage now.
+/// Bytes of an upload that have reached stable storage.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Advance {
-    /// How many there were before.
+    /// Offset before.
     pub from: u64,
-    /// How many there are now.
+    /// Offset now.
     pub to: u64,
-    /// State of the digest after them.
+    /// State of the hash at the new offset.
     pub digest: Vec<u8>,
-    /// How long the upload waits for its next byte.
+    /// Time from now until the upload expires.
     pub keep: Duration,
 }
 
-/// Where an upload is.
+/// State of an upload.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum UploadState {
-    /// Bytes are missing, or all are here and the job could not be made yet.
+    /// Bytes are missing, or the job could not be created yet.
     Receiving,
-    /// The job was made; it has the upload's id.
+    /// The job was created; it has the id of the upload.
     Complete(JobKind),
-    /// What arrived can be no job of any use, and is gone.
+    /// The content was refused for good, and is removed.
     Refused(Box<Fault>),
 }
 
-/// An upload as its row has it.
+/// A stored upload.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PartialUpload {
     /// UUIDv7.
     pub id: Uuid,
-    /// Bytes in all.
+    /// Total length, bytes.
     pub length: u64,
     /// Bytes on stable storage.
     pub offset: u64,
-    /// State of the digest after them.
+    /// State of the hash at the offset.
     pub digest: Vec<u8>,
-    /// What the client says about it, as it came.
+    /// `Upload-Metadata` of the client, unchanged.
     pub metadata: String,
-    /// Where it is.
+    /// State.
     pub state: UploadState,
-    /// Grows with each request that wants to go on with it.
-    pub wanted: i64,
-    /// When it began.
+    /// Incremented by each request that takes the upload over. A request that sees another number than its own must stop.
+    pub generation: i64,
+    /// Time of creation.
     pub created_at: Timestamp,
-    /// When it goes unless something comes before.
+    /// Time at which it expires unless more bytes arrive.
     pub expires_at: Timestamp,
 }
 
-/// How many uploads may be open.
+/// Limits on the number of open uploads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OpenUploadLimits {
-    /// In all.
+    /// Of all tokens together, and without a token.
     pub all: u64,
-    /// Of one token. Uploads without a token are counted in all alone.
+    /// Of one token.
     pub of_owner: u64,
 }
 
-/// How beginning an upload ended.
+/// Result of creating an upload.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CreateUpload {
     /// It is stored.
-    Begun(PartialUpload),
-    /// As many as may be are open already.
+    Created(PartialUpload),
+    /// Too many uploads are open.
     TooMany {
-        /// Of its token; else in all.
+        /// True: of its token. False: of all tokens together.
         of_owner: bool,
     },
-    /// It does not fit into the quota of its token.
+    /// It exceeds the quota of its token.
     OverQuota(OverQuota),
 }
 
-/// An upload that waits for bytes or for its job, as the list of them shows it.
+/// An open upload as lists show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenUpload {
     /// The upload.
     pub upload: PartialUpload,
-    /// Name of the token that sends it; `None` when nobody was asked.
+    /// Name of the token that sends it; `None` when no token was required.
     pub token: Option<String>,
-    /// When bytes came last; `None` when none did.
+    /// Time of the last byte; `None` before the first.
     pub last_byte_at: Option<Timestamp>,
 }
 
-/// The rows of uploads.
+/// Stores the metadata of resumable uploads. An upload is open until it is complete, refused, deleted or expired.
 #[async_trait]
-pub trait UploadRows: Send + Sync + 'static {
-    /// Begins an upload, if that many may be open and it fits into the quota of its owner.
+pub trait UploadRecords: Send + Sync + 'static {
+    /// Creates an upload within the limits and the quota of its owner.
     async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload>;
     /// The open uploads with their tokens, newest first.
     async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>>;
-    /// One upload; `None` when there is none or its time is over.
+    /// One upload; `None` when it does not exist or has expired.
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>>;
-    /// Says that another request wants to go on with it: the number by which that request knows whether a still newer
-    /// one came. Announced like a change of a job. `None` when there is no such upload.
-    async fn want_upload(&self, id: Uuid) -> StoreResult<Option<i64>>;
-    /// More bytes are on stable storage. False when the row does not have `from` of them, or waits for none any more.
+    /// Increments the generation of an upload and returns the new one. Announced like a change of a job. `None` when there
+    /// is no such upload.
+    async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>>;
+    /// Records bytes that are on stable storage. False when the offset is not `from`, or the upload is not open.
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool>;
-    /// Makes the job of an upload whose bytes are all here, and says so in its row, in one step. An upload that has its
-    /// job answers [`Enqueue::Repeated`] with it. `None` when the upload is not there any more or was refused.
+    /// Creates the job of an upload whose bytes are complete, and records it in the upload, in one transaction. An upload
+    /// that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload does not exist or was refused.
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>>;
-    /// What arrived was refused. False when there is no such upload, or it has its job.
+    /// Records that the content was refused. False when there is no such upload, or it has its job.
     async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool>;
-    /// Removes an upload (not the job that it became); false when there was none.
+    /// Removes an upload, but not the job that it became; false when there is no such upload.
     async fn delete_upload(&self, id: Uuid) -> StoreResult<bool>;
-    /// Removes the uploads whose time is over: their ids.
+    /// Removes the expired uploads and returns their ids.
     async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>>;
-    /// True when the bytes of this upload are still needed as such: it is there, and waits for bytes or for its job.
+    /// True while the parts of this upload are needed: it waits for bytes or for its job.
     async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool>;
-    /// The uploads whose bytes are still needed as such.
+    /// The uploads whose parts are needed.
     async fn open_uploads(&self) -> StoreResult<Vec<Uuid>>;
-    /// Bytes that open uploads have still to bring.
-    async fn awaited_bytes(&self) -> StoreResult<u64>;
+    /// Bytes that open uploads have announced and not sent yet.
+    async fn reserved_bytes(&self) -> StoreResult<u64>;
 }

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::{
-    Job, JobFilter, PageRequest, Rows, StoreResult,
+    Job, JobFilter, MetadataStore, PageRequest, StoreResult,
     blobs::Blobs,
     digest::{hex, optics_digest, profile_digest},
 };
@@ -55,8 +55,8 @@ pub struct Report {
 ///
 /// # Errors
 /// When rows or the list of blobs cannot be read at all.
-pub async fn verify(rows: &dyn Rows, blobs: &dyn Blobs, depth: Depth) -> StoreResult<Report> {
-    let mut report = Report { faults: rows.objections().await?, ..Report::default() };
+pub async fn verify(rows: &dyn MetadataStore, blobs: &dyn Blobs, depth: Depth) -> StoreResult<Report> {
+    let mut report = Report { faults: rows.integrity_errors().await?, ..Report::default() };
     every_revision(rows, &mut report).await?;
     let mut cursor = None;
     loop {
@@ -83,10 +83,10 @@ pub async fn verify(rows: &dyn Rows, blobs: &dyn Blobs, depth: Depth) -> StoreRe
 }
 
 /// Every revision, of deleted profiles too: results name them.
-async fn every_revision(rows: &dyn Rows, report: &mut Report) -> StoreResult<()> {
+async fn every_revision(rows: &dyn MetadataStore, report: &mut Report) -> StoreResult<()> {
     let mut cursor = None;
     loop {
-        let page = rows.stored_revisions(&PageRequest { limit: PAGE, cursor }).await?;
+        let page = rows.all_revisions(&PageRequest { limit: PAGE, cursor }).await?;
         for Profile { rig, lens, revision, digest, optics_digest: optics, input, .. } in &page.items {
             report.revisions += 1;
             if profile_digest(input) != *digest || optics_digest(input) != *optics {
@@ -111,7 +111,7 @@ struct Named<'a> {
 }
 
 async fn every_file(
-    rows: &dyn Rows,
+    rows: &dyn MetadataStore,
     blobs: &dyn Blobs,
     job: &Job,
     depth: Depth,
@@ -187,7 +187,7 @@ pub fn digest_of(path: &Path, length: u64) -> io::Result<String> {
 }
 
 /// The bytes that a client was told are here.
-async fn open_upload(rows: &dyn Rows, blobs: &dyn Blobs, id: Uuid, report: &mut Report) -> StoreResult<()> {
+async fn open_upload(rows: &dyn MetadataStore, blobs: &dyn Blobs, id: Uuid, report: &mut Report) -> StoreResult<()> {
     report.open_uploads += 1;
     // held by a request: it is at work on it, and knows better
     let Some(partial) = blobs.hold_partial(id).await? else { return Ok(()) };

@@ -14,7 +14,7 @@ use crate::contract::JobError;
 use crate::{
     contract::{Code, Fault, one_line, profile::Profile, request::JobRequest},
     jobs::{Bench, Made},
-    store::{Attempt, Finish, Job, StoreError, StoreResult, step::step, sweep::tidy_job},
+    store::{Attempt, Finish, Job, StoreError, StoreResult, failpoint::step, gc::gc_job},
     telemetry::events,
 };
 
@@ -78,7 +78,7 @@ impl Shared {
                 tracing::error!(job = %job.id, ?error, "the end of a job cannot be written; it will be done again");
             }
         }
-        if let Err(error) = tidy_job(&*self.deps.rows, &*self.deps.blobs, job.id).await {
+        if let Err(error) = gc_job(&*self.deps.rows, &*self.deps.blobs, job.id).await {
             tracing::warn!(job = %job.id, ?error, "what a job left cannot be removed now; the next sweep will");
         }
     }
@@ -208,11 +208,11 @@ impl Ending {
             // not the fault of the upload: another attempt may succeed
             (Err(JobError::Failed(fault)), _) if fault.code.is_of_the_machine() && may_try_again => {
                 tracing::warn!(?fault, "an error of the machine under a job; it goes back to the queue");
-                Self::Released(Attempt::Counts { pause: pause(fault.code) })
+                Self::Released(Attempt::Counted { pause: pause(fault.code) })
             }
             (Err(JobError::Failed(fault)), _) => Self::Finished(Finish::Failed(fault)),
             (Err(JobError::Cancelled(_)), Some(Why::Lost)) => Self::Lost,
-            (Err(JobError::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released(Attempt::IsFree),
+            (Err(JobError::Cancelled(_)), Some(Why::ShuttingDown)) => Self::Released(Attempt::NotCounted),
             (Err(JobError::Cancelled(_)), Some(Why::Cancelled)) => Self::Finished(Finish::Cancelled),
             (Err(JobError::Cancelled(_)), None) => {
                 let detail = "the job stopped although nobody asked it to; this is a bug of the service";
@@ -248,11 +248,11 @@ impl Ending {
 pub(super) fn internal(error: StoreError) -> JobError {
     tracing::error!(?error, "the store failed under a job");
     let fault = match error {
-        StoreError::NoRoom(_) => Fault::new(
+        StoreError::DiskFull(_) => Fault::new(
             Code::InsufficientStorage,
             "the disk of the service is full, so the results could not be stored; make room and send the stack again",
         ),
-        StoreError::BadCursor | StoreError::Other(_) => {
+        StoreError::InvalidCursor | StoreError::Other(_) => {
             Fault::new(Code::Unavailable, "the service could not reach its own storage; its log has the details")
         }
     };

@@ -6,9 +6,9 @@ use tokio::task::JoinHandle;
 
 use crate::{
     store::{
-        Rows,
+        MetadataStore, Retention,
         blobs::Blobs,
-        sweep::{GRACE, Retention, sweep},
+        gc::{GRACE, collect},
     },
     telemetry::events,
 };
@@ -26,21 +26,21 @@ impl Drop for Maintenance {
 }
 
 /// Sweeps now and then again after each `every`.
-pub fn start(rows: Arc<dyn Rows>, blobs: Arc<dyn Blobs>, every: Duration, keep: Retention) -> Maintenance {
+pub fn start(rows: Arc<dyn MetadataStore>, blobs: Arc<dyn Blobs>, every: Duration, keep: Retention) -> Maintenance {
     Maintenance(tokio::spawn(async move {
         let mut clock = tokio::time::interval(every);
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             clock.tick().await;
-            match sweep(&*rows, &*blobs, GRACE, &keep).await {
-                Ok(swept) => {
+            match collect(&*rows, &*blobs, GRACE, &keep).await {
+                Ok(collected) => {
                     events::sweep_ended(true);
-                    events::swept(swept.expired, swept.uploads, swept.given_up, swept.orphans);
+                    events::swept(collected.expired, collected.uploads, collected.given_up, collected.orphans);
                     tracing::info!(
-                        expired = swept.expired,
-                        uploads = swept.uploads,
-                        orphans = swept.orphans,
-                        given_up = swept.given_up,
+                        expired = collected.expired,
+                        uploads = collected.uploads,
+                        orphans = collected.orphans,
+                        given_up = collected.given_up,
                         "swept"
                     );
                 }

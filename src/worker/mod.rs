@@ -14,7 +14,7 @@ use std::{sync::Arc, time::Duration};
 use crate::{
     disk_budget::DiskBudget,
     jobs::Work,
-    store::{Rows, blobs::Blobs},
+    store::{MetadataStore, blobs::Blobs},
 };
 
 /// Beats in the length of a lease: a few may be late before anybody takes a worker for dead.
@@ -24,7 +24,7 @@ pub const BEATS_PER_LEASE: u32 = 15;
 #[derive(Clone)]
 pub struct Deps {
     /// Jobs and profiles.
-    pub rows: Arc<dyn Rows>,
+    pub rows: Arc<dyn MetadataStore>,
     /// Uploads and results.
     pub blobs: Arc<dyn Blobs>,
     /// The room that jobs share with uploads.

@@ -7,10 +7,10 @@ use super::*;
 use crate::{
     contract::{Code, JobState},
     store::{
-        Job,
+        Job, JobQueue, Leases,
         blobs::result_key,
         conformance::{self, LEASE},
-        sqlite::SqliteRows,
+        sqlite::SqliteMetadata,
     },
 };
 use puppet::Order;

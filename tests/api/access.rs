@@ -465,7 +465,7 @@ async fn a_quota_holds_however_many_requests_come_at_once() {
     let accepted = told.iter().filter(|status| **status != 507).count();
     assert!((1..=2).contains(&accepted), "{told:?}");
     assert!(told.iter().all(|status| [201, 202, 507].contains(status)), "{told:?}");
-    let used = app.rows.bytes_of(small_id).await.unwrap();
+    let used = app.rows.used_bytes(small_id).await.unwrap();
     assert_eq!(used, accepted as u64 * length);
     assert_eq!(app.spooled(), 0);
 

@@ -11,9 +11,9 @@ use pinstack::{
     disk_budget::Reservation,
     http::{self, App, Policy},
     store::{
-        Finish, Job, Rows,
+        Finish, Job, MetadataStore,
         blobs::{Blobs, local::LocalBlobs, result_key},
-        sqlite::SqliteRows,
+        sqlite::SqliteMetadata,
     },
 };
 use pinstack_science::{
@@ -36,7 +36,7 @@ const LEASE: Duration = Duration::from_secs(600);
 pub struct TestApp {
     pub base: String,
     pub client: Client,
-    pub rows: Arc<dyn Rows>,
+    pub rows: Arc<dyn MetadataStore>,
     pub blobs: Arc<dyn Blobs>,
     pub app: App,
     data: TempDir,
@@ -55,7 +55,8 @@ impl TestApp {
 
     pub async fn start_with(change: impl FnOnce(&mut Policy)) -> Self {
         let data = TempDir::new().expect("a folder");
-        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data.path().join("rows.sqlite")).await.expect("rows"));
+        let rows: Arc<dyn MetadataStore> =
+            Arc::new(SqliteMetadata::open(data.path().join("rows.sqlite")).await.expect("rows"));
         let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
         let mut policy = Policy { min_free_bytes: 0, ..Policy::default() };
         change(&mut policy);
@@ -79,8 +80,8 @@ impl TestApp {
     }
 
     /// The rows as another process on the same machine has them open: its changes are not announced to this one.
-    pub async fn rows_of_another_process(&self) -> SqliteRows {
-        SqliteRows::open(self.data.path().join("rows.sqlite")).await.expect("rows")
+    pub async fn rows_of_another_process(&self) -> SqliteMetadata {
+        SqliteMetadata::open(self.data.path().join("rows.sqlite")).await.expect("rows")
     }
 
     pub fn get(&self, path: &str) -> RequestBuilder {

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use pinstack::store::{
-    sweep::{Retention, sweep},
+    Retention,
+    gc::collect,
     verify::{Depth, verify},
 };
 use reqwest::{Response, StatusCode};
@@ -37,7 +38,7 @@ async fn upload_of(app: &TestApp, stack: &Value) -> Response {
 
 /// The clean-up leaves no garbage and takes nothing that is named.
 async fn cleaned(app: &TestApp) {
-    sweep(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
+    collect(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
     let report = verify(&*app.rows, &*app.blobs, Depth::Digests).await.unwrap();
     assert_eq!((report.faults, report.orphans), (Vec::new(), 0));
     assert_eq!(app.spooled(), 0);
@@ -174,7 +175,7 @@ async fn without_its_zip_a_stack_is_not_made_again() {
     // made before the zip is over its time: it keeps its own
     let again = accepted(rerun(&app, &stack, json!({})).await).await;
     let over = Retention { uploads: Some(Duration::ZERO), ..Retention::default() };
-    let swept = sweep(&*app.rows, &*app.blobs, Duration::ZERO, &over).await.unwrap();
+    let swept = collect(&*app.rows, &*app.blobs, Duration::ZERO, &over).await.unwrap();
     assert_eq!(swept.uploads, 1);
     let url = format!("/v1/stacks/{}", id(&stack));
     let told = problem(rerun(&app, &stack, json!({})).await, 410, "upload_removed").await;

@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use pinstack::{contract::Progress, store::Rows};
+use pinstack::{contract::Progress, store::JobQueue};
 use reqwest::StatusCode;
 use serde_json::Value;
 

@@ -1,5 +1,5 @@
 //! The service broken on purpose: killed, with a full disk, or stopped, at each step of durability that the source names
-//! (`pinstack::store::step`). Afterwards it must have kept what it told its clients, and nothing else.
+//! (`pinstack::store::failpoint`). Afterwards it must have kept what it told its clients, and nothing else.
 //!
 //! The steps are there in builds of `cargo test` only.
 

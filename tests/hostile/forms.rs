@@ -9,9 +9,9 @@ use axum::{
 use pinstack::{
     http::{App, Policy, router},
     store::{
-        Rows,
+        MetadataStore,
         blobs::{Blobs, local::LocalBlobs},
-        sqlite::SqliteRows,
+        sqlite::SqliteMetadata,
     },
 };
 use tower::ServiceExt;
@@ -31,7 +31,8 @@ fn a_form_that_never_makes_sense_takes_little_memory_and_is_refused() {
     let data = tempfile::tempdir().expect("a folder");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let service = runtime.block_on(async {
-        let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data.path().join("rows.sqlite")).await.expect("rows"));
+        let rows: Arc<dyn MetadataStore> =
+            Arc::new(SqliteMetadata::open(data.path().join("rows.sqlite")).await.expect("rows"));
         let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
         router::service(App::new(rows, blobs, Policy { min_free_bytes: 0, ..Policy::default() }))
     });

@@ -29,7 +29,7 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    store::step::step,
+    store::failpoint::step,
 };
 
 /// Most bytes of converted files that are kept.

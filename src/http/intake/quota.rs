@@ -72,7 +72,7 @@ impl QuotaClaim {
         if bytes <= claimed.bytes {
             return Ok(());
         }
-        let used = claimed.app.rows.bytes_of(claimed.token).await?;
+        let used = claimed.app.rows.used_bytes(claimed.token).await?;
         // what arrived is more than was claimed at first: the length is unknown
         let ahead = if claimed.bytes > 0 { AHEAD_OF_UNKNOWN } else { 0 };
         let Err(used) = claimed.take(used, bytes.saturating_add(ahead)).or_else(|_| claimed.take(used, bytes)) else {

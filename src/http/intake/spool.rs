@@ -16,7 +16,7 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    store::step::step,
+    store::failpoint::step,
 };
 
 /// A whole upload in the spool folder. The file goes when this is dropped, unless it has become a blob.

@@ -5,7 +5,7 @@ use axum::{extract::State, http::StatusCode};
 use crate::{
     contract::JobKind,
     http::{extract::JobId, problem::ApiResult, state::App, watch::load::require},
-    store::sweep::tidy_job,
+    store::gc::gc_job,
 };
 
 /// Delete a stack
@@ -26,7 +26,7 @@ pub async fn delete(State(app): State<App>, JobId(id): JobId) -> ApiResult<Statu
     require(&app, id, JobKind::Stack).await?;
     app.rows.delete_job(id).await?;
     // the blobs of a running job go with its worker, others at once; what stays here the sweep finds
-    if let Err(error) = tidy_job(&*app.rows, &*app.blobs, id).await {
+    if let Err(error) = gc_job(&*app.rows, &*app.blobs, id).await {
         tracing::warn!(%error, %id, "blobs of a deleted job are left for the sweep");
     }
     app.conversions.forget_deleted();

@@ -26,7 +26,7 @@ pub(super) async fn measure(app: &App, started: Instant) -> StoreResult<String> 
     let totals = app.rows.totals().await?;
     jobs(&mut text, &totals.jobs);
     stored(&mut text, &totals);
-    text.value(&UPLOAD_AWAITED_BYTES, app.rows.awaited_bytes().await? as f64);
+    text.value(&UPLOAD_AWAITED_BYTES, app.rows.reserved_bytes().await? as f64);
     quotas(&mut text, &totals.quotas);
     if let Ok(disk) = app.disk.state().await {
         text.value(&DISK_SIZE_BYTES, disk.total as f64);

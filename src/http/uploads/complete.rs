@@ -16,7 +16,7 @@ use crate::{
         stacks::order::StackOrder,
         state::App,
     },
-    store::{blobs::upload_key, sweep::tidy_upload, uploads::UploadState},
+    store::{blobs::upload_key, gc::gc_upload, uploads::UploadState},
 };
 
 /// Makes the job when all bytes are here and it is not made yet; `held` says afterwards what became of the upload. What
@@ -47,7 +47,7 @@ pub async fn complete_if_whole(app: &App, held: &mut Held) -> ApiResult<()> {
         }
         Err(error) => return Err(error),
     };
-    if let Err(error) = tidy_upload(&*app.rows, &*app.blobs, id).await {
+    if let Err(error) = gc_upload(&*app.rows, &*app.blobs, id).await {
         tracing::warn!(?error, %id, "what an upload left cannot be removed now; the next sweep will");
     }
     outcome

@@ -131,7 +131,7 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
     };
     let limits = OpenUploadLimits { all: app.policy.queue_limit, of_owner: app.policy.max_open_uploads };
     match app.rows.create_upload(&new, limits).await? {
-        CreateUpload::Begun(upload) => Ok(upload),
+        CreateUpload::Created(upload) => Ok(upload),
         CreateUpload::OverQuota(over) => Err(over_quota(length, &over)),
         CreateUpload::TooMany { of_owner } => {
             let (limit, whose) = match of_owner {

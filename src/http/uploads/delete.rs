@@ -13,7 +13,7 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    store::sweep::tidy_upload,
+    store::gc::gc_upload,
 };
 
 /// End an upload
@@ -40,7 +40,7 @@ pub async fn delete(State(app): State<App>, UploadId(id): UploadId, headers: Hea
     let ending = background::spawn(async move {
         let (_held, _) = hold(&app, id).await?;
         app.rows.delete_upload(id).await?;
-        if let Err(error) = tidy_upload(&*app.rows, &*app.blobs, id).await {
+        if let Err(error) = gc_upload(&*app.rows, &*app.blobs, id).await {
             tracing::warn!(?error, %id, "what an upload left cannot be removed now; the next sweep will");
         }
         ApiResult::Ok(StatusCode::NO_CONTENT)

@@ -41,7 +41,7 @@ pub struct Held {
 pub async fn hold(app: &App, id: Uuid) -> ApiResult<(Held, Rival)> {
     // listen first: nothing that happens from here on is missed
     let changes = app.rows.changes();
-    let ours = app.rows.want_upload(id).await?.ok_or_else(|| unknown(id))?;
+    let ours = app.rows.take_over_upload(id).await?.ok_or_else(|| unknown(id))?;
     let deadline = Instant::now() + HANDOVER;
     loop {
         if let Some(partial) = app.blobs.hold_partial(id).await? {
@@ -115,7 +115,7 @@ impl Rival {
 
     async fn is_ours(&self) -> bool {
         match self.app.rows.upload(self.id).await {
-            Ok(Some(upload)) => upload.wanted == self.ours,
+            Ok(Some(upload)) => upload.generation == self.ours,
             Ok(None) => false,
             Err(error) => {
                 tracing::warn!(?error, "cannot see whether an upload was taken over");

@@ -18,7 +18,7 @@ use super::{
     partial::{self, LocalPartial},
     probe,
 };
-use crate::store::{StoreError, StoreResult, folder, step::step};
+use crate::store::{StoreError, StoreResult, failpoint::step, folder};
 
 /// Folder of the uploads, one file per job.
 const UPLOADS: &str = "uploads";

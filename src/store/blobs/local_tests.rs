@@ -8,7 +8,7 @@ use super::*;
 use crate::store::{
     ManualClock,
     conformance::{Fresh, blobs as suite},
-    sqlite::SqliteRows,
+    sqlite::SqliteMetadata,
 };
 
 fn fresh() -> (TempDir, LocalBlobs) {
@@ -19,7 +19,7 @@ fn fresh() -> (TempDir, LocalBlobs) {
 
 async fn fresh_rows(folder: &TempDir) -> Fresh {
     let clock = Arc::new(ManualClock::default());
-    let rows = SqliteRows::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.expect("open");
+    let rows = SqliteMetadata::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.expect("open");
     Fresh { rows: Arc::new(rows), clock }
 }
 

@@ -24,7 +24,7 @@ use super::{
     Partial,
     local::{blocking, remove, sync_folder},
 };
-use crate::store::{StoreError, StoreResult, step::step};
+use crate::store::{StoreError, StoreResult, failpoint::step};
 
 /// A held upload.
 pub(super) struct LocalPartial {

@@ -6,8 +6,9 @@ use super::*;
 use crate::{
     contract::JobState,
     store::{
+        Retention,
         blobs::{Blobs, result_key, upload_key},
-        sweep::{GRACE, Retention, sweep, tidy_job},
+        gc::{GRACE, collect, gc_job},
     },
 };
 
@@ -116,10 +117,10 @@ pub(crate) async fn the_sweep_keeps_what_a_row_names_and_removes_the_rest(store:
     publish(blobs, &upload_key(orphan)).await;
     publish(blobs, &result_key(orphan, 1, "image.png")).await;
 
-    let swept = sweep(rows, blobs, GRACE, &KEEP).await.unwrap();
+    let swept = collect(rows, blobs, GRACE, &KEEP).await.unwrap();
     assert_eq!(swept.orphans, 0, "a row may be on its way");
     assert!(is_there(blobs, &upload_key(orphan)).await);
-    let swept = sweep(rows, blobs, Duration::ZERO, &KEEP).await.unwrap();
+    let swept = collect(rows, blobs, Duration::ZERO, &KEEP).await.unwrap();
     assert_eq!(swept.orphans, 1);
     for (id, upload, result) in [
         (succeeded, true, true),
@@ -146,11 +147,11 @@ pub(crate) async fn the_blobs_of_expired_and_deleted_jobs_go(store: Fresh, blobs
         ids.push(job.id);
     }
     assert!(rows.delete_job(ids[0]).await.unwrap());
-    tidy_job(rows, blobs, ids[0]).await.unwrap();
+    gc_job(rows, blobs, ids[0]).await.unwrap();
     assert!(!is_there(blobs, &upload_key(ids[0])).await);
     assert!(is_there(blobs, &upload_key(ids[1])).await);
     store.clock.advance(Duration::from_secs(24 * 60 * 60));
-    assert_eq!(sweep(rows, blobs, GRACE, &KEEP).await.unwrap().expired, 1);
+    assert_eq!(collect(rows, blobs, GRACE, &KEEP).await.unwrap().expired, 1);
     assert!(blobs.jobs_with_blobs().await.unwrap().is_empty());
 }
 
@@ -179,23 +180,23 @@ pub(crate) async fn what_is_over_its_time_goes_by_its_class(store: Fresh, blobs:
     };
 
     store.clock.advance(DAY);
-    let swept = sweep(rows, blobs, GRACE, &keep).await.unwrap();
+    let swept = collect(rows, blobs, GRACE, &keep).await.unwrap();
     assert_eq!((swept.uploads, swept.expired), (2, 0));
     assert_eq!((there(plain).await, there(own).await), ((false, true), (false, true)), "results stay");
     assert!(job(rows, plain).await.upload_removed && !job(rows, failed).await.upload_removed);
     assert_eq!((there(failed).await, there(running).await), ((true, false), (true, true)));
-    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().uploads, 0, "once");
+    assert_eq!(collect(rows, blobs, GRACE, &keep).await.unwrap().uploads, 0, "once");
 
     store.clock.advance(DAY);
-    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
+    assert_eq!(collect(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
     assert_eq!((there(failed).await, rows.job(failed).await.unwrap()), ((false, false), None));
 
     store.clock.advance(DAY * 8);
-    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
+    assert_eq!(collect(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
     assert_eq!((there(plain).await, there(own).await), ((false, false), (false, true)), "its own days come first");
     assert_eq!(job(rows, running).await.state, JobState::Running);
     store.clock.advance(DAY * 20);
-    assert_eq!(sweep(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
+    assert_eq!(collect(rows, blobs, GRACE, &keep).await.unwrap().expired, 1);
     assert_eq!(there(own).await, (false, false));
 }
 

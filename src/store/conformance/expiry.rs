@@ -1,7 +1,7 @@
 //! What a clock that leaps expires: nothing.
 
 use super::{uploads::begun, *};
-use crate::store::sweep::Retention;
+use crate::store::Retention;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 const KEEP: Retention = Retention { stacks: Some(DAY), failed: None, uploads: Some(DAY) };
@@ -9,7 +9,7 @@ const NOTHING: [Vec<Uuid>; 3] = [Vec::new(), Vec::new(), Vec::new()];
 /// To 2099.
 const LEAP_MS: i64 = 73 * 365 * 24 * 60 * 60 * 1000;
 
-async fn ended_and_open(rows: &dyn Rows) -> (Uuid, Uuid) {
+async fn ended_and_open(rows: &dyn MetadataStore) -> (Uuid, Uuid) {
     accept(rows, &stack_with(|request| request.options.keep_days = Some(2))).await;
     let claimed = claim(rows).await.expect("a job waits");
     assert!(rows.finish(claimed.id, claimed.lease_token, &success()).await.unwrap());
@@ -17,10 +17,10 @@ async fn ended_and_open(rows: &dyn Rows) -> (Uuid, Uuid) {
 }
 
 /// Zips, stacks and uploads that went.
-async fn expired(rows: &dyn Rows) -> [Vec<Uuid>; 3] {
+async fn expired(rows: &dyn MetadataStore) -> [Vec<Uuid>; 3] {
     [
         rows.expire_job_uploads(&KEEP).await.unwrap(),
-        rows.delete_expired(&KEEP).await.unwrap(),
+        rows.delete_expired_jobs(&KEEP).await.unwrap(),
         rows.delete_expired_uploads().await.unwrap(),
     ]
 }

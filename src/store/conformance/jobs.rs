@@ -3,7 +3,7 @@
 use super::*;
 use crate::{
     contract::{Code, Fault, JobKind, JobState, profile::Profile},
-    store::{BlobOwner, CancelRequest, Finish, JobCounts, JobFilter, sweep::Retention},
+    store::{BlobOwner, CancelRequest, Finish, JobCounts, JobFilter, Retention},
 };
 use pinstack_science::types::Warning;
 
@@ -220,14 +220,14 @@ pub(crate) async fn a_job_expires_only_after_its_days(store: Fresh) {
     let day = Duration::from_secs(24 * 60 * 60);
     store.clock.advance(day * 5);
     assert!(
-        rows.delete_expired(&Retention::default()).await.unwrap().is_empty(),
+        rows.delete_expired_jobs(&Retention::default()).await.unwrap().is_empty(),
         "days count from the end, and it runs"
     );
     assert!(rows.finish(claimed.id, claimed.lease_token, &success()).await.unwrap());
     store.clock.advance(day * 2 - Duration::from_secs(1));
-    assert!(rows.delete_expired(&Retention::default()).await.unwrap().is_empty());
+    assert!(rows.delete_expired_jobs(&Retention::default()).await.unwrap().is_empty());
     store.clock.advance(Duration::from_secs(1));
-    assert_eq!(rows.delete_expired(&Retention::default()).await.unwrap(), [claimed.id]);
+    assert_eq!(rows.delete_expired_jobs(&Retention::default()).await.unwrap(), [claimed.id]);
     assert_eq!(rows.job(claimed.id).await.unwrap(), None);
     assert!(rows.job(kept).await.unwrap().is_some());
 }

@@ -78,7 +78,7 @@ pub(crate) async fn a_worker_back_from_the_dead_cannot_publish(store: Fresh) {
     let beat = rows.heartbeat(dead.id, dead.lease_token, LEASE, &progress(9)).await.unwrap();
     assert_eq!(beat, Heartbeat::Lost);
     assert!(!rows.finish(dead.id, dead.lease_token, &success()).await.unwrap());
-    assert!(!rows.release(dead.id, dead.lease_token, Attempt::IsFree).await.unwrap());
+    assert!(!rows.release(dead.id, dead.lease_token, Attempt::NotCounted).await.unwrap());
     assert_eq!(job(rows, dead.id).await, living, "nothing of the dead worker is to be seen");
 
     assert!(rows.finish(living.id, living.lease_token, &success()).await.unwrap());
@@ -118,7 +118,7 @@ pub(crate) async fn a_released_job_waits_again_and_the_attempt_does_not_count(st
         let claimed = claim(rows).await.unwrap();
         assert_eq!((claimed.id, claimed.attempt), (id, 1));
         rows.heartbeat(id, claimed.lease_token, LEASE, &progress(3)).await.unwrap();
-        assert!(rows.release(id, claimed.lease_token, Attempt::IsFree).await.unwrap());
+        assert!(rows.release(id, claimed.lease_token, Attempt::NotCounted).await.unwrap());
         let waiting = job(rows, id).await;
         assert_eq!((waiting.state, waiting.progress.fraction), (JobState::Queued, 0.0));
         assert!(!rows.finish(id, claimed.lease_token, &success()).await.unwrap(), "the lease went with the release");
@@ -155,8 +155,8 @@ pub(crate) async fn a_released_job_that_was_to_end_ends(store: Fresh) {
     let (cancelled, deleted) = (claim(rows).await.unwrap(), claim(rows).await.unwrap());
     rows.cancel(cancelled.id).await.unwrap();
     rows.delete_job(deleted.id).await.unwrap();
-    assert!(rows.release(cancelled.id, cancelled.lease_token, Attempt::IsFree).await.unwrap());
-    assert!(rows.release(deleted.id, deleted.lease_token, Attempt::IsFree).await.unwrap());
+    assert!(rows.release(cancelled.id, cancelled.lease_token, Attempt::NotCounted).await.unwrap());
+    assert!(rows.release(deleted.id, deleted.lease_token, Attempt::NotCounted).await.unwrap());
     assert_eq!(job(rows, cancelled.id).await.state, JobState::Cancelled);
     assert_eq!(rows.blob_owner(deleted.id).await.unwrap(), None);
     assert_eq!(claim(rows).await, None);
@@ -216,7 +216,7 @@ pub(crate) async fn a_job_released_with_a_pause_is_not_claimed_before_it_is_over
     let pause = Duration::from_secs(60);
     let (paused, next) = (accept(rows, &stack()).await.id, accept(rows, &stack()).await.id);
     let claimed = claim(rows).await.unwrap();
-    assert!(rows.release(paused, claimed.lease_token, Attempt::Counts { pause }).await.unwrap());
+    assert!(rows.release(paused, claimed.lease_token, Attempt::Counted { pause }).await.unwrap());
     assert_eq!(job(rows, paused).await.attempt, 1, "it counts");
     let claimed = claim(rows).await.expect("the queue goes on");
     assert_eq!(claimed.id, next);

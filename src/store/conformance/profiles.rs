@@ -47,7 +47,7 @@ pub(crate) async fn every_write_is_a_new_revision_and_old_ones_never_change(stor
     let all = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
     let summaries = [&second, &first].map(ProfileSummary::from);
     assert_eq!((all.items, all.next_cursor), (summaries.to_vec(), None));
-    let stored = rows.stored_revisions(&page(10, None)).await.unwrap();
+    let stored = rows.all_revisions(&page(10, None)).await.unwrap();
     assert_eq!((stored.items, stored.skipped), (vec![second, first], vec![]));
 }
 
@@ -79,7 +79,7 @@ pub(crate) async fn a_delete_hides_the_profile_and_keeps_the_numbering(store: Fr
     assert!(rows.profiles(None, None, &page(10, None)).await.unwrap().items.is_empty());
     // stacks already made can still say what they used
     assert_eq!(rows.profile_of_job(&rig, &lens, 2).await.unwrap(), Some(second));
-    assert_eq!(rows.stored_revisions(&page(10, None)).await.unwrap().items.len(), 2);
+    assert_eq!(rows.all_revisions(&page(10, None)).await.unwrap().items.len(), 2);
     assert!(rows.profile_keys(10).await.unwrap().is_empty());
     let third = rows.put_profile(&rig, &lens, &draft(1.5), Precondition::Absent).await.unwrap();
     assert!(matches!(third, PutProfile::Created(p) if p.revision == 3));
@@ -138,9 +138,9 @@ pub(crate) async fn a_foreign_cursor_is_refused(store: Fresh) {
     for cursor in ["", "nonsense", "-1", "0", "fffffffffffffffff"] {
         let asked = page(10, Some(cursor.into()));
         let profiles = store.rows.profiles(None, None, &asked).await;
-        assert!(matches!(profiles, Err(crate::store::StoreError::BadCursor)), "{cursor}");
+        assert!(matches!(profiles, Err(crate::store::StoreError::InvalidCursor)), "{cursor}");
         let jobs = store.rows.jobs(&Default::default(), &asked).await;
-        assert!(matches!(jobs, Err(crate::store::StoreError::BadCursor)), "{cursor}");
+        assert!(matches!(jobs, Err(crate::store::StoreError::InvalidCursor)), "{cursor}");
     }
 }
 

@@ -6,8 +6,7 @@ use uuid::Uuid;
 
 use super::{Fresh, accept, claim, name, stack, success, uploads::MANY};
 use crate::store::{
-    JobFilter, NewJob, PageRequest,
-    sweep::Retention,
+    JobFilter, NewJob, PageRequest, Retention,
     tokens::{NewToken, Scope, mint},
     uploads::{CreateUpload, NewUpload},
 };
@@ -61,9 +60,9 @@ pub(crate) async fn what_a_token_takes_is_counted_until_it_is_gone(store: Fresh)
     let id = accept(rows, &NewJob { owner: Some(ann), ..stack() }).await.id;
     // as the requests and outcomes of these tests say
     let (upload, results) = (12, 3);
-    assert_eq!((rows.bytes_of(ann).await.unwrap(), rows.bytes_of(ben).await.unwrap()), (upload, 0));
+    assert_eq!((rows.used_bytes(ann).await.unwrap(), rows.used_bytes(ben).await.unwrap()), (upload, 0));
     assert!(rows.finish(claim(rows).await.unwrap().id, 1, &success()).await.unwrap());
-    assert_eq!(rows.bytes_of(ann).await.unwrap(), upload + results);
+    assert_eq!(rows.used_bytes(ann).await.unwrap(), upload + results);
     let arriving = NewUpload {
         id: Uuid::now_v7(),
         length: 1000,
@@ -72,12 +71,12 @@ pub(crate) async fn what_a_token_takes_is_counted_until_it_is_gone(store: Fresh)
         keep: DAY,
         owner: Some(ann),
     };
-    assert!(matches!(rows.create_upload(&arriving, MANY).await.unwrap(), CreateUpload::Begun(_)));
-    assert_eq!(rows.bytes_of(ann).await.unwrap(), 1000 + upload + results, "what is to come is counted whole");
+    assert!(matches!(rows.create_upload(&arriving, MANY).await.unwrap(), CreateUpload::Created(_)));
+    assert_eq!(rows.used_bytes(ann).await.unwrap(), 1000 + upload + results, "what is to come is counted whole");
     store.clock.advance(DAY);
     let keep = Retention { uploads: Some(DAY), ..Retention::default() };
     assert_eq!(rows.expire_job_uploads(&keep).await.unwrap(), [id]);
-    assert_eq!(rows.bytes_of(ann).await.unwrap(), results);
+    assert_eq!(rows.used_bytes(ann).await.unwrap(), results);
     rows.delete_job(id).await.unwrap();
-    assert_eq!(rows.bytes_of(ann).await.unwrap(), 0);
+    assert_eq!(rows.used_bytes(ann).await.unwrap(), 0);
 }

@@ -30,7 +30,7 @@ pub(crate) async fn totals_count_jobs_bytes_and_quotas(Fresh { rows, clock }: Fr
     assert_eq!((queued.kind, queued.state, queued.count), (JobKind::Stack, JobState::Queued, 2));
     assert_eq!((queued.upload_bytes, queued.result_bytes, queued.oldest), (2 * bytes, 0, oldest));
     assert_eq!(totals.quotas, [QuotaUse { quota: 5_000_000, used: bytes }]);
-    assert_eq!(totals.quotas[0].used, rows.bytes_of(owner).await.unwrap());
+    assert_eq!(totals.quotas[0].used, rows.used_bytes(owner).await.unwrap());
 
     let claimed = claim(&*rows).await.expect("a job waits");
     let fault = Fault::new(Code::InvalidImage, "torn");

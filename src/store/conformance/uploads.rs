@@ -8,7 +8,7 @@ use super::{Fresh, name, page, stack};
 use crate::{
     contract::{Code, Fault, JobKind},
     store::{
-        Enqueue, NewJob, OverQuota, StoreError, UploadRows,
+        Enqueue, NewJob, OverQuota, StoreError, UploadRecords,
         tokens::NewToken,
         uploads::{Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, UploadState},
     },
@@ -18,10 +18,10 @@ const KEEP: Duration = Duration::from_secs(3600);
 /// Enough for every test.
 pub(crate) const MANY: OpenUploadLimits = OpenUploadLimits { all: 1000, of_owner: 1000 };
 
-pub(crate) async fn begun(rows: &dyn UploadRows, length: u64) -> Uuid {
+pub(crate) async fn begun(rows: &dyn UploadRecords, length: u64) -> Uuid {
     let new =
         NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: "rig cmln".into(), keep: KEEP, owner: None };
-    let CreateUpload::Begun(upload) = rows.create_upload(&new, MANY).await.unwrap() else { panic!("there is room") };
+    let CreateUpload::Created(upload) = rows.create_upload(&new, MANY).await.unwrap() else { panic!("there is room") };
     assert_eq!((upload.id, upload.length, upload.offset, upload.state), (new.id, length, 0, UploadState::Receiving));
     assert_eq!((upload.digest, upload.metadata.as_str()), (vec![0], "rig cmln"));
     new.id
@@ -50,12 +50,12 @@ pub(crate) async fn a_newer_wish_has_a_larger_number_and_is_announced(store: Fre
     let rows = &*store.rows;
     let id = begun(rows, 100).await;
     let mut changes = rows.changes();
-    let first = rows.want_upload(id).await.unwrap().unwrap();
+    let first = rows.take_over_upload(id).await.unwrap().unwrap();
     assert_eq!(changes.recv().await.unwrap(), id);
-    let second = rows.want_upload(id).await.unwrap().unwrap();
+    let second = rows.take_over_upload(id).await.unwrap().unwrap();
     assert!(second > first);
-    assert_eq!(rows.upload(id).await.unwrap().unwrap().wanted, second);
-    assert_eq!(rows.want_upload(Uuid::now_v7()).await.unwrap(), None);
+    assert_eq!(rows.upload(id).await.unwrap().unwrap().generation, second);
+    assert_eq!(rows.take_over_upload(Uuid::now_v7()).await.unwrap(), None);
 }
 
 pub(crate) async fn a_whole_upload_becomes_one_job_and_a_torn_one_none(store: Fresh) {
@@ -97,7 +97,7 @@ pub(crate) async fn an_upload_goes_when_its_time_is_over_and_each_piece_gives_it
     assert!(rows.advance_upload(kept, &advance(0, 1)).await.unwrap());
     store.clock.advance(Duration::from_secs(1));
     assert_eq!(rows.upload(left).await.unwrap(), None, "it is gone before anybody swept");
-    assert_eq!(rows.want_upload(left).await.unwrap(), None);
+    assert_eq!(rows.take_over_upload(left).await.unwrap(), None);
     assert_eq!(rows.delete_expired_uploads().await.unwrap(), [left]);
     assert!(rows.upload(kept).await.unwrap().is_some());
 }
@@ -106,26 +106,26 @@ pub(crate) async fn only_open_uploads_are_counted(store: Fresh) {
     let rows = &*store.rows;
     let (open, whole, refused) = (begun(rows, 100).await, begun(rows, 10).await, begun(rows, 1000).await);
     rows.advance_upload(open, &advance(0, 30)).await.unwrap();
-    assert_eq!(rows.awaited_bytes().await.unwrap(), 70 + 10 + 1000);
+    assert_eq!(rows.reserved_bytes().await.unwrap(), 70 + 10 + 1000);
     rows.advance_upload(whole, &advance(0, 10)).await.unwrap();
     rows.complete_upload(&job(whole), 10).await.unwrap();
     rows.refuse_upload(refused, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
-    assert_eq!(rows.awaited_bytes().await.unwrap(), 70);
+    assert_eq!(rows.reserved_bytes().await.unwrap(), 70);
     let new =
         NewUpload { id: Uuid::now_v7(), length: 1, digest: vec![0], metadata: String::new(), keep: KEEP, owner: None };
     let at_most = |all| OpenUploadLimits { all, of_owner: 1000 };
     assert_eq!(rows.create_upload(&new, at_most(1)).await.unwrap(), CreateUpload::TooMany { of_owner: false });
-    assert!(matches!(rows.create_upload(&new, at_most(2)).await.unwrap(), CreateUpload::Begun(_)));
+    assert!(matches!(rows.create_upload(&new, at_most(2)).await.unwrap(), CreateUpload::Created(_)));
     let few = OpenUploadLimits { all: 1000, of_owner: 1 };
     let by = |owner| NewUpload { id: Uuid::now_v7(), owner, ..new.clone() };
     let (ann, ben) = (Some(Uuid::now_v7()), Some(Uuid::now_v7()));
     for owner in [None, ann, ben] {
-        assert!(matches!(rows.create_upload(&by(owner), few).await.unwrap(), CreateUpload::Begun(_)), "{owner:?}");
+        assert!(matches!(rows.create_upload(&by(owner), few).await.unwrap(), CreateUpload::Created(_)), "{owner:?}");
     }
     assert_eq!(rows.create_upload(&by(ann), few).await.unwrap(), CreateUpload::TooMany { of_owner: true });
-    assert!(matches!(rows.create_upload(&by(None), few).await.unwrap(), CreateUpload::Begun(_)));
+    assert!(matches!(rows.create_upload(&by(None), few).await.unwrap(), CreateUpload::Created(_)));
     store.clock.advance(KEEP);
-    assert_eq!(rows.awaited_bytes().await.unwrap(), 0);
+    assert_eq!(rows.reserved_bytes().await.unwrap(), 0);
 }
 
 pub(crate) async fn open_uploads_are_listed_newest_first_with_their_tokens(store: Fresh) {
@@ -133,7 +133,7 @@ pub(crate) async fn open_uploads_are_listed_newest_first_with_their_tokens(store
     let ann = Uuid::now_v7();
     assert!(rows.add_token(&token(ann, None)).await.unwrap());
     let of_ann = NewUpload { id: Uuid::now_v7(), owner: Some(ann), ..new(7) };
-    assert!(matches!(rows.create_upload(&of_ann, MANY).await.unwrap(), CreateUpload::Begun(_)));
+    assert!(matches!(rows.create_upload(&of_ann, MANY).await.unwrap(), CreateUpload::Created(_)));
     let (second, whole, third) = (begun(rows, 100).await, begun(rows, 10).await, begun(rows, 1000).await);
     rows.refuse_upload(whole, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
     rows.advance_upload(second, &advance(0, 30)).await.unwrap();
@@ -145,7 +145,7 @@ pub(crate) async fn open_uploads_are_listed_newest_first_with_their_tokens(store
     assert_eq!(last.items.iter().map(shown).collect::<Vec<_>>(), [(of_ann.id, Some("ann".into()), 0, false)]);
     assert_eq!(last.next_cursor, None);
     let foreign = rows.list_open_uploads(&page(2, Some("x".into()))).await;
-    assert!(matches!(foreign, Err(StoreError::BadCursor)), "{foreign:?}");
+    assert!(matches!(foreign, Err(StoreError::InvalidCursor)), "{foreign:?}");
     store.clock.advance(KEEP);
     assert!(rows.list_open_uploads(&page(2, None)).await.unwrap().items.is_empty());
 }
@@ -160,7 +160,7 @@ pub(crate) async fn a_quota_holds_however_many_ask_at_once(store: Fresh) {
         asking.spawn(async move {
             if i % 2 == 0 {
                 let upload = NewUpload { owner: Some(ann), ..new(40) };
-                matches!(rows.create_upload(&upload, MANY).await.unwrap(), CreateUpload::Begun(_))
+                matches!(rows.create_upload(&upload, MANY).await.unwrap(), CreateUpload::Created(_))
             } else {
                 let job = NewJob { owner: Some(ann), ..stack() };
                 matches!(rows.enqueue(&job, 1000).await.unwrap(), Enqueue::Accepted(_))
@@ -171,7 +171,7 @@ pub(crate) async fn a_quota_holds_however_many_ask_at_once(store: Fresh) {
     while let Some(ended) = asking.join_next().await {
         accepted += u32::from(ended.unwrap());
     }
-    let used = store.rows.bytes_of(ann).await.unwrap();
+    let used = store.rows.used_bytes(ann).await.unwrap();
     assert!(accepted > 0 && (100 - 11..=100).contains(&used), "{accepted} were accepted, {used} bytes are used");
     let over = OverQuota { token: "ann".into(), used, quota: 100 };
     let refused = store.rows.create_upload(&NewUpload { owner: Some(ann), ..new(u64::MAX) }, MANY).await.unwrap();

@@ -1,4 +1,4 @@
-//! The only place where an error of SQLite becomes one of the store.
+//! Conversion of errors of SQLite into errors of the store.
 
 use super::StoreError;
 
@@ -13,15 +13,15 @@ impl From<sqlx::Error> for StoreError {
         match code {
             // the low byte of an extended code is the primary one
             Some(code) if code & 0xff == SQLITE_FULL || code == SQLITE_IOERR_SHMSIZE => {
-                Self::NoRoom("the database cannot grow".into())
+                Self::DiskFull("the database cannot grow".into())
             }
-            _ => Self::Other(anyhow::Error::new(error).context("the database refused")),
+            _ => Self::Other(anyhow::Error::new(error).context("the database reported an error")),
         }
     }
 }
 
 impl From<serde_json::Error> for StoreError {
     fn from(error: serde_json::Error) -> Self {
-        Self::Other(anyhow::Error::new(error).context("a row holds JSON that this version does not understand"))
+        Self::Other(anyhow::Error::new(error).context("a row contains JSON that this version cannot read"))
     }
 }

@@ -1,44 +1,196 @@
-//! Accepting jobs, and reading them.
+//! Jobs as clients see them: accepted, listed, cancelled, deleted.
 
 use anyhow::Context;
+use async_trait::async_trait;
 use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
 use super::{
-    BlobOwner, Enqueue, Job, JobCounts, JobFilter, NewJob, Page, PageRequest, SqliteRows, StoreResult,
+    SqliteMetadata, StoreResult,
     page::Window,
     quota,
-    row::{JobRow, kind, state},
-    uploads::signed,
+    row::{JobRow, kind, signed, state},
+    transitions::{Transition, apply, state_and_lease},
 };
 use crate::{
     contract::{JobKind, JobState, Name, request::JobRequest},
-    store::{Skipped, json},
+    store::{
+        BlobOwner, CancelRequest, Enqueue, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest, Skipped,
+        json,
+    },
 };
 use pinstack_science::types::Warning;
 
-/// What a day has.
+/// Milliseconds of a day.
 const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;
 
-pub(super) async fn enqueue(store: &SqliteRows, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
-    let mut tx = store.write().await?;
-    let enqueued = insert(store, &mut tx, job, queue_limit).await?;
-    if let Enqueue::Accepted(_) = &enqueued {
-        store.commit(tx, "rows.enqueue").await?;
-        store.changed(job.id);
+#[async_trait]
+impl JobQueue for SqliteMetadata {
+    async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
+        let mut tx = self.write().await?;
+        let enqueued = insert(self, &mut tx, job, queue_limit).await?;
+        if let Enqueue::Accepted(_) = &enqueued {
+            self.commit(tx, "rows.enqueue").await?;
+            self.changed(job.id);
+        }
+        Ok(enqueued)
     }
-    Ok(enqueued)
+
+    async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>> {
+        find_by_idempotency_key(&self.readers, key).await
+    }
+
+    async fn job(&self, id: Uuid) -> StoreResult<Option<Job>> {
+        let row: Option<JobRow> = sqlx::query_as("SELECT * FROM jobs WHERE id = ?1 AND delete_requested = 0")
+            .bind(id)
+            .fetch_optional(&self.readers)
+            .await?;
+        row.map(Job::try_from).transpose()
+    }
+
+    async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>> {
+        let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = ?1 AND delete_requested = 0")
+            .bind(id)
+            .fetch_optional(&self.readers)
+            .await?;
+        name.as_deref().map(kind).transpose()
+    }
+
+    async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
+        let window = Window::of(page)?;
+        let rows = sqlx::query_as(
+            "SELECT * FROM jobs
+             WHERE seq < ?1 AND delete_requested = 0
+               AND (?2 IS NULL OR kind = ?2) AND (?3 IS NULL OR state = ?3)
+               AND (?4 IS NULL OR rig = ?4) AND (?5 IS NULL OR lens = ?5) AND (?6 IS NULL OR scan = ?6)
+               AND (?8 IS NULL OR owner IS NULL OR owner = ?8)
+             ORDER BY seq DESC LIMIT ?7",
+        )
+        .bind(window.before)
+        .bind(filter.kind.map(kind_name))
+        .bind(filter.state.map(JobState::as_str))
+        .bind(filter.rig.as_ref().map(Name::as_str))
+        .bind(filter.lens.as_ref().map(Name::as_str))
+        .bind(filter.scan.as_ref().map(Name::as_str))
+        .bind(window.rows)
+        .bind(filter.owner)
+        .fetch(&self.readers);
+        let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
+        // parsing megabytes of JSON would block a thread that serves requests
+        let parsed = tokio::task::spawn_blocking(move || {
+            let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
+            for row in rows {
+                let id = row.id;
+                match Job::try_from(row) {
+                    Ok(job) => page.items.push(job),
+                    Err(error) => page.skipped.push(Skipped::unreadable(id.to_string(), &error)),
+                }
+            }
+            page
+        });
+        Ok(parsed.await.context("the task that parses rows panicked")?)
+    }
+
+    async fn counts(&self) -> StoreResult<JobCounts> {
+        let rows: Vec<(String, i64)> =
+            sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&self.readers).await?;
+        let mut counts = JobCounts::default();
+        for (name, count) in rows {
+            let place = match state(&name)? {
+                JobState::Queued => &mut counts.queued,
+                JobState::Running => &mut counts.running,
+                JobState::Succeeded => &mut counts.succeeded,
+                JobState::Failed => &mut counts.failed,
+                JobState::Cancelled => &mut counts.cancelled,
+            };
+            *place = u64::try_from(count).unwrap_or(0);
+        }
+        Ok(counts)
+    }
+
+    async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>> {
+        let now = self.clock.now_ms();
+        let mut tx = self.write().await?;
+        let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(None) };
+        let answer = match state {
+            JobState::Succeeded | JobState::Failed | JobState::Cancelled => {
+                return Ok(Some(CancelRequest::AlreadyEnded(state)));
+            }
+            JobState::Running if held => {
+                sqlx::query(
+                    "UPDATE jobs SET cancel_requested = 1, version = version + 1 WHERE id = ?1 AND cancel_requested = 0",
+                )
+                .bind(id)
+                .execute(&mut *tx)
+                .await?;
+                CancelRequest::Requested
+            }
+            // no worker holds it: it is queued, or its lease has expired
+            JobState::Queued | JobState::Running => {
+                apply(&mut tx, id, now, &Transition { state: "cancelled", ..Transition::default() }).await?;
+                sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1").bind(id).execute(&mut *tx).await?;
+                CancelRequest::Cancelled
+            }
+        };
+        self.commit(tx, "rows.cancel").await?;
+        self.changed(id);
+        Ok(Some(answer))
+    }
+
+    async fn delete_job(&self, id: Uuid) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let Some((state, held)) = state_and_lease(&mut tx, id, self.clock.now_ms()).await? else { return Ok(false) };
+        let sql = if state == JobState::Running && held {
+            // its idempotency key can be used again at once
+            "UPDATE jobs SET cancel_requested = 1, delete_requested = 1, idempotency_key = NULL, version = version + 1
+             WHERE id = ?1"
+        } else {
+            "DELETE FROM jobs WHERE id = ?1"
+        };
+        sqlx::query(sql).bind(id).execute(&mut *tx).await?;
+        self.commit(tx, "rows.delete").await?;
+        self.changed(id);
+        Ok(true)
+    }
+
+    async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>> {
+        let row: Option<(String, i64, bool)> =
+            sqlx::query_as("SELECT state, lease_token, upload_removed FROM jobs WHERE id = ?1")
+                .bind(id)
+                .fetch_optional(&self.readers)
+                .await?;
+        let owner = |(name, lease_token, upload_removed): (String, i64, bool)| {
+            Ok(BlobOwner { state: state(&name)?, lease_token, upload_removed })
+        };
+        row.map(owner).transpose()
+    }
+
+    async fn blob_keys(&self, id: Uuid) -> StoreResult<Vec<String>> {
+        Ok(sqlx::query_scalar(
+            "SELECT key FROM (
+                 SELECT json_extract(request, '$.upload.key') AS key FROM jobs
+                 WHERE id = ?1 AND json_valid(request) AND upload_removed = 0
+                 UNION ALL
+                 SELECT json_extract(value, '$.key') AS key
+                 FROM jobs, json_each(iif(json_valid(outcome), outcome, '{}'), '$.artifacts')
+                 WHERE jobs.id = ?1
+             ) WHERE typeof(key) = 'text'",
+        )
+        .bind(id)
+        .fetch_all(&self.readers)
+        .await?)
+    }
 }
 
-/// Puts a job into the queue, as part of a transaction that the caller commits.
+/// Enqueues a job within a transaction that the caller commits.
 pub(super) async fn insert(
-    store: &SqliteRows,
+    store: &SqliteMetadata,
     connection: &mut SqliteConnection,
     job: &NewJob,
     queue_limit: u64,
 ) -> StoreResult<Enqueue> {
     if let Some((key, fingerprint)) = &job.idempotency
-        && let Some((first, its_fingerprint)) = by_idempotency_key(&mut *connection, key).await?
+        && let Some((first, its_fingerprint)) = find_by_idempotency_key(&mut *connection, key).await?
     {
         let same = its_fingerprint == *fingerprint;
         return Ok(if same { Enqueue::Repeated(Box::new(first)) } else { Enqueue::KeyReused });
@@ -78,7 +230,7 @@ pub(super) async fn insert(
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
 }
 
-pub(super) async fn by_idempotency_key(
+async fn find_by_idempotency_key(
     executor: impl Executor<'_, Database = Sqlite>,
     key: &str,
 ) -> StoreResult<Option<(Job, String)>> {
@@ -87,103 +239,6 @@ pub(super) async fn by_idempotency_key(
     let Some(mut row) = row else { return Ok(None) };
     let fingerprint = row.fingerprint.take().unwrap_or_default();
     Ok(Some((row.try_into()?, fingerprint)))
-}
-
-pub(super) async fn get(store: &SqliteRows, id: Uuid) -> StoreResult<Option<Job>> {
-    let row: Option<JobRow> = sqlx::query_as("SELECT * FROM jobs WHERE id = ?1 AND delete_requested = 0")
-        .bind(id)
-        .fetch_optional(&store.readers)
-        .await?;
-    row.map(Job::try_from).transpose()
-}
-
-pub(super) async fn kind_of(store: &SqliteRows, id: Uuid) -> StoreResult<Option<JobKind>> {
-    let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = ?1 AND delete_requested = 0")
-        .bind(id)
-        .fetch_optional(&store.readers)
-        .await?;
-    name.as_deref().map(kind).transpose()
-}
-
-pub(super) async fn list(store: &SqliteRows, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
-    let window = Window::of(page)?;
-    let rows = sqlx::query_as(
-        "SELECT * FROM jobs
-         WHERE seq < ?1 AND delete_requested = 0
-           AND (?2 IS NULL OR kind = ?2) AND (?3 IS NULL OR state = ?3)
-           AND (?4 IS NULL OR rig = ?4) AND (?5 IS NULL OR lens = ?5) AND (?6 IS NULL OR scan = ?6)
-           AND (?8 IS NULL OR owner IS NULL OR owner = ?8)
-         ORDER BY seq DESC LIMIT ?7",
-    )
-    .bind(window.before)
-    .bind(filter.kind.map(kind_name))
-    .bind(filter.state.map(JobState::as_str))
-    .bind(filter.rig.as_ref().map(Name::as_str))
-    .bind(filter.lens.as_ref().map(Name::as_str))
-    .bind(filter.scan.as_ref().map(Name::as_str))
-    .bind(window.rows)
-    .bind(filter.owner)
-    .fetch(&store.readers);
-    let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
-    // megabytes of JSON are no work for a thread that answers requests
-    let parsed = tokio::task::spawn_blocking(move || {
-        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-        for row in rows {
-            let id = row.id;
-            match Job::try_from(row) {
-                Ok(job) => page.items.push(job),
-                Err(error) => page.skipped.push(Skipped::because(id.to_string(), &error)),
-            }
-        }
-        page
-    });
-    Ok(parsed.await.context("the task that reads rows died")?)
-}
-
-/// Keys of the blobs that a row names, also of one that cannot be read; none where its JSON is no JSON.
-pub(super) async fn named_keys(store: &SqliteRows, id: Uuid) -> StoreResult<Vec<String>> {
-    Ok(sqlx::query_scalar(
-        "SELECT key FROM (
-             SELECT json_extract(request, '$.upload.key') AS key FROM jobs
-             WHERE id = ?1 AND json_valid(request) AND upload_removed = 0
-             UNION ALL
-             SELECT json_extract(value, '$.key') AS key
-             FROM jobs, json_each(iif(json_valid(outcome), outcome, '{}'), '$.artifacts')
-             WHERE jobs.id = ?1
-         ) WHERE typeof(key) = 'text'",
-    )
-    .bind(id)
-    .fetch_all(&store.readers)
-    .await?)
-}
-
-pub(super) async fn counts(store: &SqliteRows) -> StoreResult<JobCounts> {
-    let rows: Vec<(String, i64)> =
-        sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&store.readers).await?;
-    let mut counts = JobCounts::default();
-    for (name, count) in rows {
-        let place = match state(&name)? {
-            JobState::Queued => &mut counts.queued,
-            JobState::Running => &mut counts.running,
-            JobState::Succeeded => &mut counts.succeeded,
-            JobState::Failed => &mut counts.failed,
-            JobState::Cancelled => &mut counts.cancelled,
-        };
-        *place = u64::try_from(count).unwrap_or(0);
-    }
-    Ok(counts)
-}
-
-pub(super) async fn blob_owner(store: &SqliteRows, id: Uuid) -> StoreResult<Option<BlobOwner>> {
-    let row: Option<(String, i64, bool)> =
-        sqlx::query_as("SELECT state, lease_token, upload_removed FROM jobs WHERE id = ?1")
-            .bind(id)
-            .fetch_optional(&store.readers)
-            .await?;
-    let owner = |(name, lease_token, upload_removed): (String, i64, bool)| {
-        Ok(BlobOwner { state: state(&name)?, lease_token, upload_removed })
-    };
-    row.map(owner).transpose()
 }
 
 pub(super) fn kind_name(kind: JobKind) -> &'static str {

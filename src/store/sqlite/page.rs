@@ -1,21 +1,22 @@
-//! Pages of lists: newest first, by the sequence number of the row.
+//! Pages of lists: newest first, by sequence number. A cursor is the sequence number of the last row of the page before.
 
 use futures::{Stream, TryStreamExt};
 
-use super::{PageRequest, StoreError, StoreResult};
+use super::{StoreError, StoreResult};
+use crate::store::PageRequest;
 
-/// Most items of a page.
+/// Largest number of items of a page.
 pub(super) const MOST: u32 = 500;
-/// A page ends before its rows have more bytes than this, so that an answer stays below 4 MiB.
+/// A page ends before its rows exceed this size, so that a response stays below 4 MiB.
 const MOST_BYTES: usize = 3 << 20;
-/// What an answer adds to each row: links, times, progress.
+/// Bytes that a response adds to each row: links, times, progress.
 const BYTES_PER_ROW: usize = 2 << 10;
 
-/// Where a page begins and how many rows to read.
+/// The rows of one page.
 pub(super) struct Window {
     /// Rows with a smaller sequence number belong to the page.
     pub(super) before: i64,
-    /// One more than the page holds: its presence says that there is another page.
+    /// Number of rows to read: one more than the page has, to find out whether there is a next page.
     pub(super) rows: i64,
 }
 
@@ -23,13 +24,15 @@ impl Window {
     pub(super) fn of(page: &PageRequest) -> StoreResult<Self> {
         let before = match &page.cursor {
             None => i64::MAX,
-            Some(cursor) => i64::from_str_radix(cursor, 16).ok().filter(|seq| *seq > 0).ok_or(StoreError::BadCursor)?,
+            Some(cursor) => {
+                i64::from_str_radix(cursor, 16).ok().filter(|seq| *seq > 0).ok_or(StoreError::InvalidCursor)?
+            }
         };
         Ok(Self { before, rows: i64::from(page.limit.clamp(1, MOST)) + 1 })
     }
 
-    /// The rows of the page, at least one if there is any, and the cursor of the next page. `measure` gives the sequence
-    /// number and the bytes of a row. What lies behind the page is not read.
+    /// Reads the rows of the page (at least one, if there is any) and returns the cursor of the next page. `measure`
+    /// returns the sequence number and the size of a row. Rows after the page are not read.
     pub(super) async fn fill<R>(
         &self,
         mut rows: impl Stream<Item = Result<R, sqlx::Error>> + Unpin,

@@ -1,15 +1,16 @@
-//! Quotas of tokens, checked in the transaction that takes the bytes: what was read still holds when it is written.
+//! Quotas of tokens. A quota is checked within the transaction that adds the bytes, so concurrent requests cannot exceed
+//! it together.
 
-use sqlx::SqliteConnection;
+use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
 use super::{
-    StoreResult, retention,
-    uploads::{signed, unsigned},
+    StoreResult,
+    row::{signed, unsigned},
 };
 use crate::store::OverQuota;
 
-/// Why `bytes` more do not fit into the quota of `owner`; `None` when they do, or there is no quota.
+/// `None` when `bytes` more fit into the quota of `owner`, or when there is no quota.
 pub(super) async fn exceeded(
     connection: &mut SqliteConnection,
     owner: Option<Uuid>,
@@ -22,7 +23,25 @@ pub(super) async fn exceeded(
         .fetch_optional(&mut *connection)
         .await?;
     let Some((token, Some(quota))) = token else { return Ok(None) };
-    let used = retention::bytes_taken(connection, owner, now).await?;
+    let used = used_bytes(connection, owner, now).await?;
     let fits = used.checked_add(signed(bytes)).is_some_and(|all| all <= quota);
     Ok((!fits).then(|| OverQuota { token, used: unsigned(used), quota: unsigned(quota) }))
+}
+
+/// Bytes that the stacks, calibrations and open uploads of a token use.
+pub(super) async fn used_bytes(
+    executor: impl Executor<'_, Database = Sqlite>,
+    owner: Uuid,
+    now: i64,
+) -> StoreResult<i64> {
+    let bytes = sqlx::query_scalar(
+        "SELECT (SELECT COALESCE(SUM(upload_bytes + result_bytes), 0) FROM jobs WHERE owner = ?1)
+              + (SELECT COALESCE(SUM(length), 0) FROM uploads
+                 WHERE owner = ?1 AND job_kind IS NULL AND fault IS NULL AND expires_at > ?2)",
+    )
+    .bind(owner)
+    .bind(now)
+    .fetch_one(executor)
+    .await?;
+    Ok(bytes)
 }

@@ -1,16 +1,16 @@
-//! The row of a job, and the job that it means.
+//! Conversions between columns and types of the contract.
 
 use anyhow::{Context, anyhow};
 use jiff::Timestamp;
 use uuid::Uuid;
 
-use super::{Job, StoreError, StoreResult};
+use super::{StoreError, StoreResult};
 use crate::{
     contract::{JobKind, JobState, Name, Progress},
-    store::json,
+    store::{Job, json},
 };
 
-/// Every column of `jobs` that makes a [`Job`], under the column's name.
+/// The columns of `jobs` that a [`Job`] is read from.
 #[derive(sqlx::FromRow)]
 pub(super) struct JobRow {
     pub(super) seq: i64,
@@ -38,7 +38,7 @@ pub(super) struct JobRow {
 }
 
 impl JobRow {
-    /// Bytes of what grows with the stack.
+    /// Bytes of the columns that grow with the number of slices.
     pub(super) fn bytes(&self) -> usize {
         let optional = |text: &Option<String>| text.as_ref().map_or(0, String::len);
         self.request.len() + self.warnings.len() + optional(&self.error) + optional(&self.outcome)
@@ -49,12 +49,12 @@ impl TryFrom<JobRow> for Job {
     type Error = StoreError;
 
     fn try_from(row: JobRow) -> StoreResult<Self> {
-        let called = format!("the row of job {}", row.id);
+        let label = format!("the row of job {}", row.id);
         Ok(Self {
             id: row.id,
             rig: name(row.rig)?,
             lens: name(row.lens)?,
-            request: json::read(&called, &row.request)?,
+            request: json::read(&label, &row.request)?,
             state: state(&row.state)?,
             progress: Progress {
                 stage: row.stage,
@@ -69,32 +69,42 @@ impl TryFrom<JobRow> for Job {
             started_at: row.started_at.map(time).transpose()?,
             finished_at: row.finished_at.map(time).transpose()?,
             cancel_requested: row.cancel_requested,
-            error: row.error.as_deref().map(|text| json::read(&called, text)).transpose()?,
-            warnings: json::read(&called, &row.warnings)?,
+            error: row.error.as_deref().map(|text| json::read(&label, text)).transpose()?,
+            warnings: json::read(&label, &row.warnings)?,
             upload_removed: row.upload_removed,
-            outcome: row.outcome.as_deref().map(|text| json::read(&called, text)).transpose()?,
+            outcome: row.outcome.as_deref().map(|text| json::read(&label, text)).transpose()?,
         })
     }
 }
 
 pub(super) fn name(text: String) -> StoreResult<Name> {
-    Ok(Name::new(text).context("a row holds a name that breaks the rule")?)
+    Ok(Name::new(text).context("a row contains an invalid name")?)
 }
 
 pub(super) fn time(ms: i64) -> StoreResult<Timestamp> {
-    Ok(Timestamp::from_millisecond(ms).context("a row holds a time that cannot be")?)
+    Ok(Timestamp::from_millisecond(ms).context("a row contains a time out of range")?)
 }
 
 pub(super) fn kind(text: &str) -> StoreResult<JobKind> {
     match text {
         "stack" => Ok(JobKind::Stack),
         "calibration" => Ok(JobKind::Calibration),
-        _ => Err(anyhow!("a row holds the unknown kind '{text}'").into()),
+        _ => Err(anyhow!("a row contains the unknown kind '{text}'").into()),
     }
 }
 
 pub(super) fn state(text: &str) -> StoreResult<JobState> {
     let all = [JobState::Queued, JobState::Running, JobState::Succeeded, JobState::Failed, JobState::Cancelled];
     let known = all.into_iter().find(|state| state.as_str() == text);
-    Ok(known.ok_or_else(|| anyhow!("a row holds the unknown state '{text}'"))?)
+    Ok(known.ok_or_else(|| anyhow!("a row contains the unknown state '{text}'"))?)
+}
+
+/// A number of bytes as SQLite stores it.
+pub(super) fn signed(bytes: u64) -> i64 {
+    i64::try_from(bytes).unwrap_or(i64::MAX)
+}
+
+/// A number of bytes, or a count, as SQLite returns it.
+pub(super) fn unsigned(number: i64) -> u64 {
+    u64::try_from(number).unwrap_or(0)
 }

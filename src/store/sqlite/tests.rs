@@ -5,15 +5,18 @@ use std::sync::Arc;
 use tempfile::TempDir;
 
 use super::*;
-use crate::store::{
-    ManualClock, UploadRows,
-    conformance::{self, Fresh},
+use crate::{
+    contract::{ProfileSummary, profile::Profile},
+    store::{
+        Expiry, Job, JobFilter, JobQueue, Leases, ManualClock, ProfileStore, Retention, UploadRecords,
+        conformance::{self, Fresh},
+    },
 };
 
 async fn fresh() -> (TempDir, Fresh) {
     let folder = tempfile::tempdir().expect("a folder for the test");
     let clock = Arc::new(ManualClock::default());
-    let rows = SqliteRows::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.expect("open");
+    let rows = SqliteMetadata::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.expect("open");
     (folder, Fresh { rows: Arc::new(rows), clock })
 }
 
@@ -109,11 +112,11 @@ conforms!(expiry:
 async fn accepted_jobs_and_profiles_survive_a_reopen() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rows.db");
-    let rows = SqliteRows::open(&path).await.unwrap();
+    let rows = SqliteMetadata::open(&path).await.unwrap();
     let job = conformance::accept(&rows, &conformance::stack()).await;
     let profile = conformance::put(&rows, "rig", "lens", 1.5).await;
     drop(rows); // without a close, as after a kill
-    let rows = SqliteRows::open(&path).await.unwrap();
+    let rows = SqliteMetadata::open(&path).await.unwrap();
     assert_eq!(rows.job(job.id).await.unwrap(), Some(job));
     assert_eq!(rows.profile(&profile.rig, &profile.lens, None).await.unwrap(), Some(profile));
     rows.close().await;
@@ -124,12 +127,12 @@ async fn two_processes_on_one_file_never_claim_the_same_job() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rows.db");
     // two stores on one file share nothing but the file, like two processes
-    let (one, two) = tokio::join!(SqliteRows::open(&path), SqliteRows::open(&path));
+    let (one, two) = tokio::join!(SqliteMetadata::open(&path), SqliteMetadata::open(&path));
     let (one, two) = (one.unwrap(), two.unwrap());
     for _ in 0..10 {
         conformance::accept(&one, &conformance::stack()).await;
     }
-    let drain = async |rows: &SqliteRows| {
+    let drain = async |rows: &SqliteMetadata| {
         let mut claimed = Vec::new();
         while let Some(job) = conformance::claim(rows).await {
             claimed.push(job.id);
@@ -147,7 +150,7 @@ async fn two_processes_on_one_file_never_claim_the_same_job() {
 #[tokio::test]
 async fn a_full_disk_is_told_from_other_errors_and_tears_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let rows = SqliteMetadata::open(folder.path().join("rows.db")).await.unwrap();
     let first = conformance::accept(&rows, &conformance::stack()).await;
     // SQLite reports its own page limit like a full disk; this is below what the file has, so it cannot grow
     sqlx::query("PRAGMA max_page_count = 1").execute(&rows.writer).await.unwrap();
@@ -158,7 +161,7 @@ async fn a_full_disk_is_told_from_other_errors_and_tears_nothing() {
             break;
         }
     }
-    assert!(matches!(full, Some(StoreError::NoRoom(_))), "{full:?}");
+    assert!(matches!(full, Some(StoreError::DiskFull(_))), "{full:?}");
     assert_eq!(rows.job(first.id).await.unwrap(), Some(first));
     sqlx::query("PRAGMA max_page_count = 1000000").execute(&rows.writer).await.unwrap();
     conformance::accept(&rows, &conformance::stack()).await;
@@ -167,7 +170,7 @@ async fn a_full_disk_is_told_from_other_errors_and_tears_nothing() {
 #[tokio::test]
 async fn a_revision_cannot_be_changed_even_by_sql() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let rows = SqliteMetadata::open(folder.path().join("rows.db")).await.unwrap();
     let put = conformance::put(&rows, "rig", "lens", 1.5).await;
     assert!(sqlx::query("UPDATE revisions SET body = '{}'").execute(&rows.writer).await.is_err());
     assert!(sqlx::query("DELETE FROM revisions").execute(&rows.writer).await.is_err());
@@ -177,7 +180,7 @@ async fn a_revision_cannot_be_changed_even_by_sql() {
 #[tokio::test]
 async fn an_offset_never_goes_back_even_by_sql() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let rows = SqliteMetadata::open(folder.path().join("rows.db")).await.unwrap();
     let id = conformance::uploads::begun(&rows, 100).await;
     assert!(rows.advance_upload(id, &conformance::uploads::advance(0, 60)).await.unwrap());
     assert!(sqlx::query("UPDATE uploads SET received = 59").execute(&rows.writer).await.is_err());
@@ -188,7 +191,7 @@ async fn an_offset_never_goes_back_even_by_sql() {
 #[tokio::test]
 async fn a_revision_stored_before_profiles_had_an_origin_or_a_digest_of_their_optics_is_read() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let rows = SqliteMetadata::open(folder.path().join("rows.db")).await.unwrap();
     let put = conformance::put(&rows, "rig", "lens", 1.5).await;
     let mut body = serde_json::to_value(&put).unwrap();
     for name in ["origin", "warnings", "principal_distance_px", "optics_digest"] {
@@ -204,7 +207,7 @@ async fn a_revision_stored_before_profiles_had_an_origin_or_a_digest_of_their_op
 
 /// A store as the schema of before heads, leases with a length and gaps of the clock left it, with a revision and a job.
 async fn old_store(path: &Path) -> (Profile, Job) {
-    let rows = SqliteRows::open(path).await.unwrap();
+    let rows = SqliteMetadata::open(path).await.unwrap();
     let profile = conformance::put(&rows, "rig", "lens", 1.5).await;
     let job = conformance::accept(&rows, &conformance::stack()).await;
     for sql in [
@@ -227,7 +230,7 @@ async fn a_store_of_the_schema_before_is_brought_up_to_date_with_all_that_is_in_
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rows.db");
     let (profile, job) = old_store(&path).await;
-    let rows = SqliteRows::open(&path).await.unwrap();
+    let rows = SqliteMetadata::open(&path).await.unwrap();
     assert_eq!(rows.profile(&profile.rig, &profile.lens, None).await.unwrap().as_ref(), Some(&profile));
     assert_eq!(rows.job(job.id).await.unwrap().as_ref(), Some(&job));
     let heads: i64 = sqlx::query_scalar("SELECT count(*) FROM revision_heads").fetch_one(&rows.writer).await.unwrap();
@@ -243,27 +246,27 @@ async fn a_clock_that_leapt_while_no_server_ran_expires_nothing_until_somebody_s
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rows.db");
     let clock = Arc::new(ManualClock::default());
-    let rows = SqliteRows::open_with_clock(&path, clock.clone()).await.unwrap();
+    let rows = SqliteMetadata::open_with_clock(&path, clock.clone()).await.unwrap();
     conformance::accept(&rows, &conformance::stack_with(|request| request.options.keep_days = Some(1))).await;
     let job = conformance::claim(&rows).await.unwrap();
     assert!(rows.finish(job.id, job.lease_token, &conformance::success()).await.unwrap());
-    assert!(rows.delete_expired(&Retention::default()).await.unwrap().is_empty());
+    assert!(rows.delete_expired_jobs(&Retention::default()).await.unwrap().is_empty());
     rows.close().await;
 
     let later = Arc::new(ManualClock::default());
     later.set_wall_by(10 * 24 * 60 * 60 * 1000);
-    let rows = SqliteRows::open_with_clock(&path, later).await.unwrap();
+    let rows = SqliteMetadata::open_with_clock(&path, later).await.unwrap();
     for _ in 0..2 {
-        assert!(rows.delete_expired(&Retention::default()).await.unwrap().is_empty());
+        assert!(rows.delete_expired_jobs(&Retention::default()).await.unwrap().is_empty());
     }
-    rows.trust_clock().await.unwrap();
-    assert_eq!(rows.delete_expired(&Retention::default()).await.unwrap(), [job.id]);
+    rows.confirm_clock().await.unwrap();
+    assert_eq!(rows.delete_expired_jobs(&Retention::default()).await.unwrap(), [job.id]);
 }
 
 #[tokio::test]
 async fn a_job_whose_row_cannot_be_read_is_named_in_lists_and_fails_when_its_turn_comes() {
     let folder = tempfile::tempdir().unwrap();
-    let rows = SqliteRows::open(folder.path().join("rows.db")).await.unwrap();
+    let rows = SqliteMetadata::open(folder.path().join("rows.db")).await.unwrap();
     let broken = conformance::accept(&rows, &conformance::stack()).await;
     let next = conformance::accept(&rows, &conformance::stack()).await;
     sqlx::query("UPDATE jobs SET request = json_set(request, '$.layout.width', 'wide') WHERE id = ?1")
@@ -274,7 +277,7 @@ async fn a_job_whose_row_cannot_be_read_is_named_in_lists_and_fails_when_its_tur
     let page = rows.jobs(&JobFilter::default(), &conformance::page(10, None)).await.unwrap();
     let skipped: Vec<String> = page.skipped.into_iter().map(|row| row.id).collect();
     assert_eq!((page.items, skipped), (vec![next.clone()], vec![broken.id.to_string()]));
-    assert_eq!(rows.named_keys(broken.id).await.unwrap(), [broken.request.upload().key.as_str()]);
+    assert_eq!(rows.blob_keys(broken.id).await.unwrap(), [broken.request.upload().key.as_str()]);
     assert_eq!(conformance::claim(&rows).await.map(|claimed| claimed.id), Some(next.id), "the queue goes on");
     let (state, error): (String, String) = sqlx::query_as("SELECT state, error FROM jobs WHERE id = ?1")
         .bind(broken.id)

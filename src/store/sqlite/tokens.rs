@@ -5,13 +5,12 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::{
-    SqliteRows, StoreError, StoreResult,
-    row::{name, time},
-    uploads::{signed, unsigned},
+    SqliteMetadata, StoreError, StoreResult, quota,
+    row::{name, signed, time, unsigned},
 };
 use crate::{
     contract::Name,
-    store::tokens::{NewToken, Scope, Token, TokenRows, names},
+    store::tokens::{NewToken, Scope, Token, Tokens, names},
 };
 
 /// A row of `tokens`.
@@ -34,8 +33,8 @@ impl TryFrom<TokenRow> for Token {
         Ok(Self {
             id: row.id,
             name: name(row.name)?,
-            scopes: scopes.map_err(|e| anyhow!("a row holds an unknown scope: {e}"))?,
-            digest: row.digest.try_into().map_err(|_| anyhow!("a row holds a digest of the wrong length"))?,
+            scopes: scopes.map_err(|e| anyhow!("a row contains an unknown scope: {e}"))?,
+            digest: row.digest.try_into().map_err(|_| anyhow!("a row contains a digest of the wrong length"))?,
             quota_bytes: row.quota_bytes.map(unsigned),
             created_at: time(row.created_at)?,
             revoked_at: row.revoked_at.map(time).transpose()?,
@@ -44,7 +43,7 @@ impl TryFrom<TokenRow> for Token {
 }
 
 #[async_trait]
-impl TokenRows for SqliteRows {
+impl Tokens for SqliteMetadata {
     async fn add_token(&self, token: &NewToken) -> StoreResult<bool> {
         let mut tx = self.write().await?;
         let added = sqlx::query(
@@ -98,5 +97,9 @@ impl TokenRows for SqliteRows {
         .fetch_optional(&self.readers)
         .await?;
         Ok(owner.flatten())
+    }
+
+    async fn used_bytes(&self, owner: Uuid) -> StoreResult<u64> {
+        Ok(unsigned(quota::used_bytes(&self.readers, owner, self.clock.now_ms()).await?))
     }
 }

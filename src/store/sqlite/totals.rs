@@ -1,13 +1,12 @@
-//! Sums over all rows. Each query reads one index and no row of it, so that a scrape stays cheap with many jobs.
+//! Sums over all rows. Each query reads one covering index and no row, so a scrape stays cheap with many jobs.
 
 use super::{
-    SqliteRows, StoreResult, Totals,
-    row::{kind, state, time},
-    uploads::unsigned,
+    SqliteMetadata, StoreResult, Totals,
+    row::{kind, state, time, unsigned},
 };
 use crate::store::totals::{JobTotals, QuotaUse};
 
-pub(super) async fn totals(store: &SqliteRows) -> StoreResult<Totals> {
+pub(super) async fn totals(store: &SqliteMetadata) -> StoreResult<Totals> {
     let now = store.clock.now_ms();
     let rows: Vec<(String, String, i64, i64, i64, i64)> = sqlx::query_as(
         "SELECT kind, state, count(*), SUM(upload_bytes), SUM(result_bytes), MIN(created_at)
@@ -33,7 +32,7 @@ pub(super) async fn totals(store: &SqliteRows) -> StoreResult<Totals> {
     .bind(now)
     .fetch_one(&store.readers)
     .await?;
-    // what counts is what `Rows::bytes_of` counts
+    // the same sum as `Tokens::used_bytes`
     let quotas: Vec<(i64, i64)> = sqlx::query_as(
         "SELECT quota_bytes, COALESCE(SUM(bytes), 0)
          FROM tokens LEFT JOIN (

@@ -1,20 +1,20 @@
-//! Uploads that arrive in pieces.
-
-use std::time::Duration;
+//! Resumable uploads.
 
 use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::{
-    Enqueue, NewJob, Page, PageRequest, SqliteRows, StoreError, StoreResult, jobs, observed, page, quota,
-    row::{JobRow, kind, time},
+    SqliteMetadata, StoreError, StoreResult, clock_gaps, jobs, page, quota,
+    row::{JobRow, kind, signed, time, unsigned},
 };
 use crate::{
     contract::Fault,
     store::{
-        Skipped, json,
+        Enqueue, NewJob, Page, PageRequest, Skipped,
+        clock::later,
+        json,
         uploads::{
-            Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRows, UploadState,
+            Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRecords, UploadState,
         },
     },
 };
@@ -52,7 +52,7 @@ impl TryFrom<UploadRow> for PartialUpload {
             digest: row.digest,
             metadata: row.metadata,
             state,
-            wanted: row.wanted,
+            generation: row.wanted,
             created_at: time(row.created_at)?,
             expires_at: time(row.expires_at)?,
         })
@@ -78,7 +78,7 @@ impl TryFrom<OpenUploadRow> for OpenUpload {
 }
 
 #[async_trait]
-impl UploadRows for SqliteRows {
+impl UploadRecords for SqliteMetadata {
     async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload> {
         let now = self.clock.now_ms();
         let mut tx = self.write().await?;
@@ -109,19 +109,19 @@ impl UploadRows for SqliteRows {
         .bind(&upload.digest)
         .bind(&upload.metadata)
         .bind(now)
-        .bind(after(now, upload.keep))
+        .bind(later(now, upload.keep))
         .bind(upload.owner)
         .fetch_one(&mut *tx)
         .await?;
         self.commit(tx, "rows.create_upload").await?;
-        Ok(CreateUpload::Begun(row.try_into()?))
+        Ok(CreateUpload::Created(row.try_into()?))
     }
 
     async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>> {
-        // ids are UUIDv7: their order is that of their making
+        // ids are UUIDv7: their order is that of their creation
         let before = match &page.cursor {
             None => Uuid::max(),
-            Some(cursor) => Uuid::try_parse(cursor).map_err(|_| StoreError::BadCursor)?,
+            Some(cursor) => Uuid::try_parse(cursor).map_err(|_| StoreError::InvalidCursor)?,
         };
         let full = page.limit.clamp(1, page::MOST) as usize;
         let rows: Vec<OpenUploadRow> = sqlx::query_as(
@@ -141,7 +141,7 @@ impl UploadRows for SqliteRows {
             page.next_cursor = more.then(|| id.simple().to_string());
             match OpenUpload::try_from(row) {
                 Ok(open) => page.items.push(open),
-                Err(error) => page.skipped.push(Skipped::because(id.to_string(), &error)),
+                Err(error) => page.skipped.push(Skipped::unreadable(id.to_string(), &error)),
             }
         }
         Ok(page)
@@ -156,9 +156,9 @@ impl UploadRows for SqliteRows {
         row.map(PartialUpload::try_from).transpose()
     }
 
-    async fn want_upload(&self, id: Uuid) -> StoreResult<Option<i64>> {
+    async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>> {
         let mut tx = self.write().await?;
-        let wanted: Option<i64> = sqlx::query_scalar(
+        let generation: Option<i64> = sqlx::query_scalar(
             "UPDATE uploads SET wanted = wanted + 1 WHERE id = ?1 AND expires_at > ?2 RETURNING wanted",
         )
         .bind(id)
@@ -167,7 +167,7 @@ impl UploadRows for SqliteRows {
         .await?;
         self.commit(tx, "rows.want_upload").await?;
         self.changed(id);
-        Ok(wanted)
+        Ok(generation)
     }
 
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool> {
@@ -181,7 +181,7 @@ impl UploadRows for SqliteRows {
         .bind(signed(advance.from))
         .bind(signed(advance.to))
         .bind(&advance.digest)
-        .bind(after(now, advance.keep))
+        .bind(later(now, advance.keep))
         .bind(now)
         .execute(&mut *tx)
         .await?;
@@ -213,7 +213,7 @@ impl UploadRows for SqliteRows {
                 .bind(jobs::kind_name(job.request.kind()))
                 .execute(&mut *tx)
                 .await?;
-            // whoever ends an upload, the job is of the one who began it
+            // the job belongs to the token that created the upload, whichever token completed it
             sqlx::query("UPDATE jobs SET owner = (SELECT owner FROM uploads WHERE id = ?1) WHERE id = ?1")
                 .bind(job.id)
                 .execute(&mut *tx)
@@ -244,7 +244,7 @@ impl UploadRows for SqliteRows {
     }
 
     async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>> {
-        observed::observe(self).await?;
+        clock_gaps::observe(self).await?;
         let mut tx = self.write().await?;
         let gone: Vec<Uuid> = sqlx::query_scalar(
             "DELETE FROM uploads
@@ -273,7 +273,7 @@ impl UploadRows for SqliteRows {
             .await?)
     }
 
-    async fn awaited_bytes(&self) -> StoreResult<u64> {
+    async fn reserved_bytes(&self) -> StoreResult<u64> {
         let bytes: i64 = sqlx::query_scalar(
             "SELECT COALESCE(SUM(length - received), 0) FROM uploads
              WHERE job_kind IS NULL AND fault IS NULL AND expires_at > ?1",
@@ -283,16 +283,4 @@ impl UploadRows for SqliteRows {
         .await?;
         Ok(unsigned(bytes))
     }
-}
-
-pub(super) fn signed(bytes: u64) -> i64 {
-    i64::try_from(bytes).unwrap_or(i64::MAX)
-}
-
-pub(super) fn unsigned(number: i64) -> u64 {
-    u64::try_from(number).unwrap_or(0)
-}
-
-fn after(now_ms: i64, time: Duration) -> i64 {
-    now_ms.saturating_add(i64::try_from(time.as_millis()).unwrap_or(i64::MAX))
 }

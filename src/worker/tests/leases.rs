@@ -27,7 +27,7 @@ worker_test! {
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
         let path = stage.folder.path().join("rows.db");
-        let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        let other = SqliteMetadata::open_with_clock(path, stage.clock.clone()).await.unwrap();
         other.cancel(id).await.unwrap();
         assert_eq!(stage.ended(id).await.state, JobState::Cancelled);
     }
@@ -57,7 +57,7 @@ worker_test! {
         assert_eq!(stage.began.recv().await, Some(id));
         // another process takes the job over when the lease has run out, and ends it
         let path = stage.folder.path().join("rows.db");
-        let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        let other = SqliteMetadata::open_with_clock(path, stage.clock.clone()).await.unwrap();
         let taken = conformance::claim_from_the_dead(&other, &stage.clock).await;
         assert_eq!((taken.id, taken.lease_token), (id, 2));
         stage.order(Order::Succeed); // the sleeper wakes up and has a result
@@ -77,7 +77,7 @@ worker_test! {
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
         let path = stage.folder.path().join("rows.db");
-        let other = SqliteRows::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        let other = SqliteMetadata::open_with_clock(path, stage.clock.clone()).await.unwrap();
         // beats come between, so the lease must run out and be taken before the next one
         let taken = loop {
             // seen by the other, and then silent for a whole lease

@@ -17,7 +17,7 @@ use crate::{
         Job, ManualClock, NewJob,
         blobs::{local::LocalBlobs, result_key, upload_key},
         conformance::{self, LEASE, accept},
-        sqlite::SqliteRows,
+        sqlite::SqliteMetadata,
     },
     worker::{Config, Deps},
 };
@@ -52,7 +52,7 @@ pub(super) async fn stage_with_need(need: u64) -> Stage {
 pub(super) async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     let folder = tempfile::tempdir().unwrap();
     let clock = Arc::new(ManualClock::default());
-    let rows = SqliteRows::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.unwrap();
+    let rows = SqliteMetadata::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.unwrap();
     let blobs = LocalBlobs::open(folder.path()).unwrap();
     let (began_here, began) = async_mpsc::unbounded_channel();
     let (orders, to_puppet) = mpsc::channel();

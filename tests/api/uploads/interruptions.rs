@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use pinstack::store::{
-    UploadRows,
-    sweep::{GRACE, Retention, sweep},
+    Retention, UploadRecords,
+    gc::{GRACE, collect},
 };
 
 use super::*;
@@ -48,7 +48,7 @@ async fn a_request_to_another_process_takes_an_upload_over_too() {
     let mut hanging = hanging_piece(&app, &url, 1000, &[1; 200]).await;
     until_written(&app, &url, 200).await;
     // its rows are not those that announce changes to this process
-    app.rows_of_another_process().await.want_upload(id_of(&url)).await.unwrap();
+    app.rows_of_another_process().await.take_over_upload(id_of(&url)).await.unwrap();
     assert_eq!(status_line(&mut hanging).await, "HTTP/1.1 409");
     assert_eq!(offset(&head(&app, &url).await), 200);
 }
@@ -66,7 +66,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
     problem(refused, 503, "queue_full").await;
     assert_eq!(head(&app, &url).await.status(), StatusCode::SERVICE_UNAVAILABLE);
     // nothing is lost meanwhile, whatever is cleaned up
-    sweep(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
+    collect(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
     assert_eq!(shown(&app, &url).await["offset"], json!(zip.len()));
 
     app.claim().await;
@@ -76,7 +76,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
         assert_eq!(header(answer, "pinstack-job"), format!("/v1/stacks/{}", id_of(&url)));
     }
     assert_eq!(app.rows.counts().await.unwrap().queued, 1, "one job, however often it is asked for");
-    sweep(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
+    collect(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
     assert_eq!(std::fs::read(app.blobs.local_path(&upload_key(id_of(&url))).await.unwrap().unwrap()).unwrap(), zip);
 }
 
@@ -89,10 +89,10 @@ async fn an_upload_that_nobody_goes_on_with_goes() {
     assert!(partial.start_at(0).await.unwrap());
     drop(partial);
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;
-    assert_eq!(app.rows.awaited_bytes().await.unwrap(), 0, "its room is free again");
-    assert_eq!(sweep(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 1);
+    assert_eq!(app.rows.reserved_bytes().await.unwrap(), 0, "its room is free again");
+    assert_eq!(collect(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 1);
     assert!(app.blobs.partials().await.unwrap().is_empty());
-    assert_eq!(sweep(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 0);
+    assert_eq!(collect(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 0);
 }
 
 #[tokio::test]

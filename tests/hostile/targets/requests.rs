@@ -15,9 +15,9 @@ use pinstack::{
     contract::{Code, Problem},
     http::{App, Policy, problem, router},
     store::{
-        Rows,
+        MetadataStore,
         blobs::{Blobs, local::LocalBlobs},
-        sqlite::SqliteRows,
+        sqlite::SqliteMetadata,
     },
 };
 use tempfile::TempDir;
@@ -61,7 +61,8 @@ impl Service {
         let data = TempDir::new_in("/dev/shm").or_else(|_| TempDir::new()).expect("a folder");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let router = runtime.block_on(async {
-            let rows: Arc<dyn Rows> = Arc::new(SqliteRows::open(data.path().join("rows.sqlite")).await.expect("rows"));
+            let rows: Arc<dyn MetadataStore> =
+                Arc::new(SqliteMetadata::open(data.path().join("rows.sqlite")).await.expect("rows"));
             let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
             let policy =
                 Policy { min_free_bytes: 0, max_upload_bytes: MAX_UPLOAD, archive: limits(), ..Policy::default() };

@@ -1,21 +1,22 @@
-//! Time that passed while somebody looked. Expiry deletes for ever, so a clock that leaps must expire nothing: each
-//! clean-up keeps the time that it saw, and a step of more than a day that no process saw pass is kept as a gap.
-//! A stack or an upload from before a gap stays longer by the length of the gap. Within one process the steady clock says how
-//! much time passed, so clean-ups may be far apart.
+//! Jumps of the wall clock. Expiry deletes for ever, so a clock that jumps must not expire anything.
+//!
+//! Each garbage collection stores the time at which it ran. If the wall clock then advances by more than a day that no
+//! process observed, the difference is stored as a gap. Everything created before a gap is kept longer by its length.
+//! Within one process the monotonic clock measures how much time passed, so collections may be far apart.
 
 use std::{sync::Mutex, sync::PoisonError, time::Duration};
 
-use super::{SqliteRows, StoreResult};
+use super::{SqliteMetadata, StoreResult};
 
-/// A step of the clock up to this is believed, ms.
-const BELIEVED_MS: i64 = 24 * 60 * 60 * 1000;
+/// Largest unobserved step of the wall clock that counts as time that passed, ms.
+const MAX_STEP_MS: i64 = 24 * 60 * 60 * 1000;
 
-/// What this process saw last: time by the machine's clock in ms, and by the steady clock.
+/// The last observation of this process: wall-clock time in ms and monotonic time.
 #[derive(Debug, Default)]
-pub(super) struct Seen(Mutex<Option<(i64, Duration)>>);
+pub(super) struct LastSeen(Mutex<Option<(i64, Duration)>>);
 
-impl Seen {
-    /// What the clock must say by now, if nobody set it.
+impl LastSeen {
+    /// The wall-clock time that is expected now, unless the clock was set.
     fn expected(&self, steady: Duration) -> Option<i64> {
         let seen = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
         seen.map(|(at_ms, then)| {
@@ -29,14 +30,14 @@ impl Seen {
     }
 }
 
-/// Looks at the clock, and keeps the gap if it leapt. Before anything expires.
-pub(super) async fn observe(store: &SqliteRows) -> StoreResult<()> {
+/// Observes the clock, and stores a gap if it jumped. To be called before anything expires.
+pub(super) async fn observe(store: &SqliteMetadata) -> StoreResult<()> {
     let (now, steady) = (store.clock.now_ms(), store.clock.steady());
     let mut tx = store.write().await?;
     let seen: Option<i64> = sqlx::query_scalar("SELECT at_ms FROM clock_seen").fetch_optional(&mut *tx).await?;
     let newest: Option<i64> = match seen {
         Some(_) => seen,
-        // the first clean-up of a store: nothing happened after its newest row
+        // the first observation in this store: the newest row is the latest known time
         None => {
             sqlx::query_scalar(
                 "SELECT MAX(at) FROM (
@@ -49,34 +50,34 @@ pub(super) async fn observe(store: &SqliteRows) -> StoreResult<()> {
             .await?
         }
     };
-    let last = newest.unwrap_or(now).max(store.seen.expected(steady).unwrap_or(i64::MIN));
+    let last = newest.unwrap_or(now).max(store.last_seen.expected(steady).unwrap_or(i64::MIN));
     let gap = now.saturating_sub(last);
-    if gap > BELIEVED_MS {
+    if gap > MAX_STEP_MS {
         sqlx::query("INSERT OR REPLACE INTO clock_gaps (at_ms, gap_ms) VALUES (?1, ?2)")
             .bind(now)
             .bind(gap)
             .execute(&mut *tx)
             .await?;
         tracing::error!(
-            days = gap / BELIEVED_MS,
-            "the clock is more than a day ahead of the last clean-up: it was set, or no server ran. This time does not \
-             count towards expiry: stacks and uploads of before stay that much longer. If the clock is right and they \
-             shall go by it, run 'pinstack gc --clock-is-right'; if it is wrong, set it"
+            days = gap / MAX_STEP_MS,
+            "the clock is more than a day ahead of the last garbage collection: it was set, or no server ran. This time does \
+             not count towards expiry: existing stacks and uploads are kept that much longer. If the clock is right, run \
+             'pinstack gc --clock-is-right' to let them expire by it; if it is wrong, set it"
         );
     }
-    // a clock that was set back to where it was takes its gap with it
+    // a clock that is set back removes the gaps after its time
     sqlx::query("DELETE FROM clock_gaps WHERE at_ms > ?1").bind(now).execute(&mut *tx).await?;
     sqlx::query("INSERT INTO clock_seen (id, at_ms) VALUES (1, ?1) ON CONFLICT (id) DO UPDATE SET at_ms = ?1")
         .bind(now)
         .execute(&mut *tx)
         .await?;
     store.commit(tx, "rows.see_clock").await?;
-    store.seen.set(now, steady);
+    store.last_seen.set(now, steady);
     Ok(())
 }
 
-/// The clock is right, however it got there: no gap counts any more.
-pub(super) async fn trust(store: &SqliteRows) -> StoreResult<()> {
+/// Confirms the clock: removes all gaps.
+pub(super) async fn confirm(store: &SqliteMetadata) -> StoreResult<()> {
     observe(store).await?;
     let mut tx = store.write().await?;
     sqlx::query("DELETE FROM clock_gaps").execute(&mut *tx).await?;

@@ -1,0 +1,41 @@
+//! Pages of lists.
+
+use super::StoreError;
+
+/// One page of a list, newest entry first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Page<T> {
+    /// The entries, at most as many as requested.
+    pub items: Vec<T>,
+    /// Cursor of the next page; `None` on the last page.
+    pub next_cursor: Option<String>,
+    /// Rows of this page that cannot be read. They are not among the items.
+    pub skipped: Vec<Skipped>,
+}
+
+/// A row that cannot be read. The log has the reason; `pinstack verify` reports the row too.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+pub struct Skipped {
+    /// Id of the job, or `{rig}/{lens}?revision={N}` of a profile.
+    pub id: String,
+    /// What to do.
+    pub detail: String,
+}
+
+impl Skipped {
+    /// Omits a row from a list and logs why.
+    pub(crate) fn unreadable(id: String, error: &StoreError) -> Self {
+        tracing::error!(row = id, ?error, "a row cannot be read; lists omit it");
+        let detail = "this row cannot be read and is omitted; see the log of the service, or run 'pinstack verify'";
+        Self { id, detail: detail.to_owned() }
+    }
+}
+
+/// Which page of a list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PageRequest {
+    /// Largest number of entries, 1 to 500.
+    pub limit: u32,
+    /// `next_cursor` of the previous page; `None` for the first page.
+    pub cursor: Option<String>,
+}
