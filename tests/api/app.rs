@@ -179,10 +179,15 @@ impl TestApp {
         path.metadata().map(|m| m.len()).unwrap_or(0)
     }
 
-    /// Leaves no room on the disk until what is returned is dropped.
+    /// Reserves all free space of the disk until the reservation is dropped.
     pub async fn without_room(&self) -> Reservation {
-        let available = self.app.disk.state().await.expect("measured").available();
-        self.app.disk.reserve(available).await.expect("measured").expect("it fits")
+        // another process may write between the two steps, so that what was free no longer is
+        loop {
+            let available = self.app.disk.state().await.expect("measured").available();
+            if let Ok(reservation) = self.app.disk.reserve(available).await.expect("measured") {
+                return reservation;
+            }
+        }
     }
 
     /// Files in the spool folder.

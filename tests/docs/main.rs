@@ -4,9 +4,7 @@
 //! standing for the binary under test. A block marked with a second word (`sh docker`, `sh bench`) needs what a test
 //! cannot have, and is not run. Port 8080 is replaced by a free one.
 
-#[path = "docs/powershell.rs"]
 mod powershell;
-#[path = "docs/tables.rs"]
 mod tables;
 
 use std::{
