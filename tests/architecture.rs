@@ -174,11 +174,8 @@ fn one_file_alone_names_the_zip_crate() {
     let names_zip = |source: &Source| {
         source.code.lines().any(|line| line.trim_start().starts_with("use zip") || line.contains(" zip::"))
     };
-    let naming: Vec<String> = files()
-        .into_iter()
-        .filter(|source| !is_test(source) && names_zip(source))
-        .map(|source| source.path)
-        .collect();
+    let naming: Vec<String> =
+        files().into_iter().filter(|source| !is_test(source) && names_zip(source)).map(|source| source.path).collect();
     assert!(naming.len() <= 1, "the zip crate is named by {}", naming.join(", "));
 }
 

@@ -10,6 +10,7 @@ pub mod extract;
 pub mod intake;
 pub mod log;
 pub mod middleware;
+pub mod pages;
 pub mod problem;
 pub mod profiles;
 pub mod recent;

@@ -245,7 +245,7 @@ async fn drift_compares_any_two_revisions_by_default_the_last_two() {
     );
     let far = drift("?from=1&to=3").await;
     assert_eq!((&far["worst_slice"], far["worst_px"].as_f64().map(|w| (w * 10.0).round())), (&json!(1), Some(6.0)));
-    assert!(far["detail"].as_str().unwrap().contains("moved a little since revision 1: slice 1 most"), "{far}");
+    assert!(far["detail"].as_str().unwrap().contains("moved slightly since revision 1: slice 1 most"), "{far}");
     assert_eq!(drift("?from=3&to=1").await, far, "the older one is compared against");
     for unknown in ["?from=9", "?to=9", "?from=0"] {
         problem(app.get(&format!("{url}{unknown}")).send().await.unwrap(), 404, "profile_not_found").await;

@@ -1,22 +1,25 @@
-//! How far a rig moved between two profiles.
+//! Drift: how far a rig moved between two profiles, from the image corners of each slice.
 
 use crate::types::{Homography, profile::ProfileInput, report::Drift};
 
-/// Largest movement of a corner that counts as none, px: the uncertainty of a good calibration.
-pub(super) const STILL: f64 = 0.3;
-/// Largest movement of a corner that counts as little, px.
-pub(super) const LITTLE: f64 = 1.0;
+/// Up to this movement of an image corner, in px, the rig counts as unmoved: it is the corner uncertainty of a good
+/// calibration.
+pub const NO_MOVEMENT_PX: f64 = 0.3;
+/// Up to this movement of an image corner, in px, the rig counts as slightly moved. Beyond it, stacks may be affected.
+pub const SMALL_MOVEMENT_PX: f64 = 1.0;
 
-/// How far the image corners of each slice, and the gains, moved from one profile to another. Each profile comes with
-/// its revision; the older one is `from`.
+/// Compares two profiles of one rig and lens: how far the image corners of each slice moved, and how the gains changed.
+/// Each profile comes with its revision number; `from` is the older one.
 ///
-/// When the two have different reference slices, the older one is first mapped to the reference slice of the newer.
-/// Distances are px of that reference slice. Nothing can be told when the image size or the number of slices differ; the sentence
-/// says so then, and every distance is `None`.
+/// Distances are px of the newer profile's reference slice. When the reference slices differ, the older profile is first
+/// rebased on the reference slice of the newer.
+///
+/// Profiles with different image sizes or slice counts cannot be compared. Every distance is then `None`, and `detail`
+/// gives the reason.
 pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
     let ((from_revision, old), (to_revision, new)) = (from, to);
     let slices = old.homographies.len().max(new.homographies.len());
-    let untold = |detail: String| Drift {
+    let incomparable = |detail: String| Drift {
         from_revision,
         to_revision,
         corner_px: vec![None; slices],
@@ -26,29 +29,29 @@ pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
         detail,
     };
     if let Some(why) = objection(from, to) {
-        return untold(why);
+        return incomparable(why);
     }
-    let Some(based) = Based::on(old, new.reference_index as usize) else {
+    let Some(rebased) = Rebased::on(old, new.reference_index as usize) else {
         let detail = format!(
-            "revision {from_revision} cannot be mapped to slice {}: its homography is singular",
+            "revision {from_revision} cannot be rebased on slice {}: its homography is singular",
             new.reference_index
         );
-        return untold(detail);
+        return incomparable(detail);
     };
     let gains = gains(new);
     let corner_px: Vec<Option<f64>> = new
         .homographies
         .iter()
-        .zip(&based.homographies)
-        .map(|(new_way, old_way)| {
-            let way = old_way.as_ref()?.corner_distance(new_way, new.image_width, new.image_height);
-            way.is_finite().then_some(way)
+        .zip(&rebased.homographies)
+        .map(|(new_homography, old_homography)| {
+            let moved = old_homography.as_ref()?.corner_distance(new_homography, new.image_width, new.image_height);
+            moved.is_finite().then_some(moved)
         })
         .collect();
-    let gain_ratio = gains.iter().zip(&based.gains).map(|(new, old)| ratio(*new, *old)).collect();
-    let told = corner_px.iter().enumerate().filter_map(|(slice, way)| way.map(|way| (slice, way)));
-    let Some((worst_slice, worst)) = told.max_by(|a, b| a.1.total_cmp(&b.1)) else {
-        return untold("no corner of any slice can be followed from one revision to the other".to_owned());
+    let gain_ratio = gains.iter().zip(&rebased.gains).map(|(new, old)| ratio(*new, *old)).collect();
+    let known = corner_px.iter().enumerate().filter_map(|(slice, moved)| moved.map(|moved| (slice, moved)));
+    let Some((worst_slice, worst)) = known.max_by(|a, b| a.1.total_cmp(&b.1)) else {
+        return incomparable("no slice has finite corner positions in both revisions".to_owned());
     };
     Drift {
         from_revision,
@@ -63,13 +66,13 @@ pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
 
 fn sentence(worst: f64, slice: usize, since: u32) -> String {
     match worst {
-        w if w <= STILL => {
+        w if w <= NO_MOVEMENT_PX => {
             format!(
                 "the rig has not moved since revision {since}: no corner is off by more than {worst:.2} px (slice {slice})"
             )
         }
-        w if w <= LITTLE => {
-            format!("the rig moved a little since revision {since}: slice {slice} most, {worst:.2} px at a corner")
+        w if w <= SMALL_MOVEMENT_PX => {
+            format!("the rig moved slightly since revision {since}: slice {slice} most, {worst:.2} px at a corner")
         }
         _ => format!(
             "slice {slice} moved most: {worst:.1} px at a corner since revision {since}; stacks taken since then may be affected"
@@ -96,14 +99,14 @@ fn objection((from, old): (u32, &ProfileInput), (to, new): (u32, &ProfileInput))
     None
 }
 
-/// A profile mapped to another of its slices.
-struct Based {
+/// A profile rebased on another of its slices.
+struct Rebased {
     homographies: Vec<Option<Homography>>,
     gains: Vec<f64>,
 }
 
-impl Based {
-    /// `None` when the slice has no way back or is missing.
+impl Rebased {
+    /// `None` when slice `reference` is missing or its homography has no inverse.
     fn on(profile: &ProfileInput, reference: usize) -> Option<Self> {
         let gains = gains(profile);
         if reference == profile.reference_index as usize {
@@ -112,13 +115,13 @@ impl Based {
         let back = profile.homographies.get(reference)?.inverse()?;
         let gain = *gains.get(reference)?;
         Some(Self {
-            homographies: profile.homographies.iter().map(|way| way.then(&back)).collect(),
+            homographies: profile.homographies.iter().map(|homography| homography.then(&back)).collect(),
             gains: gains.into_iter().map(|own| own / gain).collect(),
         })
     }
 }
 
-/// The gains, 1 where none were given.
+/// The gains of a profile, 1 where it has none.
 fn gains(profile: &ProfileInput) -> Vec<f64> {
     let given = |i: usize| profile.gains.as_ref().and_then(|gains| gains.get(i)).copied().unwrap_or(1.0);
     (0..profile.homographies.len()).map(given).collect()
@@ -146,11 +149,11 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_did_not_move_is_said_not_to_have_moved() {
-        let told = drift((3, &profile(5, 2, 0.01)), (4, &profile(5, 2, 0.0101)));
-        assert!(told.worst_px.is_some_and(|worst| worst < 0.1), "{told:?}");
-        assert!(told.detail.contains("has not moved since revision 3"), "{}", told.detail);
-        assert_eq!((told.from_revision, told.to_revision, told.gain_ratio), (3, 4, vec![Some(1.0); 5]));
+    fn a_rig_that_did_not_move_is_reported_as_unmoved() {
+        let found = drift((3, &profile(5, 2, 0.01)), (4, &profile(5, 2, 0.0101)));
+        assert!(found.worst_px.is_some_and(|worst| worst < 0.1), "{found:?}");
+        assert!(found.detail.contains("has not moved since revision 3"), "{}", found.detail);
+        assert_eq!((found.from_revision, found.to_revision, found.gain_ratio), (3, 4, vec![Some(1.0); 5]));
     }
 
     #[test]
@@ -158,42 +161,42 @@ mod tests {
         let old = profile(9, 4, 0.01);
         let mut new = old.clone();
         new.homographies[7].0[2] += 1.8;
-        let told = drift((3, &old), (5, &new));
-        assert_eq!(told.worst_slice, Some(7));
+        let found = drift((3, &old), (5, &new));
+        assert_eq!(found.worst_slice, Some(7));
         assert!(
-            told.corner_px.iter().enumerate().all(|(i, way)| way.is_some_and(|w| (w > 1.0) == (i == 7))),
-            "{told:?}"
+            found.corner_px.iter().enumerate().all(|(i, moved)| moved.is_some_and(|m| (m > 1.0) == (i == 7))),
+            "{found:?}"
         );
         assert_eq!(
-            told.detail,
+            found.detail,
             "slice 7 moved most: 1.8 px at a corner since revision 3; stacks taken since then may be affected"
         );
         new.homographies[7].0[2] -= 1.2;
-        assert!(drift((3, &old), (5, &new)).detail.contains("moved a little since revision 3: slice 7 most, 0.60 px"));
+        assert!(drift((3, &old), (5, &new)).detail.contains("moved slightly since revision 3: slice 7 most, 0.60 px"));
     }
 
     #[test]
-    fn another_reference_slice_is_no_movement() {
+    fn a_change_of_the_reference_slice_is_no_movement() {
         let old = profile(5, 1, 0.01);
-        let back = old.homographies[3].inverse().expect("a way back");
+        let back = old.homographies[3].inverse().expect("regular");
         let new = ProfileInput {
             reference_index: 3,
-            homographies: old.homographies.iter().map(|way| way.then(&back).expect("a way")).collect(),
+            homographies: old.homographies.iter().map(|h| h.then(&back).expect("regular")).collect(),
             gains: old.gains.as_ref().map(|gains| gains.iter().map(|gain| gain / gains[3]).collect()),
             ..old.clone()
         };
-        let told = drift((1, &old), (2, &new));
-        assert!(told.worst_px.is_some_and(|worst| worst < 1e-9), "{told:?}");
-        assert!(told.gain_ratio.iter().all(|ratio| ratio.is_some_and(|ratio| (ratio - 1.0).abs() < 1e-9)), "{told:?}");
+        let found = drift((1, &old), (2, &new));
+        assert!(found.worst_px.is_some_and(|worst| worst < 1e-9), "{found:?}");
+        assert!(found.gain_ratio.iter().all(|ratio| ratio.is_some_and(|r| (r - 1.0).abs() < 1e-9)), "{found:?}");
     }
 
     #[test]
-    fn other_sizes_and_counts_are_told_instead_of_a_distance() {
+    fn profiles_of_different_sizes_or_counts_are_not_compared() {
         let old = profile(5, 2, 0.01);
         let wider = ProfileInput { image_width: 300, ..old.clone() };
-        let told = drift((1, &old), (2, &wider));
-        assert_eq!((told.worst_px, told.worst_slice, told.corner_px.len()), (None, None, 5));
-        assert!(told.detail.contains("200 x 100 and 300 x 100 px"), "{}", told.detail);
+        let found = drift((1, &old), (2, &wider));
+        assert_eq!((found.worst_px, found.worst_slice, found.corner_px.len()), (None, None, 5));
+        assert!(found.detail.contains("200 x 100 and 300 x 100 px"), "{}", found.detail);
         let longer = drift((1, &old), (2, &profile(6, 2, 0.01)));
         assert!(longer.detail.contains("they have 5 and 6 slices") && longer.corner_px.iter().all(Option::is_none));
     }

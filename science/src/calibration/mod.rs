@@ -26,7 +26,6 @@ mod lattice;
 mod light;
 mod lockin;
 mod overlay;
-pub mod page;
 mod rail;
 mod report;
 mod robust;
@@ -46,7 +45,7 @@ mod testkit;
 #[cfg(test)]
 mod tests;
 
-pub use drift::drift;
+pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use overlay::overlay;
 pub use sighting::MOST_SAMPLES;
 pub use target_check::dot_target;

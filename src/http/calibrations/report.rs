@@ -8,6 +8,7 @@ use axum::{
     http::{HeaderMap, HeaderValue, Uri, header},
     response::{IntoResponse, Response},
 };
+use base64::{Engine, prelude::BASE64_STANDARD};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncReadExt;
@@ -22,6 +23,7 @@ use crate::{
         artifacts::{download, outcome},
         background,
         extract::{JobId, params},
+        pages::calibration_report::{self, Subject},
         problem::{ApiError, ApiResult},
         profiles::drift,
         state::App,
@@ -30,14 +32,11 @@ use crate::{
     },
     store::Job,
 };
-use pinstack_science::{
-    calibration::page::{self, Subject},
-    types::report::Drift,
-};
+use pinstack_science::types::report::Drift;
 
 /// The page is one file with one style sheet inside, named by its hash: nothing may be loaded, run, sent or framed.
 static POLICY: LazyLock<Option<HeaderValue>> = LazyLock::new(|| {
-    let hash = base64(&Sha256::digest(page::STYLE.as_bytes()));
+    let hash = BASE64_STANDARD.encode(Sha256::digest(calibration_report::STYLE.as_bytes()));
     let policy = format!(
         "default-src 'none'; style-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     );
@@ -144,7 +143,7 @@ fn answer(form: Form, job: &Job, revision: u32, bytes: &[u8], drift: Option<Drif
     let ended = job.finished_at.unwrap_or(job.created_at);
     let measured = ended.strftime("%Y-%m-%d %H:%M UTC").to_string();
     let subject = Subject { rig: job.rig.as_str(), lens: job.lens.as_str(), revision, measured: &measured, note };
-    let html = page::page(&subject, &report, drift.as_ref());
+    let html = calibration_report::page(&subject, &report, drift.as_ref());
     let mut response = ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], html).into_response();
     if let Some(policy) = POLICY.as_ref() {
         response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy.clone());
@@ -182,20 +181,6 @@ fn accepted(headers: &HeaderMap) -> ApiResult<Form> {
     }
 }
 
-/// As a content policy writes a hash.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::new();
-    for three in bytes.chunks(3) {
-        let word = three.iter().enumerate().fold(0_u32, |word, (i, byte)| word | u32::from(*byte) << (16 - 8 * i));
-        for place in 0..4 {
-            let letter = LETTERS.get((word >> (18 - 6 * place) & 63) as usize).copied().unwrap_or(b'=');
-            out.push(if place > three.len() { '=' } else { char::from(letter) });
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -213,12 +198,5 @@ mod tests {
         assert_eq!(form("application/json, */*;q=0.5"), Some(Form::Json));
         assert_eq!(form("text/html;q=0, */*"), Some(Form::Json));
         assert_eq!(form("image/png"), None);
-    }
-
-    #[test]
-    fn base64_is_as_the_rfc_has_it() {
-        for (plain, coded) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
     }
 }

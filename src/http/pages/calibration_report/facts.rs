@@ -1,12 +1,12 @@
-//! What was measured and why it was taken as it is: the small tables of words.
+//! The list of facts (target, model, capture mode, camera, rail) and the table of transform models.
 
 use super::html::{escape, maybe, number, sentence, significant, table};
-use crate::types::{
+use pinstack_science::types::{
     profile::{CaptureMode, HomographyModel},
     report::{CalibrationReport, CameraReport, RailReport},
 };
 
-/// The facts in one list.
+/// The facts as a definition list.
 pub(super) fn facts(report: &CalibrationReport) -> String {
     let rows = [
         ("Slices", slices(report)),
@@ -21,12 +21,12 @@ pub(super) fn facts(report: &CalibrationReport) -> String {
     format!("<section>\n<h2>What was measured</h2>\n<dl class=\"facts\">\n{rows}</dl>\n</section>\n")
 }
 
-/// What each family of maps would have given.
+/// The table that compares the transform models.
 pub(super) fn candidates(report: &CalibrationReport) -> String {
     let head = "<section>\n<h2>Why this model</h2>\n";
     let reason = escape(&sentence(&report.model_reason));
     if report.candidates.is_empty() {
-        return format!("{head}<p>{reason}</p>\n<p class=\"hint\">No other families were compared.</p>\n</section>\n");
+        return format!("{head}<p>{reason}</p>\n<p class=\"hint\">No other models were compared.</p>\n</section>\n");
     }
     let rows: Vec<(&str, Vec<String>)> = report
         .candidates
@@ -45,20 +45,20 @@ pub(super) fn candidates(report: &CalibrationReport) -> String {
             (if candidate.chosen { "chosen" } else { "" }, cells)
         })
         .collect();
-    let heads = ["family", "free numbers", "RMS, px", "held-out, px", "BIC", "corner σ, px", ""];
+    let heads = ["model", "parameters", "RMS, px", "held-out, px", "BIC", "corner σ, px", ""];
     format!(
         "{head}<p>{reason}</p>\n<div class=\"c\">{}</div>\n\
-         <p class=\"hint\">RMS: how well the dots fit that were used. Held-out: how well those fit that were not; a family \
-         that is too rich is good in the first and bad in the second. BIC: both in one number, less is better. Corner σ: \
-         how well the worst corner of the worst slice is then known.</p>\n</section>\n",
-        table("Families of maps", &heads, &rows)
+         <p class=\"hint\">RMS: residual of the dots used in the fit. Held-out: residual of dots left out of the fit; a model \
+         with too many parameters has a low RMS and a high held-out residual. BIC: Bayesian information criterion, less is \
+         better. Corner σ: standard deviation of the worst image corner of the worst slice.</p>\n</section>\n",
+        table("Transform models", &heads, &rows)
     )
 }
 
 fn slices(report: &CalibrationReport) -> String {
     let count = report.slices.len();
-    let guessed = report.slices.iter().filter(|slice| slice.interpolated).count();
-    let interpolated = if guessed > 0 { format!(", {guessed} of them interpolated") } else { String::new() };
+    let predicted = report.slices.iter().filter(|slice| slice.interpolated).count();
+    let interpolated = if predicted > 0 { format!(", {predicted} of them interpolated") } else { String::new() };
     format!(
         "{count} of {} × {} px{interpolated}<small>All are mapped to slice {}, the reference.</small>",
         report.width, report.height, report.reference_index
@@ -86,13 +86,15 @@ fn target(report: &CalibrationReport) -> String {
 fn capture(report: &CalibrationReport) -> String {
     let capture = &report.capture;
     let first = match (capture.told, capture.found) {
-        (Some(told), Some(found)) if told == found => format!("{} <small>As told, and as found.</small>", mode(told)),
-        (Some(told), Some(found)) => {
-            format!("<strong>Told: {}. But the scales show: {}.</strong>", mode(told), mode(found))
+        (Some(given), Some(found)) if given == found => {
+            format!("{} <small>Specified, and confirmed by the scales.</small>", mode(given))
         }
-        (Some(told), None) => format!("{} <small>As told; the scales leave it open.</small>", mode(told)),
-        (None, Some(found)) => format!("{} <small>As found; it was not told.</small>", mode(found)),
-        (None, None) => "Not told, and left open by the scales".to_owned(),
+        (Some(given), Some(found)) => {
+            format!("<strong>Specified: {}. But the scales show: {}.</strong>", mode(given), mode(found))
+        }
+        (Some(given), None) => format!("{} <small>Specified; the scales do not decide it.</small>", mode(given)),
+        (None, Some(found)) => format!("{} <small>Found from the scales; not specified.</small>", mode(found)),
+        (None, None) => "Not specified, and not decided by the scales".to_owned(),
     };
     format!("{first}<small>{}</small>", escape(&sentence(&capture.detail)))
 }
@@ -106,20 +108,23 @@ fn principal_distance(camera: &CameraReport) -> String {
     };
     let check = match (camera.cross_check_mm, camera.principal_distance_mm) {
         (Some(other), Some(mm)) if mm > 0.0 => {
-            format!("; by another way {} mm ({} %)", number(other, 3), signed(100.0 * (other / mm - 1.0), 1))
+            format!("; cross-check {} mm ({} %)", number(other, 3), signed(100.0 * (other / mm - 1.0), 1))
         }
-        (Some(other), _) => format!("; by another way {} mm", number(other, 3)),
+        (Some(other), _) => format!("; cross-check {} mm", number(other, 3)),
         (None, _) => String::new(),
     };
-    let mut told = Vec::new();
+    let mut given = Vec::new();
     if let Some(focal) = camera.focal_mm {
-        told.push(format!("Focal length told: {} mm", significant(focal, 4)));
+        given.push(format!("specified focal length {} mm", significant(focal, 4)));
     }
     if let Some(pitch) = camera.pixel_pitch_mm {
-        told.push(format!("pixel size told: {} mm", significant(pitch, 4)));
+        given.push(format!("specified pixel pitch {} mm", significant(pitch, 4)));
     }
-    let told = if told.is_empty() { String::new() } else { format!("<small>{}</small>", told.join("; ")) };
-    format!("{known}{check}<small>{}</small>{told}", escape(&sentence(&camera.detail)))
+    let given = match given.is_empty() {
+        true => String::new(),
+        false => format!("<small>{}</small>", sentence(&given.join("; "))),
+    };
+    format!("{known}{check}<small>{}</small>{given}", escape(&sentence(&camera.detail)))
 }
 
 fn signed(value: f64, decimals: usize) -> String {
@@ -136,15 +141,14 @@ fn principal_point(camera: &CameraReport) -> String {
 
 fn rail(rail: Option<&RailReport>) -> String {
     let Some(rail) = rail else {
-        return "No law was fitted<small>It takes at least three measured slices whose scales differ.</small>"
-            .to_owned();
+        return "No rail law was fitted<small>A fit needs at least four measured slices.</small>".to_owned();
     };
     let (step, unit) = if rail.in_mm { ("mm", " mm") } else { ("slice", " of a step") };
     let fixed = match rail.fixed_point_px {
-        Some([x, y]) => format!("the point ({}, {}) px stays where it is", number(x, 1), number(y, 1)),
-        None => "the image hardly scales".to_owned(),
+        Some([x, y]) => format!("the fixed point is ({}, {}) px", number(x, 1), number(y, 1)),
+        None => "the scale is nearly constant".to_owned(),
     };
-    let stray = rail
+    let farthest = rail
         .positions
         .iter()
         .zip(&rail.measured_positions)
@@ -152,38 +156,33 @@ fn rail(rail: Option<&RailReport>) -> String {
         .filter_map(|(i, (at, measured))| measured.map(|measured| (i, (measured - at).abs())))
         .filter(|(_, off)| off.is_finite())
         .max_by(|a, b| a.1.total_cmp(&b.1));
-    let stray = match stray {
+    let farthest = match farthest {
         Some((slice, off)) => {
-            format!("; the scales put slice {slice} farthest from its place, {}{unit}", significant(off, 2))
+            format!("; by its scale, slice {slice} is {}{unit} from its rail position, the most", significant(off, 2))
         }
         None => String::new(),
     };
     format!(
-        "The image grows by {} per {step}; {fixed}<small>The slices keep to this law within {} px RMS at the corners{stray}.</small>",
-        per_cent(rail.growth),
+        "The image grows by {} % per {step}; {fixed}<small>The slices fit the rail law to {} px RMS at the corners{farthest}.</small>",
+        significant(100.0 * rail.growth, 4),
         number(rail.corner_rms_px, 3),
     )
 }
 
-/// Growth as a reader says it: per cent.
-fn per_cent(growth: f64) -> String {
-    format!("{} %", significant(100.0 * growth, 4))
-}
-
 fn mode(mode: CaptureMode) -> &'static str {
     match mode {
-        CaptureMode::FixedLens => "The lens stands still and the sensor moves",
+        CaptureMode::FixedLens => "The lens is fixed and the sensor moves",
         CaptureMode::MovingLens => "Camera and lens move together",
     }
 }
 
 fn model(model: HomographyModel) -> &'static str {
     match model {
-        HomographyModel::RailLinear => "Law of the rail",
+        HomographyModel::RailLinear => "Rail law",
         HomographyModel::Similarity => "Similarity",
         HomographyModel::Affine => "Affine",
         HomographyModel::Homography => "Homography",
-        HomographyModel::RigParameters => "Computed from the rig",
-        HomographyModel::Given => "As given",
+        HomographyModel::RigParameters => "Computed from rig parameters",
+        HomographyModel::Given => "As supplied",
     }
 }

@@ -1,4 +1,4 @@
-//! One chart over the slices: points, bars, laws and limits on two axes.
+//! A chart of values per slice as an SVG figure: points or bars, with lines for the rail law and for limits.
 
 use super::{
     axes::{Axis, round_down},
@@ -9,52 +9,52 @@ const WIDTH: f64 = 360.0;
 const HEIGHT: f64 = 200.0;
 const LEFT: f64 = 48.0;
 const RIGHT: f64 = 10.0;
-/// Right margin with words at the ends of limits.
-const LABELLED: f64 = 44.0;
+/// Right margin of a chart whose lines have labels.
+const RIGHT_WITH_LABELS: f64 = 44.0;
 const TOP: f64 = 22.0;
 const BOTTOM: f64 = 34.0;
-/// Beyond so many slices the points carry no words of their own: the page would grow too large.
-const MOST_TITLED: usize = 200;
+/// Most slices whose marks have a `<title>` each; with more, the page would grow too large.
+const MAX_TITLED: usize = 200;
 
 /// A value of one slice.
 pub(super) struct Mark {
-    /// The slice.
+    /// Index of the slice.
     pub slice: usize,
-    /// Its value.
+    /// The value.
     pub value: f64,
-    /// Filled when measured, hollow when predicted.
+    /// Drawn filled when measured, hollow when predicted.
     pub measured: bool,
-    /// Squares instead of circles: the second of two series.
+    /// True for the second of two series: squares instead of circles.
     pub second: bool,
-    /// What a pointer resting on it, or a reader of the screen, is told.
+    /// Text for pointers and screen readers.
     pub title: String,
 }
 
-/// How the marks are drawn.
+/// How marks are drawn.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum MarkStyle {
     /// Circles and squares.
     Points,
     /// Bars from zero.
     Bars,
 }
 
-/// How the values are laid out.
+/// Scale of the value axis.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Spread {
-    /// Evenly; the axis spans at least so much.
-    Even(f64),
-    /// By powers of ten.
+pub(super) enum Scale {
+    /// Linear; the axis spans at least this much.
+    Linear(f64),
+    /// Logarithmic.
     Logarithmic,
 }
 
-/// A line through values of slices, with a word at its end.
+/// A line through values of slices.
 pub(super) struct Line {
     /// Slice and value, in the order of the slices.
     pub points: Vec<(usize, f64)>,
-    /// A limit (dashed, warm) or a law (plain).
+    /// True for a limit (dashed), false for the rail law (solid).
     pub limit: bool,
-    /// A word or two, beside its end.
+    /// Label at its right end.
     pub label: Option<String>,
 }
 
@@ -62,25 +62,25 @@ pub(super) struct Line {
 pub(super) struct Chart<'a> {
     /// Heading.
     pub title: &'a str,
-    /// What it means, in one sentence.
+    /// One line of explanation below the heading.
     pub hint: String,
-    /// Unit of the values, over the axis.
+    /// Unit of the values, above the axis.
     pub unit: &'a str,
     /// Number of slices.
     pub count: usize,
-    /// The reference slice.
+    /// Index of the reference slice.
     pub reference: usize,
-    /// Slices with a band behind them: those that were predicted.
+    /// Slices with a band behind them: the predicted ones.
     pub bands: Vec<usize>,
     /// The values.
     pub marks: Vec<Mark>,
-    /// The laws and limits.
+    /// Rail law and limits.
     pub lines: Vec<Line>,
     /// How the marks are drawn.
-    pub form: Form,
-    /// How the values are laid out.
-    pub spread: Spread,
-    /// What is said when there are no values.
+    pub style: MarkStyle,
+    /// Scale of the value axis.
+    pub scale: Scale,
+    /// Text shown instead of the chart when there are no values.
     pub empty: &'a str,
 }
 
@@ -96,15 +96,15 @@ impl Chart<'_> {
 
     fn svg(&self) -> String {
         let axis = self.axis();
-        let y = |value: f64| HEIGHT - BOTTOM - axis.share(value).clamp(-0.05, 1.05) * (HEIGHT - TOP - BOTTOM);
+        let y = |value: f64| HEIGHT - BOTTOM - axis.position(value).clamp(-0.05, 1.05) * (HEIGHT - TOP - BOTTOM);
         let mut out = format!(
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0}\"><title>{0}</title>",
             escape(&format!("{}: {}", self.title, self.hint))
         );
-        self.ground(&mut out, &axis, &y);
-        // limits stand before bars, and behind points
+        self.backdrop(&mut out, &axis, &y);
+        // limits are drawn in front of bars and behind points
         let (before, behind): (Vec<&Line>, Vec<&Line>) =
-            self.lines.iter().partition(|line| line.limit && self.form == Form::Bars);
+            self.lines.iter().partition(|line| line.limit && self.style == MarkStyle::Bars);
         for line in behind {
             self.line(&mut out, line, &axis, &y);
         }
@@ -122,14 +122,14 @@ impl Chart<'_> {
         out
     }
 
-    /// The middle of a slice's column.
+    /// Centre of a slice's column.
     fn x(&self, slice: usize) -> f64 {
         LEFT + (slice as f64 + 0.5) * self.step()
     }
 
-    /// Where the columns end.
+    /// Right edge of the last column.
     fn right(&self) -> f64 {
-        WIDTH - if self.lines.iter().any(|line| line.label.is_some()) { LABELLED } else { RIGHT }
+        WIDTH - if self.lines.iter().any(|line| line.label.is_some()) { RIGHT_WITH_LABELS } else { RIGHT }
     }
 
     fn step(&self) -> f64 {
@@ -146,17 +146,17 @@ impl Chart<'_> {
                 least = least.min(value);
             }
         }
-        if self.form == Form::Bars {
+        if self.style == MarkStyle::Bars {
             low = low.min(0.0);
         }
-        match self.spread {
-            Spread::Even(span) => Axis::even(low, high, span),
-            Spread::Logarithmic => Axis::logarithmic(least.min(1e6), high),
+        match self.scale {
+            Scale::Linear(span) => Axis::linear(low, high, span),
+            Scale::Logarithmic => Axis::logarithmic(least.min(1e6), high),
         }
     }
 
-    /// Bands, grid, axes and what is written on them.
-    fn ground(&self, out: &mut String, axis: &Axis, y: &dyn Fn(f64) -> f64) {
+    /// Bands, grid, axes and labels.
+    fn backdrop(&self, out: &mut String, axis: &Axis, y: &dyn Fn(f64) -> f64) {
         let (right, bottom) = (self.right(), HEIGHT - BOTTOM);
         let step = self.step();
         for &slice in &self.bands {
@@ -176,7 +176,7 @@ impl Chart<'_> {
         let reference = at(self.x(self.reference));
         out.push_str(&format!("<path class=\"r\" d=\"M{reference} {TOP}V{bottom}\"/>"));
         out.push_str(&format!("<path class=\"x\" d=\"M{LEFT} {TOP}V{bottom}H{right}\"/>"));
-        // a tick per slice while they can be told apart, a number at every few
+        // a tick per slice while there is space for it, a number at every few slices
         let numbered = (round_down(self.count as f64 / 5.0) as usize).max(1);
         let ticked = if step >= 4.0 { 1 } else { numbered };
         for slice in (0..self.count).step_by(ticked) {
@@ -211,16 +211,16 @@ impl Chart<'_> {
             (true, true) => "p b",
             (true, false) => "p b h",
         };
-        let (name, shape) = match (self.form, mark.second) {
-            (Form::Bars, _) => {
+        let (name, shape) = match (self.style, mark.second) {
+            (MarkStyle::Bars, _) => {
                 let (zero, half) = (of(0.0), (0.36 * step).clamp(0.4, 12.0));
                 let (top, height) = (y.min(zero), (zero - y).abs().max(0.5));
                 ("rect", rectangle(x - half, top, 2.0 * half, height))
             }
-            (Form::Points, true) => ("rect", rectangle(x - size, y - size, 2.0 * size, 2.0 * size)),
-            (Form::Points, false) => ("circle", format!("cx=\"{}\" cy=\"{}\" r=\"{size:.1}\"", at(x), at(y))),
+            (MarkStyle::Points, true) => ("rect", rectangle(x - size, y - size, 2.0 * size, 2.0 * size)),
+            (MarkStyle::Points, false) => ("circle", format!("cx=\"{}\" cy=\"{}\" r=\"{size:.1}\"", at(x), at(y))),
         };
-        match self.count <= MOST_TITLED {
+        match self.count <= MAX_TITLED {
             true => out.push_str(&format!(
                 "<{name} class=\"{class}\" {shape}><title>{}</title></{name}>",
                 escape(&mark.title)

@@ -1,7 +1,6 @@
-//! A plausible report for the tests: thirteen slices of a fixed-lens rig, the last one interpolated, two outliers in the
-//! third.
+//! A report for the tests: a fixed-lens rig, by default 13 slices, the last one interpolated, two outliers in the third.
 
-use crate::types::{
+use pinstack_science::types::{
     Warning,
     profile::{CaptureMode, HomographyModel},
     report::{
@@ -16,7 +15,7 @@ const PITCH: f64 = 32.0;
 const GROWTH: f64 = 0.0042;
 const FIXED: [f64; 2] = [812.0, 574.0];
 
-/// Noise that is the same in every run: about normal, standard deviation 1.
+/// Reproducible noise, approximately normal with standard deviation 1.
 pub(super) fn noise(seed: &mut u64) -> f64 {
     let mut sum = 0.0;
     for _ in 0..6 {
@@ -93,10 +92,7 @@ pub(super) fn report(count: usize) -> CalibrationReport {
             magnification: Some(0.288),
         },
         model: HomographyModel::RailLinear,
-        model_reason:
-            "one law for the whole stack explains the dots as well as eight free numbers per slice, and knows the \
-                       corners 3.1 times better"
-                .into(),
+        model_reason: "the rail law has the lowest expected error at the image corners".into(),
         candidates: candidates(),
         capture: CaptureReport {
             told: Some(CaptureMode::FixedLens),
@@ -157,7 +153,7 @@ fn dots(is_reference: bool, interpolated: bool, has_outliers: bool, seed: &mut u
 }
 
 fn candidates() -> Vec<ModelCandidate> {
-    let family = |model, parameters, rms: f64, held_out: f64, bic: f64, sigma: f64| ModelCandidate {
+    let candidate = |model, parameters, rms: f64, held_out: f64, bic: f64, sigma: f64| ModelCandidate {
         model,
         parameters,
         rms_px: Some(rms),
@@ -167,14 +163,14 @@ fn candidates() -> Vec<ModelCandidate> {
         chosen: model == HomographyModel::RailLinear,
     };
     vec![
-        family(HomographyModel::RailLinear, 3, 0.0592, 0.0593, -97_412.0, 0.021),
-        family(HomographyModel::Similarity, 48, 0.0588, 0.0594, -97_190.0, 0.038),
-        family(HomographyModel::Affine, 72, 0.0587, 0.0596, -97_003.0, 0.052),
-        family(HomographyModel::Homography, 96, 0.0585, 0.0599, -96_841.0, 0.066),
+        candidate(HomographyModel::RailLinear, 3, 0.0592, 0.0593, -97_412.0, 0.021),
+        candidate(HomographyModel::Similarity, 48, 0.0588, 0.0594, -97_190.0, 0.038),
+        candidate(HomographyModel::Affine, 72, 0.0587, 0.0596, -97_003.0, 0.052),
+        candidate(HomographyModel::Homography, 96, 0.0585, 0.0599, -96_841.0, 0.066),
     ]
 }
 
-/// The drift that goes with it.
+/// The drift of the same rig since revision 3.
 pub(super) fn drift(count: usize, worst: f64) -> Drift {
     let way = |i: usize| worst * if i == 7 { 1.0 } else { 0.06 * (i as f64 - 6.0).abs() };
     Drift {

@@ -1,13 +1,13 @@
-//! What is drawn over the slices, and the key to it.
+//! The charts over the slices, with their key.
 
 use super::{
-    chart::{Chart, Form, Line, Mark, Spread},
+    chart::{Chart, Line, Mark, MarkStyle, Scale},
     html::number,
 };
-use crate::types::report::{CalibrationReport, SliceReport};
+use pinstack_science::types::report::{CalibrationReport, SliceReport};
 
-/// Blur radius over the distance of the dots beyond which dots run into each other.
-const MOST_BLUR: f64 = 0.45;
+/// Blur radius over dot pitch beyond which dots merge and cannot be measured.
+const MAX_BLUR: f64 = 0.45;
 /// Uncertainty of the worst corner of a good slice, px.
 const GOOD: f64 = 0.3;
 
@@ -19,14 +19,14 @@ pub(super) fn charts(report: &CalibrationReport) -> String {
     }
     let sheet = Sheet { report };
     let figures = [sheet.scale(), sheet.shift(), sheet.off_law(), sheet.blur(), sheet.gain(), sheet.sigma()].concat();
-    format!("<section>\n<h2>Over the slices</h2>\n{KEY}<div class=\"charts\">\n{figures}</div>\n</section>\n")
+    format!("<section>\n<h2>Charts over the slices</h2>\n{KEY}<div class=\"charts\">\n{figures}</div>\n</section>\n")
 }
 
-/// Said once for all charts.
+/// The key of all charts.
 const KEY: &str = "<p class=\"key\">\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><circle class=\"p\" cx=\"13\" cy=\"8\" r=\"3.4\"/></svg>measured</span>\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><rect class=\"i\" x=\"7\" y=\"0\" width=\"12\" height=\"16\"/><circle class=\"p h\" cx=\"13\" cy=\"8\" r=\"3.4\"/></svg>interpolated: not measured, predicted from the other slices</span>\
-    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"law\" d=\"M1 8H25\"/></svg>law of the rail</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"law\" d=\"M1 8H25\"/></svg>rail law</span>\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"lim\" d=\"M1 8H25\"/></svg>limit</span>\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"r\" d=\"M13 0V16\"/></svg>reference slice</span></p>\n";
 
@@ -35,7 +35,7 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
-    fn chart<'t>(&self, title: &'t str, hint: &str, unit: &'t str, marks: Vec<Mark>, spread: Spread) -> Chart<'t> {
+    fn chart<'t>(&self, title: &'t str, hint: &str, unit: &'t str, marks: Vec<Mark>, scale: Scale) -> Chart<'t> {
         let slices = &self.report.slices;
         Chart {
             title,
@@ -46,8 +46,8 @@ impl Sheet<'_> {
             bands: (0..slices.len()).filter(|&i| slices[i].interpolated).collect(),
             marks,
             lines: Vec::new(),
-            form: Form::Points,
-            spread,
+            style: MarkStyle::Points,
+            scale,
             empty: "Not measured.",
         }
     }
@@ -70,8 +70,8 @@ impl Sheet<'_> {
     }
 
     fn scale(&self) -> String {
-        let hint = "how much larger the reference slice shows things";
-        let mut chart = self.chart("Scale", hint, "times", self.marks(6, "", |s| Some(s.scale)), Spread::Even(1e-4));
+        let hint = "factor from the slice to the reference slice";
+        let mut chart = self.chart("Scale", hint, "times", self.marks(6, "", |s| Some(s.scale)), Scale::Linear(1e-4));
         chart.lines.push(self.line(false, None, |s| s.law_scale));
         chart.figure()
     }
@@ -80,27 +80,27 @@ impl Sheet<'_> {
         let mut marks = self.marks(2, " px to the right", |s| Some(s.shift_px[0]));
         let second = self.marks(2, " px down", |s| Some(s.shift_px[1]));
         marks.extend(second.into_iter().map(|mark| Mark { second: true, ..mark }));
-        let hint = "of the image centre, towards the reference: ● to the right, ■ down";
-        let mut chart = self.chart("Shift", hint, "px", marks, Spread::Even(1.0));
+        let hint = "of the image centre, from the slice to the reference slice: ● to the right, ■ down";
+        let mut chart = self.chart("Shift", hint, "px", marks, Scale::Linear(1.0));
         chart.lines.push(self.line(false, None, |s| s.law_shift_px.map(|shift| shift[0])));
         chart.lines.push(self.line(false, None, |s| s.law_shift_px.map(|shift| shift[1])));
         chart.figure()
     }
 
     fn off_law(&self) -> String {
-        let hint = "farthest that a corner lies from where the law of the rail puts it";
+        let hint = "largest distance of an image corner from its position by the rail law";
         let marks = self.marks(3, " px", |s| s.off_law_px);
-        let mut chart = self.chart("Distance from the law", hint, "px", marks, Spread::Even(0.1));
-        chart.form = Form::Bars;
-        chart.empty = "No law of the rail was fitted.";
+        let mut chart = self.chart("Distance from the rail law", hint, "px", marks, Scale::Linear(0.1));
+        chart.style = MarkStyle::Bars;
+        chart.empty = "No rail law was fitted.";
         chart.figure()
     }
 
     fn blur(&self) -> String {
         let pitch = self.report.target.pitch_px;
-        let limit = |s: &SliceReport| (s.scale > 0.0).then(|| MOST_BLUR * pitch / s.scale);
-        let hint = "radius; above the limit, 0.45 of the dot pitch, dots run into each other and cannot be measured";
-        let mut chart = self.chart("Blur", hint, "px", self.marks(1, " px", |s| s.blur_radius_px), Spread::Even(1.0));
+        let limit = |s: &SliceReport| (s.scale > 0.0).then(|| MAX_BLUR * pitch / s.scale);
+        let hint = "radius; above the limit (0.45 of the dot pitch) dots merge and cannot be measured";
+        let mut chart = self.chart("Blur", hint, "px", self.marks(1, " px", |s| s.blur_radius_px), Scale::Linear(1.0));
         if pitch > 0.0 {
             chart.lines.push(self.line(true, Some("limit"), limit));
         }
@@ -109,16 +109,16 @@ impl Sheet<'_> {
 
     fn gain(&self) -> String {
         let hint = "a slice is multiplied by this to match the reference";
-        self.chart("Gain", hint, "times", self.marks(3, "", |s| Some(s.gain)), Spread::Even(0.02)).figure()
+        self.chart("Gain", hint, "times", self.marks(3, "", |s| Some(s.gain)), Scale::Linear(0.02)).figure()
     }
 
     fn sigma(&self) -> String {
         let sigma = |s: &SliceReport| Some(s.corner_sigma_px);
         let worst = self.report.slices.iter().filter_map(sigma).filter(|v| v.is_finite()).fold(0.0, f64::max);
-        // the limit stays in the picture, and so does what lies far under it
-        let spread = if worst > 5.0 * GOOD { Spread::Logarithmic } else { Spread::Even(0.1) };
-        let hint = "standard deviation of the worst image corner; under the limit a calibration is good";
-        let mut chart = self.chart("Corner uncertainty", hint, "px", self.marks(3, " px", sigma), spread);
+        // a logarithmic axis shows the limit and the small values together
+        let scale = if worst > 5.0 * GOOD { Scale::Logarithmic } else { Scale::Linear(0.1) };
+        let hint = "standard deviation of the worst image corner; below the limit a calibration is good";
+        let mut chart = self.chart("Corner uncertainty", hint, "px", self.marks(3, " px", sigma), scale);
         chart.lines.push(self.line(true, Some("0.3 px"), |_| Some(GOOD)));
         chart.figure()
     }

@@ -1,8 +1,8 @@
-//! The one style sheet of the page.
+//! The style sheet of the page.
 
-/// What stands between `<style>` and `</style>`, to the byte: a content policy can name its hash.
+/// The exact bytes between `<style>` and `</style>`: a content security policy can name their hash.
 ///
-/// Colours are the second sign everywhere: shapes, dashes and words say the same in black and white.
+/// Colour never carries information alone: shapes, dashes and words repeat it.
 pub const STYLE: &str = r#"
 :root{color-scheme:light dark;--paper:#fbfaf7;--card:#fff;--ink:#1f262b;--soft:#5d676e;--line:#dedad1;--grid:#ebe8e1;--blue:#1f5d8c;--law:#8b8f93;--warm:#b9480f;--good:#25734a;--usable:#8a5a00;--poor:#ad241d}
 @media (prefers-color-scheme:dark){:root{--paper:#14181b;--card:#1a1f23;--ink:#e7e5e0;--soft:#a3abb1;--line:#353c42;--grid:#262c31;--blue:#7db7e6;--law:#878d92;--warm:#ff9a62;--good:#74cf9d;--usable:#eab84e;--poor:#ff8a80}}

@@ -1,14 +1,17 @@
-//! How far the rig moved since the revision before.
+//! Drift: how far the rig moved since the previous revision.
 
 use super::{
-    chart::{Chart, Form, Line, Mark, Spread},
+    chart::{Chart, Line, Mark, MarkStyle, Scale},
     html::{escape, number, sentence},
 };
-use crate::types::report::{CalibrationReport, Drift};
+use pinstack_science::{
+    calibration::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX},
+    types::report::{CalibrationReport, Drift},
+};
 
 /// The section on drift.
-pub(super) fn moved(report: &CalibrationReport, drift: Option<&Drift>) -> String {
-    let head = "<section>\n<h2>Since the revision before</h2>\n";
+pub(super) fn section(report: &CalibrationReport, drift: Option<&Drift>) -> String {
+    let head = "<section>\n<h2>Drift since the previous revision</h2>\n";
     let Some(drift) = drift else {
         return format!(
             "{head}<p>There is no earlier revision of this rig and lens to compare with.</p>\n</section>\n"
@@ -19,25 +22,26 @@ pub(super) fn moved(report: &CalibrationReport, drift: Option<&Drift>) -> String
         return format!("{head}<p>{detail}</p>\n</section>\n");
     }
     let mut corners = chart(report, drift, "How far the corners moved", "px", &drift.corner_px, 3, " px");
-    corners.hint = "the farthest of the four: up to 0.3 px is nothing, from 1 px on stacks may be affected".to_owned();
-    corners.form = Form::Bars;
-    corners.spread = Spread::Even(0.2);
+    corners.hint =
+        "the largest of the four: up to 0.3 px the rig has not moved; above 1 px stacks may be affected".to_owned();
+    corners.style = MarkStyle::Bars;
+    corners.scale = Scale::Linear(0.2);
     let limit = |value: f64, label: &str| Line {
         points: (0..corners.count).map(|i| (i, value)).collect(),
         limit: true,
         label: Some(label.to_owned()),
     };
-    let mut limits = vec![limit(super::super::drift::STILL, "0.3 px")];
-    if drift.worst_px.is_some_and(|worst| worst > super::super::drift::LITTLE) {
-        limits.push(limit(super::super::drift::LITTLE, "1 px"));
+    let mut limits = vec![limit(NO_MOVEMENT_PX, "0.3 px")];
+    if drift.worst_px.is_some_and(|worst| worst > SMALL_MOVEMENT_PX) {
+        limits.push(limit(SMALL_MOVEMENT_PX, "1 px"));
     }
     corners.lines = limits;
-    let mut gains = chart(report, drift, "Gain over the gain it had", "times", &drift.gain_ratio, 3, "");
-    gains.hint = "1: the light has not changed against the reference slice".to_owned();
+    let mut gains = chart(report, drift, "Gain over the previous gain", "times", &drift.gain_ratio, 3, "");
+    gains.hint = "1: brightness relative to the reference slice has not changed".to_owned();
     let (from, to) = (drift.from_revision, drift.to_revision);
     format!(
-        "{head}<p>{detail}</p>\n<p class=\"hint\">Revision {to} against revision {from}. A movement that all slices share with the \
-         reference slice does not show: it does not harm the stacks either.</p>\n\
+        "{head}<p>{detail}</p>\n<p class=\"hint\">Revision {to} compared with revision {from}. A movement that all slices share with \
+         the reference slice does not show, and does not affect stacks.</p>\n\
          <div class=\"charts\">\n{}{}</div>\n</section>\n",
         corners.figure(),
         gains.figure()
@@ -53,11 +57,11 @@ fn chart<'a>(
     decimals: usize,
     after: &str,
 ) -> Chart<'a> {
-    let is_guess = |slice: usize| report.slices.get(slice).is_some_and(|slice| slice.interpolated);
+    let is_predicted = |slice: usize| report.slices.get(slice).is_some_and(|slice| slice.interpolated);
     let mark = |(slice, value): (usize, &Option<f64>)| {
         let value = (*value)?;
         let title = format!("slice {slice}: {}{after} since revision {}", number(value, decimals), drift.from_revision);
-        Some(Mark { slice, value, measured: !is_guess(slice), second: false, title })
+        Some(Mark { slice, value, measured: !is_predicted(slice), second: false, title })
     };
     Chart {
         title,
@@ -65,11 +69,11 @@ fn chart<'a>(
         unit,
         count: values.len(),
         reference: report.reference_index as usize,
-        bands: (0..values.len()).filter(|&slice| is_guess(slice)).collect(),
+        bands: (0..values.len()).filter(|&slice| is_predicted(slice)).collect(),
         marks: values.iter().enumerate().filter_map(mark).collect(),
         lines: Vec::new(),
-        form: Form::Points,
-        spread: Spread::Even(0.02),
+        style: MarkStyle::Points,
+        scale: Scale::Linear(0.02),
         empty: "Not known.",
     }
 }

@@ -1,4 +1,4 @@
-//! Round numbers for axes and scale bars.
+//! Axes with round tick values, and round lengths for scale bars.
 
 /// The largest of 1, 2, 5, 10, ... (and 0.5, 0.2, ...) that is not above `value`.
 pub(super) fn round_down(value: f64) -> f64 {
@@ -7,12 +7,12 @@ pub(super) fn round_down(value: f64) -> f64 {
     }
     let power = 10_f64.powf(value.log10().floor());
     let lead = value / power;
-    // a hair of room: 0.3 / 0.1 is less than 3
+    // tolerance for rounding: 0.3 / 0.1 is less than 3
     let lead = [5.0, 2.0].into_iter().find(|step| lead >= step * (1.0 - 1e-9)).unwrap_or(1.0);
     lead * power
 }
 
-/// Decimals that a round number needs.
+/// Decimals needed to write a number returned by [`round_down`].
 pub(super) fn decimals(step: f64) -> usize {
     if !(step.is_finite() && step > 0.0) {
         return 0;
@@ -26,22 +26,22 @@ pub(super) struct Axis {
     low: f64,
     high: f64,
     log: bool,
-    /// Where the lines go, with what is written there.
+    /// Values of the grid lines, each with its label.
     pub ticks: Vec<(f64, String)>,
 }
 
 impl Axis {
-    /// An even axis over `low..=high`, widened to at least `least` so that noise does not look like a law.
-    pub(super) fn even(low: f64, high: f64, least: f64) -> Self {
+    /// A linear axis over `low..=high`, widened to span at least `least`, so that noise does not look like a trend.
+    pub(super) fn linear(low: f64, high: f64, least: f64) -> Self {
         let (mut low, mut high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-        // what is never negative keeps its zero
+        // an axis of non-negative values does not extend below 0
         let floor = low >= 0.0;
         let short = least - (high - low);
         if short > 0.0 {
             (low, high) = (low - short / 2.0, high + short / 2.0);
         }
-        let room = 0.07 * (high - low).max(f64::MIN_POSITIVE);
-        (low, high) = (low - room, high + room);
+        let margin = 0.07 * (high - low).max(f64::MIN_POSITIVE);
+        (low, high) = (low - margin, high + margin);
         if floor && low < 0.0 {
             low = 0.0;
         }
@@ -53,7 +53,8 @@ impl Axis {
         Self { low, high, log: false, ticks: (first..=last.min(first + 12)).map(tick).collect() }
     }
 
-    /// A logarithmic axis over `low..=high`, both above zero, with lines at the powers of ten (and at 2 and 5 where they are few).
+    /// A logarithmic axis over `low..=high`, both positive. Grid lines are at the powers of ten, and at three times
+    /// them where the axis spans few decades.
     pub(super) fn logarithmic(low: f64, high: f64) -> Self {
         let low = low.max(1e-6);
         let high = high.max(low * 10.0);
@@ -68,15 +69,15 @@ impl Axis {
         Self { low, high, log: true, ticks }
     }
 
-    /// How far up the axis a value lies, 0 to 1 (outside for values that it does not show).
-    pub(super) fn share(&self, value: f64) -> f64 {
+    /// Position of a value along the axis: 0 at the low end, 1 at the high end.
+    pub(super) fn position(&self, value: f64) -> f64 {
         match self.log {
             false => (value - self.low) / (self.high - self.low),
             true => (value.max(1e-12) / self.low).ln() / (self.high / self.low).ln(),
         }
     }
 
-    /// True when a value can be shown on it.
+    /// True when the axis can show the value: finite, and positive on a logarithmic axis.
     pub(super) fn shows(&self, value: f64) -> bool {
         value.is_finite() && (!self.log || value > 0.0)
     }
@@ -95,15 +96,15 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_has_a_few_ticks_and_no_value_of_nothing_hides_them() {
+    fn an_axis_has_two_to_six_ticks_whatever_its_range() {
         for (low, high, least) in
             [(0.97, 1.03, 1e-3), (1.0, 1.0, 0.02), (-40.0, 12.0, 1.0), (0.0, 0.3, 0.1), (5.0, 2.0, 0.0)]
         {
-            let axis = Axis::even(low, high, least);
+            let axis = Axis::linear(low, high, least);
             assert!((2..=6).contains(&axis.ticks.len()), "{low} to {high}: {:?}", axis.ticks);
-            assert!(axis.ticks.iter().all(|(v, _)| (-1e-9..=1.0 + 1e-9).contains(&axis.share(*v))));
+            assert!(axis.ticks.iter().all(|(v, _)| (-1e-9..=1.0 + 1e-9).contains(&axis.position(*v))));
         }
-        assert_eq!(Axis::even(0.0, 0.3, 0.1).share(0.0), 0.0);
+        assert_eq!(Axis::linear(0.0, 0.3, 0.1).position(0.0), 0.0);
         let log = Axis::logarithmic(0.01, 20.0);
         assert!(log.ticks.iter().any(|(_, text)| text == "0.01") && !log.shows(0.0));
     }

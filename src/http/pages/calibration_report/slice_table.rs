@@ -1,14 +1,14 @@
-//! All numbers, slice by slice.
+//! The table of all values, one row per slice.
 
 use super::html::{self, escape, maybe, number};
-use crate::types::report::{CalibrationReport, SliceReport};
+use pinstack_science::types::report::{CalibrationReport, SliceReport};
 
 const HEADS: [&str; 16] = [
     "slice",
     "file",
     "how",
     "scale",
-    "law",
+    "scale by law",
     "shift x, px",
     "shift y, px",
     "off law, px",
@@ -17,13 +17,13 @@ const HEADS: [&str; 16] = [
     "gain",
     "clipped, %",
     "dots",
-    "agree",
+    "inliers",
     "RMS, px",
     "corner σ, px",
 ];
 
-/// The table at the end.
-pub(super) fn table(report: &CalibrationReport) -> String {
+/// The section with the table.
+pub(super) fn slice_table(report: &CalibrationReport) -> String {
     let rows: Vec<(&str, Vec<String>)> = report
         .slices
         .iter()
@@ -31,8 +31,8 @@ pub(super) fn table(report: &CalibrationReport) -> String {
         .map(|(i, slice)| row(i, slice, i == report.reference_index as usize))
         .collect();
     format!(
-        "<section>\n<h2>All numbers</h2>\n<div class=\"l\">{}</div>\n</section>\n",
-        html::table("All numbers per slice", &HEADS, &rows)
+        "<section>\n<h2>All values</h2>\n<div class=\"l\">{}</div>\n</section>\n",
+        html::table("All values per slice", &HEADS, &rows)
     )
 }
 

@@ -1,18 +1,25 @@
-//! The calibration report as one HTML page for the technician: what was found, in words first, then drawn, then as
-//! numbers.
+//! The calibration report as one HTML page: the verdict and the findings in words, then residual maps and charts, then
+//! a table of all values.
 //!
-//! Pure functions from a report to text. The page loads nothing, runs nothing, and carries its one style sheet
-//! ([`STYLE`]) with it, so it can be served under a strict content policy, saved, mailed and printed.
+//! Pure functions from a report to text. The page loads nothing and runs no script, and it contains its only style
+//! sheet ([`STYLE`]). It can therefore be served under a strict content security policy, saved, mailed and printed.
+//!
+//! The maps and charts are written as inline SVG, without a plotting library. The SVG takes its colours from the style
+//! sheet's variables and so follows dark mode and print; each mark has a `<title>` for pointers and screen readers; names
+//! from the archive are escaped in one place; the ticks are exact and the bytes are the same in every run. `plotters`
+//! writes fixed colours on elements without classes, so a style sheet cannot restyle a series. `charming` renders with
+//! ECharts, that is with JavaScript, in the browser or in an embedded engine. Neither draws residual maps. Either would
+//! replace about 350 lines here (axes and charts) and add dependencies.
 
 mod axes;
 mod chart;
 mod charts;
+mod drift;
 mod facts;
 mod html;
-mod maps;
-mod moved;
+mod residual_maps;
+mod slice_table;
 mod style;
-mod table;
 
 #[cfg(test)]
 mod testkit;
@@ -21,10 +28,10 @@ mod tests;
 
 pub use style::STYLE;
 
-use crate::types::report::{CalibrationReport, Drift, Grade};
 use html::{escape, sentence};
+use pinstack_science::types::report::{CalibrationReport, Drift, Grade};
 
-/// What the report is about: the words over the verdict.
+/// What the report is about: the heading above the verdict.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
     /// Name of the rig.
@@ -33,14 +40,14 @@ pub struct Subject<'a> {
     pub lens: &'a str,
     /// The profile revision that the calibration made.
     pub revision: u32,
-    /// When it was measured, for a reader.
+    /// When it was measured, as text.
     pub measured: &'a str,
-    /// What the user noted.
+    /// The user's note.
     pub note: Option<&'a str>,
 }
 
-/// The whole page. `drift` compares with the revision before, when there is one. Links to the slices with their
-/// dots are relative (`overlay?slice=N`), so they work where the page lies beside them.
+/// The whole page. `drift` compares with the previous revision, if there is one. Links to the overlay pictures are
+/// relative (`overlay?slice=N`): the page is served beside them.
 pub fn page(subject: &Subject<'_>, report: &CalibrationReport, drift: Option<&Drift>) -> String {
     let title = format!("Calibration of {} with {}, revision {}", subject.rig, subject.lens, subject.revision);
     let mut out = String::with_capacity(1 << 20);
@@ -50,16 +57,16 @@ pub fn page(subject: &Subject<'_>, report: &CalibrationReport, drift: Option<&Dr
     out.push_str(&head(subject, report));
     out.push_str(&findings(report));
     out.push_str(&facts::facts(report));
-    out.push_str(&maps::maps(report));
+    out.push_str(&residual_maps::residual_maps(report));
     out.push_str(&charts::charts(report));
     out.push_str(&facts::candidates(report));
-    out.push_str(&moved::moved(report, drift));
-    out.push_str(&table::table(report));
+    out.push_str(&drift::section(report, drift));
+    out.push_str(&slice_table::slice_table(report));
     out.push_str("</main>\n</body>\n</html>\n");
     out
 }
 
-/// Rig, lens and the verdict. The grade is a word and a sign before it is a colour.
+/// Rig, lens and the verdict. A word and a sign give the grade; the colour only repeats it.
 fn head(subject: &Subject<'_>, report: &CalibrationReport) -> String {
     let (class, sign, word) = match report.grade {
         Grade::Good => ("good", "✓", "Good"),
@@ -80,7 +87,7 @@ fn head(subject: &Subject<'_>, report: &CalibrationReport) -> String {
     )
 }
 
-/// The verdict may begin with the grade, which stands beside it already.
+/// The verdict without the grade that it may begin with: the page shows the grade beside it.
 fn without_grade(verdict: &str, word: &str) -> String {
     let Some(rest) = verdict.strip_prefix(word).and_then(|rest| rest.strip_prefix(": ")) else {
         return verdict.to_owned();
@@ -90,7 +97,7 @@ fn without_grade(verdict: &str, word: &str) -> String {
 
 fn findings(report: &CalibrationReport) -> String {
     if report.findings.is_empty() {
-        return "<section>\n<h2>Findings</h2>\n<p>Nothing to put right.</p>\n</section>\n".to_owned();
+        return "<section>\n<h2>Findings</h2>\n<p>No problems were found.</p>\n</section>\n".to_owned();
     }
     let items: String = report
         .findings

@@ -1,7 +1,7 @@
-//! Text into HTML: escaping, numbers as a reader wants them, tables.
+//! HTML building blocks: escaped text, formatted numbers, tables.
 
-/// Makes any text safe between tags and inside quoted attributes. Control characters, which could hide or reorder
-/// what follows, become visible replacement signs.
+/// Escapes any text for use between tags and inside quoted attributes. Control and bidirectional characters, which could
+/// hide or reorder the text after them, become visible replacement characters.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -20,33 +20,33 @@ pub(super) fn escape(text: &str) -> String {
     out
 }
 
-/// A sentence as it begins a line: its first letter large.
+/// The text with its first letter in upper case.
 pub(super) fn sentence(text: &str) -> String {
     let mut letters = text.chars();
     let first = letters.next().map(|first| first.to_uppercase().to_string()).unwrap_or_default();
     format!("{first}{}", letters.as_str())
 }
 
-/// A number with so many decimals and a real minus; a dash when it is none.
+/// A number with this many decimals and a typographic minus sign; a dash when it is not finite.
 pub(super) fn number(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
-        // what rounds to nothing has no sign
+        // no minus sign for a value that rounds to zero
         Some(digits) if digits.chars().all(|c| c == '0' || c == '.') => digits.to_owned(),
         Some(digits) => format!("−{digits}"),
         None => text,
     }
 }
 
-/// The same when it may be unknown.
+/// The same, with a dash for `None`.
 pub(super) fn maybe(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "–".to_owned(), |value| number(value, decimals))
 }
 
-/// A number with at most so many significant digits, for values whose size is not known beforehand.
+/// A number with at most this many significant digits, for values whose magnitude is not known beforehand.
 pub(super) fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return number(value, 0);
@@ -62,7 +62,7 @@ pub(super) fn significant(value: f64, digits: i32) -> String {
     }
 }
 
-/// A coordinate in a drawing: one decimal, no more digits than needed.
+/// An SVG coordinate: at most one decimal, without trailing zeros.
 pub(super) fn at(value: f64) -> String {
     let text = format!("{value:.1}");
     match text.strip_suffix(".0") {
@@ -72,8 +72,8 @@ pub(super) fn at(value: f64) -> String {
     }
 }
 
-/// A table that scrolls sideways in its own box on a narrow screen. Heads and cells are HTML already; a row may have a
-/// class.
+/// A table in a box that scrolls sideways on a narrow screen. `heads` and cells are HTML; each row has a class, which may
+/// be empty.
 pub(super) fn table(label: &str, heads: &[&str], rows: &[(&str, Vec<String>)]) -> String {
     let head: String = heads.iter().map(|head| format!("<th scope=\"col\">{head}</th>")).collect();
     let body: String = rows

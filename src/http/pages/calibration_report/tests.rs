@@ -1,7 +1,7 @@
-//! What the page says, shows and survives.
+//! Content, structure, safety and size of the page.
 
 use super::{STYLE, Subject, page, testkit};
-use crate::types::{
+use pinstack_science::types::{
     Warning,
     report::{CameraReport, Grade},
 };
@@ -18,7 +18,7 @@ fn count(text: &str, what: &str) -> usize {
     text.matches(what).count()
 }
 
-/// Every tag that is opened is closed, in order; nothing else is written into a tag than names and quoted values.
+/// Checks that tags are closed in order and that attribute values are quoted.
 fn check_tags(html: &str) {
     let mut open: Vec<&str> = Vec::new();
     let void = ["meta", "!DOCTYPE"];
@@ -42,7 +42,7 @@ fn check_tags(html: &str) {
 }
 
 #[test]
-fn the_page_says_the_verdict_first_then_shows_maps_charts_models_drift_and_all_numbers() {
+fn the_sections_are_in_order_from_the_verdict_to_the_table_of_all_values() {
     let report = testkit::report(13);
     let html = page(&SUBJECT, &report, Some(&testkit::drift(13, 1.8)));
     check_tags(&html);
@@ -50,11 +50,11 @@ fn the_page_says_the_verdict_first_then_shows_maps_charts_models_drift_and_all_n
         "The image corners are good to 0.21 px",
         "<h2>Findings",
         "<h2>What was measured",
-        "<h2>Where the dots miss",
-        "<h2>Over the slices",
+        "<h2>Residuals of the dots",
+        "<h2>Charts over the slices",
         "<h2>Why this model",
-        "<h2>Since the revision before",
-        "<h2>All numbers",
+        "<h2>Drift since the previous revision",
+        "<h2>All values",
     ]
     .iter()
     .map(|what| html.find(what).unwrap_or_else(|| panic!("no {what}")))
@@ -64,10 +64,10 @@ fn the_page_says_the_verdict_first_then_shows_maps_charts_models_drift_and_all_n
     assert!(html.contains("Slice 7 moved most: 1.8 px at a corner since revision 3"));
     assert_eq!(count(&html, "aria-label=\"Residuals of slice"), 13);
     assert_eq!(count(&html, "<title>outlier, 2.25 px off</title>"), 2, "both outliers of the third slice");
-    assert!(html.contains("2 outliers") && html.contains("enlarged 500 times"), "the enlargement is said");
+    assert!(html.contains("2 outliers") && html.contains("enlarged 500 times"), "the enlargement is stated");
     assert!(html.contains(">limit</text>") && html.contains(">0.3 px</text>"), "limits are drawn");
     assert!(html.contains("href=\"overlay?slice=12\"") && html.contains("✓ chosen"));
-    assert!(html.contains("59.520 mm = 13227.0 px; by another way 59.880 mm (+0.6 %)"));
+    assert!(html.contains("59.520 mm = 13227.0 px; cross-check 59.880 mm (+0.6 %)"));
 }
 
 #[test]
@@ -79,12 +79,12 @@ fn the_page_loads_nothing_and_runs_nothing() {
         assert!(!html.contains(forbidden), "{forbidden}");
     }
     assert_eq!(count(&html, "<style>"), 1);
-    assert!(html.contains(&format!("<style>{STYLE}</style>")), "the policy names the hash of just this");
+    assert!(html.contains(&format!("<style>{STYLE}</style>")), "the policy names the hash of exactly these bytes");
     assert!(html.contains("no earlier revision"));
 }
 
 #[test]
-fn names_and_sentences_cannot_break_out_of_the_page() {
+fn names_and_sentences_are_escaped() {
     let evil = "<script>alert('x')</script>\"><svg onload=alert(1)>&\u{202e}gnp.exe\u{0}.png";
     let mut report = testkit::report(13);
     report.slices[3].name = evil.into();
@@ -109,15 +109,15 @@ fn an_interpolated_slice_is_marked_in_every_drawing() {
     let map = html.split("aria-label=\"Residuals of slice 12").nth(1).expect("its map");
     let map = map.split("</figure>").next().expect("its end");
     assert!(map.contains("stroke-dasharray") && map.contains("interpolated") && !map.contains("class=\"a\""), "{map}");
-    // scale, shift (two marks), gain, corner uncertainty, and the title of the map; blur and the distance from the law
-    // were not measured
+    // scale, shift (two marks), gain, corner uncertainty, and the title of the map; blur and the distance from the rail
+    // law were not measured
     assert_eq!(count(&html, " interpolated</title>"), 5 + 1);
     assert_eq!(count(&html, "class=\"p h\""), 4 + 1, "hollow marks, and the one of the key");
     assert!(html.contains("<tr class=\"guess\">"));
 }
 
 #[test]
-fn a_report_that_knows_little_is_still_a_page() {
+fn a_report_with_missing_values_is_still_a_valid_page() {
     let mut report = testkit::report(3);
     report.grade = Grade::Poor;
     report.findings.clear();
@@ -132,17 +132,12 @@ fn a_report_that_knows_little_is_still_a_page() {
     }
     let html = page(&SUBJECT, &report, None);
     check_tags(&html);
-    for said in [
-        "No law of the rail was fitted.",
-        "Not measured.",
-        "Not known",
-        "No other families",
-        "Nothing to put right",
-        "✕",
-    ] {
+    for said in
+        ["No rail law was fitted.", "Not measured.", "Not known", "No other models", "No problems were found", "✕"]
+    {
         assert!(html.contains(said), "{said}");
     }
-    assert!(!html.contains("NaN") && !html.contains("inf "), "numbers that are none are dashes");
+    assert!(!html.contains("NaN") && !html.contains("inf "), "values that are not finite are dashes");
     report.slices.clear();
     check_tags(&page(&SUBJECT, &report, None));
 }

@@ -1,4 +1,4 @@
-//! One small map per slice: where its dots lie in the reference slice, and by how much each misses.
+//! Residual maps: one small map per slice with an arrow per dot for its residual, drawn in the reference slice.
 
 use std::collections::BTreeSet;
 
@@ -6,26 +6,27 @@ use super::{
     axes::{decimals, round_down},
     html::{at, escape, maybe, number},
 };
-use crate::types::report::{CalibrationReport, DotReport, SliceReport};
+use pinstack_science::types::report::{CalibrationReport, DotReport, SliceReport};
 
-/// Width of a map, units of its drawing.
+/// Width of a map, SVG units.
 const WIDTH: f64 = 300.0;
-/// Tallest map.
-const MOST_HEIGHT: f64 = 420.0;
-/// Room under the map for its scale bar.
+/// Largest height of a map, SVG units.
+const MAX_HEIGHT: f64 = 420.0;
+/// Height below the map for its scale bar, SVG units.
 const FOOT: f64 = 24.0;
-/// Dots drawn per map; outliers are drawn besides, up to as many again over four.
-const MOST_DOTS: usize = 300;
-const MOST_OUTLIERS: usize = 75;
-/// Slices with a map of their own; of more, these are evenly chosen, and the worst.
-const MOST_MAPS: usize = 60;
-/// How long the arrow of a large residual (95 of 100 are smaller) is drawn.
+/// Most dots drawn per map, outliers not counted.
+const MAX_DOTS: usize = 300;
+/// Most outliers drawn per map.
+const MAX_OUTLIERS: usize = 75;
+/// Most maps. Of a longer stack an even selection is drawn, and the worst slices.
+const MAX_MAPS: usize = 60;
+/// Length of the arrow for the 95th percentile of the residuals, SVG units.
 const ARROW: f64 = 15.0;
-/// An arrow longer than this is cut, and drawn dashed.
-const LONGEST: f64 = 42.0;
+/// Longest arrow, SVG units; longer ones are cut off and have no head.
+const MAX_ARROW: f64 = 42.0;
 
-/// The maps of the residuals.
-pub(super) fn maps(report: &CalibrationReport) -> String {
+/// The section with the maps.
+pub(super) fn residual_maps(report: &CalibrationReport) -> String {
     let slices = &report.slices;
     if slices.is_empty() || report.width < 2 || report.height < 2 {
         return String::new();
@@ -34,35 +35,36 @@ pub(super) fn maps(report: &CalibrationReport) -> String {
     let shown = chosen(slices, report.reference_index as usize);
     let figures: String = shown.iter().filter_map(|&i| Some(frame.figure(i, slices.get(i)?, report))).collect();
     let fewer = match shown.len() < slices.len() {
-        true => format!(" {} of {} slices are drawn, the worst among them.", shown.len(), slices.len()),
+        true => format!(" {} of {} slices are drawn, among them the worst.", shown.len(), slices.len()),
         false => String::new(),
     };
     format!(
-        "<section>\n<h2>Where the dots miss</h2>\n\
-         <p>Each map is the frame of the reference slice. An arrow leads from where the reference slice shows a dot to where the \
-         homography sends the same dot of this slice, <strong>enlarged {} times</strong> and by the same in all maps. Arrows without order are noise; arrows that \
-         turn, grow or point the same way are a homography that does not fit. What looks the same in all maps are the dots of the reference slice, seen wrong once.{fewer}</p>\n{KEY}\
+        "<section>\n<h2>Residuals of the dots</h2>\n\
+         <p>Each map is the frame of the reference slice. An arrow points from a dot in the reference slice to where the \
+         homography maps the same dot of this slice, <strong>enlarged {} times</strong>, equally in all maps. Random arrows are \
+         noise; arrows that turn, grow or point the same way mean that the homography does not fit. A pattern that is the same \
+         in all maps comes from the dots of the reference slice, which were measured only once.{fewer}</p>\n{KEY}\
          <div class=\"maps\">\n{figures}</div>\n</section>\n",
         number(frame.enlarged, decimals(frame.enlarged)),
     )
 }
 
 const KEY: &str = "<p class=\"key\">\
-    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"d\" d=\"M4 11h0\"/><path class=\"a\" d=\"M4 11L20 5m-4.3 -.2L20 5l-2.8 3.3\"/></svg>a dot that agrees</span>\
-    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"o\" d=\"M3 4l8 8m0 -8l-8 8\"/><path class=\"oa\" d=\"M7 8H25\"/></svg>an outlier, left out</span>\
-    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"u\" d=\"M13 8h0\"/></svg>found but not needed</span></p>\n";
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"d\" d=\"M4 11h0\"/><path class=\"a\" d=\"M4 11L20 5m-4.3 -.2L20 5l-2.8 3.3\"/></svg>inlier</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"o\" d=\"M3 4l8 8m0 -8l-8 8\"/><path class=\"oa\" d=\"M7 8H25\"/></svg>outlier, not used in the fit</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"u\" d=\"M13 8h0\"/></svg>found but not used</span></p>\n";
 
-/// All slices when they are few; else the reference, the worst ones and an even choice.
+/// All slices of a short stack; else the reference, the worst ones and an even selection.
 fn chosen(slices: &[SliceReport], reference: usize) -> Vec<usize> {
-    if slices.len() <= MOST_MAPS {
+    if slices.len() <= MAX_MAPS {
         return (0..slices.len()).collect();
     }
     let mut worst: Vec<usize> = (0..slices.len()).collect();
     let rms = |i: usize| slices.get(i).and_then(|slice| slice.rms_px).unwrap_or(0.0);
     worst.sort_by(|&a, &b| rms(b).total_cmp(&rms(a)));
-    let even = MOST_MAPS - MOST_MAPS / 6 - 1;
+    let even = MAX_MAPS - MAX_MAPS / 6 - 1;
     let mut out: Vec<usize> = (0..even).map(|k| k * (slices.len() - 1) / (even - 1)).collect();
-    out.extend(worst.into_iter().take(MOST_MAPS / 6));
+    out.extend(worst.into_iter().take(MAX_MAPS / 6));
     out.push(reference.min(slices.len() - 1));
     out.sort_unstable();
     out.dedup();
@@ -73,25 +75,25 @@ fn length(residual: [f64; 2]) -> f64 {
     residual[0].hypot(residual[1])
 }
 
-/// One dot of each cell of a net that has about `most` cells, so that what is left lies evenly.
+/// At most `most` dots, spread evenly: one dot per cell of a grid with about `most` cells.
 fn thinned(dots: Vec<&DotReport>, most: usize, size: [f64; 2]) -> Vec<&DotReport> {
     if dots.len() <= most {
         return dots;
     }
-    // cells are cut at two edges, so there are a few more than their area says
+    // cells are cut at two edges, so there are a few more than their area gives
     let cell = (size[0] * size[1] / (0.85 * most as f64)).sqrt().max(1.0);
     let mut taken = BTreeSet::new();
     let is_first = |dot: &&DotReport| taken.insert(dot.at.map(|v| (v / cell).floor() as i64));
     dots.into_iter().filter(is_first).take(most).collect()
 }
 
-/// What all maps share.
+/// Layout shared by all maps.
 struct Frame {
-    /// Units of the drawing per px.
+    /// SVG units per px.
     unit: f64,
     height: f64,
     centre: [f64; 2],
-    /// How many times residuals are enlarged against the picture.
+    /// Factor by which residuals are enlarged against the map.
     enlarged: f64,
     /// Length of the scale bar, px of residual.
     bar: f64,
@@ -100,7 +102,7 @@ struct Frame {
 impl Frame {
     fn of(report: &CalibrationReport) -> Self {
         let (width, height) = (f64::from(report.width), f64::from(report.height));
-        let unit = ((WIDTH - 2.0) / width).min(MOST_HEIGHT / height);
+        let unit = ((WIDTH - 2.0) / width).min(MAX_HEIGHT / height);
         let mut lengths: Vec<f64> = report
             .slices
             .iter()
@@ -155,7 +157,7 @@ impl Frame {
         let (mut unused, mut dots, mut arrows) = (String::new(), String::new(), String::new());
         let (outliers, others): (Vec<&DotReport>, Vec<&DotReport>) =
             slice.dots.iter().partition(|dot| !dot.inlier && dot.residual.is_some());
-        for dot in thinned(others, MOST_DOTS, self.size()) {
+        for dot in thinned(others, MAX_DOTS, self.size()) {
             let Some(place) = self.place(slice, dot) else { continue };
             let point = format!("M{} {}h0", at(place[0]), at(place[1]));
             match dot.residual {
@@ -171,7 +173,7 @@ impl Frame {
                 out.push_str(&format!("<path class=\"{class}\" d=\"{path}\"/>"));
             }
         }
-        for dot in thinned(outliers, MOST_OUTLIERS, self.size()) {
+        for dot in thinned(outliers, MAX_OUTLIERS, self.size()) {
             self.outlier(&mut out, slice, dot);
         }
         self.scale_bar(&mut out);
@@ -179,8 +181,8 @@ impl Frame {
         out
     }
 
-    /// Where a dot lies in the reference slice, in units of the drawing; `None` outside its frame. The scale and the
-    /// shift of the slice are exact enough for a picture of this size.
+    /// Position of a dot in the reference slice, SVG units; `None` outside its frame. Uses the slice's scale and shift
+    /// only, which is exact enough for a map of this size.
     fn place(&self, slice: &SliceReport, dot: &DotReport) -> Option<[f64; 2]> {
         let moved = [0, 1].map(|a| self.centre[a] + slice.scale * (dot.at[a] - self.centre[a]) + slice.shift_px[a]);
         let inside = |a: usize| moved[a].is_finite() && (0.0..=2.0 * self.centre[a]).contains(&moved[a]);
@@ -220,17 +222,17 @@ impl Frame {
     }
 }
 
-/// An arrow from `from` as a piece of a path; nothing when it would be shorter than it is wide. A head where
-/// there is room for one.
+/// An arrow as SVG path data: empty when it would be shorter than its line is wide, with a head when it is long enough
+/// for one.
 fn arrow(from: [f64; 2], by: [f64; 2]) -> String {
     let long = length(by);
     if !(long.is_finite() && long >= 0.6) {
         return String::new();
     }
-    let shown = long.min(LONGEST);
+    let shown = long.min(MAX_ARROW);
     let way = [by[0] / long, by[1] / long];
     let shaft = format!("M{} {}l{} {}", at(from[0]), at(from[1]), at(way[0] * shown), at(way[1] * shown));
-    if shown < 5.0 || long > LONGEST {
+    if shown < 5.0 || long > MAX_ARROW {
         return shaft;
     }
     let head = 0.9 * shown.min(9.0).sqrt();
