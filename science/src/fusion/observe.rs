@@ -56,12 +56,6 @@ fn luma<S: Sample>(samples: &[S], rect: Rect) -> Plane<f32> {
     plane
 }
 
-/// `rect` of a mask of the whole canvas.
-fn part(mask: &Plane<u8>, rect: Rect) -> Plane<u8> {
-    let rows = (rect.y..rect.y + rect.height).flat_map(|y| &mask.row(y)[rect.x..rect.x + rect.width]);
-    Plane { width: rect.width, height: rect.height, data: rows.copied().collect() }
-}
-
 /// Score of the fused picture against the slices, in some blocks of the canvas.
 pub(super) fn score<S: Sample, const C: usize>(
     run: &Run<'_>,
@@ -76,7 +70,7 @@ pub(super) fn score<S: Sample, const C: usize>(
         for (y, start) in rows.enumerate() {
             grey::luma_row(&fused[start..start + rect.width * C], C, luma.row_mut(y));
         }
-        let object = run.watch.object.map(|object| part(object, rect));
+        let object = run.watch.object.map(|object| object.crop(rect));
         let mut scorer = Scorer::new(&luma, object.as_ref());
         let (mut samples, mut bytes) = (Vec::<S>::new(), Vec::new());
         let mut source = Plane::filled(rect.width, rect.height, 0.0);

@@ -6,11 +6,13 @@ use super::{
     simd::{self, Avx2},
 };
 
+/// Rec. 601 weights of red, green and blue in the luma.
+pub const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
+
 /// Pixels whose channels are taken apart at a time.
 const BLOCK: usize = 64;
 
-/// Luma 0..255 of a row of `channels` = 1 or 3 interleaved samples; the same numbers as
-/// [`Raster::luma`](super::Raster::luma).
+/// Luma 0..255 of a row of pixels of `channels` interleaved samples: 1 grey, 3 RGB, 4 RGBA (alpha is ignored).
 pub fn luma_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [f32]) {
     let scale = 255.0 / S::DEPTH.max();
     simd::run(
@@ -23,7 +25,7 @@ pub fn luma_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [f32]) {
                 channels,
                 out,
                 #[inline(always)]
-                |r, g, b| (0.299 * r.value() + 0.587 * g.value() + 0.114 * b.value()) * scale,
+                |r, g, b| (LUMA[0] * r.value() + LUMA[1] * g.value() + LUMA[2] * b.value()) * scale,
             ),
         },
     );
@@ -80,12 +82,20 @@ mod tests {
     use crate::imaging::Raster;
 
     #[test]
-    fn rows_agree_with_the_luma_of_the_whole_raster() {
-        let samples: Vec<u8> = (0..60u32).map(|i| (i * 97 % 256) as u8).collect();
-        let raster = Raster::eight(10, 2, 3, samples.clone());
-        let mut row = [0.0; 10];
-        luma_row(&samples[30..], 3, &mut row);
-        assert_eq!(row, raster.luma().row(1));
+    fn the_luma_of_a_row_is_the_weighted_sum_of_its_channels() {
+        let samples: Vec<u8> = (0..300u32).map(|i| (i * 97 % 256) as u8).collect();
+        let mut row = [0.0; 100];
+        luma_row(&samples, 3, &mut row);
+        for (pixel, luma) in samples.chunks(3).zip(row) {
+            let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(f32::from);
+            assert_eq!(luma, 0.299 * r + 0.587 * g + 0.114 * b);
+        }
+        let raster = Raster::eight(10, 10, 3, samples);
+        assert_eq!(raster.luma().data, row);
+        let [mut with_alpha, mut without] = [[0.0; 2]; 2];
+        luma_row(&[10u16, 20, 30, 65_535, 40, 50, 60, 0], 4, &mut with_alpha);
+        luma_row(&[10u16, 20, 30, 40, 50, 60], 3, &mut without);
+        assert_eq!(with_alpha, without);
     }
 
     #[test]

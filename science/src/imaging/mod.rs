@@ -9,9 +9,11 @@ pub mod reduced;
 pub mod sample;
 pub mod simd;
 pub mod slices;
+pub mod statistics;
 pub mod warp;
 
 pub use coverage::Coverage;
+pub use grey::LUMA;
 pub use raster::{Depth, Plane, Raster, Rect, Samples};
 pub use sample::Sample;
 pub use slices::{SliceError, Slices};

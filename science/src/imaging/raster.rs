@@ -1,5 +1,7 @@
 //! How pixels lie in memory.
 
+use super::grey;
+
 /// One channel, row-major, without padding: sample (x, y) is `data[y * width + x]`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plane<T> {
@@ -48,6 +50,15 @@ impl<T: Copy> Plane<T> {
     #[inline]
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    /// The samples of `rect`.
+    ///
+    /// # Panics
+    /// When `rect` is not inside the plane.
+    pub fn crop(&self, rect: Rect) -> Self {
+        let data = cropped(&self.data, (self.width, 1), rect);
+        Self { width: rect.width, height: rect.height, data }
     }
 
     /// The same plane with another value per sample.
@@ -165,22 +176,52 @@ impl Raster {
         }
     }
 
-    /// Rec. 601 luma `0.299 R + 0.587 G + 0.114 B` (what `rgb2gray` and the reference implementation of
-    /// guided filtering fusion use), scaled to 0..255 whatever the depth. Alpha is not looked at.
+    /// Rec. 601 luma of every pixel (see [`LUMA`](super::LUMA)), 0..255 at either depth. Alpha is ignored.
     pub fn luma(&self) -> Plane<f32> {
-        let scale = 255.0 / self.depth().max();
-        let grey = |pixel: [f32; 3]| (0.299 * pixel[0] + 0.587 * pixel[1] + 0.114 * pixel[2]) * scale;
-        let step = self.channels;
-        let data = match (&self.samples, step) {
-            (Samples::Eight(s), 1) => s.iter().map(|&v| f32::from(v) * scale).collect(),
-            (Samples::Sixteen(s), 1) => s.iter().map(|&v| f32::from(v) * scale).collect(),
-            (Samples::Eight(s), _) => {
-                s.chunks_exact(step).map(|p| grey([f32::from(p[0]), f32::from(p[1]), f32::from(p[2])])).collect()
-            }
-            (Samples::Sixteen(s), _) => {
-                s.chunks_exact(step).map(|p| grey([f32::from(p[0]), f32::from(p[1]), f32::from(p[2])])).collect()
-            }
-        };
-        Plane { width: self.width, height: self.height, data }
+        let mut plane = Plane::filled(self.width, self.height, 0.0);
+        match &self.samples {
+            Samples::Eight(s) => grey::luma_row(s, self.channels, &mut plane.data),
+            Samples::Sixteen(s) => grey::luma_row(s, self.channels, &mut plane.data),
+        }
+        plane
+    }
+
+    /// The pixels of `rect`.
+    ///
+    /// # Panics
+    /// When `rect` is not inside the raster.
+    pub fn crop(&self, rect: Rect) -> Self {
+        let shape = (self.width, self.channels);
+        match &self.samples {
+            Samples::Eight(s) => Self::eight(rect.width, rect.height, self.channels, cropped(s, shape, rect)),
+            Samples::Sixteen(s) => Self::sixteen(rect.width, rect.height, self.channels, cropped(s, shape, rect)),
+        }
+    }
+}
+
+/// The samples of `rect`, of rows of `width` pixels of `channels` samples.
+fn cropped<S: Copy>(samples: &[S], (width, channels): (usize, usize), rect: Rect) -> Vec<S> {
+    let mut out = Vec::with_capacity(rect.width * rect.height * channels);
+    for y in rect.y..rect.y + rect.height {
+        out.extend_from_slice(&samples[y * width * channels..][rect.x * channels..(rect.x + rect.width) * channels]);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_crop_has_the_samples_of_its_rectangle() {
+        let rect = Rect { x: 1, y: 1, width: 2, height: 2 };
+        let plane = Plane::from_fn(4, 3, |x, y| (10 * y + x) as u8);
+        assert_eq!(plane.crop(rect), Plane { width: 2, height: 2, data: vec![11, 12, 21, 22] });
+        let grey = Raster::eight(4, 3, 1, plane.data.clone());
+        assert_eq!(grey.crop(rect), Raster::eight(2, 2, 1, vec![11, 12, 21, 22]));
+        let pairs = Raster::sixteen(2, 3, 2, (0..12).collect());
+        let column = Rect { x: 1, y: 0, width: 1, height: 3 };
+        assert_eq!(pairs.crop(column), Raster::sixteen(1, 3, 2, vec![2, 3, 6, 7, 10, 11]));
+        assert_eq!(pairs.crop(Rect::whole(2, 3)), pairs);
     }
 }

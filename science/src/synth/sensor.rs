@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::Rig;
 use super::noise::{key, normal};
-use crate::imaging::{Raster, Samples};
+use crate::imaging::{LUMA, Raster, Samples};
 
 /// How the object is lit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -60,7 +60,7 @@ pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &m
         for (x, (rgb, out)) in light.iter().zip(row.chunks_exact_mut(rig.channels)).enumerate() {
             let factor = (exposure * transmission(rig, [x as f64, y as f64])) as f32;
             match out {
-                [grey] => *grey = factor * (0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]),
+                [grey] => *grey = factor * (LUMA[0] * rgb[0] + LUMA[1] * rgb[1] + LUMA[2] * rgb[2]),
                 _ => out.iter_mut().zip(rgb).for_each(|(sample, value)| *sample = factor * value),
             }
         }

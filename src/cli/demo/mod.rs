@@ -187,7 +187,10 @@ impl Results {
         ] {
             let bytes = client.get_bytes(&path).await?;
             std::fs::write(out.join(name), &bytes)?;
-            pictures.push(truth::decode_with_alpha(&bytes).with_context(|| format!("{name} cannot be read back"))?);
+            pictures.push(
+                codec::decode_rgba(&bytes, &codec::Limits::default())
+                    .with_context(|| format!("{name} cannot be read back"))?,
+            );
         }
         let mut next = pictures.into_iter();
         let mut take = || next.next().context("five pictures were fetched");

@@ -116,22 +116,3 @@ fn difference(image: &Raster, truth: &Raster, object: &Plane<u8>) -> Raster {
     });
     Raster::eight(truth.width, truth.height, 3, pixels.collect())
 }
-
-/// Decodes one of our own results with its alpha, which slices do not have.
-///
-/// # Errors
-/// When the bytes are no picture of 8 or 16 bits.
-pub(super) fn decode_with_alpha(bytes: &[u8]) -> Result<Raster> {
-    use image::DynamicImage;
-    let picture = image::load_from_memory(bytes)?;
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    Ok(match picture {
-        DynamicImage::ImageLuma8(p) => Raster::eight(width, height, 1, p.into_raw()),
-        DynamicImage::ImageRgb8(p) => Raster::eight(width, height, 3, p.into_raw()),
-        DynamicImage::ImageRgba8(p) => Raster::eight(width, height, 4, p.into_raw()),
-        DynamicImage::ImageLuma16(p) => Raster::sixteen(width, height, 1, p.into_raw()),
-        DynamicImage::ImageRgb16(p) => Raster::sixteen(width, height, 3, p.into_raw()),
-        DynamicImage::ImageRgba16(p) => Raster::sixteen(width, height, 4, p.into_raw()),
-        _ => anyhow::bail!("the service makes no pictures of this kind"),
-    })
-}

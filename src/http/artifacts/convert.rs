@@ -4,20 +4,15 @@
 
 use std::{
     fs::File,
-    io::{BufReader, BufWriter, Cursor, Write},
+    io::{BufReader, BufWriter, Write},
     path::Path,
 };
 
-use anyhow::{Context, anyhow};
-use image::{DynamicImage, ImageReader, Limits};
+use anyhow::Context;
 
 use crate::contract::options::JPEG_QUALITY;
-use pinstack_science::imaging::{Raster, codec};
+use pinstack_science::imaging::codec;
 
-/// Largest side of a result.
-const MAX_SIDE: u32 = 65_535;
-/// Most memory that one conversion may take for its pixels, bytes: 400 megapixels of 16-bit RGBA.
-const MAX_PIXEL_BYTES: u64 = 400_000_000 * 8;
 /// Most that headers, metadata and incompressible rows add to the samples, as a share of 1/16 and in bytes.
 const OVERHEAD: u64 = 4 << 20;
 
@@ -40,7 +35,7 @@ pub(super) fn most_bytes(path: &Path) -> anyhow::Result<u64> {
 pub(super) fn convert(path: &Path, file: &File, media_type: &str) -> anyhow::Result<u64> {
     let bytes = std::fs::read(path).context("cannot read the picture")?;
     let metadata = codec::metadata(&bytes);
-    let raster = decode(&bytes)?;
+    let raster = codec::decode_rgba(&bytes, &codec::Limits::default()).context("cannot decode the picture")?;
     drop(bytes);
     let mut out = BufWriter::with_capacity(1 << 20, file);
     match media_type {
@@ -51,29 +46,4 @@ pub(super) fn convert(path: &Path, file: &File, media_type: &str) -> anyhow::Res
     out.flush()?;
     drop(out);
     Ok(file.metadata()?.len())
-}
-
-fn limits() -> Limits {
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_SIDE);
-    limits.max_image_height = Some(MAX_SIDE);
-    limits.max_alloc = Some(MAX_PIXEL_BYTES);
-    limits
-}
-
-/// Decodes a result of ours with its alpha channel, which slices never have.
-fn decode(bytes: &[u8]) -> anyhow::Result<Raster> {
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
-    reader.limits(limits());
-    let image = reader.decode().context("cannot decode the picture")?;
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    Ok(match image {
-        DynamicImage::ImageLuma8(i) => Raster::eight(width, height, 1, i.into_raw()),
-        DynamicImage::ImageRgb8(i) => Raster::eight(width, height, 3, i.into_raw()),
-        DynamicImage::ImageRgba8(i) => Raster::eight(width, height, 4, i.into_raw()),
-        DynamicImage::ImageLuma16(i) => Raster::sixteen(width, height, 1, i.into_raw()),
-        DynamicImage::ImageRgb16(i) => Raster::sixteen(width, height, 3, i.into_raw()),
-        DynamicImage::ImageRgba16(i) => Raster::sixteen(width, height, 4, i.into_raw()),
-        other => return Err(anyhow!("a result of kind {:?}", other.color())),
-    })
 }

@@ -12,6 +12,7 @@ mod jpeg;
 mod metadata;
 mod orientation;
 mod png;
+mod rgba;
 mod sniff;
 mod tiff;
 mod tiff_lists;
@@ -24,6 +25,7 @@ pub use encode::{encode_jpeg, encode_png, encode_tiff, write_jpeg};
 pub use exif_output::OutputCamera;
 pub use fault::ImageFault;
 pub use metadata::Metadata;
+pub use rgba::decode_rgba;
 pub use sniff::{is_picture_name, raw_extension};
 
 /// Kinds of file that are read.

@@ -134,6 +134,22 @@ fn palettes_are_looked_up_and_grey_with_alpha_is_grey() {
     assert_eq!(decoded(&out).unwrap(), Raster::sixteen(2, 1, 1, vec![0x0102, 0x0304]));
 }
 
+#[test]
+fn results_are_decoded_with_their_alpha() {
+    for (channels, sixteen) in [(1, false), (1, true), (3, false), (3, true), (4, false), (4, true)] {
+        let raster = picture(23, 17, channels, sixteen);
+        for bytes in [png_of(&raster, &Metadata::default()), tiff_of(&raster, &Metadata::default())] {
+            assert_eq!(decode_rgba(&bytes, &Limits::default()).unwrap(), raster, "{channels} channels");
+            let torn = decode_rgba(&bytes[..bytes.len() / 2], &Limits::default());
+            assert!(matches!(torn, Err(ImageFault::Damaged { .. })), "{torn:?}");
+        }
+    }
+    let few = Limits { max_width: 20, ..Limits::default() };
+    let wide = decode_rgba(&png_of(&picture(23, 17, 4, false), &Metadata::default()), &few);
+    assert!(wide.is_err(), "{wide:?}");
+    assert_eq!(decode_rgba(b"hello, world, this is a text", &Limits::default()), Err(ImageFault::Unknown));
+}
+
 /// The same coefficients, coded in three ways by another program (45 x 38 px, chroma at half size).
 const CODED: [&[u8]; 3] = [
     include_bytes!("testdata/baseline.jpg"),

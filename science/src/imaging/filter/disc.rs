@@ -56,14 +56,14 @@ impl Disc {
     /// The part `rect` of the blurred plane.
     pub fn blurred_in(&self, plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
         if self.half_chords.len() == 1 || plane.data.is_empty() {
-            return part(plane, rect);
+            return plane.crop(rect);
         }
         if self.halvings == 0 {
             let seen = rect.grown(self.reach(), plane.width, plane.height);
             let inner = Rect { x: rect.x - seen.x, y: rect.y - seen.y, ..rect };
             return match seen == Rect::whole(plane.width, plane.height) {
                 true => self.at_full_size(plane, inner),
-                false => self.at_full_size(&part(plane, seen), inner),
+                false => self.at_full_size(&plane.crop(seen), inner),
             };
         }
         let mut small = halved(plane);
@@ -199,12 +199,6 @@ fn halved(plane: &Plane<f32>) -> Plane<f32> {
         let (x1, y1) = ((x0 + 1).min(plane.width - 1), (y0 + 1).min(plane.height - 1));
         0.25 * (plane.at(x0, y0) + plane.at(x1, y0) + plane.at(x0, y1) + plane.at(x1, y1))
     })
-}
-
-/// `rect` of a plane.
-fn part(plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
-    let rows = (rect.y..rect.y + rect.height).flat_map(|y| &plane.row(y)[rect.x..rect.x + rect.width]);
-    Plane { width: rect.width, height: rect.height, data: rows.copied().collect() }
 }
 
 /// The part `rect` of a plane of `width` x `height` px, of which `small` has the means of `side` x `side` pixels, interpolated
