@@ -1,36 +1,55 @@
-//! Fusion by labels: each pixel from the slice in which it is sharp, and the veil of near parts taken off.
+//! Halo-corrected fusion: the second pass of [`Method::HaloCorrected`](crate::types::fusion_options::Method).
 //!
-//! Every mosaic of slices has a halo where a near part overlaps a far one: in each slice that shows the far part
-//! sharp, the near part's blur lies over it. The slices of a calibrated stack say how large that blur is, and
-//! the slice of the near part shows the place unveiled. See [`veil`] for the formula, [`labels`] for what decides
-//! which slice a pixel is from, and [`trust`] for where pyramids do better.
+//! Every mosaic of slices has a halo where a near part overlaps a far one: in each slice that shows the far part sharp, the
+//! blur of the near part lies over it (the *defocus spread effect*: Xu et al., IEEE TCI 2020; Ma et al., IEEE TIP 2020). The
+//! slices of a calibrated stack tell how large that blur is, and the slice of the near part shows the same place uncovered.
+//!
+//! In: the warped slices, the sharpest slice per pixel, its focus energy, and the coarse focus. Out: the fused image and the
+//! decision map. The steps, in order of execution:
+//!
+//! 1. [`warped_slices`] reads rectangles of the slices back from the scratch file.
+//! 2. [`defocus_model`] measures the blur radius per step of focus, and finds which end of the stack is near.
+//! 3. [`decision_map`] decides from which slice each pixel is taken.
+//! 4. [`mosaic`] composes the pixels of a tile by that map, averaging slices that show the same.
+//! 5. [`correction`] removes the blur of near parts from far pixels of the tile.
+//! 6. [`confidence`] blends the tile with the pyramid image, which has halos but no seams, where that is safer.
+//!
+//! Steps 1 to 3 and the pyramid image are made once per stack, steps 4 to 6 tile by tile.
 
-mod bounds;
-mod calm;
-mod labels;
-mod optics;
-mod outline;
-mod overreach;
-mod pictures;
-mod squares;
+mod confidence;
+mod correction;
+mod decision_map;
+mod defocus_model;
+mod mosaic;
+mod pixel_groups;
 mod survey;
-mod tasks;
-mod tile;
-mod trust;
-mod veil;
+mod warped_slices;
 
 pub(super) use survey::Survey;
 
-use super::{Run, align::Aligned, blend::Blended, pyramid};
+use super::{
+    Run,
+    align::Aligned,
+    blend::{Blended, in_tiles},
+    pyramid,
+};
 use crate::{
-    imaging::{Plane, Sample},
+    imaging::{
+        Plane, Rect, Sample,
+        filter::focus::{FocusEnergy, Rows},
+        simd::{self, Avx2},
+    },
     types::Interrupted,
 };
-use labels::DETAIL;
-use optics::Optics;
-use pictures::Pictures;
+use confidence::Candidates;
+use decision_map::{DecisionMap, TEXTURED};
+use defocus_model::DefocusModel;
+use warped_slices::WarpedSlices;
 
-/// Runs the second pass and the labels before it; says from which slice each pixel comes.
+/// Fuses a stack; returns the image and the slice that each pixel is taken from.
+///
+/// Without a measured blur the decision map cannot be refined and nothing can be corrected: then the pyramid image is
+/// returned.
 pub(super) fn fuse<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
@@ -38,18 +57,99 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     survey: Survey,
 ) -> Result<(Blended<S>, Plane<u16>), Interrupted> {
     run.control.check()?;
-    let pictures = Pictures::<S, C>::new(aligned, run.control);
-    let surveyed = survey.finish(run.plan.reference);
-    let sure = energy.map(|energy| energy > DETAIL * surveyed.noise);
     let plan = run.plan;
-    let optics = Optics::measure(&pictures, &aligned.index, &sure, plan.rail.as_deref(), plan.near_first)?;
-    let labels = labels::refine(&pictures, &aligned.index, sure, energy, &surveyed, &optics)?;
-    let pyramids = pyramid::blend::<S, C>(run, aligned)?;
-    // without the blur labels are doubted nowhere, and no veil can be taken off
-    if !optics.is_known() {
-        return Ok((pyramids, labels.slice));
+    let slices = WarpedSlices::<S, C>::new(aligned, run.control);
+    let coarse = survey.finish(plan.reference);
+    let textured = energy.map(|energy| energy > TEXTURED * coarse.noise);
+    let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail.as_deref(), plan.near_first)?;
+    let map = decision_map::refine(&slices, &aligned.index, textured, energy, &coarse, &model)?;
+    let pyramid = pyramid::blend::<S, C>(run, aligned)?;
+    if !model.is_known() {
+        return Ok((pyramid, map.slice));
     }
-    let mut blended = tile::blend(run, &pictures, &labels, &optics, &pyramids.pixels)?;
-    blended.clamped = blended.clamped.max(pyramids.clamped);
-    Ok((blended, labels.slice))
+    let fusion = Fusion { slices: &slices, map: &map, model: &model, pyramid: &pyramid.pixels };
+    let mut blended =
+        in_tiles::<S, C, _>(run, "unveiling", Rows::default, |rows, rect, out| fusion.tile(rect, out, rows))?;
+    blended.clamped = blended.clamped.max(pyramid.clamped);
+    Ok((blended, map.slice))
+}
+
+/// What all tiles share.
+struct Fusion<'a, S, const C: usize> {
+    slices: &'a WarpedSlices<'a, S, C>,
+    map: &'a DecisionMap,
+    model: &'a DefocusModel,
+    /// Interleaved samples of the pyramid image.
+    pyramid: &'a [S],
+}
+
+impl<S: Sample, const C: usize> Fusion<'_, S, C> {
+    /// Fuses the tile `rect` into `out`; returns the number of pixels of the mosaic with a sample more than one grey level
+    /// outside the range.
+    fn tile(&self, rect: Rect, out: &mut Vec<S>, rows: &mut Rows) -> Result<usize, Interrupted> {
+        let Self { slices, map, model, pyramid } = *self;
+        let (width, height) = slices.size();
+        let window = rect.grown(confidence::REACH.max(FocusEnergy::fine().reach()), width, height);
+        let mut values = mosaic::mosaic(slices, map, model, window)?;
+        let before = values.clone();
+        correction::correct(slices, map, model, window, &mut values)?;
+
+        let change = mean_change::<C>(&before, &values);
+        let (corrected, uncorrected) = (rounded::<S>(&values), rounded::<S>(&before));
+        let mut near = Vec::with_capacity(corrected.len());
+        for y in window.y..window.y + window.height {
+            near.extend_from_slice(&pyramid[(y * width + window.x) * C..][..window.width * C]);
+        }
+        let candidates = Candidates {
+            window,
+            corrected: &corrected,
+            values: &values,
+            uncorrected: &uncorrected,
+            pyramid: &near,
+            change: &change,
+        };
+        candidates.blend::<C>(rect, rows, out);
+        Ok(out_of_range::<S, C>(&values, window, rect))
+    }
+}
+
+/// The number of pixels of `rect` with a value more than one grey level of 255 outside the range of the samples; `values` are
+/// those of `window`.
+fn out_of_range<S: Sample, const C: usize>(values: &[f32], window: Rect, rect: Rect) -> usize {
+    let level = S::DEPTH.max() / 255.0;
+    let (low, high) = (-level, S::DEPTH.max() + level);
+    let (left, top) = (rect.x - window.x, rect.y - window.y);
+    let outside = (top..top + rect.height).map(|y| {
+        let row = values[(y * window.width + left) * C..][..rect.width * C].as_chunks::<C>().0;
+        let outside = |pixel: &[f32; C]| pixel.iter().fold(false, |is, &value| is | (value < low) | (value > high));
+        row.iter().map(|pixel| usize::from(outside(pixel))).sum::<usize>()
+    });
+    outside.sum()
+}
+
+/// Values rounded to samples.
+fn rounded<S: Sample>(values: &[f32]) -> Vec<S> {
+    let mut samples = vec![S::default(); values.len()];
+    simd::run(
+        Avx2::detect(),
+        #[inline(always)]
+        || samples.iter_mut().zip(values).for_each(|(sample, &value)| *sample = S::rounded(value.max(0.0))),
+    );
+    samples
+}
+
+/// Per pixel: the absolute change, averaged over channels.
+fn mean_change<const C: usize>(before: &[f32], after: &[f32]) -> Vec<f32> {
+    let mut change = vec![0.0; after.len() / C];
+    simd::run(
+        Avx2::detect(),
+        #[inline(always)]
+        || {
+            let pixels = before.as_chunks::<C>().0.iter().zip(after.as_chunks::<C>().0);
+            for (change, (before, after)) in change.iter_mut().zip(pixels) {
+                *change = (0..C).map(|c| (after[c] - before[c]).abs()).sum::<f32>() / C as f32;
+            }
+        },
+    );
+    change
 }

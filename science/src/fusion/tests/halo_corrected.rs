@@ -1,4 +1,4 @@
-//! Fusion by labels: against rendered truth, and by property.
+//! Halo-corrected fusion: against rendered truth, and by property.
 
 use super::{
     taken::{Taken, taken},
@@ -14,7 +14,7 @@ fn halo_corrected(plan: Plan) -> Plan {
     Plan { method: Method::HaloCorrected, ..plan }
 }
 
-/// A rendered stack with its plan, the truth, and where edges are: within 8 px of a step in depth.
+/// A rendered stack with its plan and the true image. `edges` are the pixels within 8 px of a depth step, `flat` all others.
 struct Case {
     slices: Vec<Raster>,
     plan: Plan,
@@ -36,13 +36,13 @@ impl Case {
             (depth(x, y) - depth(right, y)).abs() > 1.0 || (depth(x, y) - depth(x, below)).abs() > 1.0
         });
         // a margin of the canvas is not covered by every slice
-        let counts = |x: usize, y: usize| (16..464).contains(&x) && (16..304).contains(&y);
+        let counted = |x: usize, y: usize| (16..464).contains(&x) && (16..304).contains(&y);
         let near_step = Plane::from_fn(480, 320, |x, y| {
             let rows = y.saturating_sub(8)..(y + 9).min(320);
             rows.into_iter().any(|v| step.row(v)[x.saturating_sub(8)..(x + 9).min(480)].iter().any(|&step| step))
         });
         let of = |edge: bool| {
-            Plane::from_fn(480, 320, |x, y| if counts(x, y) && near_step.at(x, y) == edge { 255u8 } else { 0 })
+            Plane::from_fn(480, 320, |x, y| if counted(x, y) && near_step.at(x, y) == edge { 255u8 } else { 0 })
         };
         Self { slices, plan, truth: truth.sharp.luma(), edges: of(true), flat: of(false) }
     }
@@ -55,26 +55,26 @@ impl Case {
 }
 
 #[test]
-fn it_is_nearer_to_the_truth_than_the_classics_at_edges_and_elsewhere() {
+fn it_is_nearer_to_the_truth_than_the_other_methods_at_edges_and_elsewhere() {
     let scenes = [Scene::plates(3), Scene::insect(2), Scene::flower(2), Scene::plates(8)].into_iter().zip([5, 6, 7, 8]);
     for (scene, seed) in scenes {
         let case = Case::new(&scene, seed);
         let [edges, elsewhere] = case.score(Method::HaloCorrected);
-        for classic in [Method::Guided, Method::Pyramid] {
-            let [classic_edges, classic_elsewhere] = case.score(classic);
+        for other in [Method::Guided, Method::Pyramid] {
+            let [other_edges, other_elsewhere] = case.score(other);
             let text = format!(
-                "seed {seed}, {classic:?}: edges {edges:.2} against {classic_edges:.2}, elsewhere {elsewhere:.2} against \
-                 {classic_elsewhere:.2}"
+                "seed {seed}, {other:?}: edges {edges:.2} against {other_edges:.2}, elsewhere {elsewhere:.2} against \
+                 {other_elsewhere:.2}"
             );
             println!("{text}");
-            assert!(edges > classic_edges + 0.2, "{text}");
-            assert!(elsewhere > classic_elsewhere - 0.1, "{text}");
+            assert!(edges > other_edges + 0.2, "{text}");
+            assert!(elsewhere > other_elsewhere - 0.1, "{text}");
         }
     }
 }
 
-/// Left, texture in focus in the middle one of five slices; right, haze that none shows sharp: another brightness in each,
-/// and specks of noise.
+/// Five slices. Left: texture, in focus in the middle slice. Right: haze that no slice shows sharp; its brightness differs
+/// from slice to slice, and it has specks of noise.
 fn haze() -> Vec<Raster> {
     let texture = Plane::from_fn(200, 160, |x, y| 90.0 + 60.0 * noise(x, y, 0) as f32);
     let of_slice = |slice: usize| {
@@ -124,7 +124,7 @@ fn a_stack_taken_from_far_to_near_gives_the_same_picture() {
 }
 
 #[test]
-fn each_strip_comes_from_the_slice_that_shows_it_sharp_by_its_label() {
+fn the_decision_map_names_the_slice_that_shows_each_strip_sharp() {
     let slices = stripes(160, 60, 4);
     let fused = fused(&slices, &halo_corrected(Plan::aligned(160, 60, 4)));
     for y in 8..52 {
@@ -135,7 +135,7 @@ fn each_strip_comes_from_the_slice_that_shows_it_sharp_by_its_label() {
 }
 
 #[test]
-fn one_slice_over_and_over_comes_back_bit_by_bit_in_every_form() {
+fn equal_slices_give_that_slice_bit_by_bit_in_every_sample_format() {
     let values = stripe(90, 50, 3, 1);
     for slice in [eight(90, 50, &values), sixteen(90, 50, &values)] {
         for count in [1, 2, 70] {
@@ -148,7 +148,7 @@ fn one_slice_over_and_over_comes_back_bit_by_bit_in_every_form() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_change_a_bit_of_it() {
+fn the_number_of_threads_does_not_change_the_bytes_of_halo_corrected_fusion() {
     let case = Case::new(&Scene::insect(5), 5);
     let plan = halo_corrected(case.plan);
     let run = |threads: usize| {
@@ -161,7 +161,7 @@ fn the_number_of_threads_does_not_change_a_bit_of_it() {
 }
 
 #[test]
-fn what_a_slice_does_not_cover_leaves_no_trace_in_it() {
+fn uncovered_parts_of_a_slice_leave_no_trace() {
     let (slices, plan) = moved(120, 80, 5);
     let bright: Vec<Raster> = slices
         .iter()
@@ -170,13 +170,13 @@ fn what_a_slice_does_not_cover_leaves_no_trace_in_it() {
     let fused = fused(&bright, &halo_corrected(plan));
     // nothing in the slices is darker than 0.4 of full scale, before gains
     for (pixel, &valid) in values(&fused.image).chunks_exact(3).zip(&fused.valid.data) {
-        assert!(valid == 0 || pixel.iter().all(|&v| v > 0.2), "a black wedge shows: {pixel:?}");
+        assert!(valid == 0 || pixel.iter().all(|&v| v > 0.2), "a black wedge: {pixel:?}");
         assert!(valid != 0 || pixel.iter().all(|&v| v == 0.0));
     }
 }
 
 #[test]
-fn a_hot_pixel_in_one_slice_reaches_two_pixels_at_the_most() {
+fn a_hot_pixel_in_one_slice_spreads_by_at_most_two_pixels() {
     let mut slices = vec![eight(80, 60, &stripe(80, 60, 1, 0)); 5];
     let clean = slices[0].clone();
     if let Samples::Eight(samples) = &mut slices[3].samples {

@@ -1,52 +1,54 @@
-//! Sums over squares, in whole numbers: they do not depend on where they begin.
+//! Sums over square windows, in integers: unlike sums of floats they do not depend on where the running sum begins, so a
+//! tile gives the same result as the whole canvas.
 
 use std::ops::{AddAssign, SubAssign};
 
 use crate::imaging::simd::{self, Avx2};
 
-/// Whole numbers that are added up.
-pub(super) trait Whole: Copy + Default + Ord + From<i32> + AddAssign + SubAssign {
+/// Integers that are summed.
+pub(super) trait Int: Copy + Default + Ord + From<i32> + AddAssign + SubAssign {
     fn value(self) -> f32;
-    fn size(self) -> Self;
+    fn abs(self) -> Self;
 }
 
-impl Whole for i32 {
+impl Int for i32 {
     fn value(self) -> f32 {
         self as f32
     }
 
-    fn size(self) -> Self {
+    fn abs(self) -> Self {
         self.abs()
     }
 }
 
-impl Whole for i64 {
+impl Int for i64 {
     fn value(self) -> f32 {
         self as f32
     }
 
-    fn size(self) -> Self {
+    fn abs(self) -> Self {
         self.abs()
     }
 }
 
-/// Sums over squares.
-pub(super) struct Squares<N> {
+/// Box sums of planes of one size.
+pub(super) struct BoxSum<N> {
     width: usize,
     height: usize,
     simd: Option<Avx2>,
     line: Vec<N>,
     sums: Vec<N>,
+    across: Vec<N>,
 }
 
-impl<N: Whole> Squares<N> {
-    /// Of planes of that size.
-    pub(super) fn of(width: usize, height: usize) -> Self {
-        Self { width, height, simd: Avx2::detect(), line: Vec::new(), sums: Vec::new() }
+impl<N: Int> BoxSum<N> {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        Self { width, height, simd: Avx2::detect(), line: Vec::new(), sums: Vec::new(), across: Vec::new() }
     }
 
-    /// Sums over squares of `side` px, so many times over: `side^(2 times)` times the mean. The border is repeated.
-    pub(super) fn smooth(&mut self, values: &mut Vec<N>, across: &mut Vec<N>, side: usize, times: usize) {
+    /// Replaces each value by the sum over the `side` x `side` px around it, `times` times in a row: the result is
+    /// `side^(2 times)` times a mean. `side` is odd. Beyond the plane its border is repeated.
+    pub(super) fn apply(&mut self, values: &mut Vec<N>, side: usize, times: usize) {
         let (width, height, half) = (self.width, self.height, side / 2);
         for _ in 0..times {
             for row in values.chunks_exact_mut(width) {
@@ -61,21 +63,22 @@ impl<N: Whole> Squares<N> {
                     || sums_along(line, side, sums, row),
                 );
             }
-            std::mem::swap(values, across);
+            std::mem::swap(values, &mut self.across);
             values.resize(width * height, N::default());
+            let Self { simd, sums, across, .. } = self;
             let row = |y: usize, steps: isize| {
                 let y = y.saturating_add_signed(steps).min(height - 1);
                 &across[y * width..(y + 1) * width]
             };
-            self.sums.clear();
-            self.sums.resize(width, N::default());
+            sums.clear();
+            sums.resize(width, N::default());
             for steps in -(half as isize)..half as isize {
-                self.sums.iter_mut().zip(row(0, steps)).for_each(|(sum, &value)| *sum += value);
+                sums.iter_mut().zip(row(0, steps)).for_each(|(sum, &value)| *sum += value);
             }
             for (y, out) in values.chunks_exact_mut(width).enumerate() {
-                let (entering, leaving, sums) = (row(y, half as isize), row(y, -(half as isize)), &mut self.sums[..]);
+                let (entering, leaving, sums) = (row(y, half as isize), row(y, -(half as isize)), &mut sums[..]);
                 simd::run(
-                    self.simd,
+                    *simd,
                     #[inline(always)]
                     || {
                         for (((out, sum), &entering), &leaving) in out.iter_mut().zip(sums).zip(entering).zip(leaving) {
@@ -90,24 +93,24 @@ impl<N: Whole> Squares<N> {
     }
 }
 
-/// Sums of `side` neighbours, the first of them at the place of the sum. By doubling: sums of 2, of 4, of 8 and so on are
-/// each two of those before, and of these the sum of `side` is put together.
+/// `out[i]` becomes the sum of the `side` values of `line` from `i` on. Works by doubling: sums of 2, 4, 8 and so on are each
+/// two of the sums before, and the sum of `side` is put together from them. Overwrites `line`.
 #[inline(always)]
-fn sums_along<N: Whole>(line: &mut [N], side: usize, spare: &mut Vec<N>, out: &mut [N]) {
+fn sums_along<N: Int>(line: &mut [N], side: usize, spare: &mut Vec<N>, out: &mut [N]) {
     out.fill(N::default());
-    let (mut of, mut at) = (1, 0);
+    let (mut length, mut at) = (1, 0);
     loop {
-        if side & of != 0 {
+        if side & length != 0 {
             out.iter_mut().zip(&line[at..]).for_each(|(sum, &part)| *sum += part);
-            at += of;
+            at += length;
         }
-        if 2 * of > side {
+        if 2 * length > side {
             return;
         }
         spare.clear();
-        spare.extend_from_slice(&line[of..]);
+        spare.extend_from_slice(&line[length..]);
         line.iter_mut().zip(&*spare).for_each(|(sum, &next)| *sum += next);
-        of *= 2;
+        length *= 2;
     }
 }
 
@@ -116,11 +119,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sum_is_that_of_the_square_with_the_border_repeated() {
+    fn a_box_sum_is_that_of_the_window_with_the_border_repeated() {
         let (width, height, side) = (13usize, 9usize, 5usize);
         let of = |x: usize, y: usize| ((x * 31 + y * 17) % 23) as i32 - 11;
         let mut values: Vec<i32> = (0..width * height).map(|at| of(at % width, at / width)).collect();
-        Squares::of(width, height).smooth(&mut values, &mut Vec::new(), side, 1);
+        BoxSum::new(width, height).apply(&mut values, side, 1);
         for y in 0..height {
             for x in 0..width {
                 let near = |at: usize, by: usize, length: usize| (at + by).saturating_sub(side / 2).min(length - 1);

@@ -1,4 +1,4 @@
-//! Parts of warped slices, read back from the scratch file as planes of floats.
+//! Rectangles of the warped slices, read back from the scratch file of the first pass.
 
 use crate::{
     fusion::align::Aligned,
@@ -9,14 +9,14 @@ use crate::{
     types::{Control, Interrupted},
 };
 
-/// The warped slices of a stack.
-pub(crate) struct Pictures<'a, S, const C: usize> {
+/// The warped slices of a stack: samples of kind `S`, `C` channels.
+pub(crate) struct WarpedSlices<'a, S, const C: usize> {
     aligned: &'a Aligned,
     control: &'a dyn Control,
     kind: std::marker::PhantomData<fn() -> S>,
 }
 
-impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
+impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
     pub(super) fn new(aligned: &'a Aligned, control: &'a dyn Control) -> Self {
         Self { aligned, control, kind: std::marker::PhantomData }
     }
@@ -26,12 +26,12 @@ impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
         self.aligned.coverages.len()
     }
 
-    /// Columns and rows of the canvas.
+    /// Width and height of the canvas, px.
     pub(super) fn size(&self) -> (usize, usize) {
         (self.aligned.index.width, self.aligned.index.height)
     }
 
-    /// What a slice covers.
+    /// The part of the canvas that a slice covers.
     pub(super) fn coverage(&self, slice: usize) -> &Coverage {
         &self.aligned.coverages[slice]
     }
@@ -41,7 +41,7 @@ impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
         self.coverage(slice).contains(rect)
     }
 
-    /// Samples of `rect`, interleaved, as the slice has them.
+    /// Interleaved samples of `rect`, in the format of the slice.
     pub(super) fn samples(&self, slice: usize, rect: Rect) -> Result<Vec<S>, Interrupted> {
         self.control.check()?;
         let (mut samples, mut bytes) = (Vec::new(), Vec::new());
@@ -49,7 +49,7 @@ impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
         Ok(samples)
     }
 
-    /// Luma 0..255 of `rect`.
+    /// Luma of `rect`, 0 to 255.
     pub(super) fn luma(&self, slice: usize, rect: Rect) -> Result<Plane<f32>, Interrupted> {
         let samples = self.samples(slice, rect)?;
         let mut plane = Plane::filled(rect.width, rect.height, 0.0);
@@ -57,7 +57,7 @@ impl<'a, S: Sample, const C: usize> Pictures<'a, S, C> {
         Ok(plane)
     }
 
-    /// The channels of `rect`, in the scale of the samples.
+    /// The channels of `rect` as planes, in the scale of the samples.
     pub(super) fn channels(&self, slice: usize, rect: Rect) -> Result<[Plane<f32>; C], Interrupted> {
         let samples = self.samples(slice, rect)?;
         let mut planes: [Plane<f32>; C] = std::array::from_fn(|_| Plane::filled(rect.width, rect.height, 0.0));

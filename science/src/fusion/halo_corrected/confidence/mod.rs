@@ -1,0 +1,295 @@
+//! Blend weights between the corrected mosaic and the pyramid image.
+//!
+//! The mosaic has no halos and the least noise, but seams where the decision map changes, and it is wrong where no slice is
+//! sharp. The pyramid image has no seams, but halos. Let `I0` and `I1` be the mosaic before and after the correction of
+//! defocus spread, `P` the pyramid image, all in grey levels of 255; `mean_n` the mean over `n x n` px; `E` the focus energy
+//! at fine scale; and `ramp(x, a, b)` 1 up to `a`, 0 from `b` on, and linear between. The output is `w I1 + (1 - w) P`:
+//!
+//! ```text
+//! v   = mean_9 mean_9 |I1 - I0|                                        size of the correction
+//! e   = mean_19 (distance of P from the interval [I0, I1], both smoothed by mean_9 mean_9) - 0.2 v
+//! d   = mean_19 |mean_9 mean_9 (I1 - P)|, largest channel              disagreement at low frequencies
+//! w_c = min(v / 3, 1) ramp(e, 2, 4)                                    corrected, and consistent with P
+//! w_a = (0.45 + 0.45 E(I1) / (E(I1) + 20)) ramp(d, 1.5, 3)             equal at low frequencies
+//! w   = max(w_c, w_a) (1 - l(q / 1.3)) (1 - l(1 / (q g)))              l(x) = ln x, clamped to 0..1
+//!       q = (E(P) + 0.5) / (E(I1) + 0.5),  g = 1.2 + 1.5 (E(P) + 0.5) / (E(P) + 5.5)
+//! ```
+//!
+//! - `w_c`: a pyramid image contains all of a near part's blur, a part of it or none, so `P` lies between `I0` and `I1`. Where
+//!   it does not, the decision map is wrong, and what was removed is no blur.
+//! - `w_a`: where both agree, no seam can show. Their noise differs, so a mean has less of it: half of each without detail, but
+//!   mostly the mosaic among detail, where one slice is better than many.
+//! - The last two factors: `P` is used where it alone kept a fine line (`q` large), and where the mosaic is ragged (`q` small).
+
+mod box_sum;
+
+use crate::imaging::{
+    Plane, Rect, Sample,
+    filter::focus::{FocusEnergy, Rows},
+    grey,
+    simd::{self, Avx2},
+};
+use box_sum::{BoxSum, Int};
+
+/// Side of the two means, one after the other, of the correction, px.
+const CORRECTION_SIDE: usize = 9;
+
+/// Mean correction, grey levels of 255, from which the mosaic is used completely.
+const CORRECTION: f32 = 3.0;
+
+/// Distance of the pyramid image from the interval between both mosaics, grey levels of 255, up to which it is consistent
+/// with the correction, and from which it is used itself. Both are larger by this share of the correction.
+const CONSISTENT: f32 = 2.0;
+const INCONSISTENT: f32 = 4.0;
+const OF_CORRECTION: f32 = 0.2;
+
+/// Side of the two means, one after the other, of the difference between the images, px: their noise is left out ...
+const COARSE_SIDE: usize = 9;
+/// ... and of the mean of its absolute value: a seam differs on both sides.
+const AROUND_SIDE: usize = 19;
+
+/// Difference at low frequencies, grey levels of 255, up to which the images agree, and from which they do not at all.
+const EQUAL: f32 = 1.5;
+const DIFFERENT: f32 = 3.0;
+
+/// Weight of the mosaic where both agree: without detail, and with much; and the energy, squared grey levels, at which it is
+/// half-way.
+const WEIGHT_TEXTURELESS: f32 = 0.45;
+const WEIGHT_TEXTURED: f32 = 0.9;
+const HALF_TEXTURED: f32 = 20.0;
+
+/// How far around a pixel differences are looked at, px; energies look less far.
+pub(super) const REACH: usize = 2 * (COARSE_SIDE / 2) + AROUND_SIDE / 2;
+
+/// Fine energy of the pyramid image, in multiples of the mosaic's, from which it has kept more detail (completely, from e
+/// times as much); and the energy, squared grey levels, that is added to both.
+const FINER: f32 = 1.3;
+const NOISE_ENERGY: f32 = 0.5;
+
+/// Fine energy of the mosaic, in multiples of the pyramid image's, from which it is ragged, which is no detail: without detail,
+/// and among much of it, where the mosaic keeps more than pyramids do and ragged borders are not visible.
+const RAGGED: f32 = 1.2;
+const RAGGED_IN_DETAIL: f32 = 2.7;
+/// Energy of the pyramid image, squared grey levels, at which that limit is half-way.
+const HALF_DETAIL: f32 = 5.0;
+
+/// The mosaic and the pyramid image of the rectangle `window`: interleaved samples of `C` channels.
+pub(super) struct Candidates<'a, S> {
+    pub window: Rect,
+    /// The corrected mosaic.
+    pub corrected: &'a [S],
+    /// The same before rounding, so that the output is rounded once.
+    pub values: &'a [f32],
+    /// The mosaic before the correction.
+    pub uncorrected: &'a [S],
+    pub pyramid: &'a [S],
+    /// Per pixel: the absolute change by the correction, in the scale of the samples.
+    pub change: &'a [f32],
+}
+
+impl<S: Sample> Candidates<'_, S> {
+    /// The blended samples of `rect`, which is at least [`REACH`] inside the window where that does not end at the border of
+    /// the canvas.
+    pub(super) fn blend<const C: usize>(&self, rect: Rect, rows: &mut Rows, out: &mut Vec<S>) {
+        let weights = self.weights::<C>(rows);
+        let (left, top) = (rect.x - self.window.x, rect.y - self.window.y);
+        out.resize(rect.width * rect.height * C, S::default());
+        for (y, out) in (top..).zip(out.chunks_exact_mut(rect.width * C)) {
+            let at = (y * self.window.width + left) * C..(y * self.window.width + left + rect.width) * C;
+            let (values, pyramid) = (&self.values[at.clone()], &self.pyramid[at]);
+            let weights = &weights.row(y)[left..left + rect.width];
+            simd::run(
+                Avx2::detect(),
+                #[inline(always)]
+                || blend_row::<S, C>(values, pyramid, weights, out),
+            );
+        }
+    }
+
+    /// Weight of the mosaic at each pixel of the window, 0 to 1.
+    fn weights<const C: usize>(&self, rows: &mut Rows) -> Plane<f32> {
+        match S::BYTES {
+            // no sum is larger than 3 * 255 * 9^4 * 19^2
+            1 => self.weights_by::<i32, C>(rows),
+            _ => self.weights_by::<i64, C>(rows),
+        }
+    }
+
+    /// The same with sums of type `N`.
+    fn weights_by<N: Int, const C: usize>(&self, rows: &mut Rows) -> Plane<f32> {
+        let (width, height) = (self.window.width, self.window.height);
+        let level = S::DEPTH.max() / 255.0;
+        let mut box_sum = BoxSum::new(width, height);
+        // 16ths of a grey level, as integers
+        let mut change: Vec<N> =
+            self.change.iter().map(|&change| N::from((16.0 * change.min(64.0 * level) / level) as i32)).collect();
+        box_sum.apply(&mut change, CORRECTION_SIDE, 2);
+        let change_scale = 1.0 / (16 * CORRECTION_SIDE.pow(4)) as f32;
+        let any_change = change.iter().any(|&change| change > N::default());
+        let [different, outside] = self.differences::<N, C>(any_change, &mut box_sum);
+        let scale = 1.0 / ((COARSE_SIDE.pow(4) * AROUND_SIDE.pow(2)) as f32 * level);
+        let [mosaic, pyramid] = [self.corrected, self.pyramid].map(|samples| {
+            let mut luma = Plane::filled(width, height, 0.0f32);
+            grey::luma_row(samples, C, &mut luma.data);
+            FocusEnergy::fine().plane(&luma, rows)
+        });
+        // 0 up to a ratio of 1, without computing the logarithm
+        let excess = |ratio: f32| if ratio > 1.0 { ratio.ln().min(1.0) } else { 0.0 };
+        let weight = |(at, (mosaic, pyramid)): (usize, (&f32, &f32))| {
+            let change = change[at].value() * change_scale;
+            let outside = (outside[at].value() * scale / C as f32 - OF_CORRECTION * change).max(0.0);
+            let corrected = (change / CORRECTION).min(1.0)
+                * ((INCONSISTENT - outside) / (INCONSISTENT - CONSISTENT)).clamp(0.0, 1.0);
+            let equal = ((DIFFERENT - different[at].value() * scale) / (DIFFERENT - EQUAL)).clamp(0.0, 1.0);
+            let mean = WEIGHT_TEXTURELESS + (WEIGHT_TEXTURED - WEIGHT_TEXTURELESS) * mosaic / (mosaic + HALF_TEXTURED);
+            let weight = corrected.max(equal * mean);
+            if weight == 0.0 {
+                return 0.0;
+            }
+            let (mosaic, pyramid) = (mosaic + NOISE_ENERGY, pyramid + NOISE_ENERGY);
+            let ragged = RAGGED + (RAGGED_IN_DETAIL - RAGGED) * pyramid / (pyramid + HALF_DETAIL);
+            weight * (1.0 - excess(pyramid / mosaic / FINER)) * (1.0 - excess(mosaic / pyramid / ragged))
+        };
+        let energies = mosaic.data.iter().zip(&pyramid.data);
+        Plane { width, height, data: energies.enumerate().map(weight).collect() }
+    }
+
+    /// Box sums of two differences at low frequencies: of the pyramid image from the corrected mosaic (the largest over
+    /// channels), and, if there is any correction, of the pyramid image from the interval between both mosaics (the sum over
+    /// channels).
+    fn differences<N: Int, const C: usize>(&self, any_change: bool, box_sum: &mut BoxSum<N>) -> [Vec<N>; 2] {
+        let zeros = || vec![N::default(); self.window.width * self.window.height];
+        let (mut different, mut coarse, mut after) = (zeros(), Vec::new(), zeros());
+        for channel in 0..C {
+            let of_channel = |pixel: &[S]| pixel[channel].integer() as i32;
+            let pixels = self.corrected.chunks_exact(C).zip(self.pyramid.chunks_exact(C));
+            coarse.clear();
+            coarse.extend(pixels.map(|(one, other)| N::from(of_channel(one) - of_channel(other))));
+            box_sum.apply(&mut coarse, COARSE_SIDE, 2);
+            different.iter_mut().zip(&coarse).for_each(|(largest, coarse)| *largest = (*largest).max(coarse.abs()));
+            after.iter_mut().zip(&coarse).for_each(|(sum, coarse)| *sum += *coarse);
+        }
+        box_sum.apply(&mut different, AROUND_SIDE, 1);
+        let mut outside = zeros();
+        if any_change {
+            let all = |pixel: &[S]| pixel.iter().map(|sample| sample.integer() as i32).sum::<i32>();
+            let pixels = self.uncorrected.chunks_exact(C).zip(self.pyramid.chunks_exact(C));
+            let mut before: Vec<N> = pixels.map(|(one, other)| N::from(all(one) - all(other))).collect();
+            box_sum.apply(&mut before, COARSE_SIDE, 2);
+            let both = after.iter().zip(&before);
+            outside.iter_mut().zip(both).for_each(|(outside, (&after, &before))| *outside = distance(after, before));
+            box_sum.apply(&mut outside, AROUND_SIDE, 1);
+        }
+        [different, outside]
+    }
+}
+
+/// Distance of 0 from the interval between two numbers.
+fn distance<N: Int>(one: N, other: N) -> N {
+    let zero = N::default();
+    match (one > zero) == (other > zero) {
+        true => one.abs().min(other.abs()),
+        false => zero,
+    }
+}
+
+/// One row of the output: `weights` are those of `values`.
+#[inline(always)]
+fn blend_row<S: Sample, const C: usize>(values: &[f32], pyramid: &[S], weights: &[f32], out: &mut [S]) {
+    let pixels = values.as_chunks::<C>().0.iter().zip(pyramid.as_chunks::<C>().0);
+    for ((out, (values, pyramid)), weight) in out.as_chunks_mut::<C>().0.iter_mut().zip(pixels).zip(weights) {
+        for c in 0..C {
+            let from = pyramid[c].value();
+            out[c] = S::rounded((from + weight * (values[c] - from)).max(0.0));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: usize = 80;
+
+    /// The mosaic after and before its correction, blended with the pyramid image.
+    fn blended([corrected, uncorrected]: [&[u8]; 2], pyramid: &[u8], rect: Rect) -> Vec<u8> {
+        let window = rect.grown(REACH.max(FocusEnergy::fine().reach()), SIDE, SIDE);
+        let cut = |x: usize, y: usize| (window.y + y) * SIDE + window.x + x;
+        let places = || (0..window.height).flat_map(|y| (0..window.width).map(move |x| (x, y)));
+        let samples = |of: &[u8]| places().map(|(x, y)| of[cut(x, y)]).collect::<Vec<u8>>();
+        let (corrected, uncorrected, pyramid) = (samples(corrected), samples(uncorrected), samples(pyramid));
+        let values: Vec<f32> = corrected.iter().map(|&v| v.into()).collect();
+        let change: Vec<f32> =
+            corrected.iter().zip(&uncorrected).map(|(one, other)| one.abs_diff(*other).into()).collect();
+        let [corrected, uncorrected, pyramid] = [&corrected[..], &uncorrected, &pyramid];
+        let candidates = Candidates { window, corrected, values: &values, uncorrected, pyramid, change: &change };
+        let mut out = Vec::new();
+        candidates.blend::<1>(rect, &mut Rows::default(), &mut out);
+        out
+    }
+
+    fn picture(of: impl Fn(usize, usize) -> u8) -> Vec<u8> {
+        (0..SIDE * SIDE).map(|at| of(at % SIDE, at / SIDE)).collect()
+    }
+
+    const WHOLE: Rect = Rect { x: 0, y: 0, width: SIDE, height: SIDE };
+
+    #[test]
+    fn a_seam_between_slices_of_different_brightness_does_not_show() {
+        let (seam, smooth) = (picture(|x, _| if x < 40 { 100 } else { 110 }), picture(|x, _| 100 + (x / 8) as u8));
+        let out = blended([&seam; 2], &smooth, WHOLE);
+        assert!(out.chunks_exact(SIDE).all(|row| row.windows(2).all(|two| two[0].abs_diff(two[1]) <= 2)));
+    }
+
+    #[test]
+    fn noise_is_averaged_where_both_images_agree() {
+        let hash = |x: usize, y: usize, of: usize| (((x * 7919 + y * 104_729 + of * 31_337) * 2_654_435_761) >> 16) % 7;
+        let noisy = |of: usize| picture(move |x, y| 97 + hash(x, y, of) as u8);
+        let spread = |picture: &[u8]| picture.iter().map(|&v| (f64::from(v) - 100.0).powi(2)).sum::<f64>();
+        let (one, other) = (noisy(1), noisy(2));
+        let out = blended([&one; 2], &other, WHOLE);
+        assert!(spread(&out) < 0.7 * spread(&one).min(spread(&other)), "{} of {}", spread(&out), spread(&one));
+    }
+
+    #[test]
+    fn the_mosaic_is_used_where_defocus_spread_was_removed() {
+        let (without, pyramid) = (picture(|_, _| 60), picture(|_, _| 90));
+        let with = picture(|x, _| if x < 40 { 90 } else { 60 });
+        let out = blended([&without, &with], &pyramid, WHOLE);
+        assert!(out.chunks_exact(SIDE).all(|row| row[20] == 60 && row[70] == 90));
+    }
+
+    #[test]
+    fn the_mosaic_is_used_where_the_pyramid_image_has_a_part_of_the_spread() {
+        let (without, with, pyramid) = (picture(|_, _| 60), picture(|_, _| 90), picture(|_, _| 72));
+        assert!(blended([&without, &with], &pyramid, WHOLE).iter().all(|&v| v == 60));
+    }
+
+    #[test]
+    fn a_correction_that_the_pyramid_image_contradicts_is_not_used() {
+        let patch = |x: usize, y: usize| (x / 5 + y / 4).is_multiple_of(3);
+        let pyramid = picture(|_, _| 90);
+        let uncorrected = picture(|x, y| if patch(x, y) { 170 } else { 92 });
+        let corrected = picture(|x, y| if patch(x, y) { 180 } else { 112 });
+        assert!(blended([&corrected, &uncorrected], &pyramid, WHOLE).iter().all(|&v| v.abs_diff(90) <= 2));
+    }
+
+    #[test]
+    fn a_fine_line_that_only_the_pyramid_image_has_kept_stays() {
+        let (without, with) = (picture(|_, _| 120), picture(|x, _| if x == 40 { 60 } else { 120 }));
+        assert!(blended([&without; 2], &with, WHOLE).chunks_exact(SIDE).all(|row| row[40] < 66));
+    }
+
+    #[test]
+    fn a_part_is_blended_like_the_whole() {
+        let hash = |x: usize, y: usize| ((x * 7919 + y * 104_729) >> 3) % 97;
+        let (one, other) = (picture(|x, y| 90 + hash(x, y) as u8 / 9), picture(|x, y| 91 + hash(y, x) as u8 / 8));
+        let before = picture(|x, y| 90 + hash(x, y) as u8 / 9 + (hash(x, 5) % 3) as u8);
+        let whole = blended([&one, &before], &other, WHOLE);
+        let rect = Rect { x: 31, y: 3, width: 20, height: 17 };
+        let part = blended([&one, &before], &other, rect);
+        for (y, row) in part.chunks_exact(rect.width).enumerate() {
+            assert_eq!(row, &whole[(rect.y + y) * SIDE + rect.x..][..rect.width]);
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Removes defocus spread from a tile: the blur of near parts that lies over what is behind them.
+//!
+//! In: the mosaic of a tile, the decision map and the defocus model. Out: the same tile, corrected.
+//!
+//! Beside the outline of a near part, sharp in slice `a`, a far part, sharp in slice `b`, is covered by the near part's blur
+//! in `b` and in every slice like it. But slice `a` shows the far part too, uncovered, only blurred by the disc `D` of known
+//! radius. So the far part is `I_a + (I_b - D * I_b)`: coarse structure from the slice of the near part, detail from its own.
+//! What remains of the cover is the detail of a blur, which is little. No outline is needed: on the near part by mistake, the
+//! formula changes little, because the near part's blur has little detail either.
+//!
+//! | pixel | mosaic `I` becomes |
+//! |---|---|
+//! | covered by near parts by the share `t` ([`defocus_spread`]), textured | `I - t (D * I_b - I_a)` |
+//! | the same, without texture | `I + t (I_a - I)` |
+//! | given to the near part, within reach of the far part ([`fattening`]) | `I + m (I_b - D * I_b)`, `m` from the [`boundary_matte`] |
+//!
+//! Each result is clamped to 8 grey levels around the range that `I_a`, `I_b` and `I` span at the pixel.
+
+mod boundary_matte;
+mod corrections;
+mod defocus_spread;
+mod fattening;
+mod sliding_maximum;
+
+use super::{
+    decision_map::DecisionMap,
+    defocus_model::{DefocusModel, MAX_RADIUS},
+    pixel_groups::bounding_box,
+    warped_slices::WarpedSlices,
+};
+use crate::{
+    fusion::UNCOVERED,
+    imaging::{Rect, Sample, filter::disc::Disc},
+    types::Interrupted,
+};
+use boundary_matte::BoundaryMatte;
+use corrections::{Correction, Corrections, Kind};
+
+/// How far a corrected pixel may lie beyond what both slices show there, grey levels of 255. A highlight that clips or moves
+/// is no blur of the other slice and must not be removed as if it were.
+const MAX_BEYOND: f32 = 8.0;
+
+/// Corrects the tile `rect`: its pixels are interleaved in `out`, in the scale of the samples.
+pub(super) fn correct<S: Sample, const C: usize>(
+    slices: &WarpedSlices<'_, S, C>,
+    map: &DecisionMap,
+    model: &DefocusModel,
+    rect: Rect,
+    out: &mut [f32],
+) -> Result<(), Interrupted> {
+    if !model.has_spread() {
+        return Ok(());
+    }
+    let (width, height) = slices.size();
+    let around = present(map, slices.count(), rect.grown(MAX_RADIUS as usize, width, height));
+    let inside = present(map, slices.count(), rect);
+    let spreads = |near: u16, far: u16| model.spreads_over(usize::from(near), usize::from(far));
+    let pairs = inside.iter().flat_map(|&far| around.iter().map(move |&near| (near, far)));
+    let covering: Vec<(u16, u16)> = pairs.filter(|&(near, far)| spreads(near, far)).collect();
+    let may_be_fattened = inside.iter().any(|&near| around.iter().any(|&far| spreads(near, far)));
+    if covering.is_empty() && !may_be_fattened {
+        return Ok(());
+    }
+    let mut corrections = Corrections::new(rect.width);
+    let fattened = fattening::find(map, model, slices.count(), rect, &mut corrections);
+    defocus_spread::find(map, model, slices.count(), rect, &covering, &fattened, &mut corrections);
+    for ((near, far, ..), corrections) in corrections.finish() {
+        apply(slices, map, model, rect, (near.into(), far.into()), &corrections, out)?;
+    }
+    Ok(())
+}
+
+/// The slices in `rect`, out of `slices`, ascending.
+fn present(map: &DecisionMap, slices: usize, rect: Rect) -> Vec<u16> {
+    let mut seen = vec![false; slices];
+    for y in rect.y..rect.y + rect.height {
+        let mut last = UNCOVERED;
+        for &slice in &map.slice.row(y)[rect.x..rect.x + rect.width] {
+            if slice == last {
+                continue;
+            }
+            last = slice;
+            if let Some(seen) = seen.get_mut(usize::from(slice)) {
+                *seen = true;
+            }
+        }
+    }
+    (0..slices).filter(|&slice| seen[slice]).map(|slice| slice as u16).collect()
+}
+
+/// Applies the corrections of one block, all between the slices `near` and `far`. A block that these slices do not cover stays
+/// as it is.
+fn apply<S: Sample, const C: usize>(
+    slices: &WarpedSlices<'_, S, C>,
+    map: &DecisionMap,
+    model: &DefocusModel,
+    rect: Rect,
+    (near, far): (usize, usize),
+    corrections: &[Correction],
+    out: &mut [f32],
+) -> Result<(), Interrupted> {
+    let (width, height) = slices.size();
+    let disc = Disc::new(model.radius(near, far));
+    let needs_matte = corrections.iter().any(|correction| matches!(correction.kind, Kind::Fattened(_)));
+    let bounds = bounding_box(corrections.iter().map(|correction| correction.at), rect).grown(
+        if needs_matte { boundary_matte::REACH } else { 0 },
+        width,
+        height,
+    );
+    let window = bounds.grown(disc.reach(), width, height);
+    if !slices.covers(far, window) || !slices.covers(near, bounds) {
+        return Ok(());
+    }
+    let far_slice = slices.channels(far, window)?;
+    let near_slice = slices.channels(near, bounds)?;
+    let inner = Rect { x: bounds.x - window.x, y: bounds.y - window.y, ..bounds };
+    let blurred = far_slice.each_ref().map(|channel| disc.blurred_in(channel, inner));
+    let level = S::DEPTH.max() / 255.0;
+    let matte = needs_matte.then(|| BoundaryMatte::new(&near_slice, &blurred, level));
+    let beyond = MAX_BEYOND * level;
+    for correction in corrections {
+        let (x, y) = (rect.x + correction.at % rect.width, rect.y + correction.at / rect.width);
+        let there = (y - window.y) * window.width + x - window.x;
+        let here = (y - bounds.y) * bounds.width + x - bounds.x;
+        let textureless = !map.textured.at(x, y);
+        let far_share = match (correction.kind, &matte) {
+            (Kind::Fattened(distance), Some(matte)) => matte.far_share(here, distance),
+            _ => 0.0,
+        };
+        for (c, out) in out[correction.at * C..(correction.at + 1) * C].iter_mut().enumerate() {
+            let (near, far, blurred) = (near_slice[c].data[here], far_slice[c].data[there], blurred[c].data[here]);
+            let corrected = match correction.kind {
+                Kind::Covered(share) if textureless => *out + share * (near - *out),
+                Kind::Covered(share) => *out - share * (blurred - near),
+                Kind::Fattened(_) => *out + far_share * (far - blurred),
+            };
+            let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
+            *out = corrected.clamp(low, high);
+        }
+    }
+    Ok(())
+}
