@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     http::{self, App, Policy},
-    jobs::Science,
+    jobs::ScienceRunner,
     store::{
         MetadataStore,
         backup::{DATABASE, forget_copy},
@@ -106,9 +106,9 @@ impl Service {
         };
         let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
         let shutdown = app.shutdown.clone();
-        let science = Science { archive_limits: app.policy.archive, ..Science::default() };
-        let (disk, work) = (Arc::clone(&app.disk), Arc::new(science));
-        let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), disk, work };
+        let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
+        let (disk, runner) = (Arc::clone(&app.disk), Arc::new(science));
+        let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), disk, runner };
         let workers = worker::Config {
             workers: config.workers,
             memory_budget: config.memory_mb << 20,

@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::{
-    Bench, Made, Watcher,
+    JobContext, JobOutput, ProgressSink,
+    artifact_writer::{ArtifactWriter, WrittenArtifact},
     copies::Copying,
-    press::{Press, Pressed},
     stages::{Phase, Stage},
 };
 use crate::{
@@ -38,32 +38,32 @@ const MEASURED: f64 = 0.7;
 /// [`JobError::Cancelled`]; what [`calibration::calibrate`] finds wrong with the target; a fault that names the file when a
 /// slice cannot be read.
 pub fn run(
-    bench: &Bench,
+    context: &JobContext,
     request: &CalibrationRequest,
     limits: &ArchiveLimits,
-    watcher: &dyn Watcher,
-) -> Result<Made, JobError> {
-    let reading = Phase::new(watcher, &[("reading", 1.0)], 0.0, READ);
+    sink: &dyn ProgressSink,
+) -> Result<JobOutput, JobError> {
+    let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open(&bench.archive, limits)?;
+    let archive = archive::open(&context.archive, limits)?;
     reading.progress("reading", 1, 1);
 
-    let control = Phase::new(watcher, &MEASURING, READ, MEASURED);
-    let slices = Copying::new(archive.front(), &bench.scratch);
+    let control = Phase::new(sink, &MEASURING, READ, MEASURED);
+    let slices = Copying::new(archive.front(), &context.scratch);
     let measured = calibration::calibrate(&slices, &request.options, &control)?;
     let input = profile_input(&measured, request);
     input.check()?;
 
-    let writing = Phase::new(watcher, &[("writing", 1.0)], MEASURED, 1.0);
-    let press = Press::new(bench, watcher);
-    let mut pressed = overlays(&slices, &measured, &press, &writing)?;
-    pressed.push(press.json("report", &measured.report)?);
-    let (artifacts, files) = pressed.into_iter().unzip();
+    let writing = Phase::new(sink, &[("writing", 1.0)], MEASURED, 1.0);
+    let writer = ArtifactWriter::new(context, sink);
+    let mut written = overlays(&slices, &measured, &writer, &writing)?;
+    written.push(writer.json("report", &measured.report)?);
+    let (artifacts, files) = written.into_iter().unzip();
 
     let draft = ProfileDraft {
         input,
         source: ProfileSource::Calibration,
-        calibration_id: Some(bench.job.id),
+        calibration_id: Some(context.job.id),
         model: measured.model,
         slices: measured.slices.clone(),
         origin: None,
@@ -83,7 +83,7 @@ pub fn run(
         magnification: measured.magnification,
         verdict: measured.verdict,
     });
-    Ok(Made { outcome, warnings, profile: Some(Box::new(draft)), files })
+    Ok(JobOutput { outcome, warnings, profile: Some(Box::new(draft)), files })
 }
 
 fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> ProfileInput {
@@ -107,9 +107,9 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
 fn overlays(
     slices: &Copying<'_>,
     measured: &Calibration,
-    press: &Press<'_>,
+    writer: &ArtifactWriter<'_>,
     control: &Phase<'_>,
-) -> Result<Vec<Pressed>, JobError> {
+) -> Result<Vec<WrittenArtifact>, JobError> {
     let count = slices.count();
     let done = AtomicUsize::new(0);
     control.progress("writing", 0, count);
@@ -118,9 +118,9 @@ fn overlays(
         .map(|index| {
             control.check()?;
             let picture = calibration::overlay(&slices.copy(index)?, measured, index);
-            let pressed = press.png(&format!("overlay-{index}"), &picture, &Metadata::default())?;
+            let written = writer.png(&format!("overlay-{index}"), &picture, &Metadata::default())?;
             control.progress("writing", done.fetch_add(1, Ordering::Relaxed) + 1, count);
-            Ok(pressed)
+            Ok(written)
         })
         .collect()
 }
@@ -130,33 +130,34 @@ mod tests {
     use super::*;
     use crate::{
         contract::{Code, request::JobRequest},
-        jobs::testkit::{Laid, Recorder, front_zip, picture, rig, target_zip},
+        jobs::testkit::{Recorder, TestJob, front_zip, picture, rig, target_zip},
     };
     use pinstack_science::types::{Homography, calibration_options::CalibrationOptions, report::CalibrationReport};
 
-    fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, JobError> {
-        let JobRequest::Calibration(request) = &laid.bench.job.request else { panic!("a calibration") };
-        run(&laid.bench, request, &ArchiveLimits::default(), watcher)
+    fn run_with(job: &TestJob, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
+        let JobRequest::Calibration(request) = &job.context.job.request else { panic!("a calibration") };
+        run(&job.context, request, &ArchiveLimits::default(), sink)
     }
 
     #[test]
     fn a_target_gives_the_true_homographies_and_a_picture_per_slice() {
         let asked = CalibrationOptions { note: Some("spring".into()), ..CalibrationOptions::default() };
-        let laid = Laid::calibration(&target_zip(), asked);
+        let job = TestJob::calibration(&target_zip(), asked);
         let recorder = Recorder::default();
-        let made = run_with(&laid, &recorder).expect("the calibration");
-        let draft = made.profile.as_ref().expect("a profile");
-        assert_eq!((draft.input.note.as_deref(), draft.calibration_id), (Some("spring"), Some(laid.bench.job.id)));
+        let output = run_with(&job, &recorder).expect("the calibration");
+        let draft = output.profile.as_ref().expect("a profile");
+        assert_eq!((draft.input.note.as_deref(), draft.calibration_id), (Some("spring"), Some(job.context.job.id)));
         for (i, homography) in draft.input.homographies.iter().enumerate() {
             let error = homography.corner_distance(&rig().homography(i), 240, 180);
             assert!(error < 0.3, "slice {i} is {error} px off");
         }
         assert_eq!(draft.input.homographies[rig().reference], Homography::IDENTITY);
         for i in 0..rig().slices() {
-            let (artifact, overlay) = picture(&made, &format!("overlay-{i}"));
+            let (artifact, overlay) = picture(&output, &format!("overlay-{i}"));
             assert_eq!((overlay.width, overlay.height, artifact.media_type.as_str()), (240, 180, "image/png"));
         }
-        let report = made.outcome.artifacts().iter().zip(&made.files).find(|(artifact, _)| artifact.name == "report");
+        let report =
+            output.outcome.artifacts().iter().zip(&output.files).find(|(artifact, _)| artifact.name == "report");
         let (artifact, file) = report.expect("a report");
         assert_eq!(artifact.media_type, "application/json");
         let report: CalibrationReport =
@@ -171,17 +172,17 @@ mod tests {
 
     #[test]
     fn a_picture_without_dots_is_no_target() {
-        let laid = Laid::calibration(&front_zip(), CalibrationOptions::default());
-        let Err(JobError::Failed(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+        let job = TestJob::calibration(&front_zip(), CalibrationOptions::default());
+        let Err(JobError::Failed(fault)) = run_with(&job, &Recorder::default()) else { panic!("must fail") };
         assert_eq!(fault.code, Code::TargetNotFound);
     }
 
     #[test]
     fn a_calibration_that_is_not_wanted_stops() {
         for stop_at in [0.0, 0.3, 0.8] {
-            let laid = Laid::calibration(&target_zip(), CalibrationOptions::default());
+            let job = TestJob::calibration(&target_zip(), CalibrationOptions::default());
             let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };
-            assert!(matches!(run_with(&laid, &recorder), Err(JobError::Cancelled(_))), "at {stop_at}");
+            assert!(matches!(run_with(&job, &recorder), Err(JobError::Cancelled(_))), "at {stop_at}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What is wrong with a stack as a whole: told from its fused pictures.
+//! Diagnoses of a stack as a whole, made on its fused pictures: exchanged lights, a dot target sent as a stack.
 
 use crate::contract::{Code, Fault, JobError, options::MaskMode};
 use pinstack_science::{
@@ -8,24 +8,23 @@ use pinstack_science::{
     types::{Cancelled, Control, Warning},
 };
 
-/// Longer side of the copies that are looked at, px: one of the back light is kept until the front light is fused.
+/// Longer side of the reduced pictures that are examined, px. That of the back light is kept until the front light is fused.
 const SIDE: usize = 1_200;
 
-/// What a mask made of the wrong light complains of, none of which is the cause.
-const OF_A_WRONG_LIGHT: [&str; 5] =
+/// Warnings that a mask made from the wrong light causes. They are removed when the lights are found to be exchanged.
+const CAUSED_BY_EXCHANGED_LIGHTS: [&str; 5] =
     ["mask_translucent", "mask_low_separability", "mask_uneven_light", "mask_inverted", "mask_touches_border"];
 
-/// What is kept of the fused back light.
-pub(super) fn remembered(back: &Raster) -> Raster {
+/// The reduced back light that [`examine`] needs.
+pub(super) fn reduced_back_light(back: &Raster) -> Raster {
     reduced(back, SIDE)
 }
 
-/// Looks at the fused front light, and at what is kept of the back light: adds warnings, and takes away those that
-/// follow from what is named.
+/// Examines the fused front light and the reduced back light. Adds warnings, and removes those that follow from them.
 ///
 /// # Errors
 /// [`Code::MaskFailed`] when a mask is required and the lights are exchanged; [`JobError::Cancelled`].
-pub(super) fn look(
+pub(super) fn examine(
     front: &Raster,
     back: Option<&Raster>,
     mode: MaskMode,
@@ -35,19 +34,19 @@ pub(super) fn look(
     let front = reduced(front, SIDE);
     if back.is_some_and(|back| segmentation::exchanged(&front, back)) {
         let detail = "the front-light slices show a silhouette and the back-light slices a lit object: front/ and \
-                      back/ seem to be exchanged; exchange the folders, and send the stack again";
+                      back/ seem to be exchanged; swap the folders and send the stack again";
         if mode == MaskMode::Required {
             return Err(Fault::new(Code::MaskFailed, format!("mask=required, but {detail}")).into());
         }
-        warnings.retain(|warning| !OF_A_WRONG_LIGHT.contains(&warning.code.as_str()));
+        warnings.retain(|warning| !CAUSED_BY_EXCHANGED_LIGHTS.contains(&warning.code.as_str()));
         warnings.push(Warning::new("lights_exchanged", detail));
     }
-    warnings.extend(target(&front, control)?);
+    warnings.extend(dot_target(&front, control)?);
     Ok(())
 }
 
-/// A dot target is measured, not fused.
-fn target(front: &Raster, control: &dyn Control) -> Result<Option<Warning>, Cancelled> {
+/// The warning that the stack shows a dot target, which belongs to a calibration.
+fn dot_target(front: &Raster, control: &dyn Control) -> Result<Option<Warning>, Cancelled> {
     let dots = calibration::dot_target(front, control)?;
     Ok(dots.map(|dots| {
         let detail = format!(
@@ -59,5 +58,4 @@ fn target(front: &Raster, control: &dyn Control) -> Result<Option<Warning>, Canc
 }
 
 #[cfg(test)]
-#[path = "diagnosis_tests.rs"]
 mod tests;

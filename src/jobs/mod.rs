@@ -1,5 +1,10 @@
-//! What one job does: archive -> science -> artifacts. No rows and no leases here; those are the worker's.
+//! What one job does: archive -> science -> artifacts.
+//!
+//! In: a [`JobContext`] (the claimed job, its profile, the uploaded zip, a scratch folder). Out: a [`JobOutput`] (the
+//! outcome, warnings and files). This module runs on a blocking thread and writes only into the scratch folder. Leases,
+//! retries and publishing belong to [`crate::worker`].
 
+mod artifact_writer;
 pub mod calibration;
 pub mod compose;
 mod copies;
@@ -8,7 +13,6 @@ pub mod disk;
 mod levels;
 pub mod memory;
 mod pictures;
-mod press;
 pub mod preview;
 pub mod stack;
 pub mod stages;
@@ -16,11 +20,10 @@ pub mod stages;
 pub(crate) mod testkit;
 mod threads;
 
-use crate::contract::JobError;
 use std::{path::PathBuf, time::Instant};
 
 use crate::{
-    contract::{Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
+    contract::{JobError, Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
     store::{Job, ProfileDraft},
 };
 use pinstack_science::{
@@ -29,26 +32,26 @@ use pinstack_science::{
 };
 use threads::with_own_threads;
 
-/// Program and version, as results name it.
+/// Program and version, as results record them.
 pub const SOFTWARE: &str = concat!("pinstack ", env!("CARGO_PKG_VERSION"));
 
-/// The work of the service: fuses stacks, measures profiles.
+/// The job runner of the service: fuses stacks and measures profiles.
 #[derive(Debug, Clone)]
-pub struct Science {
-    /// Threads that each job works with; enters the memory that it is said to need.
+pub struct ScienceRunner {
+    /// Threads per job. More threads need more memory.
     pub threads: usize,
-    /// How much an archive may hold: the same as at the POST.
+    /// Limits of an archive: those that the upload was checked against.
     pub archive_limits: ArchiveLimits,
 }
 
-impl Default for Science {
-    /// As many threads as there are cores.
+impl Default for ScienceRunner {
+    /// One thread per core.
     fn default() -> Self {
         Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
     }
 }
 
-impl Work for Science {
+impl JobRunner for ScienceRunner {
     fn memory_need(&self, request: &JobRequest) -> u64 {
         memory::memory_need(request, self.threads)
     }
@@ -57,74 +60,74 @@ impl Work for Science {
         disk::disk_need(request)
     }
 
-    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, JobError> {
-        with_own_threads(self.threads, || match &bench.job.request {
-            JobRequest::Stack(request) => stack::run(bench, request, &self.archive_limits, watcher),
-            JobRequest::Calibration(request) => calibration::run(bench, request, &self.archive_limits, watcher),
+    fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
+        with_own_threads(self.threads, || match &context.job.request {
+            JobRequest::Stack(request) => stack::run(context, request, &self.archive_limits, sink),
+            JobRequest::Calibration(request) => calibration::run(context, request, &self.archive_limits, sink),
         })
     }
 }
 
-/// Everything that a job finds on its bench.
+/// The input of a job.
 #[derive(Debug)]
-pub struct Bench {
+pub struct JobContext {
     /// The job as it was claimed.
     pub job: Job,
     /// The profile that the request names; `None` for a calibration.
     pub profile: Option<Profile>,
     /// The uploaded zip.
     pub archive: PathBuf,
-    /// An empty folder of its own, on the file system of the blobs; removed after the job.
+    /// An empty folder for this job alone, on the file system of the blobs. It is removed after the job.
     pub scratch: PathBuf,
-    /// When it was claimed.
+    /// When the job was claimed.
     pub started: Instant,
 }
 
-/// A file that a job made, and the key under which it shall be published.
+/// A file that a job wrote, and the key to publish it under.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct MadeFile {
-    /// In the scratch folder.
+pub struct OutputFile {
+    /// Path in the scratch folder.
     pub path: PathBuf,
-    /// As the outcome's artifact names it.
+    /// Blob key, the same as in the artifact of the outcome.
     pub key: String,
 }
 
-/// What a job made.
+/// The output of a job.
 #[derive(Debug)]
-pub struct Made {
-    /// What the row will show.
+pub struct JobOutput {
+    /// The outcome that is stored with the job.
     pub outcome: JobOutcome,
-    /// What the user should know, beyond what was known at the POST.
+    /// Warnings beyond those of the request.
     pub warnings: Vec<Warning>,
     /// The profile that a calibration measured.
     pub profile: Option<Box<ProfileDraft>>,
     /// The files of the outcome's artifacts.
-    pub files: Vec<MadeFile>,
+    pub files: Vec<OutputFile>,
 }
 
-/// How a job tells where it is, and learns that it is no longer wanted.
-pub trait Watcher: Sync {
-    /// The job is here now. Called often, so it must be cheap.
+/// Where a job reports its progress and learns that it was cancelled.
+pub trait ProgressSink: Sync {
+    /// Reports the current progress. Called often, so it must be cheap.
     fn report(&self, progress: Progress);
 
-    /// `Err` once the job is no longer wanted.
+    /// Checks for cancellation.
     ///
     /// # Errors
-    /// [`Cancelled`] when the job should stop and leave everything as it is.
+    /// [`Cancelled`] when the job must stop without any result.
     fn check(&self) -> Result<(), Cancelled>;
 }
 
-/// What workers do with jobs. The service's own is in this module; tests bring others.
-pub trait Work: Send + Sync + 'static {
-    /// Bytes of memory that the job will need at its peak.
+/// Runs jobs. [`ScienceRunner`] is the service's own; tests supply others.
+pub trait JobRunner: Send + Sync + 'static {
+    /// Peak memory of the job, bytes.
     fn memory_need(&self, request: &JobRequest) -> u64;
 
-    /// Bytes that it may write at most, beyond its upload.
+    /// Upper bound of what the job writes to disk, without its upload, bytes.
     fn disk_need(&self, request: &JobRequest) -> u64;
 
-    /// Does the job, on a thread that may block.
+    /// Runs the job on a thread that may block.
     ///
     /// # Errors
-    /// [`JobError::Cancelled`] when the watcher said so; [`JobError::Failed`] when it cannot be done.
-    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, JobError>;
+    /// [`JobError::Cancelled`] when the sink reported a cancellation; [`JobError::Failed`] when the job cannot be done.
+    fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError>;
 }

@@ -6,8 +6,9 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::{
-    SOFTWARE, compose,
-    press::{Encoding, Press, Pressed},
+    SOFTWARE,
+    artifact_writer::{ArtifactWriter, Encoding, WrittenArtifact},
+    compose,
     preview::preview,
 };
 use crate::contract::{JobError, options::StackOptions, outcome::ImageInfo};
@@ -45,13 +46,13 @@ impl Pictures<'_> {
     /// [`JobError::Cancelled`]; a fault when a file cannot be written.
     pub(super) fn write(
         &self,
-        press: &Press<'_>,
+        writer: &ArtifactWriter<'_>,
         control: &dyn Control,
         source: &Metadata,
-    ) -> Result<(ImageInfo, Vec<Pressed>), JobError> {
+    ) -> Result<(ImageInfo, Vec<WrittenArtifact>), JobError> {
         let (rect, options, front) = (self.rect, self.options, self.front);
         let (steps, done) = (if self.silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
-        let step = |picture: Pressed| {
+        let step = |picture: WrittenArtifact| {
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
             control.progress("writing", *done, steps);
@@ -63,26 +64,26 @@ impl Pictures<'_> {
         let metadata = source.for_output(info.width, info.height, &self.camera());
         let depth = compose::depth(options.bit_depth, options.format, front.image.depth());
         let image = compose::rgba(&front.image, &self.alpha(), rect, depth, options.under_alpha);
-        let others = || -> Result<Vec<Pressed>, JobError> {
+        let others = || -> Result<Vec<WrittenArtifact>, JobError> {
             // a page needs the colours right and nothing else
             let colours = Metadata { icc: metadata.icc.clone(), exif: None };
             let small = Encoding::Jpeg { quality: PREVIEW_QUALITY };
-            let mut pressed = vec![step(press.picture("preview", small, &preview(&image), &colours)?)];
+            let mut written = vec![step(writer.picture("preview", small, &preview(&image), &colours)?)];
             if let Some(silhouette) = self.silhouette {
                 // the mask is for tools that know two values alone
                 let hard = within(&front.valid, &silhouette.alpha);
                 let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&hard, rect));
-                pressed.push(step(press.png("mask", &mask, &Metadata::default())?));
+                written.push(step(writer.png("mask", &mask, &Metadata::default())?));
             }
             let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
-            pressed.push(step(press.png("depth", &index, &Metadata::default())?));
-            Ok(pressed)
+            written.push(step(writer.png("depth", &index, &Metadata::default())?));
+            Ok(written)
         };
-        let main = || press.picture("image", Encoding::of(options), &image, &metadata).map(step);
+        let main = || writer.picture("image", Encoding::of(options), &image, &metadata).map(step);
         let (main, others) = rayon::join(main, others);
-        let mut pressed = vec![main?];
-        pressed.append(&mut others?);
-        Ok((info, pressed))
+        let mut written = vec![main?];
+        written.append(&mut others?);
+        Ok((info, written))
     }
 
     fn info(&self) -> ImageInfo {

@@ -3,12 +3,12 @@
 use std::time::Instant;
 
 use super::{
-    Bench, Made, SOFTWARE, Watcher,
+    JobContext, JobOutput, ProgressSink, SOFTWARE,
+    artifact_writer::ArtifactWriter,
     compose::{self, crop_rect},
     diagnosis,
     levels::{self, Levels},
     pictures::{self, Pictures},
-    press::Press,
     stages::{Phase, Stage},
 };
 use crate::contract::{
@@ -55,19 +55,19 @@ const NOT_OF_THE_BACK: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
 /// [`JobError::Cancelled`]; a fault that names the file when a slice cannot be read; [`Code::MaskFailed`] when a mask is required
 /// and none can be made; [`Code::InsufficientStorage`] when the disk is full.
 pub fn run(
-    bench: &Bench,
+    context: &JobContext,
     request: &StackRequest,
     limits: &ArchiveLimits,
-    watcher: &dyn Watcher,
-) -> Result<Made, JobError> {
-    let profile = bench.profile.as_ref().ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile is gone"))?;
+    sink: &dyn ProgressSink,
+) -> Result<JobOutput, JobError> {
+    let profile = context.profile.as_ref().ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile is gone"))?;
     let options = &request.options;
-    let mut times = Times::since(bench.started);
+    let mut times = Times::since(context.started);
     let mut warnings = Vec::new();
 
-    let reading = Phase::new(watcher, &[("reading", 1.0)], 0.0, READ);
+    let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open(&bench.archive, limits)?;
+    let archive = archive::open(&context.archive, limits)?;
     let archive = match options.order {
         SliceOrder::Name => archive,
         SliceOrder::Reverse => archive.reversed(),
@@ -81,26 +81,26 @@ pub fn run(
     reading.progress("reading", 1, 1);
     times.end("reading");
 
-    let press = Press::new(bench, watcher);
-    let mut pressed = Vec::new();
+    let writer = ArtifactWriter::new(context, sink);
+    let mut written = Vec::new();
     let with_back = wants_mask(options.mask, &archive)?;
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
     let mut back_light = None;
     let silhouette = if with_back {
-        let control = Phase::new(watcher, &FUSING, READ, middle);
+        let control = Phase::new(sink, &FUSING, READ, middle);
         let back = Plan { method: of_back_light(plan.method), ..plan.clone() };
-        let back = fusion::fuse(&back_slices, &back, &Watch::default(), &bench.scratch, &control)?;
+        let back = fusion::fuse(&back_slices, &back, &Watch::default(), &context.scratch, &control)?;
         times.end("fusing the back light");
-        let phase = Phase::new(watcher, &[("masking", 1.0)], middle, middle);
+        let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
         let silhouette = cut_out(&back.image, &back.valid, &options.mask_params(plan.width, plan.height));
         if options.mask == MaskMode::Required {
             useful(&silhouette)?;
         }
-        pressed.push(press.png("backlight", &compose::cropped(&back.image, rect), &Metadata::default())?);
+        written.push(writer.png("backlight", &compose::cropped(&back.image, rect), &Metadata::default())?);
         warnings.extend(back.warnings.into_iter().filter(|w| !NOT_OF_THE_BACK.contains(&w.code.as_str())));
         warnings.extend_from_slice(&silhouette.warnings);
-        back_light = Some(diagnosis::remembered(&back.image));
+        back_light = Some(diagnosis::reduced_back_light(&back.image));
         phase.progress("masking", 1, 1);
         times.end("masking");
         Some(silhouette)
@@ -109,29 +109,29 @@ pub fn run(
     };
 
     let stages: &[Stage] = if plan.method == Method::HaloCorrected { &CORRECTING } else { &FUSING };
-    let control = Phase::new(watcher, stages, middle, FUSED);
+    let control = Phase::new(sink, stages, middle, FUSED);
     let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.alpha) };
-    let front = fusion::fuse(&front_slices, &plan, &watch, &bench.scratch, &control)?;
+    let front = fusion::fuse(&front_slices, &plan, &watch, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
-    diagnosis::look(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
+    diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
     warnings.extend(levels::warning(&[&front_slices, &back_slices]));
     times.end("fusing");
 
     let source = archive.front_bytes(plan.reference).map(|bytes| codec::metadata(&bytes)).unwrap_or_default();
     warnings.extend(pictures::untold_focal_length(&source, &profile.input));
-    let writing = Phase::new(watcher, &[("writing", 1.0)], FUSED, 1.0);
+    let writing = Phase::new(sink, &[("writing", 1.0)], FUSED, 1.0);
     let order = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
-    let (image, files) = order.write(&press, &writing, &source)?;
-    pressed.extend(files);
+    let (image, files) = order.write(&writer, &writing, &source)?;
+    written.extend(files);
     times.end("writing");
 
     let metrics = metrics(front, silhouette, times);
     // notes wait in the metrics for whoever looks for them
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
-    let (artifacts, files) = pressed.into_iter().unzip();
+    let (artifacts, files) = written.into_iter().unzip();
     let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics, software: Some(SOFTWARE.to_owned()) });
-    Ok(Made { outcome, warnings: once(warnings), profile: None, files })
+    Ok(JobOutput { outcome, warnings: once(warnings), profile: None, files })
 }
 
 fn plan(profile: &Profile, request: &StackRequest) -> Plan {
@@ -265,5 +265,4 @@ fn ms(duration: std::time::Duration) -> u64 {
 }
 
 #[cfg(test)]
-#[path = "stack_tests.rs"]
 mod tests;

@@ -1,4 +1,4 @@
-//! A bench for tests: a small synthetic stack in a zip, its true profile, and a watcher that remembers.
+//! What tests of jobs share: a small synthetic stack in a zip, its true profile, and a progress sink that records.
 
 use std::{
     io::Cursor,
@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use tempfile::TempDir;
 use uuid::Uuid;
 
-use super::{Bench, Made, Watcher};
+use super::{JobContext, JobOutput, ProgressSink};
 use crate::{
     contract::{
         JobState, Name, Progress,
@@ -38,7 +38,7 @@ use pinstack_science::{
     },
 };
 
-/// The rig of the tests: small, so that they are quick.
+/// A small rig, so that tests are fast.
 pub(crate) fn rig() -> Rig {
     Rig::sized(240, 180, 5)
 }
@@ -93,7 +93,7 @@ pub(crate) fn target_zip() -> Vec<u8> {
     zip(members("front", &target_stack(&rig(), &DotTarget::for_rig(&rig(), 12))))
 }
 
-/// The profile that the rig truly has.
+/// The true profile of the rig.
 pub(crate) fn true_profile() -> Profile {
     let rig = rig();
     let (width, height) = (rig.width as u32, rig.height as u32);
@@ -125,16 +125,16 @@ pub(crate) fn true_profile() -> Profile {
     }
 }
 
-/// A bench with everything a job needs; the folder goes with it.
-pub(crate) struct Laid {
-    pub(crate) bench: Bench,
+/// A job context on a temporary folder, which is removed with it.
+pub(crate) struct TestJob {
+    pub(crate) context: JobContext,
     _folder: TempDir,
 }
 
-impl Laid {
+impl TestJob {
     pub(crate) fn stack(archive: &[u8], options: StackOptions) -> Self {
         let profile = true_profile();
-        Self::lay(archive, Some(profile.clone()), |upload, layout| {
+        Self::prepared(archive, Some(profile.clone()), |upload, layout| {
             let (profile_revision, profile_digest) = (profile.revision, profile.digest.clone());
             let profile_optics_digest = Some(profile.optics_digest.clone());
             JobRequest::Stack(StackRequest {
@@ -150,12 +150,12 @@ impl Laid {
     }
 
     pub(crate) fn calibration(archive: &[u8], options: CalibrationOptions) -> Self {
-        Self::lay(archive, None, |upload, layout| {
+        Self::prepared(archive, None, |upload, layout| {
             JobRequest::Calibration(CalibrationRequest { options, upload, layout })
         })
     }
 
-    fn lay(
+    fn prepared(
         archive: &[u8],
         profile: Option<Profile>,
         request: impl FnOnce(Upload, pinstack_science::types::stack_layout::StackLayout) -> JobRequest,
@@ -185,32 +185,32 @@ impl Laid {
             warnings: vec![],
             outcome: None,
         };
-        let bench = Bench { job, profile, archive: path, scratch, started: Instant::now() };
-        Self { bench, _folder: folder }
+        let context = JobContext { job, profile, archive: path, scratch, started: Instant::now() };
+        Self { context, _folder: folder }
     }
 }
 
 /// The artifact of this name and the picture in its file.
-pub(crate) fn picture<'a>(made: &'a Made, name: &str) -> (&'a Artifact, Raster) {
-    let (artifact, bytes) = file(made, name);
+pub(crate) fn picture<'a>(output: &'a JobOutput, name: &str) -> (&'a Artifact, Raster) {
+    let (artifact, bytes) = file(output, name);
     (artifact, codec::decode(&bytes, &Limits::default()).expect("a picture"))
 }
 
 /// The artifact of this name and the bytes of its file.
-pub(crate) fn file<'a>(made: &'a Made, name: &str) -> (&'a Artifact, Vec<u8>) {
-    let artifact = made.outcome.artifacts().iter().find(|a| a.name == name).expect("the artifact");
-    let made_file = made.files.iter().find(|file| file.key == artifact.key).expect("its file");
-    (artifact, std::fs::read(&made_file.path).expect("read the file"))
+pub(crate) fn file<'a>(output: &'a JobOutput, name: &str) -> (&'a Artifact, Vec<u8>) {
+    let artifact = output.outcome.artifacts().iter().find(|a| a.name == name).expect("the artifact");
+    let output_file = output.files.iter().find(|file| file.key == artifact.key).expect("its file");
+    (artifact, std::fs::read(&output_file.path).expect("read the file"))
 }
 
-/// Remembers the reports; says stop once the fraction has reached `stop_at`.
+/// Records the reports; cancels the job once the fraction has reached `stop_at`.
 #[derive(Default)]
 pub(crate) struct Recorder {
     pub(crate) reports: Mutex<Vec<Progress>>,
     pub(crate) stop_at: Option<f64>,
 }
 
-impl Watcher for Recorder {
+impl ProgressSink for Recorder {
     fn report(&self, progress: Progress) {
         self.reports.lock().expect("no test panics with it").push(progress);
     }

@@ -1,17 +1,17 @@
-//! The threads of a job.
+//! A thread pool per job.
 
 use rayon::ThreadPoolBuilder;
 
-/// Does `work` with `threads` threads of its own.
+/// Runs `work` in a rayon pool of `threads` threads.
 ///
-/// Jobs that share one pool do not share it fairly: a thread goes over to another job only when its own has nothing
-/// left to hand out, so that a small stack would wait for all passes of a large one. With threads of their own the
-/// operating system gives each job its part of the cores. Where no threads can be had, jobs share those of the process.
+/// A pool shared by several jobs is not fair: rayon steals from another job only when a thread has nothing left of its own
+/// job, so a small stack would wait for every pass of a large one. With a pool per job the operating system shares the cores
+/// between jobs. If no threads can be started, the job uses the pool of the process.
 pub(super) fn with_own_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     match ThreadPoolBuilder::new().num_threads(threads).thread_name(|thread| format!("job-{thread}")).build() {
         Ok(pool) => pool.install(work),
         Err(error) => {
-            tracing::warn!(%error, "no threads can be had for this job alone; it shares those of the process");
+            tracing::warn!(%error, "cannot start threads for this job; it shares the thread pool of the process");
             work()
         }
     }
@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_job_goes_on_while_another_keeps_all_its_threads_busy() {
+    fn a_job_makes_progress_while_another_keeps_all_its_threads_busy() {
         let threads = rayon::current_num_threads();
         let (busy, (over, ends)) = (Barrier::new(threads + 1), mpsc::channel::<()>());
         let ends = Mutex::new(ends);
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn a_job_sees_the_threads_that_it_was_given() {
+    fn a_job_runs_with_its_own_number_of_threads() {
         assert_eq!(with_own_threads(3, rayon::current_num_threads), 3);
     }
 }

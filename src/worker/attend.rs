@@ -13,7 +13,7 @@ use super::{
 use crate::contract::JobError;
 use crate::{
     contract::{Code, Fault, one_line, profile::Profile, request::JobRequest},
-    jobs::{Bench, Made},
+    jobs::{JobContext, JobOutput},
     store::{Attempt, Finish, Job, StoreError, StoreResult, failpoint::step, gc::gc_job},
     telemetry::events,
 };
@@ -87,7 +87,7 @@ impl Shared {
         let started = Instant::now();
         let suspect = job.attempt > 1;
         let whole = self.whole_budget();
-        let need = u32::try_from(self.deps.work.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
+        let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
         let permits = if suspect { whole } else { need.min(whole) };
         let _memory = tokio::select! {
             permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is going down"))?,
@@ -108,20 +108,20 @@ impl Shared {
             .prefix("job-")
             .tempdir_in(self.deps.blobs.spool_dir())
             .map_err(|error| internal(StoreError::of_io(error, "cannot make a scratch folder".into())))?;
-        let bench = Bench { job: job.clone(), profile, archive, scratch: scratch.path().to_owned(), started };
-        let made = self.on_a_thread(bench, Arc::clone(line)).await?;
-        for file in &made.files {
+        let context = JobContext { job: job.clone(), profile, archive, scratch: scratch.path().to_owned(), started };
+        let output = self.on_a_thread(context, Arc::clone(line)).await?;
+        for file in &output.files {
             self.deps.blobs.publish(&file.path, &file.key).await.map_err(internal)?;
         }
         let mut warnings = job.warnings.clone();
-        warnings.extend(made.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
-        Ok(Finish::Succeeded { outcome: Box::new(made.outcome), warnings, profile: made.profile })
+        warnings.extend(output.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
+        Ok(Finish::Succeeded { outcome: Box::new(output.outcome), warnings, profile: output.profile })
     }
 
     /// Runs the job where it may block, and turns a panic into a fault: a bug in one job is no reason for a worker to die.
-    async fn on_a_thread(&self, bench: Bench, line: Arc<Lifeline>) -> Result<Made, JobError> {
-        let (work, id) = (Arc::clone(&self.deps.work), bench.job.id);
-        match tokio::task::spawn_blocking(move || work.run(&bench, &*line)).await {
+    async fn on_a_thread(&self, context: JobContext, line: Arc<Lifeline>) -> Result<JobOutput, JobError> {
+        let (runner, id) = (Arc::clone(&self.deps.runner), context.job.id);
+        match tokio::task::spawn_blocking(move || runner.run(&context, &*line)).await {
             Ok(result) => result,
             Err(error) => {
                 tracing::error!(job = %id, %error, "a job panicked");

@@ -17,7 +17,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use super::{Config, Deps, stages::StageTimes};
 use crate::{
     contract::Progress,
-    jobs::Watcher,
+    jobs::ProgressSink,
     store::{Heartbeat, Job, StoreResult},
 };
 use pinstack_science::types::Cancelled;
@@ -44,7 +44,7 @@ pub(super) struct Lifeline {
     stopped: CancellationToken,
 }
 
-impl Watcher for Lifeline {
+impl ProgressSink for Lifeline {
     fn report(&self, progress: Progress) {
         self.stages().enter(&progress.stage, std::time::Instant::now());
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;

@@ -13,7 +13,7 @@ use std::{sync::Arc, time::Duration};
 
 use crate::{
     disk_budget::DiskBudget,
-    jobs::Work,
+    jobs::JobRunner,
     store::{MetadataStore, blobs::Blobs},
 };
 
@@ -30,7 +30,7 @@ pub struct Deps {
     /// The room that jobs share with uploads.
     pub disk: Arc<DiskBudget>,
     /// What is done with a job.
-    pub work: Arc<dyn Work>,
+    pub runner: Arc<dyn JobRunner>,
 }
 
 /// How workers work.

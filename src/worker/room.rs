@@ -10,7 +10,7 @@ use super::{
 use crate::{
     contract::{Code, Fault, Progress},
     disk_budget::{DiskState, Reservation},
-    jobs::Watcher,
+    jobs::ProgressSink,
     store::Job,
 };
 use pinstack_science::types::Cancelled;
@@ -25,7 +25,7 @@ impl Shared {
     /// # Errors
     /// When the job is told to stop meanwhile. The inner error: it could not fit if the disk were empty.
     pub(super) async fn room_for(&self, job: &Job, line: &Lifeline) -> Result<Result<Reservation, Fault>, JobError> {
-        let bytes = self.deps.work.disk_need(&job.request);
+        let bytes = self.deps.runner.disk_need(&job.request);
         let mut waits = false;
         loop {
             let state = match self.deps.disk.reserve(bytes).await.map_err(internal)? {

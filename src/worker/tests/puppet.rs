@@ -8,9 +8,9 @@ use uuid::Uuid;
 use crate::contract::JobError;
 use crate::{
     contract::{Code, Fault, Progress, request::JobRequest},
-    jobs::{Bench, Made, MadeFile, Watcher},
+    jobs::{JobContext, JobOutput, OutputFile, ProgressSink},
     store::{blobs::result_key, conformance},
-    worker::Work,
+    worker::JobRunner,
 };
 
 /// What a job in a test is told to do next.
@@ -36,7 +36,7 @@ pub(super) struct Puppet {
     pub disk_need: u64,
 }
 
-impl Work for Puppet {
+impl JobRunner for Puppet {
     fn memory_need(&self, _request: &JobRequest) -> u64 {
         self.need
     }
@@ -45,33 +45,33 @@ impl Work for Puppet {
         self.disk_need
     }
 
-    fn run(&self, bench: &Bench, watcher: &dyn Watcher) -> Result<Made, JobError> {
-        let _ = self.began.send(bench.job.id);
+    fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
+        let _ = self.began.send(context.job.id);
         loop {
             let order = self.orders.lock().unwrap().recv();
             match order {
                 Ok(Order::Report(fraction)) => {
-                    watcher.report(Progress { stage: "fusing".into(), completed: 1, total: 2, fraction });
+                    sink.report(Progress { stage: "fusing".into(), completed: 1, total: 2, fraction });
                 }
                 Ok(Order::WaitForStop) => loop {
-                    watcher.check()?;
+                    sink.check()?;
                     std::thread::yield_now();
                 },
                 Ok(Order::Fail) => return Err(Fault::new(Code::InvalidImage, "torn").into()),
                 Ok(Order::Full) => return Err(Fault::new(Code::InsufficientStorage, "full").into()),
                 Ok(Order::Unavailable) => return Err(Fault::new(Code::Unavailable, "too many open files").into()),
                 Ok(Order::Panic) => panic!("a bug, made for the test"),
-                Ok(Order::Succeed) => return Ok(made(bench)),
+                Ok(Order::Succeed) => return Ok(output(context)),
                 Err(_) => return Err(Fault::new(Code::Internal, "the test is over").into()),
             }
         }
     }
 }
 
-fn made(bench: &Bench) -> Made {
-    let path = bench.scratch.join("image.png");
-    std::fs::write(&path, std::fs::read(&bench.archive).unwrap()).unwrap();
-    let key = result_key(bench.job.id, bench.job.lease_token, "image.png");
-    let files = vec![MadeFile { path, key }];
-    Made { outcome: conformance::stack_outcome(), warnings: vec![], profile: None, files }
+fn output(context: &JobContext) -> JobOutput {
+    let path = context.scratch.join("image.png");
+    std::fs::write(&path, std::fs::read(&context.archive).unwrap()).unwrap();
+    let key = result_key(context.job.id, context.job.lease_token, "image.png");
+    let files = vec![OutputFile { path, key }];
+    JobOutput { outcome: conformance::stack_outcome(), warnings: vec![], profile: None, files }
 }

@@ -9,7 +9,7 @@ use crate::{
         outcome::JobOutcome,
         request::{CalibrationRequest, JobRequest, StackRequest, Upload},
     },
-    jobs::{Science, testkit},
+    jobs::{ScienceRunner, testkit},
     store::{NewJob, blobs::upload_key, conformance::accept, digest::hex},
 };
 use pinstack_science::{
@@ -32,7 +32,7 @@ async fn accept_archive(deps: &Deps, archive: &[u8], request: impl FnOnce(Upload
 worker_test! {
     async fn a_target_becomes_the_profile_that_the_next_stack_is_fused_with() {
         let mut stage = stage().await;
-        stage.deps.work = Arc::new(Science::default());
+        stage.deps.runner = Arc::new(ScienceRunner::default());
         let _pool = Pool::start(stage.deps.clone(), Config { workers: 2, ..Config::default() });
         let calibration = accept_archive(&stage.deps, &testkit::target_zip(), |upload, layout| {
             JobRequest::Calibration(CalibrationRequest { options: Default::default(), upload, layout })

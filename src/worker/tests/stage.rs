@@ -56,10 +56,10 @@ pub(super) async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     let blobs = LocalBlobs::open(folder.path()).unwrap();
     let (began_here, began) = async_mpsc::unbounded_channel();
     let (orders, to_puppet) = mpsc::channel();
-    let work = Puppet { began: began_here, orders: Mutex::new(to_puppet), need, disk_need };
+    let runner = Puppet { began: began_here, orders: Mutex::new(to_puppet), need, disk_need };
     let blobs = Arc::new(blobs);
     let disk = DiskBudget::new(blobs.clone(), 0);
-    let deps = Deps { rows: Arc::new(rows), blobs, disk, work: Arc::new(work) };
+    let deps = Deps { rows: Arc::new(rows), blobs, disk, runner: Arc::new(runner) };
     conformance::put(&*deps.rows, "rig", "lens", 1.5).await;
     Stage { folder, clock, deps, began, orders }
 }

@@ -1,4 +1,4 @@
-//! Stacks that would come out wrong without a word, through the whole job.
+//! Stacks that would silently give wrong results, run through the whole job.
 
 use std::path::Path;
 
@@ -10,9 +10,9 @@ use crate::{
         request::JobRequest,
     },
     jobs::{
-        Made,
+        JobOutput,
         stack::run,
-        testkit::{Laid, Recorder, both_zip, file, front_zip, png, stack, target_zip, zip},
+        testkit::{Recorder, TestJob, both_zip, file, front_zip, png, stack, target_zip, zip},
     },
 };
 use pinstack_science::{
@@ -21,33 +21,33 @@ use pinstack_science::{
     types::{NoControl, fusion_options::Method},
 };
 
-fn outcome(archive: &[u8], options: StackOptions) -> Result<Made, JobError> {
-    let laid = Laid::stack(archive, options);
-    let JobRequest::Stack(request) = &laid.bench.job.request else { panic!("a stack") };
-    let made = run(&laid.bench, request, &ArchiveLimits::default(), &Recorder::default())?;
-    // the pictures outlive the bench
-    Ok(made)
+fn outcome(archive: &[u8], options: StackOptions) -> Result<JobOutput, JobError> {
+    let job = TestJob::stack(archive, options);
+    let JobRequest::Stack(request) = &job.context.job.request else { panic!("a stack") };
+    let output = run(&job.context, request, &ArchiveLimits::default(), &Recorder::default())?;
+    // the warnings outlive the test job
+    Ok(output)
 }
 
 /// Codes of the warnings of a stack.
 fn warned(archive: &[u8], options: StackOptions) -> Vec<String> {
-    let made = outcome(archive, options).expect("the job");
-    made.warnings.into_iter().map(|warning| warning.code).collect()
+    let output = outcome(archive, options).expect("the job");
+    output.warnings.into_iter().map(|warning| warning.code).collect()
 }
 
-/// The image of a stack, its bytes, and what was warned of.
+/// The bytes of the image of a stack, and its warnings.
 fn image(archive: &[u8], options: StackOptions) -> (Vec<u8>, Vec<Warning>) {
-    let laid = Laid::stack(archive, options);
-    let JobRequest::Stack(request) = &laid.bench.job.request else { panic!("a stack") };
-    let made = run(&laid.bench, request, &ArchiveLimits::default(), &Recorder::default()).expect("the job");
-    (file(&made, "image").1, made.warnings)
+    let job = TestJob::stack(archive, options);
+    let JobRequest::Stack(request) = &job.context.job.request else { panic!("a stack") };
+    let output = run(&job.context, request, &ArchiveLimits::default(), &Recorder::default()).expect("the job");
+    (file(&output, "image").1, output.warnings)
 }
 
 fn members<'a>(folder: &str, slices: impl Iterator<Item = &'a Raster>) -> Vec<(String, Vec<u8>)> {
     slices.enumerate().map(|(i, slice)| (format!("{folder}/img_{i}.png"), png(slice))).collect()
 }
 
-/// The slices with 12 bits in files of 16.
+/// The slices with 12 bits of data in 16-bit samples.
 fn twelve_bits(slices: &[Raster]) -> Vec<Raster> {
     let of = |slice: &Raster| {
         let Samples::Eight(samples) = &slice.samples else { panic!("8 bits") };
@@ -57,11 +57,11 @@ fn twelve_bits(slices: &[Raster]) -> Vec<Raster> {
     slices.iter().map(of).collect()
 }
 
-/// What these diagnoses say; other warnings are of no interest here.
+/// The codes of these diagnoses; other warnings are ignored here.
 const DIAGNOSES: [&str; 4] = ["lights_exchanged", "dot_target", "unused_input_bits", "slices_reversed"];
 
 #[test]
-fn a_stack_without_fault_hears_nothing_of_this() {
+fn a_sound_stack_gets_none_of_these_warnings() {
     for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
         for archive in [front_zip(), both_zip()] {
             let warned = warned(&archive, StackOptions { method, ..StackOptions::default() });
@@ -71,7 +71,7 @@ fn a_stack_without_fault_hears_nothing_of_this() {
 }
 
 #[test]
-fn slices_in_reverse_are_named_and_put_right_on_demand() {
+fn reversed_slices_are_warned_of_and_corrected_on_request() {
     let mut all = members("front", stack().front.iter().rev());
     all.extend(members("back", stack().back.iter().rev()));
     let reversed = zip(all);
@@ -86,14 +86,14 @@ fn slices_in_reverse_are_named_and_put_right_on_demand() {
 }
 
 #[test]
-fn exchanged_lights_are_named_and_no_mask_is_made_of_them_where_one_is_required() {
+fn exchanged_lights_are_warned_of_and_fail_a_required_mask() {
     let mut all = members("back", stack().front.iter());
     all.extend(members("front", stack().back.iter()));
     let exchanged = zip(all);
     for method in [Method::Guided, Method::HaloCorrected] {
         let warned = warned(&exchanged, StackOptions { method, ..StackOptions::default() });
         assert!(warned.iter().any(|code| code == "lights_exchanged"), "{warned:?}");
-        assert!(!warned.iter().any(|code| OF_A_WRONG_LIGHT.contains(&code.as_str())), "{warned:?}");
+        assert!(!warned.iter().any(|code| CAUSED_BY_EXCHANGED_LIGHTS.contains(&code.as_str())), "{warned:?}");
     }
     let required = StackOptions { mask: MaskMode::Required, ..StackOptions::default() };
     let Err(JobError::Failed(fault)) = outcome(&exchanged, required.clone()) else { panic!("must fail") };
@@ -102,13 +102,13 @@ fn exchanged_lights_are_named_and_no_mask_is_made_of_them_where_one_is_required(
 }
 
 #[test]
-fn a_dot_target_is_named() {
+fn a_dot_target_is_warned_of() {
     let warned = warned(&target_zip(), StackOptions::default());
     assert!(warned.iter().any(|code| code == "dot_target"), "{warned:?}");
 }
 
 #[test]
-fn twelve_bits_in_files_of_sixteen_are_named_and_stretched_on_demand() {
+fn twelve_bits_in_16_bit_files_are_warned_of_and_scaled_on_request() {
     let mut all = members("front", twelve_bits(&stack().front).iter());
     all.extend(members("back", twelve_bits(&stack().back).iter()));
     let dark = zip(all);
@@ -133,9 +133,9 @@ fn twelve_bits_in_files_of_sixteen_are_named_and_stretched_on_demand() {
     assert!(!warned(&dark, ordinary).iter().any(|code| code == "unused_input_bits"));
 }
 
-/// Real stacks that lie beside the repository; nothing is tested where they are missing.
+/// Real stacks beside the repository; the test does nothing without them.
 #[test]
-fn real_pictures_are_told_apart() {
+fn real_pictures_are_diagnosed() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let picture = |path: &Path| {
         let bytes = std::fs::read(path).ok()?;

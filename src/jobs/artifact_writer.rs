@@ -1,6 +1,5 @@
-//! Pictures and documents into the files of a job: written into the scratch folder, hashed, named as artifacts.
+//! Writes the artifacts of a job: encodes a picture or document into the scratch folder, hashes the file, and describes it.
 
-use crate::contract::JobError;
 use std::{
     fs::File,
     io::{self, BufWriter, Read, Seek, SeekFrom, Write},
@@ -9,10 +8,10 @@ use std::{
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::{Bench, MadeFile, Watcher};
+use super::{JobContext, OutputFile, ProgressSink};
 use crate::{
     contract::{
-        Code, Fault,
+        Code, Fault, JobError,
         options::{ImageFormat, StackOptions},
         outcome::Artifact,
     },
@@ -23,19 +22,19 @@ use pinstack_science::imaging::{
     codec::{Metadata, encode_png, encode_tiff, write_jpeg},
 };
 
-/// How a picture is written.
+/// File format of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     Png,
     Tiff,
-    /// Of this quality, 1 to 100, without alpha.
+    /// Without alpha; quality 1 to 100.
     Jpeg {
         quality: u8,
     },
 }
 
 impl Encoding {
-    /// What `options` ask for.
+    /// The format that `options` request.
     pub(super) fn of(options: &StackOptions) -> Self {
         match options.format {
             ImageFormat::Png => Self::Png,
@@ -45,32 +44,35 @@ impl Encoding {
     }
 }
 
-/// Writes the artifacts of one job.
-pub(super) struct Press<'a> {
-    bench: &'a Bench,
-    watcher: &'a dyn Watcher,
+/// Writes the artifacts of one job into its scratch folder.
+pub(super) struct ArtifactWriter<'a> {
+    context: &'a JobContext,
+    sink: &'a dyn ProgressSink,
 }
 
 /// An artifact and the file that holds it.
-pub(super) type Pressed = (Artifact, MadeFile);
+pub(super) type WrittenArtifact = (Artifact, OutputFile);
 
-impl<'a> Press<'a> {
-    pub(super) fn new(bench: &'a Bench, watcher: &'a dyn Watcher) -> Self {
-        Self { bench, watcher }
+impl<'a> ArtifactWriter<'a> {
+    pub(super) fn new(context: &'a JobContext, sink: &'a dyn ProgressSink) -> Self {
+        Self { context, sink }
     }
 
-    pub(super) fn png(&self, name: &str, picture: &Raster, metadata: &Metadata) -> Result<Pressed, JobError> {
+    pub(super) fn png(&self, name: &str, picture: &Raster, metadata: &Metadata) -> Result<WrittenArtifact, JobError> {
         self.picture(name, Encoding::Png, picture, metadata)
     }
 
-    /// Writes `picture` as artifact `name`. Stops in the middle when the job is no longer wanted.
+    /// Writes `picture` as artifact `name`.
+    ///
+    /// # Errors
+    /// [`JobError::Cancelled`], also in the middle of the file; a fault when the file cannot be written.
     pub(super) fn picture(
         &self,
         name: &str,
         encoding: Encoding,
         picture: &Raster,
         metadata: &Metadata,
-    ) -> Result<Pressed, JobError> {
+    ) -> Result<WrittenArtifact, JobError> {
         match encoding {
             Encoding::Png => self.file(name, "png", "image/png", |out| encode_png(out, picture, metadata)),
             Encoding::Tiff => self.file(name, "tif", "image/tiff", |out| encode_tiff(out, picture, metadata)),
@@ -80,8 +82,8 @@ impl<'a> Press<'a> {
         }
     }
 
-    /// Writes `value` as artifact `name`, a JSON document.
-    pub(super) fn json(&self, name: &str, value: &impl Serialize) -> Result<Pressed, JobError> {
+    /// Writes `value` as artifact `name`, a JSON document. Errors as [`Self::picture`].
+    pub(super) fn json(&self, name: &str, value: &impl Serialize) -> Result<WrittenArtifact, JobError> {
         self.file(name, "json", "application/json", |out| Ok(serde_json::to_writer(out, value)?))
     }
 
@@ -91,16 +93,16 @@ impl<'a> Press<'a> {
         extension: &str,
         media_type: &str,
         fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
-    ) -> Result<Pressed, JobError> {
-        self.watcher.check()?;
+    ) -> Result<WrittenArtifact, JobError> {
+        self.sink.check()?;
         let file_name = format!("{name}.{extension}");
-        let path = self.bench.scratch.join(&file_name);
+        let path = self.context.scratch.join(&file_name);
         let written = self.write(&path, fill);
-        let (bytes, sha256) = written.map_err(|error| self.stop(&error))?;
-        let key = result_key(self.bench.job.id, self.bench.job.lease_token, &file_name);
+        let (bytes, sha256) = written.map_err(|error| self.failure(&error))?;
+        let key = result_key(self.context.job.id, self.context.job.lease_token, &file_name);
         let artifact =
             Artifact { name: name.to_owned(), key: key.clone(), media_type: media_type.to_owned(), bytes, sha256 };
-        Ok((artifact, MadeFile { path, key }))
+        Ok((artifact, OutputFile { path, key }))
     }
 
     fn write(
@@ -110,10 +112,10 @@ impl<'a> Press<'a> {
     ) -> io::Result<(u64, String)> {
         step("artifact.make")?;
         let file = File::options().create_new(true).read(true).write(true).open(path)?;
-        let mut out = BufWriter::with_capacity(1 << 20, Watched { file, watcher: self.watcher });
+        let mut out = BufWriter::with_capacity(1 << 20, Cancellable { file, sink: self.sink });
         fill(&mut out)?;
         let mut written = out.into_inner().map_err(io::IntoInnerError::into_error)?;
-        // hashed afterwards: a TIFF is not written from front to back
+        // hashed afterwards, because the TIFF encoder seeks back
         written.file.seek(SeekFrom::Start(0))?;
         let mut hash = Sha256::new();
         let mut bytes = 0;
@@ -128,41 +130,41 @@ impl<'a> Press<'a> {
         }
     }
 
-    fn stop(&self, error: &io::Error) -> JobError {
-        if let Err(cancelled) = self.watcher.check() {
+    fn failure(&self, error: &io::Error) -> JobError {
+        if let Err(cancelled) = self.sink.check() {
             return cancelled.into();
         }
         match error.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-                let detail = "the disk of the service is full, so the results could not be written; make room and send \
-                              the stack again";
+                let detail = "the disk of the service is full, so the results could not be written; free some disk space \
+                              and send the zip again";
                 Fault::new(Code::InsufficientStorage, detail).into()
             }
             _ => {
-                tracing::error!(job = %self.bench.job.id, ?error, "cannot write an artifact");
-                let detail = "the service could not write the results; its log has the details under the job's id";
+                tracing::error!(job = %self.context.job.id, ?error, "cannot write an artifact");
+                let detail = "the service could not write the results; its log has the cause under the id of the job";
                 Fault::new(Code::Unavailable, detail).into()
             }
         }
     }
 }
 
-/// What an artifact is written through.
-type Out<'a> = BufWriter<Watched<'a>>;
+/// The buffered, cancellable file of an artifact.
+type Out<'a> = BufWriter<Cancellable<'a>>;
 
-/// A file that refuses to go on once the job is no longer wanted.
-struct Watched<'a> {
+/// A file whose reads and writes fail once the job is cancelled.
+struct Cancellable<'a> {
     file: File,
-    watcher: &'a dyn Watcher,
+    sink: &'a dyn ProgressSink,
 }
 
-impl Watched<'_> {
+impl Cancellable<'_> {
     fn check(&self) -> io::Result<()> {
-        self.watcher.check().map_err(io::Error::other)
+        self.sink.check().map_err(io::Error::other)
     }
 }
 
-impl Write for Watched<'_> {
+impl Write for Cancellable<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.check()?;
         step("artifact.write")?;
@@ -173,14 +175,14 @@ impl Write for Watched<'_> {
     }
 }
 
-impl Read for Watched<'_> {
+impl Read for Cancellable<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.check()?;
         self.file.read(bytes)
     }
 }
 
-impl Seek for Watched<'_> {
+impl Seek for Cancellable<'_> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.file.seek(to)
     }

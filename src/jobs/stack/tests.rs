@@ -7,7 +7,7 @@ use crate::{
         outcome::ImageInfo,
         request::JobRequest,
     },
-    jobs::testkit::{Laid, Recorder, both_zip, file, front_zip, picture, png, stack, zip},
+    jobs::testkit::{Recorder, TestJob, both_zip, file, front_zip, picture, png, stack, zip},
     store::digest::hex,
 };
 use pinstack_science::{
@@ -20,15 +20,15 @@ use pinstack_science::{
 };
 use sha2::{Digest, Sha256};
 
-fn run_with(laid: &Laid, watcher: &dyn Watcher) -> Result<Made, JobError> {
-    let JobRequest::Stack(request) = &laid.bench.job.request else { panic!("a stack") };
-    run(&laid.bench, request, &ArchiveLimits::default(), watcher)
+fn run_with(job: &TestJob, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
+    let JobRequest::Stack(request) = &job.context.job.request else { panic!("a stack") };
+    run(&job.context, request, &ArchiveLimits::default(), sink)
 }
 
-fn done(laid: &Laid) -> (Made, StackOutcome) {
-    let made = run_with(laid, &Recorder::default()).expect("the job");
-    let JobOutcome::Stack(outcome) = made.outcome.clone() else { panic!("a stack was made") };
-    (made, outcome)
+fn done(job: &TestJob) -> (JobOutput, StackOutcome) {
+    let output = run_with(job, &Recorder::default()).expect("the job");
+    let JobOutcome::Stack(outcome) = output.outcome.clone() else { panic!("a stack was made") };
+    (output, outcome)
 }
 
 fn options() -> StackOptions {
@@ -56,8 +56,8 @@ fn error(picture: &Raster, object: &[u8]) -> f64 {
 
 #[test]
 fn a_stack_with_back_light_comes_out_sharp_cut_out_and_measured() {
-    let laid = Laid::stack(&both_zip(), options());
-    let (made, outcome) = done(&laid);
+    let job = TestJob::stack(&both_zip(), options());
+    let (output, outcome) = done(&job);
     let names: Vec<&str> = outcome.artifacts.iter().map(|a| a.name.as_str()).collect();
     assert_eq!(names, ["backlight", "image", "preview", "mask", "depth"]);
     assert_eq!(
@@ -66,13 +66,13 @@ fn a_stack_with_back_light_comes_out_sharp_cut_out_and_measured() {
     );
     assert_eq!(outcome.software.as_deref(), Some(SOFTWARE));
     for artifact in &outcome.artifacts {
-        let (_, bytes) = file(&made, &artifact.name);
+        let (_, bytes) = file(&output, &artifact.name);
         assert_eq!(artifact.bytes, bytes.len() as u64);
         assert_eq!(artifact.sha256, hex(&Sha256::digest(&bytes)));
-        assert!(artifact.key.starts_with(&format!("results/{}/1/", laid.bench.job.id)));
+        assert!(artifact.key.starts_with(&format!("results/{}/1/", job.context.job.id)));
     }
 
-    let mask = grey(&picture(&made, "mask").1);
+    let mask = grey(&picture(&output, "mask").1);
     let truth = &stack().truth;
     let (mut both, mut either) = (0.0, 0.0);
     for (&ours, &theirs) in mask.iter().zip(&truth.mask.data) {
@@ -84,7 +84,7 @@ fn a_stack_with_back_light_comes_out_sharp_cut_out_and_measured() {
 
     // outside our own mask the picture is black, so only what both call object is compared
     let object: Vec<u8> = mask.iter().zip(&truth.mask.data).map(|(&ours, &theirs)| ours & theirs).collect();
-    let (_, image) = picture(&made, "image");
+    let (_, image) = picture(&output, "image");
     let fused = error(&image, &object);
     let best = stack().front.iter().map(|slice| error(slice, &object)).fold(f64::MAX, f64::min);
     assert!(fused < 0.8 * best, "fused {fused}, best single slice {best}");
@@ -99,8 +99,8 @@ fn a_stack_with_back_light_comes_out_sharp_cut_out_and_measured() {
 #[test]
 fn the_same_stack_gives_the_same_bytes() {
     let digests = || {
-        let laid = Laid::stack(&both_zip(), options());
-        let (_, outcome) = done(&laid);
+        let job = TestJob::stack(&both_zip(), options());
+        let (_, outcome) = done(&job);
         outcome.artifacts.into_iter().map(|a| (a.name, a.sha256)).collect::<Vec<_>>()
     };
     assert_eq!(digests(), digests());
@@ -108,12 +108,12 @@ fn the_same_stack_gives_the_same_bytes() {
 
 #[test]
 fn a_stack_without_back_light_is_opaque_wherever_a_slice_covers_it() {
-    let laid = Laid::stack(&front_zip(), options());
-    let (made, outcome) = done(&laid);
+    let job = TestJob::stack(&front_zip(), options());
+    let (output, outcome) = done(&job);
     let names: Vec<&str> = outcome.artifacts.iter().map(|a| a.name.as_str()).collect();
     assert_eq!(names, ["image", "preview", "depth"]);
     assert_eq!(outcome.metrics.mask, None);
-    let (_, depth) = picture(&made, "depth");
+    let (_, depth) = picture(&output, "depth");
     let Samples::Sixteen(index) = &depth.samples else { panic!("16 bits") };
     assert!(index.iter().all(|&slice| slice < 5), "the reference slice covers the whole canvas");
     let used: std::collections::BTreeSet<u16> = index.iter().copied().collect();
@@ -123,8 +123,8 @@ fn a_stack_without_back_light_is_opaque_wherever_a_slice_covers_it() {
 #[test]
 fn parameters_of_guided_filtering_that_do_not_count_are_named() {
     let warned = |method: Method| {
-        let laid = Laid::stack(&front_zip(), StackOptions { method, r1: 20, ..options() });
-        done(&laid).0.warnings.iter().any(|warning| warning.code == "unused_parameters")
+        let job = TestJob::stack(&front_zip(), StackOptions { method, r1: 20, ..options() });
+        done(&job).0.warnings.iter().any(|warning| warning.code == "unused_parameters")
     };
     assert!(warned(Method::HaloCorrected) && warned(Method::Pyramid));
     assert!(!warned(Method::Guided));
@@ -132,8 +132,8 @@ fn parameters_of_guided_filtering_that_do_not_count_are_named() {
 
 #[test]
 fn mask_none_does_not_look_at_the_back_light() {
-    let laid = Laid::stack(&both_zip(), StackOptions { mask: MaskMode::None, ..options() });
-    let (_, outcome) = done(&laid);
+    let job = TestJob::stack(&both_zip(), StackOptions { mask: MaskMode::None, ..options() });
+    let (_, outcome) = done(&job);
     assert!(outcome.artifacts.iter().all(|a| a.name != "mask" && a.name != "backlight"));
 }
 
@@ -141,8 +141,8 @@ fn mask_none_does_not_look_at_the_back_light() {
 fn a_required_mask_that_cannot_be_made_fails_the_job() {
     let required = StackOptions { mask: MaskMode::Required, ..options() };
     let hopeless = StackOptions { mask_threshold: MaskThreshold::Fixed(0.0), ..required.clone() };
-    for laid in [Laid::stack(&front_zip(), required), Laid::stack(&both_zip(), hopeless)] {
-        let Err(JobError::Failed(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+    for job in [TestJob::stack(&front_zip(), required), TestJob::stack(&both_zip(), hopeless)] {
+        let Err(JobError::Failed(fault)) = run_with(&job, &Recorder::default()) else { panic!("must fail") };
         assert_eq!(fault.code, Code::MaskFailed);
         assert!(fault.detail.contains("mask=required"), "{}", fault.detail);
     }
@@ -151,12 +151,12 @@ fn a_required_mask_that_cannot_be_made_fails_the_job() {
 #[test]
 fn a_soft_edge_is_in_the_image_and_the_mask_stays_hard() {
     let alphas = |edge: MaskEdge| {
-        let laid = Laid::stack(&both_zip(), StackOptions { mask_edge: edge, ..options() });
-        let (made, _) = done(&laid);
+        let job = TestJob::stack(&both_zip(), StackOptions { mask_edge: edge, ..options() });
+        let (output, _) = done(&job);
         // slices have no alpha, so what decodes them does not show it
-        let image = image::load_from_memory(&file(&made, "image").1).expect("a picture").into_rgba8();
+        let image = image::load_from_memory(&file(&output, "image").1).expect("a picture").into_rgba8();
         let alpha: Vec<u8> = image.pixels().map(|pixel| pixel.0[3]).collect();
-        (alpha, grey(&picture(&made, "mask").1))
+        (alpha, grey(&picture(&output, "mask").1))
     };
     let ((hard, mask), (soft, same)) = (alphas(MaskEdge::Hard), alphas(MaskEdge::Soft));
     assert_eq!(mask, same);
@@ -186,10 +186,10 @@ fn a_black_and_a_white_back_light_are_named_as_such() {
         zip(members)
     };
     for (level, code, says) in [(0, "mask_full", "back light on"), (255, "mask_empty", "the mask is empty")] {
-        let (made, _) = done(&Laid::stack(&of(level), options()));
-        let told: Vec<&str> = made.warnings.iter().filter(|w| w.code == code).map(|w| w.detail.as_str()).collect();
-        assert!(told.len() == 1 && told[0].contains(says), "{code}: {:?}", made.warnings);
-        let required = Laid::stack(&of(level), StackOptions { mask: MaskMode::Required, ..options() });
+        let (output, _) = done(&TestJob::stack(&of(level), options()));
+        let told: Vec<&str> = output.warnings.iter().filter(|w| w.code == code).map(|w| w.detail.as_str()).collect();
+        assert!(told.len() == 1 && told[0].contains(says), "{code}: {:?}", output.warnings);
+        let required = TestJob::stack(&of(level), StackOptions { mask: MaskMode::Required, ..options() });
         let Err(JobError::Failed(fault)) = run_with(&required, &Recorder::default()) else { panic!("must fail") };
         assert!(fault.code == Code::MaskFailed && fault.detail.contains(says), "{}", fault.detail);
     }
@@ -199,33 +199,33 @@ fn a_black_and_a_white_back_light_are_named_as_such() {
 fn format_depth_and_crop_are_as_asked() {
     let crop = Crop::Rect { x: 20, y: 10, width: 100, height: 80 };
     let asked = StackOptions { format: ImageFormat::Tiff, bit_depth: BitDepth::Sixteen, crop, ..options() };
-    let laid = Laid::stack(&both_zip(), StackOptions { under_alpha: UnderAlpha::Keep, ..asked });
-    let (made, outcome) = done(&laid);
+    let job = TestJob::stack(&both_zip(), StackOptions { under_alpha: UnderAlpha::Keep, ..asked });
+    let (output, outcome) = done(&job);
     assert_eq!(
         outcome.image,
         ImageInfo { width: 100, height: 80, bit_depth: 16, crop_offset_px: [20, 10], intrinsics: None }
     );
-    let (artifact, image) = picture(&made, "image");
+    let (artifact, image) = picture(&output, "image");
     assert_eq!(artifact.media_type, "image/tiff");
     assert_eq!((image.width, image.height, image.depth()), (100, 80, pinstack_science::imaging::Depth::Sixteen));
     for name in ["mask", "backlight", "depth", "preview"] {
-        let (artifact, picture) = picture(&made, name);
+        let (artifact, picture) = picture(&output, name);
         let kind = if name == "preview" { "image/jpeg" } else { "image/png" };
         assert_eq!((picture.width, picture.height, artifact.media_type.as_str()), (100, 80, kind), "{name}");
     }
     // the crop moves nothing: the same pixels as without
-    let whole = Laid::stack(&both_zip(), options());
+    let whole = TestJob::stack(&both_zip(), options());
     let (uncropped, _) = done(&whole);
     let rect = Rect { x: 20, y: 10, width: 100, height: 80 };
-    assert_eq!(picture(&made, "mask").1, compose::cropped(&picture(&uncropped, "mask").1, rect));
-    assert_eq!(picture(&made, "depth").1, compose::cropped(&picture(&uncropped, "depth").1, rect));
+    assert_eq!(picture(&output, "mask").1, compose::cropped(&picture(&uncropped, "mask").1, rect));
+    assert_eq!(picture(&output, "depth").1, compose::cropped(&picture(&uncropped, "depth").1, rect));
 }
 
 #[test]
 fn progress_runs_from_start_to_end_and_never_back() {
-    let laid = Laid::stack(&both_zip(), options());
+    let job = TestJob::stack(&both_zip(), options());
     let recorder = Recorder::default();
-    run_with(&laid, &recorder).expect("the job");
+    run_with(&job, &recorder).expect("the job");
     let reports = recorder.reports.into_inner().unwrap();
     assert!(reports.windows(2).all(|pair| pair[0].fraction <= pair[1].fraction));
     assert_eq!((reports[0].fraction, reports.last().unwrap().fraction), (0.0, 1.0));
@@ -239,9 +239,9 @@ fn progress_runs_from_start_to_end_and_never_back() {
 #[test]
 fn a_job_that_is_not_wanted_stops_wherever_it_is() {
     for stop_at in [0.0, 0.1, 0.4, 0.6, 0.93] {
-        let laid = Laid::stack(&both_zip(), options());
+        let job = TestJob::stack(&both_zip(), options());
         let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };
-        let result = run_with(&laid, &recorder);
+        let result = run_with(&job, &recorder);
         assert!(matches!(result, Err(JobError::Cancelled(_))), "at {stop_at}");
     }
 }
@@ -256,8 +256,8 @@ fn a_torn_slice_fails_the_job_and_is_named() {
         .collect();
     let half = members[3].1.len() / 2;
     members[3].1.truncate(half);
-    let laid = Laid::stack(&zip(members), options());
-    let Err(JobError::Failed(fault)) = run_with(&laid, &Recorder::default()) else { panic!("must fail") };
+    let job = TestJob::stack(&zip(members), options());
+    let Err(JobError::Failed(fault)) = run_with(&job, &Recorder::default()) else { panic!("must fail") };
     assert_eq!(fault.code, Code::InvalidImage);
     assert!(fault.detail.contains("img_3.png"), "{}", fault.detail);
 }
@@ -265,11 +265,11 @@ fn a_torn_slice_fails_the_job_and_is_named() {
 #[test]
 fn a_jpeg_has_the_colours_of_the_png_and_no_alpha() {
     let of = |format: ImageFormat, under_alpha: UnderAlpha| {
-        let laid = Laid::stack(&both_zip(), StackOptions { format, under_alpha, ..options() });
-        let (made, outcome) = done(&laid);
+        let job = TestJob::stack(&both_zip(), StackOptions { format, under_alpha, ..options() });
+        let (output, outcome) = done(&job);
         assert_eq!(outcome.image.bit_depth, 8);
-        let (artifact, picture) = picture(&made, "image");
-        (artifact.media_type.clone(), picture, grey(&self::picture(&made, "mask").1))
+        let (artifact, picture) = picture(&output, "image");
+        (artifact.media_type.clone(), picture, grey(&self::picture(&output, "mask").1))
     };
     for under in [UnderAlpha::Black, UnderAlpha::Keep] {
         let (_, png, mask) = of(ImageFormat::Png, under);
@@ -289,12 +289,12 @@ fn a_jpeg_has_the_colours_of_the_png_and_no_alpha() {
 #[test]
 fn what_the_profile_knows_of_the_camera_stands_beside_the_image() {
     let crop = Crop::Rect { x: 20, y: 10, width: 100, height: 80 };
-    let mut laid = Laid::stack(&front_zip(), StackOptions { crop, ..options() });
-    let input = &mut laid.bench.profile.as_mut().expect("a profile").input;
+    let mut job = TestJob::stack(&front_zip(), StackOptions { crop, ..options() });
+    let input = &mut job.context.profile.as_mut().expect("a profile").input;
     input.principal_distance_mm = Some(121.0);
     input.pixel_pitch_mm = Some(0.05);
     input.principal_point_px = Some([118.5, 91.0]);
-    let (_, outcome) = done(&laid);
+    let (_, outcome) = done(&job);
     let expected = Intrinsics {
         principal_distance_px: 2420.0,
         principal_distance_mm: 121.0,
