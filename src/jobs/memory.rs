@@ -5,7 +5,7 @@ use crate::contract::{
     request::{CalibrationRequest, JobRequest, StackRequest},
 };
 use pinstack_science::{
-    calibration::MOST_SAMPLES,
+    calibration::MAX_SAMPLES,
     fusion::{self, Plan},
     imaging::Depth,
     types::{Homography, fusion_options::GuidedParams, mask_options::MaskEdge, stack_layout::StackLayout},
@@ -72,7 +72,7 @@ fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let lanes = threads.clamp(1, 2);
     let in_flight = lanes as u64;
     let decoded = u64::from(layout.channels) * sample(layout);
-    let samples = pixels(layout).min(MOST_SAMPLES as u64);
+    let samples = pixels(layout).min(MAX_SAMPLES as u64);
     // six planes of floats, four of bytes, and one of both while dots are told from what is not
     let planes = samples * in_flight * (6 * 4 + 4 + 8);
     pixels(layout).saturating_mul(in_flight * decoded).saturating_add(planes).saturating_add(files(layout, lanes))

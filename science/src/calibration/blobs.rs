@@ -2,7 +2,7 @@
 
 use crate::imaging::Plane;
 
-use super::working::quantile;
+use super::working_image::quantile;
 
 /// A spot that could be a dot, in px of the plane it was found in.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,14 +16,14 @@ pub(super) struct Blob {
 /// Least depth of a dot below its surroundings, as a share of the ground, that counts as a dot at all.
 const LEAST_CONTRAST: f64 = 0.03;
 
-/// Round spots of `ink` that stand out from the mean of the `(2 radius + 1)^2` px around them. Those that
+/// Round spots of `contrast` that stand out from the mean of the `(2 radius + 1)^2` px around them. Those that
 /// touch the frame are left out: their centres are not those of the dots.
-pub(super) fn find(ink: &Plane<f32>, radius: usize) -> Vec<Blob> {
-    let (width, height) = (ink.width, ink.height);
+pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
+    let (width, height) = (contrast.width, contrast.height);
     if width < 8 || height < 8 {
         return Vec::new();
     }
-    let smooth = box_mean(ink, 1);
+    let smooth = box_mean(contrast, 1);
     let around = box_mean(&smooth, radius);
     let standing: Vec<f32> = smooth.data.iter().zip(&around.data).map(|(a, b)| a - b).collect();
     let stride = (standing.len() / 50_000).max(1) | 1;

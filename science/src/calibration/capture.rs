@@ -4,13 +4,13 @@
 //! is. The two part by half the square of the relative change over the stack. And towards the object a sensor sees a
 //! smaller picture (it comes nearer to the lens), a camera a larger one.
 
-use super::working::median;
+use super::working_image::median;
 use crate::types::profile::CaptureMode;
 use crate::types::report::CaptureReport;
 
 /// One measured slice.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Scaled {
+pub(super) struct ScaleSample {
     /// Position on the rail; mm towards the object when `told`, else the index.
     pub position: f64,
     /// Scale towards the reference slice.
@@ -21,7 +21,12 @@ pub(super) struct Scaled {
 
 /// Judges the scales. `told_positions`: positions came from the user, so their direction counts; `even`: steps
 /// are known to be even, so the law counts.
-pub(super) fn judge(slices: &[Scaled], told_positions: bool, even: bool, told: Option<CaptureMode>) -> CaptureReport {
+pub(super) fn judge(
+    slices: &[ScaleSample],
+    told_positions: bool,
+    even: bool,
+    told: Option<CaptureMode>,
+) -> CaptureReport {
     let by_law = if even { by_law(slices) } else { None };
     let by_sign = if told_positions { by_sign(slices) } else { None };
     let (found, detail) = match (by_law, by_sign) {
@@ -48,7 +53,7 @@ pub(super) fn name(mode: CaptureMode) -> &'static str {
     }
 }
 
-fn by_law(slices: &[Scaled]) -> Option<CaptureMode> {
+fn by_law(slices: &[ScaleSample]) -> Option<CaptureMode> {
     if slices.len() < 5 {
         return None;
     }
@@ -63,7 +68,7 @@ fn by_law(slices: &[Scaled]) -> Option<CaptureMode> {
     }
 }
 
-fn by_sign(slices: &[Scaled]) -> Option<CaptureMode> {
+fn by_sign(slices: &[ScaleSample]) -> Option<CaptureMode> {
     let mut slopes = Vec::new();
     for (k, a) in slices.iter().enumerate() {
         slopes.extend(slices[k + 1..].iter().map(|b| (b.scale - a.scale) / (b.position - a.position)));
@@ -93,8 +98,8 @@ fn off_line(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
 mod tests {
     use super::*;
 
-    fn stack(scale: impl Fn(f64) -> f64) -> Vec<Scaled> {
-        (-4..=4).map(|z| Scaled { position: f64::from(z), scale: scale(f64::from(z)), sigma: 3e-6 }).collect()
+    fn stack(scale: impl Fn(f64) -> f64) -> Vec<ScaleSample> {
+        (-4..=4).map(|z| ScaleSample { position: f64::from(z), scale: scale(f64::from(z)), sigma: 3e-6 }).collect()
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! What the user should know: each finding a sentence with its slices.
 
 use super::capture;
-use super::chain::Seen;
-use super::events::Event;
-use super::gains::UNSURE;
+use super::gains::MAX_SIGMA;
 use super::lattice::Places;
+use super::rail_anomalies::RailAnomaly;
 use super::solve::Solution;
+use super::tracking::Tracked;
 use crate::imaging::Slices;
 use crate::types::Warning;
 use crate::types::profile::ProfileSlice;
@@ -23,8 +23,8 @@ const ASLANT: f64 = 1.022;
 pub(super) struct Facts<'a> {
     /// For names.
     pub slices: &'a dyn Slices,
-    /// What was seen.
-    pub seen: &'a Seen,
+    /// What was tracked.
+    pub tracked: &'a Tracked,
     /// What followed.
     pub solution: &'a Solution,
     /// What the profile says.
@@ -62,26 +62,26 @@ fn rail(facts: &Facts) -> Vec<Warning> {
     let name = |i: usize| facts.slices.name(i);
     let mut out: Vec<Warning> = facts
         .solution
-        .events
+        .anomalies
         .iter()
         .map(|event| match *event {
-            Event::Missing { after } => Warning::new(
+            RailAnomaly::Missing { after } => Warning::new(
                 "slice_missing",
                 format!("a slice seems to be missing between {} and {}: the step between them is twice as long as the others", name(after), name(after + 1)),
             ),
-            Event::Doubled { first } => Warning::new(
+            RailAnomaly::Doubled { first } => Warning::new(
                 "slice_doubled",
                 format!("{} and {} were taken at the same place of the rail: one of them is one too many, or the rail stuck", name(first), name(first + 1)),
             ),
-            Event::Backwards { after } => Warning::new(
+            RailAnomaly::Backwards { after } => Warning::new(
                 "slices_out_of_order",
                 format!("the rail seems to go backwards between {} and {}: are the files in the order in which they were taken?", name(after), name(after + 1)),
             ),
-            Event::Uneven { after, steps } => Warning::new(
+            RailAnomaly::Uneven { after, steps } => Warning::new(
                 "uneven_step",
                 format!("the step between {} and {} is {steps:.2} times as long as the others", name(after), name(after + 1)),
             ),
-            Event::Bumped { from, by } => Warning::new(
+            RailAnomaly::Bumped { from, by } => Warning::new(
                 "rig_bumped",
                 format!("the picture jumps by {:.1} px between {} and {}: the rig was bumped; calibrate again if it still stands so", by[0].hypot(by[1]), name(from.saturating_sub(1)), name(from)),
             ),
@@ -106,7 +106,7 @@ fn which(facts: &Facts, test: impl Fn(usize) -> bool) -> Vec<usize> {
 
 fn light(facts: &Facts) -> Vec<Warning> {
     let mut out = Vec::new();
-    let clipped = which(facts, |i| facts.seen.sightings[i].as_ref().is_some_and(|s| s.clipped > 0.05));
+    let clipped = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.clipped > 0.05));
     if !clipped.is_empty() {
         let detail = format!(
             "the white of the target is clipped in {}: their gains are not to be relied on; expose less",
@@ -115,7 +115,7 @@ fn light(facts: &Facts) -> Vec<Warning> {
         out.push(Warning::new("clipped_white", detail));
     }
     let sigma = |i: usize| facts.solution.slices[i].gain_sigma;
-    let unsure = which(facts, |i| sigma(i) > UNSURE);
+    let unsure = which(facts, |i| sigma(i) > MAX_SIGMA);
     if !unsure.is_empty() {
         let worst = unsure.iter().map(|&i| sigma(i)).fold(0.0, f64::max);
         let by = if worst < 0.5 { format!("by {:.1} %", 100.0 * worst) } else { "altogether".to_owned() };
@@ -140,7 +140,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
         );
         out.push(Warning::new("slice_interpolated", detail));
     }
-    let inverted = which(facts, |i| facts.seen.sightings[i].as_ref().is_some_and(|s| s.ripple < 0.0));
+    let inverted = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.modulation < 0.0));
     if !inverted.is_empty() {
         let detail = format!(
             "blur has inverted the dots in {}: they were measured all the same, but a target with wider spaced dots is better",
@@ -170,7 +170,8 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     }
     let tilted = which(facts, |i| {
         let h = profile[i].homography.0;
-        (h[6] * facts.seen.width as f64).abs() > PERSPECTIVE || (h[7] * facts.seen.height as f64).abs() > PERSPECTIVE
+        (h[6] * facts.tracked.width as f64).abs() > PERSPECTIVE
+            || (h[7] * facts.tracked.height as f64).abs() > PERSPECTIVE
     });
     if !tilted.is_empty() {
         let detail = format!(
@@ -184,9 +185,9 @@ fn dots(facts: &Facts) -> Vec<Warning> {
 
 /// How the target stands in the reference slice.
 fn target(facts: &Facts) -> Vec<Warning> {
-    let Some(base) = facts.seen.sightings[facts.solution.reference].as_ref() else { return Vec::new() };
+    let Some(base) = facts.tracked.detections[facts.solution.reference].as_ref() else { return Vec::new() };
     let mut out = Vec::new();
-    let share = coverage(facts.seen, facts.solution.reference);
+    let share = coverage(facts.tracked, facts.solution.reference);
     if share < 0.25 {
         let detail = format!(
             "the dots cover {:.0} % of the reference slice: the corners are extrapolated; use a larger target",
@@ -212,19 +213,19 @@ fn target(facts: &Facts) -> Vec<Warning> {
 }
 
 /// Share of the picture inside the dots' bounding box.
-pub(super) fn coverage(seen: &Seen, reference: usize) -> f64 {
-    let Some(sighting) = seen.sightings[reference].as_ref() else { return 0.0 };
+pub(super) fn coverage(tracked: &Tracked, reference: usize) -> f64 {
+    let Some(detection) = tracked.detections[reference].as_ref() else { return 0.0 };
     let span = |axis: usize| {
         let (low, high) =
-            sighting.dots.values().fold((f64::MAX, f64::MIN), |b, d| (b.0.min(d.at[axis]), b.1.max(d.at[axis])));
+            detection.dots.values().fold((f64::MAX, f64::MIN), |b, d| (b.0.min(d.at[axis]), b.1.max(d.at[axis])));
         (high - low).max(0.0)
     };
-    span(0) * span(1) / (seen.width * seen.height) as f64
+    span(0) * span(1) / (tracked.width * tracked.height) as f64
 }
 
-/// Largest over smallest scale of the map from the grid to the picture; a square grid seen square on has 1.
+/// Largest over smallest scale of the map from the grid to the picture; a square grid tracked square on has 1.
 fn stretch(places: &Places) -> Option<f64> {
-    let steps = super::sighting::steps_of(places);
+    let steps = super::detection::grid_steps(places);
     let [[a, c], [b, d]] = steps;
     let (sum, twist) = (a * a + b * b + c * c + d * d, a * d - b * c);
     let root = (sum * sum - 4.0 * twist * twist).max(0.0).sqrt();

@@ -1,22 +1,22 @@
 //! Gains: what each slice is multiplied by to be as bright as the reference.
 
 use super::blur;
-use super::chain::Seen;
-use super::light::{self, Light};
-use super::sighting::Sighting;
-use super::working::median;
+use super::detection::Detection;
+use super::dot_photometry::{self, DotLight};
+use super::tracking::Tracked;
+use super::working_image::median;
 
 /// Blur radius of each slice in steps of the grid, against the slice with the strongest pattern; `None` where
-/// nothing was seen.
-pub(super) fn blurs(seen: &Seen) -> Vec<Option<f64>> {
-    let strongest = seen.sightings.iter().flatten().map(|s| s.ripple).fold(1e-9, f64::max);
-    seen.sightings.iter().map(|s| s.as_ref().map(|s| blur::radius((s.ripple / strongest).min(1.0)))).collect()
+/// nothing was tracked.
+pub(super) fn blurs(tracked: &Tracked) -> Vec<Option<f64>> {
+    let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+    tracked.detections.iter().map(|s| s.as_ref().map(|s| blur::radius((s.modulation / strongest).min(1.0)))).collect()
 }
 
 /// Diameter of a dot over the pitch, as the sharpest slice shows it.
-pub(super) fn fill(seen: &Seen) -> f64 {
-    let sharpest = seen.sightings.iter().flatten().max_by(|a, b| a.ripple.total_cmp(&b.ripple));
-    sharpest.map_or(0.5, |s| s.width.clamp(0.2, 0.8))
+pub(super) fn fill(tracked: &Tracked) -> f64 {
+    let sharpest = tracked.detections.iter().flatten().max_by(|a, b| a.modulation.total_cmp(&b.modulation));
+    sharpest.map_or(0.5, |s| s.fill.clamp(0.2, 0.8))
 }
 
 /// What a slice is multiplied by, and how sure that is.
@@ -29,18 +29,18 @@ pub(super) struct Gain {
 }
 
 /// Relative uncertainty beyond which a gain is not taken as measured.
-pub(super) const UNSURE: f64 = 0.005;
+pub(super) const MAX_SIGMA: f64 = 0.005;
 /// Share of a dot's window that may be made up or at full scale when light is compared.
-const SPOILT: f64 = 0.02;
+const MAX_INVALID: f64 = 0.02;
 /// How far a camera's curve may be from what it is taken for, as a share of what that makes.
 const ODD_CURVE: f64 = 0.1;
 
 /// One gain per slice; 1 for the reference. What is measured badly is replaced by what the other slices' gains, which lie
 /// on a straight line over the rail in logarithms, say of it.
-pub(super) fn of(seen: &Seen, reference: usize, positions: &[f64]) -> Vec<Gain> {
-    let measured = measured(seen, reference, positions);
+pub(super) fn of(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Gain> {
+    let measured = measured(tracked, reference, positions);
     let sure: Vec<(f64, f64)> = (0..measured.len())
-        .filter_map(|i| measured[i].filter(|g| g.sigma <= UNSURE).map(|g| (positions[i], g.value.ln())))
+        .filter_map(|i| measured[i].filter(|g| g.sigma <= MAX_SIGMA).map(|g| (positions[i], g.value.ln())))
         .collect();
     let through = |z: f64| line_at(&sure, z);
     let scatter =
@@ -52,7 +52,7 @@ pub(super) fn of(seen: &Seen, reference: usize, positions: &[f64]) -> Vec<Gain> 
     };
     let settle = |i: usize| {
         let gain = match measured[i] {
-            Some(own) if own.sigma <= UNSURE || own.sigma <= line(i).sigma => own,
+            Some(own) if own.sigma <= MAX_SIGMA || own.sigma <= line(i).sigma => own,
             _ => line(i),
         };
         Gain { value: gain.value.clamp(0.05, 20.0), ..gain }
@@ -61,35 +61,35 @@ pub(super) fn of(seen: &Seen, reference: usize, positions: &[f64]) -> Vec<Gain> 
 }
 
 /// What the light itself says.
-fn measured(seen: &Seen, reference: usize, positions: &[f64]) -> Vec<Option<Gain>> {
-    let clear = light::clear_blur(fill(seen), seen.target.polarity);
-    let blurs = blurs(seen);
+fn measured(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Option<Gain>> {
+    let clear = dot_photometry::clear_blur(fill(tracked), tracked.target.polarity);
+    let blurs = blurs(tracked);
     let is_clear = |i: usize| blurs[i].is_some_and(|b| b <= clear);
-    let sighting = |i: usize| seen.sightings[i].as_ref();
-    let count = seen.sightings.len();
+    let detection = |i: usize| tracked.detections[i].as_ref();
+    let count = tracked.detections.len();
     let mut gains: Vec<Option<Gain>> = vec![None; count];
     for (i, gain) in gains.iter_mut().enumerate() {
         if let (true, true, Some(slice), Some(base)) =
-            (is_clear(i), is_clear(reference), sighting(i), sighting(reference))
+            (is_clear(i), is_clear(reference), detection(i), detection(reference))
         {
             *gain = against(slice, base, |l| l.bright);
         }
     }
     gains[reference] = Some(Gain { value: 1.0, sigma: 0.0 });
     let anchors: Vec<usize> = (0..count).filter(|&i| gains[i].is_some()).collect();
-    let curve = curve(seen, &anchors, reference, positions);
+    let curve = curve(tracked, &anchors, reference, positions);
     for i in 0..count {
         if gains[i].is_some() {
             continue;
         }
         let nearest = anchors.iter().min_by_key(|a| a.abs_diff(i)).copied().unwrap_or(reference);
-        let (Some(slice), Some(anchor), Some(known)) = (sighting(i), sighting(nearest), gains[nearest]) else {
+        let (Some(slice), Some(anchor), Some(known)) = (detection(i), detection(nearest), gains[nearest]) else {
             continue;
         };
         let [straight, bent] = [false, true].map(|curved| by_mean(slice, anchor, curved));
         let (taken, other, doubt) = match curve {
-            Curve::Straight => (straight, bent, ODD_CURVE),
-            Curve::Bent => (bent, straight, ODD_CURVE),
+            Curve::Linear => (straight, bent, ODD_CURVE),
+            Curve::Srgb => (bent, straight, ODD_CURVE),
             Curve::Unknown => (straight, bent, 0.5),
         };
         gains[i] = taken.map(|gain| {
@@ -101,7 +101,7 @@ fn measured(seen: &Seen, reference: usize, positions: &[f64]) -> Vec<Option<Gain
 }
 
 /// What `slice` is multiplied by to be as bright as `anchor`, by the light that blur leaves alone.
-fn by_mean(slice: &Sighting, anchor: &Sighting, curved: bool) -> Option<Gain> {
+fn by_mean(slice: &Detection, anchor: &Detection, curved: bool) -> Option<Gain> {
     if !curved {
         return against(slice, anchor, |l| Some(l.mean));
     }
@@ -112,16 +112,19 @@ fn by_mean(slice: &Sighting, anchor: &Sighting, curved: bool) -> Option<Gain> {
     }
     let level = median(&mut levels);
     // so much light less makes the bright level so much lower, along the curve
-    Some(Gain { value: level / light::from_light(light::to_light(level) / light.value), sigma: light.sigma })
+    Some(Gain {
+        value: level / dot_photometry::from_light(dot_photometry::to_light(level) / light.value),
+        sigma: light.sigma,
+    })
 }
 
 /// How values follow from light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Curve {
     /// They are proportional to it.
-    Straight,
+    Linear,
     /// They are sRGB.
-    Bent,
+    Srgb,
     /// That cannot be told.
     Unknown,
 }
@@ -132,18 +135,18 @@ const TELLING: f64 = 2e-3;
 /// Whether values are bent like sRGB or proportional to light. In the right one of the two, the light on the target is a
 /// straight line over the rail in logarithms, whereas in the wrong one blur adds to it, most at the ends of the stack;
 /// and the mean over the bright level is the same in all slices whose bright level is untouched by blur.
-fn curve(seen: &Seen, anchors: &[usize], reference: usize, positions: &[f64]) -> Curve {
+fn curve(tracked: &Tracked, anchors: &[usize], reference: usize, positions: &[f64]) -> Curve {
     let off_line = |curved: bool| -> Option<f64> {
-        let base = seen.sightings[reference].as_ref()?;
+        let base = tracked.detections[reference].as_ref()?;
         let points: Vec<(f64, f64)> = (0..positions.len())
-            .filter_map(|i| Some((positions[i], by_mean(seen.sightings[i].as_ref()?, base, curved)?.value.ln())))
+            .filter_map(|i| Some((positions[i], by_mean(tracked.detections[i].as_ref()?, base, curved)?.value.ln())))
             .collect();
         let square = points.iter().map(|(z, v)| (v - line_at(&points, *z)).powi(2)).sum::<f64>();
         (points.len() >= 5).then(|| (square / (points.len() as f64 - 2.0)).sqrt())
     };
-    let shares = |of: &dyn Fn(&Light) -> Option<f64>| -> f64 {
-        let per_slice = anchors.iter().filter_map(|&i| seen.sightings[i].as_ref()).filter_map(|s| {
-            let clean = s.dots.values().filter(|d| d.spoilt < SPOILT);
+    let shares = |of: &dyn Fn(&DotLight) -> Option<f64>| -> f64 {
+        let per_slice = anchors.iter().filter_map(|&i| tracked.detections[i].as_ref()).filter_map(|s| {
+            let clean = s.dots.values().filter(|d| d.invalid < MAX_INVALID);
             let mut all: Vec<f64> = clean.filter_map(|d| of(&d.light)).filter(|v| v.is_finite()).collect();
             (all.len() >= 6).then(|| median(&mut all).ln())
         });
@@ -151,31 +154,31 @@ fn curve(seen: &Seen, anchors: &[usize], reference: usize, positions: &[f64]) ->
         values.iter().fold(f64::MIN, |m, v| m.max(*v)) - values.iter().fold(f64::MAX, |m, v| m.min(*v))
     };
     let straight = shares(&|l| l.bright.filter(|b| *b > 1.0 && l.linear_mean.is_some()).map(|b| l.mean / b));
-    let bent = shares(&|l| Some(l.linear_mean? / l.bright.filter(|b| *b > 1.0).map(light::to_light)?));
+    let bent = shares(&|l| Some(l.linear_mean? / l.bright.filter(|b| *b > 1.0).map(dot_photometry::to_light)?));
     let lines = off_line(false).zip(off_line(true));
     for (straight, bent) in lines.into_iter().chain([(straight, bent)]) {
         if straight > TELLING && bent < 0.6 * straight {
-            return Curve::Bent;
+            return Curve::Srgb;
         }
         if bent > TELLING && straight < 0.6 * bent {
-            return Curve::Straight;
+            return Curve::Linear;
         }
     }
     Curve::Unknown
 }
 
-/// Light of `base` over that of `slice`, dot by dot; by the dots whose surroundings are their own in both, where there
+/// DotLight of `base` over that of `slice`, dot by dot; by the dots whose surroundings are their own in both, where there
 /// are any.
-fn against(slice: &Sighting, base: &Sighting, measure: impl Fn(&Light) -> Option<f64>) -> Option<Gain> {
+fn against(slice: &Detection, base: &Detection, measure: impl Fn(&DotLight) -> Option<f64>) -> Option<Gain> {
     let ratio = |most: f64| {
         let shared = slice.dots.iter().filter_map(|(label, d)| base.dots.get(label).map(|b| (d, b)));
-        let clean = shared.filter(|(d, b)| d.spoilt.max(b.spoilt) < most);
-        light::ratio(clean.map(|(d, b)| (measure(&d.light), measure(&b.light))))
+        let clean = shared.filter(|(d, b)| d.invalid.max(b.invalid) < most);
+        dot_photometry::ratio(clean.map(|(d, b)| (measure(&d.light), measure(&b.light))))
     };
-    let clean = ratio(SPOILT);
+    let clean = ratio(MAX_INVALID);
     // what is drawn in is a guess, and what is at full scale tells nothing
-    let doubt = if clean.is_some() { 0.0 } else { UNSURE };
-    let (value, sigma) = clean.or_else(|| ratio(10.0 * SPOILT)).or_else(|| ratio(f64::INFINITY))?;
+    let doubt = if clean.is_some() { 0.0 } else { MAX_SIGMA };
+    let (value, sigma) = clean.or_else(|| ratio(10.0 * MAX_INVALID)).or_else(|| ratio(f64::INFINITY))?;
     Some(Gain { value, sigma: sigma.hypot(doubt) })
 }
 

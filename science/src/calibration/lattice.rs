@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use super::blobs::Blob;
 use super::dlt;
-use super::working::median;
+use super::working_image::median;
 
 /// Column and row of a dot in the grid. Which dot is (0, 0) and which way columns run is arbitrary, but the
 /// same for all slices of a stack.

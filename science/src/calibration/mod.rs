@@ -11,43 +11,39 @@ mod blobs;
 mod blur;
 mod camera;
 mod capture;
-mod chain;
-mod choice;
-mod complete;
+mod coarse_registration;
+mod detection;
 mod dlt;
+mod dot_photometry;
 mod drift;
-mod events;
-mod families;
-mod field;
 mod findings;
+mod flat_field;
 mod gains;
-mod joint;
+mod inpainting;
 mod lattice;
-mod light;
-mod lockin;
+mod model_selection;
 mod overlay;
+mod phase;
+mod radial_profile;
 mod rail;
+mod rail_anomalies;
+mod rail_fit;
 mod report;
 mod robust;
-mod search;
-mod shape;
-mod sighting;
 mod solve;
 mod target_check;
-mod working;
+mod tracking;
+mod transform_models;
+mod working_image;
 
-#[cfg(test)]
-mod odd_tests;
-#[cfg(test)]
-mod rig_tests;
 #[cfg(test)]
 mod testkit;
 #[cfg(test)]
 mod tests;
 
+pub use detection::MAX_SAMPLES;
 pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use overlay::overlay;
-pub use sighting::MOST_SAMPLES;
 pub use target_check::dot_target;
 
 use crate::imaging::Slices;
@@ -99,7 +95,7 @@ pub struct Calibration {
     pub magnification: Option<f64>,
     /// What moved, when the scales leave no doubt (rail steps being equal).
     pub capture_mode: Option<CaptureMode>,
-    /// Family of maps that the homographies belong to.
+    /// TransformModel of maps that the homographies belong to.
     pub model: HomographyModel,
     /// What the user should know.
     pub warnings: Vec<Warning>,
@@ -134,9 +130,9 @@ pub fn calibrate(
         return Err(Error::new(ErrorKind::InvalidParameter, detail).into());
     }
     let told = rail_positions(options, count)?;
-    let seen = chain::see_all(slices, reference, control)?;
-    let solved = solve::solve(slices, &seen, reference, told.as_deref(), options.model, control)?;
-    Ok(report::report(slices, options, &seen, solved, told.is_some()))
+    let tracked = tracking::track_all(slices, reference, control)?;
+    let solved = solve::solve(slices, &tracked, reference, told.as_deref(), options.model, control)?;
+    Ok(report::report(slices, options, &tracked, solved, told.is_some()))
 }
 
 /// The positions on the rail that the user told, mm.

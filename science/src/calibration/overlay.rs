@@ -79,19 +79,19 @@ impl Canvas {
                 let (dx, dy) = (x as f64 - at[0], y as f64 - at[1]);
                 let circle = 1.0 - ((dx.hypot(dy) - radius).abs() - 0.1).max(0.0);
                 let line = |across: f64, along: f64| if along.abs() <= arm { 1.0 - across.abs() } else { 0.0 };
-                let ink = circle.max(line(dx, dy)).max(line(dy, dx)).clamp(0.0, 1.0);
-                if ink > 0.0 {
-                    self.blend(x as usize, y as usize, colour, ink);
+                let coverage = circle.max(line(dx, dy)).max(line(dy, dx)).clamp(0.0, 1.0);
+                if coverage > 0.0 {
+                    self.blend(x as usize, y as usize, colour, coverage);
                 }
             }
         }
     }
 
-    fn blend(&mut self, x: usize, y: usize, colour: [u8; 3], ink: f64) {
+    fn blend(&mut self, x: usize, y: usize, colour: [u8; 3], coverage: f64) {
         let at = (y * self.picture.width + x) * 3;
         let Samples::Eight(samples) = &mut self.picture.samples else { return };
         for (sample, c) in samples[at..at + 3].iter_mut().zip(colour) {
-            *sample = (f64::from(*sample) * (1.0 - ink) + f64::from(c) * ink).round() as u8;
+            *sample = (f64::from(*sample) * (1.0 - coverage) + f64::from(c) * coverage).round() as u8;
         }
     }
 }

@@ -9,11 +9,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::working::median;
+use super::working_image::median;
 
 /// What one slice says by itself.
 #[derive(Debug, Clone)]
-pub(super) struct Own {
+pub(super) struct OwnEstimate {
     /// The free numbers of its map.
     pub free: DVector<f64>,
     /// Their covariance.
@@ -41,16 +41,16 @@ pub(super) struct Law {
 }
 
 /// Slices that must have been measured before a line through them is believed.
-const LEAST: usize = 4;
+const MIN_SLICES: usize = 4;
 /// Scatter that no rail falls short of, in units of half the picture's diagonal.
-const SMOOTH: f64 = 2e-6;
+const MIN_SCATTER: f64 = 2e-6;
 
 impl Law {
     /// Fits the law to the slices that were measured (`None`: was not), at `positions` on the rail. `None` when
     /// fewer than four were.
-    pub(super) fn fit(own: &[Option<Own>], positions: &[f64], jump: Option<usize>) -> Option<Self> {
+    pub(super) fn fit(own: &[Option<OwnEstimate>], positions: &[f64], jump: Option<usize>) -> Option<Self> {
         let known: Vec<usize> = (0..own.len()).filter(|&i| own[i].is_some()).collect();
-        if known.len() < LEAST + usize::from(jump.is_some()) {
+        if known.len() < MIN_SLICES + usize::from(jump.is_some()) {
             return None;
         }
         let size = own[known[0]].as_ref()?.free.len();
@@ -59,7 +59,7 @@ impl Law {
     }
 
     /// What the line says of slice `index`.
-    pub(super) fn says(&self, index: usize) -> DVector<f64> {
+    pub(super) fn predict(&self, index: usize) -> DVector<f64> {
         let at = self.positions[index];
         let behind = f64::from(u8::from(self.jump.is_some_and(|k| index >= k)));
         DVector::from_iterator(
@@ -76,26 +76,29 @@ impl Law {
 
 /// What slice `index` is when its own dots and the other slices are both listened to, with covariance; without
 /// enough other slices just what its own dots say. `None` when there is neither.
-pub(super) fn settled(
-    own: &[Option<Own>],
+pub(super) fn combine(
+    own: &[Option<OwnEstimate>],
     positions: &[f64],
     jump: Option<usize>,
     index: usize,
-) -> Option<(Own, Source)> {
+) -> Option<(OwnEstimate, EstimateSource)> {
     // the slice itself must not speak twice
     let mut others = own.to_vec();
     others[index] = None;
     let law = Law::fit(&others, positions, jump);
     let mine = own[index].clone();
-    let Some(law) = law else { return mine.map(|mine| (mine, Source::Dots)) };
-    let expected = law.says(index);
+    let Some(law) = law else { return mine.map(|mine| (mine, EstimateSource::Dots)) };
+    let expected = law.predict(index);
     let known: Vec<usize> = (0..others.len()).filter(|&i| others[i].is_some()).collect();
     let spread = DVector::from_iterator(
         expected.len(),
         (0..expected.len()).map(|n| law.lines[n].scatter + leverage(&others, &known, positions, n, index, &law)),
     );
     let Some(mine) = mine else {
-        return Some((Own { free: expected, covariance: DMatrix::from_diagonal(&spread) }, Source::Law));
+        return Some((
+            OwnEstimate { free: expected, covariance: DMatrix::from_diagonal(&spread) },
+            EstimateSource::Law,
+        ));
     };
     let from_law = DMatrix::from_diagonal(&spread.map(|v| 1.0 / v.max(1e-30)));
     let from_dots = mine.covariance.clone().try_inverse()?;
@@ -106,12 +109,12 @@ pub(super) fn settled(
     let covariance = (&from_dots + &from_law).try_inverse()?;
     let free = &covariance * (from_dots * &mine.free + from_law * expected);
     let covariance = covariance * contradiction;
-    Some((Own { free, covariance }, Source::Dots))
+    Some((OwnEstimate { free, covariance }, EstimateSource::Dots))
 }
 
 /// Whether a slice's own dots had a say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Source {
+pub(super) enum EstimateSource {
     /// They had.
     Dots,
     /// The law of the rail alone.
@@ -119,7 +122,13 @@ pub(super) enum Source {
 }
 
 /// Weighted straight line (with a step behind `jump`) through number `n` of the slices `known`.
-fn line(own: &[Option<Own>], known: &[usize], positions: &[f64], n: usize, jump: Option<usize>) -> Option<Line> {
+fn line(
+    own: &[Option<OwnEstimate>],
+    known: &[usize],
+    positions: &[f64],
+    n: usize,
+    jump: Option<usize>,
+) -> Option<Line> {
     let points: Vec<[f64; 4]> = known
         .iter()
         .filter_map(|&i| own[i].as_ref().map(|o| (i, o)))
@@ -129,7 +138,7 @@ fn line(own: &[Option<Own>], known: &[usize], positions: &[f64], n: usize, jump:
         })
         .collect();
     let unknowns = 2 + usize::from(jump.is_some());
-    let (mut scatter, mut out) = (SMOOTH * SMOOTH, Line::default());
+    let (mut scatter, mut out) = (MIN_SCATTER * MIN_SCATTER, Line::default());
     for _ in 0..6 {
         let (mut normal, mut right) = (DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns));
         for [z, behind, value, variance] in &points {
@@ -153,14 +162,14 @@ fn line(own: &[Option<Own>], known: &[usize], positions: &[f64], n: usize, jump:
         let freedom = count / (count - unknowns as f64);
         // few slices tell little about their scatter: as much more as the tails of a t distribution ask for
         let caution = (1.0 + 2.5 / (count - unknowns as f64)).powi(2);
-        scatter = (excess / weights * freedom * caution).max(SMOOTH * SMOOTH);
+        scatter = (excess / weights * freedom * caution).max(MIN_SCATTER * MIN_SCATTER);
     }
     out.scatter = scatter;
     out.intercept.is_finite().then_some(out)
 }
 
 /// Variance of what the line says at slice `index`, from the errors of the line itself.
-fn leverage(own: &[Option<Own>], known: &[usize], positions: &[f64], n: usize, index: usize, law: &Law) -> f64 {
+fn leverage(own: &[Option<OwnEstimate>], known: &[usize], positions: &[f64], n: usize, index: usize, law: &Law) -> f64 {
     let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
     for &i in known {
         let Some(o) = &own[i] else { continue };
@@ -192,7 +201,7 @@ pub(super) fn positions_by_scale(
     let growth = median(&mut slopes);
     let span = positions.iter().fold(f64::MIN, |m, z| m.max(*z)) - positions.iter().fold(f64::MAX, |m, z| m.min(*z));
     let mut sigmas: Vec<f64> = scale.iter().flatten().map(|s| s.1).collect();
-    let sure = known.len() >= LEAST && (growth * span).abs() > 20.0 * median(&mut sigmas).max(1e-7);
+    let sure = known.len() >= MIN_SLICES && (growth * span).abs() > 20.0 * median(&mut sigmas).max(1e-7);
     sure.then(|| {
         let at = |s: (f64, f64)| (positions[reference] + s.0 / growth, (s.1 / growth).abs());
         scale.iter().map(|s| s.map(at)).collect()
@@ -210,7 +219,7 @@ mod tests {
         scatter: f64,
         error: impl Fn(usize) -> f64,
         seed: u64,
-    ) -> (Vec<Option<Own>>, Vec<f64>, Vec<f64>) {
+    ) -> (Vec<Option<OwnEstimate>>, Vec<f64>, Vec<f64>) {
         let mut noise = Noise(seed);
         let positions: Vec<f64> = (0..count).map(|i| i as f64).collect();
         let truth: Vec<f64> = (0..count).map(|i| 0.01 * i as f64 - 0.05 + scatter * noise.normal()).collect();
@@ -219,7 +228,7 @@ mod tests {
             .enumerate()
             .map(|(i, t)| {
                 let sigma = error(i);
-                Some(Own {
+                Some(OwnEstimate {
                     free: DVector::from_element(1, t + sigma * noise.normal()),
                     covariance: DMatrix::from_element(1, 1, sigma * sigma),
                 })
@@ -236,8 +245,8 @@ mod tests {
             own[0] = None;
             own[7] = None;
             for index in [0, 7] {
-                let (settled, source) = settled(&own, &positions, None, index).expect("predicted");
-                assert_eq!(source, Source::Law);
+                let (settled, source) = combine(&own, &positions, None, index).expect("predicted");
+                assert_eq!(source, EstimateSource::Law);
                 trials += 1;
                 let sigma = settled.covariance[(0, 0)].sqrt();
                 inside += i32::from((settled.free[0] - truth[index]).abs() < 3.0 * sigma);
@@ -252,11 +261,11 @@ mod tests {
         let (mut alone, mut together) = (0.0, 0.0);
         for seed in 0..40 {
             let (own, positions, truth) = stack(13, 1e-4, |i| if i == 0 { 2e-3 } else { 1e-5 }, seed);
-            let (poor, _) = settled(&own, &positions, None, 0).expect("settled");
+            let (poor, _) = combine(&own, &positions, None, 0).expect("settled");
             alone += (own[0].as_ref().expect("measured").free[0] - truth[0]).powi(2);
             together += (poor.free[0] - truth[0]).powi(2);
-            let (good, source) = settled(&own, &positions, None, 6).expect("settled");
-            assert_eq!(source, Source::Dots);
+            let (good, source) = combine(&own, &positions, None, 6).expect("settled");
+            assert_eq!(source, EstimateSource::Dots);
             assert!((good.free[0] - truth[6]).abs() < 5e-5);
         }
         assert!(together < 0.05 * alone, "{together} against {alone}");
@@ -266,7 +275,7 @@ mod tests {
     fn too_few_slices_make_no_law() {
         let (own, positions, _) = stack(3, 0.0, |_| 1e-5, 1);
         assert!(Law::fit(&own, &positions, None).is_none());
-        assert_eq!(settled(&own, &positions, None, 1).map(|s| s.1), Some(Source::Dots));
+        assert_eq!(combine(&own, &positions, None, 1).map(|s| s.1), Some(EstimateSource::Dots));
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! What the technician is told.
 
 use super::camera::{self, Known};
-use super::capture::{self, Scaled};
-use super::chain::Seen;
-use super::field::Polarity;
+use super::capture::{self, ScaleSample};
 use super::findings::{self, Facts, GOOD};
+use super::flat_field::Polarity;
 use super::gains;
 use super::solve::Solution;
+use super::tracking::Tracked;
 use super::{Calibration, Dot, DotUse};
 use crate::imaging::Slices;
 use crate::types::Homography;
@@ -23,11 +23,11 @@ const ADVISED: f64 = 0.4;
 pub(super) fn report(
     slices: &dyn Slices,
     options: &CalibrationOptions,
-    seen: &Seen,
+    tracked: &Tracked,
     solution: Solution,
     in_mm: bool,
 ) -> Calibration {
-    let (width, height) = (seen.width as u32, seen.height as u32);
+    let (width, height) = (tracked.width as u32, tracked.height as u32);
     let reference = solution.reference;
     let profile: Vec<ProfileSlice> = solution
         .slices
@@ -43,20 +43,24 @@ pub(super) fn report(
             ..ProfileSlice::given(index as u32, s.homography, s.gain, width, height)
         })
         .collect();
-    let blurs = gains::blurs(seen);
-    let pitch = seen.sightings[reference].as_ref().map_or(0.0, |s| s.pitch);
+    let blurs = gains::blurs(tracked);
+    let pitch = tracked.detections[reference].as_ref().map_or(0.0, |s| s.pitch);
     let magnification = match (options.pixel_pitch_mm, options.target_pitch_mm) {
         (Some(pixel), Some(target)) if target > 0.0 => Some(pitch * pixel / target),
         _ => None,
     };
     let half = 0.5 * (f64::from(width) - 1.0).hypot(f64::from(height) - 1.0);
-    let scaled: Vec<Scaled> = (0..profile.len())
+    let scaled: Vec<ScaleSample> = (0..profile.len())
         .filter_map(|i| {
             let (_, sigma) = solution.scales[i].filter(|_| !profile[i].interpolated)?;
-            Some(Scaled { position: solution.positions[i], scale: profile[i].scale, sigma: sigma.max(0.01 / half) })
+            Some(ScaleSample {
+                position: solution.positions[i],
+                scale: profile[i].scale,
+                sigma: sigma.max(0.01 / half),
+            })
         })
         .collect();
-    let capture = capture::judge(&scaled, in_mm, in_mm || solution.events.is_empty(), options.capture_mode);
+    let capture = capture::judge(&scaled, in_mm, in_mm || solution.anomalies.is_empty(), options.capture_mode);
     let rail = rail(&solution, in_mm, width, height);
     let known = Known {
         magnification,
@@ -66,7 +70,7 @@ pub(super) fn report(
     let camera = camera::camera(options, known);
     let facts = Facts {
         slices,
-        seen,
+        tracked,
         solution: &solution,
         profile: &profile,
         blurs: &blurs,
@@ -78,15 +82,16 @@ pub(super) fn report(
     let target = TargetReport {
         pitch_px: pitch,
         pitch_mm: options.target_pitch_mm,
-        fill: gains::fill(seen),
-        bright_dots: seen.target.polarity == Polarity::LightOnDark,
-        asymmetric: seen.sightings[reference].as_ref().is_some_and(|s| is_asymmetric(s.places.keys().copied())),
+        fill: gains::fill(tracked),
+        bright_dots: tracked.target.polarity == Polarity::LightOnDark,
+        asymmetric: tracked.detections[reference].as_ref().is_some_and(|s| is_asymmetric(s.places.keys().copied())),
         dots: profile.get(reference).and_then(|s| s.dots_found).unwrap_or(0),
-        coverage: findings::coverage(seen, reference),
+        coverage: findings::coverage(tracked, reference),
         magnification,
     };
-    let slice_reports =
-        (0..profile.len()).map(|i| slice_report(slices.name(i), &profile[i], &solution, seen, blurs[i], i)).collect();
+    let slice_reports = (0..profile.len())
+        .map(|i| slice_report(slices.name(i), &profile[i], &solution, tracked, blurs[i], i))
+        .collect();
     let report = CalibrationReport {
         width,
         height,
@@ -137,7 +142,7 @@ fn rail(solution: &Solution, in_mm: bool, width: u32, height: u32) -> Option<Rai
         fixed_point_px,
         in_mm,
         positions: solution.positions.clone(),
-        measured_positions: match &solution.stood {
+        measured_positions: match &solution.positions_by_scale {
             Some(stood) => stood.iter().map(|s| s.map(|s| s.0)).collect(),
             None => vec![None; solution.positions.len()],
         },
@@ -149,16 +154,16 @@ fn slice_report(
     name: &str,
     slice: &ProfileSlice,
     solution: &Solution,
-    seen: &Seen,
+    tracked: &Tracked,
     blur: Option<f64>,
     index: usize,
 ) -> SliceReport {
     let solved = &solution.slices[index];
-    let sighting = seen.sightings[index].as_ref();
-    let (width, height) = (seen.width as u32, seen.height as u32);
+    let detection = tracked.detections[index].as_ref();
+    let (width, height) = (tracked.width as u32, tracked.height as u32);
     let law = solved.by_law.map(|h| ProfileSlice::given(0, h, 1.0, width, height));
-    let strongest = seen.sightings.iter().flatten().map(|s| s.ripple).fold(1e-9, f64::max);
-    let base = seen.sightings[solution.reference].as_ref();
+    let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+    let base = tracked.detections[solution.reference].as_ref();
     let every = solved.dots.len().div_ceil(MOST_DOTS).max(1);
     let dot = |d: &Dot| DotReport {
         at: d.at,
@@ -176,10 +181,10 @@ fn slice_report(
         shift_px: slice.shift_px,
         law_shift_px: law.map(|l| l.shift_px),
         off_law_px: solved.off_law,
-        blur_radius_px: blur.zip(sighting).map(|(b, s)| b * s.pitch),
-        contrast: sighting.map(|s| s.ripple / strongest),
+        blur_radius_px: blur.zip(detection).map(|(b, s)| b * s.pitch),
+        contrast: detection.map(|s| s.modulation / strongest),
         gain: slice.gain,
-        clipped: sighting.map(|s| s.clipped),
+        clipped: detection.map(|s| s.clipped),
         dots_found: slice.dots_found.unwrap_or(0),
         inliers: slice.inliers.unwrap_or(0),
         rms_px: slice.rms_px,
@@ -189,7 +194,7 @@ fn slice_report(
     }
 }
 
-/// True when the grid is the asymmetric one that some tools print: seen along its diagonals it is the fuller rectangle.
+/// True when the grid is the asymmetric one that some tools print: tracked along its diagonals it is the fuller rectangle.
 fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
     let area = |of: &dyn Fn([i32; 2]) -> [i32; 2]| {
         let span = |axis: usize| {

@@ -2,7 +2,7 @@
 //! (Rousseeuw 1984), which needs no threshold and stands up to half of the pairs being wrong.
 
 use super::dlt::{self, Pair};
-use super::working::median;
+use super::working_image::median;
 use crate::types::Homography;
 
 /// A homography and the pairs that agree with it.
@@ -11,7 +11,7 @@ pub(super) struct Consensus {
     /// Fitted to the agreeing pairs.
     pub homography: Homography,
     /// One flag per pair.
-    pub agrees: Vec<bool>,
+    pub is_inlier: Vec<bool>,
 }
 
 /// Random samples that are tried; with 40 % wrong pairs one of 13 is clean.
@@ -20,9 +20,9 @@ const SAMPLES: usize = 300;
 const JUDGES: usize = 400;
 
 /// A small generator (xorshift64*), always from the same seed: the same dots give the same homography.
-struct Dice(u64);
+struct Random(u64);
 
-impl Dice {
+impl Random {
     fn below(&mut self, n: usize) -> usize {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
@@ -32,7 +32,7 @@ impl Dice {
 }
 
 /// How far from its place a point is sent, px. Points on the horizon are infinitely far.
-pub(super) fn miss(homography: &Homography, pair: &Pair) -> f64 {
+pub(super) fn transfer_error(homography: &Homography, pair: &Pair) -> f64 {
     let sent = homography.apply(pair.0);
     let far = (sent[0] - pair.1[0]).hypot(sent[1] - pair.1[1]);
     if far.is_finite() { far } else { f64::MAX }
@@ -40,23 +40,23 @@ pub(super) fn miss(homography: &Homography, pair: &Pair) -> f64 {
 
 /// The homography that most pairs agree on, within `least` px or what their own scatter says, but never
 /// more than `most` px. `None` when fewer than four agree.
-pub(super) fn agree(pairs: &[Pair], least: f64, most: f64) -> Option<Consensus> {
+pub(super) fn consensus(pairs: &[Pair], least: f64, most: f64) -> Option<Consensus> {
     if pairs.len() < 4 {
         return None;
     }
-    let mut dice = Dice(0x9E37_79B9_7F4A_7C15);
+    let mut random = Random(0x9E37_79B9_7F4A_7C15);
     let stride = pairs.len().div_ceil(JUDGES);
     let judges: Vec<Pair> = pairs.iter().step_by(stride).copied().collect();
-    let mut misses = Vec::with_capacity(judges.len());
+    let mut errors = Vec::with_capacity(judges.len());
     let mut judged = |h: &Homography| {
-        misses.clear();
-        misses.extend(judges.iter().map(|pair| miss(h, pair)));
-        median(&mut misses)
+        errors.clear();
+        errors.extend(judges.iter().map(|pair| transfer_error(h, pair)));
+        median(&mut errors)
     };
     // all of them first: with no wrong pairs nothing is better
     let mut best = dlt::fit(pairs).map(|h| (judged(&h), h));
     for _ in 0..SAMPLES {
-        let chosen: [Pair; 4] = std::array::from_fn(|_| pairs[dice.below(pairs.len())]);
+        let chosen: [Pair; 4] = std::array::from_fn(|_| pairs[random.below(pairs.len())]);
         let Some(candidate) = dlt::fit(&chosen) else { continue };
         let score = judged(&candidate);
         if best.as_ref().is_none_or(|(b, _)| score < *b) {
@@ -64,18 +64,18 @@ pub(super) fn agree(pairs: &[Pair], least: f64, most: f64) -> Option<Consensus> 
         }
     }
     let (mut score, mut homography) = best?;
-    let mut agrees = vec![false; pairs.len()];
+    let mut is_inlier = vec![false; pairs.len()];
     for _ in 0..3 {
         // for a two-dimensional normal error the median distance is 1.18 sigma
         let reach = (3.5 * score / 1.18).clamp(least, most.max(least));
-        for (flag, pair) in agrees.iter_mut().zip(pairs) {
-            *flag = miss(&homography, pair) <= reach;
+        for (flag, pair) in is_inlier.iter_mut().zip(pairs) {
+            *flag = transfer_error(&homography, pair) <= reach;
         }
-        let kept: Vec<Pair> = pairs.iter().zip(&agrees).filter(|(_, a)| **a).map(|(p, _)| *p).collect();
+        let kept: Vec<Pair> = pairs.iter().zip(&is_inlier).filter(|(_, a)| **a).map(|(p, _)| *p).collect();
         homography = dlt::fit(&kept)?;
-        score = median(&mut kept.iter().map(|pair| miss(&homography, pair)).collect::<Vec<_>>());
+        score = median(&mut kept.iter().map(|pair| transfer_error(&homography, pair)).collect::<Vec<_>>());
     }
-    Some(Consensus { homography, agrees })
+    Some(Consensus { homography, is_inlier })
 }
 
 #[cfg(test)]
@@ -85,8 +85,8 @@ mod tests {
     #[test]
     fn three_wrong_pairs_in_ten_do_no_harm() {
         let truth = Homography([1.04, 0.01, -30.0, -0.008, 1.05, 12.0, 4e-6, -3e-6, 1.0]);
-        let mut dice = Dice(7);
-        let mut unit = || dice.below(10_000) as f64 / 10_000.0 - 0.5;
+        let mut random = Random(7);
+        let mut unit = || random.below(10_000) as f64 / 10_000.0 - 0.5;
         let pairs: Vec<Pair> = (0..150)
             .map(|k| {
                 let p = [100.0 + 60.0 * f64::from(k % 15), 80.0 + 60.0 * f64::from(k / 15)];
@@ -95,17 +95,17 @@ mod tests {
                 (p, [q[0] + wrong * unit(), q[1] + wrong * unit()])
             })
             .collect();
-        let found = agree(&pairs, 0.15, 5.0).expect("a consensus");
+        let found = consensus(&pairs, 0.15, 5.0).expect("a consensus");
         assert!(found.homography.corner_distance(&truth, 1100, 760) < 0.06);
-        let kept = found.agrees.iter().filter(|a| **a).count();
+        let kept = found.is_inlier.iter().filter(|a| **a).count();
         assert!((100..=110).contains(&kept), "{kept}");
-        let again = agree(&pairs, 0.15, 5.0).expect("a consensus");
+        let again = consensus(&pairs, 0.15, 5.0).expect("a consensus");
         assert_eq!(again.homography, found.homography);
     }
 
     #[test]
     fn too_few_pairs_agree_on_nothing() {
-        assert!(agree(&[([0.0, 0.0], [1.0, 1.0]); 3], 0.1, 1.0).is_none());
-        assert!(agree(&[([0.0, 0.0], [1.0, 1.0]); 30], 0.1, 1.0).is_none());
+        assert!(consensus(&[([0.0, 0.0], [1.0, 1.0]); 3], 0.1, 1.0).is_none());
+        assert!(consensus(&[([0.0, 0.0], [1.0, 1.0]); 30], 0.1, 1.0).is_none());
     }
 }

@@ -1,6 +1,6 @@
 //! Whether a picture shows a dot target.
 
-use super::sighting;
+use super::detection;
 use crate::{
     imaging::{Raster, reduced::reduced},
     types::{Cancelled, Control},
@@ -23,7 +23,7 @@ const SPANNED: f64 = 0.2;
 /// When the work is cancelled.
 pub fn dot_target(picture: &Raster, control: &dyn Control) -> Result<Option<usize>, Cancelled> {
     let picture = reduced(picture, SIDE);
-    let Some((_, lattice)) = sighting::blind(&picture, control)? else { return Ok(None) };
+    let Some((_, lattice)) = detection::detect_grid(&picture, control)? else { return Ok(None) };
     let span = |values: &mut dyn Iterator<Item = f64>| {
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
         (high - low).max(0.0)

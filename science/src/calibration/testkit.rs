@@ -83,7 +83,7 @@ pub(super) fn render(shot: &Shot) -> Raster {
     let back = shot.homography.inverse().expect("homographies of tests are regular");
     let disc = 0.5 * shot.fill * shot.pitch / shot.homography.scale_at([0.0, 0.0]);
     let profile = Profile::new(disc, shot.blur);
-    let mut ink = vec![0.0_f64; width * height];
+    let mut coverage = vec![0.0_f64; width * height];
     for j in 0..shot.grid[1] {
         for i in 0..shot.grid[0] {
             let c = back.apply([corner[0] + f64::from(i) * shot.pitch, corner[1] + f64::from(j) * shot.pitch]);
@@ -95,7 +95,7 @@ pub(super) fn render(shot: &Shot) -> Raster {
             }
             for y in low[1]..=high[1] as usize {
                 for x in low[0]..=high[0] as usize {
-                    ink[y * width + x] += profile.over_pixel(x as f64 - c[0], y as f64 - c[1]);
+                    coverage[y * width + x] += profile.over_pixel(x as f64 - c[0], y as f64 - c[1]);
                 }
             }
         }
@@ -105,7 +105,7 @@ pub(super) fn render(shot: &Shot) -> Raster {
         .map(|k| {
             let (u, v) = ((k % width) as f64 / width as f64 - 0.5, (k / width) as f64 / height as f64 - 0.5);
             let light = shot.white * (1.0 - 2.0 * shot.vignetting * (u * u + v * v));
-            let cover = 0.85 * ink[k].min(1.0);
+            let cover = 0.85 * coverage[k].min(1.0);
             let grey = if shot.inverted { light * (0.06 + cover) } else { light * (1.0 - cover) };
             (grey + shot.noise * noise.normal()).round().clamp(0.0, 255.0) as u8
         })

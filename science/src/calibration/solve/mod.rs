@@ -1,22 +1,22 @@
 //! From dots to homographies: what agrees, which family of maps, what the rail adds, and how sure each slice is.
 
-mod agreed;
-mod maps;
-mod unseen;
+mod estimates;
+mod inliers;
+mod missing;
 
-use agreed::{Agreed, agree, drop_strays, owns};
-use maps::{Mapped, Setting, corners, floors, maps};
-use unseen::{blind_reference, unseen};
+use estimates::{Estimate, Setting, corner_errors, estimates, floors};
+use inliers::{Inliers, drop_mistaken_grids, find_inliers, own_estimates};
+use missing::{reference_without_grid, unmeasured_slices};
 
-use super::chain::Seen;
-use super::choice::{self, Evidence, Model};
-use super::events::{self, Event};
-use super::families::{self, Family, Frame};
+use super::detection::{Detection, MeasuredDot};
 use super::gains::{self, Gain};
 use super::lattice::Label;
-use super::rail::{self, Law, Own, Source};
-use super::sighting::{Sighting, Spotted};
-use super::working::quantile;
+use super::model_selection::{self, Evidence, StackModel};
+use super::rail::{self, EstimateSource, Law, OwnEstimate};
+use super::rail_anomalies::{self, RailAnomaly};
+use super::tracking::Tracked;
+use super::transform_models::{self, Frame, TransformModel};
+use super::working_image::quantile;
 use super::{Dot, DotUse, robust};
 use crate::imaging::Slices;
 use crate::types::calibration_options::ModelChoice;
@@ -56,15 +56,15 @@ pub(super) struct Solution {
     /// One per slice.
     pub slices: Vec<Solved>,
     /// The family that was taken, and why.
-    pub model: (Model, String),
+    pub model: (StackModel, String),
     /// What each family would have given.
     pub candidates: Vec<ModelCandidate>,
     /// What the rail did.
-    pub events: Vec<Event>,
+    pub anomalies: Vec<RailAnomaly>,
     /// The positions that the law was fitted with.
     pub positions: Vec<f64>,
-    /// Where the scales say that the slices stood, with standard deviations.
-    pub stood: Option<Vec<Option<(f64, f64)>>>,
+    /// Where the scales say that the slices positions_by_scale, with standard deviations.
+    pub positions_by_scale: Option<Vec<Option<(f64, f64)>>>,
     /// Scale number of each measured slice (0: as the reference) and its standard deviation.
     pub scales: Vec<Option<(f64, f64)>>,
     /// Slopes of scale, rotation and shift over the positions, units.
@@ -72,9 +72,9 @@ pub(super) struct Solution {
 }
 
 /// Uncertainty of a predicted corner beyond which no slice is predicted, px.
-const WORST: f64 = 1.5;
+const MAX_PREDICTED_SIGMA: f64 = 1.5;
 /// Distance from where the rail has it, in steps of the grid, from which a slice with merged dots was mistaken.
-const STRAY: f64 = 0.3;
+const MISTAKEN: f64 = 0.3;
 
 /// Solves every slice. `positions` on the rail when they were told.
 ///
@@ -82,59 +82,66 @@ const STRAY: f64 = 0.3;
 /// A fault naming the slices that can neither be measured nor predicted.
 pub(super) fn solve(
     slices: &dyn Slices,
-    seen: &Seen,
+    tracked: &Tracked,
     reference: usize,
     told: Option<&[f64]>,
-    asked: ModelChoice,
+    requested: ModelChoice,
     control: &dyn Control,
 ) -> Result<Solution, Interrupted> {
-    let count = seen.sightings.len();
-    let Some(base) = seen.sightings[reference].as_ref() else {
-        return Err(blind_reference(slices, reference).into());
+    let count = tracked.detections.len();
+    let Some(base) = tracked.detections[reference].as_ref() else {
+        return Err(reference_without_grid(slices, reference).into());
     };
-    let frame = Frame::new(seen.width, seen.height);
-    let (width, height) = (seen.width as u32, seen.height as u32);
-    let mut agreed: Vec<Agreed> = Vec::with_capacity(count);
-    for (index, sighting) in seen.sightings.iter().enumerate() {
+    let frame = Frame::new(tracked.width, tracked.height);
+    let (width, height) = (tracked.width as u32, tracked.height as u32);
+    let mut inliers: Vec<Inliers> = Vec::with_capacity(count);
+    for (index, detection) in tracked.detections.iter().enumerate() {
         control.check()?;
-        let other = sighting.as_ref().filter(|_| index != reference);
-        agreed.push(other.and_then(|s| agree(s, base, &frame)).unwrap_or_default());
+        let other = detection.as_ref().filter(|_| index != reference);
+        inliers.push(other.and_then(|s| find_inliers(s, base, &frame)).unwrap_or_default());
     }
 
     // scale, rotation and shift tell what the rail did, whatever family is taken in the end
     let mut positions: Vec<f64> = told.map_or_else(|| (0..count).map(|i| i as f64).collect(), <[f64]>::to_vec);
-    let similar = |agreed: &[Agreed]| owns(Family::Similarity, agreed, reference, &frame, [width, height]);
-    let first = similar(&agreed);
-    drop_strays(&mut agreed, &first, &positions, seen, base);
-    let own = similar(&agreed);
-    let sigma = |o: &Own, n: usize| o.covariance[(n, n)].max(0.0).sqrt();
-    let scale =
-        |own: &[Option<Own>]| own.iter().map(|o| o.as_ref().map(|o| (o.free[0], sigma(o, 0)))).collect::<Vec<_>>();
-    let stood = rail::positions_by_scale(&scale(&own), &positions, reference);
-    let mut events = stood.as_ref().map_or_else(Vec::new, |stood| events::steps(stood, &positions));
-    if let (Some(stood), false) = (&stood, events.is_empty() || told.is_some()) {
-        positions = filled(stood, &positions);
+    let similar =
+        |inliers: &[Inliers]| own_estimates(TransformModel::Similarity, inliers, reference, &frame, [width, height]);
+    let first = similar(&inliers);
+    drop_mistaken_grids(&mut inliers, &first, &positions, tracked, base);
+    let own = similar(&inliers);
+    let sigma = |o: &OwnEstimate, n: usize| o.covariance[(n, n)].max(0.0).sqrt();
+    let scale = |own: &[Option<OwnEstimate>]| {
+        own.iter().map(|o| o.as_ref().map(|o| (o.free[0], sigma(o, 0)))).collect::<Vec<_>>()
+    };
+    let positions_by_scale = rail::positions_by_scale(&scale(&own), &positions, reference);
+    let mut anomalies = positions_by_scale
+        .as_ref()
+        .map_or_else(Vec::new, |positions_by_scale| rail_anomalies::step_anomalies(positions_by_scale, &positions));
+    if let (Some(positions_by_scale), false) = (&positions_by_scale, anomalies.is_empty() || told.is_some()) {
+        positions = filled(positions_by_scale, &positions);
     }
     let shifts: Vec<Option<[f64; 2]>> =
         own.iter().map(|o| o.as_ref().map(|o| [o.free[2] * frame.half, o.free[3] * frame.half])).collect();
-    events.extend(events::bump(&shifts, &positions, 0.5));
-    let jump = events.iter().find_map(|e| if let Event::Bumped { from, .. } = e { Some(*from) } else { None });
+    anomalies.extend(rail_anomalies::find_bump(&shifts, &positions, 0.5));
+    let jump = anomalies.iter().find_map(|e| if let RailAnomaly::Bumped { from, .. } = e { Some(*from) } else { None });
     let slopes = Law::fit(&own, &positions, jump).map(|law| std::array::from_fn(|n| law.slopes()[n]));
 
     let away: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
-    let evidence: Vec<Evidence> = agreed.iter().map(|a| a.evidence.clone()).collect();
-    let floors = floors(seen, base.pitch);
+    let evidence: Vec<Evidence> = inliers.iter().map(|a| a.evidence.clone()).collect();
+    let floors = floors(tracked, base.pitch);
     let setting =
         Setting { frame: &frame, width, height, reference, positions: &positions, away: &away, jump, floors: &floors };
-    let every: Vec<(Model, Vec<Option<Mapped>>)> = [Model::Joint]
+    let every: Vec<(StackModel, Vec<Option<Estimate>>)> = [StackModel::RailLinear]
         .into_iter()
-        .chain(families::ALL.map(Model::PerSlice))
-        .map(|model| (model, maps(model, &agreed, &setting)))
+        .chain(transform_models::ALL.map(StackModel::PerSlice))
+        .map(|model| (model, estimates(model, &inliers, &setting)))
         .collect();
-    let of = |model: Model| every.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
-    let corners = |model: Model| corners(of(model), of(Model::PerSlice(Family::Homography)), &agreed, &setting);
-    let (model, mut candidates, reason) = choice::choose(&evidence, &away, frame.half, &corners, asked);
-    let (_, hidden) = choice::bias(&corners(model));
+    let of = |model: StackModel| every.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
+    let corner_errors = |model: StackModel| {
+        corner_errors(of(model), of(StackModel::PerSlice(TransformModel::Homography)), &inliers, &setting)
+    };
+    let (model, mut candidates, reason) =
+        model_selection::select_model(&evidence, &away, frame.half, &corner_errors, requested);
+    let (_, hidden) = model_selection::bias(&corner_errors(model));
     for candidate in &mut candidates {
         let Some((_, maps)) = every.iter().find(|(m, _)| m.name() == candidate.model) else { continue };
         let others = maps.iter().enumerate().filter(|(i, _)| *i != reference);
@@ -149,23 +156,30 @@ pub(super) fn solve(
         map.iter_mut().for_each(|m| m.sigma = m.sigma.hypot((hidden * share).sqrt()));
     }
     let lost: Vec<usize> = (0..count)
-        .filter(|&i| i != reference && maps[i].as_ref().is_none_or(|m| m.source == Source::Law && m.sigma > WORST))
+        .filter(|&i| {
+            i != reference
+                && maps[i].as_ref().is_none_or(|m| m.source == EstimateSource::Law && m.sigma > MAX_PREDICTED_SIGMA)
+        })
         .collect();
     if !lost.is_empty() {
         let worst = lost.iter().filter_map(|&i| maps[i].as_ref().map(|m| m.sigma)).fold(0.0, f64::max);
         let why = if worst > 0.0 {
-            format!(", and from the other slices they could be predicted to {worst:.1} px only ({WORST} px is allowed)")
+            format!(
+                ", and from the other slices they could be predicted to {worst:.1} px only ({MAX_PREDICTED_SIGMA} px is allowed)"
+            )
         } else {
             ", and too few other slices could be to predict them".to_owned()
         };
-        return Err(unseen(slices, &lost, &why).into());
+        return Err(unmeasured_slices(slices, &lost, &why).into());
     }
-    let all_gains = gains::of(seen, reference, &positions);
+    let all_gains = gains::of(tracked, reference, &positions);
     let mut out = Vec::with_capacity(count);
     for (index, map) in maps.into_iter().enumerate() {
         let solved = match map {
-            Some(map) if index != reference => finished(map, &agreed[index], seen, index, base, all_gains[index]),
-            _ => itself(base),
+            Some(map) if index != reference => {
+                solved_slice(map, &inliers[index], tracked, index, base, all_gains[index])
+            }
+            _ => reference_slice(base),
         };
         if let Some(why) = solved.homography.objection(width, height) {
             let name = slices.name(index);
@@ -180,29 +194,33 @@ pub(super) fn solve(
         slices: out,
         model: (model, reason),
         candidates,
-        events,
+        anomalies,
         positions,
-        stood,
+        positions_by_scale,
         scales,
         slopes,
     })
 }
 
 /// Positions by scale where there are any, continued by ordinary steps where there are none.
-fn filled(stood: &[Option<(f64, f64)>], positions: &[f64]) -> Vec<f64> {
-    let known: Vec<usize> = (0..stood.len()).filter(|&i| stood[i].is_some()).collect();
-    (0..stood.len())
+fn filled(positions_by_scale: &[Option<(f64, f64)>], positions: &[f64]) -> Vec<f64> {
+    let known: Vec<usize> = (0..positions_by_scale.len()).filter(|&i| positions_by_scale[i].is_some()).collect();
+    (0..positions_by_scale.len())
         .map(|i| {
             let nearest = known.iter().min_by_key(|k| k.abs_diff(i)).copied().unwrap_or(i);
-            stood[nearest].map_or(positions[i], |s| s.0) + positions[i] - positions[nearest]
+            positions_by_scale[nearest].map_or(positions[i], |s| s.0) + positions[i] - positions[nearest]
         })
         .collect()
 }
 
 /// The reference slice: the identity by definition.
-fn itself(base: &Sighting) -> Solved {
-    let dot =
-        |(label, dot): (&Label, &Spotted)| Dot { label: *label, at: dot.at, sigma: dot.sigma, used: DotUse::Inlier };
+fn reference_slice(base: &Detection) -> Solved {
+    let dot = |(label, dot): (&Label, &MeasuredDot)| Dot {
+        label: *label,
+        at: dot.at,
+        sigma: dot.sigma,
+        used: DotUse::Inlier,
+    };
     Solved {
         homography: Homography::IDENTITY,
         by_law: None,
@@ -217,12 +235,21 @@ fn itself(base: &Sighting) -> Solved {
     }
 }
 
-fn finished(map: Mapped, agreed: &Agreed, seen: &Seen, index: usize, base: &Sighting, gain: Gain) -> Solved {
-    let interpolated = map.source == Source::Law;
+fn solved_slice(
+    map: Estimate,
+    inliers: &Inliers,
+    tracked: &Tracked,
+    index: usize,
+    base: &Detection,
+    gain: Gain,
+) -> Solved {
+    let interpolated = map.source == EstimateSource::Law;
     let far = |label: &Label, at: [f64; 2]| {
-        base.dots.get(label).is_some_and(|b| robust::miss(&map.homography, &(at, b.at)) > STRAY * base.pitch)
+        base.dots
+            .get(label)
+            .is_some_and(|b| robust::transfer_error(&map.homography, &(at, b.at)) > MISTAKEN * base.pitch)
     };
-    let used = |label: &Label, at: [f64; 2]| match agreed.agrees.get(label) {
+    let used = |label: &Label, at: [f64; 2]| match inliers.is_inlier.get(label) {
         // a grid that was mistaken by half a step
         _ if interpolated && far(label, at) => DotUse::Outlier,
         _ if interpolated => DotUse::Unused,
@@ -230,13 +257,14 @@ fn finished(map: Mapped, agreed: &Agreed, seen: &Seen, index: usize, base: &Sigh
         Some(false) => DotUse::Outlier,
         None => DotUse::Unused,
     };
-    let spotted = seen.sightings[index].iter().flat_map(|s| &s.dots);
+    let measured = tracked.detections[index].iter().flat_map(|s| &s.dots);
     let dots: Vec<Dot> =
-        spotted.map(|(label, d)| Dot { label: *label, at: d.at, sigma: d.sigma, used: used(label, d.at) }).collect();
+        measured.map(|(label, d)| Dot { label: *label, at: d.at, sigma: d.sigma, used: used(label, d.at) }).collect();
     let inliers = dots.iter().filter(|d| d.used == DotUse::Inlier);
-    let mut misses: Vec<f64> =
-        inliers.filter_map(|d| base.dots.get(&d.label).map(|b| robust::miss(&map.homography, &(d.at, b.at)))).collect();
-    let rms = (!misses.is_empty()).then(|| (misses.iter().map(|m| m * m).sum::<f64>() / misses.len() as f64).sqrt());
+    let mut errors: Vec<f64> = inliers
+        .filter_map(|d| base.dots.get(&d.label).map(|b| robust::transfer_error(&map.homography, &(d.at, b.at))))
+        .collect();
+    let rms = (!errors.is_empty()).then(|| (errors.iter().map(|m| m * m).sum::<f64>() / errors.len() as f64).sqrt());
     Solved {
         homography: map.homography,
         by_law: map.by_law,
@@ -244,7 +272,7 @@ fn finished(map: Mapped, agreed: &Agreed, seen: &Seen, index: usize, base: &Sigh
         gain_sigma: gain.sigma,
         corner_sigma: map.sigma,
         rms,
-        p95: rms.map(|_| quantile(&mut misses, 0.95)),
+        p95: rms.map(|_| quantile(&mut errors, 0.95)),
         dots,
         off_law: map.off_law,
         interpolated,

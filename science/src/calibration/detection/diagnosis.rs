@@ -1,17 +1,17 @@
 //! What a slice without a grid looks like.
 
-use crate::calibration::working::{Working, quantile};
+use crate::calibration::working_image::{WorkingImage, quantile};
 use crate::imaging::{Plane, Raster};
 
 /// What a slice without a grid looks like, for the person who has to take it again.
-pub(crate) fn looks(slice: &Raster) -> &'static str {
-    let working = Working::of(slice, slice.width.max(slice.height).div_ceil(1600).max(1));
-    let plane = &working.plane;
+pub(crate) fn diagnose(slice: &Raster) -> &'static str {
+    let image = WorkingImage::of(slice, slice.width.max(slice.height).div_ceil(1600).max(1));
+    let plane = &image.plane;
     let stride = (plane.data.len() / 50_000).max(1) | 1;
     let mut levels: Vec<f64> = plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect();
     let (dark, bright) = (quantile(&mut levels, 0.02), quantile(&mut levels, 0.98));
     match () {
-        () if working.clipped > 0.3 => "a large part of it is clipped white: expose less",
+        () if image.clipped > 0.3 => "a large part of it is clipped white: expose less",
         () if bright < 20.0 => "it is almost black: expose more",
         () if bright - dark < 0.12 * bright => {
             "it shows hardly any contrast: it is far out of focus or shows no target"

@@ -7,7 +7,7 @@ use crate::imaging::{Plane, Raster, Samples};
 /// A grey picture, 0..255, averaged over `bin` x `bin` pixels of the slice. Averaging keeps the centres of
 /// dots where they are and takes noise and time away.
 #[derive(Debug, Clone)]
-pub(super) struct Working {
+pub(super) struct WorkingImage {
     /// The samples.
     pub plane: Plane<f32>,
     /// Pixels of the slice per sample, along each axis.
@@ -21,7 +21,7 @@ pub(super) struct Working {
 /// Grey levels from here on count as clipped, of 255.
 const FULL: f32 = 254.5;
 
-impl Working {
+impl WorkingImage {
     /// Rec. 601 luma of `slice`, averaged over cells of `bin` pixels; what is left over at the right and bottom is
     /// cut off. One pass over the slice.
     pub(super) fn of(slice: &Raster, bin: usize) -> Self {
@@ -70,7 +70,7 @@ impl Working {
     }
 
     /// A pixel of the slice as a place of this plane.
-    pub(super) fn place_of(&self, p: [f64; 2]) -> [f64; 2] {
+    pub(super) fn to_plane(&self, p: [f64; 2]) -> [f64; 2] {
         let k = self.bin as f64;
         p.map(|v| (v - (k - 1.0) / 2.0) / k)
     }
@@ -123,7 +123,7 @@ mod tests {
             let (dx, dy) = ((k % 60) as f64 - 31.3, (k / 60) as f64 - 27.8);
             (60_000.0 * (-(dx * dx + dy * dy) / 60.0).exp()).round() as u16
         });
-        let working = Working::of(&Raster::sixteen(60, 60, 1, samples.collect()), 3);
+        let working = WorkingImage::of(&Raster::sixteen(60, 60, 1, samples.collect()), 3);
         let (mut sum, mut at) = (0.0, [0.0, 0.0]);
         for y in 0..working.plane.height {
             for x in 0..working.plane.width {
@@ -134,7 +134,7 @@ mod tests {
         }
         let back = working.to_slice([at[0] / sum, at[1] / sum]);
         assert!((back[0] - 31.3).abs() < 0.02 && (back[1] - 27.8).abs() < 0.02, "{back:?}");
-        let there = working.place_of(back);
+        let there = working.to_plane(back);
         assert!((there[0] - at[0] / sum).abs() < 1e-12);
     }
 

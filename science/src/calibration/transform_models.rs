@@ -10,9 +10,9 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 use crate::types::Homography;
 use crate::types::profile::HomographyModel;
 
-/// A family whose members are chosen for each slice by itself.
+/// A model whose members are chosen for each slice by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Family {
+pub(super) enum TransformModel {
     /// Scale, rotation, shift.
     Similarity,
     /// Six numbers.
@@ -22,12 +22,13 @@ pub(super) enum Family {
 }
 
 /// All of them, simplest first.
-pub(super) const ALL: [Family; 3] = [Family::Similarity, Family::Affine, Family::Homography];
+pub(super) const ALL: [TransformModel; 3] =
+    [TransformModel::Similarity, TransformModel::Affine, TransformModel::Homography];
 
 /// Departures from the identity, row by row: `[1 + p0, p1, p2; p3, 1 + p4, p5; p6, p7, 1]`.
-pub(super) type Departure = [f64; 8];
+pub(super) type Parameters = [f64; 8];
 
-impl Family {
+impl TransformModel {
     /// Free numbers per slice.
     pub(super) fn size(self) -> usize {
         match self {
@@ -38,7 +39,7 @@ impl Family {
     }
 
     /// The name in a profile.
-    pub(super) fn model(self) -> HomographyModel {
+    pub(super) fn homography_model(self) -> HomographyModel {
         match self {
             Self::Similarity => HomographyModel::Similarity,
             Self::Affine => HomographyModel::Affine,
@@ -47,20 +48,23 @@ impl Family {
     }
 
     /// The departure that belongs to the free numbers.
-    pub(super) fn departure(self, free: &DVector<f64>) -> Departure {
+    pub(super) fn parameters(self, free: &DVector<f64>) -> Parameters {
         match self {
             Self::Similarity => [free[0], -free[1], free[2], free[1], free[0], free[3], 0.0, 0.0],
             _ => std::array::from_fn(|k| if k < self.size() { free[k] } else { 0.0 }),
         }
     }
 
-    /// Slopes of a departure's numbers gathered into slopes of the free numbers.
-    fn gathered(self, slopes: &Departure) -> DVector<f64> {
+    /// Slopes of a departure's numbers gather into jacobian of the free numbers.
+    fn gather(self, jacobian: &Parameters) -> DVector<f64> {
         match self {
-            Self::Similarity => {
-                DVector::from_column_slice(&[slopes[0] + slopes[4], slopes[3] - slopes[1], slopes[2], slopes[5]])
-            }
-            _ => DVector::from_column_slice(&slopes[..self.size()]),
+            Self::Similarity => DVector::from_column_slice(&[
+                jacobian[0] + jacobian[4],
+                jacobian[3] - jacobian[1],
+                jacobian[2],
+                jacobian[5],
+            ]),
+            _ => DVector::from_column_slice(&jacobian[..self.size()]),
         }
     }
 }
@@ -87,7 +91,7 @@ impl Frame {
     }
 
     /// The homography slice px -> reference px that is the inverse of the map with this departure.
-    pub(super) fn homography(&self, p: &Departure) -> Option<Homography> {
+    pub(super) fn homography(&self, p: &Parameters) -> Option<Homography> {
         let map = Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0);
         let to_unit = Matrix3::new(
             1.0 / self.half,
@@ -115,7 +119,7 @@ pub(super) struct Match {
     pub sigma: f64,
 }
 
-/// The best member of a family.
+/// The best member of a model.
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
     /// Its free numbers.
@@ -123,7 +127,7 @@ pub(super) struct Fit {
     /// Their covariance, scatter of the dots included, as if every dot erred by itself.
     pub covariance: DMatrix<f64>,
     /// Their covariance as whole blocks of neighbouring dots show it, which may err together.
-    pub by_blocks: DMatrix<f64>,
+    pub block_covariance: DMatrix<f64>,
 }
 
 /// Residuals beyond this many standard deviations count less and less.
@@ -132,25 +136,25 @@ const HUBER: f64 = 1.5;
 const LEAST_SCATTER: f64 = 0.3;
 
 /// Weighted least squares with Huber weights by Gauss-Newton. `None` when the dots do not fix the numbers.
-pub(super) fn fit(family: Family, matches: &[Match]) -> Option<Fit> {
-    let size = family.size();
+pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
+    let size = model.size();
     if 2 * matches.len() < size + 2 {
         return None;
     }
     let mut free = DVector::zeros(size);
     let mut scatter = 1.0_f64;
     for round in 0..25 {
-        let p = family.departure(&free);
+        let p = model.parameters(&free);
         let (mut normal, mut right) = (DMatrix::zeros(size, size), DVector::zeros(size));
         let (mut square, mut sizes) = (0.0, Vec::with_capacity(matches.len()));
         for m in matches {
-            let sent = send(&p, m.base);
+            let sent = map_point(&p, m.base);
             let r = [0, 1].map(|a| (m.here[a] - sent[a]) / m.sigma);
             let far = r[0].hypot(r[1]);
             // the first rounds let everything count: the start is far from right
             let limit = HUBER * scatter;
             let weight = if round < 2 || far <= limit { 1.0 } else { limit / far };
-            let [jx, jy] = slopes(&p, m.base).map(|s| family.gathered(&s) / m.sigma);
+            let [jx, jy] = jacobian(&p, m.base).map(|s| model.gather(&s) / m.sigma);
             normal += weight * (&jx * jx.transpose() + &jy * jy.transpose());
             right += weight * (r[0] * jx + r[1] * jy);
             square += weight * far * far;
@@ -160,15 +164,15 @@ pub(super) fn fit(family: Family, matches: &[Match]) -> Option<Fit> {
         let step = &inverse * right;
         free += &step;
         // the median length of a two-dimensional normal deviate is 1.18 sigma
-        scatter = (super::working::median(&mut sizes) / 1.18).max(LEAST_SCATTER);
+        scatter = (super::working_image::median(&mut sizes) / 1.18).max(LEAST_SCATTER);
         if !free.iter().all(|v| v.is_finite()) {
             return None;
         }
         if (round >= 4 && step.amax() < 1e-9) || round == 24 {
             let freedom = (2.0 * matches.len() as f64 - size as f64).max(1.0);
             let covariance = &inverse * (square / freedom).max(LEAST_SCATTER * LEAST_SCATTER);
-            let by_blocks = by_blocks(family, matches, &free, HUBER * scatter);
-            return Some(Fit { free, covariance, by_blocks });
+            let block_covariance = block_jackknife(model, matches, &free, HUBER * scatter);
+            return Some(Fit { free, covariance, block_covariance });
         }
     }
     None
@@ -180,9 +184,9 @@ const BLOCKS: (usize, usize) = (3, 5);
 /// Covariance by leaving out each block of neighbouring dots in turn (delete-a-group jackknife, one step of
 /// Gauss-Newton). Glare, dust and light beyond the target move dots that are near to one another alike; a covariance from
 /// the scatter of single dots takes that for many independent witnesses.
-fn by_blocks(family: Family, matches: &[Match], free: &DVector<f64>, limit: f64) -> DMatrix<f64> {
-    let size = family.size();
-    let p = family.departure(free);
+fn block_jackknife(model: TransformModel, matches: &[Match], free: &DVector<f64>, limit: f64) -> DMatrix<f64> {
+    let size = model.size();
+    let p = model.parameters(free);
     let side = ((matches.len() as f64 / 9.0).sqrt().round() as usize).clamp(BLOCKS.0, BLOCKS.1);
     let [low, high] = [f64::min, f64::max]
         .map(|pick: fn(f64, f64) -> f64| [0, 1].map(|a| matches.iter().map(|m| m.base[a]).reduce(pick).unwrap_or(0.0)));
@@ -195,10 +199,10 @@ fn by_blocks(family: Family, matches: &[Match], free: &DVector<f64>, limit: f64)
     };
     let mut sums = vec![(DMatrix::zeros(size, size), DVector::zeros(size)); side * side];
     for m in matches {
-        let sent = send(&p, m.base);
+        let sent = map_point(&p, m.base);
         let r = [0, 1].map(|a| (m.here[a] - sent[a]) / m.sigma);
         let weight = (limit / r[0].hypot(r[1]).max(1e-12)).min(1.0);
-        let [jx, jy] = slopes(&p, m.base).map(|s| family.gathered(&s) / m.sigma);
+        let [jx, jy] = jacobian(&p, m.base).map(|s| model.gather(&s) / m.sigma);
         let (normal, right) = &mut sums[cell(m)];
         *normal += weight * (&jx * jx.transpose() + &jy * jy.transpose());
         *right += weight * (r[0] * jx + r[1] * jy);
@@ -223,16 +227,16 @@ fn by_blocks(family: Family, matches: &[Match], free: &DVector<f64>, limit: f64)
 }
 
 /// Where a map sends a point, units.
-pub(super) fn send(p: &Departure, [x, y]: [f64; 2]) -> [f64; 2] {
+pub(super) fn map_point(p: &Parameters, [x, y]: [f64; 2]) -> [f64; 2] {
     let w = p[6] * x + p[7] * y + 1.0;
     [((1.0 + p[0]) * x + p[1] * y + p[2]) / w, (p[3] * x + (1.0 + p[4]) * y + p[5]) / w]
 }
 
-/// Slopes of the two coordinates of [`send`] against the eight numbers.
-fn slopes(p: &Departure, at: [f64; 2]) -> [Departure; 2] {
+/// Slopes of the two coordinates of [`map_point`] against the eight numbers.
+fn jacobian(p: &Parameters, at: [f64; 2]) -> [Parameters; 2] {
     let [x, y] = at;
     let w = p[6] * x + p[7] * y + 1.0;
-    let [u, v] = send(p, at);
+    let [u, v] = map_point(p, at);
     [
         [x / w, y / w, 1.0 / w, 0.0, 0.0, 0.0, -u * x / w, -u * y / w],
         [0.0, 0.0, 0.0, x / w, y / w, 1.0 / w, -v * x / w, -v * y / w],
@@ -241,18 +245,18 @@ fn slopes(p: &Departure, at: [f64; 2]) -> [Departure; 2] {
 
 /// Standard deviation of the worst corner of a picture, px.
 pub(super) fn corner_sigma(
-    family: Family,
+    model: TransformModel,
     free: &DVector<f64>,
     covariance: &DMatrix<f64>,
     frame: &Frame,
     width: u32,
     height: u32,
 ) -> f64 {
-    let p = family.departure(free);
+    let p = model.parameters(free);
     Homography::corners(width, height)
         .into_iter()
         .map(|corner| {
-            let rows = slopes(&p, frame.unit(corner)).map(|s| family.gathered(&s));
+            let rows = jacobian(&p, frame.unit(corner)).map(|s| model.gather(&s));
             let spread = |j: &DVector<f64>| (j.transpose() * covariance * j)[(0, 0)];
             frame.half * rows.iter().map(spread).sum::<f64>().max(0.0).sqrt()
         })
@@ -264,29 +268,31 @@ mod tests {
     use super::super::testkit::Noise;
     use super::*;
 
-    fn grid(truth: &Departure, scatter: f64, seed: u64, wrong: usize) -> Vec<Match> {
+    fn grid(truth: &Parameters, scatter: f64, seed: u64, wrong: usize) -> Vec<Match> {
         let mut noise = Noise(seed);
         (0..117)
             .map(|k| {
                 let base = [f64::from(k % 13) / 8.0 - 0.75, f64::from(k / 13) / 10.0 - 0.4];
-                let sent = send(truth, base);
+                let sent = map_point(truth, base);
                 let off = if (k as usize) < wrong { 0.03 } else { 0.0 };
                 Match { base, here: sent.map(|v| v + off + scatter * noise.normal()), sigma: 1e-4 }
             })
             .collect()
     }
 
-    const TRUTH: Departure = [-0.03, 0.002, 0.01, -0.003, -0.031, 0.004, 2e-3, -1e-3];
+    const TRUTH: Parameters = [-0.03, 0.002, 0.01, -0.003, -0.031, 0.004, 2e-3, -1e-3];
 
     #[test]
     fn exact_dots_give_the_map_back() {
-        let fit = fit(Family::Homography, &grid(&TRUTH, 0.0, 1, 0)).expect("a map");
-        for (found, truth) in Family::Homography.departure(&fit.free).iter().zip(TRUTH) {
+        let fit = fit(TransformModel::Homography, &grid(&TRUTH, 0.0, 1, 0)).expect("a map");
+        for (found, truth) in TransformModel::Homography.parameters(&fit.free).iter().zip(TRUTH) {
             assert!((found - truth).abs() < 1e-9, "{found} for {truth}");
         }
-        let turned: Departure = [-0.02, -0.004, 0.01, 0.004, -0.02, -0.02, 0.0, 0.0];
-        let similar = super::fit(Family::Similarity, &grid(&turned, 0.0, 1, 0)).expect("a map");
-        assert!(Family::Similarity.departure(&similar.free).iter().zip(turned).all(|(a, b)| (a - b).abs() < 1e-9));
+        let turned: Parameters = [-0.02, -0.004, 0.01, 0.004, -0.02, -0.02, 0.0, 0.0];
+        let similar = super::fit(TransformModel::Similarity, &grid(&turned, 0.0, 1, 0)).expect("a map");
+        assert!(
+            TransformModel::Similarity.parameters(&similar.free).iter().zip(turned).all(|(a, b)| (a - b).abs() < 1e-9)
+        );
     }
 
     #[test]
@@ -296,10 +302,10 @@ mod tests {
         let (mut squares, mut claimed) = (0.0, 0.0);
         for seed in 0..60 {
             // twice the scatter that the dots claim
-            let fit = fit(Family::Homography, &grid(&TRUTH, 2e-4, seed, 0)).expect("a map");
-            let found = frame.homography(&Family::Homography.departure(&fit.free)).expect("regular");
+            let fit = fit(TransformModel::Homography, &grid(&TRUTH, 2e-4, seed, 0)).expect("a map");
+            let found = frame.homography(&TransformModel::Homography.parameters(&fit.free)).expect("regular");
             squares += found.corner_distance(&truth, 1200, 800).powi(2);
-            claimed += corner_sigma(Family::Homography, &fit.free, &fit.covariance, &frame, 1200, 800);
+            claimed += corner_sigma(TransformModel::Homography, &fit.free, &fit.covariance, &frame, 1200, 800);
         }
         let ratio = (squares / 60.0).sqrt() / (claimed / 60.0);
         // the largest of four corners, so a little more than one corner's sigma
@@ -310,15 +316,15 @@ mod tests {
     fn a_few_wrong_dots_do_little_harm_and_too_few_give_nothing() {
         let frame = Frame::new(1200, 800);
         let truth = frame.homography(&TRUTH).expect("regular");
-        let found = fit(Family::Homography, &grid(&TRUTH, 1e-4, 3, 5)).expect("a map");
-        let found = frame.homography(&Family::Homography.departure(&found.free)).expect("regular");
+        let found = fit(TransformModel::Homography, &grid(&TRUTH, 1e-4, 3, 5)).expect("a map");
+        let found = frame.homography(&TransformModel::Homography.parameters(&found.free)).expect("regular");
         assert!(found.corner_distance(&truth, 1200, 800) < 0.3);
-        assert!(fit(Family::Homography, &grid(&TRUTH, 0.0, 1, 0)[..4]).is_none());
+        assert!(fit(TransformModel::Homography, &grid(&TRUTH, 0.0, 1, 0)[..4]).is_none());
         let line: Vec<Match> = (0..20)
             .map(|k| Match { base: [f64::from(k) / 20.0, 0.1], here: [f64::from(k) / 20.0, 0.1], sigma: 1e-4 })
             .collect();
-        assert!(fit(Family::Homography, &line).is_none_or(|f| corner_sigma(
-            Family::Homography,
+        assert!(fit(TransformModel::Homography, &line).is_none_or(|f| corner_sigma(
+            TransformModel::Homography,
             &f.free,
             &f.covariance,
             &frame,

@@ -20,100 +20,106 @@ use crate::imaging::Plane;
 
 /// A place where the pattern is compared with its expected phase, in px of the plane.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Site {
+pub(super) struct Window {
     /// Expected centre of the dot.
     pub at: [f64; 2],
     /// The two steps of the grid there.
     pub steps: [[f64; 2]; 2],
 }
 
-/// What the window around one site shows.
+/// What the window around one window shows.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Locked {
-    /// How far the pattern lies from the site along each step, in steps, for a positive amplitude.
-    pub wave: [Wave; 2],
+pub(super) struct PhaseMeasurement {
+    /// How far the pattern lies from the window along each step, in steps, for a positive amplitude.
+    pub harmonics: [Harmonic; 2],
     /// Mean over the window: whole periods, so the pattern does not count.
     pub mean: f64,
 }
 
 /// The first harmonic along one step of the grid.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Wave {
-    /// In phase with a dot at the site.
+pub(super) struct Harmonic {
+    /// In phase with a dot at the window.
     pub cosine: f64,
     /// A quarter of a step behind.
     pub sine: f64,
 }
 
-impl Wave {
+impl Harmonic {
     /// Amplitude when dots stand out with `sign` (1: as they should; -1: inverted by blur); negative when they stand
     /// out the other way.
     pub(super) fn amplitude(&self, sign: f64) -> f64 {
         self.cosine.hypot(self.sine) * (sign * self.cosine).signum()
     }
 
-    /// Distance of the dot from the site, in steps, when dots stand out with `sign`.
+    /// Distance of the dot from the window, in steps, when dots stand out with `sign`.
     pub(super) fn shift(&self, sign: f64) -> f64 {
         (sign * self.sine).atan2(sign * self.cosine) / TAU
     }
 }
 
-/// Variance of the mean of many neighbouring sites over that of as many independent ones: their windows overlap. For
+/// Variance of the mean of many neighbouring windows over that of as many independent ones: their windows overlap. For
 /// white noise the sum over the grid of the windows' correlations, `1 / integral(w^2)` = (3/2)^2.
-pub(super) const OVERLAP: f64 = 2.25;
+pub(super) const WINDOW_OVERLAP: f64 = 2.25;
 
-/// Standard deviation of [`Wave::shift`] in steps, for white noise `noise` per sample and this amplitude.
+/// Standard deviation of [`Harmonic::shift`] in steps, for white noise `noise` per sample and this amplitude.
 pub(super) fn shift_sigma(noise: f64, amplitude: f64, steps: [[f64; 2]; 2]) -> f64 {
     let area = (steps[0][0] * steps[1][1] - steps[0][1] * steps[1][0]).abs().max(1.0);
-    noise * (2.0 / (OVERLAP * area)).sqrt() / (TAU * amplitude.abs().max(1e-9))
+    noise * (2.0 / (WINDOW_OVERLAP * area)).sqrt() / (TAU * amplitude.abs().max(1e-9))
 }
 
 /// Share of a window, weighted, that may be covered.
-const COVERED: f64 = 0.1;
+const MAX_INVALID: f64 = 0.1;
 
-/// Looks at all sites. `None` for a site whose window leaves the picture, touches a closed sample, or is degenerate.
-pub(super) fn lock(plane: &Plane<f32>, open: Option<&Plane<u8>>, sites: &[Site]) -> Vec<Option<Locked>> {
-    sites.par_iter().map(|site| lock_one(plane, open, site)).collect()
+/// Looks at all windows. `None` for a window whose window leaves the picture, touches a closed sample, or is degenerate.
+pub(super) fn measure(
+    plane: &Plane<f32>,
+    valid: Option<&Plane<u8>>,
+    windows: &[Window],
+) -> Vec<Option<PhaseMeasurement>> {
+    windows.par_iter().map(|window| measure_one(plane, valid, window)).collect()
 }
 
-/// True when the window of this site lies in a picture of `width` x `height`.
-pub(super) fn inside(site: &Site, width: usize, height: usize) -> bool {
-    let reach = reach(site);
+/// True when the window of this window lies in a picture of `width` x `height`.
+pub(super) fn inside(window: &Window, width: usize, height: usize) -> bool {
+    let reach = reach(window);
     let fits = |v: f64, reach: f64, size: usize| v - reach >= 0.0 && v + reach <= size as f64 - 1.0;
-    fits(site.at[0], reach[0], width) && fits(site.at[1], reach[1], height)
+    fits(window.at[0], reach[0], width) && fits(window.at[1], reach[1], height)
 }
 
 /// How far the window extends from its middle along x and y.
-fn reach(site: &Site) -> [f64; 2] {
-    [0, 1].map(|axis: usize| site.steps[0][axis].abs() + site.steps[1][axis].abs())
+fn reach(window: &Window) -> [f64; 2] {
+    [0, 1].map(|axis: usize| window.steps[0][axis].abs() + window.steps[1][axis].abs())
 }
 
-fn lock_one(plane: &Plane<f32>, open: Option<&Plane<u8>>, site: &Site) -> Option<Locked> {
-    let [u, v] = site.steps;
+fn measure_one(plane: &Plane<f32>, valid: Option<&Plane<u8>>, window: &Window) -> Option<PhaseMeasurement> {
+    let [u, v] = window.steps;
     let determinant = u[0] * v[1] - u[1] * v[0];
-    if !inside(site, plane.width, plane.height) || determinant.abs() < 4.0 {
+    if !inside(window, plane.width, plane.height) || determinant.abs() < 4.0 {
         return None;
     }
     // position in steps = matrix * (pixel - centre)
     let along = [v[1] / determinant, -u[1] / determinant];
     let across = [-v[0] / determinant, u[0] / determinant];
-    let reach = reach(site);
-    let rows = (site.at[1] - reach[1]).ceil() as usize..=(site.at[1] + reach[1]).floor() as usize;
+    let reach = reach(window);
+    let rows = (window.at[1] - reach[1]).ceil() as usize..=(window.at[1] + reach[1]).floor() as usize;
     let turn = along.map(|per_px| (TAU * per_px).sin_cos());
     let mut sums = Sums::default();
-    let mut covered = 0.0;
+    let mut invalid = 0.0;
     for y in rows {
-        let dy = y as f64 - site.at[1];
-        let Some((first, last)) = columns(site, along, [across[0] * dy, across[1] * dy], plane.width) else { continue };
-        let dx = first as f64 - site.at[0];
+        let dy = y as f64 - window.at[1];
+        let Some((first, last)) = columns(window, along, [across[0] * dy, across[1] * dy], plane.width) else {
+            continue;
+        };
+        let dx = first as f64 - window.at[0];
         let mut at = [along[0] * dx + across[0] * dy, along[1] * dx + across[1] * dy];
         // the wave goes on from pixel to pixel by a rotation
         let mut waves = at.map(|t| (TAU * t).sin_cos());
         let row = &plane.row(y)[first..=last];
         for (x, &value) in (first..).zip(row) {
             let weight = (1.0 - at[0].abs()).max(0.0) * (1.0 - at[1].abs()).max(0.0);
-            if open.is_some_and(|open| open.at(x, y) == 0) {
-                covered += weight;
+            if valid.is_some_and(|valid| valid.at(x, y) == 0) {
+                invalid += weight;
             }
             sums.add(weight, f64::from(value), &waves);
             for k in 0..2 {
@@ -124,15 +130,15 @@ fn lock_one(plane: &Plane<f32>, open: Option<&Plane<u8>>, site: &Site) -> Option
         }
     }
     // specks of dust were painted over with what should be there; beyond that the window is not to be believed
-    if covered > COVERED * sums.weight {
+    if invalid > MAX_INVALID * sums.weight {
         return None;
     }
-    sums.locked()
+    sums.measurement()
 }
 
 /// The columns of one row that the window covers: both |position in steps| < 1. `shift` is the position at the
-/// site's own column.
-fn columns(site: &Site, along: [f64; 2], shift: [f64; 2], width: usize) -> Option<(usize, usize)> {
+/// window's own column.
+fn columns(window: &Window, along: [f64; 2], shift: [f64; 2], width: usize) -> Option<(usize, usize)> {
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     for k in 0..2 {
         if along[k].abs() < 1e-12 {
@@ -145,8 +151,8 @@ fn columns(site: &Site, along: [f64; 2], shift: [f64; 2], width: usize) -> Optio
         low = low.max(ends[0].min(ends[1]));
         high = high.min(ends[0].max(ends[1]));
     }
-    let first = (site.at[0] + low).ceil().max(0.0);
-    let last = (site.at[0] + high).floor().min(width as f64 - 1.0);
+    let first = (window.at[0] + low).ceil().max(0.0);
+    let last = (window.at[0] + high).floor().min(width as f64 - 1.0);
     (first <= last).then_some((first as usize, last as usize))
 }
 
@@ -173,14 +179,14 @@ impl Sums {
         }
     }
 
-    fn locked(&self) -> Option<Locked> {
+    fn measurement(&self) -> Option<PhaseMeasurement> {
         if self.weight <= 0.0 {
             return None;
         }
         let mean = self.value / self.weight;
         // what the mean contributes is zero but for the sampling of the window; where the wave is faint that counts
         let part = |k: usize, n: usize| 2.0 * (self.with_value[k][n] - mean * self.wave[k][n]) / self.weight;
-        Some(Locked { wave: [0, 1].map(|k| Wave { cosine: part(k, 0), sine: part(k, 1) }), mean })
+        Some(PhaseMeasurement { harmonics: [0, 1].map(|k| Harmonic { cosine: part(k, 0), sine: part(k, 1) }), mean })
     }
 }
 
@@ -210,10 +216,14 @@ mod tests {
             let (plane, steps) = picture(17.3, turn, origin, sign);
             let mut at = [81.9, 58.4];
             for _ in 0..3 {
-                let locked = lock(&plane, None, &[Site { at, steps }])[0].expect("inside");
-                let shifts = locked.wave.map(|w| w.shift(sign));
+                let measured = measure(&plane, None, &[Window { at, steps }])[0].expect("inside");
+                let shifts = measured.harmonics.map(|h| h.shift(sign));
                 at = [0, 1].map(|a| at[a] + shifts[0] * steps[0][a] + shifts[1] * steps[1][a]);
-                assert!((locked.wave[0].amplitude(sign) - 0.2 * 1.1).abs() < 0.03, "{:?}", locked.wave[0]);
+                assert!(
+                    (measured.harmonics[0].amplitude(sign) - 0.2 * 1.1).abs() < 0.03,
+                    "{:?}",
+                    measured.harmonics[0]
+                );
             }
             let error = (at[0] - origin[0]).hypot(at[1] - origin[1]);
             assert!(error < 0.017, "turned by {turn}: off by {error} px");
@@ -224,19 +234,19 @@ mod tests {
     fn the_mean_of_a_window_does_not_see_the_pattern() {
         let (plane, steps) = picture(16.0, 0.0, [80.0, 60.0], 1.0);
         for at in [[80.0, 60.0], [85.0, 52.0]] {
-            let locked = lock(&plane, None, &[Site { at, steps }])[0].expect("inside");
+            let measured = measure(&plane, None, &[Window { at, steps }])[0].expect("inside");
             let light = 0.5 * (1.0 + 0.002 * at[0] - 0.001 * at[1]);
-            assert!((locked.mean - light).abs() < 0.004, "{} for {light}", locked.mean);
+            assert!((measured.mean - light).abs() < 0.004, "{} for {light}", measured.mean);
         }
     }
 
     #[test]
     fn a_window_that_leaves_the_picture_or_is_covered_says_nothing() {
         let (plane, steps) = picture(16.0, 0.0, [80.0, 60.0], 1.0);
-        assert!(lock(&plane, None, &[Site { at: [15.0, 60.0], steps }])[0].is_none());
+        assert!(measure(&plane, None, &[Window { at: [15.0, 60.0], steps }])[0].is_none());
         let covered = Plane::from_fn(160, 120, |x, y| u8::from(!(74..82).contains(&x) || !(56..64).contains(&y)));
-        assert!(lock(&plane, Some(&covered), &[Site { at: [80.0, 60.0], steps }])[0].is_none());
-        assert!(lock(&plane, None, &[Site { at: [80.0, 60.0], steps: [[1.0, 0.0], [1.0, 0.0]] }])[0].is_none());
+        assert!(measure(&plane, Some(&covered), &[Window { at: [80.0, 60.0], steps }])[0].is_none());
+        assert!(measure(&plane, None, &[Window { at: [80.0, 60.0], steps: [[1.0, 0.0], [1.0, 0.0]] }])[0].is_none());
     }
 
     #[test]
@@ -250,12 +260,12 @@ mod tests {
             };
             (-2.0 * unit().max(1e-12).ln()).sqrt() * (TAU * unit()).cos()
         };
-        let site = Site { at: [80.3, 60.2], steps };
-        let truth = lock(&clean, None, &[site])[0].expect("inside").wave[0].shift(1.0);
+        let window = Window { at: [80.3, 60.2], steps };
+        let truth = measure(&clean, None, &[window])[0].expect("inside").harmonics[0].shift(1.0);
         let mut square = 0.0;
         for _ in 0..200 {
             let noisy = clean.map(|v| v + 0.05 * normal() as f32);
-            square += (lock(&noisy, None, &[site])[0].expect("inside").wave[0].shift(1.0) - truth).powi(2);
+            square += (measure(&noisy, None, &[window])[0].expect("inside").harmonics[0].shift(1.0) - truth).powi(2);
         }
         let ratio = (square / 200.0).sqrt() / shift_sigma(0.05, 0.2, steps);
         assert!((0.75..1.3).contains(&ratio), "{ratio}");

@@ -1,7 +1,7 @@
-//! What one dot looks like in one slice: its ink as a function of the distance from its centre.
+//! What one dot looks like in one slice: its contrast as a function of the distance from its centre.
 //!
 //! All dots of a slice are the same disc under the same blur, so one radial curve serves them all. It is
-//! measured from the picture itself, whatever the lens's blur: the ink at a pixel is the sum of the curves of
+//! measured from the picture itself, whatever the lens's blur: the contrast at a pixel is the sum of the curves of
 //! the dots around it, which is linear in the curve. Knowing it takes the neighbours' blur out of each dot,
 //! so a dot at the rim of the grid is not pulled towards the side on which it has neighbours.
 
@@ -12,7 +12,7 @@ use crate::imaging::Plane;
 
 /// Ink against distance: straight lines between values that are `step` px apart; 0 beyond the last.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Shape {
+pub(super) struct RadialProfile {
     /// Distance between two values, px.
     pub step: f64,
     /// Ink at 0, step, 2 step, ...
@@ -21,7 +21,7 @@ pub(super) struct Shape {
 
 /// A dot as the shape is measured from it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Placed {
+pub(super) struct PlacedDot {
     /// Centre, px.
     pub at: [f64; 2],
     /// How strong it is, 1 for an ordinary dot, 0 where there is none.
@@ -29,16 +29,16 @@ pub(super) struct Placed {
 }
 
 /// Dots by place, so that those around a pixel are found at once.
-pub(super) struct Buckets {
+pub(super) struct DotIndex {
     cell: f64,
     columns: usize,
     rows: usize,
     lists: Vec<Vec<u32>>,
 }
 
-impl Buckets {
+impl DotIndex {
     /// Cells of `cell` px over a `width` x `height` plane and a margin of one cell.
-    pub(super) fn new(dots: &[Placed], cell: f64, width: usize, height: usize) -> Self {
+    pub(super) fn new(dots: &[PlacedDot], cell: f64, width: usize, height: usize) -> Self {
         let columns = (width as f64 / cell).ceil() as usize + 2;
         let rows = (height as f64 / cell).ceil() as usize + 2;
         let mut lists = vec![Vec::new(); columns * rows];
@@ -75,31 +75,31 @@ fn distance(dx: f64, dy: f64) -> f64 {
 }
 
 /// What the equations of the shape are made from.
-struct Table<'a> {
-    open: &'a Plane<u8>,
-    ink: &'a Plane<f32>,
-    dots: &'a [Placed],
-    buckets: &'a Buckets,
+struct Equations<'a> {
+    valid: &'a Plane<u8>,
+    contrast: &'a Plane<f32>,
+    dots: &'a [PlacedDot],
+    index: &'a DotIndex,
     step: f64,
     count: usize,
     stride: usize,
 }
 
-impl Table<'_> {
+impl Equations<'_> {
     /// Normal matrix (row by row; the lower triangle is complete) and right side over the rows of one band.
-    fn equations(&self, band: usize) -> (Vec<f64>, Vec<f64>) {
+    fn of_band(&self, band: usize) -> (Vec<f64>, Vec<f64>) {
         let (count, stride, size) = (self.count, self.stride, self.count + GROUND);
         let (mut normal, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         let mut row: Vec<(usize, f64)> = Vec::new();
-        let (top, bottom) = (band * BAND * stride, ((band + 1) * BAND * stride).min(self.ink.height));
+        let (top, bottom) = (band * BAND * stride, ((band + 1) * BAND * stride).min(self.contrast.height));
         for (line, y) in (top..bottom).step_by(stride).enumerate() {
             // each row begins elsewhere, or pixels and dots could march in step
-            for x in (line * 5 % stride..self.ink.width).step_by(stride) {
-                if self.open.at(x, y) == 0 {
+            for x in (line * 5 % stride..self.contrast.width).step_by(stride) {
+                if self.valid.at(x, y) == 0 {
                     continue;
                 }
                 row.clear();
-                for k in self.buckets.around(x as f64, y as f64) {
+                for k in self.index.around(x as f64, y as f64) {
                     let dot = &self.dots[k];
                     let t = distance(x as f64 - dot.at[0], y as f64 - dot.at[1]) / self.step;
                     let i = t as usize;
@@ -115,10 +115,10 @@ impl Table<'_> {
                 if row.is_empty() {
                     continue;
                 }
-                let u = 2.0 * x as f64 / self.ink.width as f64 - 1.0;
-                let v = 2.0 * y as f64 / self.ink.height as f64 - 1.0;
+                let u = 2.0 * x as f64 / self.contrast.width as f64 - 1.0;
+                let v = 2.0 * y as f64 / self.contrast.height as f64 - 1.0;
                 let ground: [f64; GROUND] = [1.0, u, v, u * u, u * v, v * v];
-                let value = f64::from(self.ink.at(x, y));
+                let value = f64::from(self.contrast.at(x, y));
                 for &(a, wa) in &row {
                     right[a] += wa * value;
                     let line = &mut normal[a * size..(a + 1) * size];
@@ -136,7 +136,7 @@ impl Table<'_> {
     }
 }
 
-impl Shape {
+impl RadialProfile {
     /// Ink at distance `rho` and its slope there.
     pub(super) fn at(&self, rho: f64) -> (f64, f64) {
         let t = rho / self.step;
@@ -148,20 +148,20 @@ impl Shape {
         (a + (b - a) * (t - k as f64), (b - a) / self.step)
     }
 
-    /// Least squares over the pixels of `open` (1, not 0) within `reach` of a dot, slightly smoothed, together with what is wrong
+    /// Least squares over the pixels of `valid` (1, not 0) within `reach` of a dot, slightly smoothed, together with what is wrong
     /// with the ground (a polynomial of degree 2, thrown away: ground and the tail of the shape must not
     /// stand in for one another). `None` when there is too little to measure it from.
-    pub(super) fn measure(ink: &Plane<f32>, open: &Plane<u8>, dots: &[Placed], reach: f64) -> Option<Self> {
+    pub(super) fn measure(contrast: &Plane<f32>, valid: &Plane<u8>, dots: &[PlacedDot], reach: f64) -> Option<Self> {
         // one value per px: coarser ones blunt the edge of a sharp dot, and its centre with it
         let count = (reach as usize).clamp(6, 64);
         let step = reach / count as f64;
         let size = count + GROUND;
-        let buckets = Buckets::new(dots, reach, ink.width, ink.height);
+        let index = DotIndex::new(dots, reach, contrast.width, contrast.height);
         // evenly spread pixels are plenty where there are many: all dots have the one shape
-        let stride = ((ink.data.len() as f64 / PIXELS).sqrt() as usize).max(1);
-        let table = Table { open, ink, dots, buckets: &buckets, step, count, stride };
+        let stride = ((contrast.data.len() as f64 / PIXELS).sqrt() as usize).max(1);
+        let equations = Equations { valid, contrast, dots, index: &index, step, count, stride };
         let bands: Vec<(Vec<f64>, Vec<f64>)> =
-            (0..ink.height.div_ceil(BAND * stride)).into_par_iter().map(|band| table.equations(band)).collect();
+            (0..contrast.height.div_ceil(BAND * stride)).into_par_iter().map(|band| equations.of_band(band)).collect();
         let mut sums = vec![0.0; size * size];
         let mut right = DVector::zeros(size);
         for (n, r) in bands {
@@ -196,10 +196,10 @@ impl Shape {
     }
 
     /// The picture that these dots make.
-    pub(super) fn picture(&self, dots: &[Placed], width: usize, height: usize) -> Plane<f32> {
+    pub(super) fn render(&self, dots: &[PlacedDot], width: usize, height: usize) -> Plane<f32> {
         let reach = self.step * self.values.len() as f64;
         let mut plane = Plane::filled(width, height, 0.0_f32);
-        let drawn: Vec<&Placed> = dots.iter().filter(|d| d.strength != 0.0).collect();
+        let drawn: Vec<&PlacedDot> = dots.iter().filter(|d| d.strength != 0.0).collect();
         let range = |v: f64, reach: f64, from: usize, to: usize| {
             let low = (v - reach).ceil().clamp(from as f64, to as f64) as usize;
             low..((v + reach).floor() + 1.0).clamp(low as f64, to as f64) as usize
@@ -233,15 +233,15 @@ impl Shape {
 
     /// True when neighbouring dots, `pitch` px apart, run into one another.
     pub(super) fn merges(&self, pitch: f64) -> bool {
-        self.at(0.5 * pitch).0.abs() > 0.25 * self.top()
+        self.at(0.5 * pitch).0.abs() > 0.25 * self.peak()
     }
 
-    /// The largest ink.
-    pub(super) fn top(&self) -> f64 {
+    /// The largest contrast.
+    pub(super) fn peak(&self) -> f64 {
         self.values.iter().fold(0.0_f64, |top, v| top.max(v.abs()))
     }
 
-    /// Distance at which the ink is half of its largest value, px.
+    /// Distance at which the contrast is half of its largest value, px.
     pub(super) fn half_width(&self) -> f64 {
         let half = 0.5 * self.values.iter().take(3).fold(0.0_f64, |top, v| top.max(v.abs()));
         // the first crossing: the tail may wave where few pixels tell it
@@ -260,25 +260,25 @@ mod tests {
 
     #[test]
     fn the_shape_of_overlapping_dots_is_recovered() {
-        let dots: Vec<Placed> = (0..36)
-            .map(|k| Placed { at: [20.3 + 12.0 * f64::from(k % 6), 18.7 + 12.0 * f64::from(k / 6)], strength: 1.0 })
+        let dots: Vec<PlacedDot> = (0..36)
+            .map(|k| PlacedDot { at: [20.3 + 12.0 * f64::from(k % 6), 18.7 + 12.0 * f64::from(k / 6)], strength: 1.0 })
             .collect();
         let truth = |rho: f64| 0.6 * (-rho * rho / 24.0).exp();
-        let ink = Plane::from_fn(100, 100, |x, y| {
+        let contrast = Plane::from_fn(100, 100, |x, y| {
             dots.iter().map(|d| truth((x as f64 - d.at[0]).hypot(y as f64 - d.at[1]))).sum::<f64>() as f32
         });
-        let shape = Shape::measure(&ink, &Plane::filled(100, 100, 1), &dots, 14.0).expect("a shape");
+        let profile = RadialProfile::measure(&contrast, &Plane::filled(100, 100, 1), &dots, 14.0).expect("a profile");
         for rho in [0.5, 3.0, 6.0, 9.0] {
-            assert!((shape.at(rho).0 - truth(rho)).abs() < 0.02, "{rho}: {} for {}", shape.at(rho).0, truth(rho));
+            assert!((profile.at(rho).0 - truth(rho)).abs() < 0.02, "{rho}: {} for {}", profile.at(rho).0, truth(rho));
         }
-        let again = shape.picture(&dots, 100, 100);
-        let worst = again.data.iter().zip(&ink.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let again = profile.render(&dots, 100, 100);
+        let worst = again.data.iter().zip(&contrast.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 0.02, "{worst}");
-        assert!(!shape.merges(30.0) && shape.merges(8.0));
+        assert!(!profile.merges(30.0) && profile.merges(8.0));
     }
 
     #[test]
     fn without_dots_there_is_no_shape() {
-        assert!(Shape::measure(&Plane::filled(40, 40, 0.0), &Plane::filled(40, 40, 1), &[], 10.0).is_none());
+        assert!(RadialProfile::measure(&Plane::filled(40, 40, 0.0), &Plane::filled(40, 40, 1), &[], 10.0).is_none());
     }
 }

@@ -4,12 +4,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::families::{Departure, Match};
-use super::working::median;
+use super::transform_models::{Match, Parameters};
+use super::working_image::median;
 
 /// The three numbers, in units.
 #[derive(Debug, Clone)]
-pub(super) struct Joint {
+pub(super) struct RailFit {
     growth: f64,
     drift: [f64; 2],
     covariance: Matrix3<f64>,
@@ -18,7 +18,7 @@ pub(super) struct Joint {
 /// Residuals beyond this many standard deviations count less and less.
 const HUBER: f64 = 1.5;
 
-impl Joint {
+impl RailFit {
     /// Least squares over all dots; `matches` per slice, `away` the positions counted from the reference slice.
     pub(super) fn fit(matches: &[Vec<Match>], away: &[f64]) -> Option<Self> {
         let mut found = Vector3::zeros();
@@ -56,7 +56,7 @@ impl Joint {
     }
 
     /// The map of a slice that stands `dz` from the reference slice.
-    pub(super) fn departure(&self, dz: f64) -> Departure {
+    pub(super) fn parameters(&self, dz: f64) -> Parameters {
         [self.growth * dz, 0.0, self.drift[0] * dz, 0.0, self.growth * dz, self.drift[1] * dz, 0.0, 0.0]
     }
 
@@ -89,8 +89,8 @@ mod tests {
                     .collect()
             })
             .collect();
-        let joint = Joint::fit(&matches, &away).expect("a law");
-        let p = joint.departure(2.0);
+        let joint = RailFit::fit(&matches, &away).expect("a law");
+        let p = joint.parameters(2.0);
         assert!((p[0] - 0.02).abs() < 1e-5 && (p[2] - 0.002).abs() < 2e-5 && (p[5] + 0.004).abs() < 2e-5, "{p:?}");
         assert!((1e-6..1e-4).contains(&joint.corner_sigma(2.0)), "{}", joint.corner_sigma(2.0));
     }

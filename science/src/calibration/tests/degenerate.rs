@@ -2,9 +2,9 @@
 
 use std::sync::Mutex;
 
-use super::testkit::{Noise, Shot, render};
-use super::tests::{Stack, show, stack, worst_corner};
-use super::*;
+use super::super::testkit::{Noise, Shot, render};
+use super::super::*;
+use super::{Stack, show, stack, worst_corner};
 use crate::imaging::{Raster, Samples};
 use crate::types::{Cancelled, Homography, NoControl};
 

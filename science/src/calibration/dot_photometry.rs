@@ -6,15 +6,15 @@
 //! camera's curve bends it by a fraction of a percent. So slices are compared by the bright level as long as blur
 //! allows, and the others by the mean, against the nearest slice that has both.
 
-use super::field::{Field, Polarity};
-use super::lockin::{self, Locked, Site};
-use super::working::{median, sample};
+use super::flat_field::{FlatField, Polarity};
+use super::phase::{self, PhaseMeasurement, Window};
+use super::working_image::{median, sample};
 use crate::imaging::Plane;
 
 /// The light at one dot, grey levels 0..255.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Light {
-    /// Mean over whole steps of the grid, missing dots drawn in.
+pub(super) struct DotLight {
+    /// Mean over whole steps of the grid, missing dots filled in.
     pub mean: f64,
     /// The same of the light that an sRGB picture stands for, 0..1; `None` where it was not taken.
     pub linear_mean: Option<f64>,
@@ -23,18 +23,18 @@ pub(super) struct Light {
 }
 
 /// The light around the dot at `at` (px of the plane).
-pub(super) fn around(
+pub(super) fn measure_light(
     plane: &Plane<f32>,
-    field: &Field,
-    drawn: &Plane<f32>,
+    field: &FlatField,
+    filled: &Plane<f32>,
     at: [f64; 2],
     steps: [[f64; 2]; 2],
-    locked: &Locked,
-) -> Light {
+    phase: &PhaseMeasurement,
+) -> DotLight {
     let ground = field.ground_at(at);
     let mean = match field.polarity {
-        Polarity::DarkOnLight => ground * (1.0 - locked.mean),
-        Polarity::LightOnDark => ground + field.span * locked.mean,
+        Polarity::DarkOnLight => ground * (1.0 - phase.mean),
+        Polarity::LightOnDark => ground + field.span * phase.mean,
     };
     // the spot that is averaged: small against the gap, but more than a few samples
     let spot = 0.06;
@@ -43,8 +43,8 @@ pub(super) fn around(
         let mut sum = 0.0;
         for [a, b] in around {
             let q = [0, 1].map(|k| p[k] + a * steps[0][k] + b * steps[1][k]);
-            // where a dot was drawn in, the picture itself does not show what the others show
-            if sample(drawn, q)?.abs() > 0.02 {
+            // where a dot was filled in, the picture itself does not show what the others show
+            if sample(filled, q)?.abs() > 0.02 {
                 return None;
             }
             sum += f64::from(sample(plane, q)?);
@@ -62,14 +62,19 @@ pub(super) fn around(
             (levels.len() == 4).then(|| levels.iter().sum::<f64>() / 4.0)
         }
     };
-    Light { mean, linear_mean: None, bright }
+    DotLight { mean, linear_mean: None, bright }
 }
 
-/// Mean light around each site, 0..1, taking the values for sRGB; missing dots drawn in.
-pub(super) fn linear_means(plane: &Plane<f32>, field: &Field, drawn: &Plane<f32>, sites: &[Site]) -> Vec<Option<f64>> {
+/// Mean light around each site, 0..1, taking the values for sRGB; missing dots filled in.
+pub(super) fn linear_means(
+    plane: &Plane<f32>,
+    field: &FlatField,
+    filled: &Plane<f32>,
+    windows: &[Window],
+) -> Vec<Option<f64>> {
     let width = plane.width;
-    let values = plane.data.iter().zip(&drawn.data).enumerate().map(|(k, (value, drawn))| {
-        let missing = if drawn.abs() < 1e-4 { 0.0 } else { f64::from(*drawn) };
+    let values = plane.data.iter().zip(&filled.data).enumerate().map(|(k, (value, filled))| {
+        let missing = if filled.abs() < 1e-4 { 0.0 } else { f64::from(*filled) };
         let value = match (missing == 0.0, field.polarity) {
             (true, _) => f64::from(*value),
             (_, Polarity::DarkOnLight) => {
@@ -80,10 +85,10 @@ pub(super) fn linear_means(plane: &Plane<f32>, field: &Field, drawn: &Plane<f32>
         to_light(value) as f32
     });
     let light = Plane { width, height: plane.height, data: values.collect() };
-    lockin::lock(&light, None, sites).into_iter().map(|l| l.map(|l| l.mean)).collect()
+    phase::measure(&light, None, windows).into_iter().map(|l| l.map(|l| l.mean)).collect()
 }
 
-/// Light 0..1 of an sRGB value 0..255 (IEC 61966-2-1).
+/// DotLight 0..1 of an sRGB value 0..255 (IEC 61966-2-1).
 pub(super) fn to_light(value: f64) -> f64 {
     let v = (value / 255.0).max(0.0);
     if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
@@ -116,6 +121,6 @@ pub(super) fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> 
     let value = median(&mut ratios);
     let mut off: Vec<f64> = ratios.iter().map(|r| (r - value).abs()).collect();
     // of a median, over windows that overlap
-    let sigma = 1.4826 * median(&mut off) * (1.57 * lockin::OVERLAP / ratios.len() as f64).sqrt();
+    let sigma = 1.4826 * median(&mut off) * (1.57 * phase::WINDOW_OVERLAP / ratios.len() as f64).sqrt();
     Some((value, sigma / value.abs().max(1e-9)))
 }

@@ -1,61 +1,61 @@
 //! The dots of one slice: found blindly in the first slice, followed from slice to slice in the others.
 
-mod looks;
+mod diagnosis;
 mod measure;
-mod sites;
+mod windows;
 
 use std::collections::BTreeMap;
 
-pub(super) use looks::looks;
-pub(super) use sites::steps_of;
+pub(super) use diagnosis::diagnose;
+pub(super) use windows::grid_steps;
 
 use measure::measure;
-use sites::{chosen, in_picture, moved, sites};
+use windows::{dot_position, in_picture, selected_labels, windows_at};
 
 use super::blobs;
+use super::coarse_registration::{CoarseRegistration, RegisteredMotion, SimilarityMotion};
 use super::dlt;
-use super::field::{Field, Polarity};
+use super::dot_photometry::DotLight;
+use super::flat_field::{FlatField, Polarity};
 use super::lattice::{self, LEAST_DOTS, Label, Lattice, Places};
-use super::light::Light;
-use super::lockin;
+use super::phase;
 use super::robust;
-use super::search::{Found, Motion, Search};
-use super::working::Working;
+use super::working_image::WorkingImage;
 use crate::imaging::Raster;
 use crate::types::{Cancelled, Control};
 
 /// A dot in px of its slice.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Spotted {
+pub(super) struct MeasuredDot {
     /// Centre.
     pub at: [f64; 2],
     /// Standard deviation of each coordinate as noise and what spoils its window would have it.
     pub sigma: f64,
     /// The light around it.
-    pub light: Light,
+    pub light: DotLight,
     /// The part of that which its neighbours share.
-    pub doubt: f64,
+    pub shared_sigma: f64,
     /// Share of its window that is made up or at full scale: the light there is not to be relied on.
-    pub spoilt: f64,
+    pub invalid: f64,
 }
 
 /// What one slice showed. Holds no pixels.
 #[derive(Debug, Clone)]
-pub(super) struct Sighting {
+pub(super) struct Detection {
     /// The dots that were measured.
-    pub dots: BTreeMap<Label, Spotted>,
+    pub dots: BTreeMap<Label, MeasuredDot>,
     /// All dots that the target is known to have, where they are or would be, px of the slice.
     pub places: Places,
     /// Distance of neighbouring dots, px of the slice.
     pub pitch: f64,
     /// How the picture moved since the slice that it was followed from.
-    pub motion: Motion,
+    pub motion: SimilarityMotion,
     /// Share of the pixels at full scale.
     pub clipped: f64,
     /// Amplitude of the grid's first harmonic over the mean light; negative where blur has inverted the dots.
-    pub ripple: f64,
+    pub modulation: f64,
     /// Diameter of a dot over the pitch, as this slice shows it (too wide where it is blurred).
-    pub width: f64,
+    pub fill: f64,
     /// True when neighbouring dots run into one another.
     pub merged: bool,
     /// Measured dots over dots that could have been: where windows overlap less, errors are less alike.
@@ -75,39 +75,39 @@ pub(super) struct Target {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expected {
     /// Where the picture goes.
-    pub motion: Motion,
+    pub motion: SimilarityMotion,
     /// True when that is known from the slices before.
-    pub sure: bool,
+    pub confident: bool,
     /// True when blur may have inverted the dots.
     pub maybe_inverted: bool,
 }
 
 /// Long side of the picture in which dots are looked for blindly.
-const BLIND_SIDE: usize = 2400;
+const DETECTION_SIDE: usize = 2400;
 /// Samples of the picture in which dots are measured: more do not make them better.
 const SAMPLES: f64 = 7e5;
 /// Samples that memory is reckoned with: more only where dots would else be too near to one another.
-pub const MOST_SAMPLES: usize = 8_000_000;
+pub const MAX_SAMPLES: usize = 8_000_000;
 /// Distance of dots in that picture below which nothing is gained, px.
 const COARSEST_PITCH: f64 = 8.0;
 /// In that picture they are at least this far apart, px.
 const MEASURED_PITCH: f64 = 16.0;
 /// Standard errors by which predicted dots must stand out to be believed.
-const SURE: f64 = 6.0;
+const MIN_SIGNIFICANCE: f64 = 6.0;
 /// Shifts, in steps of the grid, beyond which a dot is not where it was expected.
-const LOST: f64 = 0.3;
+const MAX_SHIFT: f64 = 0.3;
 
 /// The grid in a slice about which nothing is known, in px of the slice, or `None` when there is none.
 ///
 /// # Errors
 /// When the work is cancelled.
-pub(super) fn blind(slice: &Raster, control: &dyn Control) -> Result<Option<(Target, Lattice)>, Cancelled> {
-    let working = Working::of(slice, slice.width.max(slice.height).div_ceil(BLIND_SIDE).max(1));
-    let likely = Polarity::guess(&working.plane);
+pub(super) fn detect_grid(slice: &Raster, control: &dyn Control) -> Result<Option<(Target, Lattice)>, Cancelled> {
+    let image = WorkingImage::of(slice, slice.width.max(slice.height).div_ceil(DETECTION_SIDE).max(1));
+    let likely = Polarity::guess(&image.plane);
     // on a dark table the gaps between dark dots may pass for a few bright ones, so both are looked at
     let mut best: Option<(Polarity, Lattice)> = None;
     for polarity in [likely, likely.other()] {
-        let found = grid(&working, polarity, control)?;
+        let found = largest_grid(&image, polarity, control)?;
         if let Some(found) = found
             && best.as_ref().is_none_or(|(_, b)| found.outdoes(b))
         {
@@ -115,18 +115,18 @@ pub(super) fn blind(slice: &Raster, control: &dyn Control) -> Result<Option<(Tar
         }
     }
     Ok(best.map(|(polarity, lattice)| {
-        let places = lattice.places.iter().map(|(label, p)| (*label, working.to_slice(*p))).collect();
-        let pitch = lattice.pitch * working.bin as f64;
+        let places = lattice.places.iter().map(|(label, p)| (*label, image.to_slice(*p))).collect();
+        let pitch = lattice.pitch * image.bin as f64;
         let target = Target { polarity, bin: resolution((slice.width * slice.height) as f64, pitch) };
         (target, Lattice { places, pitch })
     }))
 }
 
 /// The largest grid of dots of one polarity.
-fn grid(working: &Working, polarity: Polarity, control: &dyn Control) -> Result<Option<Lattice>, Cancelled> {
-    let ink = Field::first(&working.plane, polarity, None).ink(&working.plane);
+fn largest_grid(image: &WorkingImage, polarity: Polarity, control: &dyn Control) -> Result<Option<Lattice>, Cancelled> {
+    let contrast = FlatField::estimate(&image.plane, polarity, None).contrast(&image.plane);
     let mut best: Option<Lattice> = None;
-    let largest = working.plane.width.min(working.plane.height) / 4;
+    let largest = image.plane.width.min(image.plane.height) / 4;
     let mut radius = 6;
     while radius <= largest.max(6) {
         control.check()?;
@@ -134,7 +134,7 @@ fn grid(working: &Working, polarity: Polarity, control: &dyn Control) -> Result<
         if best.as_ref().is_some_and(|b| radius as f64 > 2.0 * b.pitch) {
             break;
         }
-        if let Some(found) = lattice::index(&blobs::find(&ink, radius))
+        if let Some(found) = lattice::index(&blobs::find(&contrast, radius))
             && best.as_ref().is_none_or(|b| found.places.len() > b.places.len())
         {
             best = Some(found);
@@ -149,7 +149,7 @@ fn resolution(pixels: f64, pitch: f64) -> usize {
     let within = |samples: f64| (pixels / samples).sqrt().ceil();
     let good = within(SAMPLES).min(pitch / MEASURED_PITCH);
     // a very fine grid in a very large picture is measured more coarsely than is best for it
-    let bounded = within(MOST_SAMPLES as f64).min(pitch / COARSEST_PITCH);
+    let bounded = within(MAX_SAMPLES as f64).min(pitch / COARSEST_PITCH);
     good.max(bounded).max(1.0) as usize
 }
 
@@ -157,87 +157,87 @@ fn resolution(pixels: f64, pitch: f64) -> usize {
 ///
 /// # Errors
 /// When the work is cancelled.
-pub(super) fn observe(
+pub(super) fn measure_grid(
     slice: &Raster,
     target: Target,
     found: &Lattice,
     control: &dyn Control,
-) -> Result<Option<Sighting>, Cancelled> {
-    let working = Working::of(slice, target.bin);
-    let places: Places = found.places.iter().map(|(label, p)| (*label, working.place_of(*p))).collect();
-    let field = ground(&working, target, &places);
-    measure(&working, field, places, 1.0, control)
+) -> Result<Option<Detection>, Cancelled> {
+    let image = WorkingImage::of(slice, target.bin);
+    let places: Places = found.places.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
+    let field = flat_field(&image, target, &places);
+    measure(&image, field, places, 1.0, control)
 }
 
 /// Finds the grid of a neighbouring slice again in this one and measures its dots. `None` when it cannot be seen.
 ///
 /// # Errors
 /// When the work is cancelled.
-pub(super) fn follow(
+pub(super) fn relocate_grid(
     slice: &Raster,
     target: Target,
     from: &Places,
     expected: &Expected,
     control: &dyn Control,
-) -> Result<Option<Sighting>, Cancelled> {
-    let working = Working::of(slice, target.bin);
-    let from: Places = from.iter().map(|(label, p)| (*label, working.place_of(*p))).collect();
-    let field = ground(&working, target, &from);
-    let ink = field.ink(&working.plane);
-    let seen: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&working, p)).copied().collect();
+) -> Result<Option<Detection>, Cancelled> {
+    let image = WorkingImage::of(slice, target.bin);
+    let from: Places = from.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
+    let field = flat_field(&image, target, &from);
+    let contrast = field.contrast(&image.plane);
+    let seen: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&image, p)).copied().collect();
     let pitch = lattice::pitch_of(&from);
-    let steps = steps_of(&from);
-    let bin = working.bin as f64;
-    let search = Search { ink: &ink, dots: &seen, steps, pitch };
-    let around = Motion { shift: expected.motion.shift.map(|s| s / bin), ..expected.motion };
-    let Found { motion, sign, sure, .. } = if expected.sure {
-        let near = search.best(around, 0.02, 0.3, 1.0);
-        let inverted = expected.maybe_inverted.then(|| search.best(around, 0.02, 0.3, -1.0));
+    let steps = grid_steps(&from);
+    let bin = image.bin as f64;
+    let registration = CoarseRegistration { contrast: &contrast, dots: &seen, steps, pitch };
+    let around = SimilarityMotion { shift: expected.motion.shift.map(|s| s / bin), ..expected.motion };
+    let RegisteredMotion { motion, sign, significance, .. } = if expected.confident {
+        let near = registration.best(around, 0.02, 0.3, 1.0);
+        let inverted = expected.maybe_inverted.then(|| registration.best(around, 0.02, 0.3, -1.0));
         inverted.filter(|i| i.depth > near.depth).unwrap_or(near)
     } else {
-        search.best(around, 0.09, 0.6, 1.0)
+        registration.best(around, 0.09, 0.6, 1.0)
     };
     control.check()?;
-    let middle = search.middle();
-    let strays = (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1])
+    let middle = registration.middle();
+    let is_off_course = (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1])
         > if expected.maybe_inverted { 0.3 } else { 0.45 } * pitch;
-    if sure < SURE || (expected.sure && strays) {
+    if significance < MIN_SIGNIFICANCE || (expected.confident && is_off_course) {
         return Ok(None);
     }
     let predicted: Places = from.iter().map(|(label, p)| (*label, motion.apply(middle, *p))).collect();
     // a first look, to take out rotation and keystone before dots are counted on
-    let labels = chosen(&working, &predicted);
-    let sites = sites(&labels, &predicted, motion.scale, steps);
-    let locked = lockin::lock(&ink, None, &sites);
-    let pairs: Vec<dlt::Pair> = sites
+    let labels = selected_labels(&image, &predicted);
+    let windows = windows_at(&labels, &predicted, motion.scale, steps);
+    let phases = phase::measure(&contrast, None, &windows);
+    let pairs: Vec<dlt::Pair> = windows
         .iter()
-        .zip(&locked)
-        .filter_map(|(site, locked)| locked.map(|l| (site.at, moved(site, &l, sign))))
-        .filter(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < LOST * pitch)
+        .zip(&phases)
+        .filter_map(|(window, phase)| phase.map(|p| (window.at, dot_position(window, &p, sign))))
+        .filter(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < MAX_SHIFT * pitch)
         .collect();
-    if pairs.len() < LEAST_DOTS || 2 * pairs.len() < sites.len() {
+    if pairs.len() < LEAST_DOTS || 2 * pairs.len() < windows.len() {
         return Ok(None);
     }
-    let Some(shared) = robust::agree(&pairs, 0.02 * pitch, 0.15 * pitch) else { return Ok(None) };
-    if 2 * shared.agrees.iter().filter(|a| **a).count() < pairs.len() {
+    let Some(shared) = robust::consensus(&pairs, 0.02 * pitch, 0.15 * pitch) else { return Ok(None) };
+    if 2 * shared.is_inlier.iter().filter(|a| **a).count() < pairs.len() {
         return Ok(None);
     }
     let places = predicted.into_iter().map(|(label, p)| (label, shared.homography.apply(p))).collect();
-    let mut sighting = measure(&working, field, places, sign, control)?;
-    if let Some(sighting) = &mut sighting {
+    let mut detection = measure(&image, field, places, sign, control)?;
+    if let Some(detection) = &mut detection {
         let slice_middle = [(slice.width as f64 - 1.0) / 2.0, (slice.height as f64 - 1.0) / 2.0];
-        let back = |p: [f64; 2]| working.to_slice(shared.homography.apply(motion.apply(middle, working.place_of(p))));
+        let back = |p: [f64; 2]| image.to_slice(shared.homography.apply(motion.apply(middle, image.to_plane(p))));
         let goes = back(slice_middle);
-        sighting.motion = Motion {
+        detection.motion = SimilarityMotion {
             scale: motion.scale * shared.homography.scale_at(middle),
             shift: [goes[0] - slice_middle[0], goes[1] - slice_middle[1]],
         };
     }
-    Ok(sighting)
+    Ok(detection)
 }
 
 /// The ground about the dots, which are about at `places`.
-fn ground(working: &Working, target: Target, places: &Places) -> Field {
-    let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(working, p)).copied().collect();
-    Field::first(&working.plane, target.polarity, Some((&near, 0.6 * lattice::pitch_of(places))))
+fn flat_field(image: &WorkingImage, target: Target, places: &Places) -> FlatField {
+    let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(image, p)).copied().collect();
+    FlatField::estimate(&image.plane, target.polarity, Some((&near, 0.6 * lattice::pitch_of(places))))
 }

@@ -1,10 +1,10 @@
 //! What went wrong on the rail: uneven steps, a slice too few or too many, a rig that was bumped.
 
-use super::working::median;
+use super::working_image::median;
 
 /// Something that the rail did, between or at slices (0-based).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Event {
+pub(super) enum RailAnomaly {
     /// About one more step lies between the two slices than between others.
     Missing {
         /// The first of the two.
@@ -36,12 +36,12 @@ pub(super) enum Event {
     },
 }
 
-/// Departure from an ordinary step that is worth a word.
+/// Parameters from an ordinary step that is worth a word.
 const UNEVEN: f64 = 0.25;
 
 /// Judges the steps between neighbouring slices that were both measured. `stood` are positions by scale with their
 /// standard deviations, `expected` the positions that were told or assumed.
-pub(super) fn steps(stood: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<Event> {
+pub(super) fn step_anomalies(stood: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<RailAnomaly> {
     let mut lengths = Vec::new();
     for k in 0..stood.len().saturating_sub(1) {
         if let (Some(a), Some(b)) = (stood[k], stood[k + 1]) {
@@ -63,10 +63,10 @@ pub(super) fn steps(stood: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<Event
             continue;
         }
         events.push(match steps {
-            s if s < -UNEVEN => Event::Backwards { after },
-            s if s < UNEVEN => Event::Doubled { first: after },
-            s if (1.7..2.3).contains(&s) => Event::Missing { after },
-            steps => Event::Uneven { after, steps },
+            s if s < -UNEVEN => RailAnomaly::Backwards { after },
+            s if s < UNEVEN => RailAnomaly::Doubled { first: after },
+            s if (1.7..2.3).contains(&s) => RailAnomaly::Missing { after },
+            steps => RailAnomaly::Uneven { after, steps },
         });
     }
     events
@@ -74,7 +74,7 @@ pub(super) fn steps(stood: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<Event
 
 /// A sideways jump that stays, when one explains the shifts far better than a straight line does. `shifts` per
 /// slice px, `None` where nothing was measured; `least` px is not worth a word.
-pub(super) fn bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f64) -> Option<Event> {
+pub(super) fn find_bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f64) -> Option<RailAnomaly> {
     let known: Vec<(usize, f64, [f64; 2])> =
         shifts.iter().enumerate().filter_map(|(i, s)| s.map(|s| (i, positions[i], s))).collect();
     if known.len() < 7 {
@@ -94,7 +94,7 @@ pub(super) fn bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f64) -
     let (left, from, by) = best?;
     let scatter = (left / (2.0 * known.len() as f64 - 6.0)).sqrt();
     let size = by[0].hypot(by[1]);
-    (left < 0.15 * before.0 && size > least.max(6.0 * scatter)).then_some(Event::Bumped { from, by })
+    (left < 0.15 * before.0 && size > least.max(6.0 * scatter)).then_some(RailAnomaly::Bumped { from, by })
 }
 
 /// Sum of squares that a line (with a step of its own) leaves over in both coordinates, and the step.
@@ -118,19 +118,19 @@ mod tests {
     use super::super::testkit::Noise;
     use super::*;
 
-    fn judged(positions: &[f64]) -> Vec<Event> {
+    fn judged(positions: &[f64]) -> Vec<RailAnomaly> {
         let expected: Vec<f64> = (0..positions.len()).map(|i| i as f64).collect();
-        steps(&positions.iter().map(|z| Some((*z, 0.01))).collect::<Vec<_>>(), &expected)
+        step_anomalies(&positions.iter().map(|z| Some((*z, 0.01))).collect::<Vec<_>>(), &expected)
     }
 
     #[test]
     fn slices_too_few_too_many_and_out_of_step_are_named() {
         assert!(judged(&[0.0, 1.01, 2.0, 2.98, 4.0, 5.0]).is_empty());
-        assert_eq!(judged(&[0.0, 1.0, 3.0, 4.0, 5.0, 6.0]), [Event::Missing { after: 1 }]);
-        assert_eq!(judged(&[0.0, 1.0, 2.0, 2.02, 3.0, 4.0]), [Event::Doubled { first: 2 }]);
-        assert_eq!(judged(&[0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 4.0]), [Event::Backwards { after: 2 }]);
+        assert_eq!(judged(&[0.0, 1.0, 3.0, 4.0, 5.0, 6.0]), [RailAnomaly::Missing { after: 1 }]);
+        assert_eq!(judged(&[0.0, 1.0, 2.0, 2.02, 3.0, 4.0]), [RailAnomaly::Doubled { first: 2 }]);
+        assert_eq!(judged(&[0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 4.0]), [RailAnomaly::Backwards { after: 2 }]);
         assert!(
-            matches!(judged(&[0.0, 1.0, 2.0, 3.5, 4.5, 5.5])[..], [Event::Uneven { after: 2, steps }] if (steps - 1.5).abs() < 0.1)
+            matches!(judged(&[0.0, 1.0, 2.0, 3.5, 4.5, 5.5])[..], [RailAnomaly::Uneven { after: 2, steps }] if (steps - 1.5).abs() < 0.1)
         );
     }
 
@@ -142,13 +142,13 @@ mod tests {
             .iter()
             .map(|z| Some([0.6 * z + 0.05 * noise.normal(), -0.3 * z + 0.05 * noise.normal()]))
             .collect();
-        assert_eq!(bump(&shifts, &positions, 0.5), None);
+        assert_eq!(find_bump(&shifts, &positions, 0.5), None);
         for shift in shifts.iter_mut().skip(8).flatten() {
             shift[0] += 3.0;
             shift[1] -= 1.0;
         }
         shifts[3] = None;
-        let Some(Event::Bumped { from, by }) = bump(&shifts, &positions, 0.5) else { panic!("not seen") };
+        let Some(RailAnomaly::Bumped { from, by }) = find_bump(&shifts, &positions, 0.5) else { panic!("not seen") };
         assert_eq!(from, 8);
         assert!((by[0] - 3.0).abs() < 0.3 && (by[1] + 1.0).abs() < 0.3, "{by:?}");
     }

@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::working::{median, quantile, sample};
+use super::working_image::{median, quantile, sample};
 use crate::imaging::Plane;
 
 /// Which way dots differ from what is around them.
@@ -49,7 +49,7 @@ pub(super) struct Surface {
 
 /// One value that a surface is fitted to.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Level {
+pub(super) struct LevelSample {
     /// Column, -1..1.
     pub u: f64,
     /// Row, -1..1.
@@ -69,7 +69,7 @@ fn terms(degree: usize) -> impl Iterator<Item = (i32, i32)> {
 impl Surface {
     /// Robust least squares (Tukey weights). With `upper`, values far below the surface are doubted from the
     /// start: that is where dots are. Falls back to lower degrees when there is too little to fit.
-    pub(super) fn fit(levels: &[Level], degree: usize, upper: Option<bool>) -> Self {
+    pub(super) fn fit(levels: &[LevelSample], degree: usize, upper: Option<bool>) -> Self {
         let count = terms(degree).count();
         let degree = degree.min(HIGHEST);
         let fitted = (levels.len() >= 3 * count).then(|| Self::try_fit(levels, degree, upper)).flatten();
@@ -83,7 +83,7 @@ impl Surface {
         }
     }
 
-    fn try_fit(levels: &[Level], degree: usize, upper: Option<bool>) -> Option<Self> {
+    fn try_fit(levels: &[LevelSample], degree: usize, upper: Option<bool>) -> Option<Self> {
         let powers: Vec<(i32, i32)> = terms(degree).collect();
         let size = powers.len();
         let rows: Vec<f64> =
@@ -160,8 +160,8 @@ impl Surface {
 
 /// The ground of one picture: what makes the picture of the dots alone from it.
 #[derive(Debug, Clone)]
-pub(super) struct Field {
-    /// Level of the ground, 0..255.
+pub(super) struct FlatField {
+    /// LevelSample of the ground, 0..255.
     pub ground: Surface,
     /// Dark or bright dots.
     pub polarity: Polarity,
@@ -171,11 +171,11 @@ pub(super) struct Field {
     height: usize,
 }
 
-impl Field {
+impl FlatField {
     /// The first estimate, before any dot is measured: per cell the mean of the brightest (for bright dots the
     /// darkest) eighth, and a surface of degree 2 through these. Where it is known about where the dots are, only what
     /// lies within the reach (px) of one of these places is looked at.
-    pub(super) fn first(plane: &Plane<f32>, polarity: Polarity, near: Option<(&[[f64; 2]], f64)>) -> Self {
+    pub(super) fn estimate(plane: &Plane<f32>, polarity: Polarity, near: Option<(&[[f64; 2]], f64)>) -> Self {
         let upper = polarity == Polarity::DarkOnLight;
         let cell = (plane.width.max(plane.height) / 24).max(4);
         let columns = plane.width / cell;
@@ -196,8 +196,8 @@ impl Field {
                 values.select_nth_unstable_by(cut, f32::total_cmp);
                 let part = if upper { &mut values[cut..] } else { &mut values[..eighth] };
                 let centre = [left as f64 + (cell as f64 - 1.0) / 2.0, top as f64 + (cell as f64 - 1.0) / 2.0];
-                let [u, v] = place(centre, plane.width, plane.height);
-                levels.push(Level { u, v, value: f64::from(part.iter().sum::<f32>()) / eighth as f64 });
+                let [u, v] = normalised(centre, plane.width, plane.height);
+                levels.push(LevelSample { u, v, value: f64::from(part.iter().sum::<f32>()) / eighth as f64 });
             }
         }
         let ground = Surface::fit(&levels, 2, Some(upper));
@@ -211,15 +211,15 @@ impl Field {
         Self { ground, polarity, span, width: plane.width, height: plane.height }
     }
 
-    /// The estimate once the dots are known: `dots` is their picture (0 ground, about 1 ink), so what remains
+    /// The estimate once the dots are known: `dots` is their picture (0 ground, about 1 contrast), so what remains
     /// of `plane` without them is ground everywhere, also between dots whose blur overlaps. Only what lies
-    /// within `reach` of one of the `places`, and `open` (1, not 0), is looked at: beyond the target may be a
+    /// within `reach` of one of the `places`, and `valid` (1, not 0), is looked at: beyond the target may be a
     /// table.
-    pub(super) fn refined(
+    pub(super) fn refine(
         &self,
         plane: &Plane<f32>,
         dots: &Plane<f32>,
-        open: &Plane<u8>,
+        valid: &Plane<u8>,
         places: &[[f64; 2]],
         reach: f64,
         degree: usize,
@@ -233,29 +233,29 @@ impl Field {
                 if !wanted[top / cell * columns + left / cell] {
                     continue;
                 }
-                let (mut grey, mut ink, mut count) = (0.0_f64, 0.0_f64, 0.0_f64);
+                let (mut grey, mut contrast, mut count) = (0.0_f64, 0.0_f64, 0.0_f64);
                 for y in top..top + cell {
                     let row = left..left + cell;
                     let samples =
-                        plane.row(y)[row.clone()].iter().zip(&dots.row(y)[row.clone()]).zip(&open.row(y)[row]);
-                    for ((&g, &d), _) in samples.filter(|(_, open)| **open != 0) {
+                        plane.row(y)[row.clone()].iter().zip(&dots.row(y)[row.clone()]).zip(&valid.row(y)[row]);
+                    for ((&g, &d), _) in samples.filter(|(_, valid)| **valid != 0) {
                         grey += f64::from(g);
-                        ink += f64::from(d);
+                        contrast += f64::from(d);
                         count += 1.0;
                     }
                 }
                 if count < 1.0 {
                     continue;
                 }
-                let bare = 1.0 - ink / count;
+                let bare = 1.0 - contrast / count;
                 let value = match self.polarity {
                     Polarity::DarkOnLight if bare > 0.6 => grey / count / bare,
-                    Polarity::LightOnDark if bare > 0.6 => grey / count - self.span * ink / count,
+                    Polarity::LightOnDark if bare > 0.6 => grey / count - self.span * contrast / count,
                     _ => continue,
                 };
                 let centre = [left as f64 + (cell as f64 - 1.0) / 2.0, top as f64 + (cell as f64 - 1.0) / 2.0];
-                let [u, v] = place(centre, plane.width, plane.height);
-                levels.push(Level { u, v, value });
+                let [u, v] = normalised(centre, plane.width, plane.height);
+                levels.push(LevelSample { u, v, value });
             }
         }
         if levels.len() < 12 {
@@ -265,10 +265,10 @@ impl Field {
     }
 
     /// The picture of the dots alone: 0 on the ground, positive on dots of either polarity.
-    pub(super) fn ink(&self, plane: &Plane<f32>) -> Plane<f32> {
+    pub(super) fn contrast(&self, plane: &Plane<f32>) -> Plane<f32> {
         let mut out = Plane { width: plane.width, height: plane.height, data: Vec::with_capacity(plane.data.len()) };
         for y in 0..plane.height {
-            let [_, v] = place([0.0, y as f64], plane.width, plane.height);
+            let [_, v] = normalised([0.0, y as f64], plane.width, plane.height);
             // f32 is exact to some 1e-4 of a grey level here
             let mut row = [0.0_f32; HIGHEST + 1];
             row.iter_mut().zip(self.ground.along_row(v)).for_each(|(to, from)| *to = from as f32);
@@ -285,9 +285,9 @@ impl Field {
         out
     }
 
-    /// Level of the ground at a place of the plane that the field was made from.
+    /// LevelSample of the ground at a place of the plane that the field was made from.
     pub(super) fn ground_at(&self, p: [f64; 2]) -> f64 {
-        let [u, v] = place(p, self.width, self.height);
+        let [u, v] = normalised(p, self.width, self.height);
         self.ground.at(u, v)
     }
 }
@@ -310,7 +310,7 @@ fn cells_near(plane: &Plane<f32>, cell: usize, places: &[[f64; 2]], reach: f64) 
 }
 
 /// Pixel to -1..1.
-fn place(p: [f64; 2], width: usize, height: usize) -> [f64; 2] {
+fn normalised(p: [f64; 2], width: usize, height: usize) -> [f64; 2] {
     [(p[0] + 0.5) / width as f64 * 2.0 - 1.0, (p[1] + 0.5) / height as f64 * 2.0 - 1.0]
 }
 
@@ -328,7 +328,7 @@ mod tests {
         let dot = |x: usize, y: usize| (x % 20 < 9) && (y % 20 < 9);
         let dark = Plane::from_fn(200, 160, |x, y| if dot(x, y) { 0.2 * lit(x, y) } else { lit(x, y) });
         assert_eq!(Polarity::guess(&dark), Polarity::DarkOnLight);
-        let field = Field::first(&dark, Polarity::DarkOnLight, None);
+        let field = FlatField::estimate(&dark, Polarity::DarkOnLight, None);
         for (x, y) in [(5, 5), (100, 80), (195, 150)] {
             let truth = f64::from(lit(x, y));
             let found = field.ground_at([x as f64, y as f64]);
@@ -336,18 +336,18 @@ mod tests {
         }
         let bright = dark.map(|v| 255.0 - v);
         assert_eq!(Polarity::guess(&bright), Polarity::LightOnDark);
-        let ink = Field::first(&bright, Polarity::LightOnDark, None).ink(&bright);
-        assert!(ink.at(4, 4) > 0.5 && ink.at(15, 15).abs() < 0.1);
+        let contrast = FlatField::estimate(&bright, Polarity::LightOnDark, None).contrast(&bright);
+        assert!(contrast.at(4, 4) > 0.5 && contrast.at(15, 15).abs() < 0.1);
     }
 
     #[test]
     fn a_surface_follows_a_polynomial_through_gross_errors() {
         let truth = |u: f64, v: f64| 200.0 - 20.0 * u + 5.0 * v - 30.0 * u * u + 10.0 * u * v - 12.0 * v * v;
-        let levels: Vec<Level> = (0..400)
+        let levels: Vec<LevelSample> = (0..400)
             .map(|k| {
                 let (u, v) = (f64::from(k % 20) / 10.0 - 0.95, f64::from(k / 20) / 10.0 - 0.95);
                 let gross = if k % 7 == 0 { -90.0 } else { 0.0 };
-                Level { u, v, value: truth(u, v) + gross }
+                LevelSample { u, v, value: truth(u, v) + gross }
             })
             .collect();
         let surface = Surface::fit(&levels, 2, None);
@@ -356,7 +356,7 @@ mod tests {
 
     #[test]
     fn too_few_levels_give_a_flat_surface() {
-        let surface = Surface::fit(&[Level { u: 0.0, v: 0.0, value: 9.0 }], 4, None);
+        let surface = Surface::fit(&[LevelSample { u: 0.0, v: 0.0, value: 9.0 }], 4, None);
         assert_eq!(surface.at(0.7, 0.7), 9.0);
     }
 }

@@ -2,19 +2,19 @@
 
 use rayon::prelude::*;
 
-use super::working::sample;
+use super::working_image::sample;
 use crate::imaging::Plane;
 
 /// A scale about the middle of the picture and a shift.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Motion {
+pub(super) struct SimilarityMotion {
     /// Factor by which distances grow.
     pub scale: f64,
     /// Shift of the middle of the picture, px.
     pub shift: [f64; 2],
 }
 
-impl Motion {
+impl SimilarityMotion {
     /// Nothing moves.
     pub(super) const NONE: Self = Self { scale: 1.0, shift: [0.0, 0.0] };
 
@@ -26,22 +26,22 @@ impl Motion {
 
 /// Where the grid was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Found {
+pub(super) struct RegisteredMotion {
     /// How it moved.
-    pub motion: Motion,
+    pub motion: SimilarityMotion,
     /// 1, or -1 where blur has inverted the dots.
     pub sign: f64,
-    /// How far its dots stand out, in units of ink.
+    /// How far its dots stand out, in units of contrast.
     pub depth: f64,
     /// The same in standard errors.
-    pub sure: f64,
+    pub significance: f64,
 }
 
 /// What is looked through.
-pub(super) struct Search<'a> {
+pub(super) struct CoarseRegistration<'a> {
     /// Picture of the dots (positive on dots).
-    pub ink: &'a Plane<f32>,
-    /// Dots in the neighbouring slice, in px of `ink`.
+    pub contrast: &'a Plane<f32>,
+    /// Dots in the neighbouring slice, in px of `contrast`.
     pub dots: &'a [[f64; 2]],
     /// The two steps of the grid, px.
     pub steps: [[f64; 2]; 2],
@@ -52,11 +52,17 @@ pub(super) struct Search<'a> {
 /// Most dots that are looked at: more only cost time.
 const MOST_DOTS: usize = 400;
 
-impl Search<'_> {
+impl CoarseRegistration<'_> {
     /// The motion whose predicted dots stand out most against the places in the middle between them (with `sign` -1:
     /// stand out least, as blur inverts them), among scales `around.scale` +- `scale_reach` and shifts up to
     /// `shift_reach` of the pitch along each axis.
-    pub(super) fn best(&self, around: Motion, scale_reach: f64, shift_reach: f64, sign: f64) -> Found {
+    pub(super) fn best(
+        &self,
+        around: SimilarityMotion,
+        scale_reach: f64,
+        shift_reach: f64,
+        sign: f64,
+    ) -> RegisteredMotion {
         let middle = self.middle();
         let far = self.dots.iter().map(|p| (p[0] - middle[0]).hypot(p[1] - middle[1])).fold(self.pitch, f64::max);
         let mut best = around;
@@ -67,12 +73,12 @@ impl Search<'_> {
             let scales = (reach / scale_step).ceil() as i32;
             let moves = (shifts / fine).round() as i32;
             let from = best;
-            let candidates: Vec<Motion> = (-scales..=scales)
+            let candidates: Vec<SimilarityMotion> = (-scales..=scales)
                 .flat_map(|s| (-moves..=moves).flat_map(move |y| (-moves..=moves).map(move |x| (s, x, y))))
                 .map(|(s, x, y)| {
                     let step = fine * self.pitch;
                     let shift = [from.shift[0] + f64::from(x) * step, from.shift[1] + f64::from(y) * step];
-                    Motion { scale: from.scale + f64::from(s) * scale_step, shift }
+                    SimilarityMotion { scale: from.scale + f64::from(s) * scale_step, shift }
                 })
                 .collect();
             let scores: Vec<f64> = candidates.par_iter().map(|m| self.score(middle, m, &around, sign)).collect();
@@ -86,53 +92,54 @@ impl Search<'_> {
         }
         let depth = self.depth(middle, &best);
         let (depth, error) = depth.map_or((0.0, 1.0), |d| (sign * d.mean, d.error));
-        Found { motion: best, sign, depth, sure: depth / error }
+        RegisteredMotion { motion: best, sign, depth, significance: depth / error }
     }
 
     /// A grid that fills the picture looks the same when shifted by a whole step: among such motions the one
     /// with the smallest shift is meant. A grid that ends inside the picture shows dots missing on one side.
-    fn nearest_equal(&self, middle: [f64; 2], best: Motion, around: Motion) -> Motion {
+    fn nearest_equal(&self, middle: [f64; 2], best: SimilarityMotion, around: SimilarityMotion) -> SimilarityMotion {
         let [u, v] = self.steps;
         let shifted = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (f64::from(i), f64::from(j)))).map(|(i, j)| {
             let shift = [0, 1].map(|a| best.shift[a] + best.scale * (i * u[a] + j * v[a]));
-            Motion { shift, ..best }
+            SimilarityMotion { shift, ..best }
         });
         // a row more or less at the border makes a few percent, of blur or of a grid's end; a whole step must win by more
-        let judged =
-            |m: &Motion| self.depth(middle, m).map_or(0.0, |d| d.mean) * (1.0 - 0.15 * self.away(m, &around).powi(2));
+        let judged = |m: &SimilarityMotion| {
+            self.depth(middle, m).map_or(0.0, |d| d.mean) * (1.0 - 0.15 * self.away(m, &around).powi(2))
+        };
         shifted.max_by(|a, b| judged(a).total_cmp(&judged(b))).unwrap_or(best)
     }
 
     /// How far the shift is from the expected one, in steps of the grid.
-    fn away(&self, motion: &Motion, around: &Motion) -> f64 {
+    fn away(&self, motion: &SimilarityMotion, around: &SimilarityMotion) -> f64 {
         (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1]) / self.pitch
     }
 
     /// Middle of the picture.
     pub(super) fn middle(&self) -> [f64; 2] {
-        [(self.ink.width as f64 - 1.0) / 2.0, (self.ink.height as f64 - 1.0) / 2.0]
+        [(self.contrast.width as f64 - 1.0) / 2.0, (self.contrast.height as f64 - 1.0) / 2.0]
     }
 
     /// Depth of the dots, made a little smaller away from the expected motion.
-    fn score(&self, middle: [f64; 2], motion: &Motion, around: &Motion, sign: f64) -> f64 {
+    fn score(&self, middle: [f64; 2], motion: &SimilarityMotion, around: &SimilarityMotion, sign: f64) -> f64 {
         let Some(depth) = self.depth(middle, motion) else { return f64::NEG_INFINITY };
         let away = self.away(motion, around);
         sign * depth.mean * depth.seen.sqrt() * (1.0 - 0.1 * away * away)
     }
 
     /// Mean of (dot - middle between dots). `None` when too few predicted dots lie in the picture.
-    fn depth(&self, middle: [f64; 2], motion: &Motion) -> Option<Depth> {
+    fn depth(&self, middle: [f64; 2], motion: &SimilarityMotion) -> Option<Depth> {
         let stride = self.dots.len().div_ceil(MOST_DOTS).max(1);
         let [u, v] = self.steps.map(|s| s.map(|c| 0.5 * motion.scale * c));
         let (mut n, mut sum, mut squares, mut asked) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         for dot in self.dots.iter().step_by(stride) {
             asked += 1.0;
             let p = motion.apply(middle, *dot);
-            let Some(on) = sample(self.ink, p) else { continue };
+            let Some(on) = sample(self.contrast, p) else { continue };
             let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
             let (mut off, mut corners_in) = (0.0, 0.0);
             for [a, b] in corners {
-                if let Some(value) = sample(self.ink, [p[0] + a * u[0] + b * v[0], p[1] + a * u[1] + b * v[1]]) {
+                if let Some(value) = sample(self.contrast, [p[0] + a * u[0] + b * v[0], p[1] + a * u[1] + b * v[1]]) {
                     off += value;
                     corners_in += 1.0;
                 }
@@ -170,26 +177,28 @@ mod tests {
         let (width, height, pitch) = (640, 480, 24.0);
         let grid: Vec<[f64; 2]> =
             (0..16 * 12).map(|k| [140.0 + f64::from(k % 16) * pitch, 100.0 + f64::from(k / 16) * pitch]).collect();
-        let truth = Motion { scale: 1.045, shift: [7.5, -5.0] };
+        let truth = SimilarityMotion { scale: 1.045, shift: [7.5, -5.0] };
         let middle = [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
-        let mut ink = Plane::filled(width, height, 0.0_f32);
+        let mut contrast = Plane::filled(width, height, 0.0_f32);
         for dot in &grid {
             let c = truth.apply(middle, *dot);
             for y in 0..height {
                 for x in 0..width {
                     let d = (x as f64 - c[0]).powi(2) + (y as f64 - c[1]).powi(2);
                     if d < 400.0 {
-                        ink.data[y * width + x] += (-d / 50.0).exp() as f32;
+                        contrast.data[y * width + x] += (-d / 50.0).exp() as f32;
                     }
                 }
             }
         }
-        let search = Search { ink: &ink, dots: &grid, steps: [[pitch, 0.0], [0.0, pitch]], pitch };
-        let Found { motion: found, sure, .. } = search.best(Motion::NONE, 0.08, 0.6, 1.0);
+        let registration =
+            CoarseRegistration { contrast: &contrast, dots: &grid, steps: [[pitch, 0.0], [0.0, pitch]], pitch };
+        let RegisteredMotion { motion: found, significance, .. } =
+            registration.best(SimilarityMotion::NONE, 0.08, 0.6, 1.0);
         for dot in &grid {
             let (a, b) = (truth.apply(middle, *dot), found.apply(middle, *dot));
             assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 0.12 * pitch, "{found:?}");
         }
-        assert!(sure > 20.0);
+        assert!(significance > 20.0);
     }
 }

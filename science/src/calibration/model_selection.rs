@@ -9,9 +9,9 @@
 //! explains nothing), and so does what dots predict that were held out in blocks of three by three (neighbours share
 //! pixels, so every other dot would be no test).
 
-use super::families::{self, Departure, Family, Match};
-use super::joint::Joint;
 use super::lattice::Label;
+use super::rail_fit::RailFit;
+use super::transform_models::{self, Match, Parameters, TransformModel};
 use crate::types::calibration_options::ModelChoice;
 use crate::types::profile::HomographyModel;
 use crate::types::report::ModelCandidate;
@@ -29,19 +29,19 @@ pub(super) struct Evidence {
 
 /// A family for the whole stack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Model {
+pub(super) enum StackModel {
     /// Three numbers for all slices.
-    Joint,
+    RailLinear,
     /// Each slice has its own.
-    PerSlice(Family),
+    PerSlice(TransformModel),
 }
 
-impl Model {
+impl StackModel {
     /// The name in a profile.
     pub(super) fn name(self) -> HomographyModel {
         match self {
-            Self::Joint => HomographyModel::RailLinear,
-            Self::PerSlice(family) => family.model(),
+            Self::RailLinear => HomographyModel::RailLinear,
+            Self::PerSlice(family) => family.homography_model(),
         }
     }
 }
@@ -79,33 +79,34 @@ pub(super) fn bias(corners: &[Corner]) -> (f64, f64) {
 
 /// Judges every family by `corners` of it and takes one. `away`: positions counted from the reference slice; `half`: px
 /// per unit.
-pub(super) fn choose(
+pub(super) fn select_model(
     evidence: &[Evidence],
     away: &[f64],
     half: f64,
-    corners: &dyn Fn(Model) -> Vec<Corner>,
-    asked: ModelChoice,
-) -> (Model, Vec<ModelCandidate>, String) {
+    corners: &dyn Fn(StackModel) -> Vec<Corner>,
+    requested: ModelChoice,
+) -> (StackModel, Vec<ModelCandidate>, String) {
     let measured: Vec<usize> = (0..evidence.len()).filter(|&i| !evidence[i].matches.is_empty()).collect();
-    let per_slice = |family: Family| {
+    let per_slice = |family: TransformModel| {
         let maps = measured.iter().map(|&i| fitted(family, &evidence[i].matches)).collect::<Option<Vec<_>>>();
         let held = measured.iter().map(|&i| held_out(&evidence[i], |m| fitted(family, m))).collect::<Option<Vec<_>>>();
         (maps, held, (family.size() * measured.len()) as u32)
     };
     let joint = || {
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
-        let maps = Joint::fit(&all, away).map(|j| measured.iter().map(|&i| j.departure(away[i])).collect::<Vec<_>>());
+        let maps =
+            RailFit::fit(&all, away).map(|j| measured.iter().map(|&i| j.parameters(away[i])).collect::<Vec<_>>());
         let halves = [0, 1].map(|part| {
             let some: Vec<Vec<Match>> = evidence.iter().map(|e| block(e, part)).collect();
-            Joint::fit(&some, away)
+            RailFit::fit(&some, away)
         });
         let held = match halves {
             [Some(even), Some(odd)] => Some(
                 measured
                     .iter()
                     .map(|&i| {
-                        squares(&even.departure(away[i]), &block(&evidence[i], 1))
-                            .chain(squares(&odd.departure(away[i]), &block(&evidence[i], 0)))
+                        squares(&even.parameters(away[i]), &block(&evidence[i], 1))
+                            .chain(squares(&odd.parameters(away[i]), &block(&evidence[i], 0)))
                             .collect()
                     })
                     .collect::<Vec<_>>(),
@@ -114,12 +115,12 @@ pub(super) fn choose(
         };
         (maps, held, 3)
     };
-    let models = [Model::Joint].into_iter().chain(families::ALL.map(Model::PerSlice));
-    let mut judged: Vec<(Model, ModelCandidate)> = models
+    let models = [StackModel::RailLinear].into_iter().chain(transform_models::ALL.map(StackModel::PerSlice));
+    let mut judged: Vec<(StackModel, ModelCandidate)> = models
         .map(|model| {
             let (maps, held, parameters) = match model {
-                Model::Joint => joint(),
-                Model::PerSlice(family) => per_slice(family),
+                StackModel::RailLinear => joint(),
+                StackModel::PerSlice(family) => per_slice(family),
             };
             let rms = |all: Vec<f64>| (all.iter().sum::<f64>() / all.len().max(1) as f64).sqrt() * half;
             let score = maps.as_ref().map(|maps| score(evidence, &measured, maps, parameters, half));
@@ -142,29 +143,29 @@ pub(super) fn choose(
             (model, candidate)
         })
         .collect();
-    let wanted = match asked {
+    let wanted = match requested {
         ModelChoice::Auto => None,
-        ModelChoice::RailLinear => Some(Model::Joint),
-        ModelChoice::Similarity => Some(Model::PerSlice(Family::Similarity)),
-        ModelChoice::Affine => Some(Model::PerSlice(Family::Affine)),
-        ModelChoice::Homography => Some(Model::PerSlice(Family::Homography)),
+        ModelChoice::RailLinear => Some(StackModel::RailLinear),
+        ModelChoice::Similarity => Some(StackModel::PerSlice(TransformModel::Similarity)),
+        ModelChoice::Affine => Some(StackModel::PerSlice(TransformModel::Affine)),
+        ModelChoice::Homography => Some(StackModel::PerSlice(TransformModel::Homography)),
     };
-    let risk = |model: Model| {
+    let risk = |model: StackModel| {
         let corners = corners(model);
         let variance = corners.iter().map(|c| c.sigma.powi(2)).sum::<f64>() / corners.len().max(1) as f64;
         (!corners.is_empty()).then(|| variance + bias(&corners).0)
     };
     let fitted = judged.iter().filter(|(_, c)| c.bic.is_some());
-    let risks: Vec<(f64, Model)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
+    let risks: Vec<(f64, StackModel)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
     let least = risks.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
     // simplest first: the simpler wins unless another is clearly better
     let best = risks.iter().find(|r| r.0 <= CLEARLY * least + FLOOR * FLOOR).map(|r| r.1);
-    let model = wanted.or(best).unwrap_or(Model::PerSlice(Family::Similarity));
+    let model = wanted.or(best).unwrap_or(StackModel::PerSlice(TransformModel::Similarity));
     let reason = match (wanted, best) {
         (Some(_), Some(best)) if best != model => {
-            format!("{} was asked for; the dots would have chosen {}", words(model), words(best))
+            format!("{} was requested for; the dots would have chosen {}", words(model), words(best))
         }
-        (Some(_), _) => format!("{} was asked for", words(model)),
+        (Some(_), _) => format!("{} was requested for", words(model)),
         (None, _) => format!("{} is expected to err least at the image corners", words(model)),
     };
     for (candidate, judged) in &mut judged {
@@ -174,29 +175,29 @@ pub(super) fn choose(
 }
 
 /// For sentences.
-fn words(model: Model) -> &'static str {
+fn words(model: StackModel) -> &'static str {
     match model {
-        Model::Joint => "one law for the whole rail",
-        Model::PerSlice(Family::Similarity) => "scale, rotation and shift per slice",
-        Model::PerSlice(Family::Affine) => "an affine map per slice",
-        Model::PerSlice(Family::Homography) => "a homography per slice",
+        StackModel::RailLinear => "one law for the whole rail",
+        StackModel::PerSlice(TransformModel::Similarity) => "scale, rotation and shift per slice",
+        StackModel::PerSlice(TransformModel::Affine) => "an affine map per slice",
+        StackModel::PerSlice(TransformModel::Homography) => "a homography per slice",
     }
 }
 
-fn fitted(family: Family, matches: &[Match]) -> Option<Departure> {
-    families::fit(family, matches).map(|fit| family.departure(&fit.free))
+fn fitted(family: TransformModel, matches: &[Match]) -> Option<Parameters> {
+    transform_models::fit(family, matches).map(|fit| family.parameters(&fit.free))
 }
 
 /// Squared distances in units between where dots are sent and where they are.
-fn squares<'a>(p: &'a Departure, matches: &'a [Match]) -> impl Iterator<Item = f64> + 'a {
+fn squares<'a>(p: &'a Parameters, matches: &'a [Match]) -> impl Iterator<Item = f64> + 'a {
     matches.iter().map(|m| {
-        let sent = families::send(p, m.base);
+        let sent = transform_models::map_point(p, m.base);
         (m.here[0] - sent[0]).powi(2) + (m.here[1] - sent[1]).powi(2)
     })
 }
 
 /// Sum over the slices of `n ln(mean square)` plus what the free numbers cost.
-fn score(evidence: &[Evidence], measured: &[usize], maps: &[Departure], parameters: u32, half: f64) -> f64 {
+fn score(evidence: &[Evidence], measured: &[usize], maps: &[Parameters], parameters: u32, half: f64) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (&i, p) in measured.iter().zip(maps) {
         let e = &evidence[i];
@@ -215,7 +216,7 @@ fn block(evidence: &Evidence, part: i32) -> Vec<Match> {
 }
 
 /// Squared distances of the dots of either half from the map that the other half makes.
-fn held_out(evidence: &Evidence, fit: impl Fn(&[Match]) -> Option<Departure>) -> Option<Vec<f64>> {
+fn held_out(evidence: &Evidence, fit: impl Fn(&[Match]) -> Option<Parameters>) -> Option<Vec<f64>> {
     let [even, odd] = [block(evidence, 0), block(evidence, 1)];
     let (from_even, from_odd) = (fit(&even)?, fit(&odd)?);
     Some(squares(&from_even, &odd).chain(squares(&from_odd, &even)).collect())
@@ -227,7 +228,7 @@ mod tests {
     use super::*;
 
     /// Nine slices of 150 dots whose maps are `map(dz)`.
-    fn stack(map: impl Fn(f64) -> Departure, seed: u64) -> (Vec<Evidence>, Vec<f64>) {
+    fn stack(map: impl Fn(f64) -> Parameters, seed: u64) -> (Vec<Evidence>, Vec<f64>) {
         let mut noise = Noise(seed);
         let away: Vec<f64> = (-4..=4).map(f64::from).collect();
         let evidence = away
@@ -236,7 +237,7 @@ mod tests {
                 let labels: Vec<Label> = (0..150).map(|k| [k % 15, k / 15]).collect();
                 let matches = labels.iter().map(|l| {
                     let base = [f64::from(l[0]) / 9.0 - 0.78, f64::from(l[1]) / 9.0 - 0.5];
-                    let here = families::send(&map(*dz), base).map(|v| v + 5e-5 * noise.normal());
+                    let here = transform_models::map_point(&map(*dz), base).map(|v| v + 5e-5 * noise.normal());
                     Match { base, here, sigma: 5e-5 }
                 });
                 let matches = if *dz == 0.0 { Vec::new() } else { matches.collect() };
@@ -247,23 +248,23 @@ mod tests {
     }
 
     /// Corners as the families' own fits have them.
-    fn corners(evidence: &[Evidence], away: &[f64], model: Model) -> Vec<Corner> {
-        let frame = families::Frame { centre: [400.0, 300.0], half: 500.0 };
+    fn corners(evidence: &[Evidence], away: &[f64], model: StackModel) -> Vec<Corner> {
+        let frame = transform_models::Frame { centre: [400.0, 300.0], half: 500.0 };
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
-        let joint = Joint::fit(&all, away).expect("a law");
-        let at = |family: Family, e: &Evidence| {
-            let fit = families::fit(family, &e.matches).expect("a fit");
-            let sigma = families::corner_sigma(family, &fit.free, &fit.covariance, &frame, 801, 601);
-            (frame.homography(&family.departure(&fit.free)).expect("regular"), sigma)
+        let joint = RailFit::fit(&all, away).expect("a law");
+        let at = |family: TransformModel, e: &Evidence| {
+            let fit = transform_models::fit(family, &e.matches).expect("a fit");
+            let sigma = transform_models::corner_sigma(family, &fit.free, &fit.covariance, &frame, 801, 601);
+            (frame.homography(&family.parameters(&fit.free)).expect("regular"), sigma)
         };
         let measured = (0..away.len()).filter(|&i| !evidence[i].matches.is_empty());
         measured
             .map(|i| {
-                let (full, full_sigma) = at(Family::Homography, &evidence[i]);
+                let (full, full_sigma) = at(TransformModel::Homography, &evidence[i]);
                 let (own, sigma) = match model {
-                    Model::PerSlice(family) => at(family, &evidence[i]),
-                    Model::Joint => (
-                        frame.homography(&joint.departure(away[i])).expect("regular"),
+                    StackModel::PerSlice(family) => at(family, &evidence[i]),
+                    StackModel::RailLinear => (
+                        frame.homography(&joint.parameters(away[i])).expect("regular"),
                         500.0 * joint.corner_sigma(away[i]),
                     ),
                 };
@@ -272,10 +273,10 @@ mod tests {
             .collect()
     }
 
-    fn chosen(map: impl Fn(f64) -> Departure) -> HomographyModel {
+    fn chosen(map: impl Fn(f64) -> Parameters) -> HomographyModel {
         let (evidence, away) = stack(map, 3);
         let (model, candidates, _) =
-            choose(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Auto);
+            select_model(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Auto);
         assert_eq!(candidates.iter().filter(|c| c.chosen).count(), 1);
         assert!(candidates.iter().all(|c| c.held_out_px.is_some() && c.bic.is_some()));
         model.name()
@@ -297,7 +298,7 @@ mod tests {
     fn what_the_user_asks_for_is_taken_and_the_better_choice_is_named() {
         let (evidence, away) = stack(|z| [0.007 * z, 0.0, 0.0, 0.0, 0.007 * z, 0.0, 8e-4 * z, 0.0], 4);
         let (model, _, reason) =
-            choose(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Similarity);
+            select_model(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Similarity);
         assert_eq!(model.name(), HomographyModel::Similarity);
         assert!(reason.contains("would have chosen a homography"), "{reason}");
     }

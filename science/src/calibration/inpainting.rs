@@ -1,98 +1,98 @@
-//! The picture of the grid as if it had no end, no gaps and no dust.
+//! The rendered of the grid as if it had no end, no gaps and no dust.
 //!
 //! A window of the lock-in looks a step of the grid far. Beside a missing dot, or at the end of the grid, half of the
-//! pattern that it expects is not there, and the dot seems to lie elsewhere. So dots are drawn in where there are none,
-//! with the shape that the others have in the same slice, and what no dot explains is painted over.
+//! pattern that it expects is not there, and the dot seems to lie elsewhere. So dots are filled in where there are none,
+//! with the profile that the others have in the same slice, and what no dot explains is painted over.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::lattice::{Label, Places};
-use super::shape::{Placed, Shape};
-use super::working::median;
+use super::radial_profile::{PlacedDot, RadialProfile};
+use super::working_image::median;
 use crate::imaging::Plane;
 
-/// How far the ink of a dot reaches, in steps of the grid.
+/// How far the contrast of a dot reaches, in steps of the grid.
 pub(super) const REACH: f64 = 0.85;
 /// Strength from which something beside the grid counts as a dot of it.
-const THERE: f64 = 0.5;
+const PRESENT: f64 = 0.5;
 /// Strength below which a dot that the target has does not show itself.
-const FAINT: f64 = 0.2;
-/// Correlation with the shape of a dot from which something looks like one.
-const ALIKE: f64 = 0.7;
-/// Mean distance from the ground, in ink, from which a place is no part of the target.
-const FOUL: f64 = 0.08;
-/// Share of a dot's surroundings that must lie in the picture for its strength to be told.
-const VISIBLE: f64 = 0.4;
+const ABSENT: f64 = 0.2;
+/// Correlation with the profile of a dot from which something looks like one.
+const MIN_CORRELATION: f64 = 0.7;
+/// Mean distance from the ground, in contrast, from which a place is no part of the target.
+const FOREIGN: f64 = 0.08;
+/// Share of a dot's surroundings that must lie in the rendered for its strength to be told.
+const MIN_VISIBLE: f64 = 0.4;
 
-/// A grid drawn to its end.
+/// A grid filled to its end.
 #[derive(Debug)]
-pub(super) struct Completed {
-    /// Ink with the missing dots drawn in and strangers painted over.
-    pub ink: Plane<f32>,
+pub(super) struct InpaintedGrid {
+    /// Ink with the missing dots filled in and strangers painted over.
+    pub contrast: Plane<f32>,
     /// 0 where a stranger was painted over.
-    pub open: Plane<u8>,
+    pub valid: Plane<u8>,
     /// 1 where the target's ground can be seen between the dots: neither stranger nor beyond the target.
     pub ground: Plane<u8>,
     /// What one dot looks like.
-    pub shape: Shape,
+    pub profile: RadialProfile,
     /// Dots beside the known ones that turned out to be there.
-    pub grown: Places,
+    pub added: Places,
     /// Known dots that do not show themselves here.
     pub hidden: Vec<Label>,
     /// Places beside the grid that are no part of the target.
-    pub foul: Vec<Label>,
-    /// Ink that was drawn in.
-    pub drawn: Plane<f32>,
+    pub foreign: Vec<Label>,
+    /// Ink that was filled in.
+    pub filled: Plane<f32>,
     /// What all dots that are there look like.
-    pub picture: Plane<f32>,
-    /// 1 where the ink is made up: drawn in or painted over.
-    pub made_up: Plane<f32>,
+    pub rendered: Plane<f32>,
+    /// 1 where the contrast is made up: filled in or painted over.
+    pub synthetic: Plane<f32>,
 }
 
-/// Completes `ink`. `known` are dots that the target has, `beside` places where it may or may not have one; both in px
-/// of the plane. `None` when there is nothing that a shape could be measured from.
-pub(super) fn complete(
-    ink: &Plane<f32>,
+/// Completes `contrast`. `known` are dots that the target has, `beside` places where it may or may not have one; both in px
+/// of the plane. `None` when there is nothing that a profile could be measured from.
+pub(super) fn inpaint(
+    contrast: &Plane<f32>,
     known: &Places,
     beside: &Places,
     pitch: f64,
     clean: bool,
-) -> Option<Completed> {
-    let (width, height) = (ink.width, ink.height);
+) -> Option<InpaintedGrid> {
+    let (width, height) = (contrast.width, contrast.height);
     let near = |p: &[f64; 2]| {
         let reach = REACH * pitch;
         p[0] > -reach && p[1] > -reach && p[0] < width as f64 + reach && p[1] < height as f64 + reach
     };
-    let placed = |places: &Places| -> BTreeMap<Label, Placed> {
-        places.iter().filter(|(_, p)| near(p)).map(|(l, p)| (*l, Placed { at: *p, strength: 1.0 })).collect()
+    let placed = |places: &Places| -> BTreeMap<Label, PlacedDot> {
+        places.iter().filter(|(_, p)| near(p)).map(|(l, p)| (*l, PlacedDot { at: *p, strength: 1.0 })).collect()
     };
     let mut dots = placed(known);
-    let list = |dots: &BTreeMap<Label, Placed>| dots.values().copied().collect::<Vec<_>>();
+    let list = |dots: &BTreeMap<Label, PlacedDot>| dots.values().copied().collect::<Vec<_>>();
     let free = placed(beside);
     // until it is known what is there, only what is nearer to a known dot counts
-    let shut = around(&list(&free), &list(&dots), pitch, width, height).map(|beyond| u8::from(beyond == OURS));
-    let shape = Shape::measure(ink, &shut, &list(&dots), REACH * pitch)?;
-    let picture = shape.picture(&list(&dots), width, height);
-    let merged = shape.merges(pitch);
+    let shut = nearest_dots(&list(&free), &list(&dots), pitch, width, height).map(|beyond| u8::from(beyond == OWN_DOT));
+    let profile = RadialProfile::measure(contrast, &shut, &list(&dots), REACH * pitch)?;
+    let rendered = profile.render(&list(&dots), width, height);
+    let merged = profile.merges(pitch);
 
     // which are there after all, and which are not
-    let tell = |at: [f64; 2], drawn: f64| strength(ink, &picture, &shape, at, 0.5 * pitch, drawn);
-    let mut grown = Places::new();
-    let (mut missing, mut foul, mut foul_dots) = (Vec::new(), Vec::new(), Vec::new());
+    let strength_of = |at: [f64; 2], filled: f64| strength(contrast, &rendered, &profile, at, 0.5 * pitch, filled);
+    let mut added = Places::new();
+    let (mut missing, mut foreign, mut foreign_dots) = (Vec::new(), Vec::new(), Vec::new());
     for (label, dot) in free {
-        match tell(dot.at, 0.0) {
+        match strength_of(dot.at, 0.0) {
             // where too little of it would be seen it is taken to be there: grids run on beyond the frame
             None => {}
-            Some(strength) if (THERE..1.6).contains(&strength) => {
-                grown.insert(label, dot.at);
+            Some(strength) if (PRESENT..1.6).contains(&strength) => {
+                added.insert(label, dot.at);
             }
             Some(_) => {
                 missing.push((label, dot.at));
-                if unlike_ground(ink, &picture, dot.at, 0.5 * pitch) {
-                    foul.push(label);
-                    foul_dots.push(dot);
+                if is_foreign(contrast, &rendered, dot.at, 0.5 * pitch) {
+                    foreign.push(label);
+                    foreign_dots.push(dot);
                 }
             }
         }
@@ -100,8 +100,8 @@ pub(super) fn complete(
     let mut hidden = Vec::new();
     if !merged {
         for (label, dot) in &mut dots {
-            match tell(dot.at, 1.0) {
-                Some(strength) if strength < FAINT => {
+            match strength_of(dot.at, 1.0) {
+                Some(strength) if strength < ABSENT => {
                     hidden.push(*label);
                     missing.push((*label, dot.at));
                 }
@@ -114,51 +114,52 @@ pub(super) fn complete(
     for label in &hidden {
         dots.remove(label);
     }
-    dots.extend(placed(&grown));
+    dots.extend(placed(&added));
     // a missing dot would be as faint as those beside it
-    let missing: Vec<Placed> =
-        missing.into_iter().map(|(label, at)| Placed { at, strength: strength_beside(&dots, label) }).collect();
+    let missing: Vec<PlacedDot> =
+        missing.into_iter().map(|(label, at)| PlacedDot { at, strength: strength_beside(&dots, label) }).collect();
     let all = list(&dots);
-    // beyond the target may be a table, a hand, lettering: there the picture is made up altogether
-    let beyond = around(&foul_dots, &all, pitch, width, height);
-    let ours = beyond.map(|beyond| u8::from(beyond == OURS));
-    let shape = Shape::measure(ink, &ours, &all, REACH * pitch)?;
-    let picture = shape.picture(&all, width, height);
-    let open = if clean { without_strangers(ink, &picture, &ours, &shape) } else { Plane::filled(width, height, 1) };
-    let drawn = shape.picture(&missing, width, height);
+    // beyond the target may be a table, a hand, lettering: there the rendered is made up altogether
+    let beyond = nearest_dots(&foreign_dots, &all, pitch, width, height);
+    let own = beyond.map(|beyond| u8::from(beyond == OWN_DOT));
+    let profile = RadialProfile::measure(contrast, &own, &all, REACH * pitch)?;
+    let rendered = profile.render(&all, width, height);
+    let valid = if clean { without_dust(contrast, &rendered, &own, &profile) } else { Plane::filled(width, height, 1) };
+    let filled = profile.render(&missing, width, height);
     // where the surface of the ground misses the light (glare), it misses it beyond the target too: else there would be
     // a step at half a pitch from the outermost dots, and it would draw them outward
-    let left_over = left_over(ink, &picture, &open, &ours, &all, 0.5 * pitch);
-    let levels: Vec<Level> = foul_dots.iter().map(|dot| Level::near(dot.at, &left_over, 2.6 * pitch)).collect();
+    let means = mean_residuals(contrast, &rendered, &valid, &own, &all, 0.5 * pitch);
+    let levels: Vec<ResidualPlane> =
+        foreign_dots.iter().map(|dot| ResidualPlane::near(dot.at, &means, 2.6 * pitch)).collect();
     let sample = |k: usize| match levels.get(beyond.data[k] as usize) {
-        Some(level) => picture.data[k] + level.at([(k % width) as f64, (k / width) as f64]) as f32,
-        None if open.data[k] == 0 => picture.data[k],
-        None => ink.data[k],
+        Some(level) => rendered.data[k] + level.at([(k % width) as f64, (k / width) as f64]) as f32,
+        None if valid.data[k] == 0 => rendered.data[k],
+        None => contrast.data[k],
     };
-    let data = (0..ink.data.len()).map(|k| drawn.data[k] + sample(k)).collect();
-    let made_up = (0..ink.data.len()).map(|k| {
-        let own = beyond.data[k] >= NOBODYS && open.data[k] != 0 && drawn.data[k].abs() < 0.02;
+    let data = (0..contrast.data.len()).map(|k| filled.data[k] + sample(k)).collect();
+    let synthetic = (0..contrast.data.len()).map(|k| {
+        let own = beyond.data[k] >= NO_DOT && valid.data[k] != 0 && filled.data[k].abs() < 0.02;
         f32::from(u8::from(!own))
     });
-    let made_up = Plane { width, height, data: made_up.collect() };
-    let ground = open.data.iter().zip(&ours.data).map(|(a, b)| a & b).collect();
+    let synthetic = Plane { width, height, data: synthetic.collect() };
+    let ground = valid.data.iter().zip(&own.data).map(|(a, b)| a & b).collect();
     let ground = Plane { width, height, data: ground };
-    Some(Completed {
-        ink: Plane { width, height, data },
-        open,
+    Some(InpaintedGrid {
+        contrast: Plane { width, height, data },
+        valid,
         ground,
-        shape,
-        grown,
+        profile,
+        added,
         hidden,
-        foul,
-        drawn,
-        picture,
-        made_up,
+        foreign,
+        filled,
+        rendered,
+        synthetic,
     })
 }
 
 /// Mean strength of the dots around a place of the grid; 1 when there are none.
-fn strength_beside(dots: &BTreeMap<Label, Placed>, [i, j]: Label) -> f64 {
+fn strength_beside(dots: &BTreeMap<Label, PlacedDot>, [i, j]: Label) -> f64 {
     let around = (-1..=1).flat_map(|a| (-1..=1).map(move |b| [i + a, j + b]));
     let (sum, count) = around
         .filter(|label| *label != [i, j])
@@ -168,31 +169,31 @@ fn strength_beside(dots: &BTreeMap<Label, Placed>, [i, j]: Label) -> f64 {
 }
 
 /// True when what is around `at` is far from the ground: a table, a frame, a hand.
-fn unlike_ground(ink: &Plane<f32>, picture: &Plane<f32>, at: [f64; 2], reach: f64) -> bool {
+fn is_foreign(contrast: &Plane<f32>, rendered: &Plane<f32>, at: [f64; 2], reach: f64) -> bool {
     let (mut sum, mut count) = (0.0_f64, 0.0_f64);
     let range = |v: f64, size: usize| {
         let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
         low..((v + reach).floor() + 1.0).clamp(low as f64, size as f64) as usize
     };
-    for y in range(at[1], ink.height) {
-        for x in range(at[0], ink.width) {
-            sum += f64::from((ink.at(x, y) - picture.at(x, y)).abs());
+    for y in range(at[1], contrast.height) {
+        for x in range(at[0], contrast.width) {
+            sum += f64::from((contrast.at(x, y) - rendered.at(x, y)).abs());
             count += 1.0;
         }
     }
-    count > 0.0 && sum / count > FOUL
+    count > 0.0 && sum / count > FOREIGN
 }
 
-/// How much of a dot the residual `ink - picture` holds at `at`, 1 for a whole one, a level of its own allowed for (a
+/// How much of a dot the residual `contrast - rendered` holds at `at`, 1 for a whole one, a level of its own allowed for (a
 /// dark table is no dot), 0 when what is there does not look like a dot; `None` when too little of it lies in the
-/// picture.
+/// rendered.
 fn strength(
-    ink: &Plane<f32>,
-    picture: &Plane<f32>,
-    shape: &Shape,
+    contrast: &Plane<f32>,
+    rendered: &Plane<f32>,
+    profile: &RadialProfile,
     at: [f64; 2],
     reach: f64,
-    drawn: f64,
+    filled: f64,
 ) -> Option<f64> {
     let (mut n, mut s, mut ss, mut r, mut rr, mut sr, mut whole) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     let (left, right) = ((at[0] - reach).ceil() as i64, (at[0] + reach).floor() as i64);
@@ -204,12 +205,12 @@ fn strength(
                 continue;
             }
             whole += 1.0;
-            if x < 0 || y < 0 || x >= ink.width as i64 || y >= ink.height as i64 {
+            if x < 0 || y < 0 || x >= contrast.width as i64 || y >= contrast.height as i64 {
                 continue;
             }
             let (x, y) = (x as usize, y as usize);
-            let value = shape.at(rho).0;
-            let residual = f64::from(ink.at(x, y) - picture.at(x, y)) + drawn * value;
+            let value = profile.at(rho).0;
+            let residual = f64::from(contrast.at(x, y) - rendered.at(x, y)) + filled * value;
             n += 1.0;
             s += value;
             ss += value * value;
@@ -218,24 +219,24 @@ fn strength(
             sr += value * residual;
         }
     }
-    if n < VISIBLE * whole || n < 5.0 {
+    if n < MIN_VISIBLE * whole || n < 5.0 {
         return None;
     }
     let (vs, vr, c) = (ss - s * s / n, rr - r * r / n, sr - s * r / n);
     let alike = c / (vs * vr).sqrt().max(1e-12);
-    Some(if alike > ALIKE { c / vs.max(1e-12) } else { 0.0 })
+    Some(if alike > MIN_CORRELATION { c / vs.max(1e-12) } else { 0.0 })
 }
 
 /// Marks samples that are nearest to a dot that is there.
-const OURS: u32 = u32::MAX;
+const OWN_DOT: u32 = u32::MAX;
 /// Marks samples that are near to no dot at all.
-const NOBODYS: u32 = u32::MAX - 1;
+const NO_DOT: u32 = u32::MAX - 1;
 
 /// For samples that are nearer to a missing dot than to one that is there, which of the missing ones.
-fn around(missing: &[Placed], there: &[Placed], pitch: f64, width: usize, height: usize) -> Plane<u32> {
+fn nearest_dots(missing: &[PlacedDot], there: &[PlacedDot], pitch: f64, width: usize, height: usize) -> Plane<u32> {
     let reach = 0.75 * pitch;
-    let mut nearest = Plane::filled(width, height, (f32::MAX, NOBODYS));
-    let there = there.iter().map(|dot| (dot, OURS));
+    let mut nearest = Plane::filled(width, height, (f32::MAX, NO_DOT));
+    let there = there.iter().map(|dot| (dot, OWN_DOT));
     for (dot, which) in there.chain(missing.iter().zip(0..)) {
         let range = |v: f64, size: usize| {
             let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
@@ -255,25 +256,25 @@ fn around(missing: &[Placed], there: &[Placed], pitch: f64, width: usize, height
 }
 
 /// Mean of what the dots do not explain, around each dot.
-fn left_over(
-    ink: &Plane<f32>,
-    picture: &Plane<f32>,
-    open: &Plane<u8>,
-    ours: &Plane<u8>,
-    dots: &[Placed],
+fn mean_residuals(
+    contrast: &Plane<f32>,
+    rendered: &Plane<f32>,
+    valid: &Plane<u8>,
+    own: &Plane<u8>,
+    dots: &[PlacedDot],
     reach: f64,
 ) -> Vec<([f64; 2], f64)> {
-    let mean = |dot: &Placed| {
+    let mean = |dot: &PlacedDot| {
         let range = |v: f64, size: usize| {
             let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
             low..((v + reach).floor() + 1.0).clamp(low as f64, size as f64) as usize
         };
         let (mut sum, mut count) = (0.0_f64, 0.0_f64);
-        for y in range(dot.at[1], ink.height) {
-            for x in range(dot.at[0], ink.width) {
-                let k = y * ink.width + x;
-                if open.data[k] & ours.data[k] != 0 {
-                    sum += f64::from(ink.data[k] - picture.data[k]);
+        for y in range(dot.at[1], contrast.height) {
+            for x in range(dot.at[0], contrast.width) {
+                let k = y * contrast.width + x;
+                if valid.data[k] & own.data[k] != 0 {
+                    sum += f64::from(contrast.data[k] - rendered.data[k]);
                     count += 1.0;
                 }
             }
@@ -284,12 +285,12 @@ fn left_over(
 }
 
 /// What is left over near a place, as a plane.
-struct Level {
+struct ResidualPlane {
     at: [f64; 2],
     numbers: Vector3<f64>,
 }
 
-impl Level {
+impl ResidualPlane {
     /// Through the means of the dots within `reach` px of a place.
     fn near(at: [f64; 2], means: &[([f64; 2], f64)], reach: f64) -> Self {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
@@ -314,28 +315,28 @@ impl Level {
     }
 }
 
-/// 1 but where the dots do not explain the ink at all: dust, scratches, lettering.
-fn without_strangers(ink: &Plane<f32>, picture: &Plane<f32>, ours: &Plane<u8>, shape: &Shape) -> Plane<u8> {
-    let stride = (ink.data.len() / 50_000).max(1) | 1;
-    let left_over = |k: usize| (ink.data[k] - picture.data[k]).abs();
-    let target = (0..ink.data.len()).step_by(stride).filter(|&k| ours.data[k] != 0);
-    let mut sizes: Vec<f64> = target.map(|k| f64::from(left_over(k))).collect();
-    let most = (8.0 * 1.4826 * median(&mut sizes)).max(0.35 * shape.top()) as f32;
-    let mut open = Plane::filled(ink.width, ink.height, 1_u8);
-    for y in 0..ink.height {
-        for x in 0..ink.width {
-            let k = y * ink.width + x;
-            if left_over(k) <= most || ours.data[k] == 0 {
+/// 1 but where the dots do not explain the contrast at all: dust, scratches, lettering.
+fn without_dust(contrast: &Plane<f32>, rendered: &Plane<f32>, own: &Plane<u8>, profile: &RadialProfile) -> Plane<u8> {
+    let stride = (contrast.data.len() / 50_000).max(1) | 1;
+    let residuals = |k: usize| (contrast.data[k] - rendered.data[k]).abs();
+    let target = (0..contrast.data.len()).step_by(stride).filter(|&k| own.data[k] != 0);
+    let mut sizes: Vec<f64> = target.map(|k| f64::from(residuals(k))).collect();
+    let most = (8.0 * 1.4826 * median(&mut sizes)).max(0.35 * profile.peak()) as f32;
+    let mut valid = Plane::filled(contrast.width, contrast.height, 1_u8);
+    for y in 0..contrast.height {
+        for x in 0..contrast.width {
+            let k = y * contrast.width + x;
+            if residuals(k) <= most || own.data[k] == 0 {
                 continue;
             }
             // the rim of a speck covers its samples in part
-            for row in y.saturating_sub(1)..(y + 2).min(ink.height) {
-                let line = &mut open.data[row * ink.width..(row + 1) * ink.width];
-                line[x.saturating_sub(1)..(x + 2).min(ink.width)].fill(0);
+            for row in y.saturating_sub(1)..(y + 2).min(contrast.height) {
+                let line = &mut valid.data[row * contrast.width..(row + 1) * contrast.width];
+                line[x.saturating_sub(1)..(x + 2).min(contrast.width)].fill(0);
             }
         }
     }
-    open
+    valid
 }
 
 #[cfg(test)]
@@ -351,36 +352,37 @@ mod tests {
         let known: Places = (0..35)
             .map(|k| ([k % 7, k / 7], [30.3 + 16.0 * f64::from(k % 7), 28.6 + 16.0 * f64::from(k / 7)]))
             .collect();
-        let ink = Plane::from_fn(160, 130, |x, y| {
+        let contrast = Plane::from_fn(160, 130, |x, y| {
             let dots = known.iter().filter(|(label, _)| **label != [3, 2]);
             let sum: f64 = dots.map(|(_, p)| soft((x as f64 - p[0]).hypot(y as f64 - p[1]))).sum();
             let dust = if (60..63).contains(&x) && (52..55).contains(&y) { 0.9 } else { 0.0 };
             (sum + dust) as f32
         });
-        (ink, known)
+        (contrast, known)
     }
 
     #[test]
     fn gaps_are_filled_ends_continued_and_dust_is_painted_over() {
-        let (ink, known) = scene();
+        let (contrast, known) = scene();
         let beside = super::super::lattice::beside(&known);
-        let completed = complete(&ink, &known, &beside, 16.0, true).expect("a shape");
-        assert_eq!(completed.hidden, [[3, 2]]);
-        assert!(completed.grown.is_empty(), "{:?}", completed.grown);
+        let inpainted = inpaint(&contrast, &known, &beside, 16.0, true).expect("a profile");
+        assert_eq!(inpainted.hidden, [[3, 2]]);
+        assert!(inpainted.added.is_empty(), "{:?}", inpainted.added);
         let gap = known[&[3, 2]];
-        let filled = completed.ink.at(gap[0].round() as usize, gap[1].round() as usize);
+        let filled = inpainted.contrast.at(gap[0].round() as usize, gap[1].round() as usize);
         assert!((f64::from(filled) - soft(0.6)).abs() < 0.12, "{filled}");
         let end = beside[&[7, 1]];
-        let filled = completed.ink.at(end[0].round() as usize, end[1].round() as usize);
+        let filled = inpainted.contrast.at(end[0].round() as usize, end[1].round() as usize);
         assert!((f64::from(filled) - soft(0.6)).abs() < 0.12, "{filled}");
-        assert!(completed.ink.at(61, 53) < 0.3 && completed.open.at(61, 53) == 0);
+        assert!(inpainted.contrast.at(61, 53) < 0.3 && inpainted.valid.at(61, 53) == 0);
     }
 
     #[test]
     fn dots_that_were_not_known_are_found_beside_the_others() {
-        let (ink, known) = scene();
+        let (contrast, known) = scene();
         let part: Places = known.into_iter().filter(|(l, _)| l[0] < 6).collect();
-        let completed = complete(&ink, &part, &super::super::lattice::beside(&part), 16.0, false).expect("a shape");
-        assert_eq!(completed.grown.len(), 5, "{:?}", completed.grown);
+        let inpainted =
+            inpaint(&contrast, &part, &super::super::lattice::beside(&part), 16.0, false).expect("a profile");
+        assert_eq!(inpainted.added.len(), 5, "{:?}", inpainted.added);
     }
 }

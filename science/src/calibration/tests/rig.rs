@@ -1,7 +1,7 @@
 //! Calibration on synthetic rigs that did what rigs do: blur too much, lose a slice, get bumped, stand askew.
 
-use super::tests::worst_corner;
-use super::*;
+use super::super::*;
+use super::worst_corner;
 use crate::imaging::{Raster, Samples};
 use crate::synth::{DotTarget, Rig, target_stack};
 use crate::types::{Homography, NoControl, calibration_options::ModelChoice};

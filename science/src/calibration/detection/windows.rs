@@ -1,23 +1,23 @@
 //! Where the windows of dots lie: steps of the grid, the dots that are measured, and how a window says where its dot is.
 
 use crate::calibration::lattice::{Label, Places};
-use crate::calibration::lockin::{self, Locked, Site};
-use crate::calibration::working::{Working, median};
+use crate::calibration::phase::{self, PhaseMeasurement, Window};
+use crate::calibration::working_image::{WorkingImage, median};
 
 /// Most dots that are measured in a slice: more do not make its homography better.
 const MOST: usize = 1200;
 
 /// The dots whose windows lie in the picture; an even choice of them when there are very many.
-pub(super) fn chosen(working: &Working, places: &Places) -> Vec<Label> {
-    let steps = steps_of(places);
-    let fits = |p: &[f64; 2]| lockin::inside(&Site { at: *p, steps }, working.plane.width, working.plane.height);
+pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Label> {
+    let steps = grid_steps(places);
+    let fits = |p: &[f64; 2]| phase::inside(&Window { at: *p, steps }, image.plane.width, image.plane.height);
     let all: Vec<Label> = places.iter().filter(|(_, p)| fits(p)).map(|(label, _)| *label).collect();
     let every = ((all.len() as f64 / MOST as f64).sqrt().ceil() as i32).max(1);
     all.into_iter().filter(|[i, j]| i.rem_euclid(every) == 0 && j.rem_euclid(every) == 0).collect()
 }
 
 /// The sites of `labels`, each with the steps that its own neighbours have where they are known.
-pub(super) fn sites(labels: &[Label], places: &Places, scale: f64, steps: [[f64; 2]; 2]) -> Vec<Site> {
+pub(super) fn windows_at(labels: &[Label], places: &Places, scale: f64, steps: [[f64; 2]; 2]) -> Vec<Window> {
     let local = |[i, j]: Label, axis: usize| {
         let d: Label = if axis == 0 { [1, 0] } else { [0, 1] };
         let (next, back) = (places.get(&[i + d[0], j + d[1]]), places.get(&[i - d[0], j - d[1]]));
@@ -26,22 +26,22 @@ pub(super) fn sites(labels: &[Label], places: &Places, scale: f64, steps: [[f64;
     };
     labels
         .iter()
-        .filter_map(|label| places.get(label).map(|at| Site { at: *at, steps: [local(*label, 0), local(*label, 1)] }))
+        .filter_map(|label| places.get(label).map(|at| Window { at: *at, steps: [local(*label, 0), local(*label, 1)] }))
         .collect()
 }
 
-/// Where the pattern says that the dot of a site is.
-pub(super) fn moved(site: &Site, locked: &Locked, sign: f64) -> [f64; 2] {
-    let shift = locked.wave.map(|w| w.shift(sign));
-    [0, 1].map(|a| site.at[a] + shift[0] * site.steps[0][a] + shift[1] * site.steps[1][a])
+/// Where the pattern says that the dot of a window is.
+pub(super) fn dot_position(window: &Window, phase: &PhaseMeasurement, sign: f64) -> [f64; 2] {
+    let shift = phase.harmonics.map(|h| h.shift(sign));
+    [0, 1].map(|a| window.at[a] + shift[0] * window.steps[0][a] + shift[1] * window.steps[1][a])
 }
 
-pub(super) fn in_picture(working: &Working, p: &[f64; 2]) -> bool {
-    p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= working.plane.width as f64 - 1.0 && p[1] <= working.plane.height as f64 - 1.0
+pub(super) fn in_picture(image: &WorkingImage, p: &[f64; 2]) -> bool {
+    p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= image.plane.width as f64 - 1.0 && p[1] <= image.plane.height as f64 - 1.0
 }
 
 /// The two steps of the grid: medians over all neighbours.
-pub(crate) fn steps_of(places: &Places) -> [[f64; 2]; 2] {
+pub(crate) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
     [[1, 0], [0, 1]].map(|step: Label| {
         let between: Vec<[f64; 2]> = places
             .iter()

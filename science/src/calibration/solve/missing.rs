@@ -4,7 +4,7 @@ use crate::imaging::Slices;
 use crate::types::error::ErrorLocation;
 use crate::types::{Error, ErrorKind};
 
-pub(super) fn blind_reference(slices: &dyn Slices, reference: usize) -> Error {
+pub(super) fn reference_without_grid(slices: &dyn Slices, reference: usize) -> Error {
     let name = slices.name(reference);
     let detail = format!(
         "the reference slice {name} (slice {reference}) is too blurred to show the dots: name a sharper one with \
@@ -28,7 +28,7 @@ fn ends(count: usize, lost: &[usize]) -> Option<String> {
     Some([some(first, "first"), some(last, "last")].into_iter().flatten().collect::<Vec<_>>().join(" and "))
 }
 
-pub(super) fn unseen(slices: &dyn Slices, indices: &[usize], why: &str) -> Error {
+pub(super) fn unmeasured_slices(slices: &dyn Slices, indices: &[usize], why: &str) -> Error {
     let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
     if indices.len() > names.len() {
         names.push("...");
@@ -40,16 +40,16 @@ pub(super) fn unseen(slices: &dyn Slices, indices: &[usize], why: &str) -> Error
         ends(slices.count(), indices)
             .map_or_else(String::new, |ends| format!("leave {ends} out, of the target and of every stack alike, or ")),
     );
-    let mut fault = Error::new(ErrorKind::TargetNotFound, detail);
+    let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for &index in indices {
-        fault = fault.at(ErrorLocation {
+        error = error.at(ErrorLocation {
             detail: "fewer than 12 dots that agree with the reference slice".into(),
             pointer: None,
             file: Some(slices.name(index).to_owned()),
             slice: Some(index as u32),
         });
     }
-    fault
+    error
 }
 
 #[cfg(test)]

@@ -4,35 +4,35 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use super::coarse_registration::SimilarityMotion;
+use super::detection::{self, Detection, Expected, Target};
 use super::lattice::Places;
-use super::search::Motion;
-use super::sighting::{self, Expected, Sighting, Target};
-use super::working::median;
+use super::working_image::median;
 use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};
 
 /// What the whole stack showed.
 #[derive(Debug)]
-pub(super) struct Seen {
+pub(super) struct Tracked {
     /// Width of every slice, px.
     pub width: usize,
     /// Height of every slice, px.
     pub height: usize,
     /// What the target is like.
     pub target: Target,
-    /// Per slice its dots; `None` where the grid could not be seen.
-    pub sightings: Vec<Option<Sighting>>,
+    /// Per slice its dots; `None` where the grid could not be detected.
+    pub detections: Vec<Option<Detection>>,
 }
 
 /// Slices in which the grid is looked for before giving up.
-const TRIED: usize = 9;
+const MAX_TRIED: usize = 9;
 
 /// Looks at every slice, beginning with `reference` or, where that shows no grid, with others spread over the stack.
 ///
 /// # Errors
-/// A fault when no slice shows a grid, when slices differ in size, or when one cannot be loaded.
-pub(super) fn see_all(slices: &dyn Slices, reference: usize, control: &dyn Control) -> Result<Seen, Interrupted> {
+/// A error when no slice shows a grid, when slices differ in size, or when one cannot be loaded.
+pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Control) -> Result<Tracked, Interrupted> {
     let count = slices.count();
     control.check()?;
     let done = AtomicUsize::new(0);
@@ -50,29 +50,29 @@ pub(super) fn see_all(slices: &dyn Slices, reference: usize, control: &dyn Contr
             return Err(Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(index as u32)).into());
         }
         loader.size = Some((slice.width, slice.height, index));
-        if let Some((target, lattice)) = sighting::blind(&slice, control)?
-            && let Some(sighting) = sighting::observe(&slice, target, &lattice, control)?
+        if let Some((target, lattice)) = detection::detect_grid(&slice, control)?
+            && let Some(detection) = detection::measure_grid(&slice, target, &lattice, control)?
         {
-            first = Some((index, target, sighting));
+            first = Some((index, target, detection));
             break;
         }
-        tried.push((index, sighting::looks(&slice)));
+        tried.push((index, detection::diagnose(&slice)));
     }
-    let Some((start, target, sighting)) = first else { return Err(no_grid(slices, &tried).into()) };
+    let Some((start, target, detection)) = first else { return Err(no_grid(slices, &tried).into()) };
     tick();
-    let carry = |indices: Vec<usize>| carry(&loader, target, &sighting, indices, control, &tick);
-    let (up, down) = rayon::join(|| carry((start + 1..count).collect()), || carry((0..start).rev().collect()));
+    let follow = |indices: Vec<usize>| follow(&loader, target, &detection, indices, control, &tick);
+    let (up, down) = rayon::join(|| follow((start + 1..count).collect()), || follow((0..start).rev().collect()));
     let (up, down) = (up?, down?);
     let (width, height, _) = loader.size.unwrap_or_default();
-    let mut sightings: Vec<Option<Sighting>> = down.into_iter().rev().collect();
-    sightings.push(Some(sighting));
-    sightings.extend(up);
-    Ok(Seen { width, height, target, sightings })
+    let mut detections: Vec<Option<Detection>> = down.into_iter().rev().collect();
+    detections.push(Some(detection));
+    detections.extend(up);
+    Ok(Tracked { width, height, target, detections })
 }
 
 /// The reference slice, then slices spread over the stack from the middle outward.
 fn candidates(count: usize, reference: usize) -> Vec<usize> {
-    let spread = TRIED.min(count);
+    let spread = MAX_TRIED.min(count);
     let mut out: Vec<usize> = (0..spread).map(|k| (2 * k + 1) * count / (2 * spread)).collect();
     out.sort_by_key(|&index| index.abs_diff(count / 2));
     out.retain(|&index| index != reference);
@@ -80,51 +80,53 @@ fn candidates(count: usize, reference: usize) -> Vec<usize> {
     out
 }
 
-/// What the slices seen so far say about the next.
+/// What the slices detected so far say about the next.
 struct Course {
     /// Motions from slice to slice, the last three.
-    motions: Vec<Motion>,
-    /// Slices since the last that was seen.
+    motions: Vec<SimilarityMotion>,
+    /// Slices since the last that was detected.
     gap: i32,
     merged: bool,
 }
 
 impl Course {
     fn expected(&self) -> Expected {
-        let middle = |of: &dyn Fn(&Motion) -> f64| median(&mut self.motions.iter().map(of).collect::<Vec<_>>());
+        let middle =
+            |of: &dyn Fn(&SimilarityMotion) -> f64| median(&mut self.motions.iter().map(of).collect::<Vec<_>>());
         let maybe_inverted = self.merged || self.gap > 1;
         if self.motions.is_empty() {
-            return Expected { motion: Motion::NONE, sure: false, maybe_inverted };
+            return Expected { motion: SimilarityMotion::NONE, confident: false, maybe_inverted };
         }
         let gap = f64::from(self.gap);
-        let motion = Motion {
+        let motion = SimilarityMotion {
             scale: middle(&|m| m.scale).powi(self.gap),
             shift: [middle(&|m| m.shift[0]) * gap, middle(&|m| m.shift[1]) * gap],
         };
-        Expected { motion, sure: true, maybe_inverted }
+        Expected { motion, confident: true, maybe_inverted }
     }
 
-    fn saw(&mut self, sighting: &Sighting) {
+    fn update(&mut self, detection: &Detection) {
         let gap = f64::from(self.gap);
-        let motion = sighting.motion;
-        self.motions.push(Motion { scale: motion.scale.powf(1.0 / gap), shift: motion.shift.map(|s| s / gap) });
+        let motion = detection.motion;
+        self.motions
+            .push(SimilarityMotion { scale: motion.scale.powf(1.0 / gap), shift: motion.shift.map(|s| s / gap) });
         if self.motions.len() > 3 {
             self.motions.remove(0);
         }
         self.gap = 1;
-        self.merged = sighting.merged;
+        self.merged = detection.merged;
     }
 }
 
 /// Follows the grid through `indices`, which lead away from the slice of `from`. One answer per index.
-fn carry(
+fn follow(
     loader: &Loader,
     target: Target,
-    from: &Sighting,
+    from: &Detection,
     indices: Vec<usize>,
     control: &dyn Control,
     tick: &(dyn Fn() + Sync),
-) -> Result<Vec<Option<Sighting>>, Interrupted> {
+) -> Result<Vec<Option<Detection>>, Interrupted> {
     let mut places: Places = from.places.clone();
     let mut course = Course { motions: Vec::new(), gap: 1, merged: from.merged };
     let mut all = Vec::with_capacity(indices.len());
@@ -132,20 +134,24 @@ fn carry(
         control.check()?;
         let slice = loader.load(index)?;
         let expected = course.expected();
-        let mut seen = sighting::follow(&slice, target, &places, &expected, control)?;
-        if seen.is_none() && expected.sure && !expected.maybe_inverted {
+        let mut detected = detection::relocate_grid(&slice, target, &places, &expected, control)?;
+        if detected.is_none() && expected.confident && !expected.maybe_inverted {
             // the rail may have jumped: once more with nothing taken for granted
-            let open = Expected { motion: Motion { shift: [0.0; 2], ..expected.motion }, sure: false, ..expected };
-            seen = sighting::follow(&slice, target, &places, &open, control)?;
+            let open = Expected {
+                motion: SimilarityMotion { shift: [0.0; 2], ..expected.motion },
+                confident: false,
+                ..expected
+            };
+            detected = detection::relocate_grid(&slice, target, &places, &open, control)?;
         }
-        match &seen {
-            Some(sighting) => {
-                course.saw(sighting);
-                places.clone_from(&sighting.places);
+        match &detected {
+            Some(detection) => {
+                course.update(detection);
+                places.clone_from(&detection.places);
             }
             None => course.gap += 1,
         }
-        all.push(seen);
+        all.push(detected);
         tick();
     }
     Ok(all)
@@ -177,8 +183,11 @@ impl Loader<'_> {
 
 fn no_grid(slices: &dyn Slices, tried: &[(usize, &'static str)]) -> Error {
     let names: Vec<&str> = tried.iter().take(5).map(|(index, _)| slices.name(*index)).collect();
-    let same = tried.first().filter(|(_, first)| tried.iter().all(|(_, looks)| looks == first)).map(|(_, looks)| looks);
-    let why = same.map_or(String::new(), |looks| format!("; {looks}"));
+    let same = tried
+        .first()
+        .filter(|(_, first)| tried.iter().all(|(_, diagnosis)| diagnosis == first))
+        .map(|(_, diagnosis)| diagnosis);
+    let why = same.map_or(String::new(), |diagnosis| format!("; {diagnosis}"));
     let detail = format!(
         "no grid of dots was found, looked for in {} slices ({}{}){why}: the target needs at least 12 whole round dots \
          in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
@@ -186,16 +195,16 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, &'static str)]) -> Error {
         names.join(", "),
         if tried.len() > names.len() { ", ..." } else { "" },
     );
-    let mut fault = Error::new(ErrorKind::TargetNotFound, detail);
-    for (index, looks) in tried {
-        fault = fault.at(ErrorLocation {
-            detail: format!("no grid of dots in this slice; {looks}"),
+    let mut error = Error::new(ErrorKind::TargetNotFound, detail);
+    for (index, diagnosis) in tried {
+        error = error.at(ErrorLocation {
+            detail: format!("no grid of dots in this slice; {diagnosis}"),
             pointer: None,
             file: Some(slices.name(*index).to_owned()),
             slice: Some(*index as u32),
         });
     }
-    fault
+    error
 }
 
 #[cfg(test)]
@@ -207,7 +216,7 @@ mod tests {
         assert_eq!(candidates(4, 2), [2, 1, 3, 0]);
         let many = candidates(61, 7);
         assert_eq!((many[0], many[1]), (7, 30));
-        assert!(many.len() <= TRIED + 1 && many.iter().all(|k| *k < 61));
+        assert!(many.len() <= MAX_TRIED + 1 && many.iter().all(|k| *k < 61));
         assert!(many.iter().any(|k| *k < 10) && many.iter().any(|k| *k > 50));
     }
 }

@@ -1,0 +1,205 @@
+//! From places that are about right to dots that are measured, in rounds.
+
+use std::collections::BTreeMap;
+
+use super::windows::{dot_position, grid_steps, in_picture, selected_labels, windows_at};
+use super::{Detection, MAX_SHIFT, MeasuredDot};
+use crate::calibration::coarse_registration::SimilarityMotion;
+use crate::calibration::dlt;
+use crate::calibration::dot_photometry;
+use crate::calibration::flat_field::{FlatField, Polarity};
+use crate::calibration::inpainting::{self, InpaintedGrid};
+use crate::calibration::lattice::{self, LEAST_DOTS, Label, Places};
+use crate::calibration::phase::{self, PhaseMeasurement, Window};
+use crate::calibration::robust;
+use crate::calibration::working_image::{WorkingImage, median};
+use crate::imaging::Plane;
+use crate::types::{Cancelled, Control};
+
+/// About how many dots' light is looked at.
+const LIGHT_DOTS: usize = 200;
+/// Standard deviation, in steps of the grid, per share of a dot's window that is made up, while that is small.
+const SYNTHETIC_SIGMA: f64 = 3e-3;
+/// The same per sine of the full-scale samples in its window.
+const CLIPPED_SIGMA: f64 = 0.04;
+/// Rounds of the lock-in.
+const ROUNDS: usize = 3;
+
+/// Measures all dots from `places` on (px of the image picture), which are right to a tenth of the pitch.
+pub(super) fn measure(
+    image: &WorkingImage,
+    mut field: FlatField,
+    mut places: Places,
+    sign: f64,
+    control: &dyn Control,
+) -> Result<Option<Detection>, Cancelled> {
+    let plane = &image.plane;
+    let mut last = None;
+    for round in 0..ROUNDS {
+        control.check()?;
+        let pitch = lattice::pitch_of(&places);
+        let contrast = field.contrast(plane);
+        let mut inpainted = None;
+        // more of the grid may show itself beside what was found
+        for _ in 0..if round == 0 { 6 } else { 2 } {
+            let beside = lattice::beside(&places);
+            let Some(done) = inpainting::inpaint(&contrast, &places, &beside, pitch, round > 0) else {
+                return Ok(None);
+            };
+            let any_added = !done.added.is_empty();
+            places.extend(done.added.iter().map(|(label, p)| (*label, *p)));
+            inpainted = Some(done);
+            if !any_added {
+                break;
+            }
+        }
+        let Some(inpainted) = inpainted else { return Ok(None) };
+        let mut labels = selected_labels(image, &places);
+        labels.retain(|label| !inpainted.hidden.contains(label));
+        if inpainted.profile.merges(pitch) {
+            drop_near_foreign(&mut labels, &inpainted.foreign);
+        }
+        let steps = grid_steps(&places);
+        let windows = windows_at(&labels, &places, 1.0, steps);
+        let phases = phase::measure(&inpainted.contrast, Some(&inpainted.valid), &windows);
+        let is_plausible = plausible(&windows, &phases, sign);
+        if is_plausible.iter().filter(|p| **p).count() < LEAST_DOTS {
+            return Ok(None);
+        }
+        // those that were not measured go where the others say
+        let pairs: Vec<dlt::Pair> = windows
+            .iter()
+            .zip(&phases)
+            .zip(&is_plausible)
+            .filter_map(|((window, phase), ok)| {
+                phase.filter(|_| *ok).map(|l| (window.at, dot_position(window, &l, sign)))
+            })
+            .collect();
+        let Some(shared) = robust::consensus(&pairs, 0.01 * pitch, 0.1 * pitch) else { return Ok(None) };
+        places.values_mut().for_each(|p| *p = shared.homography.apply(*p));
+        let mut measured = BTreeMap::new();
+        for (((label, window), phase), ok) in labels.iter().zip(&windows).zip(&phases).zip(&is_plausible) {
+            let Some(phase) = phase.filter(|_| *ok) else { continue };
+            let at = dot_position(window, &phase, sign);
+            // a dot far off the others' map is dust or a misprint: kept as measured, but not as a place to look next
+            let there = places.get(label).copied().unwrap_or(at);
+            if (at[0] - there[0]).hypot(at[1] - there[1]) < 0.05 * pitch {
+                places.insert(*label, at);
+            }
+            measured.insert(*label, (at, phase));
+        }
+        let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(image, p)).copied().collect();
+        let light = field.refine(plane, &inpainted.rendered, &inpainted.ground, &near, 0.8 * pitch, 2 + round.min(2));
+        last = Some((measured, inpainted, windows.len()));
+        field = if round + 1 < ROUNDS { light } else { field };
+    }
+    Ok(last.and_then(|(measured, inpainted, windows)| {
+        let counted = places.values().filter(|p| in_picture(image, p)).count().max(1);
+        detection(image, &field, &places, &measured, &inpainted, sign, windows as f64 / counted as f64)
+    }))
+}
+
+/// Where dots run together, what lies beyond the target runs into the outermost ones: they are left out, when enough
+/// others are there.
+fn drop_near_foreign(labels: &mut Vec<Label>, foreign: &[Label]) {
+    let near = |l: &Label| foreign.iter().any(|f| (f[0] - l[0]).abs() <= 1 && (f[1] - l[1]).abs() <= 1);
+    let kept: Vec<Label> = labels.iter().filter(|l| !near(l)).copied().collect();
+    if kept.len() >= 2 * LEAST_DOTS {
+        *labels = kept;
+    }
+}
+
+fn detection(
+    image: &WorkingImage,
+    field: &FlatField,
+    places: &Places,
+    measured: &BTreeMap<Label, ([f64; 2], PhaseMeasurement)>,
+    inpainted: &InpaintedGrid,
+    sign: f64,
+    density: f64,
+) -> Option<Detection> {
+    if measured.len() < LEAST_DOTS {
+        return None;
+    }
+    let bin = image.bin as f64;
+    let pitch = lattice::pitch_of(places);
+    let steps = grid_steps(places);
+    let noise = noise_of(&inpainted.contrast);
+    let amplitude = |l: &PhaseMeasurement| 0.5 * (l.harmonics[0].amplitude(sign) + l.harmonics[1].amplitude(sign));
+    let mut modulations: Vec<f64> = Vec::new();
+    let mut dots = BTreeMap::new();
+    let windows: Vec<Window> = measured.values().map(|(at, _)| Window { at: *at, steps }).collect();
+    let synthetic = phase::measure(&inpainted.synthetic, None, &windows);
+    let full = image.full.as_ref().map(|full| phase::measure(full, None, &windows));
+    for (k, (label, (at, phase))) in measured.iter().enumerate() {
+        let synthetic = synthetic[k].map_or(0.0, |l| l.mean);
+        let full = full.as_ref().and_then(|f| f[k]);
+        // where full scale lies on one side of a dot its wave is cut there
+        let cut = full.map_or(0.0, |f| f.harmonics[0].sine.hypot(f.harmonics[1].sine));
+        let shared_sigma =
+            pitch * (SYNTHETIC_SIGMA * synthetic * (1.0 + 10.0 * synthetic)).hypot(CLIPPED_SIGMA * cut) * bin;
+        let light = dot_photometry::measure_light(&image.plane, field, &inpainted.filled, *at, steps, phase);
+        let sigma = pitch * phase::shift_sigma(noise, amplitude(phase), steps) * bin;
+        // mean contrast is what the light lacks: amplitude over mean light, whatever the ground is taken to be
+        let mean = match field.polarity {
+            Polarity::DarkOnLight => 1.0 - phase.mean,
+            Polarity::LightOnDark => light.mean / field.span,
+        };
+        modulations.push(sign * amplitude(phase) / mean.max(0.02));
+        let invalid = synthetic + full.map_or(0.0, |f| f.mean);
+        dots.insert(
+            *label,
+            MeasuredDot { at: image.to_slice(*at), sigma: sigma.hypot(shared_sigma), shared_sigma, light, invalid },
+        );
+    }
+    // the light is smooth: some of the dots tell it
+    let every = dots.len().div_ceil(LIGHT_DOTS);
+    let lit: Vec<Label> = dots.keys().step_by(every).copied().collect();
+    let windows: Vec<Window> =
+        lit.iter().filter_map(|l| measured.get(l)).map(|(at, _)| Window { at: *at, steps }).collect();
+    let means = dot_photometry::linear_means(&image.plane, field, &inpainted.filled, &windows);
+    for (label, mean) in lit.iter().zip(means) {
+        if let Some(dot) = dots.get_mut(label) {
+            dot.light.linear_mean = mean;
+        }
+    }
+    let merged = sign < 0.0 || inpainted.profile.merges(pitch);
+    Some(Detection {
+        dots,
+        places: places.iter().map(|(label, p)| (*label, image.to_slice(*p))).collect(),
+        pitch: pitch * bin,
+        motion: SimilarityMotion::NONE,
+        clipped: image.clipped,
+        modulation: median(&mut modulations),
+        fill: 2.0 * inpainted.profile.half_width() / pitch,
+        merged,
+        density: density.min(1.0),
+    })
+}
+
+/// Standard deviation of the noise, from second differences along rows, which the pattern hardly has.
+fn noise_of(plane: &Plane<f32>) -> f64 {
+    let stride = (plane.height / 200).max(1);
+    let mut bends = Vec::new();
+    for y in (0..plane.height).step_by(stride) {
+        let row = plane.row(y);
+        bends.extend(row.windows(3).step_by(5).map(|w| f64::from((w[0] - 2.0 * w[1] + w[2]).abs())));
+    }
+    (1.4826 * median(&mut bends) / 6.0_f64.sqrt()).max(1e-5)
+}
+
+/// Which windows show a pattern as strong as the others do, about where it was expected.
+fn plausible(windows: &[Window], phase: &[Option<PhaseMeasurement>], sign: f64) -> Vec<bool> {
+    let usual = [0, 1].map(|k| {
+        median(&mut phase.iter().flatten().map(|l| l.harmonics[k].amplitude(sign)).collect::<Vec<_>>()).max(1e-6)
+    });
+    let good = |(_, phase): (&Window, &Option<PhaseMeasurement>)| {
+        phase.is_some_and(|l| {
+            (0..2).all(|k| {
+                let strong = (0.3..1.8).contains(&(l.harmonics[k].amplitude(sign) / usual[k]));
+                strong && l.harmonics[k].shift(sign).abs() < MAX_SHIFT
+            })
+        })
+    };
+    windows.iter().zip(phase).map(good).collect()
+}

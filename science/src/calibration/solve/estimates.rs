@@ -1,0 +1,128 @@
+//! The map of each slice in one family, by its dots or by the law of the rail, and how sure it is.
+
+use nalgebra::DVector;
+
+use super::inliers::{FLOOR, Inliers, own_estimates};
+use crate::calibration::detection::Detection;
+use crate::calibration::model_selection::{Corner, StackModel};
+use crate::calibration::rail::{self, EstimateSource, Law};
+use crate::calibration::rail_fit::RailFit;
+use crate::calibration::tracking::Tracked;
+use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
+use crate::types::Homography;
+
+/// Uncertainty of a corner, px, from which a slice's own dots count as too blurred when the rail knows better.
+const FAINT: f64 = 0.4;
+
+/// What all maps are made in.
+pub(super) struct Setting<'a> {
+    pub(super) frame: &'a Frame,
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) reference: usize,
+    pub(super) positions: &'a [f64],
+    pub(super) away: &'a [f64],
+    pub(super) jump: Option<usize>,
+    pub(super) floors: &'a [f64],
+}
+
+/// The map of one slice.
+pub(super) struct Estimate {
+    pub(super) homography: Homography,
+    pub(super) by_law: Option<Homography>,
+    pub(super) off_law: Option<f64>,
+    pub(super) sigma: f64,
+    pub(super) source: EstimateSource,
+}
+
+/// What a family's maps do at the corners, beside the homographies, in the slices that were measured.
+pub(super) fn corner_errors(
+    estimates: &[Option<Estimate>],
+    full: &[Option<Estimate>],
+    inliers: &[Inliers],
+    s: &Setting,
+) -> Vec<Corner> {
+    let measured = (0..estimates.len()).filter(|&i| i != s.reference && !inliers[i].evidence.matches.is_empty());
+    measured
+        .filter_map(|i| estimates[i].as_ref().zip(full.get(i)?.as_ref()))
+        .map(|(own, full)| Corner {
+            sigma: own.sigma,
+            full_sigma: full.sigma,
+            apart: own.homography.corner_distance(&full.homography, s.width, s.height),
+        })
+        .collect()
+}
+
+/// The maps of all slices in one family; `None` where there is neither a measurement nor a law.
+pub(super) fn estimates(model: StackModel, inliers: &[Inliers], setting: &Setting) -> Vec<Option<Estimate>> {
+    match model {
+        StackModel::RailLinear => rail_linear_estimates(inliers, setting),
+        StackModel::PerSlice(family) => per_slice_estimates(family, inliers, setting),
+    }
+}
+
+/// What no count of dots takes away, px, per slice: it weighs the more the less blur has left of the pattern.
+pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
+    let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+    let left = |s: &Detection| (s.modulation / strongest).abs().clamp(0.05, 1.0);
+    let floor = |s: &Option<Detection>| {
+        let blurred = s.as_ref().map_or(1.0, |s| 0.5 + 0.5 / left(s));
+        (FLOOR.0 + FLOOR.1 * pitch) * blurred
+    };
+    tracked.detections.iter().map(floor).collect()
+}
+
+fn per_slice_estimates(family: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
+    let own = own_estimates(family, inliers, s.reference, s.frame, [s.width, s.height]);
+    let map = |free: &DVector<f64>| s.frame.homography(&family.parameters(free));
+    (0..own.len())
+        .map(|index| {
+            let (settled, source) = rail::combine(&own, s.positions, s.jump, index)?;
+            let mut others = own.clone();
+            others[index] = None;
+            let by_law = Law::fit(&others, s.positions, s.jump).and_then(|law| map(&law.predict(index)));
+            let alone = own[index].as_ref().and_then(|o| map(&o.free));
+            let off_law = alone.zip(by_law).map(|(a, b)| a.corner_distance(&b, s.width, s.height));
+            let sigma =
+                transform_models::corner_sigma(family, &settled.free, &settled.covariance, s.frame, s.width, s.height);
+            let by_itself = own[index].as_ref().map_or(0.0, |o| {
+                transform_models::corner_sigma(family, &o.free, &o.covariance, s.frame, s.width, s.height)
+            });
+            // its dots had a say, but hardly a voice
+            let source = if by_itself > FAINT && sigma < 0.5 * by_itself { EstimateSource::Law } else { source };
+            Some(Estimate {
+                homography: map(&settled.free)?,
+                by_law,
+                off_law,
+                sigma: sigma.hypot(s.floors[index]),
+                source,
+            })
+        })
+        .collect()
+}
+
+fn rail_linear_estimates(inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
+    let matches: Vec<Vec<Match>> = inliers.iter().map(|a| a.evidence.matches.clone()).collect();
+    let overlap = inliers.iter().map(|a| a.evidence.overlap).fold(1.0, f64::max);
+    let Some(fit) = RailFit::fit(&matches, s.away) else { return inliers.iter().map(|_| None).collect() };
+    let own = own_estimates(TransformModel::Homography, inliers, s.reference, s.frame, [s.width, s.height]);
+    let map = |p: &Parameters| s.frame.homography(p);
+    let off = |index: usize| {
+        let mine = own[index].as_ref().and_then(|o| map(&TransformModel::Homography.parameters(&o.free)))?;
+        Some(mine.corner_distance(&map(&fit.parameters(s.away[index]))?, s.width, s.height))
+    };
+    (0..inliers.len())
+        .map(|index| {
+            let homography = map(&fit.parameters(s.away[index]))?;
+            // scatter that slices share among their dots is no noise of the dots
+            let similar = transform_models::fit(TransformModel::Similarity, &inliers[index].evidence.matches)
+                .and_then(|fit| map(&TransformModel::Similarity.parameters(&fit.free)))
+                .map_or(0.0, |h| h.corner_distance(&homography, s.width, s.height));
+            let sigma = s.frame.half * fit.corner_sigma(s.away[index]) * overlap.sqrt();
+            let source =
+                if inliers[index].evidence.matches.is_empty() { EstimateSource::Law } else { EstimateSource::Dots };
+            let sigma = sigma.hypot(s.floors[index]).hypot(0.5 * similar);
+            Some(Estimate { homography, by_law: Some(homography), off_law: off(index), sigma, source })
+        })
+        .collect()
+}
