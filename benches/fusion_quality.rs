@@ -1,11 +1,11 @@
-//! What fusion is worth: synthetic stacks of which the truth is known, fused by every method and by what other
-//! programs are installed. `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--blur TIMES]
-//! [--crops FOLDER]`
+//! Fusion quality: synthetic stacks with known truth, fused by every method and by the other programs that are installed.
 //!
-//! `-- --edges FILE ...` says how soft the edges of pictures are instead, and those of the scenes.
+//! `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--blur TIMES] [--crops FOLDER]` prints
+//! tables of PSNR; `-- --edges FILE ...` prints the softness of the edges of the scenes and of image files instead.
 //!
-//! Asks `enfuse` when it is on the path, and shinestacker when the environment variable PINSTACK_SHINESTACKER
-//! names a Python interpreter that has it. All get the same slices, warped by the true homographies.
+//! The other programs are `enfuse`, if it is on the path, and shinestacker, if the environment variable
+//! PINSTACK_SHINESTACKER names a Python interpreter that can import it. All get the same slices, warped by the true
+//! homographies.
 
 #[path = "common/fusion_quality/mod.rs"]
 mod fusion_quality;
@@ -22,17 +22,18 @@ use pinstack_science::{
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
 
-/// Softness of the lens, px: its sharpest edges are as sharp as the sharpest hundredth of those in photographs.
+/// Softness of the lens (standard deviation of a Gaussian), px: the sharpest edges of the scenes are then as sharp as the
+/// sharpest hundredth of the edges in photographs.
 const SOFTNESS: f64 = 0.7;
 
 struct Arguments {
     quick: bool,
     scene: Option<String>,
     softness: f64,
-    /// Times the blur of a step, of all stacks.
+    /// Factor on the blur per step of all stacks.
     blur: f64,
     crops: Option<PathBuf>,
-    /// Pictures whose edges are measured; nothing is fused then.
+    /// Image files whose edges are measured instead of fusing anything.
     edges: Option<Vec<PathBuf>>,
 }
 
@@ -42,7 +43,7 @@ fn arguments() -> Result<Arguments, String> {
     while let Some(argument) = rest.next() {
         let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
         match argument.as_str() {
-            // what `cargo bench` adds by itself
+            // added by `cargo bench`
             "--bench" => {}
             "--quick" => found.quick = true,
             "--scene" => found.scene = Some(value()?),
@@ -62,7 +63,7 @@ fn arguments() -> Result<Arguments, String> {
             }
             other => {
                 return Err(format!(
-                    "{other} is not known: --quick, --scene NAME, --softness PX, --blur TIMES, --crops FOLDER, --edges FILE ..."
+                    "unknown argument {other}; use --quick, --scene NAME, --softness PX, --blur TIMES, --crops FOLDER, --edges FILE ..."
                 ));
             }
         }
@@ -70,7 +71,7 @@ fn arguments() -> Result<Arguments, String> {
     Ok(found)
 }
 
-/// Three seeds in two sizes, and one of the smaller with more blur; the first of them alone when it must be quick.
+/// Seven stacks of a scene: three seeds in two sizes, and one small stack with more blur. With `--quick` the first alone.
 fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack_science::synth::Scene) -> Vec<Case> {
     let case =
         |seed, size, blur| Case { scene, make, seed, size, blur: blur * arguments.blur, softness: arguments.softness };
@@ -82,7 +83,7 @@ fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack_s
     plain.chain([case(1, small, 1.5)]).collect()
 }
 
-/// Prints how soft the edges of the scenes are, everything in focus, and those of `files`.
+/// Prints the softness of the edges of the scenes, with everything in focus, and of `files`.
 fn print_edges(arguments: &Arguments, files: &[PathBuf]) {
     println!("| edges, standard deviation in px | edges | softest of the sharpest 1 % | 5 % | median |");
     println!("|---|---:|---:|---:|---:|");
@@ -111,7 +112,7 @@ fn main() {
     if let Some(files) = &arguments.edges {
         return print_edges(&arguments, files);
     }
-    let peers = Peers::found();
+    let peers = Peers::detect();
     let mut all = Table::default();
     for (scene, make) in SCENES {
         if arguments.scene.as_ref().is_some_and(|wanted| wanted != scene) {

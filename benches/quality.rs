@@ -1,4 +1,4 @@
-//! What the metrics cost: a slice observed, its blocks scored, one pair of neighbours compared.
+//! Cost of the metrics: measuring a slice, scoring the blocks of a stack, comparing one pair of neighbours.
 
 use std::hint::black_box;
 
@@ -16,7 +16,7 @@ use pinstack_science::{
 const WIDTH: usize = 1600;
 const HEIGHT: usize = 1250;
 
-/// Fine and coarse texture, different for every seed.
+/// An image with fine and coarse texture that depends on the seed.
 fn picture(width: usize, height: usize, seed: usize) -> Plane<f32> {
     Plane::from_fn(width, height, |x, y| {
         let fine = (x * 31 + y * 17 + x * y + seed * 101) % 97;
@@ -25,24 +25,24 @@ fn picture(width: usize, height: usize, seed: usize) -> Plane<f32> {
     })
 }
 
-/// Per pixel of the canvas, to be held against what fusion takes per pixel.
-fn observe(c: &mut Criterion) {
+/// Time per pixel of the canvas, to compare with the time of fusion per pixel.
+fn measure(c: &mut Criterion) {
     let luma = picture(WIDTH, HEIGHT, 1);
     let samples: Vec<u8> = luma.data.iter().flat_map(|&v| [v as u8, (v / 2.0) as u8, v as u8]).collect();
-    let (observer, coverage) = (SliceMeter::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
+    let (meter, coverage) = (SliceMeter::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
     let slice = WarpedSlice { samples: &samples[..], channels: 3, coverage: &coverage, gain: 1.02 };
     let mut group = c.benchmark_group("quality");
     group.throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));
-    group.bench_function("observe one slice", |b| {
+    group.bench_function("measure one slice", |b| {
         b.iter(|| {
             let fingerprint = Fingerprint::of(&samples, 3, WIDTH, HEIGHT);
-            observer.measure(3, black_box(&slice), vec![1.0; observer.points().count()], fingerprint)
+            meter.measure(3, black_box(&slice), vec![1.0; meter.points().count()], fingerprint)
         });
     });
     group.finish();
 }
 
-/// The same: one block takes what it takes, and there are so many.
+/// Time per pixel of the canvas: the time of one block, times the number of blocks of a canvas.
 fn score(c: &mut Criterion) {
     let blocks = Blocks::of(WIDTH, HEIGHT, None).rects;
     let (width, height) = blocks.first().map_or((1, 1), |block| (block.width, block.height));
@@ -73,5 +73,5 @@ fn align(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, observe, score, align);
+criterion_group!(benches, measure, score, align);
 criterion_main!(benches);

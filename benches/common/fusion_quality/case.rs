@@ -1,4 +1,4 @@
-//! One scene before one rig, rendered, and fused.
+//! A scene and a rig, rendered as a stack with its truth, and fused.
 
 use pinstack_science::{
     fusion::{Fused, Plan, Watch, fuse},
@@ -13,16 +13,16 @@ use rayon::prelude::*;
 
 pub const SLICES: usize = 13;
 
-/// What is to be rendered.
+/// The stack to render.
 #[derive(Debug, Clone)]
 pub struct Case {
     pub scene: &'static str,
     pub make: Make,
     pub seed: u64,
     pub size: (usize, usize),
-    /// Times the blur of the rig as it is.
+    /// Factor on the blur of the rig.
     pub blur: f64,
-    /// Of the rig, px.
+    /// Softness of the lens, px.
     pub softness: f64,
 }
 
@@ -41,7 +41,7 @@ impl Case {
     }
 }
 
-/// A rendered stack.
+/// A rendered stack and its truth.
 pub struct Stack {
     pub rig: Rig,
     pub slices: Vec<Raster>,
@@ -66,7 +66,7 @@ impl Stack {
         fuse(&slices, &plan, &Watch::default(), &folder, &NoControl).expect("the stack can be fused")
     }
 
-    /// Which pixels all slices cover: elsewhere nobody can show what is in focus in a slice that ends before.
+    /// The pixels that all slices cover. Elsewhere the slice in focus may be missing, and no method can show it.
     pub fn covered(&self) -> Vec<bool> {
         let size = (self.rig.width, self.rig.height);
         let mut covered = vec![true; size.0 * size.1];
@@ -80,8 +80,8 @@ impl Stack {
         covered
     }
 
-    /// The slices as other programs get them: warped by the true homographies, equally bright, and filled from
-    /// the nearest pixel of a row where they cover nothing, which is kinder than black.
+    /// The slices as other programs get them: warped by the true homographies, with equal brightness. Uncovered pixels are
+    /// filled from the nearest covered pixel, which suits these programs better than black.
     pub fn warped(&self) -> Vec<Raster> {
         let size = (self.rig.width, self.rig.height);
         (0..self.slices.len())
@@ -96,7 +96,7 @@ impl Stack {
     }
 }
 
-/// The samples of a rendered picture: RGB of 8 bits.
+/// The samples of a rendered image: 8-bit RGB.
 pub fn samples(raster: &Raster) -> &[u8] {
     match &raster.samples {
         Samples::Eight(_) => u8::of(&raster.samples).unwrap_or_default(),

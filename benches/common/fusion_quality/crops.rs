@@ -1,15 +1,15 @@
-//! Where a picture is worst, cut out of several pictures and laid side by side.
+//! The square with the largest error of one image, cut out of several images and placed side by side.
 
 use pinstack_science::imaging::{Raster, Rect};
 
 use super::case::samples;
 
-/// Side of a crop, px, and how often each pixel is repeated.
+/// Side of a crop, px; magnification; gap between crops, px.
 const SIDE: usize = 110;
 const ZOOM: usize = 2;
 const GAP: usize = 6;
 
-/// The square in which `picture` is farthest from `truth`.
+/// The square with the largest squared error of `picture` against `truth`.
 pub fn worst(picture: &Raster, truth: &Raster) -> Rect {
     let (width, height) = (truth.width, truth.height);
     let square = |x: usize, y: usize| -> f64 {
@@ -32,7 +32,7 @@ pub fn worst(picture: &Raster, truth: &Raster) -> Rect {
     places.max_by(|a, b| error(a).total_cmp(&error(b))).unwrap_or_default()
 }
 
-/// One crop out of several pictures.
+/// The same square of several images, side by side.
 pub struct Crop {
     picture: Raster,
 }

@@ -1,4 +1,4 @@
-//! The parts of the quality bench of fusion: stacks with their truth, other programs, figures, crops, how soft edges are.
+//! Parts of the bench of fusion quality: stacks with their truth, other programs, scores and tables, crops, edge softness.
 
 mod case;
 mod crops;

@@ -1,4 +1,4 @@
-//! Other programs, where they are installed.
+//! Other focus stacking programs, if they are installed.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -11,10 +11,10 @@ use pinstack_science::imaging::Raster;
 
 use super::case::samples;
 
-/// Which of them can be asked.
+/// The programs that are available.
 pub struct Peers {
     enfuse: bool,
-    /// The Python interpreter that knows shinestacker.
+    /// A Python interpreter that can import shinestacker.
     python: Option<OsString>,
 }
 
@@ -24,14 +24,14 @@ fn succeeds(program: impl AsRef<OsStr>, arguments: &[&OsStr]) -> bool {
 }
 
 impl Peers {
-    /// Looks for `enfuse` on the path, and for the interpreter that PINSTACK_SHINESTACKER names.
-    pub fn found() -> Self {
+    /// Looks for `enfuse` on the path and for shinestacker in the interpreter that PINSTACK_SHINESTACKER names.
+    pub fn detect() -> Self {
         let imports = ["-c", "import shinestacker"].map(OsStr::new);
         let python = std::env::var_os("PINSTACK_SHINESTACKER").filter(|python| succeeds(python, &imports));
         Self { enfuse: succeeds("enfuse", &[OsStr::new("--version")]), python }
     }
 
-    /// What each of them makes of the slices, which lie over each other already.
+    /// The name and the fused image of each program; the slices are aligned already.
     pub fn fuse(&self, slices: &[Raster]) -> Vec<(&'static str, Raster)> {
         if !self.enfuse && self.python.is_none() {
             return Vec::new();

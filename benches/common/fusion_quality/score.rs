@@ -1,4 +1,4 @@
-//! PSNR over parts of the picture, and tables of it.
+//! PSNR over regions of the image, and tables of it.
 
 use pinstack_science::{imaging::Raster, synth::Truth};
 
@@ -7,10 +7,10 @@ use super::case::samples;
 /// Names of the columns.
 pub const COLUMNS: [&str; 6] = ["whole", "object", "interior", "edges", "object edges", "flat ground"];
 
-/// Width of an edge, px to each side in a picture of 1200 px.
+/// Distance from an edge up to which a pixel belongs to it, px, for an image 1200 px wide.
 const EDGE: usize = 12;
 
-/// The parts of a picture that are looked at one by one.
+/// The regions of an image that are scored separately.
 pub struct Regions {
     object: Vec<bool>,
     edge: Vec<bool>,
@@ -18,8 +18,7 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// Edges are what lies near a step of depth of more than one slice, or near the silhouette. Only pixels that are
-    /// `covered` count.
+    /// Edges are the pixels near a depth step of more than one slice, or near the silhouette. Only `covered` pixels count.
     pub fn of(truth: &Truth, covered: Vec<bool>) -> Self {
         let (depth, width, height) = (&truth.slice, truth.slice.width, truth.slice.height);
         let step = |a: f32, b: f32| a.is_nan() != b.is_nan() || (a - b).abs() > 1.0;
@@ -58,7 +57,7 @@ impl Regions {
     }
 }
 
-/// Sets every flag of a line that is at most `reach` away from a set one.
+/// Sets every flag of a line within `reach` of a set one.
 fn widen(flags: &mut [bool], first: usize, stride: usize, length: usize, reach: usize) {
     let set: Vec<usize> = (0..length).filter(|i| flags[first + i * stride]).collect();
     for at in set {
@@ -68,7 +67,7 @@ fn widen(flags: &mut [bool], first: usize, stride: usize, length: usize, reach: 
     }
 }
 
-/// PSNR, dB over RGB, per column.
+/// PSNR over RGB per column, dB.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scores(pub [f64; COLUMNS.len()]);
 
@@ -87,10 +86,10 @@ impl Scores {
     }
 }
 
-/// Scores of methods and peers over cases.
+/// Scores of the methods and of the other programs over all cases.
 #[derive(Default)]
 pub struct Table {
-    /// Name, whether it is one of ours, and its scores.
+    /// Name, whether it is a method of pinstack, and its scores.
     rows: Vec<(&'static str, bool, Vec<Scores>)>,
 }
 
@@ -102,7 +101,7 @@ impl Table {
         }
     }
 
-    /// The means as a Markdown table, and below them how far ours are from the best peer of each column.
+    /// Prints the means as a Markdown table, with the distance of each own method from the best other program per column.
     pub fn print(&self, title: &str) {
         println!("\n### {title}\n\n| PSNR, dB | {} |\n|---{}|", COLUMNS.join(" | "), "|---:".repeat(COLUMNS.len()));
         let means: Vec<(&str, bool, [f64; COLUMNS.len()])> =
@@ -124,7 +123,7 @@ impl Table {
     }
 }
 
-/// Mean over the cases that have such pixels.
+/// Mean over the cases that have pixels in the region.
 fn mean(scores: &[Scores]) -> [f64; COLUMNS.len()] {
     std::array::from_fn(|c| {
         let values: Vec<f64> = scores.iter().map(|s| s.0[c]).filter(|v| v.is_finite()).collect();

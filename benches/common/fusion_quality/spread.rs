@@ -1,19 +1,19 @@
-//! How soft the edges of a picture are: whether a synthetic lens is as sharp as real ones.
+//! Softness of the edges of an image: shows whether a synthetic lens is as sharp as real ones.
 
 use pinstack_science::imaging::{Raster, Samples};
 
-/// How far to both sides of its middle an edge is looked at, px.
+/// Half the length of the profile of an edge, px.
 const REACH: usize = 4;
 
-/// Least slope, grey levels per px, and least contrast, grey levels, of an edge that is measured.
+/// Least slope (grey levels per px) and least contrast (grey levels) of an edge.
 const SLOPE: f32 = 12.0;
 const CONTRAST: f32 = 40.0;
 
-/// By how much an edge may fall where it should rise: noise.
+/// Tolerance for noise in a monotonic edge, grey levels.
 const NOISE: f32 = 3.0;
 
-/// The standard deviations, px, of the Gaussians that the edges along rows and columns of the green (or grey) channel were
-/// blurred by, were they steps: contrast over `sqrt(2 pi)` times the largest slope. Ascending.
+/// The spread of each edge along rows and columns of the green (or grey) channel, px, ascending: the standard deviation of
+/// the Gaussian that blurs a step to such an edge, `contrast / (sqrt(2 pi) * largest slope)`.
 pub fn spreads(picture: &Raster) -> Vec<f32> {
     let Samples::Eight(samples) = &picture.samples else { return Vec::new() };
     let (width, height) = (picture.width, picture.height);

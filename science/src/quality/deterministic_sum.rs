@@ -1,6 +1,9 @@
-//! Sums of many floats, the same on every machine: in eight lanes, which the compiler turns into vector additions.
+//! Deterministic sums of many floats: the same result on every machine.
+//!
+//! Floating-point addition is not associative, so the order is fixed: eight partial sums, element `i` into sum `i mod 8`,
+//! which the compiler turns into vector additions; the remainder is added at the end.
 
-/// The sum.
+/// The sum of `values`.
 pub(super) fn sum(values: &[f32]) -> f64 {
     let mut lanes = [0.0f32; 8];
     let chunks = values.chunks_exact(8);
@@ -11,7 +14,7 @@ pub(super) fn sum(values: &[f32]) -> f64 {
     total(lanes) + f64::from(rest)
 }
 
-/// The sum of `values[i] * weights[i]`; `weights` are at least as many.
+/// The sum of `values[i] * weights[i]`; `weights` must be at least as long as `values`.
 pub(super) fn dot(values: &[f32], weights: &[f32]) -> f64 {
     let mut lanes = [0.0f32; 8];
     let weights = &weights[..values.len()];
@@ -34,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_left_out_whatever_the_length() {
+    fn every_value_counts_once_for_any_length() {
         for length in 0..40 {
             let values: Vec<f32> = (0..length).map(|i| i as f32).collect();
             let expected = (length * length.max(1) - length) as f64 / 2.0;

@@ -1,12 +1,15 @@
-//! Brightness of a slice over that of the slices around it.
+//! Flicker: brightness of a slice relative to what the surrounding slices predict.
+//!
+//! The prediction is a Theil-Sen line through the surrounding slices: it follows a steady drift, also at the ends of the
+//! stack, and is not moved by a single flash.
 
-/// So many slices on each side let expect the brightness of one.
+/// Slices on each side that predict the brightness of one.
 const SIDE: usize = 3;
-/// Through fewer slices no trend is laid: one bright slice among them would tilt it.
+/// With fewer surrounding slices no trend is fitted: one bright slice among them would tilt it.
 const FEWEST: usize = 5;
 
-/// Per slice, in order: its brightness over what the slices around it let expect. A steady drift is none. None where a
-/// slice has no brightness or fewer than two neighbours.
+/// Per slice: its brightness over the predicted one; 1 for a steady drift. None where a slice has no brightness, or fewer
+/// than two surrounding slices have one.
 pub(super) fn ratios(brightness: &[Option<f64>]) -> Vec<Option<f64>> {
     let ratio = |(n, own): (usize, &Option<f64>)| {
         let expected = expected(brightness, n).filter(|expected| *expected > 0.0)?;
@@ -15,8 +18,7 @@ pub(super) fn ratios(brightness: &[Option<f64>]) -> Vec<Option<f64>> {
     brightness.iter().enumerate().map(ratio).collect()
 }
 
-/// Where the line of Theil and Sen through the slices around slice `n` passes it: it follows a drift, also at the
-/// ends of the stack, and no single flash.
+/// Value at slice `n` of the Theil-Sen line through the slices around it; none with fewer than two of them.
 fn expected(brightness: &[Option<f64>], n: usize) -> Option<f64> {
     let window = (2 * SIDE + 1).min(brightness.len());
     let first = n.saturating_sub(SIDE).min(brightness.len() - window);
@@ -35,7 +37,7 @@ fn expected(brightness: &[Option<f64>], n: usize) -> Option<f64> {
     Some(median(around.iter().map(|(step, value)| value - slope * step).collect()))
 }
 
-/// The middle value of at least one.
+/// The median of at least one value.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;
@@ -52,13 +54,13 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_drift_is_no_flicker() {
+    fn a_steady_drift_is_not_flicker() {
         let drift: Vec<Option<f64>> = (0..9).map(|n| Some(1.0 - 0.015 * f64::from(n))).collect();
         assert!(worst_but(&ratios(&drift), usize::MAX) < 1e-9, "{:?}", ratios(&drift));
     }
 
     #[test]
-    fn one_bright_slice_is_named_alone_wherever_it_stands() {
+    fn one_bright_slice_alone_flickers_wherever_it_is() {
         for bright in 0..9 {
             let stack: Vec<Option<f64>> = (0..9).map(|n| Some(if n == bright { 1.08 } else { 1.0 })).collect();
             let found = ratios(&stack);

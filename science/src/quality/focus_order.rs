@@ -1,26 +1,30 @@
-//! Whether the slices stand in the order of focus.
+//! Focus order: whether the slices come in the order of focus.
 //!
-//! In the right order every part of the object becomes sharp once and unsharp again: its saliency climbs to one peak.
-//! A slice out of its place makes a dent or a spike in most parts at once. The measure is how much more the curves go up
-//! and down than to one peak and back; a slice is misplaced when moving it alone takes a good part of that away.
+//! In the right order the saliency of every part of the object rises to one peak and falls again. A misplaced slice makes a
+//! dent or a spike in most of these curves at once. With `l(n)` the logarithm of the saliency of a cell in slice `n`, the
+//! excess variation of an order is the mean over the cells of
+//!
+//! `sum |l(n + 1) - l(n)| - (2 max l - l(first) - l(last))`,
+//!
+//! which is 0 for curves with one peak. A slice is misplaced if moving it alone removes a considerable part of the excess.
 
-/// Cells in each direction over the canvas: coarse, because slices out of order are also warped by another's homography.
+/// Cells in each direction over the canvas: coarse, because misplaced slices were also warped by a wrong homography.
 const GRID: usize = 20;
-/// A cell needs so many points.
+/// A cell needs this many points.
 const LEAST_POINTS: usize = 6;
-/// Fewer cells say nothing of order, nor do fewer slices.
+/// With fewer cells, or fewer slices, nothing is said about the order.
 const LEAST_CELLS: usize = 12;
 const LEAST_SLICES: usize = 4;
-/// A cell whose sharpest slice is not this much over its least sharp one has no focus.
+/// A cell counts if its largest saliency is more than this many times its smallest.
 const LEAST_RISE: f32 = 1.3;
-/// Moving a slice must take away this much, in the natural logarithm of saliency, mean over the cells ...
-const WORTH: f32 = 0.08;
-/// ... and this part of all that goes up and down too much.
-const WORTH_OF_ALL: f32 = 0.25;
-/// So many slices that look misplaced are tried per round.
+/// Moving a slice must remove at least this much excess, in the natural logarithm of saliency, ...
+const LEAST_GAIN: f32 = 0.08;
+/// ... and at least this share of the whole excess.
+const LEAST_GAIN_SHARE: f32 = 0.25;
+/// The slices with the largest dents that are tried per round.
 const SUSPECTS: usize = 6;
 
-/// Logarithms of the saliency, cell by cell.
+/// The logarithm of the mean saliency over the slices, cell by cell.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct FocusCurves {
     slices: usize,
@@ -28,7 +32,7 @@ pub(super) struct FocusCurves {
 }
 
 impl FocusCurves {
-    /// From textured pixels: where each lies, and its saliency in every slice (0: not known).
+    /// From textured pixels: the position of each and its saliency in every slice (0: unknown). `slices` is their number.
     pub(super) fn of<'a>(
         textured: impl Iterator<Item = ((usize, usize), &'a [f32])>,
         (width, height): (usize, usize),
@@ -51,7 +55,7 @@ impl FocusCurves {
         Self { slices, cells: cells.map(|(_, values)| values.into_iter().map(f32::ln).collect()).collect() }
     }
 
-    /// The slices in the order of focus, when that is not the order in which they came.
+    /// The slices in the order of focus, if they do not come in that order or its reverse; else none.
     pub(super) fn other_order(&self) -> Option<Vec<u32>> {
         if self.slices < LEAST_SLICES || self.cells.len() < LEAST_CELLS {
             return None;
@@ -60,7 +64,7 @@ impl FocusCurves {
         let mut excess = self.excess(&order);
         for _ in 0..self.slices {
             let Some((moved, less)) = self.best_move(&order, excess) else { break };
-            if excess - less < WORTH.max(WORTH_OF_ALL * excess) {
+            if excess - less < LEAST_GAIN.max(LEAST_GAIN_SHARE * excess) {
                 break;
             }
             (order, excess) = (moved, less);
@@ -69,7 +73,7 @@ impl FocusCurves {
         (!in_order).then(|| order.into_iter().map(|slice| slice as u32).collect())
     }
 
-    /// The order with one slice moved that goes up and down least.
+    /// The order with the least excess among those with one slice moved, and its excess; none if no move helps.
     fn best_move(&self, order: &[usize], excess: f32) -> Option<(Vec<usize>, f32)> {
         let mut suspects: Vec<(f32, usize)> = (0..order.len()).map(|place| (self.dent(order, place), place)).collect();
         suspects.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -88,21 +92,21 @@ impl FocusCurves {
         best
     }
 
-    /// How much the curves go up and down beyond one climb and one fall, mean over the cells.
+    /// Excess variation of an order: mean over the cells of the variation beyond one rise and one fall.
     fn excess(&self, order: &[usize]) -> f32 {
         let of_cell = |cell: &Vec<f32>| {
             let value = |place: usize| cell[order[place]];
-            let (mut highest, mut ways) = (value(0), 0.0);
+            let (mut highest, mut variation) = (value(0), 0.0);
             for place in 1..order.len() {
-                ways += (value(place) - value(place - 1)).abs();
+                variation += (value(place) - value(place - 1)).abs();
                 highest = highest.max(value(place));
             }
-            ways - (2.0 * highest - value(0) - value(order.len() - 1))
+            variation - (2.0 * highest - value(0) - value(order.len() - 1))
         };
         self.cells.iter().map(of_cell).sum::<f32>() / self.cells.len() as f32
     }
 
-    /// How far the slice at `place` stands out between its neighbours, mean over the cells.
+    /// How far the slice at position `place` lies above both of its neighbours, or below both; mean over the cells.
     fn dent(&self, order: &[usize], place: usize) -> f32 {
         let neighbour = |other: Option<usize>| other.and_then(|other| order.get(other));
         let of_cell = |cell: &Vec<f32>| {
@@ -122,7 +126,7 @@ impl FocusCurves {
 mod tests {
     use super::*;
 
-    /// FocusCurves of an object whose depth runs over the slices, seen in the order `order`.
+    /// Curves of an object that extends over all slices, which come in the order `order`.
     fn curves(order: &[usize]) -> FocusCurves {
         let slices = order.len();
         let cell = |c: usize| {
@@ -134,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn the_right_order_and_its_reverse_are_left_alone() {
+    fn the_right_order_and_its_reverse_are_kept() {
         for count in [4, 9, 30] {
             let order: Vec<usize> = (0..count).collect();
             assert_eq!(curves(&order).other_order(), None);
@@ -149,12 +153,12 @@ mod tests {
     }
 
     #[test]
-    fn a_wild_order_is_not_taken_for_the_right_one() {
+    fn a_random_order_is_recognised_as_wrong() {
         assert!(curves(&[5, 0, 7, 2, 8, 1, 6, 3, 4]).other_order().is_some());
     }
 
     #[test]
-    fn too_few_cells_or_slices_say_nothing() {
+    fn too_few_cells_or_slices_give_no_order() {
         assert_eq!(curves(&[0, 2, 1]).other_order(), None);
         assert_eq!(FocusCurves::default().other_order(), None);
     }

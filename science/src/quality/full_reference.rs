@@ -1,10 +1,13 @@
-//! Comparison with a known true picture: for renderings, tests and benches.
+//! Full-reference metrics: comparison with a known true image.
+//!
+//! The service does not use them, because a real stack has no truth. Users: the tests of fusion, which render stacks with
+//! known truth, and anyone who calls this crate on synthetic data.
 
 use super::score::same_shape;
 use crate::imaging::Plane;
 
-/// Peak signal-to-noise ratio, dB, of luma planes 0..255, over the pixels where `mask` is not 0 (all without
-/// one). Infinite for equal pictures; none when sizes differ or no pixel counts.
+/// Peak signal-to-noise ratio of luma planes 0..255 over the non-zero pixels of `mask` (all without one), dB:
+/// `10 log10(255^2 / mean((picture - truth)^2))`. Infinite for equal planes; none if sizes differ or no pixel counts.
 pub fn psnr(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) -> Option<f64> {
     if !same_shape(picture, truth) || mask.is_some_and(|mask| !same_shape(mask, truth)) {
         return None;
@@ -19,8 +22,8 @@ pub fn psnr(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) 
     (count > 0).then(|| 10.0 * (255.0 * 255.0 * count as f64 / squares).log10())
 }
 
-/// Structural similarity (Wang et al. 2004) of luma planes 0..255: the mean over 8x8 uniform windows all of
-/// whose pixels count. 1 for equal pictures; none when sizes differ or no window counts.
+/// Structural similarity (Wang et al., IEEE TIP 13(4), 2004) of luma planes 0..255: the mean over the 8x8 uniform windows
+/// whose pixels all count. 1 for equal planes; none if sizes differ or no window counts.
 pub fn ssim(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) -> Option<f64> {
     const SIDE: usize = 8;
     const C1: f64 = (0.01 * 255.0) * (0.01 * 255.0);
@@ -53,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_pictures_are_infinitely_close() {
+    fn equal_pictures_have_infinite_psnr_and_similarity_1() {
         assert_eq!(psnr(&pattern(), &pattern(), None), Some(f64::INFINITY));
         assert!((ssim(&pattern(), &pattern(), None).unwrap() - 1.0).abs() < 1e-12);
     }

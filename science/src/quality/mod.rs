@@ -1,9 +1,19 @@
-//! What a fused stack is worth, in numbers: pure functions over planes, no plane kept per slice.
-//! Definitions and how to read them: `docs/METRICS.md`.
+//! Quality metrics of a fused stack. Definitions and how to read them: `docs/METRICS.md`.
 //!
-//! The parts are called where the data passes by: [`slice::SliceMeter`] once per warped slice,
-//! [`alignment::measure`] on a few windows of the warped slices, [`score::Scorer`] once per block of the fused
-//! picture, and [`finish`] at the end. Where they look, [`sampling`] says: at a part of a large canvas, spread evenly.
+//! The metrics are pure functions over planes and keep no plane per slice. Fusion calls each part where its data passes:
+//!
+//! | part | called | input | output |
+//! |---|---|---|---|
+//! | [`slice::SliceMeter`] | once per slice | a warped slice, its focus measure | [`slice::SliceMeasurements`] |
+//! | [`alignment::measure`] | once | windows of the warped slices | residual shifts |
+//! | [`score::Scorer`] | once per block | the fused image and the slices in a block | [`score::ScoreSums`] |
+//! | [`finish`] | once, at the end | all of these and the [`DecisionMap`] | [`StackQuality`] |
+//!
+//! [`sampling`] defines which pixels of a large canvas are measured. It depends on the canvas and the mask alone, so that
+//! the numbers do not depend on the number of threads.
+//!
+//! [`full_reference`] and [`two_source`] are not part of a stack's metrics: they compare with a known truth, and with
+//! published tables, in tests and benches.
 
 pub mod alignment;
 mod deterministic_sum;
@@ -25,11 +35,10 @@ use crate::{
     types::metrics::{AlignmentMetrics, Finding, FocusMetrics, FusionMetrics, SliceMetrics},
 };
 
-/// Everything measured about one light of a stack. The names of the slices are empty: whoever knows the
-/// files fills them in.
+/// The metrics of one light of a stack.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StackQuality {
-    /// How well the fused image keeps what the sharpest slice shows.
+    /// How well the fused image preserves the detail of the sharpest slices.
     pub fusion: FusionMetrics,
     /// Whether the slices cover the object in depth.
     pub focus: FocusMetrics,
@@ -37,11 +46,11 @@ pub struct StackQuality {
     pub alignment: AlignmentMetrics,
     /// One entry per slice, in order.
     pub slices: Vec<SliceMetrics>,
-    /// What a technician should know, the worst first.
+    /// Faults and remarks, warnings first.
     pub findings: Vec<Finding>,
 }
 
-/// How the numbers are computed. Whoever changes one so that its value changes gives it another version.
+/// Version of each group of metrics. A change that alters values must change the version of its group.
 pub const VERSIONS: [&str; 6] = [
     "q_g:yl2019-top1",
     "q_w:piella2003-8x8-top1",
@@ -51,48 +60,50 @@ pub const VERSIONS: [&str; 6] = [
     "exposure:cells-2",
 ];
 
-/// Luma from which a pixel is at full scale, and under which it is at zero (0..255).
+/// A pixel is clipped at a luma (0..255) of `FULL` and above, or below `ZERO`.
 const FULL: f32 = 254.0;
 const ZERO: f32 = 0.5;
 
-/// Which slice each pixel comes from.
+/// Decision map of a fusion: the slice that each pixel is taken from.
 #[derive(Debug, Clone, Copy)]
 pub struct DecisionMap<'a> {
-    /// Index of the slice; `u16::MAX` where no slice covers the pixel.
+    /// 0-based index of the slice; `u16::MAX` where no slice covers the pixel.
     pub index: &'a Plane<u16>,
-    /// Whether doubtful choices were settled from their surroundings; else each is the slice of the highest saliency.
+    /// Whether the labels are final decisions: true when fusion corrected doubtful labels from their surroundings, false
+    /// when each label is the slice with the highest focus measure at that pixel alone. Defocus spread of near parts
+    /// puts more wrong labels into a map that is not settled, so thresholds on it are higher.
     pub settled: bool,
 }
 
-/// Puts the parts together.
+/// Combines all measurements of a stack and derives the findings.
 ///
-/// `seen` holds one entry per slice, in any order; `choice` is the slice that won each pixel; `names` are what the user calls the slices.
+/// `measurements` holds one entry per slice, in any order. `names` are the file names, by slice; missing ones are left
+/// empty.
 pub fn finish(
-    observer: &slice::SliceMeter<'_>,
-    seen: Vec<slice::SliceMeasurements>,
+    meter: &slice::SliceMeter<'_>,
+    mut measurements: Vec<slice::SliceMeasurements>,
     sums: &score::ScoreSums,
     alignment: alignment::Alignment,
     decision_map: &DecisionMap<'_>,
     names: Vec<String>,
 ) -> StackQuality {
-    let mut seen = seen;
-    seen.sort_by_key(|seen| seen.index);
-    let coverage = focus::coverage(&seen, observer.points(), decision_map, observer.masked());
-    let reference = seen.iter().find(|seen| seen.index == seen.reference);
-    let exposures: Vec<Option<f64>> = seen
+    measurements.sort_by_key(|slice| slice.index);
+    let coverage = focus::measure(&measurements, meter.points(), decision_map, meter.is_masked());
+    let reference = measurements.iter().find(|slice| slice.index == slice.reference);
+    let exposures: Vec<Option<f64>> = measurements
         .iter()
         .map(|slice| reference.and_then(|reference| slice.brightness.exposure_ratio(&reference.brightness)))
         .collect();
-    // as bright as fusion sees them: what the gains even out is no flicker
-    let evened = seen.iter().zip(&exposures).map(|(slice, ratio)| {
+    // brightness after the gains, as fusion uses it: what the gains correct is not flicker
+    let equalised = measurements.iter().zip(&exposures).map(|(slice, ratio)| {
         let of_reference = reference.map_or(1.0, |reference| reference.gain);
         ratio.map(|ratio| ratio * slice.gain / of_reference)
     });
-    let evened: Vec<Option<f64>> = evened.collect();
-    let flicker = flicker::ratios(&evened);
+    let equalised: Vec<Option<f64>> = equalised.collect();
+    let flicker = flicker::ratios(&equalised);
     let mut names = names;
-    names.resize(seen.len(), String::new());
-    let slices: Vec<SliceMetrics> = seen
+    names.resize(measurements.len(), String::new());
+    let slices: Vec<SliceMetrics> = measurements
         .iter()
         .zip(names)
         .enumerate()
@@ -104,9 +115,9 @@ pub fn finish(
             exposure_ratio: exposures[n],
             balance_ratio: reference.and_then(|reference| slice.brightness.balance_ratio(&reference.brightness)),
             flicker_ratio: flicker[n],
-            duplicate_of: seen[..n]
+            duplicate_of: measurements[..n]
                 .iter()
-                .position(|other| other.fingerprint.same(&slice.fingerprint))
+                .position(|other| other.fingerprint.is_same_image(&slice.fingerprint))
                 .map(|n| n as u32),
             clipped_fraction: slice.clipped,
             valid_fraction: slice.covered,
@@ -125,7 +136,7 @@ pub fn finish(
         &diagnosis::Evidence {
             own: &alignment.own,
             steps: &coverage.steps,
-            evened: &evened,
+            equalised: &equalised,
             reversed: alignment.reversed,
         },
     );

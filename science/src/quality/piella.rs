@@ -1,6 +1,9 @@
-//! The universal image quality index of one window, as Piella & Heijmans (ICIP 2003) weight it.
+//! Universal image quality index of one window (Wang and Bovik 2002), as used by Piella and Heijmans (ICIP 2003).
+//!
+//! `Q = (2 ma mb + c) / (ma^2 + mb^2 + c) * (2 cov + c) / (va + vb + c)` with means `ma`, `mb`, variances `va`, `vb`, the
+//! covariance `cov` and the stabiliser `c`.
 
-/// Keeps flat windows from dividing by zero: (1e-6 * 255)^2.
+/// Stabiliser against division by zero in flat windows: (1e-6 * 255)^2.
 pub const STABILISER: f64 = 2.55e-4 * 2.55e-4;
 
 /// Mean (0..255) and population variance of one window.
@@ -12,10 +15,10 @@ pub struct Moments {
     pub variance: f64,
 }
 
-/// The index of two windows with covariance `covariance`: 1 for equal windows, never beyond -1..1.
+/// The index of two windows: 1 for equal windows, always within -1..=1.
 #[inline]
 pub fn index(a: Moments, b: Moments, covariance: f64) -> f64 {
-    // rounding may leave a flat window with a covariance that its variances do not allow
+    // rounding may give a flat window a larger covariance than its variances allow
     let bound = (a.variance * b.variance).max(0.0).sqrt();
     let covariance = covariance.clamp(-bound, bound);
     let brightness = (2.0 * a.mean * b.mean + STABILISER) / (a.mean * a.mean + b.mean * b.mean + STABILISER);
@@ -23,7 +26,7 @@ pub fn index(a: Moments, b: Moments, covariance: f64) -> f64 {
     brightness * structure
 }
 
-/// [`index`] of (mean, variance) each, in single precision: for many windows at once.
+/// [`index`] in single precision, each window as (mean, variance): for many windows at once.
 #[inline(always)]
 pub(super) fn index_of_many(a: (f32, f32), b: (f32, f32), covariance: f32) -> f32 {
     const LITTLE: f32 = STABILISER as f32;

@@ -1,6 +1,6 @@
-//! Order statistics without NaN.
+//! Median and quantiles of values without NaN.
 
-/// Quantile `q` (0..=1) of finite values, interpolated between neighbours; none of nothing. Orders `values`.
+/// Quantile `q` (0..=1), linearly interpolated between neighbours; none without values. Sorts `values`.
 pub(super) fn quantile(values: &mut [f32], q: f64) -> Option<f32> {
     if values.is_empty() {
         return None;
@@ -12,7 +12,7 @@ pub(super) fn quantile(values: &mut [f32], q: f64) -> Option<f32> {
     Some(values[low] + share * (values[high] - values[low]))
 }
 
-/// The value of rank `q` (0..=1): as [`quantile`], without interpolation, and much faster when there are many.
+/// Quantile `q` (0..=1) without interpolation: much faster than [`quantile`] for many values. Reorders `values`.
 pub(super) fn nth(values: &mut [f32], q: f64) -> Option<f32> {
     if values.is_empty() {
         return None;
@@ -21,7 +21,7 @@ pub(super) fn nth(values: &mut [f32], q: f64) -> Option<f32> {
     Some(*values.select_nth_unstable_by(place, f32::total_cmp).1)
 }
 
-/// The middle value; none of nothing. Orders `values`.
+/// The median; none without values. Sorts `values`.
 pub(super) fn median(values: &mut [f32]) -> Option<f32> {
     quantile(values, 0.5)
 }

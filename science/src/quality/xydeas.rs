@@ -1,9 +1,16 @@
-//! Gradient preservation of Xydeas & Petrovic (Electronics Letters 36(4), 2000), with the constants of the
-//! corrected public implementation (Liu et al. 2024); other tables use other constants and differ by 0.04.
+//! Gradient preservation of Xydeas and Petrovic (Electronics Letters 36(4), 2000).
+//!
+//! With the strengths `g_A`, `g_F` and orientations `a_A`, `a_F` of two Sobel gradients, `G = min(g_A, g_F) / max(g_A, g_F)`
+//! and `D = 1 - |a_A - a_F| / (pi / 2)`:
+//!
+//! `Q = 0.9994 / (1 + exp(-15 (G - 0.5))) * 0.9879 / (1 + exp(-22 (D - 0.8)))`.
+//!
+//! The constants are those of the corrected public implementation (Liu et al., TPAMI 2024). Tables with other constants
+//! differ by up to 0.04.
 
 use std::f32::consts::FRAC_PI_2;
 
-/// Upper bound of [`preservation`]: even an identical gradient does not score 1.
+/// Upper bound of [`preservation`]: even an identical gradient does not reach 1.
 pub const UPPER_BOUND: f64 = 0.974_8;
 
 const STRENGTH: Sigmoid = Sigmoid { top: 0.999_4, slope: -15.0, middle: 0.5 };
@@ -27,8 +34,8 @@ impl Sigmoid {
     }
 }
 
-/// How well the gradient `fused` keeps the gradient `source`, both Sobel (x, y) of luma 0..255:
-/// 0 lost, [`UPPER_BOUND`] kept whole.
+/// How well the gradient `fused` preserves the gradient `source`, both Sobel (x, y) of luma 0..255: 0 lost,
+/// [`UPPER_BOUND`] preserved.
 #[inline]
 pub fn preservation(source: (f32, f32), fused: (f32, f32)) -> f32 {
     let strength = |(gx, gy): (f32, f32)| (gx * gx + gy * gy).sqrt();
@@ -44,19 +51,19 @@ pub fn preservation(source: (f32, f32), fused: (f32, f32)) -> f32 {
     STRENGTH.at(ratio) * ORIENTATION.at(1.0 - angle / FRAC_PI_2)
 }
 
-/// [`preservation`] of many gradients, `(gx, gy)` each, to within 1e-5: without branches and without calls, so that it
-/// runs in vectors.
+/// [`preservation`] of many gradients, `(gx, gy)` each, to within 1e-5; without branches and calls, so that the compiler
+/// vectorises it.
 pub fn preservations(source: (&[f32], &[f32]), fused: (&[f32], &[f32]), out: &mut [f32]) {
     let count = out.len();
     let (ax, ay, fx, fy) = (&source.0[..count], &source.1[..count], &fused.0[..count], &fused.1[..count]);
     for i in 0..count {
         let (a, f) = (ax[i] * ax[i] + ay[i] * ay[i], fx[i] * fx[i] + fy[i] * fy[i]);
         let (low, high) = (if a < f { a } else { f }, if a < f { f } else { a });
-        // of two gradients of 0 the ratio is 1
+        // two zero gradients have the ratio 1
         let ratio = ((low + f32::MIN_POSITIVE) / (high + f32::MIN_POSITIVE)).sqrt();
-        // the published guard for a vertical gradient, by which one of 0 is horizontal
+        // the guard of the published code against division by zero; it makes a zero gradient horizontal
         let (ax, fx) = (if ax[i] == 0.0 { 1e-5 } else { ax[i] }, if fx[i] == 0.0 { 1e-5 } else { fx[i] });
-        // orientations lie in -pi/2..pi/2: turn both gradients to the right, and take the angle between them
+        // orientations lie in -pi/2..pi/2: point both gradients to the right and take the angle between them
         let (a_right, f_right) = (if ax < 0.0 { -1.0 } else { 1.0 }, if fx < 0.0 { -1.0 } else { 1.0 });
         let turned = a_right * f_right;
         let dot = turned * (ax * fx + ay[i] * fy[i]);
@@ -73,7 +80,7 @@ fn angle(y: f32, x: f32) -> f32 {
     let (low, high) = (if y < size { y } else { size }, if y < size { size } else { y });
     let t = low / (high + f32::MIN_POSITIVE);
     let s = t * t;
-    // Abramowitz & Stegun 4.4.49, shortened to what f32 holds
+    // Abramowitz and Stegun 4.4.49, with coefficients rounded to f32
     let even = 1.0
         + s * (-0.333_331_45
             + s * (0.199_935_5
@@ -97,7 +104,7 @@ fn exp(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
-/// Orientation of a gradient in -pi/2..pi/2; the published guard for a vertical one.
+/// Orientation of a gradient in -pi/2..pi/2, with the guard of the published code for a vertical one.
 #[inline]
 fn orientation((gx, gy): (f32, f32)) -> f32 {
     (gy / if gx == 0.0 { 1e-5 } else { gx }).atan()
@@ -108,19 +115,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gradient_kept_whole_scores_the_upper_bound() {
+    fn a_preserved_gradient_scores_the_upper_bound() {
         let kept = f64::from(preservation((30.0, -12.0), (30.0, -12.0)));
         assert!((kept - UPPER_BOUND).abs() < 2e-4, "{kept}");
     }
 
     #[test]
-    fn a_lost_or_turned_gradient_scores_almost_nothing() {
+    fn a_lost_or_rotated_gradient_scores_almost_zero() {
         assert!(preservation((30.0, 0.0), (0.5, 0.0)) < 0.01);
         assert!(preservation((30.0, 5.0), (-5.0, 30.0)) < 0.01);
     }
 
     #[test]
-    fn many_at_once_agree_with_one_by_one() {
+    fn the_vectorised_form_agrees_with_the_scalar_one() {
         let values = [-255.0f32, -80.5, -3.0, -0.1, 0.0, 0.1, 1.0, 3.3, 80.25, 255.0];
         for &ax in &values {
             for &ay in &values {
@@ -137,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn ringing_is_punished_like_blur() {
+    fn ringing_costs_as_much_as_blur() {
         let weaker = preservation((10.0, 0.0), (5.0, 0.0));
         let stronger = preservation((10.0, 0.0), (20.0, 0.0));
         assert!((weaker - stronger).abs() < 1e-6);

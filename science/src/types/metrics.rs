@@ -1,13 +1,13 @@
-//! Quality of one fused stack, as the contract shows it. Definitions: `docs/METRICS.md`.
-//! A number that could not be computed is null, never made up.
+//! Quality metrics of one stack, as the contract shows them. Definitions: `docs/METRICS.md`. A number that could not be
+//! computed is null.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Everything that is measured about a stack.
+/// The quality metrics of a stack.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Metrics {
-    /// How well the fused image keeps what the sharpest slice shows.
+    /// How well the fused image preserves the detail of the sharpest slices.
     pub fusion: FusionMetrics,
     /// Whether the slices cover the object in depth.
     pub focus: FocusMetrics,
@@ -17,59 +17,62 @@ pub struct Metrics {
     pub alignment: AlignmentMetrics,
     /// Null without a back-light stack.
     pub mask: Option<MaskMetrics>,
-    /// What is wrong with the stack, or could be better, in sentences; the worst first.
+    /// Diagnosis in sentences: what is wrong with the stack or could be improved, warnings first.
     #[serde(default)]
     pub findings: Vec<Finding>,
-    /// How the numbers were computed, `name:version`: only numbers of equal versions can be compared.
+    /// Versions of the metrics, `name:version`. Only numbers of equal versions can be compared.
     #[serde(default)]
     pub versions: Vec<String>,
-    /// Time spent.
+    /// Processing time.
     pub timing_ms: Timing,
 }
 
-/// Something that a technician should know about a stack.
+/// One diagnosis of a stack.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Finding {
     /// Stable machine-readable code, `snake_case`.
     pub code: String,
-    /// `warning`: the result suffers; `note`: it does not, but the next stack can be better or smaller.
+    /// `warning`: the result is affected; `note`: it is not, but the next stack could be better or smaller.
     pub severity: Severity,
-    /// What, which slices, what to do.
+    /// What is wrong, in which slices, and what to do.
     pub detail: String,
-    /// 0-based slices that it is about; empty when it is about all.
+    /// 0-based indices of the slices concerned; empty if all are.
     #[serde(default)]
     pub slices: Vec<u32>,
 }
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// The result suffers.
+    /// The result is affected.
     Warning,
-    /// The result does not suffer.
+    /// The result is not affected.
     Note,
 }
 
-/// Quality of the fused image, on 8-bit grey (16-bit slices are scaled to 0..255), on valid pixels and on
-/// the object alone when there is a mask.
+/// Quality of the fused image, measured on luma 0..255 (16-bit slices are scaled) over valid pixels, and over the object
+/// alone when there is a mask.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FusionMetrics {
-    /// Xydeas & Petrovic 2000 against the slice with the strongest gradient per pixel; upper bound 0.9748.
+    /// Gradient preservation (Xydeas and Petrovic 2000) against the slice with the strongest gradient at each pixel; upper
+    /// bound 0.9748.
     pub q_g_top: Option<f64>,
-    /// Piella & Heijmans 2003 against the slice with the largest variance per 8x8 window; upper bound 1.
+    /// Quality index (Piella and Heijmans 2003) against the slice with the largest variance in each 8x8 window; upper bound
+    /// 1.
     pub q_w_top: Option<f64>,
-    /// Gradient energy of the image over that of the sharpest slice per pixel; above 1.02 is ringing, below 0.9 lost detail.
+    /// Gradient energy of the fused image relative to that of the sharpest slice at each pixel. Above 1.02: ringing. Far
+    /// below 1: lost detail or misaligned slices.
     pub sharpness_retention: Option<f64>,
-    /// Root of the mean squared differences to the right and lower neighbours.
+    /// Square root of the sum of the mean squared differences to the right and to the lower neighbour.
     pub spatial_frequency: Option<f64>,
     /// Mean squared Sobel gradient.
     pub tenengrad: Option<f64>,
     /// Variance of the 4-neighbour Laplacian.
     pub laplacian_variance: Option<f64>,
-    /// Share of pixels over one grey level outside the range that the slices span there.
+    /// Share of pixels more than one grey level outside the range of the slices at that pixel.
     pub overshoot_fraction: Option<f64>,
-    /// Mean over all pixels of how far they lie outside that range, grey levels of 255: the strength of halos.
+    /// Mean distance of the pixels from that range, grey levels of 255: the strength of halos.
     #[serde(default)]
     pub overshoot_levels: Option<f64>,
     /// Share of pixels at full scale or at zero.
@@ -80,96 +83,96 @@ pub struct FusionMetrics {
 /// Coverage in depth.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FocusMetrics {
-    /// Share of pixels (of the object, when there is a mask) whose saliency rises above the noise floor in any slice.
+    /// Share of pixels (of the object, with a mask) whose focus measure exceeds the noise floor in some slice.
     pub textured_fraction: Option<f64>,
-    /// Share of pixels of the object without: texture-less, or never in focus. Null without a mask.
+    /// Share of the object's pixels that are not textured: smooth, or never in focus. Null without a mask.
     pub unfocused_fraction: Option<f64>,
-    /// The object goes on in front of (before) the first slice.
+    /// True if the object extends in front of the first slice.
     pub range_too_short_near: Option<bool>,
-    /// The object goes on behind (after) the last slice.
+    /// True if the object extends behind the last slice.
     pub range_too_short_far: Option<bool>,
-    /// 0-based slices in the middle that hardly any pixel needs.
+    /// 0-based indices of inner slices that contribute almost no pixels.
     pub redundant_slices: Vec<u32>,
-    /// `n` means: between slices n and n + 1 the step is too large for the depth of field.
+    /// `n`: between slices n and n + 1 the step exceeds the depth of field.
     pub coverage_gaps: Vec<u32>,
-    /// `n` means: from slice n to n + 1 focus moves much farther than between the others.
+    /// `n`: from slice n to n + 1 focus moves much farther than usual in this stack.
     #[serde(default)]
     pub uneven_steps: Vec<u32>,
-    /// Share of the textured pixels that are sharpest in the first slice and get less sharp from there on.
+    /// Share of the textured pixels that are sharpest in the first slice and less sharp in each of the next two.
     #[serde(default)]
     pub peak_at_first_fraction: Option<f64>,
-    /// The same of the last slice.
+    /// Share of the textured pixels that are sharpest in the last slice and less sharp in each of the two before it.
     #[serde(default)]
     pub peak_at_last_fraction: Option<f64>,
-    /// Share of the textured pixels whose slice is not that of most of their 5x5 neighbours.
+    /// Share of the textured pixels whose label in the decision map is not the most frequent one of their 5x5 neighbourhood.
     #[serde(default)]
     pub label_noise: Option<f64>,
-    /// Median over the textured pixels of how far the second sharpest slice is below the sharpest, 0 (not at all) to 1.
+    /// Median lead of the sharpest slice over the second sharpest, as a share of its focus measure: 0 (none) to 1.
     #[serde(default)]
     pub ambiguity: Option<f64>,
-    /// The largest connected part of the object that no slice shows in focus. Null without a mask.
+    /// The largest connected area of the object without texture in any slice. Null without a mask.
     #[serde(default)]
     pub unfocused_area: Option<UnfocusedArea>,
-    /// The slices in the order of focus (or its reverse), when they do not come in that order; else null.
+    /// The slices in the order of focus (or its reverse), if they do not come in that order; else null.
     #[serde(default)]
     pub order: Option<Vec<u32>>,
 }
 
-/// A part of the object without texture, or never in focus. Place and size on the canvas, px.
+/// An area of the object without texture: smooth, or never in focus. Position and size on the canvas, px.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct UnfocusedArea {
-    /// Share of the object.
+    /// Its share of the object.
     pub fraction: f64,
-    /// Left column of its bounding box.
+    /// Left column of the bounding box.
     pub x: u32,
-    /// Top row.
+    /// Top row of the bounding box.
     pub y: u32,
-    /// Columns.
+    /// Width of the bounding box.
     pub width: u32,
-    /// Rows.
+    /// Height of the bounding box.
     pub height: u32,
 }
 
-/// One slice.
+/// Metrics of one slice.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SliceMetrics {
-    /// 0-based.
+    /// 0-based index of the slice.
     pub index: u32,
-    /// Name in the archive.
+    /// File name in the archive.
     pub name: String,
-    /// Share of the textured pixels that come from this slice.
+    /// Share of the textured pixels that are taken from this slice.
     pub contribution: Option<f64>,
-    /// Tenengrad of the warped slice.
+    /// Mean squared Sobel gradient of the warped slice.
     pub sharpness: Option<f64>,
-    /// Brightness over that of the reference slice, before any gain.
+    /// Brightness relative to the reference slice, before the gain.
     pub exposure_ratio: Option<f64>,
-    /// Red over green and blue over green, each over that of the reference slice: away from 1 the colour of the light drifts.
+    /// Red over green and blue over green, each relative to the reference slice. Not 1: the colour of the light drifts.
     #[serde(default)]
     pub balance_ratio: Option<[f64; 2]>,
-    /// Brightness after the gain over that of the slices around it: away from 1 the light flickers.
+    /// Brightness after the gain relative to the surrounding slices. Not 1: the light flickers.
     #[serde(default)]
     pub flicker_ratio: Option<f64>,
-    /// 0-based slice before it that is the very same picture.
+    /// 0-based index of an earlier slice that is the same image; else null.
     #[serde(default)]
     pub duplicate_of: Option<u32>,
     /// Share of pixels at full scale or at zero.
     pub clipped_fraction: Option<f64>,
     /// Share of the canvas that the warped slice covers.
     pub valid_fraction: Option<f64>,
-    /// Median residual shift against the slice before it (slice 0: null), px.
+    /// Median length of the residual shifts relative to the previous slice, px. Null for slice 0.
     pub residual_px: Option<f64>,
 }
 
-/// Residual shifts between warped neighbours: whether the profile fits the stack.
+/// Residual shifts between neighbouring warped slices, which show whether the profile fits the stack.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AlignmentMetrics {
-    /// Median length, px.
+    /// Median length of all shifts, px.
     pub residual_p50_px: Option<f64>,
-    /// 95th percentile, px; over 0.5 is worth a look, over 1 the profile does not fit.
+    /// 95th percentile of the length of all shifts, px. Above 0.5: see `similarity`, which decides whether the profile fits.
     pub residual_p95_px: Option<f64>,
-    /// Relative scale from a slice to the next that is left; away from 1 the profile is another lens's.
+    /// Residual scale from a slice to the next. Not 1: the profile belongs to another lens or rail position.
     pub residual_scale: Option<f64>,
-    /// What all steps from slice to slice have in common.
+    /// The similarity that all steps from slice to slice have in common.
     #[serde(default)]
     pub similarity: Option<ResidualSimilarity>,
     /// Share of the canvas that every slice covers.
@@ -177,58 +180,58 @@ pub struct AlignmentMetrics {
     pub common_fraction: Option<f64>,
 }
 
-/// Shift, scale and rotation per step from slice to slice that the profile leaves: nothing, when it fits.
+/// Residual shift, scale and rotation per step from slice to slice: none, if the profile fits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ResidualSimilarity {
-    /// Scale per step.
+    /// Scale per step; 1 if the profile fits.
     pub scale: f64,
     /// Rotation per step, degrees, clockwise on the screen.
     pub rotation_deg: f64,
-    /// Shift of the middle of the picture per step (x, y), px.
+    /// Shift of the centre of the image per step (x, y), px.
     pub shift_px: [f64; 2],
-    /// What that adds up to from the first slice to the last in the corner of the picture that moves most, px.
+    /// Total displacement from the first slice to the last of the corner of the image that moves most, px.
     pub corner_drift_px: f64,
-    /// Standard deviation of that, px.
+    /// Standard deviation of `corner_drift_px`, px.
     pub corner_drift_sigma_px: f64,
-    /// Number of windows' shifts that it was fitted to.
+    /// Number of shifts it was fitted to.
     pub shifts: u32,
 }
 
-/// The cut-out.
+/// Metrics of the mask.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MaskMetrics {
-    /// Share of the canvas that is object.
+    /// Share of the canvas that is the object.
     pub foreground_fraction: f64,
-    /// Threshold used, share of full scale.
+    /// Threshold used, as a share of full scale.
     pub threshold: f64,
-    /// Otsu's between-class over total variance: above 0.9 good, below 0.75 doubtful.
+    /// Otsu's between-class variance over the total variance: above 0.9 good, below 0.75 doubtful.
     pub separability: Option<f64>,
-    /// Share of the canvas's border pixels that are object: above 0 the object is cut off.
+    /// Share of the border pixels of the canvas that belong to the object. Above 0: the object is cut off.
     pub border_contact_fraction: f64,
-    /// Connected parts of the object.
+    /// Number of connected parts of the object.
     pub components: u32,
-    /// Holes in it.
+    /// Number of holes in the object.
     pub holes: u32,
-    /// How much the back light loses from the brightest to the dimmest place of the background, 0 to 1; null when it was
-    /// not asked (a threshold was given) or too little background is seen.
+    /// Fall of the back light from the brightest to the dimmest part of the background, 0 to 1. Null if a threshold was given
+    /// or too little background is visible.
     #[serde(default)]
     pub light_falloff: Option<f64>,
-    /// Share of the object that the back light shines through, and that counts as object all the same.
+    /// Share of the object that the back light shines through. It belongs to the mask.
     #[serde(default)]
     pub translucent_fraction: f64,
 }
 
-/// Time spent, milliseconds of wall clock.
+/// Processing time, milliseconds of wall clock.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Timing {
     /// From the claim to the last artifact.
     pub total: u64,
-    /// Per stage, in the order they ran.
+    /// Time per stage, in the order of execution.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<StageTime>,
 }
 
-/// Time of one stage.
+/// Processing time of one stage.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StageTime {
     /// Name of the stage.

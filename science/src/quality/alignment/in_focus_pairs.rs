@@ -1,29 +1,28 @@
-//! Which slices show a window near its focus.
+//! The pairs of neighbouring slices that show a window near its focus.
 //!
-//! Where both slices are far out of focus, the veil of nearer and farther parts spreads differently in the two
-//! and moves what is left of the texture, though the profile is exact. Near the focus the texture is strong and
-//! stays where it is.
+//! Far from focus, the blur of nearer and farther parts spreads differently in two slices and shifts the remaining texture,
+//! although the profile is exact. Near focus the texture is strong and does not shift.
 
 use rayon::prelude::*;
 
 use super::ReadWindow;
 use crate::imaging::{Plane, Rect};
 
-/// A slice is near the focus of a window when it holds this share of the fine texture of the sharpest slice.
+/// A slice is near the focus of a window if it has at least this share of the fine texture of the sharpest slice.
 const NEAR: f64 = 0.4;
 
-/// So many pairs of neighbours are compared per window.
+/// Most pairs of neighbours that are compared per window.
 const MOST_PAIRS: usize = 4;
-/// In a stack of so many slices, texture comes and goes with focus ...
+/// In a stack of at least this many slices, texture must vary with focus ...
 const MANY: usize = 5;
-/// ... by this factor at least; what stays the same is noise, or a pattern that belongs to the camera.
-const COMES_AND_GOES: f64 = 1.5;
+/// ... by at least this factor. Texture that does not vary is noise, or a fixed pattern of the camera.
+const LEAST_VARIATION: f64 = 1.5;
 
-/// The fine texture of every window in every slice.
+/// Fine texture of every window in every slice.
 pub(super) struct WindowTexture {
-    /// By slice, then window.
+    /// By slice, then by window.
     texture: Vec<Vec<f64>>,
-    /// The largest of all slices, by window; infinite where no focus shows.
+    /// By window: the largest over all slices; infinite where texture does not vary with focus.
     sharpest: Vec<f64>,
 }
 
@@ -37,14 +36,15 @@ impl WindowTexture {
         let sharpest = |index: usize| {
             let of_slices = || texture.iter().map(|slice: &Vec<f64>| slice[index]).filter(|&value| value > 0.0);
             let (least, largest) = (of_slices().fold(f64::INFINITY, f64::min), of_slices().fold(0.0, f64::max));
-            let shows_focus = of_slices().count() < MANY || largest >= COMES_AND_GOES * least;
+            let shows_focus = of_slices().count() < MANY || largest >= LEAST_VARIATION * least;
             if shows_focus { largest } else { f64::INFINITY }
         };
         let sharpest = (0..windows.len()).map(sharpest).collect();
         Self { texture, sharpest }
     }
 
-    /// The pairs of neighbours that show window `index` nearest to its focus, by their first slice.
+    /// The pairs of neighbours that show window `index` nearest to its focus, best first, by the index of their first
+    /// slice.
     pub(super) fn pairs(&self, index: usize) -> Vec<usize> {
         let texture = |slice: usize| self.texture[slice][index];
         let weaker = |slice: usize| texture(slice).min(texture(slice + 1));
@@ -57,7 +57,7 @@ impl WindowTexture {
     }
 }
 
-/// Parts of a window that tell its texture.
+/// Three horizontal strips of a window that represent its texture: a fraction of the reading.
 fn strips(window: Rect) -> [Rect; 3] {
     let height = (window.height / 8).max(5).min(window.height);
     [1, 3, 5].map(|sixths| {
@@ -67,8 +67,8 @@ fn strips(window: Rect) -> [Rect; 3] {
     })
 }
 
-/// Mean squared difference of pixels two apart in both directions, over what is valid: 0 without any. Two
-/// apart, noise weighs less than with neighbours.
+/// Mean squared difference of pixels two apart, in both directions, over the valid pixels; 0 without any. At a distance of
+/// two, texture outweighs noise more than at a distance of one.
 fn fine_texture(luma: &Plane<f32>, valid: &Plane<u8>) -> f64 {
     let samples = luma.width * luma.height;
     if luma.data.len() != samples || valid.data.len() != samples {

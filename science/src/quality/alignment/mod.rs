@@ -1,4 +1,11 @@
-//! Residual shifts between warped neighbours: whether the calibration profile fits the stack.
+//! Alignment: residual shifts between neighbouring warped slices, which show whether the calibration profile fits the stack.
+//!
+//! 1. Up to 5 x 5 windows are spread over the canvas, or over the object.
+//! 2. Each window is compared in the pairs of slices nearest to its focus ([`in_focus_pairs`]), by phase correlation
+//!    ([`phase_correlation`]).
+//! 3. One similarity per step is fitted to all shifts ([`similarity`]). A single window may move through defocus; a common
+//!    similarity is the fault of the profile.
+//! 4. [`reversal`] compares it with what the profile leaves in a stack of the opposite order.
 
 mod in_focus_pairs;
 mod phase_correlation;
@@ -17,54 +24,52 @@ use crate::{
 };
 use similarity::Similarity;
 
-/// Gives the luma (0..255) and validity (255 valid) of a rectangle of warped slice `n`; none where it
-/// cannot be had.
+/// Reads a rectangle of warped slice `n`: its luma (0..255) and validity (255 valid, 0 not); none if it cannot be read.
 pub type ReadWindow<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
 
 /// Windows in each direction.
 const GRID: usize = 5;
-/// Side of a window on a large canvas, where residual shifts may be large, and on others, px.
+/// Side of a window by the shorter side of the canvas, px: residual shifts are larger on a large canvas.
 const SIDES: [(usize, usize); 2] = [(2000, 256), (0, 128)];
-/// The smallest window that still says something, px.
+/// Least side of a window, px.
 const LEAST_SIDE: usize = 32;
-/// A window must hold this share of object, when there is a mask.
+/// Least share of object pixels in a window, with a mask.
 const LEAST_OBJECT: f64 = 0.1;
-/// A window with fewer valid pixels than this share is passed over.
+/// Least share of pixels in a window that both slices cover.
 const LEAST_VALID: f64 = 0.9;
-/// Fewer shifts than this are no statistics.
+/// Least number of shifts for a statistic.
 const LEAST_SHIFTS: usize = 3;
 
-/// What [`measure`] found.
+/// Result of [`measure`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Alignment {
-    /// Over all pairs of neighbours.
+    /// Statistics over all pairs of neighbours.
     pub metrics: AlignmentMetrics,
-    /// Per slice: median length of the residual shift against the slice before it, px; the first is none.
+    /// Per slice: median length of the residual shifts relative to the previous slice, px; none for the first.
     pub per_slice: Vec<Option<f64>>,
-    /// What is left is what a stack in the opposite order would leave: [`Alignment::detect_reversal`].
+    /// Whether the residual is that of a stack in the opposite order; see [`Alignment::detect_reversal`].
     pub reversed: bool,
-    /// Per pair of neighbours: the middle shift that the common similarity does not explain, px, and its standard
-    /// deviation.
+    /// Per pair of neighbours: the shift that the common similarity does not explain.
     pub(super) own: Vec<Option<OwnShift>>,
 }
 
 impl Alignment {
-    /// Compares what is left with what `homographies`, the profile of a canvas of `size` (width, height), would leave in a
-    /// stack whose slices came from the last to the first.
+    /// Sets [`Alignment::reversed`]: compares the residual similarity with that which the profile (`homographies`, for a
+    /// canvas of `size` (width, height)) leaves in a stack whose slices come in the opposite order.
     pub fn detect_reversal(&mut self, homographies: &[Homography], size: (usize, usize)) {
-        let left = self.metrics.similarity.as_ref();
-        self.reversed = left.is_some_and(|left| reversal::fits_reversed_stack(left, homographies, size));
+        let residual = self.metrics.similarity.as_ref();
+        self.reversed = residual.is_some_and(|residual| reversal::fits_reversed_stack(residual, homographies, size));
     }
 }
 
-/// The shift of one slice against the one before it, beyond what all do.
+/// The shift of one slice relative to the previous one beyond the common similarity, and its standard deviation, px.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct OwnShift {
     pub(super) shift: (f64, f64),
     pub(super) sigma: f64,
 }
 
-/// The shift of one window from a slice to the next, px.
+/// The shift of the content of one window from a slice to the next, px.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Shift {
     /// Centre of the window on the canvas.
@@ -80,12 +85,12 @@ impl Shift {
     }
 }
 
-/// Measures the residual shift between each warped slice and the one before it, in windows spread over the
-/// canvas (over the object's bounding box, when `object`, 0 or 255, is given). A window counts
-/// for the pairs of slices that are both near its sharpest. Windows without common texture give no shift; where
-/// too few do, the number is none.
+/// Measures the residual shifts between each of `slices` warped slices and the previous one, in windows spread over the
+/// `width` x `height` canvas, or over the bounding box of `object` (255 inside, 0 outside).
 ///
-/// `read` is called from several threads; the result does not depend on how many.
+/// A window counts in the pairs of slices that are both near its focus. A window without common texture gives no shift. A
+/// number with fewer than three shifts is none. `read` is called from several threads; the result does not depend on
+/// their number.
 pub fn measure(
     slices: usize,
     read: &ReadWindow<'_>,
@@ -124,7 +129,7 @@ pub fn measure(
     Alignment { metrics, per_slice, reversed: false, own: own.collect() }
 }
 
-/// A similarity per step as the contract shows it, with what it makes of a picture's corners over `steps` steps.
+/// The similarity per step as the contract shows it, with the drift of the corner that moves most over `steps` steps.
 fn residual(common: &Similarity, (width, height): (usize, usize), steps: f64, windows: usize) -> ResidualSimilarity {
     let (right, bottom) = (width as f64 - 1.0, height as f64 - 1.0);
     let length = |corner: &(f64, f64)| common.at(*corner).0.hypot(common.at(*corner).1);
@@ -149,7 +154,7 @@ fn length_quantile<'a>(shifts: impl Iterator<Item = &'a Shift>, q: f64) -> Optio
     statistics::quantile(&mut lengths, q).map(f64::from)
 }
 
-/// Up to `GRID` x `GRID` windows of one size over the canvas or the object.
+/// Up to `GRID` x `GRID` windows of one size, over the canvas or over the object.
 fn windows(width: usize, height: usize, object: Option<&Plane<u8>>) -> Vec<Rect> {
     let object = object.filter(|object| object.width == width && object.height == height);
     let area = match object.map(bounding_box) {
@@ -159,7 +164,7 @@ fn windows(width: usize, height: usize, object: Option<&Plane<u8>>) -> Vec<Rect>
     };
     let shorter = width.min(height);
     let mut side = SIDES.iter().find(|(least, _)| shorter >= *least).map_or(LEAST_SIDE, |&(_, side)| side);
-    // two windows side by side at the least, so that a scale can be seen
+    // at least two windows side by side, so that a scale can be measured
     while side > LEAST_SIDE && side * 2 > shorter {
         side /= 2;
     }
@@ -172,15 +177,15 @@ fn windows(width: usize, height: usize, object: Option<&Plane<u8>>) -> Vec<Rect>
     all.filter(|window| object.is_none_or(|object| share_of(object, *window) >= LEAST_OBJECT)).collect()
 }
 
-/// Where windows begin along one axis, so that they spread over `start..start + length`.
+/// Start positions of windows along one axis, spread over `start..start + length`.
 fn starts(start: usize, length: usize, canvas: usize, side: usize) -> Vec<usize> {
-    let room = length.saturating_sub(side);
-    let count = (room / (side / 2).max(1) + 1).min(GRID);
+    let slack = length.saturating_sub(side);
+    let count = (slack / (side / 2).max(1) + 1).min(GRID);
     let first = start.min(canvas - side);
     if count == 1 {
         return vec![(start + length / 2).saturating_sub(side / 2).min(canvas - side)];
     }
-    (0..count).map(|i| (first + room * i / (count - 1)).min(canvas - side)).collect()
+    (0..count).map(|i| (first + slack * i / (count - 1)).min(canvas - side)).collect()
 }
 
 fn bounding_box(object: &Plane<u8>) -> Option<Rect> {
@@ -204,7 +209,7 @@ fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
     inside as f64 / (window.width * window.height) as f64
 }
 
-/// The shifts from slice `from` to slice `to`, window by window.
+/// The shifts from slice `from` to slice `to`, of the windows that have one.
 fn shifts(
     read: &ReadWindow<'_>,
     correlator: &phase_correlation::Correlator,

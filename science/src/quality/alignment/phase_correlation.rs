@@ -1,8 +1,13 @@
-//! Phase correlation of two windows that may be differently defocused.
+//! Phase correlation of two windows with different defocus.
 //!
-//! Defocus damps and may even invert frequencies, but it does not turn their phase: what both windows still
-//! show tells the shift. So every common frequency votes with the strength that it has in *both* windows,
-//! and a peak counts only when the votes agree.
+//! Defocus damps frequencies but does not change their phase, until it inverts their sign. So the phases of the frequencies
+//! that both windows still contain give the shift. With the spectra `A` and `B` of the windows, frequency `k` votes with
+//!
+//! `V_k = conj(A_k) B_k / (|A_k B_k| + WEAK mean |A B|)`,
+//!
+//! and the shift is the maximum of `sum Re(V_k exp(i k . x))`. It counts only if no other maximum is nearly as high and most
+//! votes agree with it. The standard method (Kuglin and Hines 1975) whitens all frequencies alike; here weak ones, which
+//! are noise in one of the windows, have little weight.
 
 use std::{f32::consts::TAU, sync::Arc};
 
@@ -10,26 +15,26 @@ use rustfft::{Fft, FftPlanner, num_complex::Complex32};
 
 use crate::quality::deterministic_sum;
 
-/// Share of the votes that must agree with the peak, 0 (none) to 1 (all).
+/// Least agreement of the votes with the shift: 0 (none) to 1 (all).
 const AGREEMENT: f32 = 0.5;
-/// A peak must be this much higher than any other far from it.
+/// The peak must be this many times as high as any other one.
 const PEAK_RATIO: f32 = 1.3;
-/// Other peaks are looked for outside this distance, px.
+/// Other peaks are searched outside this distance, px.
 const APART: f32 = 6.0;
-/// Windows with less texture than this (standard deviation, grey levels) say nothing.
+/// Least standard deviation of a window, grey levels.
 const LEAST_CONTRAST: f32 = 1.0;
-/// Frequencies weaker than this share of the mean count the less, the weaker they are.
+/// Frequencies weaker than about this share of the mean lose weight.
 const WEAK: f32 = 0.3;
-/// Frequencies used, in cycles per px: below is light and vignetting, above is noise and the resampler.
+/// Frequencies used, cycles per px: lower ones contain uneven light and vignetting, higher ones noise and the resampling.
 const BAND: (f32, f32) = (0.04, 0.25);
-/// Relative blur damps one window against the other; where it leaves less than this (of what it leaves at the
-/// low end of the band), its sign may soon turn, and with it the phase.
+/// Least amplitude of one window relative to the other, normalised to the low end of the band. Where blur leaves less, its
+/// transfer function may soon change sign, and with it the phase.
 const DAMPED: f32 = 0.3;
-/// Texture must be common to both windows up to this frequency, cycles per px; coarser shapes are moved by the
-/// veil of out-of-focus parts.
+/// Both windows must have common texture up to this frequency, cycles per px: coarser shapes are shifted by the blur of
+/// out-of-focus parts.
 const LEAST_COMMON: f32 = 0.07;
 
-/// Finds shifts between square windows of one size.
+/// Measures shifts between square windows of one size.
 pub(super) struct Correlator {
     side: usize,
     taper: Vec<f32>,
@@ -39,26 +44,26 @@ pub(super) struct Correlator {
     backward: Arc<dyn Fft<f32>>,
 }
 
-/// One frequency of half the plane.
+/// One frequency of a half plane.
 #[derive(Clone, Copy)]
 struct Frequency {
     /// Radians per px.
     u: f32,
     v: f32,
-    /// Cycles per px.
+    /// Length, cycles per px.
     radius: f32,
-    /// Where it and its opposite lie in a spectrum.
+    /// Index of this frequency and of the opposite one in a spectrum.
     at: usize,
     opposite: usize,
-    /// Where they lie in a spectrum of half as many frequencies each way.
+    /// Their indices in a spectrum with half as many frequencies in each direction.
     coarse: (usize, usize),
 }
 
-/// What the common spectrum says at one frequency.
+/// The cross spectrum at one frequency.
 struct Vote {
     frequency: Frequency,
     cross: Complex32,
-    /// Energies of the two windows there.
+    /// Energies of the two windows.
     energies: (f32, f32),
 }
 
@@ -71,8 +76,8 @@ impl Correlator {
         Self { side, taper, frequencies: frequencies(side), forward, backward }
     }
 
-    /// How far the content of `b` lies from where it is in `a`, px (x, y), by the pixels where `valid`; none
-    /// when the windows have no texture in common.
+    /// Shift of the content from window `a` to window `b`, px (x, y), from the `valid` pixels; none if the windows have no
+    /// common texture.
     pub(super) fn shift(&self, a: &[f32], b: &[f32], valid: &[bool]) -> Option<(f64, f64)> {
         let (a, b) = (self.prepared(a, valid)?, self.prepared(b, valid)?);
         let both: Vec<Complex32> = a.iter().zip(&b).map(|(&re, &im)| Complex32::new(re, im)).collect();
@@ -81,7 +86,7 @@ impl Correlator {
         if total <= 0.0 || !total.is_finite() {
             return None;
         }
-        // columns, which lie as rows, then rows: every other pixel of the surface, which holds no finer detail
+        // inverse transform at every other pixel: the band has no finer detail. Columns are stored as rows and come first.
         self.backward.process(&mut surface);
         transpose(&mut surface, self.side / 2);
         self.backward.process(&mut surface);
@@ -94,11 +99,11 @@ impl Correlator {
         (agreeing > AGREEMENT * total).then_some((f64::from(x), f64::from(y)))
     }
 
-    /// Without mean, tapered to the borders, zero where not valid.
+    /// The window without its mean, tapered to the borders, 0 where not valid; none with too little contrast.
     fn prepared(&self, window: &[f32], valid: &[bool]) -> Option<Vec<f32>> {
         let weights: Vec<f32> =
             self.taper.iter().zip(valid).map(|(&taper, &valid)| if valid { taper } else { 0.0 }).collect();
-        // a value where the slice does not cover may be anything
+        // values that the slice does not cover are arbitrary, possibly NaN
         let mut values: Vec<f32> =
             window.iter().zip(valid).map(|(&value, &valid)| if valid { value } else { 0.0 }).collect();
         let sum = deterministic_sum::sum(&weights);
@@ -110,8 +115,8 @@ impl Correlator {
         (contrast.is_finite() && contrast >= f64::from(LEAST_CONTRAST)).then_some(tapered)
     }
 
-    /// The votes of half the plane, and their spectrum over the whole of it, without the upper half of the frequencies
-    /// each way, where none lies. Both windows are real, so one transform of `a + i b` holds both spectra.
+    /// The votes of a half plane, and their spectrum over the whole plane without the upper half of the frequencies in each
+    /// direction, which the band does not use. Both windows are real, so one transform of `a + i b` contains both spectra.
     fn cross_spectrum(&self, mut both: Vec<Complex32>) -> (Vec<Vote>, Vec<Complex32>) {
         self.forward.process(&mut both);
         transpose(&mut both, self.side);
@@ -138,7 +143,7 @@ impl Correlator {
         (votes, spectrum)
     }
 
-    /// The highest point, px, when no other one comes near it.
+    /// Position of the highest point, px; none if another maximum is nearly as high.
     fn peak(&self, surface: &[Complex32]) -> Option<(f32, f32)> {
         let side = self.side / 2;
         let highest = (0..surface.len()).max_by(|&i, &j| surface[i].re.total_cmp(&surface[j].re))?;
@@ -150,7 +155,7 @@ impl Correlator {
         for row in 0..side {
             let down = away(place(row * side).1, y);
             for (column, value) in surface[row * side..(row + 1) * side].iter().enumerate() {
-                // hardly any is high enough for its distance to matter
+                // few values are high enough for their distance to matter
                 if value.re > second && away(place(column).0, x).powi(2) + down * down > APART * APART {
                     second = value.re;
                 }
@@ -161,18 +166,18 @@ impl Correlator {
 }
 
 impl Vote {
-    /// Phase that a shift by (x, y) explains, radians.
+    /// Phase of this frequency after a shift by (x, y), radians.
     fn phase(&self, x: f32, y: f32) -> f32 {
         self.frequency.u * x + self.frequency.v * y
     }
 }
 
-/// The frequencies of the band, each once. Spectra are transposed: rows are frequencies across.
+/// The frequencies of the band, each opposite pair once. Spectra are transposed: rows are horizontal frequencies.
 fn frequencies(side: usize) -> Vec<Frequency> {
     let half = side / 2;
     let opposite = |i: usize| (side - i) % side;
     let cycles = |i: usize| if i <= half { i as f32 } else { i as f32 - side as f32 } / side as f32;
-    // in half as many frequencies the negative ones come sooner
+    // in the smaller spectrum negative frequencies start at a lower index
     let coarse = |i: usize| if i < half { i } else { i - half };
     let mut frequencies = Vec::new();
     for across in 0..=half {
@@ -196,9 +201,9 @@ fn frequencies(side: usize) -> Vec<Frequency> {
     frequencies
 }
 
-/// The highest frequency up to which neither window is damped away against the other, cycles per px.
+/// The highest frequency up to which neither window is damped too much relative to the other, cycles per px.
 fn common_band(votes: &[Vote], side: usize) -> f32 {
-    // rings four frequencies wide
+    // rings of four frequencies
     let ring = |frequency: f32| ((frequency - BAND.0) * side as f32 / 4.0) as usize;
     let mut energies = vec![(0.0f32, 0.0f32); ring(BAND.1) + 1];
     for vote in votes {
@@ -217,8 +222,7 @@ fn common_band(votes: &[Vote], side: usize) -> f32 {
     (BAND.0 + rings as f32 * 4.0 / side as f32).min(BAND.1)
 }
 
-/// Turns products of amplitudes into votes: frequencies that are strong in both windows count alike, weak
-/// ones, which are noise in one of the two, little.
+/// Whitens the votes: strong frequencies count alike, weak ones, which are noise in one of the windows, count little.
 fn whiten(votes: &mut [Vote]) {
     let mean = votes.iter().map(|vote| vote.cross.norm()).sum::<f32>() / votes.len().max(1) as f32;
     if mean <= 0.0 {
@@ -229,7 +233,7 @@ fn whiten(votes: &mut [Vote]) {
     }
 }
 
-/// Moves the peak to where the votes agree best: Newton's method on their sum, from the nearest pixel.
+/// Refines the peak to a fraction of a pixel: Newton's method on the sum of the votes. None if it leaves the peak.
 fn refine(votes: &[Vote], (start_x, start_y): (f32, f32)) -> Option<(f32, f32)> {
     let (mut x, mut y) = (start_x, start_y);
     for _ in 0..12 {

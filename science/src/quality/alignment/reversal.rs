@@ -1,21 +1,20 @@
-//! Whether the slices run the other way than the profile.
+//! Reversal: whether the slices run in the opposite direction to the profile.
 
 use super::ResidualSimilarity;
 use crate::types::Homography;
 
-/// What a reversed stack would leave in the corners must be at least this to be told from nothing, px ...
+/// A reversed stack must leave a corner drift of at least this to be distinguishable from an exact profile, px ...
 const LEAST_PX: f64 = 2.0;
-/// ... and what is left of it besides at most this share.
+/// ... and the measured drift may differ from it by at most this share.
 const UNEXPLAINED: f64 = 0.35;
 
-/// True when the movement that the profile leaves between neighbours is the one that it would leave in a stack whose
-/// slices came from the last to the first.
+/// Whether the residual similarity between neighbours is the one that the profile leaves in a reversed stack.
 ///
-/// With the homographies `H_0` to `H_(N-1)`, slice `n` of such a stack was taken where slice `N-1-n` belongs. From
-/// slice `n` to the next its content moves by `H_(n+1) H_(N-2-n)^-1 H_(N-1-n) H_n^-1`, which no rig that was touched
-/// does by chance: the scale runs exactly the wrong way.
+/// With the homographies `H_0` to `H_(N-1)`, slice `n` of a reversed stack was taken at the position of slice `N-1-n`. From
+/// slice `n` to slice `n+1` its content moves by `H_(n+1) H_(N-2-n)^-1 H_(N-1-n) H_n^-1`. No disturbed rig does this by
+/// chance: the scale changes by twice the step of the profile, in the opposite direction.
 pub(super) fn fits_reversed_stack(
-    left: &ResidualSimilarity,
+    residual: &ResidualSimilarity,
     homographies: &[Homography],
     (width, height): (usize, usize),
 ) -> bool {
@@ -38,19 +37,19 @@ pub(super) fn fits_reversed_stack(
             let to = step.apply(corner);
             expected = [expected[0] + to[0] - corner[0], expected[1] + to[1] - corner[1]];
         }
-        let found = moved(left, corner, [right / 2.0, bottom / 2.0]).map(|by| by * last as f64);
+        let found = displacement(residual, corner, [right / 2.0, bottom / 2.0]).map(|by| by * last as f64);
         largest = largest.max(expected[0].hypot(expected[1]));
         rest = rest.max((found[0] - expected[0]).hypot(found[1] - expected[1]));
     }
     largest.is_finite() && largest >= LEAST_PX && rest <= UNEXPLAINED * largest
 }
 
-/// How far a similarity about `centre` moves `place` in one step.
-fn moved(left: &ResidualSimilarity, place: [f64; 2], centre: [f64; 2]) -> [f64; 2] {
-    let (sin, cos) = left.rotation_deg.to_radians().sin_cos();
-    let (a, b) = (left.scale * cos - 1.0, left.scale * sin);
+/// Displacement of `place` by a similarity about `centre`, in one step, px.
+fn displacement(residual: &ResidualSimilarity, place: [f64; 2], centre: [f64; 2]) -> [f64; 2] {
+    let (sin, cos) = residual.rotation_deg.to_radians().sin_cos();
+    let (a, b) = (residual.scale * cos - 1.0, residual.scale * sin);
     let (x, y) = (place[0] - centre[0], place[1] - centre[1]);
-    [a * x - b * y + left.shift_px[0], b * x + a * y + left.shift_px[1]]
+    [a * x - b * y + residual.shift_px[0], b * x + a * y + residual.shift_px[1]]
 }
 
 #[cfg(test)]
@@ -59,7 +58,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (600, 400);
 
-    /// Nine slices about the middle, each larger by `step`, shifted by `shift` px.
+    /// Homographies of nine slices, each larger than the previous one by `step` and shifted by `shift` px.
     fn profile(step: f64, shift: f64) -> Vec<Homography> {
         let of = |n: i32| {
             let scale = step.powi(n - 4);
@@ -69,7 +68,7 @@ mod tests {
         (0..9).map(of).collect()
     }
 
-    fn left(scale: f64, shift: f64) -> ResidualSimilarity {
+    fn residual(scale: f64, shift: f64) -> ResidualSimilarity {
         ResidualSimilarity {
             scale,
             rotation_deg: 0.0,
@@ -83,21 +82,23 @@ mod tests {
     #[test]
     fn the_scale_must_run_the_wrong_way_by_twice_the_step() {
         let profile = profile(1.004, 0.0);
-        // what the profile does to a stack that needs the opposite: once too little, once too much
-        assert!(fits_reversed_stack(&left(1.004f64.powi(2), 0.0), &profile, SIZE));
-        assert!(fits_reversed_stack(&left(1.0076, 0.1), &profile, SIZE));
-        for other in [left(1.0, 0.0), left(1.004, 0.0), left(0.992, 0.0), left(1.016, 0.0), left(1.008, 3.0)] {
+        // a reversed stack is warped by the inverse of the scale that it needs: twice the step remains
+        assert!(fits_reversed_stack(&residual(1.004f64.powi(2), 0.0), &profile, SIZE));
+        assert!(fits_reversed_stack(&residual(1.0076, 0.1), &profile, SIZE));
+        for other in
+            [residual(1.0, 0.0), residual(1.004, 0.0), residual(0.992, 0.0), residual(1.016, 0.0), residual(1.008, 3.0)]
+        {
             assert!(!fits_reversed_stack(&other, &profile, SIZE), "{other:?}");
         }
     }
 
     #[test]
-    fn a_profile_that_reads_the_same_both_ways_tells_nothing() {
+    fn a_profile_that_is_its_own_reverse_detects_no_reversal() {
         let still = vec![Homography::IDENTITY; 9];
-        assert!(!fits_reversed_stack(&left(1.0, 0.0), &still, SIZE));
-        assert!(!fits_reversed_stack(&left(1.0, 0.0), &[], SIZE));
+        assert!(!fits_reversed_stack(&residual(1.0, 0.0), &still, SIZE));
+        assert!(!fits_reversed_stack(&residual(1.0, 0.0), &[], SIZE));
         let shifted = profile(1.0, 1.5);
-        assert!(fits_reversed_stack(&left(1.0, 3.0), &shifted, SIZE));
-        assert!(!fits_reversed_stack(&left(1.0, -3.0), &shifted, SIZE));
+        assert!(fits_reversed_stack(&residual(1.0, 3.0), &shifted, SIZE));
+        assert!(!fits_reversed_stack(&residual(1.0, -3.0), &shifted, SIZE));
     }
 }

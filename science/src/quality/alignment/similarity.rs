@@ -1,33 +1,34 @@
-//! What is left of shift, scale and rotation between neighbours, and how sure it is.
+//! The similarity (shift, scale, rotation) that all steps from slice to slice have in common, with its uncertainty.
+//!
+//! About the centre of the windows a shift is `dx = a x - b y + tx`, `dy = b x + a y + ty`. The fit is least squares over all
+//! windows of all pairs; windows more than three standard deviations off are removed, four times.
 
 use super::{Shift, statistics};
 
-/// Fewer windows than this do not determine a similarity.
+/// Least number of shifts for a fit.
 const LEAST: usize = 4;
-/// Windows that disagree by more than this many deviations are left out.
+/// Shifts that differ from the fit by more than this many standard deviations are outliers.
 const OUTLIER: f64 = 3.0;
-/// No shift is measured better than this, px: windows look at moving veils and at curved parts.
+/// No shift is more exact than this standard deviation, px: blur of other parts and curved parts move windows.
 const LEAST_SIGMA: f64 = 0.05;
-/// One window is compared in several pairs of slices, and its faults repeat: there are fewer independent shifts than
-/// there are shifts.
+/// Variance factor: one window is compared in several pairs of slices and its error repeats, so there are fewer
+/// independent shifts than shifts.
 const REPEATED: f64 = 2.0;
 
-/// `dx = a x - b y + tx`, `dy = b x + a y + ty`, about `centre`, with what the scatter of the windows says about its
-/// uncertainty.
+/// `dx = a x - b y + tx`, `dy = b x + a y + ty` about `centre`, with standard deviations from the scatter of the shifts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Similarity {
     centre: (f64, f64),
     pub(super) a: f64,
     pub(super) b: f64,
     shift: (f64, f64),
-    /// Standard deviations of a and b, and of either part of the shift.
+    /// Standard deviations of `a` and `b`, and of each component of the shift.
     turn_sigma: f64,
     shift_sigma: f64,
 }
 
 impl Similarity {
-    /// The similarity that fits the shifts best, windows that disagree left out; none when the windows are too few or
-    /// on one spot.
+    /// The best fit without outliers; none if the shifts are too few or all at one position.
     pub(super) fn robust(shifts: &[Shift]) -> Option<Self> {
         let mut kept: Vec<Shift> = shifts.to_vec();
         let mut fit = Self::fit(&kept)?;
@@ -42,23 +43,23 @@ impl Similarity {
         Some(fit)
     }
 
-    /// Scale left.
+    /// Scale per step.
     pub(super) fn scale(&self) -> f64 {
         (1.0 + self.a).hypot(self.b)
     }
 
-    /// Rotation left, degrees, from x to y.
+    /// Rotation per step, degrees, from x to y.
     pub(super) fn rotation_deg(&self) -> f64 {
         self.b.atan2(1.0 + self.a).to_degrees()
     }
 
-    /// Displacement of the place (x, y), px.
+    /// Displacement at (x, y), px.
     pub(super) fn at(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let (x, y) = (x - self.centre.0, y - self.centre.1);
         (self.a * x - self.b * y + self.shift.0, self.b * x + self.a * y + self.shift.1)
     }
 
-    /// Standard deviation of either part of the displacement of (x, y), px.
+    /// Standard deviation of each component of the displacement at (x, y), px.
     pub(super) fn sigma_at(&self, (x, y): (f64, f64)) -> f64 {
         let distance = (x - self.centre.0).hypot(y - self.centre.1);
         self.shift_sigma.hypot(distance * self.turn_sigma)
@@ -95,8 +96,8 @@ impl Similarity {
     }
 }
 
-/// The middle shift of some windows beyond what `common` explains, px, with its standard deviation: what one slice does
-/// that the others do not. None of too few.
+/// Median shift of the windows of one pair beyond the `common` similarity, px, with its standard deviation; none with fewer
+/// than `least` shifts.
 pub(super) fn own_shift(shifts: &[Shift], common: Option<&Similarity>, least: usize) -> Option<((f64, f64), f64)> {
     if shifts.len() < least {
         return None;

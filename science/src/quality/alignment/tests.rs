@@ -5,14 +5,14 @@ use crate::{
     types::Homography,
 };
 
-/// A texture that can be read at any place: waves of many lengths and directions, 0..255.
+/// A texture that is defined at any position: waves of many lengths and directions, 0..255.
 fn texture(x: f64, y: f64, blur: f64) -> f64 {
     let mut value = 128.0;
     for k in 0..60u32 {
         let angle = f64::from(k) * 2.399_963;
         let frequency = 0.01 * 1.06f64.powi(k as i32);
         let (u, v) = (frequency * angle.cos(), frequency * angle.sin());
-        // what a symmetric blur leaves of this wave
+        // amplitude of this wave after a symmetric blur
         let left = (-2.0 * (std::f64::consts::PI * blur * frequency).powi(2)).exp();
         let phase = f64::from(k * k) * 0.7;
         value += 9.0 * left * (std::f64::consts::TAU * (u * x + v * y) + phase).sin();
@@ -35,7 +35,7 @@ fn noise(seed: u64, x: usize, y: usize) -> f64 {
     2.0 * sum
 }
 
-/// Slices whose content lies at `place(n, x, y)` in the scene, blurred by `blur(n)` px.
+/// Slices in which pixel (x, y) of slice `n` shows the scene at `place(n, x, y)`, blurred by `blur(n)` px.
 fn stack(count: usize, place: impl Fn(usize, f64, f64) -> (f64, f64), blur: impl Fn(usize) -> f64) -> Vec<Plane<f32>> {
     let slice = |n: usize| {
         Plane::from_fn(WIDTH, HEIGHT, |x, y| {
@@ -57,20 +57,20 @@ fn measured(stack: &[Plane<f32>], object: Option<&Plane<u8>>) -> Alignment {
 }
 
 #[test]
-fn different_focus_is_no_misalignment() {
+fn a_difference_in_focus_is_not_a_misalignment() {
     let found = measured(&stack(4, |_, x, y| (x, y), |n| 0.3 * n as f64), None);
     assert!(found.metrics.residual_p95_px.unwrap() < 0.15, "{found:?}");
     assert!((found.metrics.residual_scale.unwrap() - 1.0).abs() < 3e-4, "{found:?}");
 }
 
 #[test]
-fn a_slice_far_out_of_focus_is_not_measured_rather_than_guessed() {
+fn a_slice_far_out_of_focus_has_no_residual() {
     let found = measured(&stack(2, |_, x, y| (x, y), |n| 5.0 * n as f64), None);
     assert_eq!(found.metrics.residual_p50_px, None, "{found:?}");
     assert_eq!(found.per_slice, [None, None], "{found:?}");
 }
 
-/// The slices of the synthetic rig on the reference slice's canvas by the nearest pixel of a `homography` per slice.
+/// The slices of the synthetic rig, warped by one `homography` per slice, and the mask of the object.
 fn rendered(rig: &Rig, homography: impl Fn(usize) -> Homography) -> (Vec<Plane<f32>>, Plane<u8>) {
     let stage = Stage::new(rig, &Scene::insect(3));
     let slices = (0..rig.slices()).map(|i| {
@@ -84,7 +84,7 @@ fn rendered(rig: &Rig, homography: impl Fn(usize) -> Homography) -> (Vec<Plane<f
 }
 
 #[test]
-fn an_exact_profile_leaves_little_and_a_bumped_slice_is_found_on_a_scene_with_depth() {
+fn an_exact_profile_leaves_little_and_a_shifted_slice_is_found_on_a_scene_with_depth() {
     let rig = Rig::sized(600, 400, 7);
     let (exact, object) = rendered(&rig, |i| rig.homography(i));
     let found = measured(&exact, Some(&object));
@@ -132,14 +132,14 @@ fn a_stack_without_texture_has_no_residual() {
 }
 
 #[test]
-fn noise_alone_is_no_shift() {
+fn noise_alone_gives_no_shift() {
     let noisy: Vec<_> =
         (0..3).map(|n| Plane::from_fn(WIDTH, HEIGHT, |x, y| (90.0 + 4.0 * noise(n + 7, x, y)) as f32)).collect();
     assert_eq!(measured(&noisy, None).metrics, AlignmentMetrics::default());
 }
 
 #[test]
-fn only_the_object_is_looked_at() {
+fn only_the_object_is_measured() {
     // the left half shifts, the right half is the object and does not
     let halves = stack(2, |n, x, y| (if x < 200.0 { x - 1.5 * n as f64 } else { x }, y), |_| 0.5);
     let object = Plane::from_fn(WIDTH, HEIGHT, |x, _| if x >= 200 { 255u8 } else { 0 });
@@ -149,7 +149,7 @@ fn only_the_object_is_looked_at() {
 }
 
 #[test]
-fn windows_that_a_slice_does_not_cover_are_passed_over() {
+fn windows_that_a_slice_does_not_cover_are_skipped() {
     let slices = stack(2, |_, x, y| (x, y), |_| 0.5);
     let torn = |n: usize, window: Rect| {
         let valid = Plane::from_fn(window.width, window.height, |x, _| if window.x + x < 250 { 255u8 } else { 0 });

@@ -1,15 +1,16 @@
-//! The course of saliency over the slices at one pixel.
+//! The course of saliency over three consecutive slices, and where its peak lies.
 
-/// Focus farther outside than this, in steps between slices, is outside the range.
+/// A peak farther before the end slice than this, in steps between slices, is outside the range.
 const OUTSIDE: f32 = 0.75;
-/// A fall by less than this from the end slice to the next is the far flank of a peak.
+/// Where saliency sinks into the noise within two slices, the peak is outside if the fall from the end slice to the next is
+/// by less than this factor: the flank of a peak is steep only near the peak.
 const STEEP: f32 = 1.5;
 
-/// Whether a pixel came into focus before the first of three slices in a row (the end one first), so that
-/// the stack missed it. `noise` is what noise alone contributes.
+/// Whether a pixel is in focus before the end of the stack, so that the stack misses it. `saliency` is that of the end
+/// slice and of the two slices next to it; `noise` is the saliency of noise alone.
 ///
-/// Saliency falls with defocus about as 1 / (1 + (z / w)^2): its inverse is a parabola whose lowest point is
-/// the place of focus, also when the step is large.
+/// Saliency falls with defocus `z` about as `s0 / (1 + (z / w)^2)`. Its inverse is a parabola, and the minimum of the
+/// parabola through the three values is the position of focus, also when the step is large.
 pub(super) fn peaks_before(saliency: [f32; 3], noise: f32) -> bool {
     let [end, next, third] = saliency;
     if !(end > next && next > third && third > 0.0) {
@@ -20,7 +21,7 @@ pub(super) fn peaks_before(saliency: [f32; 3], noise: f32) -> bool {
     let curvature = (u0 - 2.0 * u1 + u2) / 2.0;
     let slope = (4.0 * u1 - 3.0 * u0 - u2) / 2.0;
     if curvature <= 0.0 {
-        // sunk into the noise within two steps: a steep fall means that focus was near
+        // the third value has sunk into the noise: a steep fall means that focus is near the end slice
         return u1 < STEEP * u0;
     }
     -slope / (2.0 * curvature) < -OUTSIDE
@@ -30,7 +31,7 @@ pub(super) fn peaks_before(saliency: [f32; 3], noise: f32) -> bool {
 mod tests {
     use super::*;
 
-    /// Three slices at 0, 1, 2 of a pixel in focus at `z`, `w` steps wide.
+    /// Saliency at slices 0, 1 and 2 of a pixel in focus at `z`, with a peak `w` steps wide.
     fn slices(z: f32, w: f32) -> [f32; 3] {
         [0.0, 1.0, 2.0].map(|n: f32| 3.0 + 60.0 / (1.0 + ((n - z) / w).powi(2)))
     }
@@ -54,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn saliency_that_does_not_fall_steadily_says_nothing() {
+    fn saliency_that_does_not_fall_steadily_is_not_outside() {
         assert!(!peaks_before([10.0, 12.0, 9.0], 1.0));
         assert!(!peaks_before([10.0, 8.0, 9.0], 1.0));
         assert!(!peaks_before([10.0, 8.0, 0.0], 1.0));

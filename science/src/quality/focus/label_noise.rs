@@ -1,13 +1,13 @@
-//! How sure the choice of the sharpest slice is.
+//! How reliable the decision map is: label noise, and the lead of the sharpest slice over the second.
 
 use crate::{imaging::Plane, quality::statistics};
 
-/// Half of the side of the neighbourhood that votes.
+/// Radius of the square neighbourhood, px.
 const REACH: usize = 2;
-/// More pixels than this are not asked.
+/// At most about this many pixels are examined.
 const MOST: usize = 10_000;
 
-/// Share of the pixels `at` whose slice is not the one that most of their 5x5 neighbours come from.
+/// Share of the pixels `at` whose label is not the most frequent one of their 5x5 neighbourhood; none without pixels.
 pub(super) fn fraction(index: &Plane<u16>, at: &[(usize, usize)]) -> Option<f64> {
     let step = at.len().div_ceil(MOST).max(1);
     let (mut odd, mut count) = (0, 0);
@@ -28,7 +28,7 @@ pub(super) fn fraction(index: &Plane<u16>, at: &[(usize, usize)]) -> Option<f64>
     (count > 0).then(|| odd as f64 / f64::from(count))
 }
 
-/// Median over pixels of how far the second sharpest slice lies below the sharpest, 0 (no difference) to 1.
+/// Median over pixels of the lead `(s1 - s2) / s1` of the largest saliency over the second largest: 0 (none) to 1.
 pub(super) fn ambiguity<'a>(saliency: impl Iterator<Item = &'a [f32]>) -> Option<f64> {
     let lead = |values: &[f32]| {
         let (first, second) = values.iter().fold((0.0f32, 0.0f32), |(first, second), &value| match value {
@@ -45,14 +45,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_speck_is_noise_and_a_straight_border_is_not() {
+    fn a_single_pixel_is_noise_and_a_straight_border_is_not() {
         let halves = Plane::from_fn(40, 40, |x, _| u16::from(x >= 20));
         let all: Vec<(usize, usize)> = (0..40).flat_map(|y| (0..40).map(move |x| (x, y))).collect();
         assert_eq!(fraction(&halves, &all), Some(0.0));
-        let mut speck = halves;
-        speck.row_mut(7)[9] = 5;
-        assert_eq!(fraction(&speck, &[(9, 7), (30, 30)]), Some(0.5));
-        assert_eq!(fraction(&speck, &[]), None);
+        let mut single = halves;
+        single.row_mut(7)[9] = 5;
+        assert_eq!(fraction(&single, &[(9, 7), (30, 30)]), Some(0.5));
+        assert_eq!(fraction(&single, &[]), None);
     }
 
     #[test]

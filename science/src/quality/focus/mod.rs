@@ -1,4 +1,9 @@
-//! Whether the slices cover the object in depth, from the saliency of every slice on a sparse grid.
+//! Coverage in depth: whether the slices sample the whole depth of the object densely enough.
+//!
+//! Input: the focus measure (saliency) of every slice at a sparse grid of points, and the decision map. A point is textured
+//! if its saliency exceeds the [`noise_floor`] in some slice; only textured points say anything about depth.
+//!
+//! All conclusions use one model: with defocus `z`, saliency falls about as `s(z) = s0 / (1 + (z / w)^2)`.
 
 mod curve;
 mod label_noise;
@@ -9,49 +14,49 @@ mod unfocused_area;
 use super::{DecisionMap, focus_order::FocusCurves, sampling::Points, slice::SliceMeasurements, statistics};
 use crate::{imaging::Plane, types::metrics::FocusMetrics};
 
-/// Fewer textured samples than this say nothing about single slices.
+/// With fewer textured samples nothing is said about single slices.
 const LEAST_TEXTURED: usize = 200;
-/// A slice in the middle with a smaller share of the textured pixels is redundant...
+/// An inner slice is redundant if it contributes a smaller share of the textured pixels than this ...
 const REDUNDANT: f64 = 0.002;
-/// ... or, in long stacks, with a smaller part of the mean share.
+/// ... and, in long stacks, than this part of the mean contribution of a slice.
 const REDUNDANT_OF_MEAN: f64 = 0.1;
-/// Halfway between two slices, texture that falls to less than this from either to the other is less than 0.7 as sharp
-/// as in focus: it was missed.
+/// Gap: saliency of texture that is sharp in one slice falls below this share in the next, and the other way round. By the
+/// model, texture halfway between them is then less than 0.7 as sharp as in focus: 1 / (1 + (1 / 0.37 - 1) / 4) = 0.70.
 const GAP: f32 = 0.37;
-/// A step this many times the usual one is uneven ...
+/// A step is uneven if it is this many times the median step ...
 const UNEVEN: f32 = 1.7;
-/// ... when texture falls to less than this over it.
+/// ... and saliency falls below this share over it.
 const UNEVEN_FALL: f32 = 0.6;
-/// Fewer pairs than this do not say what is usual.
+/// With fewer pairs of neighbours there is no median step.
 const LEAST_FOR_USUAL: usize = 4;
-/// Fewer pixels than this on a side say nothing about a gap.
+/// With fewer pixels on either side nothing is said about a gap.
 const LEAST_FOR_GAP: usize = 30;
-/// Only texture this much over the noise floor can show how deep the valley between two slices is.
+/// Only texture this many times above the noise floor shows how deep the valley between two slices is.
 const STRONG: f32 = 2.0;
 
-/// The coverage in depth, and the contribution of every slice.
+/// Coverage in depth, and the contribution of every slice.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct DepthCoverage {
     pub(super) metrics: FocusMetrics,
     pub(super) contribution: Vec<Option<f64>>,
-    /// Per pair of neighbours: about how many usual steps focus moves.
+    /// Per pair of neighbours: how far focus moves, in units of the median step.
     pub(super) steps: Vec<Option<f32>>,
 }
 
-/// The samples that count: covered by some slice and, with a mask, of the object.
+/// The samples that count: the points that some slice covers and, with a mask, that belong to the object.
 struct Samples {
-    /// Saliency per sample and slice, sample by sample; 0 where a slice does not cover.
+    /// Saliency, sample by sample and within a sample by slice; 0 where a slice does not cover.
     saliency: Vec<f32>,
-    /// The slice that fusion took.
+    /// Per sample: the slice of the decision map.
     winner: Vec<usize>,
-    /// Where they lie.
+    /// Per sample: its position (x, y).
     at: Vec<(usize, usize)>,
     slices: usize,
 }
 
 impl Samples {
-    fn of(seen: &[SliceMeasurements], points: &Points, index: &Plane<u16>) -> Self {
-        let slices = seen.len();
+    fn of(measurements: &[SliceMeasurements], points: &Points, index: &Plane<u16>) -> Self {
+        let slices = measurements.len();
         let mut samples = Self { saliency: Vec::new(), winner: Vec::new(), at: Vec::new(), slices };
         for (i, (x, y)) in points.positions().enumerate() {
             if x >= index.width || y >= index.height {
@@ -63,30 +68,32 @@ impl Samples {
             }
             samples.winner.push(winner);
             samples.at.push((x, y));
-            let value =
-                |seen: &SliceMeasurements| seen.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0);
-            samples.saliency.extend(seen.iter().map(value));
+            let value = |measurements: &SliceMeasurements| {
+                measurements.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0)
+            };
+            samples.saliency.extend(measurements.iter().map(value));
         }
         samples
     }
 
-    /// Per sample: the slice that fusion took, and the saliency of every slice.
+    /// Per sample: the slice of the decision map, and the saliency of every slice.
     fn each(&self) -> impl Iterator<Item = (usize, &[f32])> {
         self.winner.iter().copied().zip(self.saliency.chunks_exact(self.slices))
     }
 }
 
-/// Judges the coverage; `seen` in the order of the slices, `masked` when the points are of the object alone.
-pub(super) fn coverage(
-    seen: &[SliceMeasurements],
+/// Measures the coverage in depth. `measurements` are in the order of the slices; `masked` says that the points are those
+/// of the object alone.
+pub(super) fn measure(
+    measurements: &[SliceMeasurements],
     points: &Points,
     decision_map: &DecisionMap<'_>,
     masked: bool,
 ) -> DepthCoverage {
     let index = decision_map.index;
-    let slices = seen.len();
+    let slices = measurements.len();
     let unknown = DepthCoverage { contribution: vec![None; slices], ..DepthCoverage::default() };
-    let samples = Samples::of(seen, points, index);
+    let samples = Samples::of(measurements, points, index);
     if samples.winner.is_empty() {
         return unknown;
     }
@@ -126,22 +133,24 @@ pub(super) fn coverage(
     )
     .other_order();
     if slices >= 3 {
-        type Ends = fn(&[f32]) -> [f32; 3];
-        let count = |past: &dyn Fn(usize, &[f32]) -> bool| {
-            textured.iter().filter(|&&(winner, saliency)| past(winner, saliency)).count() as f64 / textured.len() as f64
+        // saliency in the end slice and in the two slices next to it
+        type AtEnd = fn(&[f32]) -> [f32; 3];
+        let share = |holds: &dyn Fn(usize, &[f32]) -> bool| {
+            textured.iter().filter(|&&(winner, saliency)| holds(winner, saliency)).count() as f64
+                / textured.len() as f64
         };
-        let first: Ends = |s| [s[0], s[1], s[2]];
-        let last: Ends = |s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]];
-        let falling = |ends: Ends, end: usize| {
-            count(&|winner, saliency| {
-                let [a, b, c] = ends(saliency);
+        let first: AtEnd = |s| [s[0], s[1], s[2]];
+        let last: AtEnd = |s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]];
+        let falling = |at_end: AtEnd, end: usize| {
+            share(&|winner, saliency| {
+                let [a, b, c] = at_end(saliency);
                 winner == end && a > b && b > c && c > 0.0
             })
         };
-        let beyond = |ends: Ends, end: usize| {
+        let beyond = |at_end: AtEnd, end: usize| {
             let of_end = textured.iter().zip(&at).filter(|((winner, _), _)| *winner == end);
             let size = (index.width, index.height);
-            let curves = of_end.map(|((_, saliency), &at)| (at, ends(saliency)));
+            let curves = of_end.map(|((_, saliency), &at)| (at, at_end(saliency)));
             range::extends_beyond(curves, textured.len(), size, floor / noise_floor::MARGIN, decision_map.settled)
         };
         metrics.peak_at_first_fraction = Some(falling(first, 0));
@@ -152,26 +161,27 @@ pub(super) fn coverage(
     DepthCoverage { metrics, contribution: contribution.into_iter().map(Some).collect(), steps }
 }
 
-/// Slices between the first and the last that hardly any textured pixel needs.
+/// Slices between the first and the last that contribute almost nothing.
 fn redundant(contribution: &[f64]) -> Vec<u32> {
     let least = REDUNDANT.min(REDUNDANT_OF_MEAN / contribution.len().max(1) as f64);
     let inner = 1..contribution.len().saturating_sub(1);
     inner.filter(|&n| contribution[n] < least).map(|n| n as u32).collect()
 }
 
-/// Per pair of neighbours: to what share strong texture falls from the slice where it peaks to the other, seen from both.
+/// Per pair of neighbours: the share to which the saliency of strong texture falls from the slice of its peak to the other
+/// slice; geometric mean of both directions, each the median over the texture.
 fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<f32>> {
-    // per slice: how far what peaks there has fallen in the slice before and in the slice after it
+    // per slice: the shares to which texture that peaks there has fallen in the slice before and in the slice after
     let mut before = vec![Vec::new(); slices];
     let mut after = vec![Vec::new(); slices];
     for (_, saliency) in textured {
-        // how deep the valley is shows in what was measured, whichever slice fusion took
+        // the peak of the measurement counts, whichever slice the decision map has
         let sharpest = saliency.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0)));
         let Some((winner, &peak)) = sharpest else { continue };
         if peak < STRONG * floor {
             continue;
         }
-        // 0 stands for "not covered", which says nothing of depth
+        // 0 means not covered
         let fall = |n: usize| saliency.get(n).copied().filter(|&value| value > 0.0 && value <= peak);
         if let Some(value) = winner.checked_sub(1).and_then(fall) {
             before[winner].push(value / peak);
@@ -188,7 +198,8 @@ fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<
     (0..slices.saturating_sub(1)).map(&mut pair).collect()
 }
 
-/// How far focus moves from slice to slice, in usual steps: saliency falls with defocus about as 1 / (1 + (z / w)^2).
+/// How far focus moves from slice to slice, in units of the median step: by the model, a fall to the share `f` means a
+/// distance of `w sqrt(1 / f - 1)`.
 fn steps(falls: &[Option<f32>]) -> Vec<Option<f32>> {
     let distance = |fall: f32| (1.0 / fall.max(0.01) - 1.0).max(0.0).sqrt();
     let mut known: Vec<f32> = falls.iter().flatten().map(|&fall| distance(fall)).collect();

@@ -1,23 +1,24 @@
-//! Whether the object goes on beyond an end of the stack.
+//! Focus range: whether the object extends beyond an end of the stack.
 
 use super::curve;
 
-/// More than this share of the textured pixels in focus beyond an end, one by one ...
+/// The object extends beyond an end if more than this share of the textured pixels peak outside, judged one by one, ...
 const BEYOND: f64 = 0.01;
-/// ... and this share where neighbours are asked together, when doubtful choices of slices were settled, and when they
-/// are as the sharpest slice said: then more of the veil beside near parts is among them.
-const TOGETHER: f64 = 0.012;
-const TOGETHER_UNSETTLED: f64 = 0.015;
-/// Cells in each direction over the canvas, and the fewest points of one.
+/// ... and more than this share lie in cells whose mean peaks outside. The limit is higher for a decision map that is not
+/// settled: the defocus spread beside near parts then puts more pixels into the end slice.
+const IN_CELLS: f64 = 0.012;
+const IN_CELLS_UNSETTLED: f64 = 0.015;
+/// Cells in each direction over the canvas, and the fewest points of a cell.
 const GRID: usize = 20;
 const LEAST_POINTS: usize = 6;
 
-/// Whether more than a little of the object would be in focus beyond an end. `curves` are the textured pixels that are
-/// sharpest in the end slice: where they lie, and their saliency in it and in the two slices after it.
+/// Whether a considerable part of the object is in focus beyond an end of the stack. `curves` are the textured pixels that
+/// are labelled with the end slice: position, and saliency in the end slice and in the two slices next to it. `textured` is
+/// the number of all textured pixels, `noise` the saliency of noise, `settled` as in [`super::DecisionMap`].
 ///
-/// One pixel says little: noise and the veil of nearer parts bend its three values, and where much lies just inside of
-/// the end, as a plate does, some of it seems to lie outside. Their means over a cell say more. But cells alone would
-/// take in the many pixels of other parts with thin ones that reach out, so both are asked.
+/// Two tests must agree. A single pixel is unreliable: noise and defocus spread change its three values, and where a large
+/// part lies just inside the end, as a plate may, some of its pixels seem to lie outside. Means over a cell are reliable,
+/// but a cell also counts the pixels of other parts beside a thin part that extends outside.
 pub(super) fn extends_beyond(
     curves: impl Iterator<Item = ((usize, usize), [f32; 3])>,
     textured: usize,
@@ -26,9 +27,9 @@ pub(super) fn extends_beyond(
     settled: bool,
 ) -> bool {
     let mut cells = vec![(0usize, [0.0f32; 3]); GRID * GRID];
-    let mut alone = 0usize;
+    let mut single = 0usize;
     for ((x, y), saliency) in curves {
-        alone += usize::from(curve::peaks_before(saliency, noise));
+        single += usize::from(curve::peaks_before(saliency, noise));
         if saliency[2] > 0.0 {
             let cell = &mut cells[(y * GRID / height.max(1)) * GRID + x * GRID / width.max(1)];
             cell.0 += 1;
@@ -38,16 +39,16 @@ pub(super) fn extends_beyond(
     let outside = |(count, sums): &&(usize, [f32; 3])| {
         *count >= LEAST_POINTS && curve::peaks_before(sums.map(|sum| sum / *count as f32), noise)
     };
-    let together: usize = cells.iter().filter(outside).map(|(count, _)| count).sum();
+    let in_cells: usize = cells.iter().filter(outside).map(|(count, _)| count).sum();
     let share = |part: usize| part as f64 / textured.max(1) as f64;
-    share(alone) > BEYOND && share(together) > if settled { TOGETHER } else { TOGETHER_UNSETTLED }
+    share(single) > BEYOND && share(in_cells) > if settled { IN_CELLS } else { IN_CELLS_UNSETTLED }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Pixels in focus at `z` before the end slice, whose saliency scatters.
+    /// Pixels in focus at `z` (below 0: before the end slice), with scattered saliency.
     fn curves(z: f32, count: usize) -> Vec<((usize, usize), [f32; 3])> {
         let one = |i: usize| {
             let scatter = |n: usize| 1.0 + 0.3 * (((i * 7919 + n * 104_729) % 101) as f32 / 101.0 - 0.5);
@@ -57,22 +58,22 @@ mod tests {
         (0..count).map(one).collect()
     }
 
-    fn told(z: f32, count: usize, settled: bool) -> bool {
+    fn extends(z: f32, count: usize, settled: bool) -> bool {
         extends_beyond(curves(z, count).into_iter(), 40_000, (400, 300), 3.0, settled)
     }
 
     #[test]
-    fn what_lies_just_inside_scatters_to_the_outside_and_is_not_told() {
+    fn a_part_just_inside_the_end_is_not_reported_although_single_pixels_scatter_outside() {
         let alone = curves(-0.3, 4000).iter().filter(|(_, s)| curve::peaks_before(*s, 3.0)).count();
-        assert!(alone > 200, "{alone} of 4000 seem to lie outside one by one");
-        assert!(!told(-0.3, 4000, true) && !told(0.2, 4000, true));
+        assert!(alone > 200, "{alone} of 4000 seem to lie outside when judged singly");
+        assert!(!extends(-0.3, 4000, true) && !extends(0.2, 4000, true));
     }
 
     #[test]
-    fn what_lies_steps_outside_is_told_when_it_is_enough() {
-        assert!(told(-2.0, 4000, true) && told(-2.0, 4000, false));
-        assert!(!told(-2.0, 300, true) && !told(-2.0, 0, true));
-        // cells that hold enough, but pixels that are few
-        assert!(told(-2.0, 560, true) && !told(-2.0, 560, false));
+    fn a_part_that_lies_steps_outside_is_reported_if_it_is_large_enough() {
+        assert!(extends(-2.0, 4000, true) && extends(-2.0, 4000, false));
+        assert!(!extends(-2.0, 300, true) && !extends(-2.0, 0, true));
+        // between the limits of the two kinds of decision maps
+        assert!(extends(-2.0, 560, true) && !extends(-2.0, 560, false));
     }
 }

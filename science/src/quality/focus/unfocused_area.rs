@@ -1,9 +1,9 @@
-//! The largest connected part of the object that no slice shows in focus.
+//! The largest connected area of the object that has no texture in any slice: smooth, or never in focus.
 
 use crate::{quality::sampling::Points, types::metrics::UnfocusedArea};
 
-/// The largest part of neighbouring points (up, down, left, right) that are not `textured`, which is in the order of the
-/// points.
+/// The largest 4-connected area of points that are not textured, with its bounding box; none if all are textured. `at` are
+/// the positions of the points that count, `textured` has one entry for each of them.
 pub(super) fn largest(points: &Points, at: &[(usize, usize)], textured: &[bool]) -> Option<UnfocusedArea> {
     let step = points.step();
     let cell = |(x, y): (usize, usize)| (x / step, y / step);
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_larger_of_two_holes_is_named_with_its_place() {
+    fn the_larger_of_two_areas_is_returned_with_its_bounding_box() {
         let points = Points::of(100, 80, None);
         let at: Vec<_> = points.positions().collect();
         let hole =

@@ -1,32 +1,33 @@
-//! The blocks in which pictures are scored.
+//! The blocks in which the fused image is scored.
 
 use super::{Extent, inside};
 use crate::imaging::{Plane, Rect};
 
-/// A block of a sampled canvas, px. Wider than high: rows are what memory and files hand out.
+/// Width and height of a block of a sampled canvas, px. Wider than high, because memory and files are read in rows.
 const BLOCK: (usize, usize) = (128, 48);
-/// Largest side of a block where everything is scored, px.
+/// Largest side of a block of a canvas that is scored completely, px.
 const PIECE: usize = 512;
-/// One pixel of so many of the canvas is scored ...
+/// One of this many pixels of the canvas is scored, ...
 const ONE_OF: usize = 16;
-/// ... but never fewer than this, if there are so many, and never more than that.
+/// ... but at least `LEAST` pixels (or all) and at most `MOST`.
 const LEAST: usize = 128 << 10;
 const MOST: usize = 1 << 20;
-/// An area up to this multiple of what would be sampled is scored whole.
+/// An area up to this multiple of the sample is scored completely.
 const WHOLE: f64 = 1.5;
-/// A block of which less is object is passed over.
+/// Least share of object pixels in a block.
 const LEAST_SHARE: f64 = 0.02;
 
-/// Blocks spread evenly over the canvas or, with a mask, over the object: one at a random place in each cell of a grid,
-/// where "random" is a function of the canvas and the cell.
+/// Blocks spread evenly over the canvas or, with a mask, over the object, by a jittered grid: one block per cell, at a
+/// pseudo-random position that is a hash of the canvas and the cell.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Blocks {
-    /// In reading order of their cells; they do not overlap.
+    /// In reading order of their cells, without overlap.
     pub rects: Vec<Rect>,
 }
 
 impl Blocks {
-    /// The blocks of a `width` x `height` canvas; with `object` (not 0 inside, of that size) those that show some of it.
+    /// The blocks of a `width` x `height` canvas; with `object` (non-zero inside, of the size of the canvas) those that show
+    /// some of it.
     pub fn of(width: usize, height: usize, object: Option<&Plane<u8>>) -> Self {
         let canvas = Rect::whole(width, height);
         let (area, share) = match object.map(Extent::of) {
@@ -47,7 +48,7 @@ impl Blocks {
         }
         let mut cells = wanted / (BLOCK.0 * BLOCK.1) as f64 / share.max(1e-6);
         let mut rects = Vec::new();
-        // blocks at the rim of the object are only partly of it: how many there are shows when they are laid
+        // blocks at the outline show only part of the object, so their number is adjusted by trial
         for _ in 0..6 {
             let (columns, rows) = grid(area, cells);
             rects = touching(jittered(area, columns, rows));
@@ -61,7 +62,7 @@ impl Blocks {
     }
 }
 
-/// The whole of `area` in pieces as equal as can be.
+/// All of `area`, in pieces of nearly equal size.
 fn everything(area: Rect) -> Vec<Rect> {
     let pieces = |start: usize, length: usize| {
         let count = length.div_ceil(PIECE).max(1);
@@ -74,14 +75,14 @@ fn everything(area: Rect) -> Vec<Rect> {
         .collect()
 }
 
-/// Columns and rows of about `cells` cells over `area`, each at least as large as a block and about as wide as high.
+/// Columns and rows of about `cells` nearly square cells over `area`, each at least as large as a block.
 fn grid(area: Rect, cells: f64) -> (usize, usize) {
     let most = |length: usize, side: usize| (length / side).max(1);
     let (most_columns, most_rows) = (most(area.width, BLOCK.0), most(area.height, BLOCK.1));
     let columns = (cells * area.width as f64 / area.height.max(1) as f64).sqrt().round() as usize;
     let rows = (cells / columns.clamp(1, most_columns) as f64).round() as usize;
     let rows = rows.clamp(1, most_rows);
-    // what one direction has no room for, the other one takes
+    // if one direction has no space for more cells, the other one gets them
     let columns = (cells / rows as f64).round() as usize;
     (columns.clamp(1, most_columns), rows)
 }
@@ -134,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_canvas_is_scored_whole() {
+    fn a_small_canvas_is_scored_completely() {
         for (width, height) in [(480, 360), (33, 17), (1, 1), (900, 3)] {
             let blocks = Blocks::of(width, height, None);
             assert_eq!(pixels(&blocks), width * height);
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_large_canvas_is_scored_in_blocks_that_reach_everywhere_and_never_meet() {
+    fn a_large_canvas_is_scored_in_blocks_that_are_spread_evenly_and_do_not_overlap() {
         for (width, height) in [(6000, 4000), (1600, 1250), (4001, 1003), (20_000, 300), (300, 20_000)] {
             let blocks = Blocks::of(width, height, None);
             let share = pixels(&blocks) as f64 / ((width * height / ONE_OF).clamp(LEAST, MOST)) as f64;
@@ -160,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_crowd_onto_a_small_object() {
+    fn all_blocks_lie_on_a_small_object() {
         let object = Plane::from_fn(6000, 4000, |x, y| u8::from((x as f64 - 3000.0).hypot(y as f64 - 2500.0) < 800.0));
         let blocks = Blocks::of(6000, 4000, Some(&object));
         assert_apart_and_inside(&blocks, 6000, 4000);

@@ -1,7 +1,7 @@
-//! Where numbers are taken: blocks in which pictures are scored, points at which the saliency of every slice is kept.
+//! Sampling: the blocks in which the fused image is scored, and the points at which the focus measure of every slice is kept.
 //!
-//! Both follow from the size of the canvas and the mask alone, so that the numbers depend neither on the threads nor
-//! on how fusion cuts the canvas into tiles.
+//! Both depend on the size of the canvas and on the mask alone, so that the metrics depend neither on the number of threads
+//! nor on the tiles of the fusion.
 
 mod blocks;
 mod points;
@@ -11,7 +11,7 @@ pub use points::Points;
 
 use crate::imaging::{Plane, Rect};
 
-/// The object as far as sampling cares: where it lies and how large it is.
+/// Bounding box and area of an object.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
     bounds: Rect,
@@ -19,12 +19,12 @@ struct Extent {
 }
 
 impl Extent {
-    /// None when nothing is object.
+    /// None for an empty object.
     fn of(object: &Plane<u8>) -> Option<Self> {
         let (mut top, mut bottom, mut left, mut right, mut pixels) = (None, 0, object.width, 0, 0);
         for y in 0..object.height {
             let row = object.row(y);
-            // a plain sum runs sixteen pixels at a time; most rows need no more
+            // a plain sum is vectorised; most rows need no more
             let inside: usize = row.chunks(128).map(|part| usize::from(ones(part))).sum();
             if inside == 0 {
                 continue;
@@ -40,12 +40,12 @@ impl Extent {
     }
 }
 
-/// Pixels of at most 128 that are not 0.
+/// Number of non-zero pixels among at most 128.
 fn ones(part: &[u8]) -> u8 {
     part.iter().map(|&v| u8::from(v != 0)).sum()
 }
 
-/// Object pixels in `rect`.
+/// Number of object pixels in `rect`.
 fn inside(object: &Plane<u8>, rect: Rect) -> usize {
     let row = |y: usize| &object.row(y)[rect.x..rect.x + rect.width];
     (rect.y..rect.y + rect.height).flat_map(|y| row(y).chunks(128)).map(|part| usize::from(ones(part))).sum()

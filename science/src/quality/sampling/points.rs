@@ -1,24 +1,25 @@
-//! The pixels at which the saliency of every slice is kept.
+//! The points at which the focus measure of every slice is kept.
 
 use std::ops::Range;
 
 use super::Extent;
 use crate::imaging::Plane;
 
-/// At most about this many pixels are kept per slice.
+/// Most points of a canvas, about.
 const MOST: usize = 40_000;
 
-/// Every `step`-th pixel of every `step`-th row (of the object, when there is a mask), the same for every slice.
+/// Every `step`-th pixel of every `step`-th row, with a mask those of the object; the same for every slice.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Points {
     step: usize,
-    /// Row, and where its columns lie in `columns`.
+    /// Row, and the range of its columns in `columns`.
     rows: Vec<(usize, Range<usize>)>,
     columns: Vec<u32>,
 }
 
 impl Points {
-    /// The points on a `width` x `height` canvas; with `object` (not 0 inside, of that size) those of the object.
+    /// The points on a `width` x `height` canvas; with `object` (non-zero inside, of the size of the canvas) those of the
+    /// object.
     pub fn of(width: usize, height: usize, object: Option<&Plane<u8>>) -> Self {
         let none = Self { step: 1, rows: Vec::new(), columns: Vec::new() };
         let area = match object {
@@ -40,7 +41,7 @@ impl Points {
             step += 1;
         }
         let mut points = Self { step, ..none };
-        // centred, but never beyond a canvas that is narrower than a step
+        // centred, but inside a canvas that is narrower than a step
         let first = |size: usize| ((step - 1) / 2).min(size - 1);
         for y in (first(height)..height).step_by(step) {
             let start = points.columns.len();
@@ -58,7 +59,7 @@ impl Points {
         self.columns.len()
     }
 
-    /// Distance of neighbouring points along a row or a column, px.
+    /// Distance between neighbouring points along a row or a column, px.
     pub fn step(&self) -> usize {
         self.step
     }
@@ -68,8 +69,8 @@ impl Points {
         self.rows.iter().flat_map(|(y, range)| self.columns[range.clone()].iter().map(|&x| (x as usize, *y)))
     }
 
-    /// Appends the values at the points of row `y` to `out`; NaN outside `known` columns. Rows are to come in
-    /// ascending order.
+    /// Appends the values at the points of row `y` to `out`; NaN outside the `known` columns. Call it in ascending order of
+    /// rows.
     pub fn pick(&self, y: usize, values: &[f32], known: &Range<usize>, out: &mut Vec<f32>) {
         let Ok(found) = self.rows.binary_search_by_key(&y, |(row, _)| *row) else { return };
         let value = |&x: &u32| {
@@ -85,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_large_canvas_is_sampled_sparsely_and_a_small_one_wholly() {
+    fn a_large_canvas_is_sampled_sparsely_and_a_small_one_completely() {
         let large = Points::of(6000, 4000, None).count();
         assert!((MOST / 2..=MOST).contains(&large), "{large}");
         assert_eq!(Points::of(40, 30, None).count(), 1200);

@@ -1,4 +1,4 @@
-//! Gradient preservation against the sharpest slice per pixel.
+//! Gradient preservation (Xydeas and Petrovic) against the slice with the strongest gradient at each pixel.
 
 use super::{PixelWeights, ScoreSums, whole_neighbourhoods};
 use crate::{
@@ -6,14 +6,14 @@ use crate::{
     quality::{deterministic_sum, xydeas},
 };
 
-/// The strongest Sobel gradient over the slices so far, per inner pixel of a block.
+/// The strongest Sobel gradient over the slices so far, per inner pixel of a block; energy -1 without a slice.
 #[derive(Debug)]
 pub(super) struct Gradients {
     inner: (usize, usize),
     energy: Vec<f32>,
     gx: Vec<f32>,
     gy: Vec<f32>,
-    /// One row of the slice that is looked at.
+    /// Gradients of one row of the current slice.
     row: Row,
 }
 
@@ -50,8 +50,8 @@ impl Gradients {
         Self { inner, energy: vec![-1.0; pixels], gx: vec![0.0; pixels], gy: vec![0.0; pixels], row: Row::new(inner.0) }
     }
 
-    /// Takes the next slice; `holes` is its validity when it does not cover the whole block. A slice that is
-    /// as sharp as one before it does not replace it.
+    /// Adds the next slice; `holes` is its validity if it does not cover the whole block. Of equally strong gradients the
+    /// first is kept.
     pub(super) fn slice(&mut self, luma: &Plane<f32>, holes: Option<&Plane<u8>>) {
         if self.energy.is_empty() {
             return;
@@ -77,7 +77,7 @@ impl Gradients {
         }
     }
 
-    /// Compares with the fused image, on pixels that count and have their neighbourhood covered.
+    /// Compares with the fused image, at pixels that count and whose neighbourhood is covered.
     pub(super) fn sum(&self, fused: &Plane<f32>, counts: &PixelWeights, covered: &PixelWeights, sums: &mut ScoreSums) {
         if self.energy.is_empty() {
             return;
@@ -107,7 +107,7 @@ impl Gradients {
             let range = y * width..(y + 1) * width;
             let energy = &self.energy[range.clone()];
             for (weight, &energy) in weights.iter_mut().zip(energy) {
-                // covered, but by no single slice: a seam of validity
+                // covered by several slices together but by no single one
                 *weight = if energy >= 0.0 { *weight } else { 0.0 };
             }
             for ((source, strength), (&energy, weight)) in
@@ -125,7 +125,7 @@ impl Gradients {
     }
 }
 
-/// 4-neighbour Laplacians of the middle row without its ends, and their squares.
+/// 4-neighbour Laplacians of the middle row without its end pixels, and their squares.
 fn laplacians([upper, middle, lower]: [&[f32]; 3], out: &mut [f32], squares: &mut [f32]) {
     let inner = out.len();
     let [upper, middle, lower] = [upper, middle, lower].map(|row| &row[..inner + 2]);
@@ -137,7 +137,7 @@ fn laplacians([upper, middle, lower]: [&[f32]; 3], out: &mut [f32], squares: &mu
     }
 }
 
-/// Sobel gradient (x, y) at the middle of the 3x3 pixels that begin at column `x`.
+/// Sobel gradient (x, y) at the centre of the 3x3 pixels that start at column `x`.
 #[inline(always)]
 pub(in crate::quality) fn sobel(upper: &[f32], middle: &[f32], lower: &[f32], x: usize) -> (f32, f32) {
     let gx = (upper[x + 2] - upper[x]) + 2.0 * (middle[x + 2] - middle[x]) + (lower[x + 2] - lower[x]);

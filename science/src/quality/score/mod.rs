@@ -1,7 +1,8 @@
-//! How well the fused image keeps what the sharpest slice shows, block by block.
+//! Score of the fused image against the slices: how well it preserves the detail of the sharpest slice, block by block.
 //!
-//! The published sums over all sources reward blur when there are many slices; here each pixel (or window)
-//! is compared with its sharpest slice alone. Memory per block does not grow with the number of slices.
+//! The published metrics sum over all sources, which rewards blur when there are many slices, because most of them are
+//! blurred at any pixel. Here each pixel (or 8x8 window) is compared with its sharpest slice alone. Slices are streamed
+//! through a [`Scorer`], so that memory per block does not grow with their number.
 
 mod gradients;
 mod windows;
@@ -13,53 +14,52 @@ use gradients::Gradients;
 pub(super) use gradients::sobel;
 use windows::Windows;
 
-/// How far outside the range of the slices a pixel of the fused image counts as overshoot, grey levels.
+/// A pixel of the fused image overshoots if it is more than this outside the range of the slices, grey levels.
 const OVERSHOOT_LEVELS: f32 = 1.0;
 
-/// ScoreSums over the pixels of one or more blocks; merged in the order of the blocks they are the same
-/// whatever thread scored which block.
+/// Sums over the pixels of one or more blocks. Merged in the order of the blocks, they do not depend on the threads.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ScoreSums {
-    /// Sum of gradient preservation times the gradient of the sharpest slice, and of that gradient alone.
+    /// Gradient preservation times the gradient of the sharpest slice; that gradient.
     q_g: Ratio,
-    /// Sum of the quality index times the variance of the sharpest slice, and of that variance alone.
+    /// Quality index times the variance of the sharpest slice; that variance.
     q_w: Ratio,
-    /// Gradient energy of the fused image, and of the sharpest slice per pixel.
+    /// Gradient energy of the fused image; that of the sharpest slice per pixel.
     retention: Ratio,
-    /// Squared differences to the right neighbour, and their number.
+    /// Squared differences to the right neighbour; their number.
     right: Ratio,
-    /// Squared differences to the lower neighbour, and their number.
+    /// Squared differences to the lower neighbour; their number.
     below: Ratio,
-    /// Squared Sobel gradients of the fused image, and their number.
+    /// Squared Sobel gradients of the fused image; their number.
     tenengrad: Ratio,
-    /// Laplacians of the fused image, and their number.
+    /// Laplacians of the fused image; their number.
     laplacian: Ratio,
-    /// Their squares, and their number.
+    /// Squared Laplacians; their number.
     laplacian_squares: Ratio,
-    /// Pixels outside the range of the slices, and pixels looked at.
+    /// Pixels that overshoot the range of the slices; all pixels.
     overshoot: Ratio,
-    /// Grey levels outside the range of the slices, and pixels looked at.
+    /// Grey levels outside the range of the slices; all pixels.
     overshoot_levels: Ratio,
-    /// Pixels of the fused image at full scale or at zero, and pixels looked at.
+    /// Clipped pixels of the fused image; all pixels.
     clipped: Ratio,
 }
 
-/// A numerator and a denominator.
+/// Numerator and denominator of a ratio, which are summed separately.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Ratio {
-    above: f64,
-    below: f64,
+    numerator: f64,
+    denominator: f64,
 }
 
 impl Ratio {
-    fn add(&mut self, above: f64, below: f64) {
-        self.above += above;
-        self.below += below;
+    fn add(&mut self, numerator: f64, denominator: f64) {
+        self.numerator += numerator;
+        self.denominator += denominator;
     }
 
-    /// The ratio, when there is one.
-    fn ratio(self) -> Option<f64> {
-        (self.below > 0.0).then(|| self.above / self.below).filter(|ratio| ratio.is_finite())
+    /// The quotient; none without a positive denominator.
+    fn quotient(self) -> Option<f64> {
+        (self.denominator > 0.0).then(|| self.numerator / self.denominator).filter(|ratio| ratio.is_finite())
     }
 }
 
@@ -67,12 +67,12 @@ impl ScoreSums {
     /// Adds the sums of the next block.
     pub fn merge(&mut self, next: &Self) {
         let mut next = *next;
-        for (sum, more) in self.shares().into_iter().zip(next.shares()) {
-            sum.add(more.above, more.below);
+        for (sum, more) in self.ratios().into_iter().zip(next.ratios()) {
+            sum.add(more.numerator, more.denominator);
         }
     }
 
-    fn shares(&mut self) -> [&mut Ratio; 11] {
+    fn ratios(&mut self) -> [&mut Ratio; 11] {
         let Self {
             q_g,
             q_w,
@@ -101,50 +101,34 @@ impl ScoreSums {
         ]
     }
 
-    /// The numbers; none where nothing could be measured.
+    /// The metrics; none where nothing could be measured.
     pub fn metrics(&self) -> FusionMetrics {
-        let spatial_frequency = match (self.right.ratio(), self.below.ratio()) {
+        let spatial_frequency = match (self.right.quotient(), self.below.quotient()) {
             (Some(right), Some(below)) => Some((right + below).sqrt()),
             _ => None,
         };
-        let laplacian_variance = match (self.laplacian.ratio(), self.laplacian_squares.ratio()) {
+        let laplacian_variance = match (self.laplacian.quotient(), self.laplacian_squares.quotient()) {
             (Some(mean), Some(mean_square)) => Some((mean_square - mean * mean).max(0.0)),
             _ => None,
         };
         FusionMetrics {
-            q_g_top: self.q_g.ratio(),
-            q_w_top: self.q_w.ratio(),
-            sharpness_retention: self.retention.ratio(),
+            q_g_top: self.q_g.quotient(),
+            q_w_top: self.q_w.quotient(),
+            sharpness_retention: self.retention.quotient(),
             spatial_frequency,
-            tenengrad: self.tenengrad.ratio(),
+            tenengrad: self.tenengrad.quotient(),
             laplacian_variance,
-            overshoot_fraction: self.overshoot.ratio(),
-            overshoot_levels: self.overshoot_levels.ratio(),
-            clipped_fraction: self.clipped.ratio(),
+            overshoot_fraction: self.overshoot.quotient(),
+            overshoot_levels: self.overshoot_levels.quotient(),
+            clipped_fraction: self.clipped.quotient(),
         }
     }
 }
 
-/// Scores one block: `fused` is the luma (0..255) of the fused image as it is written, `slices` yields, in
-/// ascending order, luma (0..255) and validity (255 valid; none where all of it is) of every warped slice that covers
-/// part of exactly the same block, `object` (0 or 255) restricts the score to the object.
+/// Scores one block, slice by slice.
 ///
-/// Neighbourhoods (3x3 for gradients, 8x8 for windows) lie wholly inside the block and inside what the slice
-/// covers. A gradient counts where its pixel is of the object, a window where all of it is.
-/// Planes of another size than `fused` are passed over.
-pub fn score(
-    fused: &Plane<f32>,
-    slices: &mut dyn Iterator<Item = (Plane<f32>, Option<Plane<u8>>)>,
-    object: Option<&Plane<u8>>,
-) -> ScoreSums {
-    let mut scorer = Scorer::new(fused, object);
-    for (luma, valid) in slices {
-        scorer.slice(&luma, valid.as_ref());
-    }
-    scorer.sums()
-}
-
-/// [`score`], slice by slice, for callers that reuse their buffers.
+/// Neighbourhoods (3x3 for gradients, 8x8 for windows) lie entirely inside the block and inside the part that a slice
+/// covers. With an object mask a gradient counts if its pixel belongs to the object, a window if all its pixels do.
 #[derive(Debug)]
 pub struct Scorer<'a> {
     fused: &'a Plane<f32>,
@@ -156,7 +140,8 @@ pub struct Scorer<'a> {
 }
 
 impl<'a> Scorer<'a> {
-    /// A scorer of one block: see [`score`].
+    /// A scorer for one block. `fused` is the luma (0..255) of the fused image as it is written; `object` (255 inside, 0
+    /// outside) restricts the score to the object and is ignored if it has another size.
     pub fn new(fused: &'a Plane<f32>, object: Option<&'a Plane<u8>>) -> Self {
         let object = object.filter(|object| same_shape(object, fused));
         let pixels = fused.data.len();
@@ -170,7 +155,8 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// Takes the next slice: luma 0..255 and validity (255 valid; none when the slice covers all of it) on the block.
+    /// Adds the next slice, in ascending order: its warped luma (0..255) and validity (255 valid; none if the slice covers
+    /// the whole block). Planes of another size than `fused` are ignored.
     pub fn slice(&mut self, luma: &Plane<f32>, valid: Option<&Plane<u8>>) {
         if !same_shape(luma, self.fused) || valid.is_some_and(|valid| !same_shape(valid, self.fused)) {
             return;
@@ -208,7 +194,7 @@ impl<'a> Scorer<'a> {
         sums
     }
 
-    /// What lies outside the range of the slices, and what is clipped.
+    /// Sums the overshoot beyond the range of the slices, and clipped pixels.
     fn range(&self, counts: &PixelWeights, sums: &mut ScoreSums) {
         let width = self.fused.width;
         let (mut beyond, mut outside, mut clipped) = (vec![0.0; width], vec![0.0; width], vec![0.0; width]);
@@ -220,7 +206,7 @@ impl<'a> Scorer<'a> {
             {
                 let over = if value > high { value - high } else { 0.0 };
                 let under = if value < low { low - value } else { 0.0 };
-                // where nothing is covered both bounds are infinite; the weight is 0, and 0 times infinity is not
+                // without any slice both bounds are infinite, and 0 (the weight) times infinity is NaN
                 let both = (over + under).min(255.0);
                 *beyond = both;
                 *outside = if both > OVERSHOOT_LEVELS { 1.0 } else { 0.0 };
@@ -235,11 +221,11 @@ impl<'a> Scorer<'a> {
     }
 }
 
-/// Which pixels of a block count: weights of 1, or 0.
+/// The pixels of a block that count: weight 1, others 0.
 #[derive(Debug, Clone)]
 struct PixelWeights {
     weights: Plane<f32>,
-    /// Whether all of them do.
+    /// Whether all pixels count.
     all: bool,
 }
 
@@ -250,7 +236,7 @@ impl PixelWeights {
         Self { weights: Plane { width: shape.width, height: shape.height, data }, all }
     }
 
-    /// Per upper left corner of a `side` x `side` neighbourhood: 1 where all of it counts; `side - 1` smaller.
+    /// Per upper left corner of a `side` x `side` neighbourhood: 1 if all its pixels count, else 0; `side - 1` smaller.
     fn whole_neighbourhoods(&self, side: usize) -> Plane<f32> {
         let (width, height) = (self.weights.width, self.weights.height);
         if width < side || height < side {
@@ -274,7 +260,7 @@ fn differences(fused: &Plane<f32>, counts: &PixelWeights, sums: &mut ScoreSums) 
         return;
     }
     let (mut squares, mut weights) = (vec![0.0f32; fused.width], vec![0.0f32; fused.width]);
-    let mut squared = |(a, wa): (&[f32], &[f32]), (b, wb): (&[f32], &[f32]), share: &mut Ratio| {
+    let mut squared = |(a, wa): (&[f32], &[f32]), (b, wb): (&[f32], &[f32]), ratio: &mut Ratio| {
         let length = a.len();
         for ((square, a), b) in squares.iter_mut().zip(a).zip(b) {
             *square = (a - b) * (a - b);
@@ -282,7 +268,7 @@ fn differences(fused: &Plane<f32>, counts: &PixelWeights, sums: &mut ScoreSums) 
         for ((weight, a), b) in weights.iter_mut().zip(wa).zip(wb) {
             *weight = a * b;
         }
-        share.add(
+        ratio.add(
             deterministic_sum::dot(&squares[..length], &weights[..length]),
             deterministic_sum::sum(&weights[..length]),
         );
@@ -297,8 +283,8 @@ fn differences(fused: &Plane<f32>, counts: &PixelWeights, sums: &mut ScoreSums) 
     }
 }
 
-/// For every pixel, whether the whole `side` x `side` neighbourhood whose upper left corner it is counts
-/// (non-zero); the result is `side - 1` smaller in width and height. Empty when the plane is too small.
+/// Per upper left corner of a `side` x `side` neighbourhood: 255 if all its pixels are non-zero, else 0. The result is
+/// `side - 1` smaller in width and height, and empty if the plane is too small.
 pub(super) fn whole_neighbourhoods(counts: &Plane<u8>, side: usize) -> Plane<u8> {
     if counts.width < side || counts.height < side {
         return Plane::default();

@@ -1,7 +1,7 @@
 use super::*;
 use crate::quality::{piella, sampling::Blocks, two_source, xydeas};
 
-/// A textured picture, and the same in focus at one column and the more blurred the farther from it.
+/// A textured picture, and slices of it as an inclined plane: each is in focus at one column and more blurred farther away.
 mod ramp {
     use super::Plane;
 
@@ -63,12 +63,25 @@ mod ramp {
         out
     }
 
-    /// `count` slices of a depth that climbs over the columns in as many steps, blur up to 8 px.
+    /// `count` slices of a depth that rises over the columns in as many steps; blur up to 8 px.
     pub(super) fn slices(ideal: &Plane<f32>, count: usize) -> Vec<Plane<f32>> {
         let depth = |x: usize| (x * count / ideal.width) as f32 / (count - 1) as f32;
         let focus = |n: usize| n as f32 / (count - 1) as f32;
         (0..count).map(|n| blurred(ideal, |x| 8.0 * (depth(x) - focus(n)).abs()).map(f32::round)).collect()
     }
+}
+
+/// Scores one block.
+fn score(
+    fused: &Plane<f32>,
+    slices: &mut dyn Iterator<Item = (Plane<f32>, Option<Plane<u8>>)>,
+    object: Option<&Plane<u8>>,
+) -> ScoreSums {
+    let mut scorer = Scorer::new(fused, object);
+    for (luma, valid) in slices {
+        scorer.slice(&luma, valid.as_ref());
+    }
+    scorer.sums()
 }
 
 fn scored(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
@@ -106,7 +119,7 @@ fn the_ideal_image_beats_its_blur_and_the_mean_whatever_the_number_of_slices() {
     }
 }
 
-/// The score in the blocks of a sampled canvas alone.
+/// The score in the sampled blocks of a canvas.
 fn sampled(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
     let blocks = Blocks::of(fused.width, fused.height, None).rects;
     let pixels: usize = blocks.iter().map(|block| block.width * block.height).sum();
@@ -120,7 +133,7 @@ fn sampled(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
 }
 
 #[test]
-fn the_order_is_the_same_where_the_canvas_is_only_sampled() {
+fn the_ranking_is_the_same_on_a_sampled_canvas() {
     let ideal = ramp::ideal(720, 400);
     let blurred = ramp::disk(&ideal, 2.0).map(f32::round);
     for count in [2, 5, 10, 20] {
@@ -137,7 +150,7 @@ fn the_order_is_the_same_where_the_canvas_is_only_sampled() {
     }
 }
 
-/// The definition without any economy: per pixel the sharpest gradient, per window the largest variance.
+/// The metrics by their definition: per pixel the sharpest gradient, per window the largest variance.
 fn by_definition(fused: &Plane<f32>, slices: &[Plane<f32>]) -> (f64, f64) {
     let gradient = |p: &Plane<f32>, x: usize, y: usize| {
         let v = |dx: usize, dy: usize| p.at(x + dx - 1, y + dy - 1);
@@ -179,13 +192,13 @@ fn streaming_gives_what_the_definition_gives() {
 }
 
 #[test]
-fn an_image_that_is_its_only_slice_keeps_everything() {
+fn an_image_that_equals_its_only_slice_preserves_everything() {
     let picture = ramp::ideal(48, 40);
     let found = scored(&picture, std::slice::from_ref(&picture));
     assert!((found.q_g_top.unwrap() - xydeas::UPPER_BOUND).abs() < 2e-4, "{found:?}");
     assert!((found.q_w_top.unwrap() - 1.0).abs() < 1e-6, "{found:?}");
     assert_eq!((found.sharpness_retention, found.overshoot_fraction), (Some(1.0), Some(0.0)));
-    // without sources the numbers are those of the image alone
+    // these metrics depend on the image alone
     let alone = two_source::spatial_frequency(&picture).unwrap();
     assert!((found.spatial_frequency.unwrap() / alone - 1.0).abs() < 0.02, "{found:?}, {alone}");
     let variance = two_source::laplacian_variance(&picture).unwrap();
@@ -203,7 +216,7 @@ fn ringing_raises_the_retention_and_the_overshoot() {
 }
 
 #[test]
-fn what_a_slice_does_not_cover_enters_no_sum() {
+fn uncovered_pixels_enter_no_sum() {
     let picture = ramp::ideal(64, 48);
     let valid = Plane::from_fn(64, 48, |x, _| if x < 40 { 255u8 } else { 0 });
     for wild in [f32::NAN, f32::INFINITY, 1e30] {
@@ -212,12 +225,12 @@ fn what_a_slice_does_not_cover_enters_no_sum() {
             score(&picture, &mut [(picture.clone(), None), (torn.clone(), Some(valid.clone()))].into_iter(), None);
         assert_eq!(with.metrics(), scored(&picture, std::slice::from_ref(&picture)));
         let cut = |p: &Plane<f32>| Plane::from_fn(40, 48, |x, y| p.at(x, y));
-        // what is fused always has levels, whatever they are
+        // uncovered pixels of a fused image are finite but arbitrary
         let fused = Plane::from_fn(64, 48, |x, y| if x < 40 { picture.at(x, y) } else { ((x * y) % 251) as f32 });
         let alone = score(&fused, &mut std::iter::once((torn.clone(), Some(valid.clone()))), None).metrics();
         let expected = scored(&cut(&picture), &[cut(&picture)]);
         assert_eq!(alone.tenengrad, expected.tenengrad);
-        // blocks are cut elsewhere, so floats add up in another order
+        // rows have another length, so floats are added in another order
         let near = |a: Option<f64>, b: Option<f64>| (a.unwrap() - b.unwrap()).abs() < 1e-6;
         assert!(near(alone.q_g_top, expected.q_g_top) && near(alone.q_w_top, expected.q_w_top), "{alone:?}");
         assert_eq!((alone.spatial_frequency, alone.overshoot_fraction), (expected.spatial_frequency, Some(0.0)));
@@ -225,22 +238,22 @@ fn what_a_slice_does_not_cover_enters_no_sum() {
 }
 
 #[test]
-fn a_wild_background_does_not_touch_the_score_of_the_object() {
+fn an_arbitrary_background_does_not_change_the_score_of_the_object() {
     let picture = ramp::ideal(64, 48);
     let object = Plane::from_fn(64, 48, |x, _| if x < 40 { 255u8 } else { 0 });
-    // spoiled from two columns beyond the object on: out of reach of any gradient of it
+    // changed from two columns beyond the object on: outside the neighbourhood of its gradients
     let spoiled = Plane::from_fn(64, 48, |x, y| if x < 42 { picture.at(x, y) } else { ((x * y) % 251) as f32 });
     let slices = || [(picture.clone(), None)].into_iter();
     let (clean, wild) = (score(&picture, &mut slices(), Some(&object)), score(&spoiled, &mut slices(), Some(&object)));
     let (clean, wild) = (clean.metrics(), wild.metrics());
-    // vectors of floats add up with the background, whose weight is 0, in them
+    // the mean of the block, which includes the background, changes the rounding
     assert!((clean.q_w_top.unwrap() - wild.q_w_top.unwrap()).abs() < 1e-6, "{clean:?}, {wild:?}");
     assert_eq!(FusionMetrics { q_w_top: clean.q_w_top, ..wild }, clean);
     assert!(score(&spoiled, &mut slices(), None).metrics().q_w_top.unwrap() < 0.9);
 }
 
 #[test]
-fn nothing_to_measure_gives_no_number() {
+fn nothing_to_measure_gives_no_numbers() {
     let none = FusionMetrics::default();
     let flat = Plane::filled(20, 20, 100.0f32);
     assert_eq!(score(&flat, &mut std::iter::empty(), None).metrics(), none);

@@ -1,4 +1,4 @@
-//! The quality index per 8x8 window against the slice with the largest variance there.
+//! Quality index (Piella and Heijmans) per 8x8 window, against the slice with the largest variance in the window.
 
 use super::{PixelWeights, ScoreSums, whole_neighbourhoods};
 use crate::{
@@ -10,8 +10,8 @@ use crate::{
 const SIDE: usize = 8;
 const SAMPLES: f32 = (SIDE * SIDE) as f32;
 
-/// Statistics per window of a block: of the fused image, and of the slice with the largest variance so far. Lumas are
-/// counted from the mean of the block, so that squares stay small; no variance feels it.
+/// Statistics per window of a block: of the fused image, and of the slice with the largest variance so far. The mean of the
+/// block is subtracted from every luma, so that squares stay small; variances do not change.
 #[derive(Debug)]
 pub(super) struct Windows {
     across: usize,
@@ -20,11 +20,11 @@ pub(super) struct Windows {
     fused: Plane<f32>,
     fused_mean: Vec<f32>,
     fused_variance: Vec<f32>,
-    /// Of the best slice; its variance is -1 where there is none yet.
+    /// Of the best slice so far; variance -1 without one.
     mean: Vec<f32>,
     variance: Vec<f32>,
     covariance: Vec<f32>,
-    /// Of the slice that is looked at: its luma, its square, its product with the fused image.
+    /// Of the current slice: window sums of its luma, of its square, and of its product with the fused image.
     sums: [BoxSums; 3],
 }
 
@@ -34,7 +34,7 @@ impl Windows {
         let (across, down) = if fits { (fused.width + 1 - SIDE, fused.height + 1 - SIDE) } else { (0, 0) };
         let windows = across * down;
         let middle = (deterministic_sum::sum(&fused.data) / fused.data.len().max(1) as f64) as f32;
-        // what no slice covers may be anything
+        // pixels that no slice covers are arbitrary, possibly NaN
         let middle = if middle.is_finite() { middle } else { 127.5 };
         let mut new = Self {
             across,
@@ -62,7 +62,7 @@ impl Windows {
         new
     }
 
-    /// Takes the next slice; `holes` is its validity when it does not cover the whole block.
+    /// Adds the next slice; `holes` is its validity if it does not cover the whole block.
     pub(super) fn slice(&mut self, luma: &Plane<f32>, holes: Option<&Plane<u8>>) {
         if self.variance.is_empty() {
             return;
@@ -70,7 +70,7 @@ impl Windows {
         let middle = self.middle;
         let luma = match holes {
             None => luma.map(|v| v - middle),
-            // what lies outside a slice may be anything: it must not reach the sums
+            // pixels outside a slice are arbitrary, possibly NaN, and must not reach the sums
             Some(valid) => {
                 let keep = |(&v, &c): (&f32, &u8)| if c == 0 { 0.0 } else { v - middle };
                 let data = luma.data.iter().zip(&valid.data).map(keep).collect();
@@ -90,7 +90,7 @@ impl Windows {
             for x in 0..across {
                 let mean = sum[x] * (1.0 / SAMPLES);
                 let spread = squares[x] * (1.0 / SAMPLES) - mean * mean;
-                // rounding must not make a window less than flat
+                // rounding may make a variance negative
                 spreads[x] = if spread > 0.0 { spread } else { 0.0 };
             }
             if let Some(valid) = &valid {
@@ -113,7 +113,7 @@ impl Windows {
         }
     }
 
-    /// Adds the windows of which every pixel counts.
+    /// Sums the windows whose pixels all count.
     pub(super) fn sum(&self, counts: &PixelWeights, sums: &mut ScoreSums) {
         if self.variance.is_empty() {
             return;
@@ -145,13 +145,13 @@ fn product(out: &mut [f32], a: &[f32], b: &[f32]) {
     }
 }
 
-/// ScoreSums over all 8x8 windows of a plane, by doubling: of two neighbours, of two such sums, of two of those. Nothing runs
-/// along, so that nothing drifts, and every step is a plain addition of rows.
+/// Sums over all 8x8 windows of a plane, by doubling: sums of 2 neighbours, of 2 such sums, and of 2 of those. Unlike running
+/// sums they accumulate no rounding errors, and every step is an addition of rows.
 #[derive(Debug)]
 struct BoxSums {
     width: usize,
     height: usize,
-    /// ScoreSums per upper left corner; what lies in the last columns and rows is of no worth.
+    /// Sums per upper left corner; the last 7 columns and rows are meaningless.
     data: Vec<f32>,
     line: Vec<f32>,
 }
@@ -161,7 +161,7 @@ impl BoxSums {
         Self { width, height, data: vec![0.0; width * height], line: vec![0.0; width] }
     }
 
-    /// The sums of the plane whose rows `row` gives.
+    /// Computes the sums of the plane whose rows `row` writes.
     fn fill(&mut self, row: impl Fn(usize, &mut [f32])) {
         let width = self.width;
         if width == 0 {
@@ -182,13 +182,13 @@ impl BoxSums {
         }
     }
 
-    /// The sums of the windows that begin in row `y`.
+    /// The sums of the windows that start in row `y`.
     fn row(&self, y: usize) -> &[f32] {
         &self.data[y * self.width..(y + 1) * self.width - (SIDE - 1)]
     }
 }
 
-/// ScoreSums of what stands `step` apart.
+/// Sums of values that are `step` apart.
 fn pairs(out: &mut [f32], values: &[f32], step: usize) {
     for ((out, one), other) in out.iter_mut().zip(values).zip(&values[step..]) {
         *out = one + other;

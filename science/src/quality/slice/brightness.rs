@@ -1,4 +1,7 @@
-//! Brightness of a slice over that of the reference, from means of cells that both cover.
+//! Brightness and colour of a slice relative to the reference slice.
+//!
+//! The canvas is cut into square cells, and each slice keeps the mean of every cell. Two slices are compared by the median
+//! ratio over the cells that both cover, which neither defocus nor a few changed cells can move.
 
 use super::WarpedSlice;
 use crate::{
@@ -6,19 +9,19 @@ use crate::{
     quality::{FULL, statistics},
 };
 
-/// About this many cells over the canvas: large against any defocus, small against uneven light.
+/// Cells over the canvas, about: cells are large compared with any blur and small compared with uneven light.
 const CELLS: usize = 768;
-/// No cell is smaller than this, px.
+/// Least side of a cell, px.
 const LEAST_SIDE: usize = 16;
-/// About so many rows of a large cell are looked at.
+/// About this many rows of a large cell are read.
 const ROWS: usize = 10;
-/// Cells darker than this (0..255) say more of noise and black level than of light.
+/// Darker cells (0..255) are skipped: noise and the black level outweigh the light there.
 const LEAST_MEAN: f32 = 4.0;
-/// Cells with a larger share of clipped samples are passed over.
+/// Cells with a larger share of clipped samples are skipped.
 const MOST_CLIPPED: f32 = 0.01;
 
-/// Mean brightness before gain per cell: luma, then red, green and blue. NaN where the slice does not cover the whole
-/// cell, or is too dark there, or clipped.
+/// Mean brightness before the gain, per cell: luma, red, green, blue. NaN where the slice does not cover the whole cell, or
+/// the cell is too dark or clipped.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Brightness {
     means: Vec<[f32; 4]>,
@@ -35,12 +38,12 @@ impl Brightness {
         Self { means: cells.map(mean).collect() }
     }
 
-    /// Median over the cells that both have of the luma; none when they share none.
+    /// Median ratio of luma over the common cells; none without common cells.
     pub(crate) fn exposure_ratio(&self, reference: &Self) -> Option<f64> {
         self.median(reference, |mine, its| mine[0] / its[0])
     }
 
-    /// The same of red over green and of blue over green.
+    /// Median ratios of red over green and of blue over green, over the common cells.
     pub(crate) fn balance_ratio(&self, reference: &Self) -> Option<[f64; 2]> {
         let over_green = |channel: usize| {
             self.median(reference, move |mine, its| (mine[channel] / its[channel]) / (mine[2] / its[2]))
@@ -82,10 +85,10 @@ fn mean<S: Sample>(slice: &WarpedSlice<'_, S>, gain: f64, cell: Rect) -> [f32; 4
     [luma, red, green, blue]
 }
 
-/// Samples side by side whose sums are kept apart: whole pixels of 1 and of 3 channels, and whole vectors.
+/// Independent sums, for vector instructions: a multiple of 1 and of 3 channels and of a vector's length.
 const LANES: usize = 24;
 
-/// Sums per channel (of grey ones, three times the same), and how many samples are at `full` or over it.
+/// Sum per channel (for grey samples three times the same), and the number of samples at or above `full`.
 fn row_sums<S: Sample>(row: &[S], channels: usize, full: u32) -> ([u32; 3], u32) {
     let (mut sums, mut clipped) = ([0u32; LANES], [0u32; LANES]);
     let chunks = row.chunks_exact(LANES);

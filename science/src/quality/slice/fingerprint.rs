@@ -1,23 +1,27 @@
-//! What tells whether two files hold the same picture.
+//! Fingerprint of an image: reveals whether two files hold the same image, possibly encoded twice.
+//!
+//! It samples second differences at a grid of points. These contain the sensor noise, which differs between two exposures
+//! of one scene, so only copies of one exposure correlate almost fully.
 
 use crate::imaging::Sample;
 
 /// Sample points in each direction.
 const GRID: usize = 96;
-/// Pictures whose fine texture is correlated more than this are one and the same. Two exposures of the same scene have
-/// different noise, which is as strong as fine texture, and stay well under it.
+/// Two fingerprints that correlate more than this are of the same image. Two exposures of one scene differ in noise, which
+/// is as strong as fine texture, and correlate clearly less.
 const SAME: f64 = 0.9999;
-/// Mean squared difference under which there is nothing to compare, grey levels squared.
+/// Mean squared difference below which there is too little texture to compare, grey levels squared.
 const LEAST_ENERGY: f64 = 0.25;
 
-/// Fine differences at points over the whole slice, as it was in the file.
+/// Second differences at a grid of points over the slice as it is in the file, before warping.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Fingerprint {
     differences: Vec<i16>,
 }
 
 impl Fingerprint {
-    /// The fingerprint of a `width` x `height` picture of interleaved samples in `channels` 1 or 3.
+    /// The fingerprint of a `width` x `height` image of interleaved samples with 1 or 3 `channels`; empty if the image is
+    /// smaller than 4 x 4 px.
     pub fn of<S: Sample>(samples: &[S], channels: usize, width: usize, height: usize) -> Self {
         if width < 4 || height < 4 || samples.len() != width * height * channels {
             return Self::default();
@@ -38,13 +42,13 @@ impl Fingerprint {
         Self { differences }
     }
 
-    /// Whether both are of one picture, perhaps written twice. Never when there is nothing fine to compare.
-    pub(crate) fn same(&self, other: &Self) -> bool {
+    /// Whether both are of the same image, possibly encoded twice. False when there is too little texture to compare.
+    pub(crate) fn is_same_image(&self, other: &Self) -> bool {
         if self.differences.len() != other.differences.len() {
             return false;
         }
         let (mut aa, mut bb, mut ab) = (0.0f64, 0.0f64, 0.0f64);
-        // most pairs are told apart by their first rows
+        // most pairs differ clearly within their first rows
         let chunks = self.differences.chunks(8 * GRID).zip(other.differences.chunks(8 * GRID));
         for (a, b) in chunks {
             let product =

@@ -1,4 +1,5 @@
-//! What is noted about each slice while it is in memory.
+//! Measurements of single slices, taken while a warped slice is in memory: sharpness, clipping, coverage, brightness, a
+//! fingerprint that reveals duplicates, and the focus measure at the sample points.
 
 mod brightness;
 mod fingerprint;
@@ -15,7 +16,7 @@ use crate::imaging::{Coverage, Plane, Rect, Sample, grey};
 pub(super) use brightness::Brightness;
 pub use fingerprint::Fingerprint;
 
-/// Looks at the slices of one stack, one at a time, in any order, from any thread.
+/// Measures the slices of one stack, one at a time, in any order and from any thread.
 #[derive(Debug, Clone)]
 pub struct SliceMeter<'a> {
     width: usize,
@@ -26,74 +27,76 @@ pub struct SliceMeter<'a> {
     points: Points,
 }
 
-/// A slice on the canvas.
+/// A slice after resampling to the canvas of the reference slice.
 #[derive(Debug, Clone, Copy)]
 pub struct WarpedSlice<'a, S> {
-    /// Interleaved samples of the whole canvas, with the gain applied.
+    /// Interleaved samples of the whole canvas, after the gain.
     pub samples: &'a [S],
-    /// 1 or 3.
+    /// Channels: 1 or 3.
     pub channels: usize,
-    /// What the slice covers.
+    /// The pixels of the canvas that the slice covers.
     pub coverage: &'a Coverage,
-    /// The gain that was applied.
+    /// The gain that was applied to the samples.
     pub gain: f64,
 }
 
-/// What was noted about one slice.
+/// The measurements of one slice.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SliceMeasurements {
     pub(super) index: usize,
     pub(super) reference: usize,
     /// Mean squared Sobel gradient.
     pub(super) tenengrad: Option<f64>,
-    /// Share of the covered pixels at full scale or at zero.
+    /// Share of the covered pixels that are clipped.
     pub(super) clipped: Option<f64>,
-    /// Share of the canvas that is covered.
+    /// Share of the canvas that the slice covers.
     pub(super) covered: Option<f64>,
     pub(super) gain: f64,
     pub(super) brightness: Brightness,
-    /// Of the slice as it was in the file.
+    /// Fingerprint of the slice before warping.
     pub(super) fingerprint: Fingerprint,
-    /// Saliency at the points; NaN where the slice does not cover.
+    /// Focus measure at the sample points; NaN where the slice does not cover.
     pub(super) saliency: Vec<f32>,
 }
 
-/// Sums over pixels.
+/// Sums over the pixels of a block.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sums {
+struct BlockSums {
+    /// Squared Sobel gradients, and the number of pixels that have one.
     gradients: f64,
     inner: f64,
+    /// Clipped pixels, and all pixels.
     clipped: f64,
     pixels: f64,
 }
 
 impl<'a> SliceMeter<'a> {
-    /// An observer of `slices` warped slices on a canvas of `width` x `height` px; `reference` is the slice
-    /// that exposures are compared with (a number that is too large means the last one). `object` (255; elsewhere 0; of
-    /// another size it counts as none) restricts all but brightness and coverage to the object.
+    /// A meter for `slices` warped slices on a canvas of `width` x `height` px. Exposures are relative to slice
+    /// `reference` (clamped to the last slice). `object` (255 inside, 0 outside) restricts all measurements but brightness
+    /// and coverage to the object; a plane of another size is ignored.
     pub fn new(width: usize, height: usize, slices: usize, reference: usize, object: Option<&'a Plane<u8>>) -> Self {
         let object = object.filter(|object| object.width == width && object.height == height);
         let (blocks, points) = (Blocks::of(width, height, object), Points::of(width, height, object));
         Self { width, height, reference: reference.min(slices.saturating_sub(1)), object, blocks, points }
     }
 
-    /// Where the saliency of every slice is to be kept: [`Points::pick`].
+    /// The points at which the focus measure of every slice is kept: see [`Points::pick`].
     pub fn points(&self) -> &Points {
         &self.points
     }
 
-    /// Whether an object restricts the numbers.
-    pub fn masked(&self) -> bool {
+    /// Whether an object mask restricts the measurements.
+    pub fn is_masked(&self) -> bool {
         self.object.is_some()
     }
 
-    /// Where pictures are to be scored.
+    /// The blocks in which the fused image is scored.
     pub fn blocks(&self) -> &Blocks {
         &self.blocks
     }
 
-    /// Notes what matters of warped slice `index`. `saliency` is that of [`Points::pick`], NaN where it is not known;
-    /// `fingerprint` that of the slice before it was warped.
+    /// Measures warped slice `index`. `saliency` is the focus measure at the points, from [`Points::pick`], NaN where it is
+    /// unknown; `fingerprint` is that of the slice before warping. Samples that do not fit the canvas give no numbers.
     pub fn measure<S: Sample>(
         &self,
         index: usize,
@@ -101,13 +104,13 @@ impl<'a> SliceMeter<'a> {
         saliency: Vec<f32>,
         fingerprint: Fingerprint,
     ) -> SliceMeasurements {
-        // a gain that is no gain would make every brightness senseless
+        // an invalid gain would make every brightness invalid
         let gain = if slice.gain.is_finite() && slice.gain > 0.0 { slice.gain } else { 1.0 };
         let size = (slice.coverage.width(), slice.coverage.height());
         let fits = size == (self.width, self.height)
             && slice.samples.len() == self.width * self.height * slice.channels
             && saliency.len() == self.points.count();
-        let mut seen = SliceMeasurements {
+        let mut measured = SliceMeasurements {
             index,
             reference: self.reference,
             tenengrad: None,
@@ -119,29 +122,29 @@ impl<'a> SliceMeter<'a> {
             saliency,
         };
         if !fits {
-            seen.saliency = vec![f32::NAN; self.points.count()];
-            return seen;
+            measured.saliency = vec![f32::NAN; self.points.count()];
+            return measured;
         }
-        seen.covered = ratio(slice.coverage.pixels() as f64, (self.width * self.height) as f64);
-        seen.brightness = Brightness::of(slice, gain);
-        // where the neighbours above, below and beside are covered too
+        measured.covered = ratio(slice.coverage.pixels() as f64, (self.width * self.height) as f64);
+        measured.brightness = Brightness::of(slice, gain);
+        // pixels whose eight neighbours are covered too
         let inner = slice.coverage.eroded(1);
-        let of_blocks: Vec<Sums> =
+        let of_blocks: Vec<BlockSums> =
             self.blocks.rects.par_iter().map(|rect| self.block(slice, &inner, gain as f32, *rect)).collect();
-        let mut sums = Sums::default();
+        let mut sums = BlockSums::default();
         for block in of_blocks {
             sums.gradients += block.gradients;
             sums.inner += block.inner;
             sums.clipped += block.clipped;
             sums.pixels += block.pixels;
         }
-        seen.tenengrad = ratio(sums.gradients, sums.inner);
-        seen.clipped = ratio(sums.clipped, sums.pixels);
-        seen
+        measured.tenengrad = ratio(sums.gradients, sums.inner);
+        measured.clipped = ratio(sums.clipped, sums.pixels);
+        measured
     }
 
-    fn block<S: Sample>(&self, slice: &WarpedSlice<'_, S>, inner: &Coverage, gain: f32, rect: Rect) -> Sums {
-        let mut sums = Sums::default();
+    fn block<S: Sample>(&self, slice: &WarpedSlice<'_, S>, inner: &Coverage, gain: f32, rect: Rect) -> BlockSums {
+        let mut sums = BlockSums::default();
         if slice.coverage.misses(rect) {
             return sums;
         }
@@ -161,7 +164,7 @@ impl<'a> SliceMeter<'a> {
                 *weight = if counts { 1.0 } else { 0.0 };
             }
         };
-        // a pixel was clipped in the file, before the gain, or is clipped by the gain
+        // a sample may have been clipped in the file, before the gain, or by the gain
         let full = FULL.min(FULL * gain);
         for y in 0..rect.height {
             if !whole {

@@ -7,103 +7,103 @@ fn scene() -> Plane<u8> {
     Plane::from_fn(WIDTH, HEIGHT, |x, y| (60 + (x * 31 + y * 17) % 97) as u8)
 }
 
-/// What a slice of `luma` covers whose columns end before `columns`.
+/// Coverage of a slice that ends before column `columns`.
 fn covered(columns: usize) -> Coverage {
     let shifted = crate::types::Homography::similarity(1.0, [(WIDTH - columns) as f64, 0.0]);
     Coverage::of(&shifted, (WIDTH, HEIGHT), WIDTH, HEIGHT)
 }
 
-fn observer(object: Option<&Plane<u8>>) -> SliceMeter<'_> {
+fn meter(object: Option<&Plane<u8>>) -> SliceMeter<'_> {
     SliceMeter::new(WIDTH, HEIGHT, 2, 0, object)
 }
 
-fn see(observer: &SliceMeter<'_>, luma: &Plane<u8>, coverage: &Coverage, gain: f64) -> SliceMeasurements {
+fn measure(meter: &SliceMeter<'_>, luma: &Plane<u8>, coverage: &Coverage, gain: f64) -> SliceMeasurements {
     let slice = WarpedSlice { samples: &luma.data[..], channels: 1, coverage, gain };
-    observer.measure(1, &slice, vec![1.0; observer.points().count()], Fingerprint::default())
+    meter.measure(1, &slice, vec![1.0; meter.points().count()], Fingerprint::default())
 }
 
-fn seen(luma: &Plane<u8>, gain: f64) -> SliceMeasurements {
-    see(&observer(None), luma, &covered(WIDTH), gain)
+fn measured(luma: &Plane<u8>, gain: f64) -> SliceMeasurements {
+    measure(&meter(None), luma, &covered(WIDTH), gain)
 }
 
 #[test]
-fn exposure_is_that_before_the_gain() {
-    let ratio = seen(&scene(), 1.25).brightness.exposure_ratio(&seen(&scene(), 1.0).brightness).unwrap();
+fn exposure_is_measured_before_the_gain() {
+    let ratio = measured(&scene(), 1.25).brightness.exposure_ratio(&measured(&scene(), 1.0).brightness).unwrap();
     assert!((ratio - 0.8).abs() < 1e-6, "{ratio}");
 }
 
 #[test]
-fn clipped_cells_do_not_bend_the_exposure() {
+fn clipped_cells_do_not_affect_the_exposure() {
     let bright = Plane::from_fn(WIDTH, HEIGHT, |x, y| if x < 32 { scene().at(x, y) / 2 } else { 200 });
     let doubled = bright.map(|v| v.saturating_mul(2));
-    let (one, two) = (seen(&bright, 1.0), seen(&doubled, 1.0));
+    let (one, two) = (measured(&bright, 1.0), measured(&doubled, 1.0));
     let ratio = two.brightness.exposure_ratio(&one.brightness).unwrap();
     assert!((ratio - 2.0).abs() < 1e-3, "{ratio}");
     assert_eq!((two.clipped, one.clipped), (Some(0.5), Some(0.0)));
 }
 
 #[test]
-fn a_drift_of_colour_is_told_from_one_of_brightness() {
+fn a_colour_drift_is_distinguished_from_a_brightness_drift() {
     let grey: Vec<u8> = scene().data.iter().flat_map(|&v| [v, v, v]).collect();
     let warm: Vec<u8> = scene().data.iter().flat_map(|&v| [(f32::from(v) * 1.2).round() as u8, v, v]).collect();
     let coverage = covered(WIDTH);
-    let see = |samples: &[u8]| {
+    let brightness = |samples: &[u8]| {
         let slice = WarpedSlice { samples, channels: 3, coverage: &coverage, gain: 1.0 };
-        observer(None).measure(0, &slice, vec![1.0; WIDTH * HEIGHT], Fingerprint::default()).brightness
+        meter(None).measure(0, &slice, vec![1.0; WIDTH * HEIGHT], Fingerprint::default()).brightness
     };
-    let [red, blue] = see(&warm).balance_ratio(&see(&grey)).unwrap();
+    let [red, blue] = brightness(&warm).balance_ratio(&brightness(&grey)).unwrap();
     assert!((red - 1.2).abs() < 0.005 && (blue - 1.0).abs() < 1e-6, "{red}, {blue}");
 }
 
 #[test]
-fn what_a_slice_does_not_cover_enters_no_number() {
+fn uncovered_pixels_do_not_count() {
     let torn = Plane::from_fn(WIDTH, HEIGHT, |x, y| if x < 32 { scene().at(x, y) } else { 255 });
-    let seen_torn = see(&observer(None), &torn, &covered(32), 1.0);
-    assert_eq!((seen_torn.covered, seen_torn.clipped), (Some(0.5), Some(0.0)));
+    let torn_measured = measure(&meter(None), &torn, &covered(32), 1.0);
+    assert_eq!((torn_measured.covered, torn_measured.clipped), (Some(0.5), Some(0.0)));
     let half = Plane::from_fn(32, HEIGHT, |x, y| scene().at(x, y));
     let alone = SliceMeter::new(32, HEIGHT, 2, 0, None);
     let slice = WarpedSlice { samples: &half.data[..], channels: 1, coverage: &Coverage::full(32, HEIGHT), gain: 1.0 };
     let alone = alone.measure(1, &slice, vec![1.0; 32 * HEIGHT], Fingerprint::default());
-    assert!((seen_torn.tenengrad.unwrap() / alone.tenengrad.unwrap() - 1.0).abs() < 1e-9);
-    let ratio = seen_torn.brightness.exposure_ratio(&seen(&scene(), 1.0).brightness).unwrap();
+    assert!((torn_measured.tenengrad.unwrap() / alone.tenengrad.unwrap() - 1.0).abs() < 1e-9);
+    let ratio = torn_measured.brightness.exposure_ratio(&measured(&scene(), 1.0).brightness).unwrap();
     assert!((ratio - 1.0).abs() < 1e-6);
 }
 
 #[test]
 fn a_slice_that_covers_nothing_has_no_sharpness_and_no_exposure() {
-    let seen_nothing = see(&observer(None), &scene(), &covered(0), 1.0);
-    assert_eq!((seen_nothing.tenengrad, seen_nothing.clipped, seen_nothing.covered), (None, None, Some(0.0)));
-    assert_eq!(seen_nothing.brightness.exposure_ratio(&seen(&scene(), 1.0).brightness), None);
+    let nothing = measure(&meter(None), &scene(), &covered(0), 1.0);
+    assert_eq!((nothing.tenengrad, nothing.clipped, nothing.covered), (None, None, Some(0.0)));
+    assert_eq!(nothing.brightness.exposure_ratio(&measured(&scene(), 1.0).brightness), None);
 }
 
 #[test]
 fn only_the_object_counts_for_clipping_and_sharpness() {
     let object = Plane::from_fn(WIDTH, HEIGHT, |x, _| if x < 20 { 255u8 } else { 0 });
     let black = Plane::from_fn(WIDTH, HEIGHT, |x, y| if x < 20 { scene().at(x, y) } else { 0 });
-    let (alone, all) = (see(&observer(Some(&object)), &black, &covered(WIDTH), 1.0), seen(&black, 1.0));
+    let (alone, all) = (measure(&meter(Some(&object)), &black, &covered(WIDTH), 1.0), measured(&black, 1.0));
     assert_eq!(alone.clipped, Some(0.0));
     assert!(all.clipped.unwrap() > 0.6);
-    // of black there is twice as much, but it has an edge where the object ends
+    // twice as much is black, but it has an edge at the border of the object
     assert!(alone.tenengrad.unwrap() > 1.4 * all.tenengrad.unwrap());
 }
 
 #[test]
-fn tenengrad_of_a_ramp_is_its_slope_seen_by_sobel() {
+fn tenengrad_of_a_ramp_is_its_squared_sobel_slope() {
     let ramp = Plane::from_fn(WIDTH, HEIGHT, |x, _| 2 * x as u8 + 1);
-    assert_eq!(seen(&ramp, 1.0).tenengrad, Some(256.0));
+    assert_eq!(measured(&ramp, 1.0).tenengrad, Some(256.0));
 }
 
 #[test]
-fn samples_that_do_not_fit_the_canvas_cover_nothing() {
+fn samples_that_do_not_fit_the_canvas_give_no_numbers() {
     let coverage = Coverage::full(8, 8);
     let slice = WarpedSlice { samples: &[1u8; 64][..], channels: 1, coverage: &coverage, gain: 1.0 };
-    let seen = observer(None).measure(0, &slice, Vec::new(), Fingerprint::default());
-    assert_eq!((seen.covered, seen.tenengrad), (None, None));
-    assert!(seen.saliency.iter().all(|s| s.is_nan()));
+    let measured = meter(None).measure(0, &slice, Vec::new(), Fingerprint::default());
+    assert_eq!((measured.covered, measured.tenengrad), (None, None));
+    assert!(measured.saliency.iter().all(|s| s.is_nan()));
 }
 
 #[test]
-fn the_same_picture_is_known_though_it_was_written_twice_and_another_exposure_is_not() {
+fn an_image_that_was_encoded_twice_is_recognised_and_another_exposure_is_not() {
     let noise = |x: usize, y: usize, seed: usize| (x * 7919 + y * 104_729 + seed * 31 + x * y) % 3;
     let picture = |seed: usize| {
         Plane::from_fn(200, 150, |x, y| (60 + ((x * 31 + y * 17) % 97) / 4 * 2 + noise(x, y, seed)) as u8)
@@ -112,11 +112,11 @@ fn the_same_picture_is_known_though_it_was_written_twice_and_another_exposure_is
     let one = picture(0);
     let mut rewritten = one.clone();
     rewritten.data.iter_mut().step_by(1500).for_each(|v| *v += 1);
-    assert!(print(&one).same(&print(&rewritten)));
+    assert!(print(&one).is_same_image(&print(&rewritten)));
     let other =
         Plane::from_fn(200, 150, |x, y| one.at(x, y) + ((x * 2_654_435_761 + y * 40_503 + 7 * x * y) >> 3) as u8 % 3);
-    assert!(!print(&one).same(&print(&other)));
+    assert!(!print(&one).is_same_image(&print(&other)));
     let flat = Plane::filled(200, 150, 90u8);
-    assert!(!print(&flat).same(&print(&flat)), "nothing to compare");
-    assert!(!Fingerprint::default().same(&Fingerprint::default()));
+    assert!(!print(&flat).is_same_image(&print(&flat)), "nothing to compare");
+    assert!(!Fingerprint::default().is_same_image(&Fingerprint::default()));
 }

@@ -1,9 +1,11 @@
-//! The published metrics of a fusion of two sources, for comparison with published tables.
+//! The published metrics for a fusion of two sources, for comparison with published tables.
 //!
-//! Not for stacks: summed over many sources they rank a blurred image above the ideal one. There
-//! [`super::score`] compares with the sharpest slice. All functions take luma 0..255 planes of one size, and
-//! answer none when the sizes differ or the pictures are too small or too flat. Published figures are for
-//! whole grey levels: round the luma of 8-bit pictures before comparing (it moves Q_G by 0.001).
+//! The service does not use them: summed over many sources they rank a blurred image above the ideal one, so a stack is
+//! scored by [`super::score`]. Users: `tests/reference_fusion.rs`, which compares the guided fusion with the figures of its
+//! paper, and the tests of [`super::score`].
+//!
+//! All functions take luma planes (0..255) of one size and return none if the sizes differ or the planes are too small or
+//! too flat. Published figures are for whole grey levels: round the luma of 8-bit images first (this changes Q_G by 0.001).
 
 mod viff;
 
@@ -12,7 +14,7 @@ pub use viff::viff;
 use super::{piella, score::same_shape, xydeas};
 use crate::imaging::Plane;
 
-/// Q^{AB/F} of Xydeas & Petrovic (2000): gradient preservation, weighted by the gradients of the sources.
+/// Q^{AB/F} of Xydeas and Petrovic (2000): gradient preservation, weighted by the gradients of the sources.
 /// Upper bound [`xydeas::UPPER_BOUND`].
 pub fn q_g(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     if !same_shape(a, fused) || !same_shape(b, fused) {
@@ -33,7 +35,7 @@ pub fn q_g(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     ratio(kept, weights)
 }
 
-/// Q_W of Piella & Heijmans (2003) in 8x8 uniform windows: quality index, weighted by variance. At most 1.
+/// Q_W of Piella and Heijmans (2003) in 8x8 uniform windows: quality index, weighted by variance. At most 1.
 pub fn q_w(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     let sources = [moments(a, fused)?, moments(b, fused)?];
     let (mut quality, mut weights) = (0.0, 0.0);
@@ -48,19 +50,19 @@ pub fn q_w(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     ratio(quality, weights)
 }
 
-/// Q_E of Piella & Heijmans (2003): Q_W of the pictures times Q_W of their edge pictures (Prewitt).
+/// Q_E of Piella and Heijmans (2003): Q_W of the images times Q_W of their edge images (Prewitt).
 pub fn q_e(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     Some(q_w(a, b, fused)? * q_w(&edges(a), &edges(b), &edges(fused))?)
 }
 
-/// Spatial frequency: root of the sum of squared differences to the right and lower neighbours over the
+/// Spatial frequency: square root of the sum of squared differences to the right and lower neighbours, divided by the
 /// number of pixels.
 pub fn spatial_frequency(picture: &Plane<f32>) -> Option<f64> {
     let [right, below] = squared_differences(picture);
     ratio(right + below, picture.data.len() as f64).map(f64::sqrt)
 }
 
-/// Average gradient: mean of the root of half the squared differences to the right and lower neighbours.
+/// Average gradient: mean of `sqrt((dx^2 + dy^2) / 2)` over the differences to the right and lower neighbours.
 pub fn average_gradient(picture: &Plane<f32>) -> Option<f64> {
     let (width, height) = (picture.width.saturating_sub(1), picture.height.saturating_sub(1));
     let mut sum = 0.0;
@@ -147,7 +149,7 @@ pub(super) struct Window {
 
 const SIDE: usize = 8;
 
-/// Moments of every 8x8 window, each in two passes: slow, and safe for any content.
+/// Moments of every 8x8 window, in two passes: slow, and numerically safe for any content.
 pub(super) fn moments(source: &Plane<f32>, fused: &Plane<f32>) -> Option<Vec<Window>> {
     if !same_shape(source, fused) || fused.width < SIDE || fused.height < SIDE {
         return None;

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use super::*;
 use crate::imaging::Raster;
 
-/// Mean over the ten pairs of each metric of the fusion that `fuse` makes of a pair.
+/// Mean of each metric over the ten pairs, each fused by `fuse`.
 fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster) -> Option<[f64; 7]> {
     let shared = std::env::var_os("PINSTACK_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
@@ -43,10 +43,10 @@ fn average(a: &Raster, b: &Raster) -> Raster {
     Raster::eight(a.width, a.height, 3, one.iter().zip(two).map(mean).collect())
 }
 
-// With the fusion that the reference program makes of the ten pairs these functions give .7493, .9284, .9429
-// and 19.384, where .7498, .9284, .943 and 19.38 are published; the plain average needs no fusion here.
+// For the fusion by the reference program these functions give .7493, .9284, .9429 and 19.384; published are .7498, .9284,
+// .943 and 19.38. This test pins the same functions on the plain average, which needs no fusion.
 #[test]
-fn the_plain_average_of_the_lytro_pairs_scores_as_it_did_when_the_reference_fusion_was_met() {
+fn the_plain_average_of_the_lytro_pairs_keeps_its_scores() {
     let Some(found) = over_lytro(|_, a, b| average(a, b)) else { return };
     let expected = [0.5961, 0.8922, 0.7797, 11.924, 0.6805, 5.335, 204.66];
     for (found, expected) in found.into_iter().zip(expected) {
@@ -59,7 +59,7 @@ fn pattern() -> Plane<f32> {
 }
 
 #[test]
-fn a_fusion_of_equal_sources_that_keeps_them_scores_the_upper_bounds() {
+fn a_perfect_fusion_of_equal_sources_scores_the_upper_bounds() {
     let p = pattern();
     assert!((q_g(&p, &p, &p).unwrap() - xydeas::UPPER_BOUND).abs() < 2e-4);
     assert!((q_w(&p, &p, &p).unwrap() - 1.0).abs() < 1e-9);

@@ -1,18 +1,18 @@
-//! Visual information fidelity for fusion (Han, Cai, Cao & Xu, Information Fusion 14(2), 2013), from the
-//! formulas of the paper.
+//! Visual information fidelity for fusion (Han, Cai, Cao and Xu, Information Fusion 14(2), 2013), from the formulas of the
+//! paper.
 
 use crate::{imaging::Plane, quality::score::same_shape};
 
 /// Variance of the visual noise.
 const NOISE: f64 = 0.005 * 255.0 * 255.0;
-/// Below this a variance is none.
-const NOTHING: f64 = 1e-10;
+/// A smaller variance counts as zero.
+const LEAST_VARIANCE: f64 = 1e-10;
 /// Weights of the four scales, from fine to coarse.
 const SCALES: [f64; 4] = [1.0, 0.0, 0.15, 1.0];
 
-/// VIFF of a fusion of any number of sources: 1 when the fused picture holds the information of the sharpest
-/// source everywhere, more when it is over-sharpened. Luma planes 0..255 of one size; none when the sizes
-/// differ, there is no source, or the pictures are too small (under about 40 px).
+/// VIFF of a fusion of any number of sources: 1 if the fused image has the information of the sharpest source everywhere,
+/// more if it is over-sharpened. Luma planes 0..255 of one size; none if the sizes differ, there is no source, or the planes
+/// are too small (below about 40 px).
 pub fn viff(sources: &[&Plane<f32>], fused: &Plane<f32>) -> Option<f64> {
     if sources.is_empty() || sources.iter().any(|source| !same_shape(*source, fused)) {
         return None;
@@ -35,11 +35,11 @@ pub fn viff(sources: &[&Plane<f32>], fused: &Plane<f32>) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// Information kept over information there, at one scale.
+/// Information in the fused image over information in the sharpest sources, at one scale.
 fn scale(sources: &[Grid], fused: &Grid, window: &[f64]) -> Option<f64> {
     let of_fused = Local::of(fused, window)?;
     let windows = of_fused.mean.data.len();
-    // the source with the smallest gain is the sharpest one: there the others are blurred
+    // the source with the smallest gain is the sharpest: a blurred one needs a larger gain to explain the fused image
     let mut sharpest = vec![Channel { gain: f64::INFINITY, residue: 0.0, variance: 0.0 }; windows];
     for source in sources {
         let of_source = Local::of(source, window)?;
@@ -52,15 +52,15 @@ fn scale(sources: &[Grid], fused: &Grid, window: &[f64]) -> Option<f64> {
             }
         }
     }
-    let (mut kept, mut there) = (0.0, 0.0);
+    let (mut kept, mut available) = (0.0, 0.0);
     for channel in &sharpest {
         kept += (1.0 + channel.gain * channel.gain * channel.variance / (channel.residue + NOISE)).log10() + 1e-7;
-        there += (1.0 + channel.variance / NOISE).log10() + 1e-7;
+        available += (1.0 + channel.variance / NOISE).log10() + 1e-7;
     }
-    Some(kept / there)
+    Some(kept / available)
 }
 
-/// The fused window as gain times the source window plus a residue.
+/// Model of a window: fused = gain * source + residue.
 #[derive(Debug, Clone, Copy)]
 struct Channel {
     gain: f64,
@@ -70,12 +70,12 @@ struct Channel {
 
 impl Channel {
     fn of(source: f64, fused: f64, covariance: f64) -> Self {
-        let gain = covariance / (source + NOTHING);
+        let gain = covariance / (source + LEAST_VARIANCE);
         let mut channel = Self { gain, residue: fused - gain * covariance, variance: source };
-        if source < NOTHING {
+        if source < LEAST_VARIANCE {
             channel = Self { gain: 0.0, residue: fused, variance: 0.0 };
         }
-        if fused < NOTHING {
+        if fused < LEAST_VARIANCE {
             channel.gain = 0.0;
             channel.residue = 0.0;
         }
@@ -83,7 +83,7 @@ impl Channel {
             channel.residue = fused;
             channel.gain = 0.0;
         }
-        channel.residue = channel.residue.max(NOTHING);
+        channel.residue = channel.residue.max(LEAST_VARIANCE);
         channel
     }
 }
@@ -128,7 +128,7 @@ impl Grid {
         Self { width: self.width, height: self.height, data }
     }
 
-    /// Convolved with a separable window, only where it lies wholly inside; none when it fits nowhere.
+    /// Convolution with a separable window, where it lies entirely inside; none if it does not fit.
     fn filtered(&self, window: &[f64]) -> Option<Self> {
         let side = window.len();
         if self.width < side || self.height < side {

@@ -1,0 +1,77 @@
+//! Findings on coverage in depth: `range_too_short_near`, `range_too_short_far`, `coverage_gap`, `uneven_step`,
+//! `redundant_slices`.
+
+use super::{Diagnoser, note, warning};
+use crate::types::metrics::Finding;
+
+impl Diagnoser<'_> {
+    pub(super) fn range(&self) -> Vec<Finding> {
+        let focus = &self.quality.focus;
+        let last = self.quality.slices.len().saturating_sub(1) as u32;
+        let percent = |fraction: Option<f64>| 100.0 * fraction.unwrap_or(0.0);
+        let mut findings = Vec::new();
+        if focus.range_too_short_near == Some(true) {
+            let detail = format!(
+                "the stack starts inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
+                 sharper in front of it; start the stack some steps earlier",
+                percent(focus.peak_at_first_fraction),
+                self.name(0)
+            );
+            findings.push(warning("range_too_short_near", vec![0], detail));
+        }
+        if focus.range_too_short_far == Some(true) {
+            let detail = format!(
+                "the stack ends inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
+                 sharper behind it; end the stack some steps later",
+                percent(focus.peak_at_last_fraction),
+                self.name(last)
+            );
+            findings.push(warning("range_too_short_far", vec![last], detail));
+        }
+        findings
+    }
+
+    /// Steps that are larger than the depth of field, and steps that are larger than the others.
+    pub(super) fn steps(&self) -> Vec<Finding> {
+        let focus = &self.quality.focus;
+        let mut findings = Vec::new();
+        let without_duplicates = |firsts: &[u32]| -> Vec<u32> {
+            firsts.iter().copied().filter(|&n| !self.pair_is_duplicated(n as usize)).collect()
+        };
+        let gaps = without_duplicates(&focus.coverage_gaps);
+        if !gaps.is_empty() {
+            let detail = format!(
+                "between slices {} focus moves farther than the depth of field, and what lies between is sharp in no slice; \
+                 make the step smaller, or check whether slices are missing",
+                Self::pairs(&gaps)
+            );
+            findings.push(warning("coverage_gap", gaps.clone(), detail));
+        }
+        let uneven: Vec<u32> =
+            without_duplicates(&focus.uneven_steps).into_iter().filter(|n| !gaps.contains(n)).collect();
+        if !uneven.is_empty() {
+            let times = uneven.iter().filter_map(|&n| self.evidence.steps.get(n as usize).copied().flatten());
+            let detail = format!(
+                "between slices {} focus moves about {:.1} times as far as usual in this stack: a slice is missing, or the \
+                 rail slipped; check the files and the rail",
+                Self::pairs(&uneven),
+                times.fold(0.0, f32::max)
+            );
+            findings.push(warning("uneven_step", uneven, detail));
+        }
+        findings
+    }
+
+    pub(super) fn redundant(&self) -> Option<Finding> {
+        let redundant = &self.quality.focus.redundant_slices;
+        let redundant: Vec<u32> = redundant.iter().copied().filter(|&n| !self.is_duplicated(n as usize)).collect();
+        (!redundant.is_empty()).then(|| {
+            let detail = format!(
+                "almost no pixel is taken from {}: the object has nothing at that depth, or the step is finer than needed; \
+                 a larger step gives the same image",
+                self.named(&redundant)
+            );
+            note("redundant_slices", redundant, detail)
+        })
+    }
+}
