@@ -1,5 +1,5 @@
-//! The HTTP floor: requests in, views out. [`router`] is the table of contents; one endpoint per file below;
-//! [`problem`] is the only place where an error becomes a status.
+//! The HTTP layer: requests in, views out. [`router`] lists every URL; each endpoint has a file of its own; [`problem`] is
+//! the only place where an error becomes a status.
 
 pub mod artifacts;
 pub mod auth;
@@ -7,7 +7,8 @@ pub mod background;
 pub mod calibrations;
 pub mod connections;
 pub mod extract;
-pub mod intake;
+pub mod ingest;
+pub mod job_resource;
 pub mod log;
 pub mod middleware;
 pub mod pages;
@@ -16,13 +17,14 @@ pub mod profiles;
 pub mod recent;
 pub mod router;
 pub mod serve;
+pub mod sse;
 pub mod stacks;
 pub mod state;
 pub mod system;
 pub mod uploads;
 pub mod views;
+pub mod wait_times;
 pub mod waiting;
-pub mod watch;
 
 pub use serve::{serve, serve_over};
 pub use state::{App, Policy};

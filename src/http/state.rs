@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::{
     artifacts::conversions::Conversions,
     connections::{AddressRange, Tally},
-    intake::{quota::Claims, reservation::Shares},
+    ingest::{quota::Claims, reservation::Shares},
     recent::Recent,
     system::readyz,
 };
@@ -25,8 +25,9 @@ use crate::{
 };
 use pinstack_science::archive::ArchiveLimits;
 
-/// Uploads that are looked into at a time. Each may hold one member of the zip at the worst (a TIFF that jumps about).
-const LOOKS: usize = 2;
+/// Zips that are inspected at a time. Each may need the memory of one member of the zip in the worst case (a TIFF whose
+/// parts are out of order).
+const INSPECTIONS: usize = 2;
 
 /// How long what `/readyz` found counts.
 const READINESS_AGE: Duration = Duration::from_secs(1);
@@ -135,8 +136,8 @@ pub struct App {
     pub tally: Tally,
     /// What `/readyz` found last.
     pub readiness: Arc<Recent<readyz::Look>>,
-    /// Looks into uploads hold what a hostile zip makes them hold: few at once, however many arrive.
-    pub looks: Arc<Semaphore>,
+    /// Permits to inspect a zip. An inspection needs as much memory as a hostile zip makes it need, so few run at once.
+    pub inspection_permits: Arc<Semaphore>,
 }
 
 impl App {
@@ -155,7 +156,7 @@ impl App {
             conversions: Arc::default(),
             tally: Tally::default(),
             readiness: Arc::new(Recent::new(READINESS_AGE)),
-            looks: Arc::new(Semaphore::new(LOOKS)),
+            inspection_permits: Arc::new(Semaphore::new(INSPECTIONS)),
         }
     }
 

@@ -1,64 +1,61 @@
-//! How long a request waited for its client or for a job: time in which the server had nothing to do for it.
-//!
-//! In: the places that wait say so ([`add`]). Out: the sums of one request ([`measured`]). They travel in a task-local, so
-//! that a body that is read deep inside a handler need not carry them.
+//! Requests that wait for a job. A change made by this process wakes them at once, a change made by another process is
+//! seen at the next poll.
 
-use std::{cell::Cell, time::Duration};
+use std::time::Duration;
 
-use crate::telemetry::events::WaitsOn;
+use tokio::{
+    sync::broadcast::{Receiver, error::RecvError},
+    time::{Instant, sleep_until},
+};
+use uuid::Uuid;
 
-tokio::task_local! {
-    static WAITED: Waited;
+use crate::{
+    http::{state::App, wait_times},
+    store::{Job, StoreResult},
+    telemetry::events::WaitsOn,
+};
+
+/// Waits until the job has ended, for `longest` at most and not beyond the shutdown of the server. Returns the job as it
+/// is then; `None` when it was deleted meanwhile.
+///
+/// # Errors
+/// When the store cannot be read.
+pub async fn until_final(app: &App, id: Uuid, longest: Duration) -> StoreResult<Option<Job>> {
+    let started = Instant::now();
+    let job = final_row(app, id, started + longest).await;
+    wait_times::add(WaitsOn::Job, started.elapsed());
+    job
 }
 
-#[derive(Default)]
-struct Waited {
-    body: Cell<Duration>,
-    job: Cell<Duration>,
-}
-
-impl Waited {
-    fn sum(&self, on: WaitsOn) -> &Cell<Duration> {
-        match on {
-            WaitsOn::Body => &self.body,
-            WaitsOn::Job => &self.job,
+async fn final_row(app: &App, id: Uuid, deadline: Instant) -> StoreResult<Option<Job>> {
+    let mut changes = app.rows.changes();
+    loop {
+        let job = app.rows.job(id).await?;
+        let is_over = job.as_ref().is_none_or(|job| job.state.is_final());
+        if is_over || Instant::now() >= deadline || app.shutdown.is_cancelled() {
+            return Ok(job);
+        }
+        tokio::select! {
+            () = changed(&mut changes, id, app.policy.poll_interval) => {}
+            () = sleep_until(deadline) => {}
+            () = app.shutdown.cancelled() => {}
         }
     }
 }
 
-/// Runs what answers a request: its output, and the times that it waited.
-pub async fn measured<F: Future>(answering: F) -> (F::Output, [(WaitsOn, Duration); 2]) {
-    let run = async {
-        let output = answering.await;
-        (output, WAITED.with(|waited| [WaitsOn::Body, WaitsOn::Job].map(|on| (on, waited.sum(on).get()))))
-    };
-    WAITED.scope(Waited::default(), run).await
-}
-
-/// The request of this task waited. Nothing happens in a task that answers none.
-pub fn add(on: WaitsOn, time: Duration) {
-    let _ = WAITED.try_with(|waited| {
-        let sum = waited.sum(on);
-        sum.set(sum.get().saturating_add(time));
-    });
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[tokio::test]
-    async fn what_a_request_waits_is_its_own_sum() {
-        add(WaitsOn::Body, Duration::from_secs(9));
-        let (output, waited) = measured(async {
-            add(WaitsOn::Body, Duration::from_secs(1));
-            tokio::task::yield_now().await;
-            add(WaitsOn::Body, Duration::from_secs(2));
-            add(WaitsOn::Job, Duration::from_secs(4));
-            "answer"
-        })
-        .await;
-        assert_eq!(output, "answer");
-        assert_eq!(waited, [(WaitsOn::Body, Duration::from_secs(3)), (WaitsOn::Job, Duration::from_secs(4))]);
+/// Returns when the job may have changed: this process reported a change of it, or the poll interval has passed.
+pub async fn changed(changes: &mut Receiver<Uuid>, id: Uuid, poll_interval: Duration) {
+    let next_poll = Instant::now() + poll_interval;
+    loop {
+        tokio::select! {
+            change = changes.recv() => match change {
+                Ok(changed) if changed == id => return,
+                Ok(_) => {}
+                // some reports were missed, perhaps one of this job
+                Err(RecvError::Lagged(_)) => return,
+                Err(RecvError::Closed) => return sleep_until(next_poll).await,
+            },
+            () = sleep_until(next_poll) => return,
+        }
     }
 }

@@ -9,13 +9,12 @@ use axum::{
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::order::CalibrationOrder;
 use crate::{
-    contract::Code,
+    contract::{Code, JobKind},
     http::{
         auth::Caller,
-        extract::{ProfileKey, params},
-        intake::{accept::upload, order::Fields},
+        extract::ProfileKey,
+        ingest::{fields::Fields, request::IngestRequest},
         problem::{ApiError, ApiResult},
         state::App,
         views::Calibration,
@@ -23,22 +22,22 @@ use crate::{
 };
 use pinstack_science::types::calibration_options::{CalibrationOptions, ModelChoice};
 
-/// The same by a form.
+/// A dot-target stack as a form.
 #[derive(Debug, Deserialize, ToSchema)]
 #[allow(dead_code)]
 pub struct CalibrationForm {
-    /// Options, JSON; every one has a default.
+    /// Options as JSON. Every option has a default.
     #[schema(value_type = CalibrationOptions, required = false)]
     options: Option<CalibrationOptions>,
-    /// The zip.
+    /// The zip of the slices.
     #[schema(value_type = String, format = Binary)]
     stack: Vec<u8>,
 }
 
 /// Calibrate from a dot-target stack
 ///
-/// The body is a zip of the dot target at every rail position, bare or as the part `stack` of a form. When the
-/// calibration succeeds, its homographies and gains become the next revision of the profile.
+/// The body is a zip with one image of the dot target per rail position, as the whole body or as the part `stack` of a
+/// form. When the calibration succeeds, its homographies and gains become the next revision of the profile.
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/calibrations",
@@ -48,27 +47,27 @@ pub struct CalibrationForm {
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
         ("reference_index" = Option<u32>, Query, description = "0-based index of the reference slice; default: the middle one"),
-        ("target_pitch_mm" = Option<f64>, Query, description = "Distance between neighbouring dots; gives the magnification"),
-        ("pixel_pitch_mm" = Option<f64>, Query, description = "Size of one pixel on the sensor; kept in the profile"),
-        ("focal_mm" = Option<f64>, Query, description = "Focal length engraved on the lens, mm"),
-        ("rail_step_mm" = Option<f64>, Query, description = "Distance from slice to slice on the rail, mm; negative when it moves away from the object. Uneven positions: `rail_positions_mm` in the part `options` of a form"),
-        ("capture_mode" = Option<pinstack_science::types::profile::CaptureMode>, Query, description = "What moves between slices; a disagreement with what the pictures show is a warning"),
-        ("model" = Option<ModelChoice>, Query, description = "Transform model; default `auto`: the simplest that explains the dots"),
-        ("allow_new_size" = Option<bool>, Query, description = "The slices may have another size than the profile that this calibration replaces; default false"),
-        ("note" = Option<String>, Query, description = "Free text kept in the profile, at most 4,000 characters"),
-        ("Idempotency-Key" = Option<String>, Header, description = "A repeat with the same key answers the first calibration"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60"),
+        ("target_pitch_mm" = Option<f64>, Query, description = "Distance between neighbouring dots, mm; needed for the magnification"),
+        ("pixel_pitch_mm" = Option<f64>, Query, description = "Size of one pixel on the sensor, mm; stored in the profile"),
+        ("focal_mm" = Option<f64>, Query, description = "Nominal focal length of the lens, mm"),
+        ("rail_step_mm" = Option<f64>, Query, description = "Rail movement from slice to slice, mm; negative when it moves away from the object. For uneven positions send `rail_positions_mm` in the part `options` of a form"),
+        ("capture_mode" = Option<pinstack_science::types::profile::CaptureMode>, Query, description = "What moves between slices. A warning is given when the images contradict it"),
+        ("model" = Option<ModelChoice>, Query, description = "Transform model; default `auto`: the simplest model that explains the dots"),
+        ("allow_new_size" = Option<bool>, Query, description = "Accept slices of another size than those of the profile that this calibration replaces; default false"),
+        ("note" = Option<String>, Query, description = "Free text stored in the profile, at most 4,000 characters"),
+        ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the calibration of the first"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
     ),
-    request_body(description = "The zip, bare or in a form; it is streamed to disk", content(
+    request_body(description = "The zip, as the whole body or in a form", content(
         (Vec<u8> = "application/zip"),
         (Vec<u8> = "application/octet-stream"),
         (CalibrationForm = "multipart/form-data"),
     )),
     responses(
-        (status = 200, description = "It has ended within `Prefer: wait`", body = Calibration),
-        (status = 202, description = "It is accepted", body = Calibration, headers(("Location" = String, description = "The calibration"))),
-        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule; `upload_incomplete`"),
-        (status = 413, description = "`upload_too_large`: the body is over the limit"),
+        (status = 200, description = "The calibration has ended within the time of `Prefer: wait`", body = Calibration),
+        (status = 202, description = "The calibration is accepted (with `Idempotency-Replayed: true`: by an earlier request)", body = Calibration, headers(("Location" = String, description = "URL of the calibration"))),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter; `upload_incomplete`: the connection closed or timed out before the end of the body"),
+        (status = 413, description = "`upload_too_large`: the body exceeds the limit"),
         (status = 415, description = "`unsupported_media_type`: neither a zip nor a form"),
         (status = 422, description = "`invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
             `slice_count_mismatch`, `idempotency_key_reused`"),
@@ -84,11 +83,17 @@ pub async fn create(
     headers: HeaderMap,
     body: Body,
 ) -> ApiResult<Response> {
-    let mut fields = Fields { pairs: params::pairs(&uri)?, options: None };
+    let mut fields = Fields::of_query(&uri)?;
     if let Some(name) = ["rig", "lens"].into_iter().find(|name| fields.get(name).is_some()) {
-        return Err(ApiError::new(Code::InvalidRequest, format!("the {name} is in the path already")));
+        return Err(ApiError::new(
+            Code::InvalidRequest,
+            format!("the parameter '{name}' repeats the {name} of the path; omit it"),
+        ));
     }
     fields.set("rig", key.rig.to_string());
     fields.set("lens", key.lens.to_string());
-    upload::<CalibrationOrder, Calibration>(&app, &caller, &headers, body, fields, Calibration::of).await
+    let request = IngestRequest::begin(&app, &caller, &headers).await?;
+    let (submission, zip) = request.receive(JobKind::Calibration, fields, body).await?;
+    let calibration = request.submit(submission, zip).await?;
+    request.answer(calibration).await
 }

@@ -4,20 +4,14 @@ use axum::{extract::State, http::HeaderMap, response::Response};
 
 use crate::{
     contract::JobKind,
-    http::{
-        extract::JobId,
-        problem::ApiResult,
-        state::App,
-        views::Calibration,
-        watch::{events::answer, load::load},
-    },
+    http::{extract::JobId, job_resource, problem::ApiResult, state::App},
 };
 
-/// Watch a calibration
+/// Stream the events of a calibration
 ///
-/// Server-sent events: `state` (data: the whole calibration) now and whenever its state changes, `progress` (data: the
-/// progress) whenever that does. The stream ends with the calibration. A client that comes back with `Last-Event-ID` hears
-/// only what is newer.
+/// Server-sent events. `state` (data: the whole calibration) is sent first and on each change of state. `progress` (data: the
+/// progress) is sent on each change of progress. The stream closes when the calibration has ended. A client that reconnects with
+/// `Last-Event-ID` receives only newer events.
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/events",
@@ -25,15 +19,14 @@ use crate::{
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),
-        ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event that was heard"),
+        ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event received"),
     ),
     responses(
         (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
-        (status = 204, description = "It has ended, and the client has heard that"),
+        (status = 204, description = "The calibration has ended and the client has received its last event: do not reconnect"),
         (status = 404, description = "`not_found`"),
     )
 )]
 pub async fn events(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) -> ApiResult<Response> {
-    let job = load(&app, id, JobKind::Calibration).await?;
-    Ok(answer(&app, &headers, job, Calibration::of))
+    job_resource::events(&app, id, JobKind::Calibration, &headers).await
 }

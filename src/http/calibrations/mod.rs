@@ -6,6 +6,5 @@ pub mod delete;
 pub mod events;
 pub mod get;
 pub mod list;
-pub mod order;
 pub mod overlay;
 pub mod report;

@@ -12,9 +12,9 @@ use crate::{
     http::{
         artifacts::{download, name, outcome},
         extract::{JobId, params},
+        job_resource::load,
         problem::ApiResult,
         state::App,
-        watch::load::load,
     },
 };
 

@@ -23,12 +23,12 @@ use crate::{
         artifacts::{download, outcome},
         background,
         extract::{JobId, params},
+        job_resource::load,
         pages::calibration_report::{self, Subject},
         problem::{ApiError, ApiResult},
         profiles::drift,
         state::App,
         views::calibration::{REPORT, ReportView},
-        watch::load::load,
     },
     store::Job,
 };

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use crate::{
     contract::{Code, Fault},
     http::{
-        intake::{
+        ingest::{
             admission::{content_length, waits_for_continue},
             body::{EndedEarly, WatchedBody},
         },

@@ -14,7 +14,7 @@ use crate::{
     http::{
         auth::{Caller, identify, needs, owned_by_someone},
         connections::tally::InProgress,
-        intake::{admission::waits_for_continue, body::WatchedBody},
+        ingest::{admission::waits_for_continue, body::WatchedBody},
         log,
         problem::{ApiError, ApiResult},
         state::App,
@@ -34,7 +34,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
             }
         }
         Err(error) => {
-            read_a_little(&app, &parts.headers, body);
+            drain_briefly(&app, &parts.headers, body);
             error.into_response()
         }
     }
@@ -71,6 +71,6 @@ fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
 }
 
 /// A client that is refused while it sends would see its connection break and not the reason.
-pub fn read_a_little(app: &App, headers: &HeaderMap, body: Body) {
+pub fn drain_briefly(app: &App, headers: &HeaderMap, body: Body) {
     drop(WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers)));
 }

@@ -18,7 +18,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::auth::read_a_little;
+use super::auth::drain_briefly;
 use crate::{
     contract::{Code, one_line},
     http::{
@@ -35,7 +35,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
         Ok(()) => next.run(request).await,
         Err(error) => {
             let (parts, body) = request.into_parts();
-            read_a_little(&app, &parts.headers, body);
+            drain_briefly(&app, &parts.headers, body);
             error.into_response()
         }
     }

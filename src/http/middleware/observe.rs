@@ -11,7 +11,7 @@ use axum::{
 use super::method;
 use crate::{
     contract::{Problem, one_line},
-    http::waiting,
+    http::wait_times,
     telemetry::events,
 };
 
@@ -24,7 +24,7 @@ pub async fn requests(request: Request, next: Next) -> Response {
     let method = method::known(request.method()).unwrap_or("other");
     let path = one_line(request.uri().path());
     let started = Instant::now();
-    let (response, waits) = waiting::measured(next.run(request)).await;
+    let (response, waits) = wait_times::measured(next.run(request)).await;
     let elapsed = started.elapsed();
     let status = response.status().as_u16();
     // until the headers leave: the body of an event stream may go on for hours

@@ -12,9 +12,9 @@ use crate::{
     http::{
         artifacts::{accept::Formats, picture},
         extract::JobId,
+        job_resource::load,
         problem::ApiResult,
         state::App,
-        watch::load::load,
     },
 };
 

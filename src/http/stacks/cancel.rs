@@ -3,20 +3,19 @@
 use axum::{Json, extract::State, http::StatusCode};
 
 use crate::{
-    contract::{Code, JobKind, JobState},
+    contract::JobKind,
     http::{
         extract::JobId,
-        problem::{ApiError, ApiResult},
+        job_resource,
+        problem::ApiResult,
         state::App,
-        views::Stack,
-        watch::load::load,
+        views::{JobDocument, Stack},
     },
-    store::CancelRequest,
 };
 
 /// Cancel a stack
 ///
-/// One that waits is cancelled at once, one that runs within seconds. Asking twice does no harm.
+/// A waiting stack is cancelled at once, a running one within seconds. Cancelling it again is not an error.
 #[utoipa::path(
     post,
     path = "/v1/stacks/{id}/cancel",
@@ -24,19 +23,11 @@ use crate::{
     tag = "stacks",
     params(("id" = String, Path, description = "Id of the stack")),
     responses(
-        (status = 202, description = "It is cancelled, or will be soon", body = Stack),
+        (status = 202, description = "It is cancelled, or will be as soon as its worker stops", body = Stack),
         (status = 404, description = "`not_found`"),
-        (status = 409, description = "`conflict`: it had ended before"),
+        (status = 409, description = "`conflict`: it has already succeeded or failed"),
     )
 )]
-pub async fn cancel(State(app): State<App>, JobId(id): JobId) -> ApiResult<(StatusCode, Json<Option<Stack>>)> {
-    load(&app, id, JobKind::Stack).await?;
-    if let Some(CancelRequest::AlreadyEnded(state)) = app.rows.cancel(id).await?
-        && state != JobState::Cancelled
-    {
-        let detail = format!("the stack has ended already: it is {}", state.as_str());
-        return Err(ApiError::new(Code::Conflict, detail));
-    }
-    let job = load(&app, id, JobKind::Stack).await?;
-    Ok((StatusCode::ACCEPTED, Json(Stack::of(&job))))
+pub async fn cancel(State(app): State<App>, JobId(id): JobId) -> ApiResult<(StatusCode, Json<JobDocument>)> {
+    job_resource::cancel(&app, id, JobKind::Stack).await
 }

@@ -5,17 +5,17 @@ use axum::{Json, extract::State, http::HeaderMap};
 use crate::{
     contract::JobKind,
     http::{
-        extract::{JobId, prefer},
+        extract::JobId,
+        job_resource,
         problem::ApiResult,
         state::App,
-        views::Stack,
-        watch::{load::load, wait::until_final},
+        views::{JobDocument, Stack},
     },
 };
 
-/// Read a stack
+/// Get a stack
 ///
-/// With `Prefer: wait=N` the answer comes when the stack has ended, after N seconds at the latest, and never later than after 60.
+/// With `Prefer: wait=N` the response is sent when the stack has ended, or after N seconds (at most 60).
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}",
@@ -23,17 +23,13 @@ use crate::{
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
     ),
     responses(
         (status = 200, description = "The stack", body = Stack),
         (status = 404, description = "`not_found`"),
     )
 )]
-pub async fn get(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) -> ApiResult<Json<Option<Stack>>> {
-    let mut job = load(&app, id, JobKind::Stack).await?;
-    if let Some(patience) = prefer::wait(&headers) {
-        job = until_final(&app, id, patience).await?.unwrap_or(job);
-    }
-    Ok(Json(Stack::of(&job)))
+pub async fn get(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) -> ApiResult<Json<JobDocument>> {
+    job_resource::get(&app, id, JobKind::Stack, &headers).await
 }

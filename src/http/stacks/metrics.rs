@@ -4,13 +4,13 @@ use axum::{Json, extract::State};
 
 use crate::{
     contract::{JobKind, outcome::JobOutcome},
-    http::{artifacts::outcome, extract::JobId, problem::ApiResult, state::App, watch::load::load},
+    http::{artifacts::outcome, extract::JobId, job_resource::load, problem::ApiResult, state::App},
 };
 use pinstack_science::types::metrics::Metrics;
 
-/// The metrics of a stack alone
+/// Get the metrics of a stack
 ///
-/// A number that could not be computed is null, never made up. `mask` is null without a back-light stack.
+/// A metric that could not be computed is null. `mask` is null without a back-light stack.
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/metrics",
@@ -19,8 +19,8 @@ use pinstack_science::types::metrics::Metrics;
     params(("id" = String, Path, description = "Id of the stack")),
     responses(
         (status = 200, description = "The metrics", body = Metrics),
-        (status = 404, description = "`not_found`; `no_result`: it failed or was cancelled"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
+        (status = 404, description = "`not_found`; `no_result`: the stack failed or was cancelled"),
+        (status = 409, description = "`not_finished`: the stack is queued or running"),
     )
 )]
 pub async fn metrics(State(app): State<App>, JobId(id): JobId) -> ApiResult<Json<Metrics>> {

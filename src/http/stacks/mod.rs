@@ -8,6 +8,5 @@ pub mod events;
 pub mod get;
 pub mod list;
 pub mod metrics;
-pub mod order;
 pub mod rerun;
 pub mod upload;

@@ -8,7 +8,7 @@ use axum::{
 };
 use serde_json::{Map, Value};
 
-use super::order::StackOrder;
+use super::upload::removed;
 use crate::{
     contract::{
         Code, JobKind,
@@ -19,32 +19,34 @@ use crate::{
     http::{
         auth::Caller,
         extract::{JobId, json, params},
-        intake::{
-            accept::complete, admission::require_place, idempotency, order::Order, reservation::require_room,
-            spool::Spooled,
+        ingest::{
+            admission::require_admissible,
+            request::IngestRequest,
+            spool::SpooledZip,
+            submission::{Submission, stack::StackSubmission},
         },
+        job_resource::{load, not_found},
         problem::{ApiError, ApiResult},
-        profiles::not_found,
+        profiles,
         state::App,
         views::Stack,
-        watch::load::load,
     },
     store::Job,
 };
 
-/// Name of the option that says which revision is used.
+/// Name of the option that chooses the revision of the profile.
 const REVISION: &str = "profile_revision";
 
 /// Fuse a stack again
 ///
-/// Makes a new stack from the zip of this one, with other options or another revision of the profile, without sending the
-/// zip again. This stack stays as it is, in whatever state it is. The two share the zip on the disk; deleting one leaves
-/// it to the other. Against the quota of a token each of them counts in full.
+/// Makes a new stack from the stored zip of this one, with other options or another revision of the profile. This stack
+/// does not change; it may be in any state. Both stacks share the zip on the disk, and deleting one keeps it for the other.
+/// Each counts in full towards the quota of a token.
 ///
-/// The body is a JSON object of options, or nothing. An option that it names replaces that of this stack, one that is null
-/// gets its default, and one that it does not name stays as it was (`label`, `scan`, `pan_deg` and `tilt_deg`, too).
-/// Without `profile_revision` the new stack uses the revision that this one used, even when the profile was deleted; null is
-/// the current revision. What is checked when a stack is sent is checked here too.
+/// The body is a JSON object of options, or empty. An option in the body replaces that of this stack; null resets it to its
+/// default; an option that is absent is kept (`label`, `scan`, `pan_deg` and `tilt_deg` included). Without
+/// `profile_revision` the new stack uses the revision of this stack, even if the profile was deleted meanwhile; null means
+/// the current revision. The new submission is checked like any other.
 #[utoipa::path(
     post,
     path = "/v1/stacks/{id}/rerun",
@@ -52,23 +54,23 @@ const REVISION: &str = "profile_revision";
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),
-        ("Idempotency-Key" = Option<String>, Header, description = "A repeat with the same key answers the first new stack"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds for the end, at most 60"),
+        ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the new stack of the first"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
     ),
-    request_body(content = ref("#/components/schemas/RerunOptions"), content_type = "application/json", description = "What is different; nothing: the same again"),
+    request_body(content = ref("#/components/schemas/RerunOptions"), content_type = "application/json", description = "The options to change; empty: none"),
     responses(
-        (status = 200, description = "The new stack has ended within `Prefer: wait`", body = Stack),
-        (status = 202, description = "The new stack is accepted (or was before: `Idempotency-Replayed: true`)", body = Stack, headers(
-            ("Location" = String, description = "The new stack"),
-            ("Idempotency-Replayed" = String, description = "`true` when an earlier request made it"),
+        (status = 200, description = "The new stack has ended within the time of `Prefer: wait`", body = Stack),
+        (status = 202, description = "The new stack is accepted (with `Idempotency-Replayed: true`: by an earlier request)", body = Stack, headers(
+            ("Location" = String, description = "URL of the new stack"),
+            ("Idempotency-Replayed" = String, description = "`true` when an earlier request made the stack"),
             ("Preference-Applied" = String, description = "The wait that was granted"))),
-        (status = 400, description = "`invalid_request`: an option that breaks its rule, or a body that is not JSON; `upload_incomplete`"),
+        (status = 400, description = "`invalid_request`: an invalid option, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out before the end of the body"),
         (status = 404, description = "`not_found`: no such stack; `profile_not_found`: no such revision"),
-        (status = 410, description = "`upload_removed`: the zip is gone, because its time was over"),
-        (status = 413, description = "`upload_too_large`: over 4 MiB"),
+        (status = 410, description = "`upload_removed`: the zip was removed at the end of its retention period"),
+        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
-        (status = 422, description = "`size_mismatch`, `slice_count_mismatch`: the zip does not fit the other revision; `mask_failed` (required without a back light), \
-            `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`: the limits of the server are lower now; `idempotency_key_reused`"),
+        (status = 422, description = "`size_mismatch`, `slice_count_mismatch`: the zip does not match the other revision; `mask_failed` (required without a back light); \
+            `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`: the limits of the server were lowered; `idempotency_key_reused`"),
         (status = 503, description = "`queue_full`, with `Retry-After`"),
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
@@ -84,38 +86,32 @@ pub async fn rerun(
     params::refuse_rest(&params::pairs(&uri)?, "none; the options are members of the JSON body")?;
     let changes = changes(&app, &headers, body).await?;
     let first = load(&app, id, JobKind::Stack).await?;
-    let JobRequest::Stack(request) = &first.request else { return Err(ApiError::internal("a stack is no stack")) };
-    let (options, profile) = asked(&app, &first, request, changes).await?;
-    let order = StackOrder::new(profile, options, Some(id))?;
+    let JobRequest::Stack(stored) = &first.request else { return Err(not_found(id, JobKind::Stack)) };
+    let (options, profile) = changed(&app, &first, stored, changes).await?;
+    let submission = Submission::Stack(Box::new(StackSubmission::new(profile, options, Some(id))?));
     if first.upload_removed {
         return Err(removed());
     }
-    let key = idempotency::key(&headers)?.map(|key| idempotency::of_caller(key, caller.sees_only(&app)));
-    let is_repeat = match &key {
-        Some(key) => app.rows.by_idempotency_key(key).await?.is_some(),
-        None => false,
-    };
-    if !is_repeat {
-        require_place(&app).await?;
-        // the zip takes no more room than it has
-        require_room(&app, 0, order.disk_need()).await?;
+    let request = IngestRequest::begin(&app, &caller, &headers).await?;
+    if !request.key.is_repeat {
+        // the zip is shared and needs no space of its own
+        require_admissible(&app, &caller, 0, submission.disk_need()).await?;
     }
-    let Some(file) = Spooled::of_stored(&app, &request.upload).await? else {
-        // removed since the row was read: the row says by now what became of it
-        let now = load(&app, id, JobKind::Stack).await?;
-        return Err(if now.upload_removed { removed() } else { ApiError::internal("the zip of a stack is missing") });
-    };
-    complete(&app, &caller, &headers, order, file, key, Stack::of).await
+    let zip = stored_zip(&app, &first).await?;
+    let stack = request.submit(submission, zip).await?;
+    request.answer(stack).await
 }
 
-/// The zip of a stack is gone, and was meant to go.
-pub fn removed() -> ApiError {
-    let detail = "the zip of this stack was removed because its time was over (keep_uploads_days of the server); its results \
-                  are there; send the zip again for another result";
-    ApiError::new(Code::UploadRemoved, detail)
+async fn stored_zip(app: &App, stack: &Job) -> ApiResult<SpooledZip> {
+    if let Some(zip) = SpooledZip::of_stored(app, stack.request.upload()).await? {
+        return Ok(zip);
+    }
+    // removed since the row was read: the row now says why
+    let now = load(app, stack.id, JobKind::Stack).await?;
+    Err(if now.upload_removed { removed() } else { ApiError::internal("the zip of a stack is missing") })
 }
 
-/// What the body names.
+/// The members of the body.
 async fn changes(app: &App, headers: &HeaderMap, body: Body) -> ApiResult<Map<String, Value>> {
     json::require_json(headers)?;
     let bytes = json::read(app, headers, body).await?;
@@ -126,7 +122,7 @@ async fn changes(app: &App, headers: &HeaderMap, body: Body) -> ApiResult<Map<St
 }
 
 /// The options of the new stack, and the revision that it uses.
-async fn asked(
+async fn changed(
     app: &App,
     first: &Job,
     request: &StackRequest,
@@ -139,21 +135,23 @@ async fn asked(
     }
     let Job { rig, lens, .. } = first;
     let profile = match options.profile_revision {
-        // what the stack used may be used again, also when it was deleted since
+        // the revision of the first stack may be used again even if it was deleted meanwhile
         Some(revision) if revision == request.profile_revision => app.rows.profile_of_job(rig, lens, revision).await?,
         revision => app.rows.profile(rig, lens, revision).await?,
     };
-    let Some(profile) = profile else { return Err(not_found(app, rig, lens, options.profile_revision).await) };
+    let Some(profile) = profile else {
+        return Err(profiles::not_found(app, rig, lens, options.profile_revision).await);
+    };
     Ok((options, profile))
 }
 
-/// The options of a stack with changes: null stands for the default.
+/// The options of a stack with changes applied; null resets an option to its default.
 fn merged(options: &StackOptions, changes: Map<String, Value>) -> ApiResult<StackOptions> {
     let Ok(Value::Object(mut members)) = serde_json::to_value(options) else {
-        return Err(ApiError::internal("the options of a stack are no object"));
+        return Err(ApiError::internal("the options of a stack are not a JSON object"));
     };
     for (name, value) in changes {
-        // a null of an unknown name stays, to be refused with it
+        // a null under an unknown name stays, so that the name is refused
         if value.is_null() && members.remove(&name).is_some() {
             continue;
         }
@@ -176,14 +174,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_named_replaces_null_is_the_default_and_the_rest_stays() {
+    fn named_options_are_replaced_null_resets_and_the_rest_is_kept() {
         let options = with(json!({ "r2": 9, "label": null, "format": null })).expect("all of them are valid");
         assert_eq!((options.r1, options.r2, options.label), (20, 9, None));
         assert_eq!(options.format, ImageFormat::Png);
     }
 
     #[test]
-    fn what_is_unknown_or_of_another_type_is_refused() {
+    fn unknown_options_and_wrong_types_are_refused() {
         assert!(with(json!({ "radius": 1 })).unwrap_err().contains("radius"));
         assert!(with(json!({ "radius": null })).unwrap_err().contains("radius"));
         assert!(with(json!({ "r1": "many" })).unwrap_err().starts_with("/r1"));

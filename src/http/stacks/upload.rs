@@ -7,7 +7,6 @@ use axum::{
 };
 use base64::{Engine, prelude::BASE64_STANDARD};
 
-use super::rerun::removed;
 use crate::{
     contract::{Code, JobKind},
     http::{
@@ -16,9 +15,9 @@ use crate::{
             name,
         },
         extract::JobId,
+        job_resource::load,
         problem::{ApiError, ApiResult},
         state::App,
-        watch::load::load,
     },
 };
 
@@ -27,7 +26,7 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
 
 /// Download the zip of a stack
 ///
-/// The zip as it was sent, under the name that it had then. Of a rerun: the zip that it shares with the first stack.
+/// The zip as it was sent, under its original file name. For a rerun, the zip that it shares with the first stack.
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/upload",
@@ -35,20 +34,20 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),
-        ("Range" = Option<String>, Header, description = "One range of bytes"),
-        ("If-Range" = Option<String>, Header, description = "`ETag`: the range only if it is still that file"),
-        ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
+        ("Range" = Option<String>, Header, description = "One byte range"),
+        ("If-Range" = Option<String>, Header, description = "`ETag`: send the range only if the file still has this tag, otherwise the whole file"),
+        ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
     ),
     responses(
         (status = 200, description = "The zip", body = Vec<u8>, content_type = "application/zip", headers(
             ("ETag" = String, description = "SHA-256 of the zip, hex"),
             ("Repr-Digest" = String, description = "SHA-256 of the whole zip, base64 (RFC 9530)"),
-            ("Content-Disposition" = String, description = "The name that the client gave, or one made of the id"))),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
+            ("Content-Disposition" = String, description = "The file name that the client gave, or one made from the id"))),
+        (status = 206, description = "The requested range"),
+        (status = 304, description = "The copy of the client is current"),
         (status = 404, description = "`not_found`"),
-        (status = 410, description = "`upload_removed`: its time was over; the results are there"),
-        (status = 412, description = "`precondition_failed`: the zip is not the one that `If-Match` names"),
+        (status = 410, description = "`upload_removed`: the zip was removed at the end of its retention period; the results are kept"),
+        (status = 412, description = "`precondition_failed`: the zip does not have the tag in `If-Match`"),
         (status = 416, description = "`range_not_satisfiable`"),
     )
 )]
@@ -79,7 +78,14 @@ pub async fn upload(State(app): State<App>, JobId(id): JobId, headers: HeaderMap
     Ok(response)
 }
 
-/// The header's value for a digest in hex.
+/// The error for a zip that was removed at the end of its retention period.
+pub(super) fn removed() -> ApiError {
+    let detail = "the zip of this stack was removed at the end of its retention period (keep_uploads_days of the server); \
+                  its results are kept; send the zip again to fuse it with other options";
+    ApiError::new(Code::UploadRemoved, detail)
+}
+
+/// The value of `Repr-Digest` for a SHA-256 in hex.
 fn digest(sha256: &str) -> Option<HeaderValue> {
     let byte = |at: usize| u8::from_str_radix(sha256.get(at..at + 2)?, 16).ok();
     let bytes: Option<Vec<u8>> = (0..sha256.len()).step_by(2).map(byte).collect();

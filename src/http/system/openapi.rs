@@ -14,10 +14,9 @@ use crate::{
     http::{
         auth::needs,
         extract::conditional::{etag, not_modified},
-        intake::spool::hex,
         system::{examples, parameters, schemas},
     },
-    store::tokens::names,
+    store::{digest::hex, tokens::names},
 };
 use pinstack_science::types::error::ErrorLocation;
 

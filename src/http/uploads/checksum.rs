@@ -1,4 +1,4 @@
-//! `Upload-Checksum`: what a client believes it sent in one request.
+//! `Upload-Checksum`: the checksum of the body of one request.
 
 use axum::http::HeaderMap;
 use base64::{Engine, prelude::BASE64_STANDARD};
@@ -19,17 +19,17 @@ enum Running {
     Sha256(Sha256),
 }
 
-/// A checksum to be compared with what arrives.
+/// The expected checksum, and the running one of what arrives.
 pub struct Checksum {
     expected: Vec<u8>,
     running: Running,
 }
 
 impl Checksum {
-    /// The checksum that a request promises.
+    /// The checksum in the headers of a request.
     ///
     /// # Errors
-    /// `invalid_request` for an algorithm that is not understood or a value that is none.
+    /// `invalid_request` for an unknown algorithm or an invalid value.
     pub fn of_request(headers: &HeaderMap) -> ApiResult<Option<Self>> {
         let Some(value) = headers.get(UPLOAD_CHECKSUM) else { return Ok(None) };
         let text = value.to_str().unwrap_or_default();
@@ -38,20 +38,20 @@ impl Checksum {
             "sha1" => (Running::Sha1(Sha1::new()), 20),
             "sha256" => (Running::Sha256(Sha256::new()), 32),
             _ => {
-                let detail = format!("Upload-Checksum: the algorithm must be one of: {ALGORITHMS}");
+                let detail = format!("Upload-Checksum: unknown algorithm; use one of: {ALGORITHMS}");
                 return Err(ApiError::new(Code::InvalidRequest, detail));
             }
         };
         match BASE64_STANDARD.decode(value.trim()) {
             Ok(expected) if expected.len() == length => Ok(Some(Self { expected, running })),
             _ => {
-                let detail = format!("Upload-Checksum: what follows {name} must be {length} bytes in base64");
+                let detail = format!("Upload-Checksum: the value after '{name}' must be {length} bytes in base64");
                 Err(ApiError::new(Code::InvalidRequest, detail))
             }
         }
     }
 
-    /// More bytes.
+    /// Adds bytes.
     pub fn update(&mut self, bytes: &[u8]) {
         match &mut self.running {
             Running::Sha1(hash) => hash.update(bytes),
@@ -59,7 +59,7 @@ impl Checksum {
         }
     }
 
-    /// Whether the bytes are those that were promised.
+    /// Compares the two.
     ///
     /// # Errors
     /// `checksum_mismatch`.
@@ -71,7 +71,7 @@ impl Checksum {
         if found == self.expected {
             return Ok(());
         }
-        let detail = "the bytes of this request are not those of its Upload-Checksum; none of them were kept, send them \
+        let detail = "the bytes of this request do not match its Upload-Checksum; none of them were stored; send them \
                       again from the same offset";
         Err(ApiError::new(Code::ChecksumMismatch, detail))
     }

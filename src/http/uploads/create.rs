@@ -13,23 +13,15 @@ use super::{
     digest::RunningDigest,
     metadata::Metadata,
     patch::receive_piece,
-    protocol::{UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, bytes, is_piece, require_version, tell, url},
+    protocol::{UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, bytes, is_piece, require_version, url, write_headers},
     receive::require_fit,
 };
 use crate::{
     contract::{Code, JobKind},
     http::{
         auth::Caller,
-        calibrations::order::CalibrationOrder,
-        intake::{
-            admission::require_place,
-            body::too_large,
-            order::Order,
-            quota::{QuotaClaim, over_quota},
-            reservation::require_room,
-        },
+        ingest::{admission::require_admissible, body::too_large, quota::over_quota, submission::Submission},
         problem::{ApiError, ApiResult},
-        stacks::order::StackOrder,
         state::App,
     },
     store::{
@@ -40,9 +32,10 @@ use crate::{
 
 /// Begin a resumable upload
 ///
-/// tus 1.0.0: creation, and creation with upload when the body is a piece. `Upload-Metadata` says what it is for: `rig`, `lens`,
-/// `options` (JSON, as of a form), `filename`, and `purpose calibration` for a dot target. Everything that can be known
-/// is checked now: names, options, profile, length, room, queue.
+/// tus 1.0.0: `creation`, and `creation-with-upload` when the request has a body. `Upload-Metadata` describes the upload:
+/// `rig`, `lens`, `options` (JSON, as in a form), `filename`, and `purpose` (`stack`, the default, or `calibration` for a
+/// dot target). Names, options, profile, length, quota, disk space and queue are checked now. Send the bytes with `PATCH`
+/// to the URL in `Location`.
 #[utoipa::path(
     post,
     path = "/v1/uploads",
@@ -50,27 +43,27 @@ use crate::{
     tag = "uploads",
     params(
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
-        ("Upload-Length" = u64, Header, description = "Bytes of the zip"),
+        ("Upload-Length" = u64, Header, description = "Size of the zip, bytes"),
         ("Upload-Metadata" = Option<String>, Header, description = "`name base64,name base64`: rig, lens, options, filename, purpose"),
         ("Upload-Checksum" = Option<String>, Header, description = "`sha1` or `sha256` and the checksum of the body in base64"),
     ),
-    request_body(description = "Nothing, or the first piece", content((Vec<u8> = "application/offset+octet-stream"))),
+    request_body(description = "Empty, or the first bytes of the zip", content((Vec<u8> = "application/offset+octet-stream"))),
     responses(
-        (status = 201, description = "It has begun", headers(
-            ("Location" = String, description = "The upload"),
+        (status = 201, description = "The upload is created", headers(
+            ("Location" = String, description = "URL of the upload"),
             ("Upload-Offset" = u64, description = "Bytes on stable storage"),
-            ("Upload-Expires" = String, description = "When it goes unless something comes before"),
-            ("Pinstack-Job" = String, description = "The job, when the body was the whole zip"))),
-        (status = 400, description = "`invalid_request`: a header, name or option that breaks its rule; `upload_incomplete`: the body broke off (what arrived is kept)"),
+            ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
+            ("Pinstack-Job" = String, description = "URL of the job, if the body was the whole zip"))),
+        (status = 400, description = "`invalid_request`: an invalid header, name or option; `upload_incomplete`: the connection closed or timed out (what arrived is kept)"),
         (status = 404, description = "`profile_not_found`"),
-        (status = 409, description = "`conflict`: a newer request took the upload over while the body arrived"),
-        (status = 412, description = "`precondition_failed`: another version of tus"),
-        (status = 413, description = "`upload_too_large`"),
-        (status = 415, description = "`unsupported_media_type`: a body that is no piece"),
-        (status = 422, description = "The body was the whole zip and is refused as at `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
+        (status = 409, description = "`conflict`: a newer request took over the upload"),
+        (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
+        (status = 413, description = "`upload_too_large`: `Upload-Length` exceeds the limit"),
+        (status = 415, description = "`unsupported_media_type`: a body that is not `application/offset+octet-stream`"),
+        (status = 422, description = "The body was the whole zip and is refused, as by `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
             `slice_count_mismatch`, `mask_failed` (required without a back light)"),
-        (status = 460, description = "`checksum_mismatch`: none of the body was kept"),
-        (status = 503, description = "`queue_full`: too many jobs wait, or too many uploads are open; `unavailable`: the server goes down"),
+        (status = 460, description = "`checksum_mismatch`: none of the body was stored"),
+        (status = 503, description = "`queue_full`: too many waiting jobs or open uploads; `unavailable`: the server is shutting down"),
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
@@ -79,7 +72,8 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
     let checksum = Checksum::of_request(&headers)?;
     let brings_piece = is_piece(&headers);
     if !brings_piece && has_body(&headers) {
-        let detail = "the body of a new upload must be a piece: application/offset+octet-stream, or nothing";
+        let detail =
+            "the body of a new upload must be empty, or the first bytes of the zip as application/offset+octet-stream";
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
     let mut upload = begin(&app, &caller, &headers).await?;
@@ -88,7 +82,7 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
         upload = receive_piece(&app, &caller, &headers, upload.id, body, 0, checksum).await?;
     }
     let mut response = StatusCode::CREATED.into_response();
-    tell(response.headers_mut(), &upload);
+    write_headers(response.headers_mut(), &upload);
     if let Ok(location) = HeaderValue::from_str(&url(upload.id)) {
         response.headers_mut().insert(header::LOCATION, location);
     }
@@ -97,30 +91,27 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
 
 async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<PartialUpload> {
     if headers.contains_key(UPLOAD_DEFER_LENGTH) {
-        let detail = "Upload-Defer-Length is not supported: say Upload-Length, the size of the zip";
+        let detail = "Upload-Defer-Length is not supported; send Upload-Length, the size of the zip in bytes";
         return Err(ApiError::new(Code::InvalidRequest, detail));
     }
     let length = bytes(headers, &UPLOAD_LENGTH)?;
     if length == 0 {
-        return Err(ApiError::new(Code::InvalidRequest, "Upload-Length is 0; an empty file is no zip"));
+        return Err(ApiError::new(
+            Code::InvalidRequest,
+            "Upload-Length is 0, but an empty file is not a zip; send its size in bytes",
+        ));
     }
     if length > app.policy.max_upload_bytes {
         return Err(too_large(app.policy.max_upload_bytes).into());
     }
     let (text, metadata) = Metadata::of_request(headers)?;
-    let job_bytes = match metadata.purpose()? {
-        JobKind::Stack => {
-            caller.require(&[Scope::StacksWrite])?;
-            StackOrder::read(app, &metadata.fields()).await?.disk_need()
-        }
-        JobKind::Calibration => {
-            caller.require(&[Scope::ProfilesWrite])?;
-            CalibrationOrder::read(app, &metadata.fields()).await?.disk_need()
-        }
-    };
-    QuotaClaim::of(app, caller, None).cover(length).await?;
-    require_room(app, length, job_bytes).await?;
-    require_place(app).await?;
+    let kind = metadata.purpose()?;
+    caller.require(match kind {
+        JobKind::Stack => &[Scope::StacksWrite],
+        JobKind::Calibration => &[Scope::ProfilesWrite],
+    })?;
+    let submission = Submission::read(app, kind, &metadata.fields()).await?;
+    require_admissible(app, caller, length, submission.disk_need()).await?;
     let new = NewUpload {
         id: Uuid::now_v7(),
         length,
@@ -138,7 +129,7 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
                 true => (limits.of_owner, " of this token"),
                 false => (limits.all, ""),
             };
-            let detail = format!("{limit} uploads{whose} are open already; end or finish some, or try again later");
+            let detail = format!("{limit} uploads{whose} are open already; finish or delete some, or try again later");
             Err(ApiError::new(Code::QueueFull, detail))
         }
     }

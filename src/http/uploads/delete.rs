@@ -5,7 +5,7 @@ use axum::{
     http::{HeaderMap, StatusCode},
 };
 
-use super::{hold::hold, protocol::require_version};
+use super::{lock::lock, protocol::require_version};
 use crate::{
     http::{
         background,
@@ -16,9 +16,9 @@ use crate::{
     store::gc::gc_upload,
 };
 
-/// End an upload
+/// Delete an upload
 ///
-/// Its bytes go. A job that it became stays: `DELETE` that.
+/// Its bytes are deleted. A job that was made from it is kept; delete the job at its own URL.
 #[utoipa::path(
     delete,
     path = "/v1/uploads/{id}",
@@ -29,21 +29,21 @@ use crate::{
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
     ),
     responses(
-        (status = 204, description = "It is gone"),
-        (status = 404, description = "`not_found`: no such upload, or its time is over"),
-        (status = 412, description = "`precondition_failed`: another version of tus"),
-        (status = 423, description = "`locked`: another request does not let go; with `Retry-After`"),
+        (status = 204, description = "It is deleted"),
+        (status = 404, description = "`not_found`: no such upload, or it has expired"),
+        (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
+        (status = 423, description = "`locked`: another request is still writing; try again after `Retry-After`"),
     )
 )]
 pub async fn delete(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<StatusCode> {
     require_version(&headers)?;
-    let ending = background::spawn(async move {
-        let (_held, _) = hold(&app, id).await?;
+    let deleting = background::spawn(async move {
+        let (_lock, _) = lock(&app, id).await?;
         app.rows.delete_upload(id).await?;
         if let Err(error) = gc_upload(&*app.rows, &*app.blobs, id).await {
-            tracing::warn!(?error, %id, "what an upload left cannot be removed now; the next sweep will");
+            tracing::warn!(?error, %id, "files of an upload are left to garbage collection");
         }
         ApiResult::Ok(StatusCode::NO_CONTENT)
     });
-    ending.await.map_err(ApiError::internal)?
+    deleting.await.map_err(ApiError::internal)?
 }

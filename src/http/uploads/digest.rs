@@ -1,37 +1,37 @@
-//! The SHA-256 of an upload, kept between its pieces, so that 64 GB need not be read again at their end.
+//! The SHA-256 of an upload. Its state is stored between requests, so that the bytes need not be read again at the end.
 
 use sha2::{
     Digest, Sha256,
     digest::common::hazmat::{SerializableState, SerializedState},
 };
 
-use crate::http::{
-    intake::spool::hex,
-    problem::{ApiError, ApiResult},
+use crate::{
+    http::problem::{ApiError, ApiResult},
+    store::digest::hex,
 };
 
-/// A digest that can be put away and taken up.
+/// A digest whose state can be stored and resumed.
 #[derive(Clone, Default)]
 pub struct RunningDigest(Sha256);
 
 impl RunningDigest {
-    /// Takes up what a row kept.
+    /// Resumes from a stored state.
     ///
     /// # Errors
-    /// When the row holds something else.
+    /// When the bytes are not the state of a digest.
     pub fn resume(state: &[u8]) -> ApiResult<Self> {
         let state = SerializedState::<Sha256>::try_from(state)
-            .map_err(|_| ApiError::internal("the row of an upload holds no state of a digest"))?;
+            .map_err(|_| ApiError::internal("the row of an upload does not contain the state of a digest"))?;
         let hash = Sha256::deserialize(&state).map_err(|e| ApiError::internal(format!("digest of an upload: {e}")))?;
         Ok(Self(hash))
     }
 
-    /// What a row keeps.
+    /// The state to store.
     pub fn state(&self) -> Vec<u8> {
         self.0.serialize().to_vec()
     }
 
-    /// More bytes.
+    /// Adds bytes.
     pub fn update(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_digest_that_was_put_away_anywhere_is_that_of_the_whole() {
+    fn a_digest_resumed_at_any_byte_is_that_of_the_whole() {
         let bytes: Vec<u8> = (0..200_u8).collect();
         let whole = hex(&Sha256::digest(&bytes));
         for cut in 0..=bytes.len() {

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::{
-    hold::unknown,
+    lock::not_found,
     metadata::Metadata,
     protocol::{job_url, url},
 };
@@ -23,43 +23,43 @@ use crate::{
     store::uploads::{PartialUpload, UploadState},
 };
 
-/// Where an upload is.
+/// State of an upload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum UploadProgress {
-    /// Bytes are missing, or all are here and the job is to be made.
+    /// Bytes are missing, or all bytes are stored and the job is not made yet.
     Receiving,
     /// The job was made.
     Complete,
-    /// What arrived was refused, and is gone.
+    /// The zip was refused and deleted.
     Refused,
 }
 
-/// An upload that arrives in pieces.
+/// A resumable upload.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ResumableUpload {
-    /// Id; the job that it becomes has the same.
+    /// Id. The job that is made from it has the same id.
     #[schema(value_type = String, format = Uuid)]
     pub id: Uuid,
-    /// Where it is.
+    /// State of the upload.
     pub state: UploadProgress,
     /// Bytes on stable storage.
     pub offset: u64,
-    /// Bytes in all.
+    /// Size of the zip, bytes.
     pub length: u64,
-    /// What it becomes.
+    /// The kind of job that it becomes.
     pub purpose: JobKind,
-    /// Name that the client gave; null when it gave none.
+    /// File name that the client gave; null when it gave none.
     pub filename: Option<String>,
-    /// Everything that the client said about it.
+    /// The decoded `Upload-Metadata`.
     pub metadata: BTreeMap<String, String>,
-    /// When it began.
+    /// When it was created.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// When it goes unless something comes before. The job stays.
+    /// When it expires unless more bytes arrive. The job does not expire with it.
     #[schema(value_type = String, format = DateTime)]
     pub expires_at: Timestamp,
-    /// The job that it became; null before.
+    /// URL of the job that was made from it; null before.
     pub job: Option<String>,
     /// Why it was refused; null unless `state` is `refused`.
     pub error: Option<Problem>,
@@ -89,9 +89,9 @@ impl ResumableUpload {
     }
 }
 
-/// Read an upload
+/// Get an upload
 ///
-/// For people and scripts; disturbs nobody who writes to it. tus clients ask by HEAD.
+/// For people and scripts. It does not interrupt a request that writes to the upload. tus clients use `HEAD`.
 #[utoipa::path(
     get,
     path = "/v1/uploads/{id}",
@@ -100,10 +100,10 @@ impl ResumableUpload {
     params(("id" = String, Path, description = "Id of the upload")),
     responses(
         (status = 200, description = "The upload", body = ResumableUpload),
-        (status = 404, description = "`not_found`: no such upload, or its time is over"),
+        (status = 404, description = "`not_found`: no such upload, or it has expired"),
     )
 )]
 pub async fn get(State(app): State<App>, UploadId(id): UploadId) -> ApiResult<Json<ResumableUpload>> {
-    let upload = app.rows.upload(id).await?.ok_or_else(|| unknown(id))?;
+    let upload = app.rows.upload(id).await?.ok_or_else(|| not_found(id))?;
     Ok(Json(ResumableUpload::of(&upload)?))
 }

@@ -8,8 +8,8 @@ use axum::{
 
 use super::{
     complete::complete_if_whole,
-    hold::{hold, not_refused},
-    protocol::{UPLOAD_LENGTH, UPLOAD_METADATA, require_version, tell},
+    lock::{lock, require_not_refused},
+    protocol::{UPLOAD_LENGTH, UPLOAD_METADATA, require_version, write_headers},
 };
 use crate::http::{
     background,
@@ -18,10 +18,10 @@ use crate::http::{
     state::App,
 };
 
-/// Where is an upload?
+/// Get the offset of an upload
 ///
-/// Ends a request that still writes to the upload, so that the offset stays what it is. When all bytes are here and the job could not be
-/// made before (the queue was full, the server went down), it is made now.
+/// Ends a request that is still writing to the upload, so that the offset in the response is final. If all bytes are stored
+/// and the job could not be made before (the queue was full, or the server was shut down), it is made now.
 #[utoipa::path(
     head,
     path = "/v1/uploads/{id}",
@@ -32,33 +32,33 @@ use crate::http::{
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
     ),
     responses(
-        (status = 200, description = "There", headers(
+        (status = 200, description = "Offset and length of the upload", headers(
             ("Upload-Offset" = u64, description = "Bytes on stable storage"),
-            ("Upload-Length" = u64, description = "Bytes in all"),
-            ("Upload-Metadata" = String, description = "As it came"),
-            ("Upload-Expires" = String, description = "When it goes unless something comes before"),
-            ("Pinstack-Job" = String, description = "The job, when the upload is complete"))),
-        (status = 404, description = "`not_found`: no such upload, or its time is over"),
-        (status = 412, description = "`precondition_failed`: another version of tus"),
-        (status = 422, description = "What arrived was refused: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
+            ("Upload-Length" = u64, description = "Size of the zip, bytes"),
+            ("Upload-Metadata" = String, description = "As the client sent it"),
+            ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
+            ("Pinstack-Job" = String, description = "URL of the job, once the upload is complete"))),
+        (status = 404, description = "`not_found`: no such upload, or it has expired"),
+        (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
+        (status = 422, description = "The zip was refused: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
             `slice_count_mismatch`, `mask_failed` (required without a back light)"),
-        (status = 423, description = "`locked`: another request does not let go; with `Retry-After`"),
-        (status = 503, description = "`queue_full`: all bytes are here, ask again for the job"),
+        (status = 423, description = "`locked`: another request is still writing; try again after `Retry-After`"),
+        (status = 503, description = "`queue_full`: all bytes are stored; ask again later for the job"),
     )
 )]
 pub async fn head(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<Response> {
     require_version(&headers)?;
-    // to its end also when the client goes away meanwhile
+    // completes even when the client disconnects
     let asking = background::spawn(async move {
-        let (mut held, _) = hold(&app, id).await?;
-        not_refused(&held.upload)?;
-        complete_if_whole(&app, &mut held).await?;
-        ApiResult::Ok(held.upload)
+        let (mut locked, _) = lock(&app, id).await?;
+        require_not_refused(&locked.upload)?;
+        complete_if_whole(&app, &mut locked).await?;
+        ApiResult::Ok(locked.upload)
     });
     let upload = asking.await.map_err(ApiError::internal)??;
     let mut response = StatusCode::OK.into_response();
     let headers = response.headers_mut();
-    tell(headers, &upload);
+    write_headers(headers, &upload);
     headers.insert(UPLOAD_LENGTH, HeaderValue::from(upload.length));
     if !upload.metadata.is_empty()
         && let Ok(metadata) = HeaderValue::from_str(&upload.metadata)

@@ -17,33 +17,33 @@ use crate::{
     store::{Skipped, uploads},
 };
 
-/// A resumable upload that waits for bytes, or for its job.
+/// A resumable upload that is waiting for bytes, or for its job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OpenUpload {
-    /// Id; `GET /v1/uploads/{id}` shows more, `DELETE /v1/uploads/{id}` ends it.
+    /// Id. `GET /v1/uploads/{id}` shows more, `DELETE /v1/uploads/{id}` deletes it.
     #[schema(value_type = String, format = Uuid)]
     pub id: Uuid,
-    /// Name that the client gave; null when it gave none.
+    /// File name that the client gave; null when it gave none.
     pub filename: Option<String>,
-    /// What it becomes.
+    /// The kind of job that it becomes.
     pub purpose: JobKind,
-    /// Rig that it is for.
+    /// Rig of the profile.
     pub rig: Option<String>,
-    /// Lens that it is for.
+    /// Lens of the profile.
     pub lens: Option<String>,
     /// Bytes on stable storage.
     pub offset: u64,
-    /// Bytes in all.
+    /// Size of the zip, bytes.
     pub length: u64,
-    /// Name of the token that sends it; null when no token was asked for.
+    /// Name of the token that created it; null without authentication.
     pub token: Option<String>,
-    /// When it began.
+    /// When it was created.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// When bytes came last; null when none did.
+    /// When bytes last arrived; null when none have.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub last_byte_at: Option<Timestamp>,
-    /// When it is removed unless bytes come before.
+    /// When it expires unless more bytes arrive.
     #[schema(value_type = String, format = DateTime)]
     pub expires_at: Timestamp,
 }
@@ -51,11 +51,11 @@ pub struct OpenUpload {
 /// A page of open uploads, newest first.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub struct OpenUploadList {
-    /// At most `limit` of them.
+    /// At most `limit` items.
     pub items: Vec<OpenUpload>,
-    /// Pass it as `cursor` to get the next page; null on the last one.
+    /// Pass it as `cursor` to get the next page; null on the last page.
     pub next_cursor: Option<String>,
-    /// Rows of the page that cannot be read, and are not among the items.
+    /// Uploads that cannot be read and are omitted from `items`; absent when there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skipped: Vec<Skipped>,
 }
@@ -83,20 +83,20 @@ impl OpenUpload {
 
 /// List open uploads
 ///
-/// Resumable uploads that wait for bytes or for their job, newest first, of all tokens. For operators: needs the scope
-/// `admin`.
+/// Resumable uploads of all tokens that are waiting for bytes or for their job, newest first. For operators: requires the
+/// scope `admin`.
 #[utoipa::path(
     get,
     path = "/v1/uploads",
     operation_id = "list_uploads",
     tag = "uploads",
     params(
-        ("limit" = Option<u32>, Query, description = "Items on a page, 1 to 500, default 50"),
-        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before"),
+        ("limit" = Option<u32>, Query, description = "Items per page, 1 to 500, default 50"),
+        ("cursor" = Option<String>, Query, description = "`next_cursor` from the previous page"),
     ),
     responses(
         (status = 200, description = "A page of open uploads", body = OpenUploadList),
-        (status = 400, description = "`invalid_request`: a parameter that breaks its rule"),
+        (status = 400, description = "`invalid_request`: an unknown parameter, or a value outside its range"),
     )
 )]
 pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<OpenUploadList>> {

@@ -1,4 +1,4 @@
-//! `Upload-Metadata`: what a client says about its upload.
+//! `Upload-Metadata`: the client's description of its upload.
 
 use std::collections::BTreeMap;
 
@@ -9,20 +9,20 @@ use super::protocol::UPLOAD_METADATA;
 use crate::{
     contract::{Code, JobKind},
     http::{
-        intake::{filename, order::Fields},
+        ingest::{fields::Fields, filename},
         problem::{ApiError, ApiResult},
     },
 };
 
-/// Longest header that is kept.
+/// Longest header that is accepted, bytes.
 const MAX_LENGTH: usize = 16 << 10;
 
-/// What was said, by name. Names that mean nothing here are kept and shown: clients send their own.
+/// The decoded values by name. Unknown names are kept and shown, because clients send names of their own.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Metadata(pub BTreeMap<String, String>);
 
 impl Metadata {
-    /// The header of a request and what it says; a request without one says nothing.
+    /// The header of a request, as text and decoded. Empty for a request without it.
     ///
     /// # Errors
     /// As [`Metadata::parse`].
@@ -30,15 +30,19 @@ impl Metadata {
         let text = match headers.get(UPLOAD_METADATA).map(|value| value.to_str()) {
             None => "",
             Some(Ok(text)) => text,
-            Some(Err(_)) => return Err(refuse("Upload-Metadata holds something that is not ASCII")),
+            Some(Err(_)) => {
+                return Err(refuse(
+                    "Upload-Metadata contains characters that are not ASCII; encode each value in base64",
+                ));
+            }
         };
         Ok((text.to_owned(), Self::parse(text)?))
     }
 
-    /// `name base64,name base64,name`.
+    /// Parses `name base64,name base64,name`.
     ///
     /// # Errors
-    /// `invalid_request` that says which part is wrong.
+    /// `invalid_request` that names the invalid part.
     pub fn parse(text: &str) -> ApiResult<Self> {
         if text.len() > MAX_LENGTH {
             return Err(refuse(&format!("Upload-Metadata is longer than {MAX_LENGTH} bytes")));
@@ -51,16 +55,16 @@ impl Metadata {
                 return Err(refuse(&format!("Upload-Metadata: the value of '{name}' is not UTF-8 text in base64")));
             };
             if pairs.insert(name.to_owned(), value).is_some() {
-                return Err(refuse(&format!("Upload-Metadata names '{name}' twice")));
+                return Err(refuse(&format!("Upload-Metadata contains '{name}' twice; send it once")));
             }
         }
         Ok(Self(pairs))
     }
 
-    /// What the upload is to become.
+    /// The kind of job that the upload becomes.
     ///
     /// # Errors
-    /// `invalid_request` for a purpose that is none.
+    /// `invalid_request` for an unknown purpose.
     pub fn purpose(&self) -> ApiResult<JobKind> {
         match self.0.get("purpose").map(String::as_str) {
             None | Some("stack") => Ok(JobKind::Stack),
@@ -72,12 +76,12 @@ impl Metadata {
         }
     }
 
-    /// The name of the file.
+    /// The file name that the client gave.
     pub fn filename(&self) -> Option<String> {
         self.0.get("filename").and_then(|name| filename::tidy(name))
     }
 
-    /// The texts that say what is wanted, as those of a form.
+    /// The fields that describe the submission, like those of a form.
     pub fn fields(&self) -> Fields {
         let pairs = ["rig", "lens"].into_iter().filter_map(|name| Some((name.to_owned(), self.0.get(name)?.clone())));
         Fields { pairs: pairs.collect(), options: self.0.get("options").map(|text| text.clone().into_bytes()) }
@@ -93,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_with_and_without_a_value_are_read_and_foreign_ones_kept() {
+    fn names_with_and_without_values_are_read_and_unknown_ones_kept() {
         let read = Metadata::parse("rig cmlnLTE=, lens bGVucw== ,relativePath bnVsbA==,is_secret").expect("valid");
         assert_eq!(read.0["rig"], "rig-1");
         assert_eq!((read.0["relativePath"].as_str(), read.0["is_secret"].as_str()), ("null", ""));
@@ -103,15 +107,15 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_refused_with_its_name() {
-        for (text, told) in [
+    fn an_invalid_value_is_refused_with_its_name() {
+        for (text, expected) in [
             ("rig %%%", "'rig' is not UTF-8"),
             ("rig /w==", "'rig' is not UTF-8"),
-            ("rig cmln,rig cmln", "'rig' twice"),
+            ("rig cmln,rig cmln", "contains 'rig' twice"),
             ("purpose bHVuY2g=", "purpose is 'lunch'"),
         ] {
             let refused = Metadata::parse(text).and_then(|read| read.purpose()).expect_err(text);
-            assert!(refused.fault().detail.contains(told), "{:?}", refused.fault());
+            assert!(refused.fault().detail.contains(expected), "{:?}", refused.fault());
         }
     }
 }

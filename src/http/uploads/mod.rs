@@ -1,8 +1,9 @@
-//! Resumable uploads: tus 1.0.0, one verb per file.
+//! Resumable uploads (tus 1.0.0): one method per file.
 //!
-//! The way of a piece: the request takes the upload over from the one before it ([`hold`]), its bytes are written and
-//! synced, then the row says so ([`receive`]), then the client hears the offset. The last piece makes the job
-//! ([`complete`]); a client that did not hear of it asks again and is told, however often.
+//! 1. A request locks the upload, taking it over from an older request if necessary ([`lock`]).
+//! 2. Its bytes are written and synced, then the row records the new offset ([`receive`]).
+//! 3. Only then does the client receive the offset.
+//! 4. The last bytes make the job ([`complete`]). A client that missed the response asks again by `HEAD`.
 
 pub mod checksum;
 pub mod complete;
@@ -11,8 +12,8 @@ pub mod delete;
 pub mod digest;
 pub mod get;
 pub mod head;
-pub mod hold;
 pub mod list;
+pub mod lock;
 pub mod metadata;
 pub mod options;
 pub mod patch;

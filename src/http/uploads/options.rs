@@ -12,12 +12,12 @@ use super::{
 };
 use crate::http::state::App;
 
-/// Extensions of tus that are understood.
+/// Supported extensions of tus.
 const EXTENSIONS: &str = "creation,creation-with-upload,checksum,termination,expiration";
 
-/// What resumable uploads can do
+/// Get the capabilities of resumable uploads
 ///
-/// tus 1.0.0: the answer has no body, its headers name the extensions and limits.
+/// tus 1.0.0: the response has no body; its headers list extensions and limits.
 #[utoipa::path(
     options,
     path = "/v1/uploads",
@@ -25,8 +25,8 @@ const EXTENSIONS: &str = "creation,creation-with-upload,checksum,termination,exp
     tag = "uploads",
     responses((status = 204, description = "Version, extensions and limits", headers(
         ("Tus-Version" = String, description = "`1.0.0`"),
-        ("Tus-Extension" = String, description = "Extensions that are understood"),
-        ("Tus-Max-Size" = u64, description = "Largest upload"),
+        ("Tus-Extension" = String, description = "Supported extensions"),
+        ("Tus-Max-Size" = u64, description = "Largest upload, bytes"),
         ("Tus-Checksum-Algorithm" = String, description = "`sha1,sha256`"))))
 )]
 pub async fn options(State(app): State<App>) -> Response {

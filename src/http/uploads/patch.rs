@@ -12,8 +12,8 @@ use super::{
     checksum::Checksum,
     complete::complete_if_whole,
     delete,
-    hold::{Held, hold, not_refused},
-    protocol::{METHOD_OVERRIDE, UPLOAD_OFFSET, bytes, is_piece, require_version, tell},
+    lock::{UploadLock, lock, require_not_refused},
+    protocol::{METHOD_OVERRIDE, UPLOAD_OFFSET, bytes, is_piece, require_version, write_headers},
     receive::{receive, require_fit},
 };
 use crate::{
@@ -22,7 +22,7 @@ use crate::{
         auth::Caller,
         background,
         extract::UploadId,
-        intake::{
+        ingest::{
             admission::{content_length, waits_for_continue},
             body::WatchedBody,
             quota::QuotaClaim,
@@ -34,14 +34,14 @@ use crate::{
     store::uploads::{PartialUpload, UploadState},
 };
 
-/// What an upload can be asked by.
+/// Methods of the URL of an upload.
 const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
 
-/// Go on with an upload
+/// Continue an upload
 ///
-/// The body is added at `Upload-Offset`, which must be where the upload is. It ends a request that still writes to the same upload. The
-/// offset in the answer names bytes on stable storage. The piece that completes the upload makes the job: `Pinstack-Job` names it, and
-/// a zip that is refused is refused here, as at `POST /v1/stacks`; it is gone then.
+/// Appends the body at `Upload-Offset`, which must equal the current offset of the upload. A request that is still writing
+/// to the same upload is ended. The offset in the response counts bytes on stable storage. The request that completes the
+/// upload makes the job, and `Pinstack-Job` names its URL. A zip that is refused, as by `POST /v1/stacks`, is deleted.
 #[utoipa::path(
     patch,
     path = "/v1/uploads/{id}",
@@ -50,26 +50,26 @@ const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
     params(
         ("id" = String, Path, description = "Id of the upload"),
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
-        ("Upload-Offset" = u64, Header, description = "Where the body begins"),
-        ("Upload-Checksum" = Option<String>, Header, description = "`sha1` or `sha256` and the checksum of the body in base64; the body is kept whole or not at all then"),
+        ("Upload-Offset" = u64, Header, description = "Offset of the first byte of the body"),
+        ("Upload-Checksum" = Option<String>, Header, description = "`sha1` or `sha256` and the checksum of the body in base64. With it, the body is stored as a whole or not at all"),
     ),
-    request_body(description = "The piece", content((Vec<u8> = "application/offset+octet-stream"))),
+    request_body(description = "The next bytes of the zip", content((Vec<u8> = "application/offset+octet-stream"))),
     responses(
-        (status = 204, description = "It is on stable storage", headers(
+        (status = 204, description = "The bytes are on stable storage", headers(
             ("Upload-Offset" = u64, description = "Bytes on stable storage"),
-            ("Upload-Expires" = String, description = "When the upload goes unless something comes before"),
-            ("Pinstack-Job" = String, description = "The job, when the upload is complete"))),
-        (status = 400, description = "`invalid_request`: a header that breaks its rule; `upload_incomplete`: the body broke off (what arrived is kept)"),
-        (status = 404, description = "`not_found`: no such upload, or its time is over; `profile_not_found`: deleted meanwhile"),
-        (status = 409, description = "`conflict`: the upload is at another offset, or a newer request took it over"),
-        (status = 412, description = "`precondition_failed`: another version of tus"),
-        (status = 413, description = "`upload_too_large`: the body goes beyond Upload-Length"),
-        (status = 415, description = "`unsupported_media_type`: the body is no piece"),
-        (status = 422, description = "The zip is refused as at `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
+            ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
+            ("Pinstack-Job" = String, description = "URL of the job, once the upload is complete"))),
+        (status = 400, description = "`invalid_request`: an invalid header; `upload_incomplete`: the connection closed or timed out (what arrived is kept)"),
+        (status = 404, description = "`not_found`: no such upload, or it has expired; `profile_not_found`: the profile was deleted meanwhile"),
+        (status = 409, description = "`conflict`: the upload is at another offset, or a newer request took over the upload"),
+        (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
+        (status = 413, description = "`upload_too_large`: the body extends beyond `Upload-Length`"),
+        (status = 415, description = "`unsupported_media_type`: the body is not `application/offset+octet-stream`"),
+        (status = 422, description = "The zip is refused, as by `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
             `slice_count_mismatch`, `mask_failed` (required without a back light)"),
-        (status = 423, description = "`locked`: another request does not let go; with `Retry-After`"),
-        (status = 460, description = "`checksum_mismatch`: none of the body was kept"),
-        (status = 503, description = "`queue_full`: all bytes are here, the job can be made later: ask by HEAD; `unavailable`: the server goes down"),
+        (status = 423, description = "`locked`: another request is still writing; try again after `Retry-After`"),
+        (status = 460, description = "`checksum_mismatch`: none of the body was stored"),
+        (status = 503, description = "`queue_full`: all bytes are stored; `HEAD` makes the job later; `unavailable`: the server is shutting down"),
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
@@ -82,21 +82,21 @@ pub async fn patch(
 ) -> ApiResult<Response> {
     require_version(&headers)?;
     if !is_piece(&headers) {
-        let detail = "the body of PATCH must be application/offset+octet-stream";
+        let detail = "the Content-Type of PATCH must be application/offset+octet-stream";
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
     let offset = bytes(&headers, &UPLOAD_OFFSET)?;
     let checksum = Checksum::of_request(&headers)?;
     let upload = receive_piece(&app, &caller, &headers, id, body, offset, checksum).await?;
     let mut response = StatusCode::NO_CONTENT.into_response();
-    tell(response.headers_mut(), &upload);
+    write_headers(response.headers_mut(), &upload);
     Ok(response)
 }
 
-/// `POST` with `X-HTTP-Method-Override`, for clients behind proxies that let no other method through.
+/// `POST` with `X-HTTP-Method-Override`, for clients behind proxies that pass only GET and POST.
 ///
 /// # Errors
-/// As the method that is meant.
+/// Those of the method in the header.
 pub async fn overridden(
     app: State<App>,
     caller: Caller,
@@ -104,22 +104,21 @@ pub async fn overridden(
     headers: HeaderMap,
     body: Body,
 ) -> ApiResult<Response> {
-    let meant = headers.get(METHOD_OVERRIDE).and_then(|value| Method::from_bytes(value.as_bytes()).ok());
-    match meant {
+    let method = headers.get(METHOD_OVERRIDE).and_then(|value| Method::from_bytes(value.as_bytes()).ok());
+    match method {
         Some(Method::PATCH) => patch(app, caller, id, headers, body).await,
         Some(Method::DELETE) => delete::delete(app, id, headers).await.map(IntoResponse::into_response),
         _ => {
-            let detail =
-                "POST to an upload must name the method that is meant: X-HTTP-Method-Override: PATCH or DELETE";
+            let detail = "POST to an upload needs the header X-HTTP-Method-Override: PATCH or DELETE";
             Err(ApiError::new(Code::MethodNotAllowed, detail).with_header(header::ALLOW, METHODS))
         }
     }
 }
 
-/// Adds a body to an upload, to its end also when the client goes away meanwhile.
+/// Appends a body to an upload. What arrived is stored even when the client disconnects.
 ///
 /// # Errors
-/// Whatever is wrong with the piece, or with the whole when this was the last.
+/// What is wrong with the body, or with the whole zip if this was its end.
 pub async fn receive_piece(
     app: &App,
     caller: &Caller,
@@ -132,32 +131,32 @@ pub async fn receive_piece(
     let body = WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers));
     let (app, caller, headers) = (app.clone(), caller.clone(), headers.clone());
     let receiving = background::spawn(async move {
-        let (mut held, rival) = hold(&app, id).await?;
-        not_refused(&held.upload)?;
-        require_offset(&held, offset)?;
-        if held.upload.state == UploadState::Receiving {
-            require_fit(&headers, offset, held.upload.length)?;
-            if offset < held.upload.length {
-                // the store counts the whole upload since it began
+        let (mut locked, takeover) = lock(&app, id).await?;
+        require_not_refused(&locked.upload)?;
+        require_offset(&locked, offset)?;
+        if locked.upload.state == UploadState::Receiving {
+            require_fit(&headers, offset, locked.upload.length)?;
+            if offset < locked.upload.length {
+                // the store has counted the whole upload since its creation
                 let quota = QuotaClaim::default();
-                let announced = content_length(&headers).unwrap_or(held.upload.length - offset);
+                let announced = content_length(&headers).unwrap_or(locked.upload.length - offset);
                 let reservation = UploadReservation::admit(&app, caller.id(), Some(announced), 0, quota).await?;
-                receive(&app, &mut held, rival, body, checksum, reservation).await?;
+                receive(&app, &mut locked, takeover, body, checksum, reservation).await?;
             }
-            complete_if_whole(&app, &mut held).await?;
+            complete_if_whole(&app, &mut locked).await?;
         }
-        Ok(held.upload)
+        Ok(locked.upload)
     });
     receiving.await.map_err(ApiError::internal)?
 }
 
-fn require_offset(held: &Held, offset: u64) -> ApiResult<()> {
-    let at = held.upload.offset;
+fn require_offset(locked: &UploadLock, offset: u64) -> ApiResult<()> {
+    let at = locked.upload.offset;
     if offset == at {
         return Ok(());
     }
     let detail = format!(
-        "the upload is at byte {at}, the body begins at byte {offset}; ask for the offset by HEAD and go on from there"
+        "the upload is at byte {at}, but the body begins at byte {offset}; get the offset with HEAD and continue from there"
     );
     Err(ApiError::new(Code::Conflict, detail).with_header(UPLOAD_OFFSET, at.to_string()))
 }

@@ -1,4 +1,4 @@
-//! The headers of tus 1.0.0, and what every answer of it carries.
+//! The headers of tus 1.0.0, and those that every response of it carries.
 
 use axum::{
     extract::Request,
@@ -15,39 +15,39 @@ use crate::{
     store::uploads::{PartialUpload, UploadState},
 };
 
-/// Version of the protocol, in every request and answer.
+/// Version of the protocol, in every request and response.
 pub const TUS_RESUMABLE: HeaderName = HeaderName::from_static("tus-resumable");
-/// Versions that are understood.
+/// Supported versions.
 pub const TUS_VERSION: HeaderName = HeaderName::from_static("tus-version");
-/// Extensions that are understood.
+/// Supported extensions.
 pub const TUS_EXTENSION: HeaderName = HeaderName::from_static("tus-extension");
-/// Largest upload.
+/// Largest upload, bytes.
 pub const TUS_MAX_SIZE: HeaderName = HeaderName::from_static("tus-max-size");
-/// Checksums that are understood.
+/// Supported checksum algorithms.
 pub const TUS_CHECKSUM_ALGORITHM: HeaderName = HeaderName::from_static("tus-checksum-algorithm");
 /// Bytes on stable storage.
 pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
-/// Bytes in all.
+/// Size of the upload, bytes.
 pub const UPLOAD_LENGTH: HeaderName = HeaderName::from_static("upload-length");
-/// What the client says about the upload.
+/// The client's description of the upload.
 pub const UPLOAD_METADATA: HeaderName = HeaderName::from_static("upload-metadata");
-/// When it goes unless something comes before.
+/// When the upload expires unless more bytes arrive.
 pub const UPLOAD_EXPIRES: HeaderName = HeaderName::from_static("upload-expires");
-/// Checksum of the bytes of one request.
+/// Checksum of the body of one request.
 pub const UPLOAD_CHECKSUM: HeaderName = HeaderName::from_static("upload-checksum");
-/// Says that the length comes later: not understood here.
+/// Announces that the length comes later; not supported.
 pub const UPLOAD_DEFER_LENGTH: HeaderName = HeaderName::from_static("upload-defer-length");
-/// For clients behind proxies that let GET and POST through alone.
+/// For clients behind proxies that pass only GET and POST.
 pub const METHOD_OVERRIDE: HeaderName = HeaderName::from_static("x-http-method-override");
-/// The job that the upload became.
+/// URL of the job that was made from the upload.
 pub const PINSTACK_JOB: HeaderName = HeaderName::from_static("pinstack-job");
 
-/// The version that is spoken.
+/// The supported version.
 pub const VERSION: HeaderValue = HeaderValue::from_static("1.0.0");
-/// Kind of body of a piece.
+/// Media type of a body that carries bytes of an upload.
 pub const PIECE: &str = "application/offset+octet-stream";
 
-/// The layer: every answer under `/v1/uploads` names the version.
+/// Middleware: every response under `/v1/uploads` names the version.
 pub async fn name_version(request: Request, next: Next) -> Response {
     let is_upload = request.uri().path().starts_with("/v1/uploads");
     let mut response = next.run(request).await;
@@ -57,27 +57,27 @@ pub async fn name_version(request: Request, next: Next) -> Response {
     response
 }
 
-/// Refuses a request of another version, or of none.
+/// Refuses a request that does not name the supported version.
 ///
 /// # Errors
-/// `precondition_failed` with the version that is spoken.
+/// `precondition_failed` with the supported version.
 pub fn require_version(headers: &HeaderMap) -> ApiResult<()> {
     if headers.get(TUS_RESUMABLE).is_some_and(|version| *version == VERSION) {
         return Ok(());
     }
-    let detail = "this URL speaks tus 1.0.0: send the header Tus-Resumable: 1.0.0, or use a tus client; a zip in one \
-                  request goes to POST /v1/stacks";
+    let detail = "this URL implements tus 1.0.0: send the header Tus-Resumable: 1.0.0, or use a tus client; to send a \
+                  zip in one request, use POST /v1/stacks";
     Err(ApiError::new(Code::PreconditionFailed, detail).with_header(TUS_VERSION, VERSION))
 }
 
-/// A header with a number of bytes.
+/// The value of a header that is a number of bytes.
 ///
 /// # Errors
-/// `invalid_request` when it is missing or no whole number.
+/// `invalid_request` when it is missing or not a whole number.
 pub fn bytes(headers: &HeaderMap, name: &HeaderName) -> ApiResult<u64> {
     let refuse = |what: String| Err(ApiError::new(Code::InvalidRequest, what));
     let Some(value) = headers.get(name) else {
-        return refuse(format!("the header {name} is missing; it is a number of bytes"));
+        return refuse(format!("the header {name} is missing; send a number of bytes"));
     };
     match value.to_str().ok().filter(|text| text.bytes().all(|b| b.is_ascii_digit())).and_then(|text| text.parse().ok())
     {
@@ -86,18 +86,18 @@ pub fn bytes(headers: &HeaderMap, name: &HeaderName) -> ApiResult<u64> {
     }
 }
 
-/// True when the body is a piece of an upload.
+/// True when the body carries bytes of an upload.
 pub fn is_piece(headers: &HeaderMap) -> bool {
     let kind = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     kind.split(';').next().unwrap_or_default().trim().eq_ignore_ascii_case(PIECE)
 }
 
-/// Where an upload lives.
+/// URL of an upload.
 pub fn url(id: Uuid) -> String {
     format!("/v1/uploads/{id}")
 }
 
-/// Where the job lives that an upload became.
+/// URL of the job that was made from an upload.
 pub fn job_url(id: Uuid, kind: JobKind) -> String {
     match kind {
         JobKind::Stack => format!("/v1/stacks/{id}"),
@@ -105,8 +105,8 @@ pub fn job_url(id: Uuid, kind: JobKind) -> String {
     }
 }
 
-/// The headers that tell where an upload is.
-pub fn tell(headers: &mut HeaderMap, upload: &PartialUpload) {
+/// Writes the headers that describe the state of an upload.
+pub fn write_headers(headers: &mut HeaderMap, upload: &PartialUpload) {
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     headers.insert(UPLOAD_OFFSET, HeaderValue::from(upload.offset));
     if let Some(date) = http_date(upload.expires_at) {

@@ -1,4 +1,5 @@
-//! The bytes of one request. They are written, then synced, then counted in the row, and only then told to anybody.
+//! Appends the body of one request to an upload. Bytes are written, then synced, then counted in the row, and only then
+//! reported to a client.
 
 use std::{pin::pin, time::Duration};
 
@@ -9,59 +10,63 @@ use tokio::time::Instant;
 use super::{
     checksum::Checksum,
     digest::RunningDigest,
-    hold::{Held, Rival, unknown},
+    lock::{Takeover, UploadLock, not_found},
 };
 use crate::{
     contract::Code,
     http::{
-        intake::{admission::content_length, body::WatchedBody, reservation::UploadReservation},
+        ingest::{admission::content_length, body::WatchedBody, reservation::UploadReservation},
         problem::{ApiError, ApiResult},
         state::App,
     },
     store::uploads::Advance,
 };
 
-/// So much is lost at most when the power goes.
+/// Bytes written between two syncs: at most this much is lost in a power failure.
 const CHECKPOINT_BYTES: u64 = 32 << 20;
-/// And so much on a slow line.
+/// Time between two syncs, for slow connections.
 const CHECKPOINT_TIME: Duration = Duration::from_secs(5);
 
-/// An upload that grows.
-struct Growing<'a> {
+/// An upload in progress.
+struct Appending<'a> {
     app: &'a App,
-    held: &'a mut Held,
+    locked: &'a mut UploadLock,
     digest: RunningDigest,
     reservation: UploadReservation,
-    /// Bytes written, of which `held.upload.offset` are safe.
+    /// Bytes written, of which `locked.upload.offset` are on stable storage.
     written: u64,
     checkpoint: Instant,
 }
 
-/// Adds the body to the upload; its new offset stands in `held`. What arrived before the body broke off is kept, unless
-/// there is a checksum, which only the whole body can fit.
+/// Appends the body to the upload and updates its offset in `locked`. If the body ends early, what arrived is kept, unless
+/// there is a checksum, which can only be verified for the whole body.
 ///
 /// # Errors
-/// Why the body ended early; `checksum_mismatch`; `insufficient_storage`; `conflict` when another request took over.
+/// `upload_incomplete` or `unavailable` when the body ended early; `checksum_mismatch`; `insufficient_storage`; `conflict`
+/// when another request took over.
 pub async fn receive(
     app: &App,
-    held: &mut Held,
-    rival: Rival,
+    locked: &mut UploadLock,
+    takeover: Takeover,
     mut body: WatchedBody,
     mut checksum: Option<Checksum>,
     reservation: UploadReservation,
 ) -> ApiResult<()> {
-    let mut rival = pin!(rival.comes());
-    let offset = held.upload.offset;
-    if !held.partial.start_at(offset).await? {
-        return Err(ApiError::internal(format!("the file of upload {} is shorter than its row says", held.upload.id)));
+    let mut takeover = pin!(takeover.requested());
+    let offset = locked.upload.offset;
+    if !locked.partial.start_at(offset).await? {
+        return Err(ApiError::internal(format!(
+            "the file of upload {} is shorter than its row says",
+            locked.upload.id
+        )));
     }
-    let digest = RunningDigest::resume(&held.upload.digest)?;
-    let mut growing = Growing { app, held, digest, reservation, written: offset, checkpoint: Instant::now() };
+    let digest = RunningDigest::resume(&locked.upload.digest)?;
+    let mut appending = Appending { app, locked, digest, reservation, written: offset, checkpoint: Instant::now() };
     let ended = loop {
         let chunk = tokio::select! {
             biased;
-            () = app.shutdown.cancelled() => break Err(going_down()),
-            () = &mut rival => break Err(taken_over()),
+            () = app.shutdown.cancelled() => break Err(shutting_down()),
+            () = &mut takeover => break Err(taken_over()),
             chunk = body.next() => chunk,
         };
         let chunk = match chunk {
@@ -69,58 +74,58 @@ pub async fn receive(
             Some(Err(_)) => break Err(broken_off()),
             Some(Ok(chunk)) => chunk,
         };
-        if let Err(error) = growing.reservation.require(chunk.len() as u64).await {
+        if let Err(error) = appending.reservation.require(chunk.len() as u64).await {
             break Err(error);
         }
         if let Some(checksum) = &mut checksum {
             checksum.update(&chunk);
         }
-        growing.write(chunk).await?;
-        if checksum.is_none() && growing.is_due() {
-            growing.save().await?;
+        appending.write(chunk).await?;
+        if checksum.is_none() && appending.is_due() {
+            appending.save().await?;
         }
     };
     match (ended, checksum) {
-        (Ok(()), None) => growing.save().await,
+        (Ok(()), None) => appending.save().await,
         (Ok(()), Some(checksum)) => {
             checksum.verify()?;
-            growing.save().await
+            appending.save().await
         }
         (Err(error), None) => {
-            growing.save().await?;
+            appending.save().await?;
             Err(error)
         }
-        // nobody can say whether these bytes are right
+        // these bytes cannot be verified
         (Err(error), Some(_)) => Err(error),
     }
 }
 
-impl Growing<'_> {
+impl Appending<'_> {
     async fn write(&mut self, chunk: bytes::Bytes) -> ApiResult<()> {
         let length = chunk.len() as u64;
         let after = self.written + length;
-        if after > self.held.upload.length {
-            return Err(beyond(self.held.upload.length));
+        if after > self.locked.upload.length {
+            return Err(beyond(self.locked.upload.length));
         }
         self.digest.update(&chunk);
-        self.held.partial.write(chunk).await?;
+        self.locked.partial.write(chunk).await?;
         self.written = after;
         self.reservation.written(length);
         Ok(())
     }
 
     fn is_due(&self) -> bool {
-        let unsafe_bytes = self.written - self.held.upload.offset;
+        let unsafe_bytes = self.written - self.locked.upload.offset;
         unsafe_bytes >= CHECKPOINT_BYTES || (unsafe_bytes > 0 && self.checkpoint.elapsed() >= CHECKPOINT_TIME)
     }
 
-    /// Stable storage first, the row second.
+    /// Syncs the file, then records the offset in the row.
     async fn save(&mut self) -> ApiResult<()> {
-        let upload = &mut self.held.upload;
+        let upload = &mut self.locked.upload;
         if self.written == upload.offset {
             return Ok(());
         }
-        self.held.partial.sync().await?;
+        self.locked.partial.sync().await?;
         let advance = Advance {
             from: upload.offset,
             to: self.written,
@@ -128,7 +133,7 @@ impl Growing<'_> {
             keep: self.app.policy.upload_keep,
         };
         if !self.app.rows.advance_upload(upload.id, &advance).await? {
-            return Err(unknown(upload.id));
+            return Err(not_found(upload.id));
         }
         (upload.offset, upload.digest) = (advance.to, advance.digest);
         self.checkpoint = Instant::now();
@@ -136,7 +141,7 @@ impl Growing<'_> {
     }
 }
 
-/// Refuses a body that would not fit, before it is read.
+/// Checks before the body is read that it ends within the upload.
 ///
 /// # Errors
 /// `upload_too_large`.
@@ -148,23 +153,25 @@ pub fn require_fit(headers: &HeaderMap, offset: u64, length: u64) -> ApiResult<(
 }
 
 fn beyond(length: u64) -> ApiError {
-    let detail = format!("the body goes on beyond the {length} bytes that Upload-Length announced; begin a new upload");
+    let detail = format!(
+        "the body extends beyond the {length} bytes of Upload-Length; begin a new upload with the right length"
+    );
     ApiError::new(Code::UploadTooLarge, detail)
 }
 
 fn broken_off() -> ApiError {
-    let detail = "the body broke off or fell silent; what arrived before is safe unless it had an Upload-Checksum: ask for \
-                  the offset by HEAD and go on from there";
+    let detail = "the body ended early or timed out; what arrived is stored, unless it had an Upload-Checksum; get the \
+                  offset with HEAD and continue from there";
     ApiError::new(Code::UploadIncomplete, detail)
 }
 
-fn going_down() -> ApiError {
-    ApiError::new(Code::Unavailable, "the server goes down; what arrived is safe, go on when it is back")
+fn shutting_down() -> ApiError {
+    ApiError::new(Code::Unavailable, "the server is shutting down; what arrived is stored; continue when it is back")
 }
 
 fn taken_over() -> ApiError {
     ApiError::new(
         Code::Conflict,
-        "a newer request goes on with this upload; this one was ended, what it brought is safe",
+        "a newer request has taken over this upload, so this one was ended; what it sent is stored",
     )
 }

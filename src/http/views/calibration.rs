@@ -1,11 +1,11 @@
-//! A calibration, as the contract shows it.
+//! A calibration as the API shows it.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
-    contract::{outcome::JobOutcome, request::JobRequest},
+    contract::{outcome::JobOutcome, request::CalibrationRequest},
     store::Job,
 };
 use pinstack_science::types::{
@@ -18,39 +18,39 @@ use pinstack_science::types::{
 /// A dot-target stack and the profile that was measured from it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Calibration {
-    /// How the work goes.
+    /// State and progress of the job.
     #[serde(flatten)]
     pub job: JobView,
-    /// What was asked for.
+    /// The options in use.
     pub options: CalibrationOptions,
     /// The slices in the order in which they are used.
     pub slices: StackLayout,
-    /// What was measured; null before the end.
+    /// What was measured; null until the calibration has succeeded.
     pub result: Option<CalibrationResult>,
-    /// The pictures that were made; empty before the end.
+    /// The pictures that were made; empty until the calibration has succeeded.
     pub artifacts: Vec<ArtifactView>,
-    /// Where to go from here.
+    /// URLs of related resources.
     pub links: CalibrationLinks,
 }
 
 /// What a calibration measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationResult {
-    /// The profile revision that was stored.
+    /// Number of the profile revision that was stored.
     pub profile_revision: u32,
-    /// SHA-256 of its geometry and gains, hex.
+    /// SHA-256 of the geometry and gains of that revision, hex.
     pub profile_digest: String,
-    /// SHA-256 of what it says about the camera, hex. Null for a calibration of before there was one.
+    /// SHA-256 of what that revision states about the camera, hex. Null for a calibration older than this member.
     pub profile_optics_digest: Option<String>,
     /// 0-based index of the reference slice.
     pub reference_index: u32,
-    /// One entry per slice.
+    /// What was measured in each slice.
     pub slices: Vec<ProfileSlice>,
     /// Distance between neighbouring dots in the reference slice, px.
     pub dot_pitch_px: Option<f64>,
-    /// Image size over object size; null unless pitch and pixel size were told.
+    /// Magnification (image size / object size). Null unless `target_pitch_mm` and `pixel_pitch_mm` were given.
     pub magnification: Option<f64>,
-    /// One sentence for the technician.
+    /// A one-sentence summary for the operator of the rig.
     pub verdict: String,
 }
 
@@ -60,11 +60,11 @@ pub struct ReportView {
     /// What was found.
     #[serde(flatten)]
     pub report: CalibrationReport,
-    /// How far the rig moved since the revision before; null when there is none.
+    /// How far the rig moved since the previous revision; null when there is none.
     pub drift: Option<Drift>,
 }
 
-/// URLs of a calibration; those of results are there once the results are.
+/// URLs of a calibration. Those of results are present once it has succeeded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationLinks {
     /// This calibration.
@@ -72,27 +72,26 @@ pub struct CalibrationLinks {
     pub this: String,
     /// Its server-sent events.
     pub events: String,
-    /// `POST` here to stop it; gone once it has ended.
+    /// `POST` here to cancel it; absent once it has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cancel: Option<String>,
-    /// The profile revision that it made.
+    /// The profile revision that it stored.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
-    /// The reference slice with the dots found; `?slice=N` shows another.
+    /// The reference slice with the detected dots drawn in; `?slice=N` shows another slice.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overlay: Option<String>,
-    /// What was found, as a page for the technician; as JSON with `Accept: application/json`.
+    /// The report as an HTML page; as JSON with `Accept: application/json`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<String>,
 }
 
-/// The artifact that the report is kept as.
+/// Name of the artifact that stores the report.
 pub const REPORT: &str = "report";
 
 impl Calibration {
-    /// The view of a row; `None` when the row is no calibration.
-    pub fn of(job: &Job) -> Option<Self> {
-        let JobRequest::Calibration(request) = &job.request else { return None };
+    /// The view of a row; `request` is the request of that row.
+    pub fn of(job: &Job, request: &CalibrationRequest) -> Self {
         let outcome = match &job.outcome {
             Some(JobOutcome::Calibration(outcome)) => Some(outcome),
             _ => None,
@@ -102,7 +101,7 @@ impl Calibration {
             Some(slice) => format!("{url}/overlay?slice={slice}"),
             None => format!("{url}/{name}"),
         };
-        // the report is kept as a file but shown as a page that is made when it is asked for
+        // the report is stored as data; its page is rendered on request
         let has_report = outcome.is_some_and(|o| o.artifacts.iter().any(|a| a.name == REPORT));
         let artifacts: Vec<ArtifactView> = outcome
             .map(|o| o.artifacts.iter().filter(|a| a.name != REPORT))
@@ -126,13 +125,13 @@ impl Calibration {
             report: has_report.then(|| format!("{url}/report")),
             this: url,
         };
-        Some(Self {
+        Self {
             job: JobView::of(job),
             options: request.options.clone(),
             slices: request.layout.clone(),
             result,
             artifacts,
             links,
-        })
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! What stacks and calibrations have in common.
+//! What stacks and calibrations have in common, as the API shows it.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use crate::{
 };
 use pinstack_science::types::Warning;
 
-/// The part of a stack or a calibration that tells how its work goes.
+/// State and progress of a stack or a calibration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobView {
     /// UUIDv7.
@@ -21,18 +21,18 @@ pub struct JobView {
     pub rig: Name,
     /// Lens of the profile.
     pub lens: Name,
-    /// Where it is in its life.
+    /// State of the job.
     pub state: JobState,
-    /// How far it is.
+    /// Progress of the job.
     pub progress: Progress,
-    /// How often a worker took it; above 1 an earlier worker died on it.
+    /// Number of times a worker claimed the job. Above 1: an earlier worker died or lost its lease.
     pub attempt: u32,
-    /// Somebody asked for its end; it is cancelled as soon as its worker sees that.
+    /// True when cancellation was requested. The job is cancelled as soon as its worker sees the request.
     pub cancel_requested: bool,
     /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// When a worker first took it; null before.
+    /// When a worker first claimed it; null before.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub started_at: Option<Timestamp>,
     /// When it ended; null before.
@@ -40,38 +40,39 @@ pub struct JobView {
     pub finished_at: Option<Timestamp>,
     /// Why it failed; null unless `state` is `failed`.
     pub error: Option<Problem>,
-    /// What did not stop the work but should be known.
+    /// Problems that did not stop the job.
     pub warnings: Vec<Warning>,
-    /// The zip as it arrived.
+    /// The zip as it was sent.
     pub upload: UploadView,
 }
 
-/// The zip as it arrived.
+/// The zip as it was sent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct UploadView {
-    /// Size.
+    /// Size, bytes.
     pub bytes: u64,
-    /// SHA-256, hex: compare it with the file before that is deleted.
+    /// SHA-256, hex. Compare it with your file before you delete that.
     pub sha256: String,
-    /// Name that the client gave; null when it gave none.
+    /// File name that the client gave; null when it gave none.
     pub filename: Option<String>,
-    /// True once it was removed because its time was over (`keep_uploads_days` of the server); the results are there.
+    /// True once the zip was removed at the end of its retention period (`keep_uploads_days` of the server). The results
+    /// are kept.
     #[serde(default)]
     pub removed: bool,
 }
 
-/// A file that the job made.
+/// A result file of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ArtifactView {
     /// `image`, `mask`, `backlight`, `depth`, `preview`, or `overlay-{slice}`.
     pub name: String,
-    /// Where it can be had.
+    /// URL of the file.
     pub href: String,
     /// `image/png`, `image/tiff` or `image/jpeg`.
     pub media_type: String,
-    /// Size.
+    /// Size, bytes.
     pub bytes: u64,
-    /// SHA-256, hex: its `ETag`.
+    /// SHA-256, hex; also its `ETag`.
     pub sha256: String,
 }
 
@@ -98,7 +99,7 @@ impl JobView {
 }
 
 impl ArtifactView {
-    /// A file of a job, with its URL.
+    /// The view of an artifact with its URL.
     pub fn of(artifact: &Artifact, href: String) -> Self {
         Self {
             name: artifact.name.clone(),
@@ -110,7 +111,7 @@ impl ArtifactView {
     }
 }
 
-/// Where a job lives.
+/// URL of a job.
 pub fn url(job: &Job) -> String {
     let id = job.id;
     match job.request.kind() {
@@ -119,7 +120,7 @@ pub fn url(job: &Job) -> String {
     }
 }
 
-/// Where the profile revision that a job used or made lives.
+/// URL of the profile revision that a job used or made.
 pub fn profile_url(job: &Job, revision: u32) -> String {
     format!("/v1/profiles/{}/{}?revision={revision}", job.rig, job.lens)
 }

@@ -1,22 +1,22 @@
-//! Lists, a page at a time.
+//! Lists, one page at a time.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{Calibration, Stack};
 use crate::{
-    contract::ProfileSummary,
-    store::{Page, Skipped},
+    contract::{ProfileSummary, request::JobRequest},
+    store::{Job, Page, Skipped},
 };
 
 /// A page of profiles, newest first.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub struct ProfileList {
-    /// At most `limit` of them; fewer when the answer would be larger than about 4 MiB.
+    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
     pub items: Vec<ProfileSummary>,
-    /// Pass it as `cursor` to get the next page; null on the last one.
+    /// Pass it as `cursor` to get the next page; null on the last page.
     pub next_cursor: Option<String>,
-    /// Revisions that cannot be read and are left out; not there when there are none.
+    /// Revisions that cannot be read and are omitted from `items`; absent when there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skipped: Vec<Skipped>,
 }
@@ -24,11 +24,11 @@ pub struct ProfileList {
 /// A page of stacks, newest first.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub struct StackList {
-    /// At most `limit` of them; fewer when the answer would be larger than about 4 MiB.
+    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
     pub items: Vec<Stack>,
-    /// Pass it as `cursor` to get the next page; null on the last one.
+    /// Pass it as `cursor` to get the next page; null on the last page.
     pub next_cursor: Option<String>,
-    /// Stacks that cannot be read and are left out; not there when there are none.
+    /// Stacks that cannot be read and are omitted from `items`; absent when there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skipped: Vec<Skipped>,
 }
@@ -36,11 +36,11 @@ pub struct StackList {
 /// A page of calibrations, newest first.
 #[derive(Debug, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationList {
-    /// At most `limit` of them; fewer when the answer would be larger than about 4 MiB.
+    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
     pub items: Vec<Calibration>,
-    /// Pass it as `cursor` to get the next page; null on the last one.
+    /// Pass it as `cursor` to get the next page; null on the last page.
     pub next_cursor: Option<String>,
-    /// Calibrations that cannot be read and are left out; not there when there are none.
+    /// Calibrations that cannot be read and are omitted from `items`; absent when there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skipped: Vec<Skipped>,
 }
@@ -48,5 +48,27 @@ pub struct CalibrationList {
 impl From<Page<ProfileSummary>> for ProfileList {
     fn from(page: Page<ProfileSummary>) -> Self {
         Self { items: page.items, next_cursor: page.next_cursor, skipped: page.skipped }
+    }
+}
+
+impl From<Page<Job>> for StackList {
+    fn from(page: Page<Job>) -> Self {
+        let stack = |job: &Job| match &job.request {
+            JobRequest::Stack(request) => Some(Stack::of(job, request)),
+            JobRequest::Calibration(_) => None,
+        };
+        let items = page.items.iter().filter_map(stack).collect();
+        Self { items, next_cursor: page.next_cursor, skipped: page.skipped }
+    }
+}
+
+impl From<Page<Job>> for CalibrationList {
+    fn from(page: Page<Job>) -> Self {
+        let calibration = |job: &Job| match &job.request {
+            JobRequest::Calibration(request) => Some(Calibration::of(job, request)),
+            JobRequest::Stack(_) => None,
+        };
+        let items = page.items.iter().filter_map(calibration).collect();
+        Self { items, next_cursor: page.next_cursor, skipped: page.skipped }
     }
 }

@@ -1,10 +1,34 @@
-//! What answers look like: the rows, without what is nobody's business (keys of blobs, leases).
+//! What responses show: rows without what is internal to the service (blob keys, leases).
 
 pub mod calibration;
 pub mod job;
 pub mod list;
 pub mod stack;
 
+use serde::Serialize;
+
 pub use calibration::Calibration;
 pub use list::{CalibrationList, ProfileList, StackList};
 pub use stack::Stack;
+
+use crate::{contract::request::JobRequest, store::Job};
+
+/// A job as its URL shows it.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub enum JobDocument {
+    /// A stack.
+    Stack(Box<Stack>),
+    /// A calibration.
+    Calibration(Box<Calibration>),
+}
+
+impl JobDocument {
+    /// The view of a row.
+    pub fn of(job: &Job) -> Self {
+        match &job.request {
+            JobRequest::Stack(request) => Self::Stack(Box::new(Stack::of(job, request))),
+            JobRequest::Calibration(request) => Self::Calibration(Box::new(Calibration::of(job, request))),
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! A stack, as the contract shows it.
+//! A stack as the API shows it.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -9,44 +9,44 @@ use crate::{
     contract::{
         options::StackOptions,
         outcome::{ImageInfo, JobOutcome},
-        request::JobRequest,
+        request::StackRequest,
     },
     store::Job,
 };
 use pinstack_science::types::{metrics::Metrics, stack_layout::StackLayout};
 
-/// A focus stack and what became of it.
+/// A focus stack and its results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Stack {
-    /// How the work goes.
+    /// State and progress of the job.
     #[serde(flatten)]
     pub job: JobView,
-    /// Revision of the profile that is used, fixed when the stack was accepted.
+    /// Revision of the profile in use, fixed when the stack was accepted.
     pub profile_revision: u32,
-    /// SHA-256 of that revision's geometry and gains, hex.
+    /// SHA-256 of the geometry and gains of that revision, hex.
     pub profile_digest: String,
-    /// SHA-256 of what that revision says about the camera, hex: EXIF and intrinsics are made from it. Null for a stack
-    /// of before there was one.
+    /// SHA-256 of what that revision states about the camera, hex: the source of EXIF and intrinsics. Null for a stack
+    /// older than this member.
     pub profile_optics_digest: Option<String>,
-    /// The stack whose zip is used again; null when the zip was sent for this stack.
+    /// For a rerun: the stack whose zip is used again. Null when the zip was sent for this stack.
     pub rerun_of: Option<Uuid>,
-    /// Every option as it is used, defaults filled in.
+    /// All options in use, with defaults filled in.
     pub options: StackOptions,
-    /// The slices in the order in which they are used.
+    /// The slices, in the order in which they are fused.
     pub slices: StackLayout,
-    /// The image that came out; null before the end.
+    /// Properties of the fused image; null until the stack has succeeded.
     pub image: Option<ImageInfo>,
-    /// Program and version that made the results; null before the end.
+    /// Program and version that made the results; null until the stack has succeeded.
     pub software: Option<String>,
-    /// Its quality; null before the end.
+    /// Quality metrics; null until the stack has succeeded.
     pub metrics: Option<Metrics>,
-    /// The files that were made; empty before the end.
+    /// The result files; empty until the stack has succeeded.
     pub artifacts: Vec<ArtifactView>,
-    /// Where to go from here.
+    /// URLs of related resources.
     pub links: StackLinks,
 }
 
-/// URLs of a stack; those of results are there once the results are.
+/// URLs of a stack. Those of results are present once it has succeeded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StackLinks {
     /// This stack.
@@ -54,41 +54,40 @@ pub struct StackLinks {
     pub this: String,
     /// Its server-sent events.
     pub events: String,
-    /// The profile revision that it uses.
+    /// The profile revision in use.
     pub profile: String,
-    /// `POST` here to stop it; gone once it has ended.
+    /// `POST` here to cancel it; absent once it has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cancel: Option<String>,
-    /// `POST` here to fuse the same zip again; gone once the zip is.
+    /// `POST` here to fuse the same zip again; absent once the zip was removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rerun: Option<String>,
-    /// The zip as it was sent; gone once the zip is.
+    /// The zip as it was sent; absent once it was removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub upload: Option<String>,
     /// Its metrics.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub metrics: Option<String>,
-    /// The masked RGBA image.
+    /// The fused image, RGBA.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub image: Option<String>,
     /// The alpha mask.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mask: Option<String>,
-    /// The fused back light.
+    /// The fused back-light stack.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backlight: Option<String>,
     /// The slice-index map.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<String>,
-    /// A small picture.
+    /// A small JPEG for web pages.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preview: Option<String>,
 }
 
 impl Stack {
-    /// The view of a row; `None` when the row is no stack.
-    pub fn of(job: &Job) -> Option<Self> {
-        let JobRequest::Stack(request) = &job.request else { return None };
+    /// The view of a row; `request` is the request of that row.
+    pub fn of(job: &Job, request: &StackRequest) -> Self {
         let outcome = match &job.outcome {
             Some(JobOutcome::Stack(outcome)) => Some(outcome),
             _ => None,
@@ -112,7 +111,7 @@ impl Stack {
             preview: link("preview"),
             this: url,
         };
-        Some(Self {
+        Self {
             job: JobView::of(job),
             profile_revision: request.profile_revision,
             profile_digest: request.profile_digest.clone(),
@@ -125,6 +124,6 @@ impl Stack {
             metrics: outcome.map(|o| o.metrics.clone()),
             artifacts,
             links,
-        })
+        }
     }
 }

@@ -4,9 +4,8 @@ use axum::http::Uri;
 use pinstack::{
     contract::{Code, options::StackOptions},
     http::{
-        calibrations::order::check_options,
         extract::{json, params},
-        intake::order::Fields,
+        ingest::{fields::Fields, submission::calibration::check_options},
         profiles::{
             file::ProfileFile,
             numbers::{self, Kind},

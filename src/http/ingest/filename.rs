@@ -1,4 +1,4 @@
-//! The name that the client gave its file. It is shown and used in the names of results, never as a path.
+//! The file name that a client gave its zip. It is shown and used in the names of results, never as a path.
 
 use axum::http::{HeaderMap, header};
 use percent_encoding::percent_decode_str;
@@ -6,7 +6,7 @@ use percent_encoding::percent_decode_str;
 /// Longest name that is kept, in characters.
 const MAX_CHARS: usize = 200;
 
-/// The name in the `Content-Disposition` of a request.
+/// The file name in the `Content-Disposition` of a request (RFC 6266).
 pub fn of_request(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_DISPOSITION)?;
     let text = String::from_utf8_lossy(value.as_bytes());
@@ -23,7 +23,7 @@ pub fn of_request(headers: &HeaderMap) -> Option<String> {
     tidy(&extended.or_else(|| parameter("filename"))?)
 }
 
-/// The last part of a path, without control characters; `None` when nothing is left.
+/// The last segment of a path without control characters; `None` when nothing remains.
 pub fn tidy(name: &str) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let clean: String = last.chars().filter(|c| !c.is_control()).take(MAX_CHARS).collect();
@@ -41,7 +41,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_is_read_from_both_spellings_and_loses_its_folders() {
+    fn a_file_name_is_read_from_both_forms_without_its_folders() {
         assert_eq!(named("attachment; filename=\"C:\\\\stacks\\\\bee 01.zip\"").as_deref(), Some("bee 01.zip"));
         assert_eq!(named("attachment; filename=a.zip; filename*=UTF-8''k%C3%A4fer.zip").as_deref(), Some("käfer.zip"));
         assert_eq!(named("attachment"), None);

@@ -1,4 +1,5 @@
-//! An upload in a form: `rig`, `lens`, `options` (JSON) and `stack`, in any order.
+//! An upload in a `multipart/form-data` form: the parts `rig`, `lens`, `options` (JSON) and `stack` (the zip), in any
+//! order.
 
 use axum::{
     body::Body,
@@ -13,40 +14,41 @@ use futures::TryStreamExt;
 
 use super::{
     body::{EndedEarly, WatchedBody},
+    fields::Fields,
     filename,
     form_body::FormBody,
-    order::{Fields, Order},
+    request::IngestRequest,
     reservation::UploadReservation,
-    spool::{Spooled, spool},
+    spool::{SpooledZip, spool},
+    submission::Submission,
 };
 use crate::{
-    contract::Code,
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    contract::{Code, JobKind},
+    http::problem::{ApiError, ApiResult},
 };
 
-/// Longest text of a part that is not the file, and of all of them together.
+/// Most bytes of text in all parts that are not the file.
 const MAX_TEXT: usize = 64 << 10;
-/// Longest name of a part.
+/// Longest name of a part, bytes.
 const MAX_NAME: usize = 100;
 /// Most parts of a form.
 const MAX_PARTS: usize = 64;
-/// Names under which clients send the file.
+/// Part names under which clients send the file.
 const FILE_PARTS: [&str; 2] = ["stack", "file"];
 
-/// Receives a form.
+/// Receives a form. When rig and lens are known before the file begins, the submission is checked before the file is
+/// received; in any case it is checked at the end, with all parts.
 ///
 /// # Errors
-/// `invalid_request` for a form that is none or lacks the file; the rest as for a bare body.
-pub async fn receive<O: Order>(
-    app: &App,
-    headers: &HeaderMap,
+/// `invalid_request` for a form that cannot be parsed or lacks the file; the rest as for a bare body.
+pub(super) async fn receive(
+    request: &IngestRequest<'_>,
+    kind: JobKind,
     body: WatchedBody,
     mut fields: Fields,
     reservation: UploadReservation,
-) -> ApiResult<(O, Spooled)> {
+) -> ApiResult<(Submission, SpooledZip)> {
+    let (app, headers) = (request.app, request.headers);
     let mut body = FormBody::new(body);
     let mut form = open(headers, body.clone()).await?;
     let mut reservation = Some(reservation);
@@ -58,19 +60,20 @@ pub async fn receive<O: Order>(
         let name = part.name().unwrap_or_default().to_owned();
         if name.len() > MAX_NAME {
             let detail =
-                format!("the form has a part with a name of {} bytes; at most {MAX_NAME} are read", name.len());
+                format!("the form has a part with a name of {} bytes; the limit is {MAX_NAME} bytes", name.len());
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
         if seen.contains(&name) || seen.len() >= MAX_PARTS {
-            let detail = format!("the form has the part '{name}' twice, or more than {MAX_PARTS} parts");
+            let detail =
+                format!("the form has the part '{name}' twice, or more than {MAX_PARTS} parts; send each part once");
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
         if FILE_PARTS.contains(&name.as_str()) {
             let Some(reservation) = reservation.take() else {
                 return Err(ApiError::new(Code::InvalidRequest, "the form has two files; send one stack per request"));
             };
-            if O::is_addressed(&fields) {
-                O::read(app, &fields).await?;
+            if fields.name_profile() {
+                Submission::read(app, kind, &fields).await?;
             }
             let filename = part.file_name().and_then(filename::tidy);
             let data = part.inspect_ok(|chunk| body.data_came(chunk.len() as u64));
@@ -90,10 +93,10 @@ pub async fn receive<O: Order>(
         seen.push(name);
     }
     body.drain().await.map_err(|EndedEarly| body.verdict().error())?;
-    let order = O::read(app, &fields).await?;
+    let submission = Submission::read(app, kind, &fields).await?;
     match file {
-        Some(file) => Ok((order, file)),
-        None => Err(ApiError::new(Code::InvalidRequest, "the form has no part 'stack' with the zip")),
+        Some(file) => Ok((submission, file)),
+        None => Err(ApiError::new(Code::InvalidRequest, "the form has no part 'stack'; send the zip in it")),
     }
 }
 
@@ -102,11 +105,11 @@ async fn open(headers: &HeaderMap, body: FormBody) -> ApiResult<Multipart> {
     if let Some(kind) = headers.get(header::CONTENT_TYPE) {
         request.headers_mut().insert(header::CONTENT_TYPE, kind.clone());
     }
-    // the watched body counts by itself
+    // `WatchedBody` limits the length
     axum::extract::DefaultBodyLimit::disable().apply(&mut request);
-    Multipart::from_request(request, &())
-        .await
-        .map_err(|_| ApiError::new(Code::InvalidRequest, "the Content-Type of the form names no boundary"))
+    Multipart::from_request(request, &()).await.map_err(|_| {
+        ApiError::new(Code::InvalidRequest, "the Content-Type of the form has no boundary; let your HTTP client set it")
+    })
 }
 
 async fn text(mut part: Field<'_>, body: &FormBody, left: &mut usize) -> ApiResult<String> {
@@ -116,7 +119,7 @@ async fn text(mut part: Field<'_>, body: &FormBody, left: &mut usize) -> ApiResu
         body.data_came(chunk.len() as u64);
         let Some(rest) = left.checked_sub(chunk.len()) else {
             let detail = format!(
-                "the parts up to '{name}' have more than {MAX_TEXT} bytes of text; the zip goes into the part 'stack'"
+                "the parts up to '{name}' have more than {MAX_TEXT} bytes of text; send the zip in the part 'stack'"
             );
             return Err(ApiError::new(Code::InvalidRequest, detail));
         };

@@ -1,5 +1,7 @@
-//! An upload in the hands of one request. A newer one takes it over: a connection that died without a word must not
-//! lock its client out.
+//! The lock of an upload: one request at a time writes to it.
+//!
+//! A newer request takes the lock over from an older one. Otherwise a dead connection, which the server has not noticed
+//! yet, would keep its own client from resuming.
 
 use std::time::Duration;
 
@@ -21,78 +23,78 @@ use crate::{
     },
 };
 
-/// The request before has so long to put away what it has.
+/// How long the older request may take to store what it has received.
 const HANDOVER: Duration = Duration::from_secs(15);
-/// How often it is looked whether it has.
+/// Interval between attempts to take the lock.
 const RETRY: Duration = Duration::from_millis(20);
 
-/// An upload, held until this is dropped.
-pub struct Held {
-    /// As its row was once it was held; nobody else changes it meanwhile.
+/// An upload that this request alone may change, until this is dropped.
+pub struct UploadLock {
+    /// Its row, read under the lock.
     pub upload: PartialUpload,
     /// Its file.
     pub partial: Box<dyn Partial>,
 }
 
-/// Takes an upload over from whoever has it; the rival tells when somebody takes it over from here.
+/// Locks an upload, taking it over from an older request if necessary. The [`Takeover`] reports when a newer request
+/// asks for the lock.
 ///
 /// # Errors
-/// `not_found` when there is no such upload; `locked` when the request before does not let go.
-pub async fn hold(app: &App, id: Uuid) -> ApiResult<(Held, Rival)> {
-    // listen first: nothing that happens from here on is missed
+/// `not_found` when there is no such upload; `locked` when the older request does not release it in time.
+pub async fn lock(app: &App, id: Uuid) -> ApiResult<(UploadLock, Takeover)> {
+    // subscribe first, so that no change from here on is missed
     let changes = app.rows.changes();
-    let ours = app.rows.take_over_upload(id).await?.ok_or_else(|| unknown(id))?;
+    let ours = app.rows.take_over_upload(id).await?.ok_or_else(|| not_found(id))?;
     let deadline = Instant::now() + HANDOVER;
     loop {
         if let Some(partial) = app.blobs.hold_partial(id).await? {
             let upload = app.rows.upload(id).await?;
             if upload.as_ref().is_none_or(|upload| upload.state != UploadState::Receiving) {
-                // nothing will be written to it: its lock need not lie about
+                // nothing will be written to it any more: remove its lock file
                 app.blobs.remove_partial(id).await?;
             }
-            let upload = upload.ok_or_else(|| unknown(id))?;
-            let rival = Rival { app: app.clone(), id, ours, changes };
-            return Ok((Held { upload, partial }, rival));
+            let upload = upload.ok_or_else(|| not_found(id))?;
+            let takeover = Takeover { app: app.clone(), id, ours, changes };
+            return Ok((UploadLock { upload, partial }, takeover));
         }
         if Instant::now() >= deadline {
             let detail =
-                format!("another request is writing to upload {id} and does not let go; try again in a moment");
+                format!("another request is writing to upload {id} and has not released it; try again in a moment");
             return Err(ApiError::new(Code::Locked, detail));
         }
         sleep(RETRY).await;
     }
 }
 
-/// There is no such upload.
-pub fn unknown(id: Uuid) -> ApiError {
-    let detail =
-        format!("there is no upload {id}; it never was, was ended, or nobody went on with it in time: begin a new one");
+/// The error for an upload that does not exist.
+pub fn not_found(id: Uuid) -> ApiError {
+    let detail = format!("there is no upload {id}: it never existed, was deleted, or has expired; begin a new one");
     ApiError::new(Code::NotFound, detail)
 }
 
-/// Why an upload that was refused cannot be gone on with.
+/// Checks that the upload was not refused.
 ///
 /// # Errors
-/// What it was refused with.
-pub fn not_refused(upload: &PartialUpload) -> ApiResult<()> {
+/// The error that it was refused with.
+pub fn require_not_refused(upload: &PartialUpload) -> ApiResult<()> {
     match &upload.state {
         UploadState::Refused(fault) => Err((**fault).clone().into()),
         UploadState::Receiving | UploadState::Complete(_) => Ok(()),
     }
 }
 
-/// The newer request, if one comes.
-pub struct Rival {
+/// Reports when a newer request asks for the lock.
+pub struct Takeover {
     app: App,
     id: Uuid,
     ours: i64,
     changes: Receiver<Uuid>,
 }
 
-impl Rival {
-    /// Ends when a newer request wants the upload. Requests of this process are heard at once, those of others are
-    /// asked for now and then.
-    pub async fn comes(mut self) {
+impl Takeover {
+    /// Completes when a newer request asks for the lock. Requests to this process are seen at once, requests to other
+    /// processes at the next poll.
+    pub async fn requested(mut self) {
         let pause = self.app.policy.poll_interval;
         let mut clock = interval_at(Instant::now() + pause, pause);
         clock.set_missed_tick_behavior(MissedTickBehavior::Delay);

@@ -1,19 +1,24 @@
-//! From a zip on the disk to a job: the one way for zips that came in a request, in pieces, or lie in the store.
+//! From a zip on the disk to a queued job. This is the only way, for zips that came in one request, in pieces, or are
+//! stored already.
 //!
-//! The zip is inspected and checked against what is asked, becomes a blob, and then the job becomes a row. A crash
-//! between the last two leaves a blob without a job, which the clean-up removes.
+//! 1. The zip is inspected and checked against the submission.
+//! 2. The file becomes a blob.
+//! 3. The job becomes a row.
+//!
+//! A crash between 2 and 3 leaves a blob without a job, which garbage collection removes.
 
 use std::path::PathBuf;
 
 use uuid::Uuid;
 
-use super::{admission::queue_full, idempotency, order::Order, quota::over_quota};
+use super::{admission::queue_full, idempotency, quota::over_quota, submission::Submission};
 use crate::{
     contract::{Fault, request::Upload},
     http::{
         background,
         problem::{ApiError, ApiResult},
         state::App,
+        uploads::lock::not_found,
     },
     store::{Enqueue, Job, NewJob, blobs::upload_key},
 };
@@ -24,38 +29,38 @@ use pinstack_science::{
 
 /// A zip on the disk that is to become a job.
 #[derive(Debug)]
-pub struct Submission {
+pub struct IncomingZip {
     /// Id of the job, UUIDv7.
     pub id: Uuid,
-    /// The zip: on the file system of the blobs. When it was published, it has moved.
+    /// The zip, on the file system of the blobs. Publishing it moves it.
     pub file: PathBuf,
     /// True when `file` is the blob of this job already.
     pub is_published: bool,
-    /// Size of the zip.
+    /// Size, bytes.
     pub bytes: u64,
-    /// SHA-256 of the zip, hex.
+    /// SHA-256, hex.
     pub sha256: String,
-    /// Name that the client gave.
+    /// File name that the client gave.
     pub filename: Option<String>,
-    /// How it came.
+    /// How it arrived.
     pub origin: Origin,
 }
 
-/// How a zip came.
+/// How a zip arrived.
 #[derive(Debug)]
 pub enum Origin {
-    /// In this request, or it was in the store before it.
+    /// In this request, or it was stored before.
     Request {
         /// The token of the request.
         owner: Option<Uuid>,
         /// The `Idempotency-Key` and the fingerprint of the request.
         idempotency: Option<(String, String)>,
     },
-    /// As the resumable upload of the same id; its row says whose it is.
+    /// As the resumable upload with the id of the job. The row of the upload knows the owner.
     ResumableUpload,
 }
 
-/// A job that the client may hear of.
+/// A job that can be shown to the client.
 #[derive(Debug)]
 pub struct Submitted {
     /// The job.
@@ -64,35 +69,29 @@ pub struct Submitted {
     pub replayed: bool,
 }
 
-/// Makes the job that `order` asks for of a zip on the disk. On an error there is no job; what was published of a
-/// request is removed again.
+/// Makes the job of a submission from a zip on the disk. On an error there is no job, and the blob of a zip that came
+/// in a request is removed again.
 ///
 /// # Errors
-/// What is wrong with the zip, or that it does not fit the order; `queue_full`, `idempotency_key_reused`;
-/// `not_found` when the resumable upload is gone; `insufficient_storage`.
-pub async fn submit<O: Order>(app: &App, order: O, submission: Submission) -> ApiResult<Submitted> {
-    let Submission { id, file, is_published, bytes, sha256, filename, origin } = submission;
+/// What is wrong with the zip, or that it does not match the submission; `queue_full`; `idempotency_key_reused`;
+/// `insufficient_storage`; `not_found` when a resumable upload was deleted meanwhile.
+pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> ApiResult<Submitted> {
+    let IncomingZip { id, file, is_published, bytes, sha256, filename, origin } = zip;
     let (layout, mut warnings) = inspect(app, file.clone()).await?;
-    warnings.extend(order.check(&layout)?);
     let key = upload_key(id);
+    let upload = Upload { key: key.clone(), bytes, sha256, filename };
+    let (request, more_warnings) = submission.to_request(upload, layout)?;
+    warnings.extend(more_warnings);
     if !is_published {
         app.blobs.publish(&file, &key).await?;
     }
-    let (rig, lens) = order.key();
+    let (rig, lens) = submission.profile_key();
     let (owner, idempotency) = match &origin {
         Origin::Request { owner, idempotency } => (*owner, idempotency.clone()),
         Origin::ResumableUpload => (None, None),
     };
-    let job = NewJob {
-        id,
-        rig: rig.clone(),
-        lens: lens.clone(),
-        request: order.request(Upload { key, bytes, sha256, filename }, layout),
-        warnings,
-        idempotency,
-        owner,
-    };
-    // an error here does not say whether the row was stored: the sweep decides about the blob
+    let job = NewJob { id, rig: rig.clone(), lens: lens.clone(), request, warnings, idempotency, owner };
+    // an error here does not say whether the row was stored: garbage collection decides about the blob
     let stored = match &origin {
         Origin::Request { .. } => Some(app.rows.enqueue(&job, app.policy.queue_limit).await?),
         Origin::ResumableUpload => app.rows.complete_upload(&job, app.policy.queue_limit).await?,
@@ -105,26 +104,26 @@ pub async fn submit<O: Order>(app: &App, order: O, submission: Submission) -> Ap
         }
         Some(Enqueue::QueueFull { waiting }) => Err(queue_full(waiting)),
         Some(Enqueue::OverQuota(over)) => Err(over_quota(bytes, &over)),
-        None => Err(crate::http::uploads::hold::unknown(id)),
+        None => Err(not_found(id)),
     };
     match origin {
         Origin::Request { .. } => {
             if let Err(error) = app.blobs.delete_job(id).await {
-                tracing::warn!(%error, %id, "a blob without a job is left for the sweep");
+                tracing::warn!(%error, %id, "a blob without a job is left to garbage collection");
             }
         }
-        // all bytes are here: the job can be made when the client asks again
+        // all bytes are kept: the job can be made when the client asks again
         Origin::ResumableUpload => {}
     }
     outcome
 }
 
-/// What the directory of a zip and the headers of its pictures tell.
+/// Reads the directory of a zip and the headers of its images.
 async fn inspect(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let limits = app.policy.archive;
-    let _turn = app.looks.acquire().await.map_err(ApiError::internal)?;
+    let _permit = app.inspection_permits.acquire().await.map_err(ApiError::internal)?;
     let inspected = background::spawn_blocking(move || -> Result<_, Fault> {
-        // the client waits: what takes long to look at is looked at in the job
+        // the client waits: whatever takes long to check is checked by the job
         let archive = archive::open_near(&file, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });

@@ -1,4 +1,4 @@
-//! An upload on its way to the disk.
+//! Writes an upload to a spool file, counted and hashed.
 
 use std::path::Path;
 
@@ -16,30 +16,30 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    store::failpoint::step,
+    store::{digest::hex, failpoint::step},
 };
 
-/// A whole upload in the spool folder. The file goes when this is dropped, unless it has become a blob.
-pub struct Spooled {
+/// A complete zip in the spool folder. Dropping it removes the file, unless the file has become a blob.
+pub struct SpooledZip {
     path: TempPath,
-    /// Size.
+    /// Size, bytes.
     pub bytes: u64,
     /// SHA-256, hex.
     pub sha256: String,
-    /// Name that the client gave.
+    /// File name that the client gave.
     pub filename: Option<String>,
     /// Held until the store counts the bytes.
     _quota: QuotaClaim,
 }
 
-impl Spooled {
-    /// The zip of a job as a file in the spool folder, without sending or copying it. `None` when it is gone.
+impl SpooledZip {
+    /// The stored zip of a job, as a file in the spool folder that shares its bytes. `None` when the blob is gone.
     ///
     /// # Errors
     /// When the blob store cannot share it.
     pub async fn of_stored(app: &App, upload: &Upload) -> ApiResult<Option<Self>> {
         let path = app.blobs.spool_dir().join(format!("rerun-{}", Uuid::now_v7()));
-        // from here on the file goes when this does, also when the request is given up
+        // from here on the file is removed on drop, also when the request is cancelled
         let path = TempPath::try_from_path(path).map_err(cannot_write)?;
         if !app.blobs.share(&upload.key, &path).await? {
             return Ok(None);
@@ -49,23 +49,23 @@ impl Spooled {
         Ok(Some(Self { path, bytes, sha256, filename, _quota: QuotaClaim::default() }))
     }
 
-    /// Where it lies.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 }
 
-/// Writes a stream to a new spool file. Memory does not grow with it: one chunk at a time.
+/// Writes a stream to a new spool file, one chunk at a time: memory does not grow with its length.
 ///
 /// # Errors
-/// What `broken` says when the stream ends with an error; `insufficient_storage` when the disk is full.
+/// `broken(error)` when the stream ends with an error; `insufficient_storage` when the disk is full.
 pub async fn spool<E>(
     app: &App,
     mut chunks: impl Stream<Item = Result<Bytes, E>> + Unpin,
     mut reservation: UploadReservation,
     filename: Option<String>,
     broken: impl Fn(E) -> ApiError,
-) -> ApiResult<Spooled> {
+) -> ApiResult<SpooledZip> {
     step("upload.make").map_err(cannot_write)?;
     let made = tempfile::Builder::new().prefix("upload-").tempfile_in(app.blobs.spool_dir()).map_err(cannot_write)?;
     let (file, path) = made.into_parts();
@@ -85,20 +85,15 @@ pub async fn spool<E>(
     step("upload.flush").map_err(cannot_write)?;
     file.flush().await.map_err(cannot_write)?;
     let sha256 = hex(&hash.finalize());
-    Ok(Spooled { path, bytes, sha256, filename, _quota: reservation.into_quota() })
+    Ok(SpooledZip { path, bytes, sha256, filename, _quota: reservation.into_quota() })
 }
 
 fn cannot_write(error: std::io::Error) -> ApiError {
     use std::io::ErrorKind::{QuotaExceeded, StorageFull};
     if matches!(error.kind(), StorageFull | QuotaExceeded) {
-        let detail = "the disk of the server became full while the upload arrived; nothing was stored: send it again \
-                      once there is room";
+        let detail = "the disk of the server became full during the upload; nothing was stored; send it again when \
+                      there is free space";
         return ApiError::new(Code::InsufficientStorage, detail);
     }
     ApiError::internal(format!("spool file: {error}"))
-}
-
-/// Lower-case hex.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -1,12 +1,14 @@
-//! The body of a form on its way to the parser (multer), which by itself holds whatever it cannot make sense of: all
-//! bytes before the first boundary, and within the headers of a part. Here they are counted.
+//! The body of a form on its way to the parser (multer), with a bound on what the parser buffers.
+//!
+//! The parser buffers all bytes before the first boundary and all headers of a part, without a limit. Here they are
+//! counted:
 //!
 //! ```text
 //! outside = bytes given to the parser - bytes that it returned as data of parts
 //! ```
 //!
-//! The parser gets no more bytes while `outside` is over [`MAX_OUTSIDE`] and it has made no progress with what it has.
-//! So it never holds more than that and one chunk of the network, and never searches more for a byte that arrives.
+//! While `outside` exceeds [`MAX_OUTSIDE`] and the parser makes no progress, it gets no more bytes. So it never buffers
+//! more than that and one network chunk, and its search per arriving byte is bounded too.
 
 use std::{
     pin::Pin,
@@ -23,28 +25,28 @@ use futures::{Stream, StreamExt};
 use super::body::{EndedEarly, Verdict, WatchedBody};
 use crate::contract::{Code, Fault};
 
-/// Most bytes of a form outside the data of its parts: boundaries, headers, and what stands before and behind.
+/// Most bytes of a form outside the data of its parts: boundaries, headers, preamble and epilogue.
 pub const MAX_OUTSIDE: u64 = 64 << 10;
 
-/// The body of a form. Clones are one body: the parser reads by one, the receiver counts by another.
+/// The body of a form. Clones share one body: the parser reads through one, the receiver counts through another.
 #[derive(Clone)]
 pub struct FormBody(Arc<Shared>);
 
 struct Shared {
     body: Mutex<WatchedBody>,
     verdict: Verdict,
-    /// Given to the parser.
+    /// Bytes given to the parser.
     given: AtomicU64,
-    /// Returned by it as data of parts.
+    /// Bytes that it returned as data of parts.
     returned: AtomicU64,
-    /// Parts that began, and chunks of data.
+    /// Counts parts that began and chunks of data that were returned.
     progress: AtomicU64,
-    /// `progress` when the parser asked for more though it had too much; plus one. 0: it did not.
+    /// `progress + 1` when the parser last asked for more although `outside` was over the limit; 0 before.
     stuck_at: AtomicU64,
 }
 
 impl FormBody {
-    /// Counts a body.
+    /// Wraps a body.
     pub fn new(body: WatchedBody) -> Self {
         let verdict = body.verdict();
         Self(Arc::new(Shared {
@@ -57,7 +59,7 @@ impl FormBody {
         }))
     }
 
-    /// Why the body ended early, when it did.
+    /// Why the body ended early, if it did.
     pub fn verdict(&self) -> &Verdict {
         &self.0.verdict
     }
@@ -73,14 +75,14 @@ impl FormBody {
         self.0.progress.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Reads what stands behind the last boundary, and throws it away.
+    /// Reads and discards what follows the last boundary.
     ///
     /// # Errors
-    /// When that is too long, or the body ends early; [`Self::verdict`] knows why.
+    /// When that is too long, or the body ends early; [`Self::verdict`] has the reason.
     pub async fn drain(&mut self) -> Result<(), EndedEarly> {
         while let Some(chunk) = self.next().await {
             chunk?;
-            // bytes that the parser never sees are no progress
+            // bytes that the parser never sees do not count as progress
             if self.outside() > MAX_OUTSIDE {
                 return Err(self.too_much());
             }
@@ -94,8 +96,8 @@ impl FormBody {
 
     fn too_much(&self) -> EndedEarly {
         let detail = format!(
-            "the form holds more than {MAX_OUTSIDE} bytes outside the data of its parts: its boundary never comes, or the \
-             headers of a part never end; is the boundary that of the Content-Type?"
+            "the form has more than {MAX_OUTSIDE} bytes outside the data of its parts: its boundary does not appear, or \
+             the headers of a part do not end; check that the boundary is the one in the Content-Type"
         );
         self.0.verdict.set(Fault::new(Code::InvalidRequest, detail));
         EndedEarly
@@ -111,7 +113,7 @@ impl Stream for FormBody {
 
     fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         if self.outside() > MAX_OUTSIDE {
-            // the parser asks for more before it looks at what it has: it may look once
+            // the parser asks for more before it parses what it has: let it parse once
             let progress = self.0.progress.load(Ordering::Relaxed) + 1;
             if self.0.stuck_at.swap(progress, Ordering::Relaxed) == progress {
                 return Poll::Ready(Some(Err(self.too_much())));

@@ -1,4 +1,4 @@
-//! The body of an upload, watched: it may not be too long, nor fall silent.
+//! The body of a request with a length limit and an idle timeout.
 
 use std::{
     pin::Pin,
@@ -14,56 +14,57 @@ use tokio::time::{Instant, Sleep, sleep, timeout};
 
 use crate::{
     contract::{Code, Fault},
-    http::{background, problem::ApiError, waiting},
+    http::{background, problem::ApiError, wait_times},
     telemetry::events::{self, WaitsOn},
 };
 
-/// A refusal sent while the client still sends would be lost in a connection reset, so a little more is read
-/// and thrown away meanwhile.
+/// Most bytes that are read and discarded after a refusal. Without this, a client that is still sending would see a
+/// connection reset instead of the response.
 const LINGER_BYTES: u64 = 64 << 20;
-/// How long at most.
+/// Longest time for that.
 const LINGER_TIME: Duration = Duration::from_secs(5);
 
-/// Why the body ended early. It passes through libraries that forget the reason, so the reason stays here.
+/// Why a body ended early. The libraries that the body passes through drop the reason, so it is kept here.
 #[derive(Debug, Clone, Default)]
 pub struct Verdict(Arc<Mutex<Option<Fault>>>);
 
 impl Verdict {
-    /// Keeps the reason.
+    /// Sets the reason.
     pub fn set(&self, fault: Fault) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(fault);
     }
 
-    /// The reason, or that the body broke off.
+    /// The reason; when none was set, that the connection was closed before the end of the body.
     pub fn error(&self) -> ApiError {
-        let told = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        told.unwrap_or_else(broken_off).into()
+        let reason = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        reason.unwrap_or_else(broken_off).into()
     }
 
-    /// The reason, when there is one.
+    /// The reason, if one was set.
     pub fn known(&self) -> Option<ApiError> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone().map(ApiError::from)
     }
 }
 
 fn broken_off() -> Fault {
-    Fault::new(Code::UploadIncomplete, "the upload broke off before its end; nothing was stored; send it again")
+    Fault::new(Code::UploadIncomplete, "the upload ended before its last byte; nothing was stored; send it again")
 }
 
-/// The body ended early; [`Verdict`] knows why.
+/// The body ended early; [`Verdict`] has the reason.
 #[derive(Debug, thiserror::Error)]
 #[error("the body ended early")]
 pub struct EndedEarly;
 
-/// The body of an upload as a stream of chunks.
+/// The body of a request as a stream of chunks.
 pub struct WatchedBody {
     /// `None` once it has ended.
     inner: Option<BodyDataStream>,
-    /// True once the client was asked to send.
+    /// True once the first chunk was asked for, which sends `100 Continue`.
     polled: bool,
     waits_for_continue: bool,
+    /// Ends when nothing arrived for `idle_timeout`.
     silence: Pin<Box<Sleep>>,
-    /// Since when the next chunk is waited for.
+    /// When waiting for the next chunk began.
     waits: Option<Instant>,
     idle_timeout: Duration,
     max_bytes: u64,
@@ -72,7 +73,8 @@ pub struct WatchedBody {
 }
 
 impl WatchedBody {
-    /// Watches a body. `waits_for_continue`: the client sends nothing before it hears `100 Continue`.
+    /// Limits `body` to `max_bytes` in all and `idle_timeout` between chunks. `waits_for_continue`: the client sends
+    /// nothing before it receives `100 Continue`.
     pub fn new(body: Body, max_bytes: u64, idle_timeout: Duration, waits_for_continue: bool) -> Self {
         Self {
             inner: Some(body.into_data_stream()),
@@ -87,7 +89,7 @@ impl WatchedBody {
         }
     }
 
-    /// Where the reason of an early end can be asked for.
+    /// Where the reason of an early end is kept.
     pub fn verdict(&self) -> Verdict {
         self.verdict.clone()
     }
@@ -103,9 +105,9 @@ impl WatchedBody {
     }
 }
 
-/// The body is over the limit.
+/// The error for a body over the limit.
 pub fn too_large(max_bytes: u64) -> Fault {
-    let detail = format!("the upload is over the limit of {max_bytes} bytes; GET /v1/info shows every limit");
+    let detail = format!("the upload is larger than the limit of {max_bytes} bytes; GET /v1/info shows all limits");
     Fault::new(Code::UploadTooLarge, detail)
 }
 
@@ -123,7 +125,7 @@ impl Stream for WatchedBody {
         match (&polled, this.waits) {
             (Poll::Pending, None) => this.waits = Some(Instant::now()),
             (Poll::Ready(_), Some(since)) => {
-                waiting::add(WaitsOn::Body, since.elapsed());
+                wait_times::add(WaitsOn::Body, since.elapsed());
                 this.waits = None;
             }
             _ => {}
@@ -146,7 +148,7 @@ impl Stream for WatchedBody {
                 std::task::ready!(this.silence.as_mut().poll(cx));
                 this.inner = None;
                 let seconds = this.idle_timeout.as_secs_f64();
-                let detail = format!("the upload sent nothing for {seconds} s and was given up; send it again");
+                let detail = format!("the upload timed out: nothing arrived for {seconds} s; send it again");
                 this.verdict.set(Fault::new(Code::UploadIncomplete, detail));
                 Poll::Ready(Some(Err(EndedEarly)))
             }
@@ -157,11 +159,11 @@ impl Stream for WatchedBody {
 impl Drop for WatchedBody {
     fn drop(&mut self) {
         if let Some(since) = self.waits {
-            waiting::add(WaitsOn::Body, since.elapsed());
+            wait_times::add(WaitsOn::Body, since.elapsed());
         }
         let Some(rest) = self.inner.take() else { return };
-        let nothing_comes = self.waits_for_continue && !self.polled;
-        if nothing_comes {
+        let sends_nothing = self.waits_for_continue && !self.polled;
+        if sends_nothing {
             return;
         }
         if tokio::runtime::Handle::try_current().is_ok() {
@@ -171,10 +173,10 @@ impl Drop for WatchedBody {
 }
 
 async fn linger(mut rest: BodyDataStream) {
-    let mut thrown_away = 0;
+    let mut discarded = 0;
     while let Some(Ok(chunk)) = rest.next().await {
-        thrown_away += chunk.len() as u64;
-        if thrown_away > LINGER_BYTES {
+        discarded += chunk.len() as u64;
+        if discarded > LINGER_BYTES {
             return;
         }
     }

@@ -1,8 +1,12 @@
 //! The quota of a token while its uploads arrive.
 //!
-//! The quota itself holds in the store, in the transaction that accepts a job or an upload. Here it is looked at before
-//! and while the bytes come, so that no upload is sent for nothing: what the store counts and what other requests of
-//! the token have claimed must leave room.
+//! The store enforces the quota, in the transaction that accepts a job or an upload. This check comes earlier, before
+//! and during the upload, so that no client sends gigabytes in vain. It adds what the store counts and what other
+//! requests of the token have claimed:
+//!
+//! ```text
+//! stored bytes + claims of other requests + this claim <= quota
+//! ```
 
 use std::{
     collections::HashMap,
@@ -21,10 +25,10 @@ use crate::{
     store::OverQuota,
 };
 
-/// An upload of unknown length claims so much ahead of what has arrived.
+/// Bytes that an upload of unknown length claims ahead of what has arrived.
 const AHEAD_OF_UNKNOWN: u64 = 64 << 20;
 
-/// Bytes that the requests of each token have claimed and that are not in the store yet.
+/// Bytes claimed by the requests of each token and not yet counted by the store.
 #[derive(Clone, Default)]
 pub struct Claims(Arc<Mutex<HashMap<Uuid, u64>>>);
 
@@ -34,7 +38,7 @@ impl Claims {
     }
 }
 
-/// What one request claims of the quota of its token; given back when dropped. Without a quota it claims nothing.
+/// The claim of one request on the quota of its token, released on drop. Empty for a token without a quota.
 #[derive(Default)]
 pub struct QuotaClaim(Option<Claimed>);
 
@@ -43,8 +47,8 @@ struct Claimed {
     token: Uuid,
     name: String,
     quota: u64,
-    /// The `Idempotency-Key` as the store has it. Repeats of one request at the same time make one job, so they do not
-    /// stand in each other's way.
+    /// The `Idempotency-Key` as the store keeps it. Simultaneous repeats of one request make one job, so a claim with
+    /// a key ignores the claims of other requests.
     key: Option<String>,
     bytes: u64,
 }
@@ -63,7 +67,7 @@ impl QuotaClaim {
         }))
     }
 
-    /// Claims enough for `bytes` in all.
+    /// Raises the claim to `bytes` in all, if it is smaller.
     ///
     /// # Errors
     /// `insufficient_storage` with figures.
@@ -73,7 +77,7 @@ impl QuotaClaim {
             return Ok(());
         }
         let used = claimed.app.rows.used_bytes(claimed.token).await?;
-        // what arrived is more than was claimed at first: the length is unknown
+        // more arrived than was first claimed, so the length is unknown
         let ahead = if claimed.bytes > 0 { AHEAD_OF_UNKNOWN } else { 0 };
         let Err(used) = claimed.take(used, bytes.saturating_add(ahead)).or_else(|_| claimed.take(used, bytes)) else {
             return Ok(());
@@ -81,7 +85,7 @@ impl QuotaClaim {
         if let Some(key) = &claimed.key
             && claimed.app.rows.by_idempotency_key(key).await?.is_some()
         {
-            // the request is a repeat by now: it takes nothing
+            // an equal request has made the job meanwhile: this one is a repeat and needs no quota
             self.0 = None;
             return Ok(());
         }
@@ -90,7 +94,7 @@ impl QuotaClaim {
 }
 
 impl Claimed {
-    /// Claims `bytes` in all, or says how many bytes are used.
+    /// Sets the claim to `bytes`. `Err`: the bytes in use by others, which leave too little.
     fn take(&mut self, stored: u64, bytes: u64) -> Result<(), u64> {
         let mut claims = self.app.claims.lock();
         let all = claims.entry(self.token).or_default();
@@ -117,12 +121,12 @@ impl Drop for Claimed {
     }
 }
 
-/// An upload of `bytes` does not fit into the quota.
+/// The error for an upload of `bytes` that exceeds the quota.
 pub fn over_quota(bytes: u64, over: &OverQuota) -> ApiError {
     let OverQuota { token, used, quota } = over;
     let detail = format!(
-        "no room for this upload in the quota of token '{token}': it needs {bytes} bytes, and {used} of {quota} are \
-         used; delete old stacks, or ask for a larger quota"
+        "the upload exceeds the quota of token '{token}': it needs {bytes} bytes, and {used} of {quota} are used; delete \
+         old stacks, or ask for a larger quota"
     );
     ApiError::new(Code::InsufficientStorage, detail)
 }

@@ -1,0 +1,85 @@
+//! Admission: what is checked before the body of an upload is read. Its length, the disk budget, the quota of the
+//! token, and the length of the queue.
+
+use axum::http::{HeaderMap, header};
+
+use super::{body::too_large, quota::QuotaClaim, request::IngestRequest, reservation::UploadReservation};
+use crate::{
+    contract::Code,
+    disk_budget::DiskState,
+    http::{
+        auth::Caller,
+        problem::{ApiError, ApiResult},
+        state::App,
+    },
+};
+
+/// Most bytes of a form besides the zip.
+pub const FORM_OVERHEAD: u64 = 1 << 20;
+
+/// Admits an upload whose body is at most `max_body` bytes, and reserves disk space for it. `job_bytes` is what its job
+/// may write. A repeat of an earlier request makes no new job: neither quota nor queue count for it.
+///
+/// # Errors
+/// `upload_too_large`; `insufficient_storage` with figures; `queue_full`.
+pub async fn admit(request: &IngestRequest<'_>, max_body: u64, job_bytes: u64) -> ApiResult<UploadReservation> {
+    let IngestRequest { app, caller, headers, key } = request;
+    let length = content_length(headers);
+    if length.is_some_and(|length| length > max_body) {
+        return Err(too_large(app.policy.max_upload_bytes).into());
+    }
+    let quota = match key.is_repeat {
+        true => QuotaClaim::default(),
+        false => QuotaClaim::of(app, caller, key.stored.clone()),
+    };
+    let reservation = UploadReservation::admit(app, caller.id(), length, job_bytes, quota).await?;
+    if !key.is_repeat {
+        require_queue_place(app).await?;
+    }
+    Ok(reservation)
+}
+
+/// Checks that an upload of `bytes` and its job, which may write `job_bytes`, would be admitted now. Nothing is
+/// reserved: the bytes come in later requests, or are stored already.
+///
+/// # Errors
+/// `insufficient_storage` with figures; `queue_full`.
+pub async fn require_admissible(app: &App, caller: &Caller, bytes: u64, job_bytes: u64) -> ApiResult<()> {
+    if bytes > 0 {
+        QuotaClaim::of(app, caller, None).cover(bytes).await?;
+    }
+    let fits = app.disk.reserve_beside(0, bytes.saturating_add(job_bytes)).await?;
+    fits.map_err(|state| disk_full(bytes, job_bytes, &state))?;
+    require_queue_place(app).await
+}
+
+async fn require_queue_place(app: &App) -> ApiResult<()> {
+    let waiting = app.rows.counts().await?.queued;
+    if waiting >= app.policy.queue_limit { Err(queue_full(waiting)) } else { Ok(()) }
+}
+
+/// The error for a queue that has no place left.
+pub fn queue_full(waiting: u64) -> ApiError {
+    ApiError::new(Code::QueueFull, format!("the queue is full: {waiting} jobs are waiting; try again later"))
+}
+
+/// The error for a disk budget that cannot cover an upload and its job.
+pub fn disk_full(bytes: u64, job_bytes: u64, state: &DiskState) -> ApiError {
+    let DiskState { free, reserved, min_free, .. } = state;
+    let detail = format!(
+        "not enough disk space for this upload: it needs {bytes} bytes and its job up to {job_bytes}; {free} bytes are \
+         free, of which {reserved} are reserved by uploads and jobs in progress and {min_free} must stay free; delete \
+         old stacks or enlarge the disk"
+    );
+    ApiError::new(Code::InsufficientStorage, detail)
+}
+
+/// True when the client waits for `100 Continue` before it sends the body.
+pub fn waits_for_continue(headers: &HeaderMap) -> bool {
+    headers.get(header::EXPECT).is_some_and(|v| v.as_bytes().eq_ignore_ascii_case(b"100-continue"))
+}
+
+/// The `Content-Length` of a request, bytes.
+pub fn content_length(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}

@@ -1,0 +1,88 @@
+//! From the body of a request to a checked submission and a complete zip in a spool file.
+
+use axum::{
+    body::Body,
+    http::{HeaderMap, header},
+};
+
+use super::{
+    admission::{FORM_OVERHEAD, admit, waits_for_continue},
+    body::{EndedEarly, WatchedBody},
+    fields::Fields,
+    filename, multipart,
+    request::IngestRequest,
+    spool::{SpooledZip, spool},
+    submission::Submission,
+};
+use crate::{
+    contract::{Code, JobKind},
+    http::{
+        extract::json,
+        problem::{ApiError, ApiResult},
+    },
+};
+
+/// Media types that are accepted for a bare zip: the right one, and those that common tools send instead. Types that a
+/// web page of any origin may send without a preflight (`application/x-www-form-urlencoded`, `text/plain`) are not
+/// accepted.
+const ZIP_TYPES: [&str; 5] = [
+    "application/zip",
+    "application/x-zip-compressed",
+    "application/x-zip",
+    "application/octet-stream",
+    "binary/octet-stream",
+];
+
+/// Receives an upload, bare or in a form. Nothing of a bare body is read before the submission is checked and admitted,
+/// so a client that sends `Expect: 100-continue` never sends a file in vain.
+///
+/// # Errors
+/// Whatever is wrong with submission, admission or body. The spool file is removed in that case.
+pub(super) async fn receive(
+    request: &IngestRequest<'_>,
+    kind: JobKind,
+    fields: Fields,
+    body: Body,
+) -> ApiResult<(Submission, SpooledZip)> {
+    let (app, headers) = (request.app, request.headers);
+    let media_type = media_type(headers);
+    let is_form = media_type == "multipart/form-data";
+    let max_bytes = app.policy.max_upload_bytes;
+    let max_body = if is_form { max_bytes.saturating_add(FORM_OVERHEAD) } else { max_bytes };
+    let body = WatchedBody::new(body, max_body, app.policy.body_idle_timeout, waits_for_continue(headers));
+    if is_form {
+        // what the URL contains can be checked now, what the form contains only when it arrives
+        let job_bytes = match fields.name_profile() {
+            true => Submission::read(app, kind, &fields).await?.disk_need(),
+            false => 0,
+        };
+        let reservation = admit(request, max_body, job_bytes).await?;
+        return multipart::receive(request, kind, body, fields, reservation).await;
+    }
+    require_zip(&media_type)?;
+    let submission = Submission::read(app, kind, &fields).await?;
+    let reservation = admit(request, max_body, submission.disk_need()).await?;
+    let verdict = body.verdict();
+    let zip = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
+    Ok((submission, zip))
+}
+
+fn require_zip(media_type: &str) -> ApiResult<()> {
+    if media_type.is_empty() || ZIP_TYPES.contains(&media_type) {
+        return Ok(());
+    }
+    let shown: String = media_type.chars().take(80).collect();
+    let detail = match shown.as_str() {
+        json::FORM => format!(
+            "the body is '{shown}', the default of curl --data-binary; add -H 'Content-Type: application/zip', or send \
+             the file with -T"
+        ),
+        _ => format!("the body is '{shown}'; send the zip as application/zip, or in a multipart/form-data form"),
+    };
+    Err(ApiError::new(Code::UnsupportedMediaType, detail))
+}
+
+fn media_type(headers: &HeaderMap) -> String {
+    let text = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
+    text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
+}

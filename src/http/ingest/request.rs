@@ -1,0 +1,136 @@
+//! A request that makes a job: the steps that stacks, calibrations and reruns share.
+//!
+//! ```text
+//! begin     Idempotency-Key: is this a repeat?
+//! receive   the checked submission, and its zip in a spool file   (a rerun takes a stored zip instead)
+//! submit    zip -> blob, submission -> queued job
+//! answer    202 with the job, or 200 when `Prefer: wait` saw it end
+//! ```
+
+use axum::{
+    Json,
+    body::Body,
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    response::{IntoResponse, Response},
+};
+
+use super::{
+    fields::Fields,
+    idempotency::{self, IdempotencyKey},
+    receive::receive,
+    spool::SpooledZip,
+    submission::Submission,
+    submit::{IncomingZip, Origin, Submitted, submit},
+};
+use crate::{
+    contract::JobKind,
+    http::{
+        auth::Caller,
+        background,
+        extract::prefer,
+        log,
+        problem::{ApiError, ApiResult},
+        state::App,
+        views::{JobDocument, job::url},
+        waiting::until_final,
+    },
+};
+
+/// A request that makes a job.
+pub struct IngestRequest<'a> {
+    /// The service.
+    pub app: &'a App,
+    /// Who sent it.
+    pub caller: &'a Caller,
+    /// Its headers.
+    pub headers: &'a HeaderMap,
+    /// Its `Idempotency-Key`.
+    pub key: IdempotencyKey,
+}
+
+impl<'a> IngestRequest<'a> {
+    /// Reads the `Idempotency-Key`.
+    ///
+    /// # Errors
+    /// `invalid_request` for a key that breaks the rule.
+    pub async fn begin(app: &'a App, caller: &'a Caller, headers: &'a HeaderMap) -> ApiResult<Self> {
+        let key = IdempotencyKey::of_request(app, caller, headers).await?;
+        Ok(Self { app, caller, headers, key })
+    }
+
+    /// Checks the submission, then receives its zip, as the whole body or as a part of a form.
+    ///
+    /// # Errors
+    /// What [`Submission::read`] and [`super::admission::admit`] refuse; `unsupported_media_type`;
+    /// `upload_too_large`; `upload_incomplete`.
+    pub async fn receive(&self, kind: JobKind, fields: Fields, body: Body) -> ApiResult<(Submission, SpooledZip)> {
+        receive(self, kind, fields, body).await
+    }
+
+    /// Makes the job. It is made even when the client disconnects: all bytes are here.
+    ///
+    /// # Errors
+    /// `idempotency_key_reused`, and what [`submit`] refuses.
+    pub async fn submit(&self, submission: Submission, zip: SpooledZip) -> ApiResult<Submitted> {
+        let (app, caller, key) = (self.app.clone(), self.caller.clone(), self.key.stored.clone());
+        let submitting = background::spawn(async move { accept(&app, &caller, key, &submission, zip).await });
+        submitting.await.map_err(ApiError::internal)?
+    }
+
+    /// 202 with the job, or 200 when the client sent `Prefer: wait` and the job ended in that time.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub async fn answer(&self, submitted: Submitted) -> ApiResult<Response> {
+        let Submitted { job, replayed } = submitted;
+        log::note("job", job.id);
+        let location = url(&job);
+        let wait = prefer::wait(self.headers);
+        let job = match wait {
+            None => job,
+            Some(wait) => until_final(self.app, job.id, wait).await?.unwrap_or(job),
+        };
+        let has_ended = wait.is_some() && job.state.is_final();
+        let status = if has_ended { StatusCode::OK } else { StatusCode::ACCEPTED };
+        let mut response = (status, Json(JobDocument::of(&job))).into_response();
+        let out = response.headers_mut();
+        if let Ok(location) = HeaderValue::from_str(&location) {
+            out.insert(header::LOCATION, location);
+        }
+        if let Some(wait) = wait
+            && let Ok(applied) = HeaderValue::from_str(&format!("wait={}", wait.as_secs()))
+        {
+            out.insert(prefer::PREFERENCE_APPLIED, applied);
+        }
+        if replayed {
+            out.insert(idempotency::IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+        }
+        Ok(response)
+    }
+}
+
+async fn accept(
+    app: &App,
+    caller: &Caller,
+    key: Option<String>,
+    submission: &Submission,
+    zip: SpooledZip,
+) -> ApiResult<Submitted> {
+    let fingerprint = idempotency::fingerprint(submission, &zip.sha256);
+    if let Some(key) = &key
+        && let Some(job) = idempotency::earlier(app, key, &fingerprint).await?
+    {
+        return Ok(Submitted { job, replayed: true });
+    }
+    let incoming = IncomingZip {
+        id: uuid::Uuid::now_v7(),
+        file: zip.path().to_owned(),
+        is_published: false,
+        bytes: zip.bytes,
+        sha256: zip.sha256.clone(),
+        filename: zip.filename.clone(),
+        origin: Origin::Request { owner: caller.id(), idempotency: key.map(|key| (key, fingerprint)) },
+    };
+    // dropping `zip` removes the spool file, unless it has become a blob
+    submit(app, submission, incoming).await
+}
