@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::{
     JobContext, JobOutput, ProgressSink,
     artifact_writer::{ArtifactWriter, WrittenArtifact},
-    copies::Copying,
     stages::{Phase, Stage},
+    thumbnails::ThumbnailingSlices,
 };
 use crate::{
     contract::{
@@ -49,7 +49,7 @@ pub fn run(
     reading.progress("reading", 1, 1);
 
     let control = Phase::new(sink, &MEASURING, READ, MEASURED);
-    let slices = Copying::new(archive.front(), &context.scratch);
+    let slices = ThumbnailingSlices::new(archive.front(), &context.scratch);
     let measured = calibration::calibrate(&slices, &request.options, &control)?;
     let input = profile_input(&measured, request);
     input.check()?;
@@ -105,7 +105,7 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
 
 /// One picture per slice with the dots found, at most 1600 px long, written side by side, in the order of the slices.
 fn overlays(
-    slices: &Copying<'_>,
+    slices: &ThumbnailingSlices<'_>,
     measured: &Calibration,
     writer: &ArtifactWriter<'_>,
     control: &Phase<'_>,
@@ -117,7 +117,7 @@ fn overlays(
         .into_par_iter()
         .map(|index| {
             control.check()?;
-            let picture = calibration::overlay(&slices.copy(index)?, measured, index);
+            let picture = calibration::overlay(&slices.thumbnail(index)?, measured, index);
             let written = writer.png(&format!("overlay-{index}"), &picture, &Metadata::default())?;
             control.progress("writing", done.fetch_add(1, Ordering::Relaxed) + 1, count);
             Ok(written)

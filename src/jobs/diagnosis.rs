@@ -3,7 +3,7 @@
 use crate::contract::{Code, Fault, JobError, options::MaskMode};
 use pinstack_science::{
     calibration,
-    imaging::{Raster, reduced::reduced},
+    imaging::{Raster, thumbnail},
     segmentation,
     types::{Cancelled, Control, Warning},
 };
@@ -17,7 +17,7 @@ const CAUSED_BY_EXCHANGED_LIGHTS: [&str; 5] =
 
 /// The reduced back light that [`examine`] needs.
 pub(super) fn reduced_back_light(back: &Raster) -> Raster {
-    reduced(back, SIDE)
+    thumbnail::luma(back, SIDE)
 }
 
 /// Examines the fused front light and the reduced back light. Adds warnings, and removes those that follow from them.
@@ -31,7 +31,7 @@ pub(super) fn examine(
     control: &dyn Control,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), JobError> {
-    let front = reduced(front, SIDE);
+    let front = thumbnail::luma(front, SIDE);
     if back.is_some_and(|back| segmentation::exchanged(&front, back)) {
         let detail = "the front-light slices show a silhouette and the back-light slices a lit object: front/ and \
                       back/ seem to be exchanged; swap the folders and send the stack again";

@@ -6,19 +6,18 @@
 
 mod artifact_writer;
 pub mod calibration;
-pub mod compose;
-mod copies;
+mod crop;
 mod diagnosis;
 pub mod disk;
-mod levels;
+mod input_bits;
 pub mod memory;
 mod pictures;
-pub mod preview;
 pub mod stack;
 pub mod stages;
 #[cfg(test)]
 pub(crate) mod testkit;
 mod threads;
+mod thumbnails;
 
 use std::{path::PathBuf, time::Instant};
 

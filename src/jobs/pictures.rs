@@ -1,39 +1,45 @@
-//! The picture files of a stack.
+//! The image files of a stack.
 //!
-//! In: the fused front light, the silhouette, the options and the profile. Out: image, preview, mask and depth as files, and
-//! what is known about the image. The image, which takes longest, is written beside the others.
+//! In: the fused front light, the silhouette, the options and the profile. Out: the files image, preview, mask and depth,
+//! and the description of the image. The image takes longest, so it is encoded in parallel with the others.
 
 use std::sync::{Mutex, PoisonError};
 
 use super::{
     SOFTWARE,
     artifact_writer::{ArtifactWriter, Encoding, WrittenArtifact},
-    compose,
-    preview::preview,
 };
-use crate::contract::{JobError, options::StackOptions, outcome::ImageInfo};
+use crate::contract::{
+    JobError,
+    options::{BitDepth, ImageFormat, StackOptions, UnderAlpha},
+    outcome::ImageInfo,
+};
 use pinstack_science::{
     fusion::Fused,
     imaging::{
-        Plane, Raster, Rect,
+        Depth, Plane, Raster, Rect,
         codec::{Metadata, OutputCamera},
+        compositing, thumbnail,
     },
     segmentation::Silhouette,
     types::{Control, Warning, intrinsics::Intrinsics, profile::ProfileInput},
 };
 
-/// Quality of a preview: its errors are hardly seen at 1:1.
+/// JPEG quality of the preview: artefacts are hardly visible at 1:1.
 const PREVIEW_QUALITY: u8 = 82;
 
-/// What the pictures are made from.
+/// Longest side of the preview, px.
+const PREVIEW_MAX_SIDE: usize = 800;
+
+/// What the files are made from.
 pub(super) struct Pictures<'a> {
     /// The fused front light.
     pub front: &'a Fused,
-    /// What is object, where there is a back light.
+    /// The object mask, when there is a back light.
     pub silhouette: Option<&'a Silhouette>,
-    /// The part of the canvas that comes out.
+    /// The part of the canvas that is written.
     pub rect: Rect,
-    /// What was asked for.
+    /// The options of the request.
     pub options: &'a StackOptions,
     /// The camera.
     pub profile: &'a ProfileInput,
@@ -43,7 +49,7 @@ impl Pictures<'_> {
     /// Writes the files. `source` is the metadata of the reference slice.
     ///
     /// # Errors
-    /// [`JobError::Cancelled`]; a fault when a file cannot be written.
+    /// [`JobError::Cancelled`], and a fault when a file cannot be written.
     pub(super) fn write(
         &self,
         writer: &ArtifactWriter<'_>,
@@ -62,20 +68,21 @@ impl Pictures<'_> {
 
         let info = self.info();
         let metadata = source.for_output(info.width, info.height, &self.camera());
-        let depth = compose::depth(options.bit_depth, options.format, front.image.depth());
-        let image = compose::rgba(&front.image, &self.alpha(), rect, depth, options.under_alpha);
+        let keep_hidden_colour = options.under_alpha == UnderAlpha::Keep;
+        let image = compositing::rgba(&front.image, &self.alpha(), rect, self.depth(), keep_hidden_colour);
         let others = || -> Result<Vec<WrittenArtifact>, JobError> {
-            // a page needs the colours right and nothing else
+            // a web page needs the colour profile, and no EXIF
             let colours = Metadata { icc: metadata.icc.clone(), exif: None };
             let small = Encoding::Jpeg { quality: PREVIEW_QUALITY };
-            let mut written = vec![step(writer.picture("preview", small, &preview(&image), &colours)?)];
+            let preview = thumbnail::flattened(&image, PREVIEW_MAX_SIDE);
+            let mut written = vec![step(writer.picture("preview", small, &preview, &colours)?)];
             if let Some(silhouette) = self.silhouette {
-                // the mask is for tools that know two values alone
-                let hard = within(&front.valid, &silhouette.alpha);
-                let mask = Raster::eight(rect.width, rect.height, 1, compose::cropped_plane(&hard, rect));
+                // binary, for tools that accept no other masks
+                let binary = compositing::masked(&silhouette.alpha, &front.valid);
+                let mask = Raster::eight(rect.width, rect.height, 1, binary.crop(rect).data);
                 written.push(step(writer.png("mask", &mask, &Metadata::default())?));
             }
-            let index = Raster::sixteen(rect.width, rect.height, 1, compose::cropped_plane(&front.index, rect));
+            let index = Raster::sixteen(rect.width, rect.height, 1, front.index.crop(rect).data);
             written.push(step(writer.png("depth", &index, &Metadata::default())?));
             Ok(written)
         };
@@ -88,7 +95,7 @@ impl Pictures<'_> {
 
     fn info(&self) -> ImageInfo {
         let number = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-        let depth = compose::depth(self.options.bit_depth, self.options.format, self.front.image.depth());
+        let depth = self.depth();
         let crop_offset_px = [number(self.rect.x), number(self.rect.y)];
         ImageInfo {
             width: number(self.rect.width),
@@ -96,6 +103,16 @@ impl Pictures<'_> {
             bit_depth: if depth.bytes() == 2 { 16 } else { 8 },
             crop_offset_px,
             intrinsics: Intrinsics::of(self.profile, crop_offset_px),
+        }
+    }
+
+    /// The bit depth of the image: as requested, or that of the slices. A JPEG has 8 bits.
+    fn depth(&self) -> Depth {
+        match self.options.bit_depth {
+            BitDepth::Auto if self.options.format == ImageFormat::Jpeg => Depth::Eight,
+            BitDepth::Auto => self.front.image.depth(),
+            BitDepth::Eight => Depth::Eight,
+            BitDepth::Sixteen => Depth::Sixteen,
         }
     }
 
@@ -108,28 +125,23 @@ impl Pictures<'_> {
         }
     }
 
-    /// Opaque where a slice covers the canvas and, with a back light, the object is; at its edge as soft as asked.
+    /// Opaque where a slice covers the canvas and, with a back light, where the object is. Its edge is as soft as
+    /// requested.
     fn alpha(&self) -> Plane<u8> {
         let valid = &self.front.valid;
-        self.silhouette.map_or_else(|| valid.clone(), |silhouette| within(valid, silhouette.of_picture()))
+        self.silhouette.map_or_else(|| valid.clone(), |silhouette| compositing::masked(silhouette.of_picture(), valid))
     }
 }
 
-/// `alpha` where `valid` is 255.
-fn within(valid: &Plane<u8>, alpha: &Plane<u8>) -> Plane<u8> {
-    let data = valid.data.iter().zip(&alpha.data).map(|(&v, &a)| v & a).collect();
-    Plane { width: valid.width, height: valid.height, data }
-}
-
-/// The camera names a focal length that the image does not carry, because the profile does not know the principal distance.
-pub(super) fn untold_focal_length(source: &Metadata, profile: &ProfileInput) -> Option<Warning> {
+/// A warning when the slices carry a focal length and the image does not, because the profile has no principal distance.
+pub(super) fn dropped_focal_length(source: &Metadata, profile: &ProfileInput) -> Option<Warning> {
     let dropped = profile.principal_distance_mm.is_none() && source.has_focal_length();
     dropped.then(|| {
         Warning::new(
             "focal_length_dropped",
-            "the slices name the focal length of the lens, and the image names none: photogrammetry needs the principal \
-             distance f (1 + M), which the profile does not know; calibrate with focal_mm, target_pitch_mm and \
-             pixel_pitch_mm, or PUT the profile with principal_distance_mm and pixel_pitch_mm",
+            "the slices carry the focal length of the lens, but the image does not: photogrammetry needs the principal \
+             distance f (1 + M), which the profile lacks; calibrate with focal_mm, target_pitch_mm and pixel_pitch_mm, or PUT \
+             the profile with principal_distance_mm and pixel_pitch_mm",
         )
     })
 }

@@ -5,9 +5,9 @@ use std::time::Instant;
 use super::{
     JobContext, JobOutput, ProgressSink, SOFTWARE,
     artifact_writer::ArtifactWriter,
-    compose::{self, crop_rect},
+    crop::crop_rect,
     diagnosis,
-    levels::{self, Levels},
+    input_bits::{self, FullScaleSlices},
     pictures::{self, Pictures},
     stages::{Phase, Stage},
 };
@@ -73,7 +73,7 @@ pub fn run(
         SliceOrder::Reverse => archive.reversed(),
     };
     let [front_slices, back_slices] =
-        [archive.front(), archive.back()].map(|slices| Levels::of(slices, options.input_bits));
+        [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
     let plan = plan(profile, request);
@@ -97,7 +97,7 @@ pub fn run(
         if options.mask == MaskMode::Required {
             useful(&silhouette)?;
         }
-        written.push(writer.png("backlight", &compose::cropped(&back.image, rect), &Metadata::default())?);
+        written.push(writer.png("backlight", &back.image.crop(rect), &Metadata::default())?);
         warnings.extend(back.warnings.into_iter().filter(|w| !NOT_OF_THE_BACK.contains(&w.code.as_str())));
         warnings.extend_from_slice(&silhouette.warnings);
         back_light = Some(diagnosis::reduced_back_light(&back.image));
@@ -114,11 +114,11 @@ pub fn run(
     let front = fusion::fuse(&front_slices, &plan, &watch, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
     diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
-    warnings.extend(levels::warning(&[&front_slices, &back_slices]));
+    warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));
     times.end("fusing");
 
     let source = archive.front_bytes(plan.reference).map(|bytes| codec::metadata(&bytes)).unwrap_or_default();
-    warnings.extend(pictures::untold_focal_length(&source, &profile.input));
+    warnings.extend(pictures::dropped_focal_length(&source, &profile.input));
     let writing = Phase::new(sink, &[("writing", 1.0)], FUSED, 1.0);
     let order = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
     let (image, files) = order.write(&writer, &writing, &source)?;

@@ -2,7 +2,7 @@
 
 use super::detection;
 use crate::{
-    imaging::{Raster, reduced::reduced},
+    imaging::{Raster, thumbnail},
     types::{Cancelled, Control},
 };
 
@@ -22,7 +22,7 @@ const SPANNED: f64 = 0.2;
 /// # Errors
 /// When the work is cancelled.
 pub fn dot_target(picture: &Raster, control: &dyn Control) -> Result<Option<usize>, Cancelled> {
-    let picture = reduced(picture, SIDE);
+    let picture = thumbnail::luma(picture, SIDE);
     let Some((_, lattice)) = detection::detect_grid(&picture, control)? else { return Ok(None) };
     let span = |values: &mut dyn Iterator<Item = f64>| {
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));

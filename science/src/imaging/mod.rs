@@ -1,15 +1,16 @@
 //! Pictures: planes, codecs, warp, and the filters that everything above is made of.
 
 pub mod codec;
+pub mod compositing;
 pub mod coverage;
 pub mod filter;
 pub mod grey;
 pub mod raster;
-pub mod reduced;
 pub mod sample;
 pub mod simd;
 pub mod slices;
 pub mod statistics;
+pub mod thumbnail;
 pub mod warp;
 
 pub use coverage::Coverage;

@@ -1,7 +1,7 @@
 //! Whether front light and back light changed places: one picture of both tells.
 
 use super::{border, otsu::Histogram, share, shares};
-use crate::imaging::{Plane, Raster, reduced::reduced};
+use crate::imaging::{Plane, Raster, thumbnail};
 
 /// Longer side of the copies that are compared, px.
 const SIDE: usize = 400;
@@ -26,7 +26,7 @@ const LEAST: usize = 100;
 /// The dark part of `front` is the object, if there is one. In a stack whose lights are right the back light is darker
 /// there than the front light, or shows less of it.
 pub fn exchanged(front: &Raster, back: &Raster) -> bool {
-    let (front, back) = (reduced(front, SIDE), reduced(back, SIDE));
+    let (front, back) = (thumbnail::luma(front, SIDE), thumbnail::luma(back, SIDE));
     let (width, height) = (front.width, front.height);
     if (back.width, back.height) != (width, height) {
         return false;

@@ -217,8 +217,8 @@ fn format_depth_and_crop_are_as_asked() {
     let whole = TestJob::stack(&both_zip(), options());
     let (uncropped, _) = done(&whole);
     let rect = Rect { x: 20, y: 10, width: 100, height: 80 };
-    assert_eq!(picture(&output, "mask").1, compose::cropped(&picture(&uncropped, "mask").1, rect));
-    assert_eq!(picture(&output, "depth").1, compose::cropped(&picture(&uncropped, "depth").1, rect));
+    assert_eq!(picture(&output, "mask").1, picture(&uncropped, "mask").1.crop(rect));
+    assert_eq!(picture(&output, "depth").1, picture(&uncropped, "depth").1.crop(rect));
 }
 
 #[test]
