@@ -1,4 +1,4 @@
-//! Arguments -> a command.
+//! The `pinstack` binary: parses the command line and runs the command.
 
 #![forbid(unsafe_code)]
 

@@ -1,24 +1,23 @@
-//! What went wrong, said for the person who reads it, with a code for the program that does.
+//! Errors of the service: a code for programs and a sentence for people.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use pinstack_science::types::{Error, ErrorKind, error::ErrorLocation};
 
-/// Stable machine-readable codes of everything that can be wrong. The HTTP status belongs to the HTTP
-/// floor; the science knows only the code.
+/// Stable machine-readable error codes. `http::problem_types` has the status, title and description of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Code {
-    /// A parameter, header or body that breaks a rule of the contract.
+    /// A parameter, header or body breaks a rule of the contract.
     InvalidRequest,
-    /// No token, or one that is not known.
+    /// The token is missing or not valid.
     Unauthorized,
     /// The token does not allow this.
     Forbidden,
-    /// A page of another origin sent this from a browser, and the service asks for no token.
+    /// A page of another origin sent this from a browser, and the service requires no token.
     CrossOriginRequest,
-    /// `Host` names another server, and the service asks for no token.
+    /// `Host` names another server, and the service requires no token.
     MisdirectedRequest,
     /// The token has too many requests in progress.
     TooManyRequests,
@@ -26,119 +25,74 @@ pub enum Code {
     NotFound,
     /// The URL exists, the method does not.
     MethodNotAllowed,
-    /// No such method.
+    /// The method is not supported at all.
     MethodNotImplemented,
     /// No profile is stored under this rig and lens.
     ProfileNotFound,
-    /// The job has not ended yet, so what was asked for does not exist yet.
+    /// The job has not ended, so the result does not exist yet.
     NotFinished,
     /// The job ended without this result (failed, cancelled, or made without a back light).
     NoResult,
-    /// The zip was removed because its time was over; the results are there.
+    /// The zip has expired and was removed; the results remain.
     UploadRemoved,
-    /// The job is in a state in which this cannot be done.
+    /// The state of the job does not allow this.
     Conflict,
     /// `If-Match` named a revision that is not the current one.
     PreconditionFailed,
     /// The same `Idempotency-Key` came with another request.
     IdempotencyKeyReused,
-    /// The body is of a kind that is not understood here.
+    /// The media type of the body is not supported.
     UnsupportedMediaType,
-    /// `Accept` allows no kind that can be made.
+    /// `Accept` allows no available media type.
     NotAcceptable,
-    /// The `Range` lies behind the end of the file.
+    /// The `Range` begins after the end of the file.
     RangeNotSatisfiable,
     /// The body is over the limit.
     UploadTooLarge,
-    /// The body ended early or stopped coming.
+    /// The body ended early, or no data arrived until the timeout.
     UploadIncomplete,
-    /// The bytes of a request are not those of its `Upload-Checksum`.
+    /// The bytes of a request do not match its `Upload-Checksum`.
     ChecksumMismatch,
-    /// Another request holds the upload and does not let go.
+    /// The upload is locked by another request.
     Locked,
-    /// No room on the disk or in the quota.
+    /// Not enough space on the disk or in the quota.
     InsufficientStorage,
-    /// Too many jobs wait already.
+    /// Too many jobs are queued.
     QueueFull,
-    /// Not a zip, torn, wrong CRC, or names that break the rules.
+    /// Not a zip, truncated, wrong CRC, or names that break the rules.
     InvalidArchive,
     /// Encrypted member or unknown compression.
     UnsupportedArchive,
     /// The archive would unpack past the limits or has too many members.
     ArchiveTooLarge,
-    /// A slice that is no image, is torn, or declares absurd dimensions.
+    /// A slice is not an image, is truncated, or declares absurd dimensions.
     InvalidImage,
     /// Slices of different size, or not of the profile's size.
     SizeMismatch,
     /// Not as many slices as the profile has, or front and back differ.
     SliceCountMismatch,
-    /// Homographies that are singular, mirrored or not finite, or other numbers that cannot be.
+    /// Homographies that are singular, mirrored or not finite, or other impossible numbers.
     InvalidProfile,
-    /// Too few dots, no grid, a mirrored grid.
+    /// Too few dots, no grid, or a mirrored grid.
     TargetNotFound,
     /// A mask was required and could not be made.
     MaskFailed,
-    /// The job's worker died on it too often.
+    /// The worker died several times while it ran the job.
     WorkerLost,
-    /// The server is going down or cannot work at the moment.
+    /// The server is shutting down or temporarily unable to work.
     Unavailable,
-    /// Our own fault; the log has the details under the request id.
+    /// An internal error; the log has the cause under the request id.
     Internal,
 }
 
 impl Code {
-    /// True for errors of the machine that the service runs on (its disk, its database, its limits). The content of an
-    /// upload is not their cause, and they may not come again: a job that meets one is tried again.
+    /// True for errors of the machine (its disk, database or limits), which the content of an upload does not cause. A job
+    /// that fails with one is retried.
     pub fn is_of_the_machine(self) -> bool {
         matches!(self, Self::InsufficientStorage | Self::Unavailable)
     }
 
-    /// True when the same upload would be refused in the same way however often it is completed: its content, its names
-    /// or its options are wrong. False for what may pass: a full disk or queue, an error of the machine, bytes that did
-    /// not arrive, a lock, a missing right.
-    pub fn is_permanent(self) -> bool {
-        match self {
-            Self::InvalidRequest
-            | Self::NotFound
-            | Self::MethodNotAllowed
-            | Self::ProfileNotFound
-            | Self::NoResult
-            | Self::UploadRemoved
-            | Self::IdempotencyKeyReused
-            | Self::UnsupportedMediaType
-            | Self::NotAcceptable
-            | Self::RangeNotSatisfiable
-            | Self::UploadTooLarge
-            | Self::InvalidArchive
-            | Self::UnsupportedArchive
-            | Self::ArchiveTooLarge
-            | Self::InvalidImage
-            | Self::SizeMismatch
-            | Self::SliceCountMismatch
-            | Self::InvalidProfile
-            | Self::TargetNotFound
-            | Self::MaskFailed => true,
-            Self::Unauthorized
-            | Self::Forbidden
-            | Self::CrossOriginRequest
-            | Self::MisdirectedRequest
-            | Self::TooManyRequests
-            | Self::MethodNotImplemented
-            | Self::NotFinished
-            | Self::Conflict
-            | Self::PreconditionFailed
-            | Self::UploadIncomplete
-            | Self::ChecksumMismatch
-            | Self::Locked
-            | Self::InsufficientStorage
-            | Self::QueueFull
-            | Self::WorkerLost
-            | Self::Unavailable
-            | Self::Internal => false,
-        }
-    }
-
-    /// As the contract spells it.
+    /// Name in JSON.
     pub fn name(self) -> String {
         match serde_json::to_value(self) {
             Ok(serde_json::Value::String(name)) => name,
@@ -147,32 +101,32 @@ impl Code {
     }
 }
 
-/// A fault that a person can act on: code, one clear sentence, and the places.
+/// An error that a person can act on: code, sentence and locations.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[error("{detail}")]
 pub struct Fault {
     /// Stable code.
     pub code: Code,
-    /// What was wrong, where, and what to do: one or two sentences for a technician.
+    /// What is wrong, where, and what to do: one or two sentences for a technician.
     pub detail: String,
-    /// The locations, when there is more to say than the sentence does.
+    /// Locations, when there is more than the sentence names.
     pub locations: Vec<ErrorLocation>,
 }
 
 impl Fault {
-    /// A fault with a code and a sentence.
+    /// A fault without locations.
     pub fn new(code: Code, detail: impl Into<String>) -> Self {
         Self { code, detail: detail.into(), locations: Vec::new() }
     }
 
-    /// Adds one place.
+    /// Adds a location.
     #[must_use]
-    pub fn at(mut self, place: ErrorLocation) -> Self {
-        self.locations.push(place);
+    pub fn at(mut self, location: ErrorLocation) -> Self {
+        self.locations.push(location);
         self
     }
 
-    /// Adds the file (and slice) that the fault concerns.
+    /// Adds the file, and the slice if known, as a location.
     #[must_use]
     pub fn in_file(self, file: impl Into<String>, slice: Option<u32>) -> Self {
         let detail = self.detail.clone();
@@ -180,24 +134,24 @@ impl Fault {
     }
 }
 
-/// An error as every answer and every failed job shows it (RFC 9457, `application/problem+json`).
+/// An error as in error answers and failed jobs (RFC 9457, `application/problem+json`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// URI reference of the kind of problem: `/problems/{code}`.
+    /// URI reference of the problem type: `/problems/{code}`.
     #[serde(rename = "type")]
     pub kind: String,
-    /// Short, the same for every problem of this code.
+    /// Short summary, the same for every problem of this code.
     pub title: String,
     /// HTTP status.
     pub status: u16,
-    /// What was wrong, where, and what to do.
+    /// What is wrong, where, and what to do.
     pub detail: String,
-    /// The request or job that this happened to.
+    /// The request or job that this belongs to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// Stable machine-readable code.
     pub code: Code,
-    /// The locations, where it helps.
+    /// Locations, where they help.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<ErrorLocation>,
 }

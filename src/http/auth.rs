@@ -1,5 +1,4 @@
-//! Who is asking, and what that allows. One table says what each request needs; a request that nobody thought of needs
-//! `admin`.
+//! Callers and their rights: which token sent a request ([`identify`]), and which scopes the request needs ([`needs`]).
 
 use std::convert::Infallible;
 
@@ -19,12 +18,12 @@ use crate::{
     store::tokens::{Scope, Token, names, parse},
 };
 
-/// Who is asking.
+/// The caller of a request: its token, or none where the service requires none.
 #[derive(Debug, Clone, Default)]
 pub struct Caller(Option<Token>);
 
 impl Caller {
-    /// The token; nobody, where nobody is asked.
+    /// Id of the token; `None` where no token is required.
     pub fn id(&self) -> Option<Uuid> {
         self.0.as_ref().map(|token| token.id)
     }
@@ -34,26 +33,26 @@ impl Caller {
         self.0.as_ref().map(|token| &token.name)
     }
 
-    /// The token itself; `None` where nobody is asked.
+    /// The token; `None` where no token is required.
     pub fn token(&self) -> Option<&Token> {
         self.0.as_ref()
     }
 
-    /// The token whose stacks alone are shown; `None`: all are.
+    /// The token whose stacks and uploads the caller may see; `None`: those of all tokens.
     pub fn sees_only(&self, app: &App) -> Option<Uuid> {
         let token = self.0.as_ref().filter(|token| app.policy.isolate_tokens && !token.allows(&[]))?;
         Some(token.id)
     }
 
-    /// Refuses a caller that may do none of these.
+    /// Requires one of these scopes.
     ///
     /// # Errors
-    /// `forbidden` that names what the token allows and what is needed.
+    /// `forbidden`, with the scopes of the token and those that are needed.
     pub fn require(&self, any_of: &[Scope]) -> ApiResult<()> {
         match &self.0 {
             Some(token) if !token.allows(any_of) => {
                 let detail = format!(
-                    "the token '{}' allows: {}; this request needs: {}",
+                    "the token '{}' has the scopes: {}; this request needs: {}",
                     token.name,
                     names(&token.scopes, ", "),
                     names(any_of, " or ")
@@ -73,17 +72,17 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     }
 }
 
-/// Finds out who is asking.
+/// Identifies the caller by its token.
 ///
 /// # Errors
-/// `unauthorized`, with the same sentence whatever is wrong with the token.
+/// `unauthorized`, with the same sentence whatever is wrong with the token: it must not reveal which tokens exist.
 pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
     if !app.asks_for_tokens().await? {
         return Ok(Caller::default());
     }
     let refused = || {
-        let detail = "this service asks for a token: send Authorization: Bearer <token>, with one that was made by \
-                      'pinstack token add' and not revoked";
+        let detail = "this service requires a token: send 'Authorization: Bearer <token>' with a token made by \
+                      'pinstack token add' that is not revoked";
         ApiError::new(Code::Unauthorized, detail)
     };
     let text = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).ok_or_else(refused)?;
@@ -96,7 +95,22 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
     Ok(Caller(Some(token)))
 }
 
-/// What a request needs: one of these scopes, or no token at all.
+/// The scopes of which a request needs one; `None`: no token is needed. First match wins:
+///
+/// | request | scopes |
+/// |---|---|
+/// | `OPTIONS` anything; `/`, health, `/docs`, `/problems`, `/openapi.json` | no token |
+/// | `GET /v1/uploads` (the uploads of all tokens) | `admin` |
+/// | `GET /v1/uploads/...` | `read`, `stacks:write` or `profiles:write` |
+/// | other requests below `/v1/uploads` | `stacks:write` or `profiles:write`; the purpose decides at the creation |
+/// | other `GET` and `HEAD` | `read` |
+/// | below `/v1/profiles` and `/v1/calibrations` | `profiles:write` |
+/// | below `/v1/stacks` | `stacks:write` |
+/// | everything else | `admin` |
+///
+/// The table goes by prefix and denies by default: a new route below `/v1/stacks` is protected before anyone thinks of it,
+/// and a route elsewhere needs `admin` until it gets a row. The OpenAPI document lists the result per operation as
+/// `x-required-scopes`.
 pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     let below = |place: &str| path.strip_prefix(place).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
     let is_open = ["/", "/favicon.ico", "/healthz", "/readyz", "/openapi.json"].contains(&path)
@@ -107,10 +121,8 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     }
     let reads = [Method::GET, Method::HEAD].contains(method);
     Some(if path == "/v1/uploads" && reads {
-        // those of all tokens
         &[Scope::Admin]
     } else if below("/v1/uploads") {
-        // what it is for says which of the two, when it begins
         match *method {
             Method::GET => &[Scope::Read, Scope::StacksWrite, Scope::ProfilesWrite],
             _ => &[Scope::StacksWrite, Scope::ProfilesWrite],
@@ -126,10 +138,10 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     })
 }
 
-/// The stack or upload that a path is about: where tokens see only their own, others' are not to be found.
-pub fn owned_by_someone(path: &str) -> Option<Uuid> {
+/// The id of the stack or upload in a path. With `isolate_tokens`, only its owner finds it.
+pub fn owned_id(path: &str) -> Option<Uuid> {
     let rest = path.strip_prefix("/v1/stacks/").or_else(|| path.strip_prefix("/v1/uploads/"))?;
-    // handlers get the id decoded, so it must be looked at decoded here
+    // decoded, because handlers get the decoded id
     let id = percent_decode_str(rest.split('/').next()?).decode_utf8().ok()?;
     Uuid::parse_str(&id).ok()
 }
@@ -139,18 +151,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_owner_is_asked_for_however_the_id_is_written() {
+    fn an_owned_id_is_found_in_every_spelling() {
         let id = Uuid::now_v7();
         let encoded: String = id.to_string().bytes().map(|byte| format!("%{byte:02x}")).collect();
         for written in [id.to_string(), id.simple().to_string(), id.to_string().to_uppercase(), encoded] {
             for path in [format!("/v1/stacks/{written}"), format!("/v1/uploads/{written}/x")] {
-                assert_eq!(owned_by_someone(&path), Some(id), "{path}");
+                assert_eq!(owned_id(&path), Some(id), "{path}");
             }
         }
     }
 
     #[test]
-    fn each_request_needs_its_scope_and_an_unknown_one_admin() {
+    fn each_request_needs_its_scope_and_unknown_requests_need_admin() {
         for (method, path, scopes) in [
             (Method::GET, "/healthz", None),
             (Method::GET, "/docs/index.html", None),

@@ -1,10 +1,10 @@
-//! Work beside a request, on another task or thread: its log lines carry the request too. Nothing else in this floor starts
-//! tasks, so that no line is without its request id.
+//! Background tasks and blocking work of requests. Their log lines have the fields of the request. All tasks of the HTTP layer
+//! start here, so that no log line lacks its request id.
 
 use tokio::task::JoinHandle;
 use tracing::{Instrument, Span};
 
-/// Starts a task.
+/// Starts a task in the span of the request.
 pub fn spawn<F>(work: F) -> JoinHandle<F::Output>
 where
     F: Future + Send + 'static,
@@ -13,7 +13,7 @@ where
     tokio::spawn(work.in_current_span())
 }
 
-/// Starts work that blocks its thread.
+/// Runs blocking work on a thread of its own, in the span of the request.
 pub fn spawn_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
     let span = Span::current();
     tokio::task::spawn_blocking(move || span.in_scope(work))

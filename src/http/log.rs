@@ -1,8 +1,7 @@
-//! What every line of the log says of the request it belongs to.
+//! The fields of a request that each of its log lines has.
 //!
-//! The span `request` ([`span`]) carries the request id and the client from the start; [`note`] adds what becomes known
-//! later: the token, the rig, the lens, the job. Lines of work that goes on beside the request carry it too
-//! ([`super::background`]).
+//! The span `request` ([`span`]) has the request id and the client from the start; [`note`] adds what becomes known later:
+//! token, rig, lens, upload, job. Tasks that a request starts log within the same span ([`super::background`]).
 
 use std::{cell::RefCell, fmt::Display, net::IpAddr};
 
@@ -13,7 +12,7 @@ tokio::task_local! {
     static NOTED: RefCell<Vec<String>>;
 }
 
-/// The span of a request. An error span: whatever the filter lets through, its lines have the request id.
+/// The span of a request. Its level is `error`, so that the log filter never removes the request id.
 pub fn span(id: &str, client: Option<IpAddr>) -> Span {
     let span = tracing::error_span!(
         "request",
@@ -31,13 +30,13 @@ pub fn span(id: &str, client: Option<IpAddr>) -> Span {
     span
 }
 
-/// Answers a request within its span.
+/// Runs a request within its span.
 pub async fn within<F: Future>(span: Span, answering: F) -> F::Output {
     NOTED.scope(RefCell::default(), answering.instrument(span)).await
 }
 
-/// Adds to the lines of this request from here on. `name` is one of the fields of [`span`]; `value` must not hold control
-/// characters (ids, and names that were checked, do not). The first value of a name stays.
+/// Adds a field to the following log lines of this request. `name` is a field of [`span`]; `value` must not contain control
+/// characters (ids and checked names do not). The first value of a name is kept.
 pub fn note(name: &str, value: impl Display) {
     let is_new = NOTED.try_with(|noted| {
         let mut noted = noted.borrow_mut();
@@ -47,7 +46,7 @@ pub fn note(name: &str, value: impl Display) {
         }
         is_new
     });
-    // work beside the request does not know what was noted
+    // background tasks do not have the task-local
     if is_new.unwrap_or(true) {
         Span::current().record(name, field::display(value));
     }

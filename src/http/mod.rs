@@ -1,5 +1,5 @@
-//! The HTTP layer: requests in, views out. [`router`] lists every URL; each endpoint has a file of its own; [`problem`] is
-//! the only place where an error becomes a status.
+//! The HTTP layer: requests in, views out. [`router`] lists every URL, each endpoint has a file of its own, and [`problem`]
+//! is the only place where an error becomes an answer. A problem code is one row in [`problem_types`].
 
 pub mod artifacts;
 pub mod auth;
@@ -13,6 +13,7 @@ pub mod log;
 pub mod middleware;
 pub mod pages;
 pub mod problem;
+pub mod problem_types;
 pub mod profiles;
 pub mod recent;
 pub mod router;

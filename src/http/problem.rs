@@ -1,8 +1,8 @@
-//! The only place where an error becomes a status.
+//! The only place where an error becomes an HTTP answer.
 //!
-//! Handlers return [`ApiResult`]; every [`ApiError`] becomes `application/problem+json` (RFC 9457). What the
-//! client reads is the fault's own sentence; what only the log may know (SQL, paths, causes) goes to the log
-//! here and nowhere else.
+//! Handlers return [`ApiResult`]. Every [`ApiError`] becomes `application/problem+json` (RFC 9457); its status and title
+//! come from the table in [`super::problem_types`]. The client reads the sentence of the fault. Internal causes (SQL,
+//! paths) are written to the log here and nowhere else.
 
 use axum::{
     body::Body,
@@ -10,6 +10,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
+use super::problem_types::{Retry, problem_type};
 use crate::{
     contract::{Code, Fault, Problem},
     store::StoreError,
@@ -18,29 +19,29 @@ use crate::{
 /// Media type of every error.
 pub const PROBLEM_JSON: &str = "application/problem+json";
 
-/// What a handler returns.
+/// The result of a handler.
 pub type ApiResult<T> = Result<T, ApiError>;
 
-/// A fault on its way to the client, with the headers that belong to it.
+/// A fault that is sent to the client, with additional headers.
 #[derive(Debug)]
 pub struct ApiError {
     fault: Fault,
-    // boxed: it travels in every Result, and is hardly ever there
+    // boxed, because every Result carries it and it is mostly empty
     headers: Box<HeaderMap>,
 }
 
 impl ApiError {
-    /// A fault with a code and a sentence.
+    /// An error with a code and a sentence.
     pub fn new(code: Code, detail: impl Into<String>) -> Self {
         Fault::new(code, detail).into()
     }
 
-    /// Our own fault: the cause goes to the log, the client learns the request id only.
+    /// An internal error: the cause goes to the log, the client gets only the request id.
     pub fn internal(cause: impl std::fmt::Display) -> Self {
         tracing::error!(%cause, "internal error");
         Self::new(
             Code::Internal,
-            "something went wrong on the server; the request id in X-Request-Id finds the details in its log",
+            "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id",
         )
     }
 
@@ -68,14 +69,11 @@ impl From<pinstack_science::types::Error> for ApiError {
 impl From<Fault> for ApiError {
     fn from(fault: Fault) -> Self {
         let mut headers = HeaderMap::new();
-        match fault.code {
-            Code::QueueFull => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("30")),
-            Code::Locked | Code::TooManyRequests => {
-                _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
-            }
-            Code::Unavailable => _ = headers.insert(header::RETRY_AFTER, HeaderValue::from_static("5")),
-            Code::Unauthorized => _ = headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer")),
-            _ => {}
+        if let Retry::AfterSeconds(seconds) = problem_type(fault.code).retry {
+            headers.insert(header::RETRY_AFTER, seconds.into());
+        }
+        if fault.code == Code::Unauthorized {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         Self { fault, headers: Box::new(headers) }
     }
@@ -85,12 +83,12 @@ impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::DiskFull(cause) => {
-                tracing::error!(%cause, "no room left");
-                Self::new(Code::InsufficientStorage, "no room is left on the disk of the server; nothing was stored")
+                tracing::error!(%cause, "disk full");
+                Self::new(Code::InsufficientStorage, "the disk of the server is full; nothing was stored")
             }
             StoreError::InvalidCursor => Self::new(
                 Code::InvalidRequest,
-                "the cursor is none of this list; take next_cursor of the page before, or leave it away",
+                "invalid cursor for this list; use `next_cursor` of the previous page, or omit it",
             ),
             StoreError::Other(cause) => Self::internal(format!("{cause:#}")),
         }
@@ -105,12 +103,13 @@ impl IntoResponse for ApiError {
     }
 }
 
-/// The problem that a fault is shown as; `instance` is the request or the job that it happened to.
+/// The problem document of a fault. `instance` is the request or the job that it belongs to.
 pub fn problem(fault: &Fault, instance: Option<String>) -> Problem {
+    let problem_type = problem_type(fault.code);
     Problem {
         kind: format!("/problems/{}", code_name(fault.code)),
-        title: title(fault.code).to_owned(),
-        status: status(fault.code).as_u16(),
+        title: problem_type.title.to_owned(),
+        status: problem_type.status.as_u16(),
         detail: fault.detail.clone(),
         instance,
         code: fault.code,
@@ -118,8 +117,8 @@ pub fn problem(fault: &Fault, instance: Option<String>) -> Problem {
     }
 }
 
-/// The answer that carries a problem. The problem also travels as an extension, so that the outermost layer
-/// can fill in the instance.
+/// The answer that carries a problem. The problem is also an extension of the answer, so that the outermost layer can fill
+/// in the instance.
 pub fn render(problem: Problem) -> Response {
     let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let body = serde_json::to_vec(&problem).unwrap_or_default();
@@ -130,53 +129,23 @@ pub fn render(problem: Problem) -> Response {
     response
 }
 
-/// The code as the contract spells it.
+/// The name of a code in JSON.
 pub fn code_name(code: Code) -> String {
     code.name()
 }
 
-/// The status that each code is answered with.
+/// The HTTP status of a code.
 pub fn status(code: Code) -> StatusCode {
-    match code {
-        Code::InvalidRequest | Code::UploadIncomplete => StatusCode::BAD_REQUEST,
-        Code::Unauthorized => StatusCode::UNAUTHORIZED,
-        Code::Forbidden | Code::CrossOriginRequest => StatusCode::FORBIDDEN,
-        Code::MisdirectedRequest => StatusCode::MISDIRECTED_REQUEST,
-        Code::TooManyRequests => StatusCode::TOO_MANY_REQUESTS,
-        Code::NotFound | Code::ProfileNotFound | Code::NoResult => StatusCode::NOT_FOUND,
-        Code::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
-        Code::MethodNotImplemented => StatusCode::NOT_IMPLEMENTED,
-        Code::NotAcceptable => StatusCode::NOT_ACCEPTABLE,
-        Code::UploadRemoved => StatusCode::GONE,
-        Code::NotFinished | Code::Conflict => StatusCode::CONFLICT,
-        Code::PreconditionFailed => StatusCode::PRECONDITION_FAILED,
-        Code::UploadTooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-        Code::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
-        Code::Locked => StatusCode::LOCKED,
-        Code::ChecksumMismatch => checksum_mismatch(),
-        Code::RangeNotSatisfiable => StatusCode::RANGE_NOT_SATISFIABLE,
-        Code::IdempotencyKeyReused
-        | Code::InvalidArchive
-        | Code::UnsupportedArchive
-        | Code::ArchiveTooLarge
-        | Code::InvalidImage
-        | Code::SizeMismatch
-        | Code::SliceCountMismatch
-        | Code::InvalidProfile
-        | Code::TargetNotFound
-        | Code::MaskFailed => StatusCode::UNPROCESSABLE_ENTITY,
-        Code::QueueFull | Code::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
-        Code::InsufficientStorage => StatusCode::INSUFFICIENT_STORAGE,
-        Code::WorkerLost | Code::Internal => StatusCode::INTERNAL_SERVER_ERROR,
-    }
+    problem_type(code).status
 }
 
-/// tus has a status of its own for a wrong checksum.
-fn checksum_mismatch() -> StatusCode {
-    StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST)
+/// True when the same request would be refused again whatever happens in between: an upload that gets such a code is
+/// refused for good.
+pub fn is_permanent(code: Code) -> bool {
+    problem_type(code).retry == Retry::Never
 }
 
-/// The code that fits a bare status, for answers that libraries make without asking us.
+/// The code for a bare status, for answers made by libraries.
 pub fn code_of(status: StatusCode) -> Code {
     match status {
         StatusCode::UNAUTHORIZED => Code::Unauthorized,
@@ -190,48 +159,5 @@ pub fn code_of(status: StatusCode) -> Code {
         StatusCode::SERVICE_UNAVAILABLE => Code::Unavailable,
         status if status.is_client_error() => Code::InvalidRequest,
         _ => Code::Internal,
-    }
-}
-
-/// Short, the same for every problem of a code.
-pub fn title(code: Code) -> &'static str {
-    match code {
-        Code::InvalidRequest => "The request breaks a rule of the contract",
-        Code::Unauthorized => "A token is needed",
-        Code::Forbidden => "The token does not allow this",
-        Code::CrossOriginRequest => "Cross-origin request refused",
-        Code::MisdirectedRequest => "Misdirected request",
-        Code::TooManyRequests => "Too many requests in progress",
-        Code::NotFound => "No such thing",
-        Code::MethodNotAllowed => "This method is not allowed here",
-        Code::MethodNotImplemented => "Method not implemented",
-        Code::ProfileNotFound => "No profile for this rig and lens",
-        Code::NotFinished => "The job has not ended yet",
-        Code::NoResult => "The job has no such result",
-        Code::UploadRemoved => "The zip was removed",
-        Code::Conflict => "Not possible in this state",
-        Code::PreconditionFailed => "Somebody else was faster",
-        Code::IdempotencyKeyReused => "This Idempotency-Key belongs to another request",
-        Code::UnsupportedMediaType => "This kind of body is not understood",
-        Code::NotAcceptable => "No such representation",
-        Code::RangeNotSatisfiable => "The range lies outside the file",
-        Code::UploadTooLarge => "The upload is too large",
-        Code::UploadIncomplete => "The upload did not arrive whole",
-        Code::ChecksumMismatch => "The bytes are not those that were promised",
-        Code::Locked => "Another request holds it",
-        Code::InsufficientStorage => "No room left",
-        Code::QueueFull => "The queue is full",
-        Code::InvalidArchive => "The archive is not valid",
-        Code::UnsupportedArchive => "This kind of archive is not supported",
-        Code::ArchiveTooLarge => "The archive would unpack past the limits",
-        Code::InvalidImage => "A slice is not a valid image",
-        Code::SizeMismatch => "The slices do not have the right size",
-        Code::SliceCountMismatch => "The number of slices is not right",
-        Code::InvalidProfile => "The profile is not valid",
-        Code::TargetNotFound => "The dot target was not found",
-        Code::MaskFailed => "The mask could not be made",
-        Code::WorkerLost => "The worker died on this job",
-        Code::Unavailable => "The service cannot work at the moment",
-        Code::Internal => "Internal error",
     }
 }

@@ -1,10 +1,10 @@
-//! A value that is looked up seldom, however often it is asked for.
+//! A cache of one value with a maximum age.
 
 use std::time::Duration;
 
 use tokio::{sync::Mutex, time::Instant};
 
-/// The last value, and when it was looked up. Who asks while somebody looks waits for that look.
+/// The last value and when it was obtained. Concurrent callers wait for one lookup.
 #[derive(Debug)]
 pub struct Recent<T> {
     max_age: Duration,
@@ -12,12 +12,12 @@ pub struct Recent<T> {
 }
 
 impl<T: Clone> Recent<T> {
-    /// Nothing has been looked up yet; a value counts for `max_age`.
+    /// An empty cache whose values expire after `max_age`.
     pub fn new(max_age: Duration) -> Self {
         Self { max_age, last: Mutex::new(None) }
     }
 
-    /// The last value, or a new one when that is too old.
+    /// The cached value, or a new one from `look` if it has expired.
     pub async fn get(&self, look: impl AsyncFnOnce() -> T) -> T {
         let mut last = self.last.lock().await;
         if let Some((at, value)) = &*last
@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_value_is_looked_up_again_only_when_it_is_too_old() {
+    async fn a_value_is_looked_up_again_only_when_it_has_expired() {
         let looks = std::cell::Cell::new(0);
         let look = async || looks.replace(looks.get() + 1);
         let recent = Recent::new(Duration::MAX);

@@ -1,4 +1,7 @@
-//! The table of contents: every URL of the service.
+//! Every URL of the service, and the layers around all of them.
+//!
+//! A new endpoint is a file with its handler and a line in [`routes`]. Its scopes follow from the path, by the table at
+//! [`super::auth::needs`]; a path outside that table needs the scope `admin`.
 
 use std::sync::LazyLock;
 
@@ -20,7 +23,7 @@ use super::{
     system, uploads,
 };
 
-/// The OpenAPI document of [`routes`]: made once, when it is first asked for.
+/// The OpenAPI document of [`routes`], built at its first use.
 pub static DOCUMENT: LazyLock<system::openapi::Document> =
     LazyLock::new(|| system::openapi::Document::of(routes().into_openapi()));
 
@@ -56,11 +59,10 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::cancel::cancel))
         .routes(routes!(stacks::rerun::rerun))
         .routes(routes!(stacks::upload::upload))
-        // uploads in pieces (tus)
+        // resumable uploads (tus)
         .routes(routes!(uploads::list::list, uploads::create::create, uploads::options::options))
         .routes(routes!(uploads::get::get, uploads::head::head, uploads::patch::patch, uploads::delete::delete))
-        // scans, poses, optics, targets: their places
-        // the service about itself
+        // the service itself
         .routes(routes!(system::healthz::healthz))
         .routes(routes!(system::readyz::readyz))
         .routes(routes!(system::metrics::metrics))
@@ -69,7 +71,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(system::problems::problem_kind))
 }
 
-/// The whole service.
+/// The router of the whole service. The last layer is the outermost: it sees a request first.
 pub fn service(app: App) -> Router {
     let (documented, _) = routes().split_for_parts();
     documented
@@ -77,11 +79,11 @@ pub fn service(app: App) -> Router {
         .route("/v1/stacks", put(stacks::create::create))
         .route("/v1/profiles/{rig}/{lens}/calibrations", put(calibrations::create::create))
         .route("/v1/profiles/{rig}/{lens}/import", put(profiles::import::import))
-        // tus, where only GET and POST get through
+        // tus behind proxies that pass only GET and POST
         .route("/v1/uploads/{id}", post(uploads::patch::overridden).options(uploads::options::options))
         .merge(system::docs::routes())
         .layer(Extension(&*DOCUMENT))
-        // uploads count their bytes themselves, JSON bodies have their own limit
+        // uploads count their bytes themselves, and JSON bodies have a limit of their own
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn_with_state(app.clone(), auth::check))
         .layer(from_fn_with_state(app.clone(), browser::check))

@@ -1,4 +1,4 @@
-//! The service on a socket: connections taken, limited, and let end.
+//! The server: accepts connections, limits them, and shuts down gracefully.
 
 use std::{io, sync::Arc, time::Duration};
 
@@ -24,24 +24,24 @@ use super::{
 };
 use crate::telemetry;
 
-/// How long requests in progress may take once the server goes down.
+/// How long requests in progress may take after the shutdown begins.
 const GRACE: Duration = Duration::from_secs(10);
-/// Sockets beside those that have a slot: the reserve, and those of it that are on their way out.
+/// Sockets besides those with a slot: the reserve, and as many that are being closed.
 pub const SPARE_SOCKETS: usize = 2 * RESERVE;
-/// How often the samples of the request times are put into their buckets: they pile up until then.
+/// How often the samples of the histograms are moved to their buckets; they accumulate in memory until then.
 const UPKEEP: Duration = Duration::from_secs(5);
-/// Pause when no connection can be taken, because there are no file handles left, say.
+/// Pause when no connection can be accepted, for example because no file descriptors are left.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(500);
 
-/// Serves until `app.shutdown` fires, then lets requests in progress end.
+/// Serves until `app.shutdown` fires, then waits for requests in progress.
 ///
 /// # Errors
-/// Never, at present: a connection that fails is not the server's failure.
+/// None at present: the failure of a connection is not a failure of the server.
 pub async fn serve(app: App, listener: TcpListener) -> io::Result<()> {
     serve_over(app, listener, None).await
 }
 
-/// The same, over TLS when there is an acceptor.
+/// As [`serve`], over TLS if there is an acceptor.
 ///
 /// # Errors
 /// As [`serve`].
@@ -51,18 +51,18 @@ pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor
     accept_all(&app, &listener, tls, &connections).await;
     drop(listener);
     if timeout(GRACE, connections.shutdown()).await.is_err() {
-        tracing::warn!("requests were still in progress and are cut off");
+        tracing::warn!("requests still in progress are aborted");
     }
     upkeep.abort();
     Ok(())
 }
 
-/// Takes connections until the server goes down. One over the limit waits without a slot, and when too many do, in the
-/// kernel's queue.
+/// Accepts connections until the shutdown. A connection over the limit waits without a slot. Beyond the reserve for those,
+/// connections wait in the queue of the kernel.
 async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>, connections: &GracefulShutdown) {
     let router = router::service(app.clone());
     let slots = Slots::new(&app.policy, app.shutdown.clone());
-    // those that give way are still there while they say so
+    // evicted connections still have a socket while they send their last answer
     let sockets = Arc::new(Semaphore::new(app.policy.max_connections + SPARE_SOCKETS));
     let next = async || {
         let socket = Arc::clone(&sockets).acquire_owned().await.map_err(io::Error::other)?;
@@ -83,7 +83,7 @@ async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>,
                     watcher: connections.watcher(),
                     _socket: socket,
                 };
-                // answers are written whole: waiting for more only delays them
+                // answers are written whole, so Nagle's algorithm would only delay them
                 if let Err(error) = stream.set_nodelay(true) {
                     tracing::debug!(%error, "TCP_NODELAY");
                 }
@@ -92,20 +92,20 @@ async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>,
             }
             Err(error) if is_of_one_connection(&error) => {}
             Err(error) => {
-                tracing::error!(%error, "cannot take a connection");
+                tracing::error!(%error, "cannot accept a connection");
                 sleep(ACCEPT_PAUSE).await;
             }
         }
     }
 }
 
-/// The client went away before it was taken: nothing is wrong here.
+/// True when the client closed the connection before it was accepted. That is not an error of the server.
 fn is_of_one_connection(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
     matches!(error.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset)
 }
 
-/// One connection; its slot is free again once it has ended.
+/// One connection. Its slot is released when it ends.
 struct Connection {
     router: Router,
     seat: Arc<Seat>,
@@ -119,7 +119,7 @@ impl Connection {
         let seat = Arc::clone(&self.seat);
         tokio::select! {
             () = self.greet(stream, tls) => {}
-            () = seat.gave_way() => tracing::debug!("a connection without a slot gave way to a newer one"),
+            () = seat.gave_way() => tracing::debug!("a connection without a slot was closed in favour of a newer one"),
         }
     }
 
@@ -127,8 +127,8 @@ impl Connection {
         let Some(tls) = tls else { return self.speak(stream).await };
         match timeout(self.header_timeout, tls.accept(stream)).await {
             Ok(Ok(stream)) => self.speak(stream).await,
-            Ok(Err(error)) => tracing::debug!(%error, "no TLS connection came about"),
-            Err(_) => tracing::debug!("a client was too slow with its TLS handshake"),
+            Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
+            Err(_) => tracing::debug!("TLS handshake timed out"),
         }
     }
 
@@ -141,11 +141,11 @@ impl Connection {
         });
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
-            // a head that comes byte by byte, and a connection on which nothing is asked, do not hold a slot for ever
+            // ends connections that send a head byte by byte or stay idle, which would hold a slot
             .header_read_timeout(self.header_timeout)
             .serve_connection(TokioIo::new(stream), service);
         if let Err(error) = self.watcher.watch(connection).await {
-            tracing::debug!(%error, "a connection broke");
+            tracing::debug!(%error, "a connection failed");
         }
     }
 }

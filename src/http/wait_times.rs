@@ -1,7 +1,7 @@
-//! How long a request waited for its client or for a job, so that this time is not counted as work of the server.
+//! The time that a request waited for its client or for a job, which is no service time.
 //!
-//! In: each place that waits reports it ([`add`]). Out: the sums of one request ([`measured`]). They are kept in a
-//! task-local, so that a body that is read deep inside a handler need not carry them.
+//! Code that waits calls [`add`]; [`measured`] returns the sums of one request. The sums are task-local, so that code deep
+//! inside a handler need not pass them on.
 
 use std::{cell::Cell, time::Duration};
 

@@ -1,5 +1,5 @@
-//! Nobody reaches a handler without the scope that its request needs, nor somebody else's stack where tokens see only
-//! their own.
+//! Authentication and authorisation of every request, before any handler: the token, its scopes, the limit of requests in
+//! progress, and with `isolate_tokens` the owner of the stack or upload.
 
 use axum::{
     body::Body,
@@ -12,7 +12,7 @@ use axum::{
 use crate::{
     contract::Code,
     http::{
-        auth::{Caller, identify, needs, owned_by_someone},
+        auth::{Caller, identify, needs, owned_id},
         connections::tally::InProgress,
         ingest::{admission::waits_for_continue, body::WatchedBody},
         log,
@@ -24,7 +24,7 @@ use crate::{
 /// The layer.
 pub async fn check(State(app): State<App>, request: Request, next: Next) -> Response {
     let (mut parts, body) = request.into_parts();
-    match admit(&app, &parts).await {
+    match authorise(&app, &parts).await {
         Ok((caller, in_progress)) => {
             parts.extensions.insert(caller);
             let response = next.run(Request::from_parts(parts, body)).await;
@@ -40,7 +40,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
     }
 }
 
-async fn admit(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InProgress>)> {
+async fn authorise(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InProgress>)> {
     let path = request.uri.path();
     let Some(scopes) = needs(&request.method, path) else { return Ok((Caller::default(), None)) };
     let caller = identify(app, &request.headers).await?;
@@ -48,7 +48,7 @@ async fn admit(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InProgre
         log::note("token", name);
     }
     caller.require(scopes)?;
-    if let (Some(own), Some(id)) = (caller.sees_only(app), owned_by_someone(path))
+    if let (Some(own), Some(id)) = (caller.sees_only(app), owned_id(path))
         && app.rows.owner(id).await?.is_some_and(|owner| owner != own)
     {
         return Err(ApiError::new(Code::NotFound, format!("there is nothing with the id {id}")));
@@ -57,20 +57,20 @@ async fn admit(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InProgre
     Ok((caller, in_progress))
 }
 
-/// One token shall not take all connections: neither with event streams nor with downloads that it does not read.
+/// Limits the requests in progress of one token, so that its event streams and unread downloads cannot use up all connections.
 fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
     let (Some(id), Some(name)) = (caller.id(), caller.name()) else { return Ok(None) };
     let most = app.policy.client_share();
     if let Some(in_progress) = app.tally.enter(id, most) {
         return Ok(Some(in_progress));
     }
-    let detail = format!(
-        "the token '{name}' has {most} requests in progress, which is all it may have; wait until one has ended"
-    );
+    let detail =
+        format!("the token '{name}' has {most} requests in progress, which is its limit; retry when one has ended");
     Err(ApiError::new(Code::TooManyRequests, detail))
 }
 
-/// A client that is refused while it sends would see its connection break and not the reason.
+/// Reads some of the body of a refused request. Otherwise a client that still sends would see a broken connection and not
+/// the answer.
 pub fn drain_briefly(app: &App, headers: &HeaderMap, body: Body) {
     drop(WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers)));
 }

@@ -1,13 +1,15 @@
-//! Keeps pages of the web from using a service that asks for no token.
+//! Keeps web pages from using a service that requires no token.
 //!
-//! A browser of the lab reaches the service, and so does every page that it shows. Two things tell such requests:
+//! A browser in the lab can reach the service, and so can every page that it shows. Two kinds of requests are refused:
 //!
-//! - DNS rebinding: the page's own name leads to the service's address, so `Host` is a foreign name: 421.
-//! - cross-site requests: `Origin` or `Sec-Fetch-Site` says that another page sent it: 403 for methods that change something.
-//!   What they would read, the browser itself holds back ([`super::cors`]).
+//! | attack | sign | answer |
+//! |---|---|---|
+//! | DNS rebinding: the page's own host name resolves to the service | `Host` is a foreign name | 421 |
+//! | cross-site request that changes something | `Origin` or `Sec-Fetch-Site` of another site | 403 |
 //!
-//! Programs send neither header, so nothing changes for them. Where tokens are asked for, a page has none, and nothing is
-//! looked at but the form of `Host`.
+//! Cross-site reads need no check: the browser withholds the answer from the page ([`super::cors`]). Programs other than
+//! browsers send neither `Origin` nor `Sec-Fetch-Site`. Where tokens are required, pages have none, so only the syntax of
+//! `Host` is checked.
 
 use std::net::IpAddr;
 
@@ -46,11 +48,11 @@ fn admit(policy: &Policy, request: &Request) -> ApiResult<()> {
     if policy.auth_required {
         return Ok(());
     }
-    // the target of a request may name a host too, and counts more then (RFC 9112, section 3.2.2)
+    // a host in the request target takes precedence over `Host` (RFC 9112, section 3.2.2)
     let named = request.uri().authority().cloned();
     if let Some(foreign) = [&host, &named].into_iter().flatten().find(|host| !is_own_name(policy, host.host())) {
         let detail = format!(
-            "the request is for the host '{}', which is no name of this service; use its address, or add the name to the \
+            "the request is for the host '{}', which is not a name of this service; use its address, or add the name to the \
              setting 'hosts' (PINSTACK_HOSTS)",
             one_line(foreign.host())
         );
@@ -59,7 +61,7 @@ fn admit(policy: &Policy, request: &Request) -> ApiResult<()> {
     require_own_origin(policy, request.method(), request.headers(), named.or(host).as_ref())
 }
 
-/// The `Host` of a request; `None` only for HTTP/1.0, which need not have one.
+/// The `Host` of a request; `None` only for HTTP/1.0, where it is optional.
 fn host(request: &Request) -> ApiResult<Option<Authority>> {
     let mut hosts = request.headers().get_all(header::HOST).iter();
     let refused = |detail: &str| Err(ApiError::new(Code::InvalidRequest, detail));
@@ -74,7 +76,7 @@ fn host(request: &Request) -> ApiResult<Option<Authority>> {
     }
 }
 
-/// `localhost`, addresses that lead here, and what the operator names. An address is no danger on a service for everybody:
+/// True for `localhost`, the addresses that the service listens on, and the configured names. Addresses are safe: DNS
 /// rebinding needs a name.
 fn is_own_name(policy: &Policy, host: &str) -> bool {
     let name = host.strip_suffix('.').unwrap_or(host);
@@ -108,13 +110,24 @@ fn require_own_origin(
     if !is_foreign_site && origin.as_ref().is_none_or(|origin| is_own(origin)) {
         return Ok(());
     }
-    let origin: String = origin.as_deref().unwrap_or("another site").chars().take(200).collect();
     let detail = format!(
-        "a page of {} sent this request; the service asks for no token, so it takes changes only from its own pages and from \
-         programs; to allow the origin, add it to cors_origins",
-        one_line(&origin)
+        "the request comes from {}; while the service requires no token, it accepts changes only from its own pages and from \
+         programs that are not browsers; to allow an origin, add it to the setting 'cors_origins'",
+        sender(origin.as_deref())
     );
     Err(ApiError::new(Code::CrossOriginRequest, detail))
+}
+
+/// The page that sent a request, for an error message.
+fn sender(origin: Option<&str>) -> String {
+    match origin {
+        None => "a page of another site".to_owned(),
+        Some("null") => "a page without an origin (Origin: null), such as a local file or a sandboxed frame".to_owned(),
+        Some(origin) => {
+            let origin: String = origin.chars().take(200).collect();
+            format!("a page of the origin {}", one_line(&origin))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -122,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_host_is_the_services_own_by_where_it_listens_and_what_the_operator_names() {
+    fn own_host_names_are_localhost_listening_addresses_and_configured_names() {
         let listening = |listen: Option<&str>, hosts: &[&str]| Policy {
             listen: listen.map(|address| address.parse().expect("an address")),
             hosts: hosts.iter().map(|&host| host.to_owned()).collect(),

@@ -1,5 +1,5 @@
-//! Pages of other origins: off, unless their origins are configured. Whoever is allowed may ask everything, with a token
-//! as everybody else; cookies are never meant.
+//! CORS for pages of other origins. Off unless their origins are configured. A page of a configured origin may send every
+//! request, with a token like any other client. Cookies are never used.
 
 use axum::{
     extract::{Request, State},
@@ -10,11 +10,11 @@ use axum::{
 
 use crate::http::state::App;
 
-/// What a page may read of an answer, beside what every page may.
+/// Headers of an answer that a page may read, besides the CORS-safelisted ones.
 const EXPOSED: &str = "location, etag, retry-after, x-request-id, content-disposition, idempotency-replayed, \
                        preference-applied, tus-resumable, tus-version, tus-extension, tus-max-size, \
                        tus-checksum-algorithm, upload-offset, upload-length, upload-metadata, upload-expires, pinstack-job";
-/// How long a browser need not ask again, seconds.
+/// How long a browser may cache a preflight answer, seconds.
 const MAX_AGE: HeaderValue = HeaderValue::from_static("600");
 
 /// The layer.
@@ -44,7 +44,7 @@ fn is_allowed(app: &App, origin: &HeaderValue) -> bool {
     app.policy.cors_origins.iter().any(|allowed| allowed.as_bytes() == origin.as_bytes())
 }
 
-/// What a browser asks before it sends the request itself.
+/// Answers a preflight request: allows the method and headers that it names.
 fn preflight(asked: &HeaderMap) -> Response {
     let mut response = StatusCode::NO_CONTENT.into_response();
     let headers = response.headers_mut();

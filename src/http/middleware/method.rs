@@ -1,4 +1,4 @@
-//! Methods that HTTP does not have.
+//! Refuses methods that HTTP does not have.
 
 use axum::{
     extract::Request,
@@ -12,20 +12,20 @@ use crate::{
     http::problem::ApiError,
 };
 
-/// Longest part of an unknown method that is repeated to its sender.
+/// Characters of an unknown method that the answer repeats.
 const SHOWN: usize = 40;
 
-/// The layer: a method that is not one of RFC 9110, RFC 5789 (PATCH) or the HTTP QUERY method gets 501 before anything else is looked at.
+/// The layer: a method that is not in RFC 9110, RFC 5789 (PATCH) or the HTTP QUERY draft gets 501 before any other check.
 pub async fn refuse_unknown(request: Request, next: Next) -> Response {
     if known(request.method()).is_some() {
         return next.run(request).await;
     }
     let shown: String = request.method().as_str().chars().take(SHOWN).collect();
-    let detail = format!("'{}' is no method of HTTP that this service knows", one_line(&shown));
+    let detail = format!("'{}' is not an HTTP method that this service supports", one_line(&shown));
     ApiError::new(Code::MethodNotImplemented, detail).into_response()
 }
 
-/// The name of a method, from a fixed list: what may be a label of a metric. `None` for what a client made up.
+/// The name of a known method. Only these may be labels of a metric; a client could invent any number of others.
 pub fn known(method: &Method) -> Option<&'static str> {
     const KNOWN: [&str; 10] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "QUERY"];
     KNOWN.into_iter().find(|name| *name == method.as_str())

@@ -1,4 +1,4 @@
-//! One log line and two metrics per request, by route (not by URL: ids would make a series each).
+//! One log line and two metrics per request. Metrics are labelled by route, not by URL: each id would be a series of its own.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use crate::{
     telemetry::events,
 };
 
-/// The layer. Labels come from fixed lists: the routes of this service, known methods, statuses.
+/// The layer. All labels come from fixed sets: routes, known methods, statuses.
 pub async fn requests(request: Request, next: Next) -> Response {
     let route = match request.extensions().get::<MatchedPath>() {
         Some(path) => path.as_str().to_owned(),
@@ -27,18 +27,18 @@ pub async fn requests(request: Request, next: Next) -> Response {
     let (response, waits) = wait_times::measured(next.run(request)).await;
     let elapsed = started.elapsed();
     let status = response.status().as_u16();
-    // until the headers leave: the body of an event stream may go on for hours
+    // up to the headers of the answer: an event stream may last for hours
     let ms = (elapsed.as_secs_f64() * 1000.0).round();
     match response.extensions().get::<Problem>() {
         None => tracing::info!(method, %path, status, ms, "answered"),
-        Some(told) => {
-            let (code, detail) = (told.code.name(), one_line(&told.detail));
+        Some(problem) => {
+            let (code, detail) = (problem.code.name(), one_line(&problem.detail));
             if response.status().is_server_error() {
                 tracing::warn!(method, %path, status, ms, %code, %detail, "refused");
             } else {
                 tracing::info!(method, %path, status, ms, %code, %detail, "refused");
             }
-            events::refused(told.code);
+            events::refused(problem.code);
         }
     }
     let waited = waits.iter().map(|(_, time)| *time).sum();

@@ -1,4 +1,4 @@
-//! Every error leaves as a problem that names the request it belongs to, also those that a library made.
+//! Makes every error answer a problem document that names its request, also errors made by libraries.
 
 use std::any::Any;
 
@@ -14,7 +14,7 @@ use crate::{
     http::problem::{ApiError, code_of, problem, render},
 };
 
-/// The layer: fills in `instance`, and turns bare error answers into problems.
+/// The layer: fills in `instance`, and turns bare error answers into problem documents.
 pub async fn complete(request: Request, next: Next) -> Response {
     let instance = request.uri().path().to_owned();
     let method = request.method().clone();
@@ -23,17 +23,17 @@ pub async fn complete(request: Request, next: Next) -> Response {
     if !(status.is_client_error() || status.is_server_error()) {
         return response;
     }
-    let mut told = match response.extensions_mut().remove::<Problem>() {
-        Some(told) => told,
-        // a health check answers 503 with a body of its own
+    let mut problem_document = match response.extensions_mut().remove::<Problem>() {
+        Some(problem) => problem,
+        // the health check answers 503 with its own JSON body
         None if is_json(&response) => return response,
         None => {
             let bare = problem(&bare_fault(status, &method, &instance), None);
             Problem { status: status.as_u16(), ..bare }
         }
     };
-    told.instance = Some(instance);
-    let mut complete = render(told);
+    problem_document.instance = Some(instance);
+    let mut complete = render(problem_document);
     for (name, value) in response.headers() {
         if ![header::CONTENT_TYPE, header::CONTENT_LENGTH].contains(name) {
             complete.headers_mut().append(name, value.clone());
@@ -42,7 +42,7 @@ pub async fn complete(request: Request, next: Next) -> Response {
     complete
 }
 
-/// What a panic is answered with; the message goes to the log.
+/// The answer to a panic; its message goes to the log.
 pub fn from_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
     let message = panic
         .downcast_ref::<String>()
@@ -61,8 +61,13 @@ fn bare_fault(status: StatusCode, method: &axum::http::Method, path: &str) -> Fa
     let code = code_of(status);
     let detail = match code {
         Code::NotFound => format!("there is nothing at {path}; GET /openapi.json lists every URL"),
-        Code::MethodNotAllowed => format!("{method} is not allowed on {path}; the Allow header names what is"),
-        Code::Internal => "something went wrong on the server; its log has the details under X-Request-Id".to_owned(),
+        Code::MethodNotAllowed => {
+            format!("{method} is not allowed on {path}; the Allow header lists the methods that are")
+        }
+        Code::Internal => {
+            "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id"
+                .to_owned()
+        }
         _ => status.canonical_reason().unwrap_or("the request was refused").to_lowercase(),
     };
     Fault::new(code, detail)
@@ -78,7 +83,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_panic_is_a_problem_that_keeps_its_message_to_the_log() {
+    async fn the_message_of_a_panic_goes_to_the_log_only() {
         async fn boom() -> StatusCode {
             panic!("row 7 of /var/lib/pinstack")
         }

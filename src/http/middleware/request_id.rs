@@ -1,4 +1,4 @@
-//! `X-Request-Id`: the client's own is kept, else one is made; the log of the request carries it.
+//! `X-Request-Id`: keeps the id of the client or makes one, and adds it to the answer and to the log lines of the request.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::http::{connections::Seat, log};
 /// The header.
 pub const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
-/// Longest id of a client that is kept.
+/// Longest id of a client that is accepted.
 const MAX_LENGTH: usize = 128;
 
 /// The layer.
@@ -29,7 +29,7 @@ pub async fn keep_or_make(request: Request, next: Next) -> Response {
     response
 }
 
-/// A client's id comes back in a header and in the log, so only short printable text is kept.
+/// The id is copied into a header and into the log, so only short printable text is accepted.
 fn is_printable(id: &HeaderValue) -> bool {
     (1..=MAX_LENGTH).contains(&id.len()) && id.as_bytes().iter().all(u8::is_ascii_graphic)
 }

@@ -1,4 +1,4 @@
-//! A connection without a slot is asked for its health alone.
+//! Connections without a slot may only request the health endpoints.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::{
     http::{connections::Seat, problem::ApiError},
 };
 
-/// The layer. A request that came over no connection (a test's) needs no slot.
+/// The layer. A request without a connection (in tests) needs no slot.
 pub async fn require(request: Request, next: Next) -> Response {
     let Some(seat) = request.extensions().get::<Arc<Seat>>().cloned() else { return next.run(request).await };
     seat.asked();
@@ -22,8 +22,8 @@ pub async fn require(request: Request, next: Next) -> Response {
     if is_about_health || seat.got_slot().await {
         return next.run(request).await;
     }
-    let detail = "all connections that the service takes at a time are in use, or all that one address may have; try again \
-                  later, over fewer connections";
+    let detail = "the limit of connections of the service or of this address is reached; try again later, over fewer \
+                  connections";
     let refused = ApiError::new(Code::Unavailable, detail);
     refused.with_header(header::CONNECTION, HeaderValue::from_static("close")).into_response()
 }

@@ -11,7 +11,7 @@ use crate::{
             submission::Submission,
             submit::{IncomingZip, Origin, submit},
         },
-        problem::{ApiError, ApiResult},
+        problem::{ApiError, ApiResult, is_permanent},
         state::App,
     },
     store::{blobs::upload_key, gc::gc_upload, uploads::UploadState},
@@ -36,7 +36,7 @@ pub async fn complete_if_whole(app: &App, locked: &mut UploadLock) -> ApiResult<
             locked.upload.state = UploadState::Complete(kind);
             Ok(())
         }
-        Err(error) if error.fault().code.is_permanent() => {
+        Err(error) if is_permanent(error.fault().code) => {
             app.rows.refuse_upload(id, error.fault()).await?;
             locked.upload.state = UploadState::Refused(Box::new(error.fault().clone()));
             Err(error)

@@ -1,0 +1,335 @@
+//! The table of problem types: one row per [`Code`]. A new code needs its variant and one row here.
+//!
+//! | column | use |
+//! |---|---|
+//! | status | HTTP status of the answer |
+//! | retry | whether the same request can succeed later, and after how many seconds (`Retry-After`) |
+//! | title | `title` of the problem, the same for every problem of the code |
+//! | description | `GET /problems/{code}`: what it means and what to do |
+//! | example | `detail` of the example in `/openapi.json` and `GET /problems/{code}` |
+
+use axum::http::StatusCode;
+
+use crate::contract::Code;
+
+/// Whether the same request, or the completion of the same upload, can succeed later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Retry {
+    /// No: its content, its names or its options are wrong.
+    Never,
+    /// Yes, once the cause is gone: a missing right, a lock, a full disk, an error of the machine.
+    Later,
+    /// Yes, and the answer has `Retry-After` with this many seconds.
+    AfterSeconds(u16),
+}
+
+/// One row of the table.
+#[derive(Debug, Clone, Copy)]
+pub struct ProblemType {
+    /// HTTP status of the answer.
+    pub status: StatusCode,
+    /// Whether to retry.
+    pub retry: Retry,
+    /// Short name, the same for every problem of the code.
+    pub title: &'static str,
+    /// What it means and what to do.
+    pub description: &'static str,
+    /// A typical `detail`.
+    pub example: &'static str,
+}
+
+/// The row of a code.
+pub fn problem_type(code: Code) -> ProblemType {
+    use Retry::{AfterSeconds, Later, Never};
+    use StatusCode as S;
+    let row = |status, retry, title, description, example| ProblemType { status, retry, title, description, example };
+    match code {
+        Code::InvalidRequest => row(
+            S::BAD_REQUEST,
+            Never,
+            "Invalid request",
+            "A parameter, header or body breaks a rule of the contract. The detail names it and the rule. /openapi.json \
+             lists all rules.",
+            "mask is 'maybe'; it must be one of: auto, none, required",
+        ),
+        Code::Unauthorized => row(
+            S::UNAUTHORIZED,
+            Later,
+            "Authentication required",
+            "The service requires a token, and the request has no valid one. Send 'Authorization: Bearer <token>'. \
+             'pinstack token add' makes tokens.",
+            "this service requires a token: send 'Authorization: Bearer <token>' with a token made by 'pinstack token add' \
+             that is not revoked",
+        ),
+        Code::Forbidden => row(
+            S::FORBIDDEN,
+            Later,
+            "Forbidden",
+            "The token is valid, but its scopes do not allow this request. The detail names the scope that is missing.",
+            "the token 'viewer' has the scopes: read; this request needs: stacks:write",
+        ),
+        Code::CrossOriginRequest => row(
+            S::FORBIDDEN,
+            Later,
+            "Cross-origin request refused",
+            "A page of another origin sent a request that changes something, and the service requires no token. Add the \
+             origin to the setting 'cors_origins', or require tokens.",
+            "the request comes from a page of the origin https://other.example; while the service requires no token, it \
+             accepts changes only from its own pages and from programs that are not browsers; to allow this origin, add it \
+             to the setting 'cors_origins'",
+        ),
+        Code::MisdirectedRequest => row(
+            S::MISDIRECTED_REQUEST,
+            Later,
+            "Misdirected request",
+            "The Host header is neither an address of the service nor one of its names, and the service requires no token. \
+             A web page could read the service through such a name (DNS rebinding). Add the name to the setting 'hosts'.",
+            "the request is for the host 'other.example', which is not a name of this service; use its address, or add the \
+             name to the setting 'hosts' (PINSTACK_HOSTS)",
+        ),
+        Code::TooManyRequests => row(
+            S::TOO_MANY_REQUESTS,
+            AfterSeconds(1),
+            "Too many requests in progress",
+            "Too many requests of this token are in progress: uploads, downloads, event streams, waiting requests. Retry \
+             after the seconds in Retry-After, when one has ended.",
+            "the token 'rig-pc' has 256 requests in progress, which is its limit; retry when one has ended",
+        ),
+        Code::NotFound => row(
+            S::NOT_FOUND,
+            Never,
+            "Not found",
+            "There is no such URL, job, file or revision, or the token must not see it.",
+            "there is nothing with the id 0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10",
+        ),
+        Code::MethodNotAllowed => row(
+            S::METHOD_NOT_ALLOWED,
+            Never,
+            "Method not allowed",
+            "The URL exists, but not with this method. The Allow header lists its methods.",
+            "POST is not allowed on /healthz; the Allow header lists the methods that are",
+        ),
+        Code::MethodNotImplemented => row(
+            S::NOT_IMPLEMENTED,
+            Later,
+            "Method not implemented",
+            "HTTP has no such method, or this service does not support it.",
+            "'FETCH' is not an HTTP method that this service supports",
+        ),
+        Code::ProfileNotFound => row(
+            S::NOT_FOUND,
+            Never,
+            "Profile not found",
+            "No profile is stored for this rig and lens. Calibrate the rig, PUT a profile, or correct the names. GET \
+             /v1/profiles lists all profiles.",
+            "there is no profile for rig 'turntable-1' and lens 'mpe65-2x'; GET /v1/profiles lists all",
+        ),
+        Code::NotFinished => row(
+            S::CONFLICT,
+            Later,
+            "Job not finished",
+            "The job has not ended, so its result does not exist yet. Wait, or follow its events.",
+            "the job is running; its result exists once it has succeeded",
+        ),
+        Code::NoResult => row(
+            S::NOT_FOUND,
+            Never,
+            "No such result",
+            "The job ended without this result: it failed, was cancelled, or had no back light. The job shows why.",
+            "the stack has no back light, so it has no mask",
+        ),
+        Code::UploadRemoved => row(
+            S::GONE,
+            Never,
+            "Upload removed",
+            "The zip of the stack has expired and was removed (setting 'keep_uploads_days' of the server). The results \
+             remain. Send the zip again to fuse it again.",
+            "the zip of this stack has expired and was removed (setting 'keep_uploads_days' of the server); its results \
+             remain; send the zip again to fuse it again",
+        ),
+        Code::Conflict => row(
+            S::CONFLICT,
+            Later,
+            "Conflict",
+            "The state of the job or upload does not allow this. Read the current state and decide.",
+            "the stack has succeeded already, so it cannot be cancelled",
+        ),
+        Code::PreconditionFailed => row(
+            S::PRECONDITION_FAILED,
+            Later,
+            "Precondition failed",
+            "The profile was changed in the meantime: If-Match names a revision that is not the current one. Or the request \
+             asks for a version of tus that is not supported. Read the current state and decide.",
+            "the profile is at revision 4 now; read it again and decide",
+        ),
+        Code::IdempotencyKeyReused => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Idempotency key reused",
+            "The same Idempotency-Key was sent before with other parameters or another file. Use a new key for each stack.",
+            "the Idempotency-Key 'bee-17' was used before with another rig, lens, options or file; use a new key per stack",
+        ),
+        Code::UnsupportedMediaType => row(
+            S::UNSUPPORTED_MEDIA_TYPE,
+            Never,
+            "Unsupported media type",
+            "This operation does not accept the Content-Type of the body. The detail lists the types that it accepts.",
+            "the body is 'image/jpeg'; send the zip as application/zip, or multipart/form-data",
+        ),
+        Code::NotAcceptable => row(
+            S::NOT_ACCEPTABLE,
+            Never,
+            "Not acceptable",
+            "The Accept header allows no format that is available. The detail lists the formats.",
+            "the report is available as text/html or application/json",
+        ),
+        Code::RangeNotSatisfiable => row(
+            S::RANGE_NOT_SATISFIABLE,
+            Never,
+            "Range not satisfiable",
+            "The range begins after the end of the file. The Content-Range header has the length of the file.",
+            "the range begins after the end of the file (48210 bytes)",
+        ),
+        Code::UploadTooLarge => row(
+            S::PAYLOAD_TOO_LARGE,
+            Never,
+            "Upload too large",
+            "The body is larger than allowed. GET /v1/info shows every limit.",
+            "the upload is over the limit of 68719476736 bytes; GET /v1/info shows every limit",
+        ),
+        Code::UploadIncomplete => row(
+            S::BAD_REQUEST,
+            Later,
+            "Upload incomplete",
+            "The body ended early, or no data arrived until the timeout. Send it again, or use /v1/uploads, which can resume.",
+            "the upload broke off before its end; nothing was stored; send it again",
+        ),
+        Code::ChecksumMismatch => row(
+            checksum_mismatch(),
+            Later,
+            "Checksum mismatch",
+            "The bytes of the request do not match its Upload-Checksum. None of them were kept. Send them again.",
+            "the bytes of this request do not match its Upload-Checksum; none of them were kept; send them again from the \
+             same offset",
+        ),
+        Code::Locked => row(
+            S::LOCKED,
+            AfterSeconds(1),
+            "Upload is locked by another request",
+            "Another request works on this upload and did not release it in time. Retry after the seconds in Retry-After.",
+            "the upload is locked by another request; retry in a second",
+        ),
+        Code::InsufficientStorage => row(
+            S::INSUFFICIENT_STORAGE,
+            Later,
+            "Insufficient storage",
+            "The disk or the quota of the token has too little free space. The detail has the figures. Delete old stacks, or \
+             enlarge the disk or the quota.",
+            "not enough disk space for this upload: it needs 4100000000 bytes and its job up to 900000000; 3900000000 are \
+             free, of which 0 are reserved by uploads and jobs in progress and 536870912 must stay free; delete old stacks \
+             or enlarge the disk",
+        ),
+        Code::QueueFull => row(
+            S::SERVICE_UNAVAILABLE,
+            AfterSeconds(30),
+            "Queue full",
+            "Too many jobs are queued, or too many uploads are open. Retry after the seconds in Retry-After.",
+            "1000 jobs are queued, which is the limit; try again later",
+        ),
+        Code::InvalidArchive => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Invalid archive",
+            "The body is not a zip, is damaged, or has names that break the rules. Make the zip again and send it again.",
+            "front/img_3.jpg is damaged in the zip (Invalid checksum); was the upload cut off? Make the zip again and send \
+             it again",
+        ),
+        Code::UnsupportedArchive => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Unsupported archive",
+            "The zip has an encrypted member or an unsupported compression. Use store or deflate, without a password.",
+            "front/img_0.jpg is encrypted; make the zip without a password",
+        ),
+        Code::ArchiveTooLarge => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Archive too large",
+            "The zip has too many members, or would unpack to more than the limits allow. GET /v1/info shows every limit.",
+            "the zip has 30000 members; at most 2500 are read",
+        ),
+        Code::InvalidImage => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Invalid image",
+            "A slice is not a readable image, is truncated, or declares absurd dimensions. The detail names the file.",
+            "front/img_3.jpg: the JPEG ends before the picture does (torn file); copy it again from the camera",
+        ),
+        Code::SizeMismatch => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Size mismatch",
+            "The slices differ in size from one another or from the profile. Check the settings of the camera, or calibrate \
+             again.",
+            "the slices have 6000 x 4000 px, the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision 3) is for 5760 x \
+             3840 px",
+        ),
+        Code::SliceCountMismatch => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Slice count mismatch",
+            "The number of slices differs from the profile, or front and back differ. Look for missing or extra pictures.",
+            "the archive has 20 front-light slices, the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision 3) has 21",
+        ),
+        Code::InvalidProfile => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Invalid profile",
+            "A homography is singular, mirrored or not finite, or another number of the profile is impossible. The pointer \
+             names the place.",
+            "the homography of slice 3 is mirrored",
+        ),
+        Code::TargetNotFound => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Target not found",
+            "The dots of the target were not found in too many slices. The detail names the slices. GET \
+             /v1/calibrations/{id}/overlay shows what was found.",
+            "no grid of dots was found in 3 of 21 slices: img_0.jpg, img_1.jpg, img_20.jpg",
+        ),
+        Code::MaskFailed => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Mask failed",
+            "mask=required, but no mask could be made. Add a back-light stack in the folder 'back'.",
+            "mask=required, but the archive has no back-light slices; put them into a folder 'back'",
+        ),
+        Code::WorkerLost => row(
+            S::INTERNAL_SERVER_ERROR,
+            Later,
+            "Worker lost",
+            "The worker process died several times while it ran this job, so the job failed. Check the log of the service, \
+             first for memory.",
+            "the worker died 3 times while it ran this job; the job failed",
+        ),
+        Code::Unavailable => row(
+            S::SERVICE_UNAVAILABLE,
+            AfterSeconds(5),
+            "Service unavailable",
+            "The service is shutting down or temporarily unable to work. Retry after the seconds in Retry-After.",
+            "the server is shutting down; the bytes that arrived are stored; resume when it is back",
+        ),
+        Code::Internal => row(
+            S::INTERNAL_SERVER_ERROR,
+            Later,
+            "Internal error",
+            "An error of the service itself. Its log has the cause under the request id of the X-Request-Id header.",
+            "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id",
+        ),
+    }
+}
+
+/// tus defines its own status for a wrong checksum.
+fn checksum_mismatch() -> StatusCode {
+    StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST)
+}
