@@ -32,7 +32,7 @@ pub(super) fn examine(
     warnings: &mut Vec<Warning>,
 ) -> Result<(), JobError> {
     let front = thumbnail::luma(front, SIDE);
-    if back.is_some_and(|back| segmentation::exchanged(&front, back)) {
+    if back.is_some_and(|back| segmentation::lights_exchanged(&front, back)) {
         let detail = "the front-light slices show a silhouette and the back-light slices a lit object: front/ and \
                       back/ seem to be exchanged; swap the folders and send the stack again";
         if mode == MaskMode::Required {

@@ -78,7 +78,7 @@ impl Pictures<'_> {
             let mut written = vec![step(writer.picture("preview", small, &preview, &colours)?)];
             if let Some(silhouette) = self.silhouette {
                 // binary, for tools that accept no other masks
-                let binary = compositing::masked(&silhouette.alpha, &front.valid);
+                let binary = compositing::masked(&silhouette.mask, &front.valid);
                 let mask = Raster::eight(rect.width, rect.height, 1, binary.crop(rect).data);
                 written.push(step(writer.png("mask", &mask, &Metadata::default())?));
             }
@@ -129,7 +129,7 @@ impl Pictures<'_> {
     /// requested.
     fn alpha(&self) -> Plane<u8> {
         let valid = &self.front.valid;
-        self.silhouette.map_or_else(|| valid.clone(), |silhouette| compositing::masked(silhouette.of_picture(), valid))
+        self.silhouette.map_or_else(|| valid.clone(), |silhouette| compositing::masked(silhouette.image_alpha(), valid))
     }
 }
 

@@ -27,7 +27,7 @@ use pinstack_science::{
         codec::{self, Metadata},
     },
     quality::VERSIONS,
-    segmentation::{Silhouette, cut_out},
+    segmentation::{Silhouette, segment},
     types::{
         Control, Homography, Warning,
         fusion_options::{GuidedParams, Method},
@@ -93,7 +93,7 @@ pub fn run(
         times.end("fusing the back light");
         let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
-        let silhouette = cut_out(&back.image, &back.valid, &options.mask_params(plan.width, plan.height));
+        let silhouette = segment(&back.image, &back.valid, &options.mask_params(plan.width, plan.height));
         if options.mask == MaskMode::Required {
             useful(&silhouette)?;
         }
@@ -110,7 +110,7 @@ pub fn run(
 
     let stages: &[Stage] = if plan.method == Method::HaloCorrected { &CORRECTING } else { &FUSING };
     let control = Phase::new(sink, stages, middle, FUSED);
-    let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.alpha) };
+    let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.mask) };
     let front = fusion::fuse(&front_slices, &plan, &watch, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
     diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;

@@ -17,7 +17,7 @@ use pinstack_science::{
         grey,
         warp::Warp,
     },
-    segmentation::{MaskParams, cut_out},
+    segmentation::{MaskParams, segment},
     types::{Cancelled, Control},
 };
 use rayon::prelude::*;
@@ -119,7 +119,7 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             let back = fuse(case.back(folder).front(), &case.plan_of_back(), &Watch::default(), folder, &passes)
                 .expect("it can be fused");
             let params = MaskParams::default_for(case.width, case.height);
-            watch.time(|| std::hint::black_box(cut_out(&back.image, &back.valid, &params)));
+            watch.time(|| std::hint::black_box(segment(&back.image, &back.valid, &params)));
             watch.cost()
         }
         "PNG of the result" => {

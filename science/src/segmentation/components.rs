@@ -1,4 +1,5 @@
-//! Connected parts of a picture: runs and union-find, linear in the pixels, with memory for the runs alone.
+//! Connected components of a binary picture, by runs and union-find: time linear in the pixels, memory for the runs
+//! alone.
 
 use std::ops::Range;
 
@@ -13,9 +14,9 @@ pub(super) enum Connectivity {
     Eight,
 }
 
-/// The connected parts of what is inside.
+/// The connected components of a set of pixels.
 #[derive(Debug, Clone)]
-pub(super) struct Parts {
+pub(super) struct Components {
     /// Columns of each run, row by row.
     runs: Vec<Range<usize>>,
     /// Per row: its runs.
@@ -23,52 +24,55 @@ pub(super) struct Parts {
     parents: Vec<u32>,
 }
 
-impl Parts {
-    /// Of the pixels of a `width` x `height` picture that are `inside`, asked by their place in it.
+impl Components {
+    /// Those of the pixels of a `width` x `height` picture for whose index `inside` is true.
     pub(super) fn of(width: usize, height: usize, connectivity: Connectivity, inside: impl Fn(usize) -> bool) -> Self {
-        let mut parts = Self { runs: Vec::new(), rows: Vec::with_capacity(height), parents: Vec::new() };
+        let mut components = Self { runs: Vec::new(), rows: Vec::with_capacity(height), parents: Vec::new() };
         let reach = if connectivity == Connectivity::Eight { 1 } else { 0 };
         for y in 0..height {
-            let first = parts.runs.len();
+            let first = components.runs.len();
             let mut x = 0;
             while let Some(start) = (x..width).find(|&x| inside(y * width + x)) {
                 let end = (start..width).find(|&x| !inside(y * width + x)).unwrap_or(width);
-                parts.runs.push(start..end);
+                components.runs.push(start..end);
                 x = end;
             }
-            parts.parents.extend(first as u32..parts.runs.len() as u32);
-            if let Some(above) = parts.rows.last().cloned() {
-                parts.join_rows(above, first..parts.runs.len(), reach);
+            components.parents.extend(first as u32..components.runs.len() as u32);
+            if let Some(above) = components.rows.last().cloned() {
+                components.join_rows(above, first..components.runs.len(), reach);
             }
-            parts.rows.push(first..parts.runs.len());
+            components.rows.push(first..components.runs.len());
         }
-        parts
+        components
     }
 
-    /// What `look` notes of each part, run by run (row, columns). The answer is for [`Parts::visit`] and holds as many
-    /// entries that no part has.
-    pub(super) fn survey<T: Default + Clone>(&mut self, mut look: impl FnMut(&mut T, usize, &Range<usize>)) -> Vec<T> {
-        let mut notes = vec![T::default(); self.runs.len()];
+    /// Accumulates a value per component: `add` is called with each run (row, columns). The result, for
+    /// [`Components::for_each_run`], has one entry per run; entries that belong to no component keep the default.
+    pub(super) fn accumulate<T: Default + Clone>(
+        &mut self,
+        mut add: impl FnMut(&mut T, usize, &Range<usize>),
+    ) -> Vec<T> {
+        let mut values = vec![T::default(); self.runs.len()];
         for y in 0..self.rows.len() {
             for run in self.rows[y].clone() {
-                let part = self.root(run as u32) as usize;
-                look(&mut notes[part], y, &self.runs[run]);
+                let component = self.root(run as u32) as usize;
+                add(&mut values[component], y, &self.runs[run]);
             }
         }
-        notes
+        values
     }
 
-    /// Goes over the runs (row, columns) with what was noted of their part.
-    pub(super) fn visit<T>(&mut self, notes: &[T], mut act: impl FnMut(&T, usize, &Range<usize>)) {
+    /// Calls `act` with each run (row, columns) and the value of its component.
+    pub(super) fn for_each_run<T>(&mut self, values: &[T], mut act: impl FnMut(&T, usize, &Range<usize>)) {
         for y in 0..self.rows.len() {
             for run in self.rows[y].clone() {
-                let part = self.root(run as u32) as usize;
-                act(&notes[part], y, &self.runs[run]);
+                let component = self.root(run as u32) as usize;
+                act(&values[component], y, &self.runs[run]);
             }
         }
     }
 
-    /// Joins the runs of a row with those of the row above that they touch. Runs are in ascending order.
+    /// Joins the runs of a row to the runs above that they touch. Runs are in ascending order.
     fn join_rows(&mut self, above: Range<usize>, here: Range<usize>, reach: usize) {
         let mut upper = above.start;
         for lower in here {
@@ -99,8 +103,8 @@ impl Parts {
     }
 }
 
-/// The pixels outside `mask` (0) that `may` be reached from it over edges and corners.
-pub(super) fn reached(mask: &Plane<u8>, may: impl Fn(usize) -> bool) -> Vec<bool> {
+/// The pixels outside `mask` that are 8-connected to it by a path of pixels for which `passable` is true.
+pub(super) fn reachable(mask: &Plane<u8>, passable: impl Fn(usize) -> bool) -> Vec<bool> {
     let (width, height) = (mask.width, mask.height);
     let mut reached = vec![false; mask.data.len()];
     let mut waiting: Vec<usize> = Vec::new();
@@ -109,16 +113,16 @@ pub(super) fn reached(mask: &Plane<u8>, may: impl Fn(usize) -> bool) -> Vec<bool
         let columns = x.saturating_sub(1)..(x + 2).min(width);
         (y.saturating_sub(1)..(y + 2).min(height)).flat_map(move |v| columns.clone().map(move |u| v * width + u))
     };
-    // what may be reached is little beside what it may be reached from
+    // starts from passable pixels, which are few, and not from those of the mask, which are many
     for start in 0..mask.data.len() {
-        let begins = mask.data[start] == 0 && !reached[start] && may(start);
+        let begins = mask.data[start] == 0 && !reached[start] && passable(start);
         if begins && around(start).any(|beside| mask.data[beside] != 0) {
             reached[start] = true;
             waiting.push(start);
         }
         while let Some(at) = waiting.pop() {
             for next in around(at) {
-                if mask.data[next] == 0 && !reached[next] && may(next) {
+                if mask.data[next] == 0 && !reached[next] && passable(next) {
                     reached[next] = true;
                     waiting.push(next);
                 }

@@ -1,15 +1,18 @@
-//! Otsu's threshold (1979).
+//! Otsu's threshold: N. Otsu, *A threshold selection method from gray-level histograms*, IEEE Trans. SMC 9(1), 1979.
+//!
+//! The threshold maximises the between-class variance `s_B^2 = p_0 p_1 (m_0 - m_1)^2` of dark and bright pixels, with
+//! `p` the share and `m` the mean of each class. The separability is `s_B^2 / s^2`, with `s^2` the total variance.
 
 /// Bins over full scale: 16 times finer than 8 bits, so that colour and 16-bit pictures lose nothing.
 const BINS: usize = 4096;
 
-/// How often each grey value occurs.
+/// A histogram of grey values, shares of full scale.
 #[derive(Debug, Clone)]
 pub(super) struct Histogram {
     counts: Vec<u64>,
 }
 
-/// A threshold and how well it parts.
+/// A threshold and how well it separates the two classes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Otsu {
     /// Share of full scale.
@@ -19,7 +22,7 @@ pub(super) struct Otsu {
 }
 
 impl Histogram {
-    /// Of values in 0..1.
+    /// Counts values in 0..=1; values outside are counted at the nearer end.
     pub(super) fn of(values: impl Iterator<Item = f32>) -> Self {
         let mut counts = vec![0u64; BINS];
         for value in values {
@@ -30,8 +33,8 @@ impl Histogram {
         Self { counts }
     }
 
-    /// The threshold that explains most of the variance, in the middle when a whole range of thresholds does;
-    /// none when there is one value only.
+    /// The threshold with the largest between-class variance, in the middle when a range of thresholds has it; none
+    /// when there is a single value.
     pub(super) fn otsu(&self) -> Option<Otsu> {
         let between = self.between();
         let best = between.iter().copied().fold(0.0, f64::max);
@@ -40,12 +43,12 @@ impl Histogram {
         }
         let as_good = |value: &f64| *value >= best * (1.0 - 1e-12);
         let (first, last) = (between.iter().position(as_good)?, between.iter().rposition(as_good)?);
-        // `first` and `last` are the last dark bins; the threshold lies just above
+        // `first` and `last` are the last dark bins; the threshold is half a bin above
         let threshold = ((first + last) as f64 / 2.0 + 0.5) / (BINS - 1) as f64;
         Some(Otsu { threshold, separability: best / self.variance() })
     }
 
-    /// Share of the variance that parting at `threshold` explains; none when there is one value only.
+    /// Separability by `threshold`; none when there is a single value.
     pub(super) fn separability(&self, threshold: f64) -> Option<f64> {
         let variance = self.variance();
         let dark = (threshold * (BINS - 1) as f64 - 0.5).ceil();
@@ -53,7 +56,7 @@ impl Histogram {
         (variance > 0.0).then(|| between / variance)
     }
 
-    /// Value under which `share` of all that lies from `from` up to, and without, `to` lies; none when nothing does.
+    /// The quantile `share` of the values in `from..to`; none when there are no values in that range.
     pub(super) fn quantile(&self, from: f64, to: f64, share: f64) -> Option<f64> {
         let bin = |value: f64| ((value * (BINS - 1) as f64 + 0.5).max(0.0) as usize).min(BINS);
         let counts = self.counts.get(bin(from)..bin(to))?;
@@ -97,14 +100,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_values_are_parted_in_the_middle_and_completely() {
+    fn two_values_are_separated_in_the_middle_and_completely() {
         let otsu = Histogram::of([0.2f32; 30].into_iter().chain([0.8; 10])).otsu().unwrap();
         assert!((otsu.threshold - 0.5).abs() < 0.001, "{otsu:?}");
         assert!((otsu.separability - 1.0).abs() < 1e-9);
     }
 
     #[test]
-    fn a_quantile_is_of_the_part_that_is_asked_for() {
+    fn a_quantile_is_that_of_the_values_in_the_range() {
         let histogram = Histogram::of((0..=100).map(|i| i as f32 / 100.0));
         assert!((histogram.quantile(0.0, 0.5, 0.5).unwrap() - 0.25).abs() < 0.011);
         assert!((histogram.quantile(0.5, 2.0, 0.5).unwrap() - 0.75).abs() < 0.011);
@@ -120,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_best_of_all_thresholds() {
+    fn no_other_threshold_has_a_larger_separability() {
         let histogram = Histogram::of((0..2000).map(|i| {
             let t = (i * 7919 % 2000) as f32 / 2000.0;
             if i % 3 == 0 { 0.1 + 0.3 * t } else { 0.35 + 0.5 * t * t }

@@ -13,9 +13,9 @@ fn params(min_blob_px: u32, min_hole_px: u32) -> MaskParams {
     MaskParams { threshold: MaskThreshold::Auto, min_blob_px, min_hole_px, edge: MaskEdge::Hard }
 }
 
-fn drawn(alpha: &Plane<u8>) -> Vec<String> {
+fn drawn(mask: &Plane<u8>) -> Vec<String> {
     let letter = |&v: &u8| if v == 255 { '#' } else { '.' };
-    (0..alpha.height).map(|y| alpha.row(y).iter().map(letter).collect()).collect()
+    (0..mask.height).map(|y| mask.row(y).iter().map(letter).collect()).collect()
 }
 
 fn codes(silhouette: &Silhouette) -> Vec<&str> {
@@ -23,7 +23,7 @@ fn codes(silhouette: &Silhouette) -> Vec<&str> {
 }
 
 #[test]
-fn the_dark_object_is_cut_out_small_parts_go_and_small_holes_are_filled() {
+fn the_dark_object_is_segmented_small_parts_are_removed_and_small_holes_filled() {
     let (light, valid) = scene(&[
         "............",
         ".#######..#.",
@@ -33,9 +33,9 @@ fn the_dark_object_is_cut_out_small_parts_go_and_small_holes_are_filled() {
         ".#######.#..",
         "............",
     ]);
-    let result = cut_out(&light, &valid, &params(3, 4));
+    let result = segment(&light, &valid, &params(3, 4));
     assert_eq!(
-        drawn(&result.alpha),
+        drawn(&result.mask),
         [
             "............",
             ".#######....",
@@ -46,52 +46,52 @@ fn the_dark_object_is_cut_out_small_parts_go_and_small_holes_are_filled() {
             "............",
         ]
     );
-    // background over corners is not one hole: the notch at the right is closed by edges
+    // background connected over corners is not one hole: the notch at the right is closed
     assert_eq!((result.metrics.components, result.metrics.holes), (1, 1));
     assert_eq!(codes(&result), [] as [&str; 0]);
     assert!((result.metrics.threshold - (220.0 + 25.0) / 2.0 / 255.0).abs() < 0.01);
     assert!(result.metrics.separability.unwrap() > 0.999);
     assert_eq!(result.metrics.border_contact_fraction, 0.0);
-    let object = result.alpha.data.iter().filter(|&&v| v == 255).count();
+    let object = result.mask.data.iter().filter(|&&v| v == 255).count();
     assert!((result.metrics.foreground_fraction - object as f64 / 84.0).abs() < 1e-12);
 }
 
 #[test]
-fn a_hair_that_goes_over_corners_is_one_part() {
+fn a_diagonal_hair_is_one_part() {
     let (light, valid) = scene(&["........", ".#......", "..#.....", "...#....", "....#...", "........"]);
-    assert_eq!(cut_out(&light, &valid, &params(4, 4)).metrics.components, 1);
-    assert_eq!(codes(&cut_out(&light, &valid, &params(5, 4))), ["mask_empty"]);
+    assert_eq!(segment(&light, &valid, &params(4, 4)).metrics.components, 1);
+    assert_eq!(codes(&segment(&light, &valid, &params(5, 4))), ["mask_empty"]);
 }
 
 #[test]
-fn background_that_reaches_the_border_or_what_is_not_valid_is_no_hole() {
+fn background_that_reaches_the_border_or_invalid_pixels_is_no_hole() {
     let (light, valid) = scene(&["..####..", "..#.??..", "..####..", "#.######", "..#.####", "#.######"]);
-    let result = cut_out(&light, &valid, &params(1, 4));
-    assert_eq!(drawn(&result.alpha), ["..####..", "..#.....", "..####..", "#.######", "..######", "#.######"]);
+    let result = segment(&light, &valid, &params(1, 4));
+    assert_eq!(drawn(&result.mask), ["..####..", "..#.....", "..####..", "#.######", "..######", "#.######"]);
     assert_eq!(result.metrics.holes, 0);
     assert_eq!(result.metrics.components, 3);
 }
 
 #[test]
-fn what_is_not_valid_is_background_and_does_not_move_the_threshold() {
+fn invalid_pixels_are_background_and_do_not_move_the_threshold() {
     let (light, valid) = scene(&["????....", "????.##.", "????.##.", "????...."]);
-    let result = cut_out(&light, &valid, &params(1, 1));
-    assert_eq!(drawn(&result.alpha), ["........", ".....##.", ".....##.", "........"]);
+    let result = segment(&light, &valid, &params(1, 1));
+    assert_eq!(drawn(&result.mask), ["........", ".....##.", ".....##.", "........"]);
     assert!((result.metrics.threshold - 0.48).abs() < 0.01);
 }
 
 #[test]
-fn an_object_at_the_border_is_told() {
+fn an_object_at_the_border_gets_a_warning() {
     let (light, valid) = scene(&["....##..", "....##..", "........", "........"]);
-    let result = cut_out(&light, &valid, &params(1, 1));
+    let result = segment(&light, &valid, &params(1, 1));
     assert_eq!(codes(&result), ["mask_touches_border"]);
     assert!((result.metrics.border_contact_fraction - 2.0 / 20.0).abs() < 1e-12);
 }
 
 #[test]
-fn a_background_darker_than_the_object_is_told() {
+fn a_background_darker_than_the_object_gets_a_warning() {
     let (light, valid) = scene(&["########", "###..###", "###..###", "########"]);
-    assert_eq!(codes(&cut_out(&light, &valid, &params(1, 1))), ["mask_inverted"]);
+    assert_eq!(codes(&segment(&light, &valid, &params(1, 1))), ["mask_inverted"]);
 }
 
 /// A picture of `width` x `height` px from shares of full scale, with noise of about one grey level.
@@ -110,11 +110,11 @@ fn outside(x: f64, y: f64, centre: [f64; 2], radius: f64) -> f64 {
 }
 
 fn of_all(raster: &Raster, params: &MaskParams) -> Silhouette {
-    cut_out(raster, &Plane::filled(raster.width, raster.height, 255u8), params)
+    segment(raster, &Plane::filled(raster.width, raster.height, 255u8), params)
 }
 
 #[test]
-fn a_wing_that_the_light_shines_through_is_object_and_told() {
+fn a_translucent_wing_is_object_and_gets_a_warning() {
     let at = |passes: f64| {
         picture(300, 200, move |x, y| {
             let (body, wing) = (outside(x, y, [120.0, 100.0], 45.0), outside(x, y, [190.0, 90.0], 40.0));
@@ -125,10 +125,10 @@ fn a_wing_that_the_light_shines_through_is_object_and_told() {
         let result = of_all(&at(passes), &params(10, 10));
         assert_eq!(codes(&result), ["mask_translucent"], "{passes}");
         for (x, y) in [(120, 100), (190, 90), (215, 90), (190, 120)] {
-            assert_eq!(result.alpha.at(x, y), 255, "{passes} at {x}, {y}");
+            assert_eq!(result.mask.at(x, y), 255, "{passes} at {x}, {y}");
         }
         for (x, y) in [(236, 90), (190, 136), (120, 150), (60, 60)] {
-            assert_eq!(result.alpha.at(x, y), 0, "{passes} at {x}, {y}");
+            assert_eq!(result.mask.at(x, y), 0, "{passes} at {x}, {y}");
         }
         let thin = result.metrics.translucent_fraction;
         assert!((0.2..0.5).contains(&thin), "{passes}: {thin}");
@@ -136,13 +136,13 @@ fn a_wing_that_the_light_shines_through_is_object_and_told() {
     }
     let opaque = of_all(&at(0.0), &params(10, 10));
     assert_eq!((codes(&opaque).len(), opaque.metrics.translucent_fraction), (0, 0.0));
-    // who gives a threshold means it
+    // a fixed threshold applies as it is
     let fixed = of_all(&at(0.7), &MaskParams { threshold: MaskThreshold::Fixed(0.4), ..params(10, 10) });
-    assert_eq!((codes(&fixed).len(), fixed.alpha.at(215, 90)), (0, 0));
+    assert_eq!((codes(&fixed).len(), fixed.mask.at(215, 90)), (0, 0));
 }
 
 #[test]
-fn a_reflection_on_the_object_is_no_hole_and_a_hole_is_one() {
+fn a_reflection_on_the_object_is_filled_and_a_hole_is_kept() {
     let light = picture(300, 200, |x, y| {
         let body = outside(x, y, [150.0, 100.0], 80.0);
         let glint = 0.45 * (1.0 - outside(x, y, [120.0, 80.0], 6.0));
@@ -151,24 +151,24 @@ fn a_reflection_on_the_object_is_no_hole_and_a_hole_is_one() {
         (0.03 + 0.77 * body + glint.max(flash).max(window)).min(1.0)
     });
     let result = of_all(&light, &params(4, 4));
-    assert_eq!((result.alpha.at(120, 80), result.alpha.at(180, 120)), (255, 255), "reflections");
-    assert_eq!((result.alpha.at(180, 80), result.metrics.holes), (0, 1), "a window");
+    assert_eq!((result.mask.at(120, 80), result.mask.at(180, 120)), (255, 255), "reflections");
+    assert_eq!((result.mask.at(180, 80), result.metrics.holes), (0, 1), "a window");
 }
 
 #[test]
-fn a_light_that_falls_off_by_far_is_evened_out_and_told() {
+fn an_uneven_light_is_evened_out_and_gets_a_warning_when_it_is_extreme() {
     let lit = |falloff: f64| {
         picture(300, 200, move |x, y| {
             let light = 0.9 * (1.0 - falloff * x / 299.0);
             0.02 + light * outside(x, y, [150.0, 100.0], 60.0)
         })
     };
-    let truth = of_all(&lit(0.0), &params(4, 4)).alpha;
+    let truth = of_all(&lit(0.0), &params(4, 4)).mask;
     for falloff in [0.2, 0.4, 0.6, 0.8] {
         let result = of_all(&lit(falloff), &params(4, 4));
-        let differ = result.alpha.data.iter().zip(&truth.data).filter(|(a, b)| a != b).count();
+        let differ = result.mask.data.iter().zip(&truth.data).filter(|(a, b)| a != b).count();
         assert!(differ < 60, "{falloff}: {differ} px of {}", truth.data.len());
-        // the shade adds to the light
+        // the constant offset of 0.02 lessens the falloff
         assert!((result.metrics.light_falloff.unwrap() - falloff * 0.9 / 0.92).abs() < 0.05, "{:?}", result.metrics);
         let expected: &[&str] = if falloff > 0.7 { &["mask_uneven_light"] } else { &[] };
         assert_eq!(codes(&result), expected, "{falloff}");
@@ -176,24 +176,24 @@ fn a_light_that_falls_off_by_far_is_evened_out_and_told() {
 }
 
 #[test]
-fn a_soft_edge_is_the_share_of_the_pixel_that_is_object() {
+fn soft_alpha_is_the_share_of_the_pixel_that_the_object_covers() {
     let light = picture(300, 200, |x, y| {
         let body = outside(x, y, [150.0, 100.0], 40.0);
-        // a hair of 0.4 px that stands out from it
+        // a hair of 0.4 px that sticks out of it
         let hair = if (140.0..290.0).contains(&x) { (0.9 - (y - 100.3).abs()).clamp(0.0, 0.4) } else { 0.0 };
         0.03 + 0.8 * body * (1.0 - hair)
     });
     let hard = of_all(&light, &params(4, 4));
-    assert_eq!(hard.soft, None);
-    assert_eq!(hard.of_picture(), &hard.alpha);
+    assert_eq!(hard.soft_alpha, None);
+    assert_eq!(hard.image_alpha(), &hard.mask);
     let soft = of_all(&light, &MaskParams { edge: MaskEdge::Soft, ..params(4, 4) });
-    assert_eq!(soft.alpha, hard.alpha);
-    let alpha = soft.of_picture();
-    for (at, (&soft, &hard)) in alpha.data.iter().zip(&hard.alpha.data).enumerate() {
+    assert_eq!(soft.mask, hard.mask);
+    let alpha = soft.image_alpha();
+    for (at, (&soft, &hard)) in alpha.data.iter().zip(&hard.mask.data).enumerate() {
         assert_eq!(soft >= 128, hard == 255, "at {at}");
     }
-    // the hair is too thin for the hard mask and is kept, 0.4 of a pixel
-    assert_eq!(hard.alpha.at(250, 100), 0);
+    // the hair is too thin for the hard mask; the soft alpha keeps 0.4 of a pixel
+    assert_eq!(hard.mask.at(250, 100), 0);
     assert!((f64::from(alpha.at(250, 100)) / 255.0 - 0.4).abs() < 0.05, "{}", alpha.at(250, 100));
     let mut worst = 0.0f64;
     for y in 20..96 {
@@ -207,7 +207,7 @@ fn a_soft_edge_is_the_share_of_the_pixel_that_is_object() {
 }
 
 #[test]
-fn the_end_of_a_hair_stays_though_it_hangs_on_it_by_little() {
+fn the_tip_of_a_hair_is_kept_when_faint_pixels_connect_it() {
     let hair = |gap: u8| {
         let at = |at: usize| match (at % 40, at / 40) {
             (2..=12, 5..=15) => 20u8,
@@ -217,22 +217,22 @@ fn the_end_of_a_hair_stays_though_it_hangs_on_it_by_little() {
         };
         Raster::eight(40, 20, 1, (0..800).map(at).collect())
     };
-    let tip = |gap: u8| of_all(&hair(gap), &params(8, 4)).alpha.at(25, 10);
+    let tip = |gap: u8| of_all(&hair(gap), &params(8, 4)).mask.at(25, 10);
     assert_eq!((tip(150), tip(220)), (255, 0));
     assert_eq!(of_all(&hair(150), &params(8, 4)).metrics.components, 1);
 }
 
 #[test]
-fn black_white_and_grey_mush_are_told() {
+fn black_white_and_low_contrast_pictures_get_warnings() {
     let plain = |value: u8| Raster::eight(16, 16, 1, vec![value; 256]);
     let all = Plane::filled(16, 16, 255u8);
-    let black = cut_out(&plain(0), &all, &params(4, 4));
+    let black = segment(&plain(0), &all, &params(4, 4));
     assert_eq!(codes(&black), ["mask_full"]);
     assert_eq!(black.metrics.separability, None);
-    assert_eq!(codes(&cut_out(&plain(255), &all, &params(4, 4))), ["mask_empty"]);
-    let mush = Raster::eight(16, 16, 1, (0..256u32).map(|i| 100 + (i * 37 % 101 * 53 % 17) as u8).collect());
+    assert_eq!(codes(&segment(&plain(255), &all, &params(4, 4))), ["mask_empty"]);
+    let noise = Raster::eight(16, 16, 1, (0..256u32).map(|i| 100 + (i * 37 % 101 * 53 % 17) as u8).collect());
     let fixed = MaskParams { threshold: MaskThreshold::Fixed(101.0 / 255.0), ..params(1, 1) };
-    assert!(codes(&cut_out(&mush, &all, &fixed)).contains(&"mask_low_separability"));
+    assert!(codes(&segment(&noise, &all, &fixed)).contains(&"mask_low_separability"));
 }
 
 #[test]
@@ -242,12 +242,12 @@ fn a_fixed_threshold_is_a_share_of_full_scale_at_either_depth() {
     let eight = Raster::eight(4, 1, 1, vec![10, 127, 128, 250]);
     let sixteen = Raster::sixteen(4, 1, 1, vec![10, 32_767, 32_768, 65_000]);
     for light in [eight, sixteen] {
-        assert_eq!(cut_out(&light, &all, &fixed).alpha.data, [255, 255, 0, 0]);
+        assert_eq!(segment(&light, &all, &fixed).mask.data, [255, 255, 0, 0]);
     }
 }
 
 #[test]
-fn the_limits_follow_the_size_of_the_picture() {
+fn the_default_limits_follow_the_size_of_the_picture() {
     let limits = |width, height| {
         let params = MaskParams::default_for(width, height);
         (params.min_blob_px, params.min_hole_px)
@@ -257,14 +257,14 @@ fn the_limits_follow_the_size_of_the_picture() {
 }
 
 #[test]
-fn parts_are_those_that_a_flood_fill_finds() {
+fn components_are_those_of_a_flood_fill() {
     let (width, height) = (57, 43);
     let dark = |x: usize, y: usize| (x * 7919 + y * 104_729 + x * x * y) % 13 < 6;
     let light = Plane::from_fn(width, height, |x, y| if dark(x, y) { 20u8 } else { 230 });
     let all = Plane::filled(width, height, 255u8);
     let raster = Raster::eight(width, height, 1, light.data.clone());
     for least in [1, 3, 8, 20] {
-        let result = cut_out(&raster, &all, &params(least, 0));
+        let result = segment(&raster, &all, &params(least, 0));
         let mut seen = vec![false; width * height];
         let mut kept = 0;
         for start in 0..width * height {
@@ -288,7 +288,7 @@ fn parts_are_those_that_a_flood_fill_finds() {
             }
             let stays = part.len() >= least as usize;
             kept += u32::from(stays);
-            assert!(part.iter().all(|&at| (result.alpha.data[at] == 255) == stays), "part of {} px", part.len());
+            assert!(part.iter().all(|&at| (result.mask.data[at] == 255) == stays), "part of {} px", part.len());
         }
         assert_eq!(result.metrics.components, kept);
     }

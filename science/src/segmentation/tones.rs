@@ -1,51 +1,54 @@
-//! What is dark, what is bright, and where between them the object ends.
+//! The tones of object and background, and the threshold half-way between them.
+//!
+//! Otsu's threshold separates the two classes, but is nearer to the class that scatters more. The edge of the object is
+//! where it covers half of a pixel, so the threshold is `(dark + bright) / 2`, with `dark` the lower quartile of the
+//! dark class and `bright` the median of the bright one.
 
 use super::otsu::Histogram;
 use crate::types::mask_options::MaskThreshold;
 
-/// Of the dark pixels, this part is darker than what stands for the object: most of them lie inside it.
-const DARK: f64 = 0.25;
-/// Of the bright pixels the middle one stands for the background.
-const BRIGHT: f64 = 0.5;
+/// Quantile of the dark pixels that represents the object. Most dark pixels are inside it; those at its edge are
+/// brighter.
+const DARK_QUANTILE: f64 = 0.25;
+/// Quantile of the bright pixels that represents the background.
+const BRIGHT_QUANTILE: f64 = 0.5;
 
-/// Tones that differ by less are of one kind: noise, or slices of a white light whose gains differ. Share of full scale...
-const LEAST_CONTRAST: f64 = 0.02;
-/// ... and of the bright one.
-const LEAST_CONTRAST_OF_LIGHT: f64 = 0.1;
+/// Least difference of the tones for two classes, as a share of full scale, and as a share of the bright tone. Less is
+/// noise, or slices of a white light whose gains differ.
+const MIN_CONTRAST: f64 = 0.02;
+const MIN_RELATIVE_CONTRAST: f64 = 0.1;
 
 /// The tones of a back light, shares of full scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Tones {
-    /// The object where it covers whole pixels.
+    /// Value where the object covers whole pixels.
     pub dark: f64,
-    /// Where it covers half of a pixel.
+    /// Value where it covers half of a pixel.
     pub threshold: f64,
-    /// The background.
+    /// Value of the background.
     pub bright: f64,
-    /// Variance between the two classes over the variance of all; none when there is one value only.
+    /// Between-class variance over total variance; none when there is a single value.
     pub separability: Option<f64>,
 }
 
 impl Tones {
-    /// Of a histogram, with the threshold that is asked for.
-    ///
-    /// Otsu's threshold parts the two kinds of pixels, but lies nearer to the kind that scatters more. An edge is where
-    /// the object covers half of the pixel: half-way between what stands for each kind.
-    pub(super) fn of(histogram: &Histogram, asked: MaskThreshold) -> Self {
+    /// The tones of a histogram, with the threshold found in it or given.
+    pub(super) fn of(histogram: &Histogram, requested: MaskThreshold) -> Self {
         let otsu = histogram.otsu();
-        let split = match asked {
+        let split = match requested {
             MaskThreshold::Fixed(threshold) => threshold,
-            // one value only: no threshold can part it
+            // a single value
             MaskThreshold::Auto => otsu.map_or(0.5, |otsu| otsu.threshold),
         };
-        let (dark, bright) = (histogram.quantile(0.0, split, DARK), histogram.quantile(split, 2.0, BRIGHT));
-        if let (MaskThreshold::Auto, Some(dark), Some(bright)) = (asked, dark, bright)
-            && bright - dark < LEAST_CONTRAST.max(bright * LEAST_CONTRAST_OF_LIGHT)
+        let (dark, bright) =
+            (histogram.quantile(0.0, split, DARK_QUANTILE), histogram.quantile(split, 2.0, BRIGHT_QUANTILE));
+        if let (MaskThreshold::Auto, Some(dark), Some(bright)) = (requested, dark, bright)
+            && bright - dark < MIN_CONTRAST.max(bright * MIN_RELATIVE_CONTRAST)
         {
-            // all of one kind: background when it is bright, object when it is not
+            // one class: all background when it is bright, all object when it is dark
             return Self { dark: 0.0, threshold: 0.5, bright: 1.0, separability: otsu.map(|otsu| otsu.separability) };
         }
-        let (threshold, separability) = match (asked, dark, bright) {
+        let (threshold, separability) = match (requested, dark, bright) {
             (MaskThreshold::Fixed(threshold), ..) => (threshold, histogram.separability(threshold)),
             (MaskThreshold::Auto, Some(dark), Some(bright)) => {
                 (f64::midpoint(dark, bright), otsu.map(|otsu| otsu.separability))
@@ -55,8 +58,8 @@ impl Tones {
         Self { dark: dark.unwrap_or(0.0), threshold, bright: bright.unwrap_or(1.0), separability }
     }
 
-    /// Share of a pixel of this value that the object covers: 0.5 at the threshold, in straight lines to 1 at `dark` and
-    /// to 0 at `bright`.
+    /// Share of a pixel of this value that the object covers, 0 to 1: 0.5 at the threshold, linear from there to 1 at
+    /// `dark` and to 0 at `bright`.
     pub(super) fn cover(&self, value: f32) -> f32 {
         let value = f64::from(value);
         let part = |length: f64, whole: f64| 0.5 * (length / whole.max(1e-6)).clamp(0.0, 1.0);
@@ -78,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn the_edge_is_half_way_however_few_pixels_are_object() {
+    fn the_threshold_is_half_way_between_the_tones_however_small_the_object_is() {
         for object in [30, 300, 3000] {
             let tones = Tones::of(&histogram(&[(0.05, object), (0.8, 4000), (0.4, 20)]), MaskThreshold::Auto);
             assert!((tones.threshold - 0.425).abs() < 0.001, "{object}: {tones:?}");
@@ -88,14 +91,14 @@ mod tests {
     }
 
     #[test]
-    fn a_threshold_that_is_given_is_taken_and_covers_half() {
+    fn a_fixed_threshold_is_used_and_has_a_cover_of_one_half() {
         let tones = Tones::of(&histogram(&[(0.1, 50), (0.8, 50)]), MaskThreshold::Fixed(0.7));
         assert_eq!(tones.threshold, 0.7);
         assert!((tones.cover(0.7) - 0.5).abs() < 1e-6 && (tones.cover(0.4) - 0.75).abs() < 1e-3);
     }
 
     #[test]
-    fn one_value_is_all_object_or_all_background() {
+    fn a_picture_of_one_class_is_all_object_or_all_background() {
         assert_eq!(Tones::of(&histogram(&[(0.1, 9)]), MaskThreshold::Auto).threshold, 0.5);
         assert_eq!(Tones::of(&histogram(&[(0.9, 9)]), MaskThreshold::Auto).separability, None);
         for one_kind in [&[(0.97, 50), (0.99, 50), (1.0, 99)][..], &[(0.0, 50), (0.01, 50)], &[(0.2, 9), (0.21, 9)]] {

@@ -1,96 +1,110 @@
-//! Wings and other thin parts that the back light shines through: neither dark nor bright, over whole areas.
+//! Translucent parts of the object, such as wings: areas that the back light shines through.
+//!
+//! In: the evened back light, the mask of the opaque object, and the tones. Out: the pixels of the translucent parts.
+//!
+//! 1. Candidates are the centres of squares of `2 reach + 1` px whose pixels all have a cover from 0.15 to 0.85:
+//!    neither object nor background, and too wide to be an edge.
+//! 2. Each connected area ends where the value is half-way between the median of its candidates and the background.
+//! 3. Areas connected to the opaque object belong to it.
+//! 4. Areas that end gradually are dropped: they are the defocused edge of something dark, which no slice shows sharp.
+//!    A wing has an edge, at which most of its cover is lost within a few pixels.
 
 use super::{
-    components::{Connectivity, Parts, reached},
+    components::{Components, Connectivity, reachable},
     tones::Tones,
 };
 use crate::imaging::Plane;
 
-/// Shares of cover that are neither background nor opaque.
-const BETWEEN: std::ops::Range<f32> = 0.15..0.85;
-/// Squares of this part of the shorter side (and at least of 7 px) are areas and no edges, px to each side.
+/// Cover of translucent pixels.
+const COVER: std::ops::Range<f32> = 0.15..0.85;
+/// Half the side of the squares, px: the shorter side of the picture divided by this, within these limits.
 const REACH_OF_SIDE: usize = 180;
-const REACH: (usize, usize) = (3, 22);
-/// The rim of an area lies within so many px of where whole squares end.
+const REACH_LIMITS: (usize, usize) = (3, 22);
+/// Distance of the rim of an area from its squares, px, at most.
 const RIM: usize = 3;
-/// Over this part of `reach` to each side of its rim an area loses this share of its cover, or it is no area but a blur.
+/// Share of its cover that an area loses across its rim, within `2 / 3 reach` on either side: less is a defocused edge.
 const EDGE_OF_REACH: [usize; 2] = [2, 3];
-const LEAST_STEP: f32 = 0.7;
-/// A smaller share of the object is an odd place and no wing.
-const LEAST_SHARE: f64 = 0.01;
+const MIN_STEP: f32 = 0.7;
+/// Least share of the object; smaller areas are not reported as translucent parts.
+const MIN_SHARE: f64 = 0.01;
 
-/// Thin parts of the object.
+/// The translucent parts of the object.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Thin {
-    /// Where they are, in the object and beside it.
+pub(super) struct Translucent {
+    /// Their pixels, inside the opaque mask and outside.
     pub pixels: Vec<bool>,
-    /// Share of the object that they are.
+    /// Their share of the object.
     pub share: f64,
-    /// Share of the light that comes through, in the middle of all that does.
-    pub passes: f64,
+    /// Share of the light that passes through them, the median over pixels.
+    pub transmittance: f64,
 }
 
-/// Looks for areas between dark and bright that hang on the opaque object `alpha` (255).
-pub(super) fn find(grey: &[f32], alpha: &Plane<u8>, is_valid: impl Fn(usize) -> bool, tones: &Tones) -> Option<Thin> {
-    let (width, height) = (alpha.width, alpha.height);
-    let reach = (width.min(height) / REACH_OF_SIDE).clamp(REACH.0, REACH.1);
-    let between: Vec<bool> =
-        (0..grey.len()).map(|at| is_valid(at) && BETWEEN.contains(&tones.cover(grey[at]))).collect();
+/// Finds the translucent parts attached to the opaque object `mask` (255); none when they are too small.
+pub(super) fn find(
+    grey: &[f32],
+    mask: &Plane<u8>,
+    is_valid: impl Fn(usize) -> bool,
+    tones: &Tones,
+) -> Option<Translucent> {
+    let (width, height) = (mask.width, mask.height);
+    let reach = (width.min(height) / REACH_OF_SIDE).clamp(REACH_LIMITS.0, REACH_LIMITS.1);
+    let between: Vec<bool> = (0..grey.len()).map(|at| is_valid(at) && COVER.contains(&tones.cover(grey[at]))).collect();
     let areas = eroded(&between, width, height, reach);
     if !areas.contains(&true) {
         return None;
     }
     let around = dilated(&areas, width, height, reach + RIM);
     let rims = rims(grey, &areas, &around, (width, height), tones);
-    let mut pixels = reached(alpha, |at| is_valid(at) && grey[at] < rims[at]);
-    // what lets less than half of the light through counts as object already, and is thin all the same
+    let mut pixels = reachable(mask, |at| is_valid(at) && grey[at] < rims[at]);
+    // pixels with a cover above one half are in the mask already, and are translucent all the same
     for (at, beside) in pixels.iter_mut().enumerate() {
-        *beside |= alpha.data[at] != 0 && around[at] && between[at];
+        *beside |= mask.data[at] != 0 && around[at] && between[at];
     }
-    let outside = |at: usize| is_valid(at) && alpha.data[at] == 0;
+    let outside = |at: usize| is_valid(at) && mask.data[at] == 0;
     let edge = reach * EDGE_OF_REACH[0] / EDGE_OF_REACH[1];
-    drop_veils(&mut pixels, (width, height), edge, outside, |at| tones.cover(grey[at]));
+    drop_defocused_edges(&mut pixels, (width, height), edge, outside, |at| tones.cover(grey[at]));
     let inner = grey.iter().zip(&areas).zip(&pixels).filter(|((_, area), thin)| **area && **thin);
     let through = f64::from(median(&mut inner.map(|((&value, _), _)| value).collect::<Vec<_>>())?);
     let thin = pixels.iter().filter(|&&thin| thin).count();
-    let object = pixels.iter().zip(&alpha.data).filter(|(thin, alpha)| **thin || **alpha != 0).count();
+    let object = pixels.iter().zip(&mask.data).filter(|(thin, mask)| **thin || **mask != 0).count();
     let share = thin as f64 / object.max(1) as f64;
-    let passes = (through - tones.dark) / (tones.bright - tones.dark).max(1e-6);
-    (share > LEAST_SHARE).then_some(Thin { pixels, share, passes })
+    let transmittance = (through - tones.dark) / (tones.bright - tones.dark).max(1e-6);
+    (share > MIN_SHARE).then_some(Translucent { pixels, share, transmittance })
 }
 
-/// The grey value at which each of the `areas` ends, half-way between what comes through it and the light itself;
-/// nothing is darker than it where there is no area `around`.
+/// Per pixel, the grey value at which its area ends: half-way between the median of the area and the background.
+/// `areas` are the candidates, `around` includes squares and rims; elsewhere the value is 0.
 fn rims(grey: &[f32], areas: &[bool], around: &[bool], (width, height): (usize, usize), tones: &Tones) -> Vec<f32> {
-    let mut parts = Parts::of(width, height, Connectivity::Eight, |at| around[at]);
-    let mut inner = parts.survey(|inner: &mut Vec<f32>, y, columns| {
+    let mut components = Components::of(width, height, Connectivity::Eight, |at| around[at]);
+    let mut inner = components.accumulate(|inner: &mut Vec<f32>, y, columns| {
         let columns = y * width + columns.start..y * width + columns.end;
         inner.extend(columns.filter(|&at| areas[at]).map(|at| grey[at]));
     });
     let rim = |through: f32| f64::midpoint(f64::from(through), tones.bright) as f32;
     let ends: Vec<f32> = inner.iter_mut().map(|inner| median(inner).map_or(0.0, rim)).collect();
     let mut out = vec![0.0; grey.len()];
-    parts.visit(&ends, |end, y, columns| out[y * width + columns.start..y * width + columns.end].fill(*end));
+    components
+        .for_each_run(&ends, |end, y, columns| out[y * width + columns.start..y * width + columns.end].fill(*end));
     out
 }
 
-/// The value in the middle; none of nothing.
+/// The median; none when there are no values.
 fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Takes out the parts of `thin` that end nowhere: the blur of what is dark. A wing has an edge, at which most of its
-/// cover is lost within a few pixels; a veil loses it little by little.
-fn drop_veils(
+/// Removes the components of `thin` that have no edge: their cover falls gradually. The step at the rim, as a share of
+/// the cover inside, is measured between `edge` px inside and outside, and the median along the rim counts.
+fn drop_defocused_edges(
     thin: &mut [bool],
     (width, height): (usize, usize),
     edge: usize,
     outside: impl Fn(usize) -> bool,
     cover: impl Fn(usize) -> f32,
 ) {
-    let mut parts = Parts::of(width, height, Connectivity::Eight, |at| thin[at]);
-    let mut steps = parts.survey(|steps: &mut Vec<f32>, y, columns| {
+    let mut components = Components::of(width, height, Connectivity::Eight, |at| thin[at]);
+    let mut steps = components.accumulate(|steps: &mut Vec<f32>, y, columns| {
         for x in columns.clone() {
             for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
                 let place = |far: isize| {
@@ -105,21 +119,21 @@ fn drop_veils(
             }
         }
     });
-    // what is enclosed by the object shows no edge
-    let is_veil: Vec<bool> =
-        steps.iter_mut().map(|steps| median(steps).is_some_and(|step| step < LEAST_STEP)).collect();
-    parts.visit(&is_veil, |veil, y, columns| {
-        if *veil {
+    // a part enclosed by the object has no rim to measure and is kept
+    let is_gradual: Vec<bool> =
+        steps.iter_mut().map(|steps| median(steps).is_some_and(|step| step < MIN_STEP)).collect();
+    components.for_each_run(&is_gradual, |is_gradual, y, columns| {
+        if *is_gradual {
             thin[y * width + columns.start..y * width + columns.end].fill(false);
         }
     });
 }
 
-/// Pixels whose whole square of `reach` to each side is set.
+/// Erosion by a square of `2 reach + 1` px; nothing beyond the border is set.
 fn eroded(set: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
     let side = 2 * reach + 1;
     let mut out = vec![false; set.len()];
-    // per column: rows in a row, up to here, whose stretch of columns is set
+    // per column: number of consecutive rows, up to this one, in which the whole width of the square is set
     let mut rows = vec![0usize; width];
     for y in 0..height {
         let mut columns = 0;
@@ -140,9 +154,9 @@ fn eroded(set: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> 
     out
 }
 
-/// Pixels within `reach` columns and rows of one that is set.
+/// Dilation by a square of `2 reach + 1` px.
 fn dilated(set: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool> {
-    // what is not set, eroded, is what stays out; beyond the border nothing is set
+    // the complement of the eroded complement; beyond the border nothing is set
     let (wide, high) = (width + 2 * reach, height + 2 * reach);
     let mut out = vec![true; wide * high];
     for y in 0..height {
@@ -158,7 +172,7 @@ fn dilated(set: &[bool], width: usize, height: usize, reach: usize) -> Vec<bool>
 mod tests {
     use super::*;
 
-    /// A dark disc with an arm of light that comes through, in shares of full scale.
+    /// A dark disc; `arm` is the value, a share of full scale, at a distance from it.
     fn armed(arm: impl Fn(f64) -> f32) -> (Vec<f32>, Plane<u8>, Tones) {
         let (width, height) = (200, 120);
         let grey: Vec<f32> = (0..width * height)
@@ -168,22 +182,23 @@ mod tests {
                 if from_body < 0.0 { 0.05 } else { arm(from_body) }
             })
             .collect();
-        let alpha = Plane { width, height, data: grey.iter().map(|&v| if v < 0.45 { 255 } else { 0 }).collect() };
-        (grey, alpha, Tones { dark: 0.05, threshold: 0.45, bright: 0.85, separability: None })
+        let mask = Plane { width, height, data: grey.iter().map(|&v| if v < 0.45 { 255 } else { 0 }).collect() };
+        (grey, mask, Tones { dark: 0.05, threshold: 0.45, bright: 0.85, separability: None })
     }
 
     #[test]
-    fn a_rim_of_light_that_comes_through_is_a_wing_and_a_veil_is_none() {
-        for passes in [0.35, 0.5, 0.7] {
-            let (grey, alpha, tones) = armed(|away| if away < 20.0 { passes } else { 0.85 });
-            let thin = find(&grey, &alpha, |_| true, &tones).expect("a wing");
-            assert!(thin.pixels[60 * 200 + 110] && !thin.pixels[60 * 200 + 125], "{passes}");
-            assert!((thin.passes - (f64::from(passes) - 0.05) / 0.8).abs() < 0.01, "{passes}: {}", thin.passes);
+    fn a_translucent_rim_is_found_and_a_defocused_edge_is_not() {
+        for transmitted in [0.35, 0.5, 0.7] {
+            let (grey, mask, tones) = armed(|away| if away < 20.0 { transmitted } else { 0.85 });
+            let thin = find(&grey, &mask, |_| true, &tones).expect("a wing");
+            assert!(thin.pixels[60 * 200 + 110] && !thin.pixels[60 * 200 + 125], "{transmitted}");
+            let expected = (f64::from(transmitted) - 0.05) / 0.8;
+            assert!((thin.transmittance - expected).abs() < 0.01, "{transmitted}: {}", thin.transmittance);
         }
         for width in [25.0, 40.0, 60.0] {
-            // as blur leaves it: half of the light at the edge, and more and more away from it
-            let (grey, alpha, tones) = armed(|away| 0.85 - 0.4 * (1.0 - away / width).max(0.0).powi(2) as f32);
-            assert_eq!(find(&grey, &alpha, |_| true, &tones), None, "{width} px");
+            // like blur: half of the light at the edge, and more with the distance from it
+            let (grey, mask, tones) = armed(|away| 0.85 - 0.4 * (1.0 - away / width).max(0.0).powi(2) as f32);
+            assert_eq!(find(&grey, &mask, |_| true, &tones), None, "{width} px");
         }
     }
 

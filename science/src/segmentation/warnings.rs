@@ -1,16 +1,17 @@
-//! What looks wrong with a silhouette, in sentences.
+//! Warnings about a silhouette.
 
-use super::translucent::Thin;
+use super::translucent::Translucent;
 use crate::types::{Warning, metrics::MaskMetrics};
 
-/// Below this share of explained variance there are hardly two kinds of pixels.
+/// Separability below which there are hardly two classes of pixels.
 const DOUBTFUL_SEPARABILITY: f64 = 0.75;
-/// An object that takes so much of the border is probably the background.
+/// Share of the border from which the object is probably the background.
 const INVERTED_BORDER: f64 = 0.5;
-/// A light that loses more than this from place to place leaves little to tell the object from where it is dim.
-const UNEVEN: f64 = 0.7;
+/// Falloff of the illumination above which little contrast is left in dim places.
+const MAX_FALLOFF: f64 = 0.7;
 
-pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Thin>) -> Vec<Warning> {
+/// The warnings that follow from the metrics of a mask and from its translucent parts.
+pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Translucent>) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let mut warn = |code: &str, detail: String| warnings.push(Warning::new(code, detail));
     let percent = 100.0 * metrics.threshold;
@@ -18,8 +19,8 @@ pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Thin>) -> Vec<Warning> {
         warn(
             "mask_empty",
             format!(
-                "nothing is darker than {percent:.1} % of full scale in the back light: the mask is empty; look whether the \
-                 object stands in the picture and the front light was off"
+                "the mask is empty: nothing in the back light is darker than {percent:.1} % of full scale; check \
+                 that the object is in the picture and that the front light was off"
             ),
         );
     }
@@ -27,7 +28,8 @@ pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Thin>) -> Vec<Warning> {
         warn(
             "mask_full",
             format!(
-                "everything is darker than {percent:.1} % of full scale, so that the mask is full: was the back light on?"
+                "the mask is full: everything in the back light is darker than {percent:.1} % of full scale; check \
+                 that the back light was on"
             ),
         );
     }
@@ -37,17 +39,18 @@ pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Thin>) -> Vec<Warning> {
         warn(
             "mask_low_separability",
             format!(
-                "object and background of the back light hardly differ (separability {separability:.2}, good is above \
-                 0.9): raise the back light or shield the object from the front light"
+                "object and background hardly differ in the back light (separability {separability:.2}; above 0.9 is \
+                 good): make the back light brighter, or shield the object from the front light"
             ),
         );
     }
-    if let Some(falloff) = metrics.light_falloff.filter(|falloff| *falloff > UNEVEN) {
+    if let Some(falloff) = metrics.light_falloff.filter(|falloff| *falloff > MAX_FALLOFF) {
         warn(
             "mask_uneven_light",
             format!(
-                "the back light loses {:.0} % from its brightest to its dimmest place; that was evened out, but where it is \
-                 dim little tells the object from it: move the lamp to the middle, or put a diffuser farther from it",
+                "the back light falls off by {:.0} % from its brightest to its dimmest place; this was corrected, \
+                 but in dim places the contrast to the object is low: centre the lamp, or put a diffuser farther \
+                 from it",
                 100.0 * falloff
             ),
         );
@@ -56,10 +59,11 @@ pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Thin>) -> Vec<Warning> {
         warn(
             "mask_translucent",
             format!(
-                "the back light shines through {:.0} % of the object (about {:.0} % of it passes there): thin parts, as wings, \
-                 are counted as object; look at the mask, and lower the back light's exposure if they are ragged",
+                "{:.0} % of the object is translucent (about {:.0} % of the back light passes through): such parts, \
+                 for example wings, are counted as object; inspect the mask, and lower the exposure of the back \
+                 light if they are ragged",
                 100.0 * thin.share,
-                100.0 * thin.passes
+                100.0 * thin.transmittance
             ),
         );
     }
@@ -68,15 +72,19 @@ pub(super) fn of(metrics: &MaskMetrics, thin: Option<&Thin>) -> Vec<Warning> {
         warn(
             "mask_inverted",
             format!(
-                "{:.0} % of the border of the picture counts as object: the background must be brighter than the \
-                 object, look whether these are the back-light slices",
+                "{:.0} % of the border of the picture is counted as object, but the background must be brighter than \
+                 the object: check that these are the back-light slices",
                 100.0 * border
             ),
         );
     } else if border > 0.0 && metrics.foreground_fraction <= 0.999 {
         warn(
             "mask_touches_border",
-            format!("{:.1} % of the border of the picture is object: the object is cut off there", 100.0 * border),
+            format!(
+                "the object reaches {:.1} % of the border of the picture and is cut off there: show all of it, or \
+                 ignore this if only its pin reaches the border",
+                100.0 * border
+            ),
         );
     }
     warnings

@@ -1,18 +1,18 @@
-//! How the object is cut out with the back light.
+//! Options of the mask: how the object is segmented in the back light.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::text_or_number::TextOrNumber;
 
-/// A threshold found in the picture or given.
+/// The threshold between object and background.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "TextOrNumber", into = "String")]
 pub enum MaskThreshold {
-    /// Half-way between the object and the back light, which is made even first.
+    /// Found in the picture: half-way between object and background, after the light was made even.
     #[default]
     Auto,
-    /// Share of full scale, 0 to 1: darker is object.
+    /// A share of full scale, 0 to 1: darker pixels are object.
     Fixed(f64),
 }
 
@@ -39,13 +39,13 @@ impl From<MaskThreshold> for String {
     }
 }
 
-/// What the alpha of the image is at the edge of the object.
+/// The alpha of the image at the edge of the object.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskEdge {
-    /// 0 or full: what tools for reconstruction ask for.
+    /// 0 or full, as most reconstruction tools expect.
     #[default]
     Hard,
-    /// The share of the pixel that is object, so that hairs keep their width. The separate mask stays hard.
+    /// The share of the pixel that the object covers, so that hairs keep their width. The separate mask stays hard.
     Soft,
 }

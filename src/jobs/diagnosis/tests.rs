@@ -154,8 +154,8 @@ fn real_pictures_are_diagnosed() {
     let front = picture(&view.join("f004.jpg")).or_else(|| picture(&view.join("front/f004.jpg")));
     if let (Some(front), Some(back)) = (front, picture(&view.join("back/f004.jpg"))) {
         assert!(
-            !pinstack_science::segmentation::exchanged(&front, &back)
-                && pinstack_science::segmentation::exchanged(&back, &front)
+            !pinstack_science::segmentation::lights_exchanged(&front, &back)
+                && pinstack_science::segmentation::lights_exchanged(&back, &front)
         );
     }
     if let Some(target) = picture(&data.join("turntable_stack/calib/calib_f004.png")) {

@@ -1,11 +1,12 @@
 //! The defocus model of a stack: how blurred what is sharp in one slice is in another, and which slice is nearer to the
 //! camera.
 //!
-//! In: the sharpest slice per pixel, where there is texture, and what the profile knows of the rail and the direction. Out:
-//! a [`DefocusModel`]. The blur is measured in the stack itself, because neither the aperture nor the pixel pitch is given.
+//! In: the sharpest slice per pixel, where there is texture, and what the profile knows of the rail and the direction.
+//! Out: a [`DefocusModel`]. The blur is measured in the stack itself, because neither the aperture nor the pixel pitch
+//! is given.
 //!
-//! The blur radius between slices `a` and `b` is `r(a, b) = min(r1 |z_a - z_b|, 64 px)`, with `z` the position of a slice on
-//! the rail in mean steps, and `r1` the blur radius per step.
+//! The blur radius between slices `a` and `b` is `r(a, b) = min(r1 |z_a - z_b|, 64 px)`, with `z` the position of a
+//! slice on the rail in mean steps, and `r1` the blur radius per step.
 
 use rayon::prelude::*;
 
@@ -21,14 +22,15 @@ use crate::{
     types::Interrupted,
 };
 
-/// Blur radius, px, from which two slices are separable: far enough apart in focus to tell which one shows a pixel sharp.
+/// Blur radius, px, from which two slices are separable: far enough apart in focus to tell which one shows a pixel
+/// sharp.
 const SEPARABLE: f32 = 1.8;
 
 /// Largest blur radius, px; larger ones are clamped, because the surroundings of a tile must be finite.
 pub(super) const MAX_RADIUS: f32 = 64.0;
 
-/// Sides of the blocks in which blur is measured, px. Smaller blocks are used where the larger ones give too few estimates:
-/// in a thicket no part is large.
+/// Sides of the blocks in which blur is measured, px. Smaller blocks are used where the larger ones give too few
+/// estimates: in a thicket no part is large.
 const BLOCK_SIDES: [usize; 3] = [64, 32, 20];
 /// Number of blocks that are measured, at most.
 const MAX_BLOCKS: usize = 24;
@@ -113,8 +115,8 @@ impl DefocusModel {
         Ok(model)
     }
 
-    /// Lets depth steps vote: at the outline of a near part, the slice of the near part shows a sharp edge, and the slice of
-    /// what is behind it does not.
+    /// Lets depth steps vote: at the outline of a near part, the slice of the near part shows a sharp edge, and the
+    /// slice of what is behind it does not.
     fn vote_on_direction<S: Sample, const C: usize>(
         &self,
         slices: &WarpedSlices<'_, S, C>,
@@ -262,8 +264,8 @@ fn slice_of(map: &Plane<u16>, textured: &Plane<bool>, block: Rect, slices: usize
     (alike >= enough).then_some(median)
 }
 
-/// The blur radius, px, that makes slice `sharp` look most like slice `other` within `block`: the minimum of the squared
-/// difference over the radii, refined by a parabola. None when the minimum is at either end of the radii.
+/// The blur radius, px, that makes slice `sharp` look most like slice `other` within `block`: the minimum of the
+/// squared difference over the radii, refined by a parabola. None when the minimum is at either end of the radii.
 fn radius_between<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
     block: Rect,

@@ -1,11 +1,12 @@
 //! Halo-corrected fusion: the second pass of [`Method::HaloCorrected`](crate::types::fusion_options::Method).
 //!
-//! Every mosaic of slices has a halo where a near part overlaps a far one: in each slice that shows the far part sharp, the
-//! blur of the near part lies over it (the *defocus spread effect*: Xu et al., IEEE TCI 2020; Ma et al., IEEE TIP 2020). The
-//! slices of a calibrated stack tell how large that blur is, and the slice of the near part shows the same place uncovered.
+//! Every mosaic of slices has a halo where a near part overlaps a far one: in each slice that shows the far part sharp,
+//! the blur of the near part lies over it (the *defocus spread effect*: Xu et al., IEEE TCI 2020; Ma et al., IEEE TIP
+//! 2020). The slices of a calibrated stack tell how large that blur is, and the slice of the near part shows the same
+//! place uncovered.
 //!
-//! In: the warped slices, the sharpest slice per pixel, its focus energy, and the coarse focus. Out: the fused image and the
-//! decision map. The steps, in order of execution:
+//! In: the warped slices, the sharpest slice per pixel, its focus energy, and the coarse focus. Out: the fused image
+//! and the decision map. The steps, in order of execution:
 //!
 //! 1. [`warped_slices`] reads rectangles of the slices back from the scratch file.
 //! 2. [`defocus_model`] measures the blur radius per step of focus, and finds which end of the stack is near.
@@ -84,8 +85,8 @@ struct Fusion<'a, S, const C: usize> {
 }
 
 impl<S: Sample, const C: usize> Fusion<'_, S, C> {
-    /// Fuses the tile `rect` into `out`; returns the number of pixels of the mosaic with a sample more than one grey level
-    /// outside the range.
+    /// Fuses the tile `rect` into `out`; returns the number of pixels of the mosaic with a sample more than one grey
+    /// level outside the range.
     fn tile(&self, rect: Rect, out: &mut Vec<S>, rows: &mut Rows) -> Result<usize, Interrupted> {
         let Self { slices, map, model, pyramid } = *self;
         let (width, height) = slices.size();
@@ -113,8 +114,8 @@ impl<S: Sample, const C: usize> Fusion<'_, S, C> {
     }
 }
 
-/// The number of pixels of `rect` with a value more than one grey level of 255 outside the range of the samples; `values` are
-/// those of `window`.
+/// The number of pixels of `rect` with a value more than one grey level of 255 outside the range of the samples;
+/// `values` are those of `window`.
 fn out_of_range<S: Sample, const C: usize>(values: &[f32], window: Rect, rect: Rect) -> usize {
     let level = S::DEPTH.max() / 255.0;
     let (low, high) = (-level, S::DEPTH.max() + level);

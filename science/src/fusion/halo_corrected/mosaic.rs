@@ -1,8 +1,9 @@
 //! The mosaic of a tile: each pixel from the slices that the decision map gives to the pixels around it.
 //!
-//! Taking each pixel from one slice alone would show borders and keep all noise. Slices that are not separable in focus show
-//! the same at a pixel, so they are averaged. With `l` the slice of pixel `p` in the decision map, `n_k` the number of pixels
-//! of slice `k` in the 7 x 7 px around `p`, and `u = 100` where `p` has no texture, else 0, the mosaic is
+//! Taking each pixel from one slice alone would show borders and keep all noise. Slices that are not separable in focus
+//! show the same at a pixel, so they are averaged. With `l` the slice of pixel `p` in the decision map, `n_k` the
+//! number of pixels of slice `k` in the 7 x 7 px around `p`, and `u = 100` where `p` has no texture, else 0, the mosaic
+//! is
 //!
 //! `I(p) = sum over k of w_k I_k(p) / sum over k of w_k`, `w_k = n_k + u` where `k` and `l` are not separable, else 0.
 
@@ -21,8 +22,8 @@ const REACH: usize = 3;
 /// Side of the parts that are averaged in one go, px: few slices are needed in each.
 const PART_SIDE: usize = 128;
 
-/// Weight, in pixels of the window, that every slice not separable from a pixel's own gets at textureless pixels: there such
-/// slices differ by noise alone.
+/// Weight, in pixels of the window, that every slice not separable from a pixel's own gets at textureless pixels: there
+/// such slices differ by noise alone.
 const TEXTURELESS_WEIGHT: u8 = 100;
 
 /// The mosaic of `rect`: interleaved pixels, in the scale of the samples.

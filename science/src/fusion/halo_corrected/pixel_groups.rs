@@ -6,8 +6,8 @@ use crate::imaging::Rect;
 
 /// Items grouped by a key, in the order in which they were added.
 ///
-/// Pixels are added row by row, so the key of an item is most often that of the item before it: that group is kept apart,
-/// and the map is searched only when the key changes.
+/// Pixels are added row by row, so the key of an item is most often that of the item before it: that group is kept
+/// apart, and the map is searched only when the key changes.
 pub(super) struct PixelGroups<K, T> {
     groups: BTreeMap<K, Vec<T>>,
     current: (K, Vec<T>),

@@ -5,7 +5,7 @@ use super::{
     *,
 };
 use crate::{
-    segmentation::{MaskParams, Silhouette, cut_out},
+    segmentation::{MaskParams, Silhouette, segment},
     synth::{Light, Rig, Scene, scene::SCENES},
     types::mask_options::MaskEdge,
 };
@@ -43,9 +43,9 @@ impl Case {
         Self(Taken { plan: Plan { method: Method::Pyramid, ..taken.plan }, ..taken })
     }
 
-    fn cut_out(&self, slices: &[Raster], edge: MaskEdge) -> Silhouette {
+    fn segment(&self, slices: &[Raster], edge: MaskEdge) -> Silhouette {
         let light = fused(slices, &self.0.plan);
-        cut_out(
+        segment(
             &light.image,
             &light.valid,
             &MaskParams { edge, ..MaskParams::default_for(self.0.plan.width, self.0.plan.height) },
@@ -75,9 +75,9 @@ fn silhouettes_are_those_of_the_truth_whatever_the_light() {
     for ((name, scene), least) in SCENES.into_iter().zip(least) {
         let case = Case::new(&scene(4), &Rig { seed: 4, ..Rig::sized(480, 320, 9) });
         for (light, shade) in SHADES {
-            let result = case.cut_out(&shaded(&case.0.slices, shade), MaskEdge::Soft);
-            let (iou, soft) = (case.iou(&result.alpha), result.soft.clone().unwrap());
-            let (hard_off, soft_off) = (case.off(&result.alpha), case.off(&soft));
+            let result = case.segment(&shaded(&case.0.slices, shade), MaskEdge::Soft);
+            let (iou, soft) = (case.iou(&result.mask), result.soft_alpha.clone().unwrap());
+            let (hard_off, soft_off) = (case.off(&result.mask), case.off(&soft));
             println!("{name}, {light}: IoU {iou:.4}, off by {hard_off:.4}, soft {soft_off:.4}, {:?}", result.metrics);
             assert!(iou > least, "{name}, {light}: IoU {iou:.4}");
             assert!(soft_off < 0.7 * hard_off, "{name}, {light}: {soft_off:.4} against {hard_off:.4}");
@@ -99,8 +99,8 @@ fn the_blur_of_what_is_dark_is_no_wing_however_wide_it_is() {
     };
     for ((name, scene), least) in SCENES.into_iter().zip([0.983, 0.997, 0.994, 0.91, 0.987]) {
         let case = Case::new(&scene(5), &blurred(5));
-        let result = case.cut_out(&case.0.slices, MaskEdge::Soft);
-        let (iou, thin) = (case.iou(&result.alpha), result.metrics.translucent_fraction);
+        let result = case.segment(&case.0.slices, MaskEdge::Soft);
+        let (iou, thin) = (case.iou(&result.mask), result.metrics.translucent_fraction);
         println!("{name}: IoU {iou:.4}, {thin:.4} of it translucent");
         assert!(iou > least && thin < 0.012, "{name}: IoU {iou:.4}, {thin:.4} of it translucent");
     }
@@ -118,9 +118,9 @@ fn what_the_mask_reaches() {
             let row: Vec<String> = SHADES
                 .into_iter()
                 .map(|(_, shade)| {
-                    let result = case.cut_out(&shaded(&case.0.slices, shade), MaskEdge::Soft);
-                    let soft = case.off(result.of_picture());
-                    format!("IoU {:.4} off {:.4} soft {soft:.4}", case.iou(&result.alpha), case.off(&result.alpha))
+                    let result = case.segment(&shaded(&case.0.slices, shade), MaskEdge::Soft);
+                    let soft = case.off(result.image_alpha());
+                    format!("IoU {:.4} off {:.4} soft {soft:.4}", case.iou(&result.mask), case.off(&result.mask))
                 })
                 .collect();
             println!("{name} {width} x {height}, seed {seed}: {}", row.join(" | "));

@@ -1,5 +1,5 @@
-//! Sums over square windows, in integers: unlike sums of floats they do not depend on where the running sum begins, so a
-//! tile gives the same result as the whole canvas.
+//! Sums over square windows, in integers: unlike sums of floats they do not depend on where the running sum begins, so
+//! a tile gives the same result as the whole canvas.
 
 use std::ops::{AddAssign, SubAssign};
 
@@ -93,8 +93,8 @@ impl<N: Int> BoxSum<N> {
     }
 }
 
-/// `out[i]` becomes the sum of the `side` values of `line` from `i` on. Works by doubling: sums of 2, 4, 8 and so on are each
-/// two of the sums before, and the sum of `side` is put together from them. Overwrites `line`.
+/// `out[i]` becomes the sum of the `side` values of `line` from `i` on. Works by doubling: sums of 2, 4, 8 and so on
+/// are each two of the sums before, and the sum of `side` is put together from them. Overwrites `line`.
 #[inline(always)]
 fn sums_along<N: Int>(line: &mut [N], side: usize, spare: &mut Vec<N>, out: &mut [N]) {
     out.fill(N::default());

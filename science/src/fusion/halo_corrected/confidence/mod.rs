@@ -1,9 +1,10 @@
 //! Blend weights between the corrected mosaic and the pyramid image.
 //!
-//! The mosaic has no halos and the least noise, but seams where the decision map changes, and it is wrong where no slice is
-//! sharp. The pyramid image has no seams, but halos. Let `I0` and `I1` be the mosaic before and after the correction of
-//! defocus spread, `P` the pyramid image, all in grey levels of 255; `mean_n` the mean over `n x n` px; `E` the focus energy
-//! at fine scale; and `ramp(x, a, b)` 1 up to `a`, 0 from `b` on, and linear between. The output is `w I1 + (1 - w) P`:
+//! The mosaic has no halos and the least noise, but seams where the decision map changes, and it is wrong where no
+//! slice is sharp. The pyramid image has no seams, but halos. Let `I0` and `I1` be the mosaic before and after the
+//! correction of defocus spread, `P` the pyramid image, all in grey levels of 255; `mean_n` the mean over `n x n` px;
+//! `E` the focus energy at fine scale; and `ramp(x, a, b)` 1 up to `a`, 0 from `b` on, and linear between. The output
+//! is `w I1 + (1 - w) P`:
 //!
 //! ```text
 //! v   = mean_9 mean_9 |I1 - I0|                                        size of the correction
@@ -15,11 +16,12 @@
 //!       q = (E(P) + 0.5) / (E(I1) + 0.5),  g = 1.2 + 1.5 (E(P) + 0.5) / (E(P) + 5.5)
 //! ```
 //!
-//! - `w_c`: a pyramid image contains all of a near part's blur, a part of it or none, so `P` lies between `I0` and `I1`. Where
-//!   it does not, the decision map is wrong, and what was removed is no blur.
-//! - `w_a`: where both agree, no seam can show. Their noise differs, so a mean has less of it: half of each without detail, but
-//!   mostly the mosaic among detail, where one slice is better than many.
-//! - The last two factors: `P` is used where it alone kept a fine line (`q` large), and where the mosaic is ragged (`q` small).
+//! - `w_c`: a pyramid image contains all of a near part's blur, a part of it or none, so `P` lies between `I0` and
+//!   `I1`. Where it does not, the decision map is wrong, and what was removed is no blur.
+//! - `w_a`: where both agree, no seam can show. Their noise differs, so a mean has less of it: half of each without
+//!   detail, but mostly the mosaic among detail, where one slice is better than many.
+//! - The last two factors: `P` is used where it alone kept a fine line (`q` large), and where the mosaic is ragged (`q`
+//!   small).
 
 mod box_sum;
 
@@ -37,8 +39,8 @@ const CORRECTION_SIDE: usize = 9;
 /// Mean correction, grey levels of 255, from which the mosaic is used completely.
 const CORRECTION: f32 = 3.0;
 
-/// Distance of the pyramid image from the interval between both mosaics, grey levels of 255, up to which it is consistent
-/// with the correction, and from which it is used itself. Both are larger by this share of the correction.
+/// Distance of the pyramid image from the interval between both mosaics, grey levels of 255, up to which it is
+/// consistent with the correction, and from which it is used itself. Both are larger by this share of the correction.
 const CONSISTENT: f32 = 2.0;
 const INCONSISTENT: f32 = 4.0;
 const OF_CORRECTION: f32 = 0.2;
@@ -52,8 +54,8 @@ const AROUND_SIDE: usize = 19;
 const EQUAL: f32 = 1.5;
 const DIFFERENT: f32 = 3.0;
 
-/// Weight of the mosaic where both agree: without detail, and with much; and the energy, squared grey levels, at which it is
-/// half-way.
+/// Weight of the mosaic where both agree: without detail, and with much; and the energy, squared grey levels, at which
+/// it is half-way.
 const WEIGHT_TEXTURELESS: f32 = 0.45;
 const WEIGHT_TEXTURED: f32 = 0.9;
 const HALF_TEXTURED: f32 = 20.0;
@@ -61,13 +63,13 @@ const HALF_TEXTURED: f32 = 20.0;
 /// How far around a pixel differences are looked at, px; energies look less far.
 pub(super) const REACH: usize = 2 * (COARSE_SIDE / 2) + AROUND_SIDE / 2;
 
-/// Fine energy of the pyramid image, in multiples of the mosaic's, from which it has kept more detail (completely, from e
-/// times as much); and the energy, squared grey levels, that is added to both.
+/// Fine energy of the pyramid image, in multiples of the mosaic's, from which it has kept more detail (completely, from
+/// e times as much); and the energy, squared grey levels, that is added to both.
 const FINER: f32 = 1.3;
 const NOISE_ENERGY: f32 = 0.5;
 
-/// Fine energy of the mosaic, in multiples of the pyramid image's, from which it is ragged, which is no detail: without detail,
-/// and among much of it, where the mosaic keeps more than pyramids do and ragged borders are not visible.
+/// Fine energy of the mosaic, in multiples of the pyramid image's, from which it is ragged, which is no detail: without
+/// detail, and among much of it, where the mosaic keeps more than pyramids do and ragged borders are not visible.
 const RAGGED: f32 = 1.2;
 const RAGGED_IN_DETAIL: f32 = 2.7;
 /// Energy of the pyramid image, squared grey levels, at which that limit is half-way.
@@ -88,8 +90,8 @@ pub(super) struct Candidates<'a, S> {
 }
 
 impl<S: Sample> Candidates<'_, S> {
-    /// The blended samples of `rect`, which is at least [`REACH`] inside the window where that does not end at the border of
-    /// the canvas.
+    /// The blended samples of `rect`, which is at least [`REACH`] inside the window where that does not end at the
+    /// border of the canvas.
     pub(super) fn blend<const C: usize>(&self, rect: Rect, rows: &mut Rows, out: &mut Vec<S>) {
         let weights = self.weights::<C>(rows);
         let (left, top) = (rect.x - self.window.x, rect.y - self.window.y);
@@ -155,8 +157,8 @@ impl<S: Sample> Candidates<'_, S> {
     }
 
     /// Box sums of two differences at low frequencies: of the pyramid image from the corrected mosaic (the largest over
-    /// channels), and, if there is any correction, of the pyramid image from the interval between both mosaics (the sum over
-    /// channels).
+    /// channels), and, if there is any correction, of the pyramid image from the interval between both mosaics (the sum
+    /// over channels).
     fn differences<N: Int, const C: usize>(&self, any_change: bool, box_sum: &mut BoxSum<N>) -> [Vec<N>; 2] {
         let zeros = || vec![N::default(); self.window.width * self.window.height];
         let (mut different, mut coarse, mut after) = (zeros(), Vec::new(), zeros());

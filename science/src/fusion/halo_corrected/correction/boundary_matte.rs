@@ -1,11 +1,11 @@
-//! The boundary matte: how much of a pixel near an occlusion boundary shows the far part, where the decision map does not
-//! tell.
+//! The boundary matte: how much of a pixel near an occlusion boundary shows the far part, where the decision map is
+//! ambiguous.
 //!
-//! Let `I_a` be the slice of the near part and `D * I_b` the blurred slice of the far part. Beside the outline, `I_a` shows
-//! the far part alone, defocused: it looks like `D * I_b`. On the near part it does not. With the difference
+//! Let `I_a` be the slice of the near part and `D * I_b` the blurred slice of the far part. Beside the outline, `I_a`
+//! shows the far part alone, defocused: it looks like `D * I_b`. On the near part it does not. With the difference
 //! `u = rms over channels of I_a - D * I_b`, in grey levels of 255, the dissimilarity of a pixel is
-//! `x = u / (max of u within 4 px + 1.75)`. It is relative to the surroundings because `D * I_b` contains the blur of the
-//! near part too.
+//! `x = u / (max of u within 4 px + 1.75)`. It is relative to the surroundings because `D * I_b` contains the blur of
+//! the near part too.
 
 use super::sliding_maximum::sliding_maximum;
 use crate::imaging::{
@@ -23,7 +23,8 @@ const NOISE: f32 = 1.75;
 const ALIKE: f32 = 0.2;
 const UNLIKE: f32 = 1.1;
 
-/// Distance of the nearest textured far pixel, px, up to which its part is believed to reach here, and from which it does not.
+/// Distance of the nearest textured far pixel, px, up to which its part is believed to reach here, and from which it
+/// does not.
 const NEAR: f32 = 2.0;
 const AWAY: f32 = 8.0;
 
@@ -36,8 +37,8 @@ pub(super) struct BoundaryMatte {
 }
 
 impl BoundaryMatte {
-    /// `near` are the channels of the near slice, `blurred` those of the blurred far slice; `level` is a grey level of 255 in
-    /// their scale.
+    /// `near` are the channels of the near slice, `blurred` those of the blurred far slice; `level` is a grey level of
+    /// 255 in their scale.
     pub(super) fn new<const C: usize>(near: &[Plane<f32>; C], blurred: &[Plane<f32>; C], level: f32) -> Self {
         let (width, height) = near.first().map_or((0, 0), |plane| (plane.width, plane.height));
         let (simd, scale) = (Avx2::detect(), 1.0 / (C as f32 * level * level));
@@ -58,7 +59,8 @@ impl BoundaryMatte {
         Self { squared, largest }
     }
 
-    /// Share of the far part at index `at` of the rectangle, 0 to 1, when the nearest textured far pixel is at `distance` px.
+    /// Share of the far part at index `at` of the rectangle, 0 to 1, when the nearest textured far pixel is at
+    /// `distance` px.
     pub(super) fn far_share(&self, at: usize, distance: f32) -> f32 {
         let dissimilarity = self.squared[at].sqrt() / (self.largest[at].sqrt() + NOISE);
         let far = ((UNLIKE - dissimilarity) / (UNLIKE - ALIKE)).clamp(0.0, 1.0);
@@ -70,8 +72,8 @@ impl BoundaryMatte {
 mod tests {
     use super::*;
 
-    /// A near part left of column 20 in front of a far part with stripes, as the near slice and the blurred far slice show
-    /// them.
+    /// A near part left of column 20 in front of a far part with stripes, as the near slice and the blurred far slice
+    /// show them.
     fn matte() -> BoundaryMatte {
         let plane = |of: fn(usize) -> f32| {
             let data = (0..40 * 30).map(|at| of(at % 40)).collect();

@@ -1,9 +1,9 @@
 //! Where blur of near parts covers far pixels, and how much of it.
 //!
-//! Let `c_a` be the share of each cell of 4 x 4 px that is textured and of the near slice `a`, and `D_ab` the disc between `a`
-//! and the far slice `b` of a pixel. Near parts cover the pixel by `s = sum over a of (D_ab * c_a)`. The share that is
-//! removed is `min(1, (s - 0.05) / (0.3 - 0.05))`, with the near slice that contributes most. All pixels of one cell and one
-//! slice share the result.
+//! Let `c_a` be the share of each cell of 4 x 4 px that is textured and of the near slice `a`, and `D_ab` the disc
+//! between `a` and the far slice `b` of a pixel. Near parts cover the pixel by `s = sum over a of (D_ab * c_a)`. The
+//! share that is removed is `min(1, (s - 0.05) / (0.3 - 0.05))`, with the near slice that contributes most. All pixels
+//! of one cell and one slice share the result.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ use crate::{
 const FROM: f32 = 0.05;
 const COMPLETE: f32 = 0.3;
 
-/// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to look at; `skip` are the
-/// pixels that are corrected otherwise.
+/// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to look at; `skip`
+/// are the pixels that are corrected otherwise.
 pub(super) fn find(
     map: &DecisionMap,
     model: &DefocusModel,

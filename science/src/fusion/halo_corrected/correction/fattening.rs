@@ -1,8 +1,8 @@
 //! Foreground fattening: pixels that the decision map gives to a near part although they may show the far part.
 //!
-//! The focus measure looks at a window, so an edge of a near part raises the energy of its slice beyond the outline too: the
-//! decision map reaches over outlines by up to the size of that window. The same effect is known in stereo matching. The
-//! candidates are textured pixels of a near slice with a textured pixel of a far slice within that reach.
+//! The focus measure looks at a window, so an edge of a near part raises the energy of its slice beyond the outline
+//! too: the decision map reaches over outlines by up to the size of that window. The same effect is known in stereo
+//! matching. The candidates are textured pixels of a near slice with a textured pixel of a far slice within that reach.
 
 use super::{
     super::{decision_map::DecisionMap, defocus_model::DefocusModel},
@@ -80,8 +80,8 @@ fn textured_ranks(map: &DecisionMap, window: Rect, rank: &[u16]) -> Vec<u16> {
     ranks
 }
 
-/// Per slice: its rank, from 1 on, which increases away from the camera; and the least rank of the slices that its blur can
-/// spread over (`u16::MAX` when there is none).
+/// Per slice: its rank, from 1 on, which increases away from the camera; and the least rank of the slices that its blur
+/// can spread over (`u16::MAX` when there is none).
 fn ranks(model: &DefocusModel, slices: usize) -> (Vec<u16>, Vec<u16>) {
     let mut order: Vec<usize> = (0..slices).collect();
     let behind = |a: usize, b: usize| model.is_behind(a, b);

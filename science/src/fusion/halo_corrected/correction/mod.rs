@@ -2,17 +2,17 @@
 //!
 //! In: the mosaic of a tile, the decision map and the defocus model. Out: the same tile, corrected.
 //!
-//! Beside the outline of a near part, sharp in slice `a`, a far part, sharp in slice `b`, is covered by the near part's blur
-//! in `b` and in every slice like it. But slice `a` shows the far part too, uncovered, only blurred by the disc `D` of known
-//! radius. So the far part is `I_a + (I_b - D * I_b)`: coarse structure from the slice of the near part, detail from its own.
-//! What remains of the cover is the detail of a blur, which is little. No outline is needed: on the near part by mistake, the
-//! formula changes little, because the near part's blur has little detail either.
+//! Beside the outline of a near part, sharp in slice `a`, a far part, sharp in slice `b`, is covered by the near part's
+//! blur in `b` and in every slice like it. But slice `a` shows the far part too, uncovered, only blurred by the disc
+//! `D` of known radius. So the far part is `I_a + (I_b - D * I_b)`: coarse structure from the slice of the near part,
+//! detail from its own. What remains of the cover is the detail of a blur, which is little. No outline is needed: on
+//! the near part by mistake, the formula changes little, because the near part's blur has little detail either.
 //!
 //! | pixel | mosaic `I` becomes |
 //! |---|---|
 //! | covered by near parts by the share `t` ([`defocus_spread`]), textured | `I - t (D * I_b - I_a)` |
 //! | the same, without texture | `I + t (I_a - I)` |
-//! | given to the near part, within reach of the far part ([`fattening`]) | `I + m (I_b - D * I_b)`, `m` from the [`boundary_matte`] |
+//! | of the near part, but in reach of the far part ([`fattening`]) | `I + m (I_b - D * I_b)`, `m`: [`boundary_matte`] |
 //!
 //! Each result is clamped to 8 grey levels around the range that `I_a`, `I_b` and `I` span at the pixel.
 
@@ -36,8 +36,8 @@ use crate::{
 use boundary_matte::BoundaryMatte;
 use corrections::{Correction, Corrections, Kind};
 
-/// How far a corrected pixel may lie beyond what both slices show there, grey levels of 255. A highlight that clips or moves
-/// is no blur of the other slice and must not be removed as if it were.
+/// How far a corrected pixel may lie beyond what both slices show there, grey levels of 255. A highlight that clips or
+/// moves is no blur of the other slice and must not be removed as if it were.
 const MAX_BEYOND: f32 = 8.0;
 
 /// Corrects the tile `rect`: its pixels are interleaved in `out`, in the scale of the samples.
@@ -88,8 +88,8 @@ fn present(map: &DecisionMap, slices: usize, rect: Rect) -> Vec<u16> {
     (0..slices).filter(|&slice| seen[slice]).map(|slice| slice as u16).collect()
 }
 
-/// Applies the corrections of one block, all between the slices `near` and `far`. A block that these slices do not cover stays
-/// as it is.
+/// Applies the corrections of one block, all between the slices `near` and `far`. A block that these slices do not
+/// cover stays as it is.
 fn apply<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
     map: &DecisionMap,

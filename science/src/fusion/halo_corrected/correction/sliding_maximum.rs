@@ -5,8 +5,8 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// For each pixel of `rect`, the largest of `values` within `REACH` px along both axes. `values` are those of `window`, which
-/// contains `rect`, row by row; none is below the default of `T`, and there are none outside the window.
+/// For each pixel of `rect`, the largest of `values` within `REACH` px along both axes. `values` are those of `window`,
+/// which contains `rect`, row by row; none is below the default of `T`, and there are none outside the window.
 pub(super) fn sliding_maximum<T: Copy + Default + PartialOrd, const REACH: usize>(
     values: &[T],
     window: Rect,

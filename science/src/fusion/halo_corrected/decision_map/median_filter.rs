@@ -11,8 +11,8 @@ use crate::{
     },
 };
 
-/// The median over five rows of the medians over five columns; beyond the canvas its border is repeated. A pixel keeps its
-/// slice where the new slice does not cover it.
+/// The median over five rows of the medians over five columns; beyond the canvas its border is repeated. A pixel keeps
+/// its slice where the new slice does not cover it.
 pub(super) fn median_filter<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
     map: &Plane<u16>,

@@ -1,19 +1,20 @@
 //! The decision map: per pixel, the slice in which it is sharp.
 //!
-//! In: the sharpest slice per pixel (argmax of the focus energy), its energy, and the coarse focus. Out: a [`DecisionMap`].
+//! In: the sharpest slice per pixel (argmax of the focus energy), its energy, and the coarse focus. Out: a
+//! [`DecisionMap`].
 //!
-//! The argmax is wrong beside strong detail: a strong edge, defocused, can have more focus energy than the smooth surface
-//! over which it spreads has in any slice. That blur can be predicted. For each scale of the coarse focus, from narrow to
-//! wide, let `a` be the slice that is sharpest around a pixel, `b` the pixel's own slice, `r` the blur radius between them,
-//! `D` the disc of that radius, and `E` the focus energy. A pixel takes `a` instead of `b`
+//! The argmax is wrong beside strong detail: a strong edge, defocused, can have more focus energy than the smooth
+//! surface over which it spreads has in any slice. That blur can be predicted. For each scale of the coarse focus, from
+//! narrow to wide, let `a` be the slice that is sharpest around a pixel, `b` the pixel's own slice, `r` the blur radius
+//! between them, `D` the disc of that radius, and `E` the focus energy. A pixel takes `a` instead of `b`
 //!
 //! | pixel | when |
 //! |---|---|
 //! | without texture | `a` and `b` are separable, or nothing around the pixel has texture |
-//! | textured | `a` and `b` are separable, `E(I_b) <= max(8 / r^2, 1 / 12) E_around`, and `E(I_b - D * I_a) < 0.2 E(I_b)` |
+//! | textured | both are separable, `E(I_b) <= max(8 / r^2, 1 / 12) E_around`, and `E(I_b - D * I_a) < 0.2 E(I_b)` |
 //!
-//! The middle condition saves time: blur leaves little of the energy of detail, so a pixel with more than that has detail of
-//! its own, and no prediction is made for it. At last a median filter removes outliers.
+//! The middle condition saves time: blur leaves little of the energy of detail, so a pixel with more than that has
+//! detail of its own, and no prediction is made for it. At last a median filter removes outliers.
 
 mod median_filter;
 
@@ -46,17 +47,17 @@ pub(super) const TEXTURED: f32 = 4.0;
 /// Share of a pixel's energy that a prediction may leave unexplained.
 const MAX_UNEXPLAINED: f32 = 0.2;
 
-/// Energy of a pixel, in multiples of the mean energy around it, up to which blur by a disc of radius `r` px can explain it:
-/// `REMAINING / r^2`, and at least `MIN_REMAINING`, because the rim of a large disc is sharp.
+/// Energy of a pixel, in multiples of the mean energy around it, up to which blur by a disc of radius `r` px can
+/// explain it: `REMAINING / r^2`, and at least `MIN_REMAINING`, because the rim of a large disc is sharp.
 const REMAINING: f32 = 8.0;
 const MIN_REMAINING: f32 = 1.0 / 12.0;
 
-/// Side of the tiles, px. Tiles consist of whole cells of the coarse focus and give two planes, so the tile driver of the
-/// second pass, which cuts the canvas into equal parts and gives samples, does not serve here.
+/// Side of the tiles, px. Tiles consist of whole cells of the coarse focus and give two planes, so the tile driver of
+/// the second pass, which cuts the canvas into equal parts and gives samples, does not serve here.
 const TILE: usize = 256;
 
-/// Sides of the blocks in which predictions are made, px. The margin around a block costs more than the block, but blurring
-/// all that lies between scattered pixels costs more still: the cheapest side is chosen.
+/// Sides of the blocks in which predictions are made, px. The margin around a block costs more than the block, but
+/// blurring all that lies between scattered pixels costs more still: the cheapest side is chosen.
 const BLOCK_SIDES: [usize; 4] = [256, 64, 32, 16];
 
 /// Fixed cost of a block, in pixels.
@@ -181,7 +182,8 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         Ok(tile)
     }
 
-    /// Gives `pixels` of slice `own`, which lie within `bounds`, to slice `around` where its blur by `disc` explains them.
+    /// Gives `pixels` of slice `own`, which lie within `bounds`, to slice `around` where its blur by `disc` explains
+    /// them.
     fn predict(
         &self,
         tile: &mut Tile,
@@ -211,13 +213,14 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
     }
 }
 
-/// The largest energy of a pixel that blur by a disc of `radius` px can explain, given the mean energy around the pixel.
+/// The largest energy of a pixel that blur by a disc of `radius` px can explain, given the mean energy around the
+/// pixel.
 fn explicable(around: f32, radius: f32) -> f32 {
     around * (REMAINING / (radius * radius)).max(MIN_REMAINING)
 }
 
-/// `pixels` of `tile` in square blocks, each with the bounding box of its pixels. The side of the blocks is the one with the
-/// least cost, the margin of `reach` px around each bounding box included.
+/// `pixels` of `tile` in square blocks, each with the bounding box of its pixels. The side of the blocks is the one
+/// with the least cost, the margin of `reach` px around each bounding box included.
 fn in_blocks(pixels: &[usize], tile: Rect, reach: usize) -> Vec<(Rect, Vec<usize>)> {
     let of_side = |side: usize| -> Vec<(Rect, Vec<usize>)> {
         let mut blocks: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();

@@ -1,64 +1,66 @@
-//! Whether front light and back light changed places: one picture of both tells.
+//! Detects stacks whose front light and back light changed places, from one picture of each.
 
-use super::{border, otsu::Histogram, share, shares};
+use super::{border, grey_values, object_share, otsu::Histogram};
 use crate::imaging::{Plane, Raster, thumbnail};
 
 /// Longer side of the copies that are compared, px.
 const SIDE: usize = 400;
-/// A silhouette is told from its background at least so well ...
-const SEPARABILITY: f64 = 0.85;
-/// ... takes at most this share of the border, and lets at most this share of the light through.
-const BORDER: f64 = 0.5;
-const PASSES: f64 = 0.35;
-/// Lit from the front the object is so many times brighter against its background, and has so many times the detail.
+/// Criteria of a silhouette: least separability, largest share of the border that is object, and largest brightness of
+/// the object relative to the background.
+const MIN_SEPARABILITY: f64 = 0.85;
+const MAX_BORDER: f64 = 0.5;
+const MAX_BRIGHTNESS: f64 = 0.35;
+/// Criteria of the same object lit from the front: its relative brightness and its detail, in multiples of the
+/// silhouette's.
 const BRIGHTER: f64 = 2.0;
 const MORE_DETAIL: f64 = 3.0;
-/// Mean difference of neighbouring pixels, as a share of full scale, that noise and compression alone make.
+/// Mean difference of neighbouring pixels that noise and compression alone make, as a share of full scale.
 const NO_DETAIL: f64 = 0.004;
-/// The outline, which has detail in both, is this far away, px.
+/// Distance from the outline, which has detail in both lights, from which pixels count, px.
 const MARGIN: usize = 3;
-/// Fewer pixels say nothing.
-const LEAST: usize = 100;
+/// Least number of pixels for a mean.
+const MIN_PIXELS: usize = 100;
 
-/// True when `front` shows a silhouette and `back` shows the same object lit: the folders were exchanged, or the lamps
-/// were.
+/// True when `front` shows a silhouette and `back` shows the same object lit: the folders or the lamps were exchanged.
 ///
-/// The dark part of `front` is the object, if there is one. In a stack whose lights are right the back light is darker
-/// there than the front light, or shows less of it.
-pub fn exchanged(front: &Raster, back: &Raster) -> bool {
+/// The object is the dark part of `front` by Otsu's threshold. When the lights are right, that part is darker in the
+/// back light than in the front light, or has less detail there.
+pub fn lights_exchanged(front: &Raster, back: &Raster) -> bool {
     let (front, back) = (thumbnail::luma(front, SIDE), thumbnail::luma(back, SIDE));
     let (width, height) = (front.width, front.height);
     if (back.width, back.height) != (width, height) {
         return false;
     }
-    let (front, back) = (shares(&front), shares(&back));
+    let (front, back) = (grey_values(&front), grey_values(&back));
     let Some(otsu) = Histogram::of(front.iter().copied()).otsu() else { return false };
     let data = front.iter().map(|&v| if f64::from(v) < otsu.threshold { 255 } else { 0 }).collect();
     let object = Plane { width, height, data };
-    if otsu.separability < SEPARABILITY || share(border(&object)) > BORDER {
+    if otsu.separability < MIN_SEPARABILITY || object_share(border(&object)) > MAX_BORDER {
         return false;
     }
-    let (Some(front), Some(back)) = (Look::of(&front, &object), Look::of(&back, &object)) else { return false };
-    front.brightness <= PASSES
+    let (Some(front), Some(back)) = (Appearance::of(&front, &object), Appearance::of(&back, &object)) else {
+        return false;
+    };
+    front.brightness <= MAX_BRIGHTNESS
         && back.brightness > BRIGHTER * front.brightness
         && back.detail > MORE_DETAIL * front.detail.max(NO_DETAIL)
 }
 
-/// What one light shows of an object.
-struct Look {
-    /// Of the object over that of its surroundings.
+/// The object in one light.
+struct Appearance {
+    /// Mean brightness of the object over that of its surroundings.
     brightness: f64,
     /// Mean difference of neighbouring pixels within the object.
     detail: f64,
 }
 
-impl Look {
-    /// None when there is too little of the object, or no light around it.
+impl Appearance {
+    /// None when the object or its surroundings are too small, or the surroundings are black.
     fn of(grey: &[f32], object: &Plane<u8>) -> Option<Self> {
         let inner = eroded(object);
         let mean = |picked: &dyn Fn(usize) -> bool| {
             let picked: Vec<f64> = (0..grey.len()).filter(|&at| picked(at)).map(|at| f64::from(grey[at])).collect();
-            (picked.len() >= LEAST).then(|| picked.iter().sum::<f64>() / picked.len() as f64)
+            (picked.len() >= MIN_PIXELS).then(|| picked.iter().sum::<f64>() / picked.len() as f64)
         };
         let around = mean(&|at| object.data[at] == 0)?;
         let within = mean(&|at| inner.data[at] != 0)?;
@@ -73,7 +75,7 @@ impl Look {
     }
 }
 
-/// Pixels whose surroundings of [`MARGIN`] px are all object.
+/// Pixels whose surroundings within [`MARGIN`] px are all object.
 fn eroded(object: &Plane<u8>) -> Plane<u8> {
     let (width, height) = (object.width, object.height);
     let is_inner = |x: usize, y: usize| {
@@ -92,7 +94,7 @@ mod tests {
     use crate::synth::{Light, Rig, Scene, Stage};
 
     #[test]
-    fn lights_of_every_scene_are_told_apart() {
+    fn exchanged_lights_are_detected_and_right_ones_are_not_reported() {
         let rig = Rig::sized(360, 240, 5);
         for (name, scene) in [
             ("insect", Scene::insect(3)),
@@ -103,18 +105,18 @@ mod tests {
         ] {
             let stage = Stage::new(&rig, &scene);
             let [front, back] = [Light::Front, Light::Back].map(|light| stage.render(light, 2));
-            assert!(!exchanged(&front, &back), "{name}: the lights are right");
-            assert!(!exchanged(&front, &front) && !exchanged(&back, &back), "{name}: one light twice");
+            assert!(!lights_exchanged(&front, &back), "{name}: the lights are right");
+            assert!(!lights_exchanged(&front, &front) && !lights_exchanged(&back, &back), "{name}: one light twice");
             if name.contains("insect") {
-                assert!(exchanged(&back, &front), "{name}: the lights are exchanged");
+                assert!(lights_exchanged(&back, &front), "{name}: the lights are exchanged");
             }
         }
     }
 
     #[test]
-    fn plain_and_uneven_pictures_are_not_accused() {
+    fn pictures_of_one_value_or_of_different_sizes_are_not_reported() {
         let plain = |value: u8| Raster::eight(60, 40, 1, vec![value; 2_400]);
-        assert!(!exchanged(&plain(0), &plain(255)));
-        assert!(!exchanged(&plain(9), &Raster::eight(40, 60, 1, vec![7; 2_400])));
+        assert!(!lights_exchanged(&plain(0), &plain(255)));
+        assert!(!lights_exchanged(&plain(9), &Raster::eight(40, 60, 1, vec![7; 2_400])));
     }
 }

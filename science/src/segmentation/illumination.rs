@@ -1,59 +1,68 @@
-//! How bright the back light is at each pixel: a smooth surface through the background.
+//! The illumination of the back light: a smooth surface fitted to the background, by which the picture is made even.
+//!
+//! The surface is a polynomial of second degree in x and y. It is fitted by iteratively reweighted least squares:
+//!
+//! 1. The first background is what Otsu's threshold calls bright.
+//! 2. Background in later rounds is what lies above `o + 0.55 (L - o)`, with `L` the surface and `o` the darkest
+//!    values, which are the object. So a corner as dark as a half covered pixel elsewhere becomes background too.
+//! 3. Weights suppress what lies off the surface (dust, wings): in the first rounds only what is darker, by
+//!    `1 / (1 + (d / 0.1)^2)` with `d` the relative deviation; then on both sides, by Tukey's biweight.
+//!
+//! Outside the range that the surface has on the background it is clamped: nothing is extrapolated.
 
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
 use super::otsu::Histogram;
 
-/// About so many samples, spread evenly, are looked at.
+/// Approximate number of pixels that are sampled, on a regular grid.
 const SAMPLES: usize = 40_000;
-/// Fewer samples of the background say nothing of its slopes; nor does a smaller share of all.
-const LEAST: usize = 60;
-const LEAST_SHARE: f64 = 0.01;
-/// Powers of x and y: a plane with curvature, which vignetting, a lamp beside the axis and a slope all come near to.
+/// Least number of background samples for a fit, and their least share of all samples.
+const MIN_SAMPLES: usize = 60;
+const MIN_SHARE: f64 = 0.01;
+/// Terms of the polynomial. A plane with curvature approximates vignetting, a lamp beside the axis, and a slope.
 const TERMS: usize = 6;
-/// The surface is fitted anew so often; what counts as background grows with it into dim corners.
+/// Number of fits. The background grows with each of them into dim corners.
 const ROUNDS: usize = 24;
-/// In the first rounds, which are far from the slopes yet, what is darker by this share has half a vote.
+/// In the first rounds, when the surface does not have its slopes yet, samples darker by this share have half the
+/// weight.
 const FIRST_ROUNDS: usize = 6;
 const DARKER: f64 = 0.1;
-/// Nearer to the light than to the object by this share of the way: background.
+/// Position between object (0) and illumination (1) from which a sample is background.
 const BACKGROUND: f64 = 0.55;
-/// So much of what is dark at first sight is darker than what stands for the object.
-const OBJECT: f64 = 0.05;
-/// Tukey's constant, and the least scatter of the light that it is multiplied with, as a share of the light.
+/// Quantile of the dark samples that represents the object.
+const OBJECT_QUANTILE: f64 = 0.05;
+/// Tukey's constant for 95 % efficiency, and the least scatter that it is multiplied by, as a share of the
+/// illumination.
 const TUKEY: f64 = 4.685;
-const LEAST_SCATTER: f64 = 0.01;
+const MIN_SCATTER: f64 = 0.01;
 
 type Terms = SVector<f64, TERMS>;
 
-/// The light behind the object as a share of full scale, everywhere on the canvas.
+/// The brightness of the back light without the object, as a share of full scale, everywhere on the canvas.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Light {
+pub(super) struct Illumination {
     surface: Terms,
     centre: [f64; 2],
     unit: f64,
-    /// Outside of what the background itself shows nothing is extrapolated.
-    least: f64,
-    most: f64,
+    /// Range of the surface on the background.
+    darkest: f64,
+    brightest: f64,
     /// Mean over the canvas.
     pub mean: f64,
 }
 
-/// One pixel that is looked at.
+/// A sampled pixel.
 struct Sample {
     terms: Terms,
     value: f64,
+    /// The surface of the last round.
     light: f64,
 }
 
-impl Light {
-    /// Fitted to the bright part of a picture (`grey`: shares of full scale); none when there is too little of it.
-    ///
-    /// The first guess is what Otsu's threshold calls bright. Then the surface is fitted by least squares, and what it
-    /// calls background is asked again: so a corner that is as dark as a half shaded object elsewhere is found too. What
-    /// lies off the surface (dust, wings that light shines through) loses its vote: first what is darker, then all (Tukey's weights).
-    pub(super) fn of(grey: &[f32], width: usize, height: usize, is_valid: impl Fn(usize) -> bool) -> Option<Self> {
+impl Illumination {
+    /// Fits the background of a picture (`grey`: shares of full scale); none when there is too little of it.
+    pub(super) fn fit(grey: &[f32], width: usize, height: usize, is_valid: impl Fn(usize) -> bool) -> Option<Self> {
         let centre = [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
         let unit = (width.max(height) as f64 / 2.0).max(1.0);
         let step = ((width * height / SAMPLES) as f64).sqrt().floor().max(1.0) as usize;
@@ -69,12 +78,12 @@ impl Light {
         let threshold = Histogram::of(samples.iter().map(|sample| sample.value as f32)).otsu()?.threshold;
         let (bright, dark): (Vec<f64>, Vec<f64>) = samples.iter().map(|s| s.value).partition(|&v| v >= threshold);
         let count = samples.len();
-        let enough = |part: usize| part >= LEAST && part as f64 >= LEAST_SHARE * count as f64;
+        let enough = |part: usize| part >= MIN_SAMPLES && part as f64 >= MIN_SHARE * count as f64;
         if !enough(bright.len()) {
             return None;
         }
-        // dim corners are among what seems dark: the object is what is darkest
-        let (level, dark) = (quantile(bright, 0.5)?, quantile(dark, OBJECT)?);
+        // dark samples include dim corners; the object is the darkest of them
+        let (level, dark) = (quantile(bright, 0.5)?, quantile(dark, OBJECT_QUANTILE)?);
         samples.iter_mut().for_each(|sample| sample.light = level);
 
         let mut surface = Terms::zeros();
@@ -91,7 +100,7 @@ impl Light {
             let off = |s: &Sample| (s.value - s.light) / s.light;
             let middle = quantile(background.iter().map(|s| off(s)).collect(), 0.5)?;
             let scatter = quantile(background.iter().map(|s| (off(s) - middle).abs()).collect(), 0.5)?;
-            let scale = TUKEY * (1.4826 * scatter).max(LEAST_SCATTER);
+            let scale = TUKEY * (1.4826 * scatter).max(MIN_SCATTER);
             let weight = |s: &Sample| match round {
                 ..FIRST_ROUNDS => 1.0 / (1.0 + (off(s).min(0.0) / DARKER).powi(2)),
                 _ => (1.0 - (off(s) / scale).powi(2)).max(0.0).powi(2),
@@ -109,25 +118,25 @@ impl Light {
                     range = [range[0].min(sample.light), range[1].max(sample.light)];
                 }
             }
-            // a little stiffness, for backgrounds that lie on a line
+            // regularisation, for a background that lies on a line
             normal += 1e-6 * weights * SMatrix::identity();
             surface = normal.cholesky()?.solve(&right);
             samples.iter_mut().for_each(|s| s.light = surface.dot(&s.terms).clamp(0.05 * level, 20.0 * level));
         }
-        let [least, most] = range;
-        let sane = least > 0.0 && most >= least && surface.iter().all(|term| term.is_finite());
-        let mut light = Self { surface, centre, unit, least, most, mean: level };
-        let sum: f64 = samples.iter().map(|sample| light.clamped(surface.dot(&sample.terms))).sum();
-        light.mean = sum / samples.len() as f64;
-        sane.then_some(light)
+        let [darkest, brightest] = range;
+        let sane = darkest > 0.0 && brightest >= darkest && surface.iter().all(|term| term.is_finite());
+        let mut illumination = Self { surface, centre, unit, darkest, brightest, mean: level };
+        let sum: f64 = samples.iter().map(|sample| illumination.clamped(surface.dot(&sample.terms))).sum();
+        illumination.mean = sum / samples.len() as f64;
+        sane.then_some(illumination)
     }
 
-    /// How much the light loses from the brightest to the darkest place that shows the background, 0 to 1.
+    /// Loss of brightness from the brightest to the darkest background, 0 to 1.
     pub(super) fn falloff(&self) -> f64 {
-        1.0 - self.least / self.most
+        1.0 - self.darkest / self.brightest
     }
 
-    /// Makes the light even: each value is multiplied by the mean light over the light there.
+    /// Makes the light even: each value is multiplied by the mean illumination over the illumination at its pixel.
     pub(super) fn even_out(&self, grey: &mut [f32], width: usize) {
         grey.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
             let v = (y as f64 - self.centre[1]) / self.unit;
@@ -140,7 +149,7 @@ impl Light {
     }
 
     fn clamped(&self, light: f64) -> f64 {
-        light.clamp(self.least, self.most)
+        light.clamp(self.darkest, self.brightest)
     }
 }
 
@@ -148,7 +157,7 @@ fn terms(u: f64, v: f64) -> Terms {
     Terms::from([1.0, u, v, u * u, u * v, v * v])
 }
 
-/// The value that this share of all is below; none of nothing.
+/// The quantile `share` of the values; none when there are none.
 fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
     let at = ((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1));
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f64::total_cmp).1)
@@ -158,7 +167,7 @@ fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// A light over 300 x 200 px with a dark object in the middle.
+    /// A back light over 300 x 200 px with a dark object in the middle.
     fn lit(light: impl Fn(f64, f64) -> f64) -> Vec<f32> {
         let at = |x: usize, y: usize| {
             let (u, v) = (x as f64 / 299.0, y as f64 / 199.0);
@@ -170,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slope_and_a_dim_corner_are_found_and_evened_out() {
+    fn a_slope_and_dim_corners_are_found_and_evened_out() {
         let lights: [fn(f64, f64) -> f64; 3] = [
             |u, _| 0.9 - 0.5 * u,
             |u, v| 0.9 * (1.0 - 0.6 * ((u - 0.5).powi(2) + (v - 0.5).powi(2)) / 0.5),
@@ -178,7 +187,7 @@ mod tests {
         ];
         for light in lights {
             let (mut grey, before) = (lit(light), lit(light));
-            let found = Light::of(&grey, 300, 200, |_| true).unwrap();
+            let found = Illumination::fit(&grey, 300, 200, |_| true).unwrap();
             found.even_out(&mut grey, 300);
             for at in (0..grey.len()).filter(|&at| before[at] > 0.1) {
                 let off = f64::from(grey[at]) - found.mean;
@@ -188,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn wings_and_what_is_not_valid_have_no_vote() {
+    fn wings_and_invalid_pixels_do_not_influence_the_fit() {
         let even = lit(|_, _| 0.8);
         let mut winged = even.clone();
         for (at, value) in winged.iter_mut().enumerate() {
@@ -199,15 +208,15 @@ mod tests {
                 *value = 1.0;
             }
         }
-        let light = Light::of(&winged, 300, 200, |at| at % 300 >= 20).unwrap();
+        let light = Illumination::fit(&winged, 300, 200, |at| at % 300 >= 20).unwrap();
         assert!((light.mean - 0.8).abs() < 0.01 && light.falloff() < 0.05, "{light:?}");
     }
 
     #[test]
-    fn too_little_background_is_no_light() {
-        assert_eq!(Light::of(&[0.5; 600], 30, 20, |_| true), None);
-        assert_eq!(Light::of(&[], 0, 0, |_| true), None);
+    fn too_little_background_gives_no_fit() {
+        assert_eq!(Illumination::fit(&[0.5; 600], 30, 20, |_| true), None);
+        assert_eq!(Illumination::fit(&[], 0, 0, |_| true), None);
         let speck: Vec<f32> = (0..6000).map(|at| if at % 200 == 7 { 0.9 } else { 0.1 }).collect();
-        assert_eq!(Light::of(&speck, 100, 60, |_| true), None);
+        assert_eq!(Illumination::fit(&speck, 100, 60, |_| true), None);
     }
 }
