@@ -2,7 +2,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pinstack_science::{
-    fusion::{Plan, Watch, fuse},
+    fusion::{MetricsRequest, Plan, fuse},
     imaging::{
         Plane, Raster, Rect,
         filter::{
@@ -80,16 +80,16 @@ fn kernels(criterion: &mut Criterion) {
 fn whole_stack(criterion: &mut Criterion) {
     let slices: Vec<Raster> = (0..6).map(|number| slice(number, 6)).collect();
     let mut plan = Plan::aligned(WIDTH, HEIGHT, slices.len());
-    for (number, homography) in plan.homographies.iter_mut().enumerate() {
+    for (number, slice) in plan.slices.iter_mut().enumerate() {
         let away = number as f64 - 3.0;
-        *homography = Homography::similarity(1.0 + 0.004 * away, [1.5 * away, -0.7 * away]);
+        slice.homography = Homography::similarity(1.0 + 0.004 * away, [1.5 * away, -0.7 * away]);
     }
     let mut group = criterion.benchmark_group("stack");
     group.throughput(Throughput::Elements((WIDTH * HEIGHT * slices.len()) as u64)).sample_size(10);
     for metrics in [false, true] {
-        let watch = Watch { metrics, object: None };
+        let request = MetricsRequest { enabled: metrics, object: None };
         group.bench_function(format!("6 slices, metrics {metrics}"), |bench| {
-            bench.iter(|| fuse(&&slices[..], &plan, &watch, &std::env::temp_dir(), &NoControl));
+            bench.iter(|| fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl));
         });
     }
     group.finish();

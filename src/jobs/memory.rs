@@ -8,7 +8,7 @@ use pinstack_science::{
     calibration::MAX_SAMPLES,
     fusion::{self, Plan},
     imaging::Depth,
-    types::{Homography, fusion_options::GuidedParams, mask_options::MaskEdge, stack_layout::StackLayout},
+    types::{mask_options::MaskEdge, stack_layout::StackLayout},
 };
 
 /// What a job needs whatever its size: the archive's directory, codecs, stacks of the threads.
@@ -34,17 +34,8 @@ pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
 fn stack(request: &StackRequest, threads: usize) -> u64 {
     let layout = &request.layout;
     let slices = layout.front.len();
-    let plan = Plan {
-        width: layout.width as usize,
-        height: layout.height as usize,
-        homographies: vec![Homography::IDENTITY; slices],
-        gains: vec![1.0; slices],
-        reference: 0,
-        method: request.options.method,
-        params: GuidedParams::default(),
-        rail: None,
-        near_first: None,
-    };
+    let plan =
+        Plan { method: request.options.method, ..Plan::aligned(layout.width as usize, layout.height as usize, slices) };
     // a hard and, when it is asked for, a soft one
     let silhouettes = match request.options.mask_edge {
         _ if layout.back.is_empty() => 0,

@@ -9,19 +9,18 @@ use super::{
     diagnosis,
     input_bits::{self, FullScaleSlices},
     pictures::{self, Pictures},
-    stages::{Phase, Stage},
+    stages::Phase,
 };
 use crate::contract::{
     Code, Fault, JobError,
     input::SliceOrder,
     options::MaskMode,
     outcome::{JobOutcome, StackOutcome},
-    profile::Profile,
     request::StackRequest,
 };
 use pinstack_science::{
     archive::{self, ArchiveLimits, StackArchive},
-    fusion::{self, Fused, Plan, Watch},
+    fusion::{self, Fused, MetricsRequest, Plan},
     imaging::{
         Slices,
         codec::{self, Metadata},
@@ -29,18 +28,11 @@ use pinstack_science::{
     quality::VERSIONS,
     segmentation::{Silhouette, segment},
     types::{
-        Control, Homography, Warning,
-        fusion_options::{GuidedParams, Method},
+        Control, Warning,
+        fusion_options::GuidedParams,
         metrics::{Metrics, Severity, StageTime, Timing},
-        profile::{CaptureMode, ProfileInput},
     },
 };
-
-/// What a fusion spends its time on.
-const FUSING: [Stage; 2] = [("aligning", 3.0), ("fusing", 2.0)];
-
-/// The same, when the veil of near parts is taken off.
-const CORRECTING: [Stage; 3] = [("aligning", 3.0), ("fusing", 3.0), ("unveiling", 3.0)];
 
 /// Where reading ends and where writing begins, as fractions of the job.
 const READ: f64 = 0.02;
@@ -76,7 +68,7 @@ pub fn run(
         [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
-    let plan = plan(profile, request);
+    let plan = Plan::from_profile(&profile.input, options.method, options.guided());
     warnings.extend(unused_parameters(&plan));
     reading.progress("reading", 1, 1);
     times.end("reading");
@@ -87,9 +79,9 @@ pub fn run(
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
     let mut back_light = None;
     let silhouette = if with_back {
-        let control = Phase::new(sink, &FUSING, READ, middle);
-        let back = Plan { method: of_back_light(plan.method), ..plan.clone() };
-        let back = fusion::fuse(&back_slices, &back, &Watch::default(), &context.scratch, &control)?;
+        let back = Plan { method: plan.method.for_back_light(), ..plan.clone() };
+        let control = Phase::new(sink, back.method.progress_stages(), READ, middle);
+        let back = fusion::fuse(&back_slices, &back, &MetricsRequest::default(), &context.scratch, &control)?;
         times.end("fusing the back light");
         let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
@@ -108,10 +100,9 @@ pub fn run(
         None
     };
 
-    let stages: &[Stage] = if plan.method == Method::HaloCorrected { &CORRECTING } else { &FUSING };
-    let control = Phase::new(sink, stages, middle, FUSED);
-    let watch = Watch { metrics: true, object: silhouette.as_ref().map(|s| &s.mask) };
-    let front = fusion::fuse(&front_slices, &plan, &watch, &context.scratch, &control)?;
+    let control = Phase::new(sink, plan.method.progress_stages(), middle, FUSED);
+    let metrics_request = MetricsRequest { enabled: true, object: silhouette.as_ref().map(|s| &s.mask) };
+    let front = fusion::fuse(&front_slices, &plan, &metrics_request, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
     diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
     warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));
@@ -134,33 +125,9 @@ pub fn run(
     Ok(JobOutput { outcome, warnings: once(warnings), profile: None, files })
 }
 
-fn plan(profile: &Profile, request: &StackRequest) -> Plan {
-    let input = &profile.input;
-    Plan {
-        width: input.image_width as usize,
-        height: input.image_height as usize,
-        homographies: input.homographies.clone(),
-        gains: input.gains.clone().unwrap_or_else(|| vec![1.0; input.homographies.len()]),
-        reference: input.reference_index as usize,
-        method: request.options.method,
-        params: request.options.guided(),
-        rail: input.rail_positions_mm.clone(),
-        near_first: near_first(input),
-    }
-}
-
-/// The paper's method fuses both lights alike. Beside it, pyramids keep more hairs of a silhouette; it is white against
-/// black, so there is nothing behind it to be unveiled.
-fn of_back_light(front: Method) -> Method {
-    match front {
-        Method::Guided => Method::Guided,
-        Method::Pyramid | Method::HaloCorrected => Method::Pyramid,
-    }
-}
-
 /// Who sets parameters of guided filtering expects them to count.
 fn unused_parameters(plan: &Plan) -> Option<Warning> {
-    let unused = plan.method != Method::Guided && plan.params != GuidedParams::default();
+    let unused = !plan.method.uses_guided_params() && plan.params != GuidedParams::default();
     unused.then(|| {
         Warning::new(
             "unused_parameters",
@@ -168,23 +135,6 @@ fn unused_parameters(plan: &Plan) -> Option<Warning> {
              fused by another method, which does not use them; send method=guided to have them count",
         )
     })
-}
-
-/// Whether the first slice is in focus nearest to the camera, as far as the profile tells: with a fixed lens the image
-/// grows as the sensor moves back and the focus comes nearer, and with a moving lens the target grows as the
-/// camera, and the focus with it, moves away from the viewer.
-fn near_first(input: &ProfileInput) -> Option<bool> {
-    /// Scales that differ by less over the stack tell nothing.
-    const TELLING: f64 = 2e-3;
-    let scale =
-        |homography: &Homography| (homography.0[0] * homography.0[4] - homography.0[1] * homography.0[3]).sqrt();
-    let (first, last) = (scale(input.homographies.first()?), scale(input.homographies.last()?));
-    let grows = (first / last).ln();
-    match input.capture_mode? {
-        _ if grows.abs() < TELLING || !grows.is_finite() => None,
-        CaptureMode::FixedLens => Some(grows < 0.0),
-        CaptureMode::MovingLens => Some(grows > 0.0),
-    }
 }
 
 fn wants_mask(mode: MaskMode, archive: &StackArchive) -> Result<bool, Fault> {

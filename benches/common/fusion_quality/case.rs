@@ -1,7 +1,7 @@
 //! A scene and a rig, rendered as a stack with its truth, and fused.
 
 use pinstack_science::{
-    fusion::{Fused, Plan, Watch, fuse},
+    fusion::{Fused, MetricsRequest, Plan, SlicePlan, fuse},
     imaging::{Coverage, Raster, Sample, Samples, warp::Warp},
     synth::{Light, Rig, Stage, Truth, scene::Make},
     types::{
@@ -50,20 +50,22 @@ pub struct Stack {
 
 impl Stack {
     pub fn fuse(&self, method: Method) -> Fused {
-        let indices = 0..self.slices.len();
+        let slice = |i: usize| SlicePlan {
+            homography: self.rig.homography(i),
+            gain: self.rig.gain(i),
+            rail_mm: Some(self.rig.rail_mm[i]),
+        };
         let plan = Plan {
             width: self.rig.width,
             height: self.rig.height,
-            homographies: indices.clone().map(|i| self.rig.homography(i)).collect(),
-            gains: indices.map(|i| self.rig.gain(i)).collect(),
+            slices: (0..self.slices.len()).map(slice).collect(),
             reference: self.rig.reference,
             method,
             params: GuidedParams::default(),
-            rail: Some(self.rig.rail_mm.clone()),
             near_first: Some(true),
         };
         let (slices, folder) = (&self.slices[..], std::env::temp_dir());
-        fuse(&slices, &plan, &Watch::default(), &folder, &NoControl).expect("the stack can be fused")
+        fuse(&slices, &plan, &MetricsRequest::default(), &folder, &NoControl).expect("the stack can be fused")
     }
 
     /// The pixels that all slices cover. Elsewhere the slice in focus may be missing, and no method can show it.

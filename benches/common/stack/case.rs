@@ -4,7 +4,7 @@ use std::path::Path;
 
 use pinstack_science::{
     archive::{ArchiveLimits, StackArchive, open},
-    fusion::Plan,
+    fusion::{Plan, SlicePlan},
     imaging::{Samples, Slices},
     synth::Rig,
     types::fusion_options::{GuidedParams, Method},
@@ -57,12 +57,12 @@ impl Case {
         Plan {
             width: self.width,
             height: self.height,
-            homographies: (0..self.slices).map(|i| rig.homography(i)).collect(),
-            gains: (0..self.slices).map(|i| rig.gain(i)).collect(),
+            slices: (0..self.slices)
+                .map(|i| SlicePlan { homography: rig.homography(i), gain: rig.gain(i), rail_mm: None })
+                .collect(),
             reference: rig.reference,
             method: method(),
             params: GuidedParams::default(),
-            rail: None,
             near_first: Some(true),
         }
     }
@@ -96,8 +96,7 @@ impl Case {
     /// Fused as a job fuses the back light of such a stack.
     pub fn plan_of_back(self) -> Plan {
         let plan = self.plan();
-        let method = if plan.method == Method::Guided { Method::Guided } else { Method::Pyramid };
-        Plan { method, ..plan }
+        Plan { method: plan.method.for_back_light(), ..plan }
     }
 
     pub fn archive(self, folder: &Path) -> StackArchive {

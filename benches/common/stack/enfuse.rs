@@ -28,7 +28,8 @@ pub fn enfuse(case: Case, folder: &Path) -> Option<Cost> {
     let (archive, plan, size) = (case.archive(folder), case.plan(), (case.width, case.height));
     let files: Vec<PathBuf> = (0..case.slices)
         .map(|i| {
-            let warp = Warp::new(&plan.homographies[i], plan.gains[i], size, size).expect("a regular homography");
+            let warp =
+                Warp::new(&plan.slices[i].homography, plan.slices[i].gain, size, size).expect("a regular homography");
             let raster = archive.front().load(i).expect("a slice");
             let samples = match raster.samples {
                 Samples::Eight(samples) => Samples::Eight(warp.apply(samples, 3)),

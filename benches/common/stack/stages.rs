@@ -9,7 +9,7 @@ use std::{
 };
 
 use pinstack_science::{
-    fusion::{Watch, fuse},
+    fusion::{MetricsRequest, fuse},
     imaging::{
         Samples, Slices,
         codec::{self, Metadata},
@@ -49,9 +49,11 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
     let archive = case.archive(folder);
     let (plan, size) = (case.plan(), (case.width, case.height));
     let watch = Watchmaker::default();
-    let warp = |i: usize| Warp::new(&plan.homographies[i], plan.gains[i], size, size).expect("a regular homography");
+    let warp = |i: usize| {
+        Warp::new(&plan.slices[i].homography, plan.slices[i].gain, size, size).expect("a regular homography")
+    };
     let fused = |control: &dyn Control| {
-        fuse(archive.front(), &plan, &Watch::default(), folder, control).expect("it can be fused")
+        fuse(archive.front(), &plan, &MetricsRequest::default(), folder, control).expect("it can be fused")
     };
     let started = (cpu(), Instant::now());
     let passes = Passes(Mutex::new(None));
@@ -106,18 +108,19 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             watch.cost()
         }
         "with metrics" => {
-            let watch = Watch { metrics: true, object: None };
-            fuse(archive.front(), &plan, &watch, folder, &passes).expect("it can be fused");
+            let request = MetricsRequest { enabled: true, object: None };
+            fuse(archive.front(), &plan, &request, folder, &passes).expect("it can be fused");
             since(started)
         }
         "back light" => {
-            fuse(case.back(folder).front(), &case.plan_of_back(), &Watch::default(), folder, &passes)
+            fuse(case.back(folder).front(), &case.plan_of_back(), &MetricsRequest::default(), folder, &passes)
                 .expect("it can be fused");
             since(started)
         }
         "its mask" => {
-            let back = fuse(case.back(folder).front(), &case.plan_of_back(), &Watch::default(), folder, &passes)
-                .expect("it can be fused");
+            let back =
+                fuse(case.back(folder).front(), &case.plan_of_back(), &MetricsRequest::default(), folder, &passes)
+                    .expect("it can be fused");
             let params = MaskParams::default_for(case.width, case.height);
             watch.time(|| std::hint::black_box(segment(&back.image, &back.valid, &params)));
             watch.cost()

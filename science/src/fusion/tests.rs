@@ -3,16 +3,25 @@
 mod halo_corrected;
 mod oracle;
 mod pyramid;
+pub(super) mod rendered;
 mod robust;
 mod silhouette;
-pub(super) mod taken;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{
+    Mutex,
+    atomic::{AtomicUsize, Ordering},
+};
 
-use super::*;
+use super::{
+    run::{locked, unlocked},
+    *,
+};
 use crate::{
-    imaging::Samples,
-    types::{Cancelled, NoControl},
+    imaging::{Plane, Samples},
+    types::{
+        Cancelled, Homography, NoControl,
+        fusion_options::{GuidedParams, Method},
+    },
 };
 
 /// Deterministic noise, 0..1.
@@ -59,7 +68,7 @@ fn moved(width: usize, height: usize, slices: usize) -> (Vec<Raster>, Plan) {
     let mut plan = Plan::aligned(width, height, slices);
     for slice in 0..slices {
         let away = slice as f64 - plan.reference as f64;
-        plan.homographies[slice] = Homography([
+        let homography = Homography([
             1.0 - 0.02 * away,
             0.01 * away,
             3.3 * away,
@@ -70,25 +79,19 @@ fn moved(width: usize, height: usize, slices: usize) -> (Vec<Raster>, Plan) {
             0.0,
             1.0,
         ]);
-        plan.gains[slice] = 1.0 + 0.03 * away;
+        plan.slices[slice] = SlicePlan { homography, gain: 1.0 + 0.03 * away, rail_mm: None };
     }
     (stripes(width, height, slices), plan)
 }
 
 fn fused(slices: &[Raster], plan: &Plan) -> Fused {
-    fuse(&slices, plan, &Watch::default(), &std::env::temp_dir(), &NoControl).unwrap()
+    fuse(&slices, plan, &MetricsRequest::default(), &std::env::temp_dir(), &NoControl).unwrap()
 }
 
 fn fused_in_tiles(slices: &[Raster], plan: &Plan, tile: usize) -> Fused {
-    let (watch, folder) = (Watch::default(), std::env::temp_dir());
-    let run = Run { slices: &slices, plan, watch: &watch, scratch_dir: &folder, control: &NoControl, tile };
-    match (&slices[0].samples, slices[0].channels) {
-        (Samples::Eight(_), 1) => run.fuse::<u8, 1>(slices[0].clone()),
-        (Samples::Eight(_), _) => run.fuse::<u8, 3>(slices[0].clone()),
-        (Samples::Sixteen(_), 1) => run.fuse::<u16, 1>(slices[0].clone()),
-        (Samples::Sixteen(_), _) => run.fuse::<u16, 3>(slices[0].clone()),
-    }
-    .unwrap()
+    let (request, folder) = (MetricsRequest::default(), std::env::temp_dir());
+    let slices = FormattedSlices::open(&slices, plan.width, plan.height).unwrap();
+    Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, tile }.fuse().unwrap()
 }
 
 fn values(raster: &Raster) -> Vec<f64> {
@@ -193,7 +196,8 @@ fn the_number_of_threads_does_not_change_a_bit() {
 fn what_no_slice_covers_is_uncovered_black_and_told() {
     let slices = stripes(90, 60, 2);
     let mut plan = Plan::aligned(90, 60, 2);
-    plan.homographies = vec![Homography::similarity(1.0, [7.0, 0.0]), Homography::similarity(1.0, [9.0, 0.0])];
+    plan.slices[0].homography = Homography::similarity(1.0, [7.0, 0.0]);
+    plan.slices[1].homography = Homography::similarity(1.0, [9.0, 0.0]);
     let result = fused(&slices, &plan);
     let picture = values(&result.image);
     for y in 0..60 {
@@ -213,7 +217,7 @@ fn a_pixel_that_the_sharp_slice_does_not_cover_comes_from_another() {
     let sharp = eight(width, height, &stripe(width, height, 1, 0));
     let faint = eight(width, height, &stripe(width, height, 1, 1));
     let mut plan = Plan::aligned(width, height, 2);
-    plan.homographies[0] = Homography::similarity(1.0, [40.0, 0.0]);
+    plan.slices[0].homography = Homography::similarity(1.0, [40.0, 0.0]);
     let result = fused(&[sharp, faint.clone()], &plan);
     let (picture, other) = (values(&result.image), values(&faint));
     for y in 0..height {
@@ -228,7 +232,8 @@ fn a_pixel_that_the_sharp_slice_does_not_cover_comes_from_another() {
 #[test]
 fn a_slice_of_another_size_is_refused_by_name() {
     let slices = [stripes(60, 40, 1)[0].clone(), stripes(60, 41, 1)[0].clone()];
-    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &Watch::default(), &std::env::temp_dir(), &NoControl);
+    let stop =
+        fuse(&&slices[..], &Plan::aligned(60, 40, 2), &MetricsRequest::default(), &std::env::temp_dir(), &NoControl);
     let Err(Interrupted::Failed(fault)) = stop else { panic!("{stop:?}") };
     assert_eq!(fault.kind, ErrorKind::SizeMismatch);
     assert_eq!(fault.locations[0].slice, Some(1));
@@ -238,7 +243,8 @@ fn a_slice_of_another_size_is_refused_by_name() {
 #[test]
 fn a_profile_of_another_length_is_refused() {
     let slices = stripes(60, 40, 2);
-    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 3), &Watch::default(), &std::env::temp_dir(), &NoControl);
+    let stop =
+        fuse(&&slices[..], &Plan::aligned(60, 40, 3), &MetricsRequest::default(), &std::env::temp_dir(), &NoControl);
     assert!(matches!(stop, Err(Interrupted::Failed(Error { kind: ErrorKind::SliceCountMismatch, .. }))));
 }
 
@@ -248,8 +254,13 @@ fn grey_slices_among_coloured_ones_are_taken_and_the_other_way_round_is_refused(
     let grey = Raster::eight(60, 40, 1, values(&colour).chunks(3).map(|p| p[0] as u8).collect());
     let mixed = fused(&[colour.clone(), grey.clone()], &Plan::aligned(60, 40, 2));
     assert_eq!(mixed.image.channels, 3);
-    let stop =
-        fuse(&&[grey, colour][..], &Plan::aligned(60, 40, 2), &Watch::default(), &std::env::temp_dir(), &NoControl);
+    let stop = fuse(
+        &&[grey, colour][..],
+        &Plan::aligned(60, 40, 2),
+        &MetricsRequest::default(),
+        &std::env::temp_dir(),
+        &NoControl,
+    );
     let Err(Interrupted::Failed(fault)) = stop else { panic!("{stop:?}") };
     assert_eq!((fault.kind, fault.locations[0].slice), (ErrorKind::InvalidImage, Some(1)));
 }
@@ -281,7 +292,8 @@ impl Control for Impatient {
 fn work_that_is_cancelled_stops_at_any_point() {
     let (slices, plan) = moved(120, 90, 3);
     let patient = Impatient::new(usize::MAX);
-    let done = |control: &Impatient| fuse(&&slices[..], &plan, &Watch::default(), &std::env::temp_dir(), control);
+    let done =
+        |control: &Impatient| fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), control);
     assert!(done(&patient).is_ok());
     let questions = patient.asked.load(Ordering::Relaxed);
     assert!(questions > 10, "only {questions} questions");
@@ -294,7 +306,7 @@ fn work_that_is_cancelled_stops_at_any_point() {
 fn progress_grows_to_the_end_of_each_stage() {
     let (slices, plan) = moved(120, 90, 4);
     let control = Impatient::new(usize::MAX);
-    fuse(&&slices[..], &plan, &Watch::default(), &std::env::temp_dir(), &control).unwrap();
+    fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), &control).unwrap();
     let steps = unlocked(control.steps);
     let aligning: Vec<_> = steps.iter().filter(|step| step.0 == "aligning").map(|step| step.1).collect();
     assert_eq!(aligning, [0, 1, 2, 3, 4]);
@@ -309,8 +321,8 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
     let object = Plane::from_fn(600, 140, |x, _| if x < 300 { 255u8 } else { 0 });
     let measured = |threads: usize, object: Option<&Plane<u8>>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let watch = Watch { metrics: true, object };
-        pool.install(|| fuse(&&slices[..], &plan, &watch, &std::env::temp_dir(), &NoControl).unwrap())
+        let request = MetricsRequest { enabled: true, object };
+        pool.install(|| fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).unwrap())
     };
     let (one, two) = (measured(1, None), measured(3, None));
     assert_eq!(one, two);
@@ -329,8 +341,8 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
 fn a_mask_of_another_size_is_refused() {
     let slices = stripes(60, 40, 2);
     let object = Plane::filled(61, 40, 255u8);
-    let watch = Watch { metrics: true, object: Some(&object) };
-    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &watch, &std::env::temp_dir(), &NoControl);
+    let request = MetricsRequest { enabled: true, object: Some(&object) };
+    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &request, &std::env::temp_dir(), &NoControl);
     assert!(matches!(stop, Err(Interrupted::Failed(_))));
 }
 
@@ -338,7 +350,7 @@ fn a_mask_of_another_size_is_refused() {
 fn a_scratch_folder_that_is_not_there_is_told() {
     let slices = stripes(60, 40, 2);
     let nowhere = Path::new("/nowhere/at/all");
-    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &Watch::default(), nowhere, &NoControl);
+    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &MetricsRequest::default(), nowhere, &NoControl);
     let Err(Interrupted::Failed(fault)) = stop else { panic!("{stop:?}") };
     assert!(fault.detail.contains("scratch file"), "{}", fault.detail);
 }

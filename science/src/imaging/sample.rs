@@ -26,6 +26,7 @@ mod sealed {
 ///     fn integer(self) -> u32 { 0 }
 ///     fn rounded(_: f32) -> Self { Self::default() }
 ///     fn of(_: &Samples) -> Option<&[Self]> { None }
+///     fn from_samples(_: Samples) -> Option<Vec<Self>> { None }
 ///     fn wrap(_: Vec<Self>) -> Samples { Samples::Eight(Vec::new()) }
 ///     fn to_bytes(_: &[Self], _: &mut Vec<u8>) {}
 ///     fn from_bytes(_: &[u8], _: &mut [Self]) {}
@@ -50,6 +51,9 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
 
     /// The samples of a raster, when they are of this kind.
     fn of(samples: &Samples) -> Option<&[Self]>;
+
+    /// The samples of a raster without a copy, when they are of this kind.
+    fn from_samples(samples: Samples) -> Option<Vec<Self>>;
 
     /// Samples of this kind as a raster holds them.
     fn wrap(samples: Vec<Self>) -> Samples;
@@ -82,6 +86,13 @@ impl Sample for u8 {
     }
 
     fn of(samples: &Samples) -> Option<&[Self]> {
+        match samples {
+            Samples::Eight(samples) => Some(samples),
+            Samples::Sixteen(_) => None,
+        }
+    }
+
+    fn from_samples(samples: Samples) -> Option<Vec<Self>> {
         match samples {
             Samples::Eight(samples) => Some(samples),
             Samples::Sixteen(_) => None,
@@ -124,6 +135,13 @@ impl Sample for u16 {
     }
 
     fn of(samples: &Samples) -> Option<&[Self]> {
+        match samples {
+            Samples::Eight(_) => None,
+            Samples::Sixteen(samples) => Some(samples),
+        }
+    }
+
+    fn from_samples(samples: Samples) -> Option<Vec<Self>> {
         match samples {
             Samples::Eight(_) => None,
             Samples::Sixteen(samples) => Some(samples),

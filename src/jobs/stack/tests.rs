@@ -13,6 +13,7 @@ use crate::{
 use pinstack_science::{
     imaging::{Raster, Rect, Samples},
     types::{
+        fusion_options::Method,
         intrinsics::Intrinsics,
         mask_options::{MaskEdge, MaskThreshold},
         metrics::Metrics,

@@ -23,16 +23,13 @@ mod decision_map;
 mod defocus_model;
 mod mosaic;
 mod pixel_groups;
-mod survey;
 mod warped_slices;
 
-pub(super) use survey::Survey;
-
 use super::{
-    Run,
-    align::Aligned,
-    blend::{Blended, in_tiles},
+    align::{Aligned, coarse_focus::CoarseFocus},
     pyramid,
+    run::Run,
+    tiles::{Blended, in_tiles},
 };
 use crate::{
     imaging::{
@@ -55,14 +52,14 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
     energy: &Plane<f32>,
-    survey: Survey,
+    coarse: CoarseFocus,
 ) -> Result<(Blended<S>, Plane<u16>), Interrupted> {
     run.control.check()?;
     let plan = run.plan;
     let slices = WarpedSlices::<S, C>::new(aligned, run.control);
-    let coarse = survey.finish(plan.reference);
+    let coarse = coarse.finish(plan.reference);
     let textured = energy.map(|energy| energy > TEXTURED * coarse.noise);
-    let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail.as_deref(), plan.near_first)?;
+    let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
     let map = decision_map::refine(&slices, &aligned.index, textured, energy, &coarse, &model)?;
     let pyramid = pyramid::blend::<S, C>(run, aligned)?;
     if !model.is_known() {

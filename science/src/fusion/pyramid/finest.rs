@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use super::filter::{Level, Patch, WEIGHT, split};
 use crate::{
-    fusion::scratch::Scratch,
+    fusion::align::ScratchFile,
     imaging::{
         Coverage, Rect, Sample,
         simd::{self, Avx2},
@@ -35,7 +35,12 @@ pub(super) struct Finest<S> {
 
 impl<S: Sample> Finest<S> {
     /// Reads `rect` of slice `slice`.
-    pub(super) fn read<const C: usize>(&mut self, scratch: &Scratch, slice: usize, rect: Rect) -> Result<(), Error> {
+    pub(super) fn read<const C: usize>(
+        &mut self,
+        scratch: &ScratchFile,
+        slice: usize,
+        rect: Rect,
+    ) -> Result<(), Error> {
         scratch.read(slice, rect, &mut self.interleaved, &mut self.bytes)?;
         for plane in &mut self.planes[..C] {
             plane.shape(rect, S::default());

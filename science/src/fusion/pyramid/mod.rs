@@ -23,9 +23,10 @@ mod reach;
 use std::mem;
 
 use super::{
-    Run, UNCOVERED,
+    UNCOVERED,
     align::Aligned,
-    blend::{Blended, in_tiles},
+    run::Run,
+    tiles::{Blended, in_tiles},
 };
 use crate::{
     imaging::{

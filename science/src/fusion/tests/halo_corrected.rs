@@ -1,7 +1,7 @@
 //! Halo-corrected fusion: against rendered truth, and by property.
 
 use super::{
-    taken::{Taken, taken},
+    rendered::{Rendered, rendered},
     *,
 };
 use crate::{
@@ -26,7 +26,7 @@ struct Case {
 impl Case {
     fn new(scene: &Scene, seed: u64) -> Self {
         let rig = Rig { seed, ..Rig::sized(480, 320, 11) };
-        let Taken { slices, plan, truth } = taken(&rig, scene, Light::Front);
+        let Rendered { slices, plan, truth } = rendered(&rig, scene, Light::Front);
         let depth = |x: usize, y: usize| {
             let slice = truth.slice.at(x, y);
             if slice.is_nan() { 99.0 } else { slice }
@@ -112,10 +112,8 @@ fn a_stack_taken_from_far_to_near_gives_the_same_picture() {
     let case = Case::new(&Scene::plates(4), 4);
     let forward = fused(&case.slices, &halo_corrected(case.plan.clone()));
     let mut plan = halo_corrected(case.plan.clone());
-    plan.homographies.reverse();
-    plan.gains.reverse();
-    plan.rail = plan.rail.map(|rail| rail.into_iter().rev().collect());
-    plan.reference = plan.gains.len() - 1 - plan.reference;
+    plan.slices.reverse();
+    plan.reference = plan.slices.len() - 1 - plan.reference;
     plan.near_first = Some(false);
     let slices: Vec<Raster> = case.slices.iter().rev().cloned().collect();
     let backward = fused(&slices, &plan);

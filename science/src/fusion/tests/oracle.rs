@@ -1,7 +1,7 @@
 //! The definition of guided filtering fusion on valid pixels, on whole planes, in double precision, without
 //! any of the tricks of the real thing.
 
-use super::{super::*, fused, values};
+use super::*;
 use crate::imaging::{Samples, warp::Warp};
 
 struct Slice {
@@ -30,7 +30,7 @@ pub(super) fn assert_agrees(slices: &[Raster], plan: &Plan, tolerance: f64) {
 
 fn warp(raster: &Raster, plan: &Plan, slice: usize) -> Slice {
     let size = (plan.width, plan.height);
-    let warp = Warp::new(&plan.homographies[slice], plan.gains[slice], size, size).unwrap();
+    let warp = Warp::new(&plan.slices[slice].homography, plan.slices[slice].gain, size, size).unwrap();
     let samples = match raster.samples.clone() {
         Samples::Eight(samples) => Samples::Eight(warp.apply(samples, raster.channels)),
         Samples::Sixteen(samples) => Samples::Sixteen(warp.apply(samples, raster.channels)),

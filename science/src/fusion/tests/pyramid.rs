@@ -194,12 +194,8 @@ fn one_slice_over_and_over_comes_back_whatever_its_depth_and_channels() {
 #[test]
 fn the_order_of_the_slices_does_not_matter() {
     let (slices, given) = moved(120, 80, 4);
-    let turned = Plan {
-        homographies: given.homographies.iter().rev().copied().collect(),
-        gains: given.gains.iter().rev().copied().collect(),
-        reference: 3 - given.reference,
-        ..given.clone()
-    };
+    let turned =
+        Plan { slices: given.slices.iter().rev().copied().collect(), reference: 3 - given.reference, ..given.clone() };
     let backwards: Vec<Raster> = slices.iter().rev().cloned().collect();
     let (one, other) = (fused(&slices, &plan(given)), fused(&backwards, &plan(turned)));
     let worst = values(&one.image).iter().zip(values(&other.image)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -227,7 +223,8 @@ fn what_a_slice_does_not_cover_leaves_no_trace() {
     let (_, given) = moved(width, height, 5);
     let even = eight(width, height, &vec![0.6; width * height * 3]);
     let stack = vec![even.clone(); 5];
-    let given = plan(Plan { gains: vec![1.0; 5], ..given });
+    let mut given = plan(given);
+    given.slices.iter_mut().for_each(|slice| slice.gain = 1.0);
     let result = fused(&stack, &given);
     let full = Coverage::full(width, height).pixels();
     let covered = result.valid.data.iter().filter(|&&v| v != 0).count();
@@ -245,7 +242,7 @@ fn a_pixel_that_one_slice_alone_covers_shows_that_slice() {
     let mut given = plan(Plan::aligned(width, height, 2));
     // the other slice covers the left half only
     given.reference = 0;
-    given.homographies[1] = Homography::similarity(1.0, [-60.0, 0.0]);
+    given.slices[1].homography = Homography::similarity(1.0, [-60.0, 0.0]);
     let result = fused(&slices, &given);
     let (found, source) = (values(&result.image), values(&slices[0]));
     for y in 0..height {

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::{
-    taken::{Taken, taken},
+    rendered::{Rendered, rendered},
     *,
 };
 use crate::{
@@ -14,17 +14,17 @@ use crate::{
 
 const METHODS: [Method; 3] = [Method::Guided, Method::Pyramid, Method::HaloCorrected];
 
-fn front(rig: &Rig, scene: &Scene) -> Taken {
-    taken(rig, scene, Light::Front)
+fn front(rig: &Rig, scene: &Scene) -> Rendered {
+    rendered(rig, scene, Light::Front)
 }
 
 /// Seven slices of a beetle, 360 x 240 px.
-fn beetle() -> &'static Taken {
-    static TAKEN: OnceLock<Taken> = OnceLock::new();
-    TAKEN.get_or_init(|| front(&Rig { seed: 11, ..Rig::sized(360, 240, 7) }, &Scene::insect(11)))
+fn beetle() -> &'static Rendered {
+    static RENDERED: OnceLock<Rendered> = OnceLock::new();
+    RENDERED.get_or_init(|| front(&Rig { seed: 11, ..Rig::sized(360, 240, 7) }, &Scene::insect(11)))
 }
 
-impl Taken {
+impl Rendered {
     fn by(&self, method: Method) -> Plan {
         Plan { method, ..self.plan.clone() }
     }
@@ -62,7 +62,7 @@ fn slices_of_different_exposure_give_the_same_picture_when_the_gains_are_known()
         case.slices.iter().enumerate().map(|(i, slice)| edited(slice, |_, v| v * exposure(i))).collect();
     for method in METHODS {
         let mut plan = case.by(method);
-        plan.gains.iter_mut().enumerate().for_each(|(i, gain)| *gain /= exposure(i));
+        plan.slices.iter_mut().enumerate().for_each(|(i, slice)| slice.gain /= exposure(i));
         let (even, uneven) = (fused(&case.slices, &case.by(method)), fused(&slices, &plan));
         let same = psnr(&uneven.image.luma(), &even.image.luma(), None).unwrap();
         println!(
@@ -102,9 +102,7 @@ fn a_stack_with_a_gap_is_fused_from_what_is_there() {
         let whole = fused(&case.slices, &case.by(method));
         let (mut plan, mut slices) = (case.by(method), case.slices.clone());
         slices.remove(4);
-        plan.homographies.remove(4);
-        plan.gains.remove(4);
-        plan.rail.as_mut().unwrap().remove(4);
+        plan.slices.remove(4);
         plan.reference -= 1;
         let gapped = fused(&slices, &plan);
         let (before, after) = (case.score(&whole.image), case.score(&gapped.image));
@@ -126,7 +124,7 @@ fn a_hot_pixel_of_the_sensor_stays_a_few_pixels_beside_its_track() {
         let (clean, spoilt) = (fused(&case.slices, &case.by(method)), fused(&slices, &case.by(method)));
         let off = differing(&clean.image, &spoilt.image, 8.0);
         let track: Vec<[f64; 2]> =
-            (0..7).flat_map(|i| hot.map(|(x, y)| case.plan.homographies[i].apply([x as f64, y as f64]))).collect();
+            (0..7).flat_map(|i| hot.map(|(x, y)| case.plan.slices[i].homography.apply([x as f64, y as f64]))).collect();
         let away = |&(x, y): &(usize, usize)| {
             track.iter().map(|t| (t[0] - x as f64).hypot(t[1] - y as f64)).fold(f64::MAX, f64::min)
         };

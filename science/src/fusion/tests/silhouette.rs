@@ -1,7 +1,7 @@
 //! Silhouettes against the truth of rendered back lights.
 
 use super::{
-    taken::{Taken, taken},
+    rendered::{Rendered, rendered},
     *,
 };
 use crate::{
@@ -35,12 +35,12 @@ fn shaded(slices: &[Raster], shade: Shade) -> Vec<Raster> {
     slices.iter().map(of).collect()
 }
 
-struct Case(Taken);
+struct Case(Rendered);
 
 impl Case {
     fn new(scene: &Scene, rig: &Rig) -> Self {
-        let taken = taken(rig, scene, Light::Back);
-        Self(Taken { plan: Plan { method: Method::Pyramid, ..taken.plan }, ..taken })
+        let rendered = rendered(rig, scene, Light::Back);
+        Self(Rendered { plan: Plan { method: Method::Pyramid, ..rendered.plan }, ..rendered })
     }
 
     fn segment(&self, slices: &[Raster], edge: MaskEdge) -> Silhouette {

@@ -8,11 +8,11 @@
 use std::collections::BTreeMap;
 
 use super::{
-    super::{decision_map::DecisionMap, defocus_model::DefocusModel, survey::CELL},
+    super::{decision_map::DecisionMap, defocus_model::DefocusModel},
     corrections::{Correction, Corrections, Kind},
 };
 use crate::{
-    fusion::UNCOVERED,
+    fusion::{UNCOVERED, align::coarse_focus::CELL},
     imaging::{Plane, Rect, filter::disc::Disc},
 };
 

@@ -25,11 +25,13 @@ use rayon::prelude::*;
 use super::{
     defocus_model::DefocusModel,
     pixel_groups::{PixelGroups, bounding_box},
-    survey::{CELL, Surveyed},
     warped_slices::WarpedSlices,
 };
 use crate::{
-    fusion::UNCOVERED,
+    fusion::{
+        UNCOVERED,
+        align::coarse_focus::{CELL, CoarseFocusMaps},
+    },
     imaging::{
         Plane, Rect, Sample,
         filter::{
@@ -77,7 +79,7 @@ pub(super) fn refine<S: Sample, const C: usize>(
     sharpest: &Plane<u16>,
     textured: Plane<bool>,
     energy: &Plane<f32>,
-    coarse: &Surveyed,
+    coarse: &CoarseFocusMaps,
     model: &DefocusModel,
 ) -> Result<DecisionMap, Interrupted> {
     let (width, height) = slices.size();
@@ -123,7 +125,7 @@ struct Refinement<'a, S, const C: usize> {
     sharpest: &'a Plane<u16>,
     textured: &'a Plane<bool>,
     energy: &'a Plane<f32>,
-    coarse: &'a Surveyed,
+    coarse: &'a CoarseFocusMaps,
     model: &'a DefocusModel,
 }
 
@@ -137,7 +139,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
             slice: (0..rect.height).flat_map(|y| &self.sharpest.row(cut(y))[columns.clone()]).copied().collect(),
             textured,
         };
-        for scale in &self.coarse.wide {
+        for scale in &self.coarse.scales {
             // textured pixels, by (slice that is sharpest around them, own slice)
             let mut candidates = PixelGroups::new();
             for row in 0..rect.height {
@@ -146,7 +148,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                 let (slices, textured) = (&mut tile.slice[line.clone()], &tile.textured[line.clone()]);
                 let energies = &self.energy.row(y)[columns.clone()];
                 let around = scale.slice.row(y / CELL).iter().zip(scale.energy.row(y / CELL));
-                let around = around.zip(self.coarse.plain.row(y / CELL)).skip(rect.x / CELL);
+                let around = around.zip(self.coarse.textureless.row(y / CELL)).skip(rect.x / CELL);
                 let cells = slices.chunks_mut(CELL).zip(textured.chunks(CELL)).zip(around);
                 for (i, ((slices, textured), ((&around, &around_energy), &textureless))) in cells.enumerate() {
                     if around == UNCOVERED || slices.iter().all(|&own| own == around) {

@@ -1,7 +1,7 @@
-//! Warped slices between the two passes, in a file that nobody else sees.
+//! The scratch file: the warped slices between the two passes.
 //!
-//! A slice lies there in squares of [`BLOCK`] px, a row of squares after the other, so that a tile and its surroundings
-//! are a few long runs of bytes, and not a run per row of pixels.
+//! A slice is stored in blocks of [`BLOCK`] x [`BLOCK`] px, row of blocks by row of blocks. A tile with its margin is then a few
+//! long runs of bytes instead of one run per row of pixels.
 
 use std::{fs::File, io, os::unix::fs::FileExt, path::Path};
 
@@ -12,43 +12,43 @@ use crate::{
     types::{Error, ErrorKind},
 };
 
-/// Side of the squares, px. Those at the right border are as large as all others.
-pub(super) const BLOCK: usize = 32;
+/// Side of a block, px. Blocks at the right and bottom border are padded to the full size.
+pub(in crate::fusion) const BLOCK: usize = 32;
 
-/// An unnamed file with room for all warped slices, one after the other, interleaved samples. It is gone when this is
-/// dropped, and also when the process dies.
+/// An unnamed file that holds all warped slices, one after the other, as interleaved samples. The system deletes it when this
+/// value is dropped, and also when the process is killed.
 #[derive(Debug)]
-pub(super) struct Scratch {
+pub(in crate::fusion) struct ScratchFile {
     file: File,
     width: usize,
     height: usize,
     channels: usize,
 }
 
-impl Scratch {
-    /// A file for slices of `width` x `height` px with `channels` samples in `folder`.
+impl ScratchFile {
+    /// Creates a file in `folder` for slices of `width` x `height` px with `channels` samples per pixel.
     pub(super) fn create(folder: &Path, width: usize, height: usize, channels: usize) -> Result<Self, Error> {
-        let file = tempfile::tempfile_in(folder).map_err(|error| fault("make", &error))?;
+        let file = tempfile::tempfile_in(folder).map_err(|error| failed("create", &error))?;
         Ok(Self { file, width, height, channels })
     }
 
-    /// Writes slice `index`, whole.
+    /// Writes all samples of slice `index`.
     pub(super) fn write<S: Sample>(&self, index: usize, samples: &[S]) -> Result<(), Error> {
         let (row, block) = (self.width * self.channels * S::BYTES, self.block_row::<S>());
         let samples = simd::bytes_of(samples);
         samples.par_chunks((row * BLOCK).max(1)).enumerate().try_for_each_init(Vec::new, |bytes, (band, rows)| {
             bytes.resize(self.columns() * block * BLOCK, 0);
             for (y, line) in rows.chunks_exact(row).enumerate() {
-                for (part, square) in line.chunks(block).zip(bytes.chunks_exact_mut(block * BLOCK)) {
-                    copy(part, &mut square[y * block..y * block + part.len()]);
+                for (part, out) in line.chunks(block).zip(bytes.chunks_exact_mut(block * BLOCK)) {
+                    copy(part, &mut out[y * block..y * block + part.len()]);
                 }
             }
-            self.file.write_all_at(bytes, self.start::<S>(index, 0, band)).map_err(|error| fault("write", &error))
+            self.file.write_all_at(bytes, self.start::<S>(index, 0, band)).map_err(|error| failed("write", &error))
         })
     }
 
     /// Reads the pixels of `rect` of slice `index` into `samples`, row by row. `bytes` is a buffer.
-    pub(super) fn read<S: Sample>(
+    pub(in crate::fusion) fn read<S: Sample>(
         &self,
         index: usize,
         rect: Rect,
@@ -62,16 +62,16 @@ impl Scratch {
         }
         let (first, end) = (rect.x / BLOCK, (rect.x + rect.width).div_ceil(BLOCK));
         bytes.resize((end - first) * block * BLOCK, 0);
-        // of the first square only what lies in the rectangle
+        // bytes of the first block that lie left of the rectangle
         let cut = (rect.x - first * BLOCK) * self.channels * S::BYTES;
         let mut lines = simd::bytes_of_mut(samples).chunks_exact_mut(row * S::BYTES);
         for band in rect.y / BLOCK..(rect.y + rect.height).div_ceil(BLOCK) {
             let at = self.start::<S>(index, first, band);
-            self.file.read_exact_at(bytes, at).map_err(|error| fault("read", &error))?;
+            self.file.read_exact_at(bytes, at).map_err(|error| failed("read", &error))?;
             let rows = rect.y.max(band * BLOCK)..(rect.y + rect.height).min((band + 1) * BLOCK);
             for (y, mut rest) in rows.zip(&mut lines) {
-                for (i, square) in bytes.chunks_exact(block * BLOCK).enumerate() {
-                    let part = &square[y % BLOCK * block..][..block];
+                for (i, from) in bytes.chunks_exact(block * BLOCK).enumerate() {
+                    let part = &from[y % BLOCK * block..][..block];
                     let part = if i == 0 { &part[cut..] } else { part };
                     let (to, after) = rest.split_at_mut(part.len().min(rest.len()));
                     copy(&part[..to.len()], to);
@@ -82,24 +82,24 @@ impl Scratch {
         Ok(())
     }
 
-    /// Squares beside each other.
+    /// Blocks per row of blocks.
     fn columns(&self) -> usize {
         self.width.div_ceil(BLOCK)
     }
 
-    /// Bytes of a row of a square.
+    /// Bytes of one row of pixels of a block.
     fn block_row<S: Sample>(&self) -> usize {
         BLOCK * self.channels * S::BYTES
     }
 
-    /// Where a square lies.
+    /// Offset of a block in the file.
     fn start<S: Sample>(&self, index: usize, column: usize, band: usize) -> u64 {
-        let square = (index * self.height.div_ceil(BLOCK) + band) * self.columns() + column;
-        (square * BLOCK * self.block_row::<S>()) as u64
+        let number = (index * self.height.div_ceil(BLOCK) + band) * self.columns() + column;
+        (number * BLOCK * self.block_row::<S>()) as u64
     }
 }
 
-/// Copies a row of a square; whole ones without asking the library how.
+/// Copies a row of a block. The lengths of whole rows are constants, so that the compiler copies them without a call.
 #[inline(always)]
 fn copy(from: &[u8], to: &mut [u8]) {
     macro_rules! of_length {
@@ -117,14 +117,14 @@ fn copy(from: &[u8], to: &mut [u8]) {
     of_length!(32 64 96 192);
 }
 
-fn fault(verb: &str, error: &io::Error) -> Error {
+fn failed(verb: &str, error: &io::Error) -> Error {
     let full = matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded);
     let (code, advice) = match full {
-        true => (ErrorKind::DiskFull, "make room on the server's disk and run the stack again"),
-        false => (ErrorKind::ResourcesExhausted, "look at the server's data folder"),
+        true => (ErrorKind::DiskFull, "free some space on the server's disk and run the stack again"),
+        false => (ErrorKind::ResourcesExhausted, "check the server's data folder"),
     };
-    // the kind alone: the text of the error may hold a path of the server
-    Error::new(code, format!("cannot {verb} the scratch file of the fusion ({}); {advice}", error.kind()))
+    // only the kind of the error: its text may contain a path of the server
+    Error::new(code, format!("cannot {verb} the scratch file of the fusion: {}; {advice}", error.kind()))
 }
 
 #[cfg(test)]
@@ -133,7 +133,7 @@ mod tests {
 
     fn reads_back<S: Sample>(channels: usize, sample: fn(usize) -> S) {
         for (width, height) in [(1, 1), (31, 33), (64, 32), (100, 70)] {
-            let scratch = Scratch::create(&std::env::temp_dir(), width, height, channels).unwrap();
+            let scratch = ScratchFile::create(&std::env::temp_dir(), width, height, channels).unwrap();
             let slices = [0, 1, 2].map(|slice| {
                 let samples: Vec<S> = (0..width * height * channels).map(|i| sample(i * 31 + slice * 7)).collect();
                 scratch.write(slice, &samples).unwrap();
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn any_part_of_any_slice_reads_back_as_it_was_written() {
+    fn any_rectangle_of_any_slice_is_read_back_as_it_was_written() {
         reads_back::<u8>(3, |i| (i % 251) as u8);
         reads_back::<u8>(1, |i| (i % 251) as u8);
         reads_back::<u16>(3, |i| (i % 65_521) as u16);
@@ -163,10 +163,10 @@ mod tests {
     }
 
     #[test]
-    fn an_error_of_the_disk_is_one_of_the_machine_and_shows_no_path() {
+    fn a_disk_error_is_reported_as_a_server_error_without_a_path() {
         let folder = Path::new("/no/such/folder/of/the/server");
-        let fault = Scratch::create(folder, 1, 1, 3).expect_err("there is no such folder");
-        assert!(matches!(fault.kind, ErrorKind::DiskFull | ErrorKind::ResourcesExhausted), "{fault:?}");
-        assert!(!fault.detail.contains("/no/such"), "{}", fault.detail);
+        let error = ScratchFile::create(folder, 1, 1, 3).expect_err("the folder does not exist");
+        assert!(matches!(error.kind, ErrorKind::DiskFull | ErrorKind::ResourcesExhausted), "{error:?}");
+        assert!(!error.detail.contains("/no/such"), "{}", error.detail);
     }
 }

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use crate::{
     fusion::{
-        Fused, Plan, Watch, fuse,
-        tests::taken::{Taken, taken},
+        Fused, MetricsRequest, Plan, fuse,
+        tests::rendered::{Rendered, rendered},
     },
     imaging::{Plane, Raster, Samples},
     synth::{
@@ -29,7 +29,7 @@ struct Stack {
 
 impl Stack {
     fn of(rig: &Rig, scene: &Scene) -> Self {
-        let Taken { slices, plan, truth } = taken(rig, scene, Light::Front);
+        let Rendered { slices, plan, truth } = rendered(rig, scene, Light::Front);
         // as the job does it
         Self { slices, plan: Plan { method: Method::HaloCorrected, ..plan }, object: truth.mask }
     }
@@ -39,8 +39,8 @@ impl Stack {
     }
 
     fn fused(&self, masked: bool) -> Fused {
-        let watch = Watch { metrics: true, object: masked.then_some(&self.object) };
-        fuse(&&self.slices[..], &self.plan, &watch, &std::env::temp_dir(), &NoControl).unwrap()
+        let request = MetricsRequest { enabled: true, object: masked.then_some(&self.object) };
+        fuse(&&self.slices[..], &self.plan, &request, &std::env::temp_dir(), &NoControl).unwrap()
     }
 
     fn findings(&self, masked: bool) -> Vec<Finding> {
@@ -52,9 +52,7 @@ impl Stack {
         let kept: Vec<usize> = (0..self.count()).filter(|&n| keep(n)).collect();
         let pick = |n: &usize| self.slices[*n].clone();
         self.slices = kept.iter().map(pick).collect();
-        self.plan.homographies = kept.iter().map(|&n| self.plan.homographies[n]).collect();
-        self.plan.gains = kept.iter().map(|&n| self.plan.gains[n]).collect();
-        self.plan.rail = self.plan.rail.map(|rail| kept.iter().map(|&n| rail[n]).collect());
+        self.plan.slices = kept.iter().map(|&n| self.plan.slices[n]).collect();
         self.plan.reference = kept.len() / 2;
         self
     }
@@ -87,8 +85,8 @@ impl Stack {
         for n in 0..self.count() {
             let (scale, shift) = left(n as f64);
             let shift = [0, 1].map(|axis: usize| middle[axis] * (1.0 - scale) + shift[axis]);
-            let moved = self.plan.homographies[n].then(&Homography::similarity(scale, shift)).unwrap();
-            self.plan.homographies[n] = moved;
+            let moved = self.plan.slices[n].homography.then(&Homography::similarity(scale, shift)).unwrap();
+            self.plan.slices[n].homography = moved;
         }
         self
     }
@@ -372,8 +370,8 @@ fn what_is_said_of_real_stacks() {
             })
             .collect();
         let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
-        let watch = Watch { metrics: true, object: None };
-        let quality = fuse(&&slices[..], &plan, &watch, &std::env::temp_dir(), &NoControl).unwrap().quality.unwrap();
+        let request = MetricsRequest { enabled: true, object: None };
+        let quality = fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).unwrap().quality.unwrap();
         println!("{name}\n{:#?}\n{:?}\n{:?}\n{:?}", quality.findings, quality.fusion, quality.focus, quality.alignment);
     }
 }

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use super::{
-    align::Aligned,
+    layers::{LayerRow, Layers},
     presence::{Presence, Present},
-    sums::{Row, Sums},
 };
 use crate::{
+    fusion::align::Aligned,
     imaging::{
         Plane, Rect, Sample,
         filter::{
@@ -21,14 +21,14 @@ use crate::{
 };
 
 /// The filters and buffers of one thread, used for tile after tile.
-pub(super) struct Blender<S> {
+pub(super) struct TileBlender<S> {
     simd: Option<Avx2>,
     for_base: GuidedFilter,
     for_detail: GuidedFilter,
     mean: MeanFilter,
     region: Region<S>,
-    sums: Sums,
-    row: Row,
+    layers: Layers,
+    row: LayerRow,
 }
 
 /// A slice's pixels in and around a tile.
@@ -40,7 +40,7 @@ struct Region<S> {
     valid: Vec<Range<usize>>,
 }
 
-impl<S: Sample> Blender<S> {
+impl<S: Sample> TileBlender<S> {
     pub(super) fn new(params: &GuidedParams) -> Self {
         let empty = || Plane { width: 0, height: 0, data: Vec::new() };
         Self {
@@ -55,8 +55,8 @@ impl<S: Sample> Blender<S> {
                 map: Plane { width: 0, height: 0, data: Vec::new() },
                 valid: Vec::new(),
             },
-            sums: Sums::default(),
-            row: Row::default(),
+            layers: Layers::default(),
+            row: LayerRow::default(),
         }
     }
 
@@ -82,14 +82,14 @@ impl<S: Sample> Blender<S> {
             return Ok(0);
         }
 
-        self.sums.clear(rect.width, rect.height, C);
+        self.layers.clear(rect.width, rect.height, C);
         for &slice in &present.slices {
             control.check()?;
             if aligned.coverages[slice].misses(rect) {
                 continue;
             }
-            let layers = [in_base.slices.contains(&slice), in_detail.slices.contains(&slice)];
-            self.add::<C>(slice, rect, aligned, layers)?;
+            let weighted = [in_base.slices.contains(&slice), in_detail.slices.contains(&slice)];
+            self.add::<C>(slice, rect, aligned, weighted)?;
         }
         Ok(self.finish::<C>(rect, out))
     }
@@ -100,7 +100,7 @@ impl<S: Sample> Blender<S> {
         slice: usize,
         rect: Rect,
         aligned: &Aligned,
-        layers: [bool; 2],
+        weighted: [bool; 2],
     ) -> Result<(), Interrupted> {
         let margin = self.for_base.reach().max(self.for_detail.reach()).max(self.mean.reach());
         let whole = rect.grown(margin, aligned.index.width, aligned.index.height);
@@ -109,12 +109,12 @@ impl<S: Sample> Blender<S> {
         let inner = Rect { x: rect.x - whole.x, y: rect.y - whole.y, ..rect };
         self.region.load::<C>(slice, whole, aligned)?;
 
-        let Self { simd, for_base, for_detail, mean, region, sums, row } = self;
+        let Self { simd, for_base, for_detail, mean, region, layers, row } = self;
         let guide = Guide { grey: &region.grey, valid: &region.valid };
         // a filter whose results are known to be 0 is not asked
         let mut filtered = [
-            layers[0].then(|| for_base.rows(guide, &region.map, inner)),
-            layers[1].then(|| for_detail.rows(guide, &region.map, inner)),
+            weighted[0].then(|| for_base.rows(guide, &region.map, inner)),
+            weighted[1].then(|| for_detail.rows(guide, &region.map, inner)),
         ];
         let mut means = mean.rows::<S, C>(&region.samples, whole.width, &region.valid, inner);
         for weights in &mut row.weights {
@@ -134,7 +134,7 @@ impl<S: Sample> Blender<S> {
             let start = (inner.y + y) * whole.width + inner.x;
             let samples = &region.samples[start * C..(start + rect.width) * C];
             let won = &region.map.data[start..start + rect.width];
-            sums.add::<S, C>(*simd, y, samples, won, row);
+            layers.add::<S, C>(*simd, y, samples, won, row);
         }
         Ok(())
     }
@@ -145,7 +145,7 @@ impl<S: Sample> Blender<S> {
         out.clear();
         out.resize(rect.width * rect.height * C, S::default());
         let rows = out.chunks_exact_mut((rect.width * C).max(1)).enumerate();
-        rows.map(|(y, out)| self.sums.finish::<S, C>(self.simd, y, out)).sum()
+        rows.map(|(y, out)| self.layers.finish::<S, C>(self.simd, y, out)).sum()
     }
 }
 

@@ -2,7 +2,10 @@
 
 use super::*;
 use crate::{
-    fusion::{align, blend},
+    fusion::{
+        MetricsRequest, Plan, SlicePlan, align, guided, method, sample_format::FormattedSlices,
+        tests::rendered::slice_plans, tiles,
+    },
     imaging::Raster,
     synth::{Light, Rig, Scene, Stage},
     types::{NoControl, metrics::FusionMetrics},
@@ -13,24 +16,22 @@ fn sampled_and_whole(rig: &Rig, scene: &Scene, masked: bool) -> [FusionMetrics; 
     let stage = Stage::new(rig, scene);
     let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
     let object = stage.truth().mask;
-    let mut plan = Plan::aligned(rig.width, rig.height, rig.slices());
-    for i in 0..rig.slices() {
-        (plan.homographies[i], plan.gains[i]) = (rig.homography(i), rig.gain(i));
-    }
-    let watch = Watch { metrics: true, object: masked.then_some(&object) };
-    let (folder, first) = (std::env::temp_dir(), slices[0].clone());
-    let slices = &slices[..];
+    let without_rail = |slice: SlicePlan| SlicePlan { rail_mm: None, ..slice };
+    let planned = slice_plans(rig).into_iter().map(without_rail).collect();
+    let plan = Plan { slices: planned, ..Plan::aligned(rig.width, rig.height, rig.slices()) };
+    let request = MetricsRequest { enabled: true, object: masked.then_some(&object) };
+    let (folder, slices) = (std::env::temp_dir(), &slices[..]);
     let run = Run {
-        slices: &slices,
+        slices: FormattedSlices::open(&slices, rig.width, rig.height).unwrap(),
         plan: &plan,
-        watch: &watch,
+        request: &request,
         scratch_dir: &folder,
         control: &NoControl,
-        tile: blend::TILE,
+        tile: tiles::TILE,
     };
-    let aligned = align::align::<u8, 3>(&run, first, None).unwrap();
-    let fused = blend::blend::<u8, 3>(&run, &aligned).unwrap().pixels;
-    let few = Blocks::of(rig.width, rig.height, watch.object);
+    let aligned = align::align::<u8, 3>(&run, method::focus_measure(&plan), None).unwrap();
+    let fused = guided::blend::<u8, 3>(&run, &aligned).unwrap().pixels;
+    let few = Blocks::of(rig.width, rig.height, request.object);
     let row = |y: usize| (0..rig.width).step_by(400).map(move |x| (x, y));
     let all = (0..rig.height).step_by(400).flat_map(row).map(|(x, y)| Rect {
         x,

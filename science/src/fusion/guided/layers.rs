@@ -15,14 +15,14 @@ const PART_SAMPLES: usize = 3 * PART;
 
 /// A row of one slice, as far as the filters know it: weights of its base and its detail layer, and means (interleaved).
 #[derive(Debug, Default)]
-pub(super) struct Row {
+pub(super) struct LayerRow {
     pub weights: [Vec<f32>; 2],
     pub means: Vec<f32>,
 }
 
 /// Sums of a tile.
 #[derive(Debug, Default)]
-pub(super) struct Sums {
+pub(super) struct Layers {
     width: usize,
     base: Layer,
     detail: Layer,
@@ -35,7 +35,7 @@ struct Layer {
     weights: Vec<f32>,
 }
 
-impl Sums {
+impl Layers {
     /// Starts a tile of `width` x `height` px.
     pub(super) fn clear(&mut self, width: usize, height: usize, channels: usize) {
         self.width = width;
@@ -55,7 +55,7 @@ impl Sums {
         y: usize,
         samples: &[S],
         won: &[bool],
-        row: &mut Row,
+        row: &mut LayerRow,
     ) {
         let pixels = y * self.width..(y + 1) * self.width;
         let range = pixels.start * C..pixels.end * C;

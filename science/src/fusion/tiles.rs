@@ -1,38 +1,30 @@
-//! Second pass: tile by tile, in parallel, into the picture.
+//! The driver of the second pass: makes an image tile by tile, in parallel.
 
 use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::{Run, align::Aligned, locked, presence::Presence, tile::Blender};
+use super::run::{Run, locked};
 use crate::{
     imaging::{Rect, Sample},
     types::Interrupted,
 };
 
-/// Largest side of a tile, px. Larger tiles waste less on the surroundings that the filters look at, smaller
-/// ones meet fewer slices.
+/// Largest side of a tile, px. Filters look beyond a tile, so large tiles waste less; small tiles meet fewer slices.
 pub(super) const TILE: usize = 512;
 
 /// What the second pass makes.
 pub(super) struct Blended<S> {
     /// Interleaved samples of the canvas.
     pub pixels: Vec<S>,
-    /// Pixels with a sample that had to be clamped.
+    /// Number of pixels with a sample that was clamped.
     pub clamped: usize,
 }
 
-/// Runs the second pass of guided filtering.
-pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Interrupted> {
-    let presence = Presence::new(&aligned.index, aligned.coverages.len());
-    let blender = || Blender::<S>::new(&run.plan.params);
-    in_tiles::<S, C, _>(run, "fusing", blender, |blender, rect, out| {
-        blender.tile::<C>(rect, aligned, &presence, run.control, out)
-    })
-}
-
-/// Makes a picture tile by tile, in parallel; `stage` is what its progress is called. `tile` fuses a rectangle into the samples it is given, interleaved, with
-/// what `tools` has made for its thread, and says in how many pixels a sample had to be clamped.
+/// Makes an image of `C` channels, tile by tile; `stage` names its progress.
+///
+/// `tile` fuses a rectangle into an interleaved buffer and returns the number of pixels with a clamped sample. `tools` makes
+/// its buffers, once per thread.
 pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     run: &Run<'_>,
     stage: &'static str,
@@ -84,9 +76,9 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     Ok(Blended { pixels, clamped: clamped.into_iter().sum() })
 }
 
-/// `length` cut into as few and as equal pieces of at most `most` as can be: (start, length) each.
-fn pieces(length: usize, most: usize) -> Vec<(usize, usize)> {
-    let count = length.div_ceil(most).max(1);
+/// `length` divided into the fewest pieces of at most `max`, as equal as possible: (start, length) of each.
+fn pieces(length: usize, max: usize) -> Vec<(usize, usize)> {
+    let count = length.div_ceil(max).max(1);
     (0..count)
         .map(|i| {
             let (start, end) = (i * length / count, (i + 1) * length / count);

@@ -2,27 +2,35 @@
 
 use super::*;
 use crate::{
-    fusion::{align, blend, fuse},
+    fusion::{
+        MetricsRequest, Plan, SlicePlan, align, fuse, method::focus_measure, sample_format::FormattedSlices,
+        tests::rendered::slice_plans, tiles,
+    },
     imaging::{Raster, Samples},
     synth::{Light, Rig, Stage, scene::SCENES},
-    types::{NoControl, metrics::FusionMetrics},
+    types::{NoControl, fusion_options::Method, metrics::FusionMetrics},
 };
 
 /// Scores of the fused picture and of the true one, which no method can beat, on the object alone.
 fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
     let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
     let truth = stage.truth();
-    let mut plan = Plan { method, ..Plan::aligned(rig.width, rig.height, rig.slices()) };
-    for i in 0..rig.slices() {
-        (plan.homographies[i], plan.gains[i]) = (rig.homography(i), rig.gain(i));
-    }
-    let watch = Watch { metrics: true, object: Some(&truth.mask) };
-    let (folder, first, slices) = (std::env::temp_dir(), slices[0].clone(), &slices[..]);
-    let fused = fuse(&slices, &plan, &watch, &folder, &NoControl).unwrap();
-    let tile = blend::TILE;
-    let run = Run { slices: &slices, plan: &plan, watch: &watch, scratch_dir: &folder, control: &NoControl, tile };
-    let aligned = align::align::<u8, 3>(&run, first, None).unwrap();
-    let blocks = Blocks::of(rig.width, rig.height, watch.object);
+    let without_rail = |slice: SlicePlan| SlicePlan { rail_mm: None, ..slice };
+    let planned = slice_plans(rig).into_iter().map(without_rail).collect();
+    let plan = Plan { method, slices: planned, ..Plan::aligned(rig.width, rig.height, rig.slices()) };
+    let request = MetricsRequest { enabled: true, object: Some(&truth.mask) };
+    let (folder, slices) = (std::env::temp_dir(), &slices[..]);
+    let fused = fuse(&slices, &plan, &request, &folder, &NoControl).unwrap();
+    let run = Run {
+        slices: FormattedSlices::open(&slices, rig.width, rig.height).unwrap(),
+        plan: &plan,
+        request: &request,
+        scratch_dir: &folder,
+        control: &NoControl,
+        tile: tiles::TILE,
+    };
+    let aligned = align::align::<u8, 3>(&run, focus_measure(&plan), None).unwrap();
+    let blocks = Blocks::of(rig.width, rig.height, request.object);
     [&fused.image, &truth.sharp].map(|picture| {
         let Samples::Eight(samples) = &picture.samples else { panic!("8 bits") };
         score::<u8, 3>(&run, &aligned, &blocks, samples).unwrap().metrics()

@@ -1,8 +1,10 @@
-//! Where fusion shows its work to the metrics: nothing else in this floor knows them.
+//! Measures the metrics of a fusion, if they were requested: alignment, scores and the final report.
+//!
+//! The first pass ([`align`](super::align)) passes each warped slice to the [`SliceMeter`]; everything else is here.
 
 use rayon::prelude::*;
 
-use super::{Plan, Run, Watch, align::Aligned};
+use super::{align::Aligned, run::Run};
 use crate::{
     imaging::{Plane, Rect, Sample, grey},
     quality::{
@@ -12,28 +14,25 @@ use crate::{
         score::{ScoreSums, Scorer},
         slice::{SliceMeasurements, SliceMeter},
     },
-    types::{Control, Interrupted, fusion_options::Method},
+    types::{Homography, Interrupted},
 };
 
-/// Who looks at each warped slice, when metrics are wanted.
-pub(super) fn observer<'a>(plan: &Plan, watch: &Watch<'a>) -> Option<SliceMeter<'a>> {
-    let slices = plan.homographies.len();
-    watch.metrics.then(|| SliceMeter::new(plan.width, plan.height, slices, plan.reference, watch.object))
+/// The meter for the warped slices, if metrics were requested.
+pub(super) fn slice_meter<'a>(run: &Run<'a>) -> Option<SliceMeter<'a>> {
+    let (plan, request) = (run.plan, run.request);
+    let slices = plan.slices.len();
+    request.enabled.then(|| SliceMeter::new(plan.width, plan.height, slices, plan.reference, request.object))
 }
 
-/// Residual shifts between warped neighbours.
-pub(super) fn alignment<S: Sample>(
-    aligned: &Aligned,
-    plan: &Plan,
-    watch: &Watch<'_>,
-    control: &dyn Control,
-) -> Result<Alignment, Interrupted> {
-    if !watch.metrics {
+/// Measures the residual shifts between neighbouring warped slices.
+pub(super) fn alignment<S: Sample>(run: &Run<'_>, aligned: &Aligned) -> Result<Alignment, Interrupted> {
+    let (plan, request, control) = (run.plan, run.request, run.control);
+    if !request.enabled {
         return Ok(Alignment::default());
     }
     control.check()?;
     let read = |slice: usize, rect: Rect| -> Option<(Plane<f32>, Plane<u8>)> {
-        // once cancelled, what is measured is thrown away: let it end soon
+        // after a cancel the result is discarded: reading nothing ends the measurement soon
         control.check().ok()?;
         let inside = rect.x + rect.width <= plan.width && rect.y + rect.height <= plan.height;
         let coverage = aligned.coverages.get(slice).filter(|_| inside)?;
@@ -41,14 +40,16 @@ pub(super) fn alignment<S: Sample>(
         aligned.scratch.read::<S>(slice, rect, &mut samples, &mut bytes).ok()?;
         Some((luma(&samples, rect), coverage.mask(rect)))
     };
-    let mut found = quality::alignment::measure(aligned.coverages.len(), &read, plan.width, plan.height, watch.object);
+    let (slices, object) = (aligned.coverages.len(), request.object);
+    let mut alignment = quality::alignment::measure(slices, &read, plan.width, plan.height, object);
     control.check()?;
-    found.detect_reversal(&plan.homographies, (plan.width, plan.height));
-    found.metrics.common_fraction = common_fraction(aligned);
-    Ok(found)
+    let homographies: Vec<Homography> = plan.slices.iter().map(|slice| slice.homography).collect();
+    alignment.detect_reversal(&homographies, (plan.width, plan.height));
+    alignment.metrics.common_fraction = common_fraction(aligned);
+    Ok(alignment)
 }
 
-/// Luma 0..255 of the interleaved pixels of `rect`.
+/// The luma, 0..255, of the interleaved samples of `rect`.
 fn luma<S: Sample>(samples: &[S], rect: Rect) -> Plane<f32> {
     let channels = samples.len() / (rect.width * rect.height).max(1);
     let mut plane = Plane::filled(rect.width, rect.height, 0.0);
@@ -56,7 +57,7 @@ fn luma<S: Sample>(samples: &[S], rect: Rect) -> Plane<f32> {
     plane
 }
 
-/// Score of the fused picture against the slices, in some blocks of the canvas.
+/// Scores the fused image against the slices in the sampled blocks of the canvas.
 pub(super) fn score<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
@@ -70,7 +71,7 @@ pub(super) fn score<S: Sample, const C: usize>(
         for (y, start) in rows.enumerate() {
             grey::luma_row(&fused[start..start + rect.width * C], C, luma.row_mut(y));
         }
-        let object = run.watch.object.map(|object| object.crop(rect));
+        let object = run.request.object.map(|object| object.crop(rect));
         let mut scorer = Scorer::new(&luma, object.as_ref());
         let (mut samples, mut bytes) = (Vec::<S>::new(), Vec::new());
         let mut source = Plane::filled(rect.width, rect.height, 0.0);
@@ -87,27 +88,26 @@ pub(super) fn score<S: Sample, const C: usize>(
         Ok(scorer.sums())
     };
     let scores = blocks.rects.par_iter().with_max_len(1).map(of_block).collect::<Result<Vec<_>, Interrupted>>()?;
-    // in the order of the blocks, whoever scored them
+    // in the order of the blocks, whichever thread scored them
     let mut sums = ScoreSums::default();
     scores.iter().for_each(|score| sums.merge(score));
     Ok(sums)
 }
 
-/// All metrics together, when they are wanted.
+/// Combines all metrics, if they were requested.
 pub(super) fn finish(
     run: &Run<'_>,
-    observer: Option<&SliceMeter<'_>>,
-    seen: Vec<SliceMeasurements>,
-    sums: &ScoreSums,
+    meter: Option<&SliceMeter<'_>>,
+    measurements: Vec<SliceMeasurements>,
+    scores: &ScoreSums,
     alignment: Alignment,
     index: &Plane<u16>,
 ) -> Option<StackQuality> {
-    let names = (0..run.slices.count()).map(|slice| run.slices.name(slice).to_owned()).collect();
-    let choice = quality::DecisionMap { index, settled: run.plan.method == Method::HaloCorrected };
-    observer.map(|observer| quality::finish(observer, seen, sums, alignment, &choice, names))
+    let map = quality::DecisionMap { index, settled: run.plan.method.refines_the_index() };
+    meter.map(|meter| quality::finish(meter, measurements, scores, alignment, &map, run.slices.names()))
 }
 
-/// Share of the canvas that every slice covers.
+/// The fraction of the canvas that every slice covers.
 fn common_fraction(aligned: &Aligned) -> Option<f64> {
     let (first, rest) = aligned.coverages.split_first()?;
     let common = rest.iter().fold(first.clone(), |common, coverage| common.intersection(coverage));
@@ -117,6 +117,6 @@ fn common_fraction(aligned: &Aligned) -> Option<f64> {
 #[cfg(test)]
 mod diagnostics;
 #[cfg(test)]
-mod tests;
+mod sampling_error;
 #[cfg(test)]
-mod usual;
+mod usual_scores;

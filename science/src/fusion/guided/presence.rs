@@ -1,8 +1,10 @@
 //! Which slices won anywhere near a place: where a slice won nowhere in reach of its filters, its weight is
 //! exactly 0, and it need not be looked at.
 
-use super::UNCOVERED;
-use crate::imaging::{Plane, Rect};
+use crate::{
+    fusion::UNCOVERED,
+    imaging::{Plane, Rect},
+};
 
 /// Side of the squares that presence is noted for, px.
 const CELL: usize = 32;

@@ -1,0 +1,174 @@
+//! What [`fuse`](super::fuse) is asked for, and what it returns. This file imports nothing from its siblings.
+
+use crate::{
+    imaging::{Plane, Raster},
+    quality::StackQuality,
+    types::{
+        Error, ErrorKind, Homography, Warning,
+        fusion_options::{GuidedParams, Method},
+        profile::{CaptureMode, ProfileInput},
+    },
+};
+
+/// Value of [`Fused::index`] where no slice covers the canvas.
+pub const UNCOVERED: u16 = u16::MAX;
+
+/// Smallest change of scale over the stack, as |ln(first / last)|, that decides which end of the stack is near.
+const MIN_LOG_SCALE_CHANGE: f64 = 2e-3;
+
+/// How a stack is fused.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Width of every slice and of the canvas, px. The canvas is the pixel grid of the reference slice.
+    pub width: usize,
+    /// Height of the same, px.
+    pub height: usize,
+    /// Geometry, brightness and rail position of each slice, in the order of the stack.
+    pub slices: Vec<SlicePlan>,
+    /// 0-based index of the reference slice. Where no slice shows any detail, its pixels are used.
+    pub reference: usize,
+    /// The fusion method.
+    pub method: Method,
+    /// Parameters of [`Method::Guided`]. The focus measure of [`Method::Pyramid`] uses `r_g` and `sigma_g` too.
+    pub params: GuidedParams,
+    /// Whether the first slice is focused nearest to the camera and the last farthest from it. `None` if unknown: then
+    /// [`Method::HaloCorrected`] estimates it from the slices.
+    pub near_first: Option<bool>,
+}
+
+/// One slice of a [`Plan`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SlicePlan {
+    /// Maps pixels of the slice to pixels of the canvas.
+    pub homography: Homography,
+    /// Factor that brings the samples of the slice to the brightness of the reference slice; above 0.
+    pub gain: f64,
+    /// Position on the rail, mm. If it is unknown for any slice, the steps between slices are assumed to be equal.
+    pub rail_mm: Option<f64>,
+}
+
+impl SlicePlan {
+    /// A slice that is aligned and has the brightness of the reference slice; its rail position is unknown.
+    pub const ALIGNED: Self = Self { homography: Homography::IDENTITY, gain: 1.0, rail_mm: None };
+}
+
+impl Plan {
+    /// A plan for `slices` slices that are aligned and equally bright: the middle slice is the reference, the method is
+    /// [`Method::Guided`] with the parameters of Li, Kang & Hu (2013).
+    pub fn aligned(width: usize, height: usize, slices: usize) -> Self {
+        Self {
+            width,
+            height,
+            slices: vec![SlicePlan::ALIGNED; slices],
+            reference: slices / 2,
+            method: Method::Guided,
+            params: GuidedParams::default(),
+            near_first: None,
+        }
+    }
+
+    /// The plan for a stack taken with the rig of `profile`.
+    pub fn from_profile(profile: &ProfileInput, method: Method, params: GuidedParams) -> Self {
+        let rail = profile.rail_positions_mm.as_deref();
+        let slice = |(index, &homography): (usize, &Homography)| SlicePlan {
+            homography,
+            gain: profile.gain(index),
+            rail_mm: rail.and_then(|rail| rail.get(index)).copied(),
+        };
+        Self {
+            width: profile.image_width as usize,
+            height: profile.image_height as usize,
+            slices: profile.homographies.iter().enumerate().map(slice).collect(),
+            reference: profile.reference_index as usize,
+            method,
+            params,
+            near_first: near_first(profile),
+        }
+    }
+
+    /// Rail positions of all slices, mm; `None` if any is unknown.
+    pub(super) fn rail_mm(&self) -> Option<Vec<f64>> {
+        self.slices.iter().map(|slice| slice.rail_mm).collect()
+    }
+
+    /// Checks the plan for a stack of `slices` slices.
+    pub(super) fn check(&self, slices: usize) -> Result<(), Error> {
+        let planned = self.slices.len();
+        if slices == 0 || planned != slices {
+            return Err(Error::new(
+                ErrorKind::SliceCountMismatch,
+                format!(
+                    "the stack has {slices} slices and its profile has {planned}; upload as many slices as the profile has, \
+                     and at least one"
+                ),
+            ));
+        }
+        let internal = |what: &str| Err(Error::new(ErrorKind::Internal, format!("the fusion plan has {what}")));
+        if slices >= usize::from(UNCOVERED) {
+            return Err(Error::new(ErrorKind::ArchiveTooLarge, "a stack can have at most 65534 slices".to_owned()));
+        }
+        if self.width == 0 || self.height == 0 || self.reference >= slices {
+            return internal("an empty canvas or a reference slice that does not exist");
+        }
+        let params = &self.params;
+        if params.average.is_multiple_of(2) || params.average > 255 || params.r1 > 512 || params.r2 > 512 {
+            return internal("filter sizes that are out of range");
+        }
+        let gains = self.slices.iter().map(|slice| slice.gain).enumerate();
+        if let Some((slice, gain)) = gains.into_iter().find(|(_, gain)| !gain.is_finite() || *gain <= 0.0) {
+            return Err(Error::new(
+                ErrorKind::InvalidProfile,
+                format!("the gain of slice {slice} is {gain}; it must be above 0"),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Whether the first slice is focused nearest to the camera, as far as the scales of the homographies tell.
+///
+/// Let `s = sqrt(det A)` be the scale of a homography with linear part `A`, of the first and of the last slice.
+///
+/// | capture mode | what moves | near end of the stack |
+/// |---|---|---|
+/// | fixed lens | the sensor moves back: the image grows, so `s` falls, and the focus comes nearer | smaller `s` |
+/// | moving lens | the camera moves back: the image shrinks, so `s` grows, and the focus comes nearer | larger `s` |
+///
+/// `None` if the capture mode is unknown or the scales differ by less than [`MIN_LOG_SCALE_CHANGE`].
+fn near_first(profile: &ProfileInput) -> Option<bool> {
+    let scale =
+        |homography: &Homography| (homography.0[0] * homography.0[4] - homography.0[1] * homography.0[3]).sqrt();
+    let (first, last) = (scale(profile.homographies.first()?), scale(profile.homographies.last()?));
+    let growth = (first / last).ln();
+    match profile.capture_mode? {
+        _ if growth.abs() < MIN_LOG_SCALE_CHANGE || !growth.is_finite() => None,
+        CaptureMode::FixedLens => Some(growth < 0.0),
+        CaptureMode::MovingLens => Some(growth > 0.0),
+    }
+}
+
+/// Which metrics [`fuse`](super::fuse) measures. The default is none.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct MetricsRequest<'a> {
+    /// Whether [`Fused::quality`] is measured.
+    pub enabled: bool,
+    /// Silhouette of the object: 255 inside, 0 outside, of the size of the canvas. The metrics are restricted to it.
+    pub object: Option<&'a Plane<u8>>,
+}
+
+/// A fused stack.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fused {
+    /// The fused image, in the bit depth of the first slice; 1 channel if the first slice is grey, else 3. Black where no
+    /// slice covers the canvas.
+    pub image: Raster,
+    /// 0-based slice per pixel, [`UNCOVERED`] where no slice covers the canvas: the decision map of
+    /// [`Method::HaloCorrected`], and for the other methods the slice with the largest focus measure.
+    pub index: Plane<u16>,
+    /// 255 where at least one slice covers the canvas, else 0.
+    pub valid: Plane<u8>,
+    /// The metrics, if they were requested.
+    pub quality: Option<StackQuality>,
+    /// What the user should know about the result.
+    pub warnings: Vec<Warning>,
+}

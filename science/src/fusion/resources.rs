@@ -1,0 +1,43 @@
+//! Memory and disk space that [`fuse`](super::fuse) needs, for callers that share a machine between jobs.
+
+use super::{align, method, plan::Plan};
+use crate::imaging::Depth;
+
+/// One mebibyte.
+const MIB: u64 = 1 << 20;
+
+impl Plan {
+    /// Upper bound of the memory that [`fuse`](super::fuse) holds, in bytes. It does not depend on the number of slices.
+    ///
+    /// With `threads` threads, three channels of `depth`, `P` canvas pixels, `s` bytes per sample and
+    /// `L = `[`slices_in_flight`] slices in flight:
+    ///
+    /// ```text
+    /// bytes  = P max(first, second) + (48 threads + 32 + M) MiB
+    /// first  = 6 + 9 s L             largest focus measure and its slice; per slice: decoded, warped, and a buffer
+    /// second = 3 + 3 s + X           index, validity, fused image; X is the need of the method
+    /// X      = 14 + 3 s  for Method::HaloCorrected (decision map, pyramid image), else 0
+    /// M      = 32 with metrics (sampled points and blocks), else 0
+    /// ```
+    pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
+        let pixels = (self.width * self.height) as u64;
+        let pixel = 3 * depth.bytes() as u64;
+        let in_flight = 3 * pixel;
+        let first_pass = 6 + in_flight * slices_in_flight(threads, self.slices.len()) as u64;
+        let second_pass = 3 + pixel + method::extra_bytes_per_pixel(self.method, pixel);
+        let sampled = if metrics { 32 } else { 0 };
+        pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + sampled) * MIB
+    }
+
+    /// Size of the scratch file that [`fuse`](super::fuse) writes for slices of `channels` samples of `depth`, in bytes: the
+    /// samples of all slices, padded to whole blocks.
+    pub fn scratch_bytes(&self, channels: usize, depth: Depth) -> u64 {
+        let side = |length: usize| length.next_multiple_of(align::SCRATCH_BLOCK) as u64;
+        side(self.width) * side(self.height) * (channels * depth.bytes() * self.slices.len()) as u64
+    }
+}
+
+/// Number of slices that [`fuse`](super::fuse) decodes and warps at the same time with `threads` threads.
+pub fn slices_in_flight(threads: usize, slices: usize) -> usize {
+    align::lanes(threads, slices)
+}

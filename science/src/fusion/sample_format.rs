@@ -1,0 +1,109 @@
+//! The sample format of a stack, and its slices converted to it.
+
+use std::sync::Mutex;
+
+use super::run::locked;
+use crate::{
+    imaging::{Depth, Raster, Sample, Samples, Slices},
+    types::{Error, ErrorKind},
+};
+
+/// Bit depth and channels of a stack: those of its first slice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct SampleFormat {
+    pub depth: Depth,
+    /// 1 or 3.
+    pub channels: usize,
+}
+
+impl SampleFormat {
+    fn of(raster: &Raster) -> Result<Self, Error> {
+        match raster.channels {
+            1 | 3 => Ok(Self { depth: raster.depth(), channels: raster.channels }),
+            other => Err(Error::new(
+                ErrorKind::InvalidImage,
+                format!("the slice has {other} channels; save slices as grey or RGB images without alpha"),
+            )),
+        }
+    }
+}
+
+/// The slices of a stack, converted to the format of the first one while they are loaded.
+///
+/// The format is known only once slice 0 is decoded. That raster is kept until slice 0 is loaded, so that no slice is decoded
+/// twice.
+pub(super) struct FormattedSlices<'a> {
+    slices: &'a dyn Slices,
+    width: usize,
+    height: usize,
+    format: SampleFormat,
+    first: Mutex<Option<Raster>>,
+}
+
+impl<'a> FormattedSlices<'a> {
+    /// Decodes slice 0 of a stack of `width` x `height` px.
+    ///
+    /// # Errors
+    /// An error that names the slice when it cannot be decoded or is neither grey nor RGB.
+    pub(super) fn open(slices: &'a dyn Slices, width: usize, height: usize) -> Result<Self, Error> {
+        let first = slices.load(0)?;
+        let format = SampleFormat::of(&first).map_err(|error| error.in_file(slices.name(0), Some(0)))?;
+        Ok(Self { slices, width, height, format, first: Mutex::new(Some(first)) })
+    }
+
+    pub(super) fn format(&self) -> SampleFormat {
+        self.format
+    }
+
+    /// Names of all slices, as the user knows them.
+    pub(super) fn names(&self) -> Vec<String> {
+        (0..self.slices.count()).map(|slice| self.slices.name(slice).to_owned()).collect()
+    }
+
+    /// Interleaved samples of slice `slice`; `S` and `C` are those of [`FormattedSlices::format`].
+    ///
+    /// | slice | result |
+    /// |---|---|
+    /// | 8 bits in a stack of 16 | samples times 257 |
+    /// | grey in a stack in colour | the grey sample in every channel |
+    /// | 16 bits in a stack of 8, colour in a grey stack | refused: information would be lost |
+    ///
+    /// # Errors
+    /// An error that names the slice when it cannot be decoded, has another size, or would lose information.
+    pub(super) fn load<S: Sample, const C: usize>(&self, slice: usize) -> Result<Vec<S>, Error> {
+        let decoded = if slice == 0 { locked(&self.first).take() } else { None };
+        let raster = match decoded {
+            Some(raster) => raster,
+            None => self.slices.load(slice)?,
+        };
+        let name = self.slices.name(slice);
+        let located = |error: Error| error.in_file(name, Some(slice as u32));
+        if (raster.width, raster.height) != (self.width, self.height) {
+            let detail = format!(
+                "'{name}' (slice {slice}) is {} x {} px and the profile is for {} x {} px; use the image size of the \
+                 calibration",
+                raster.width, raster.height, self.width, self.height
+            );
+            return Err(located(Error::new(ErrorKind::SizeMismatch, detail)));
+        }
+        let format = SampleFormat::of(&raster).map_err(located)?;
+        let refused = |what: &str| {
+            let detail = format!("'{name}' (slice {slice}) {what}; save all slices in one format");
+            Err(located(Error::new(ErrorKind::InvalidImage, detail)))
+        };
+        if format.channels > C {
+            return refused("is in colour and the first slice is grey");
+        }
+        let samples = match raster.samples {
+            samples if format.depth == S::DEPTH => samples,
+            Samples::Eight(samples) => Samples::Sixteen(samples.into_iter().map(|v| u16::from(v) * 257).collect()),
+            Samples::Sixteen(_) => return refused("has 16 bits per sample and the first slice has 8"),
+        };
+        if format.channels == C {
+            return S::from_samples(samples)
+                .ok_or_else(|| Error::new(ErrorKind::Internal, "a slice has an unexpected bit depth"));
+        }
+        let grey = S::of(&samples).unwrap_or_default();
+        Ok(grey.iter().flat_map(|&sample| [sample; C]).collect())
+    }
+}

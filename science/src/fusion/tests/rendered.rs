@@ -1,0 +1,33 @@
+//! Rendered stacks with the true plan and the true image.
+
+use crate::{
+    fusion::{Plan, SlicePlan},
+    imaging::Raster,
+    synth::{Light, Rig, Scene, Stage, Truth},
+};
+
+/// A rendered stack.
+pub(crate) struct Rendered {
+    pub slices: Vec<Raster>,
+    pub plan: Plan,
+    pub truth: Truth,
+}
+
+/// `scene` taken by `rig` under `light`, with the true geometry of the rig as its plan.
+pub(crate) fn rendered(rig: &Rig, scene: &Scene, light: Light) -> Rendered {
+    let stage = Stage::new(rig, scene);
+    let plan = Plan {
+        slices: slice_plans(rig),
+        reference: rig.reference,
+        near_first: Some(true),
+        ..Plan::aligned(rig.width, rig.height, rig.slices())
+    };
+    Rendered { slices: (0..rig.slices()).map(|i| stage.render(light, i)).collect(), plan, truth: stage.truth() }
+}
+
+/// The true geometry and brightness of the slices of `rig`.
+pub(crate) fn slice_plans(rig: &Rig) -> Vec<SlicePlan> {
+    let slice =
+        |i: usize| SlicePlan { homography: rig.homography(i), gain: rig.gain(i), rail_mm: rig.rail_mm.get(i).copied() };
+    (0..rig.slices()).map(slice).collect()
+}
