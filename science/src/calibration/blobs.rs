@@ -1,23 +1,23 @@
-//! Blind detection of round spots in a sharp picture: local threshold, connected parts, moments.
+//! Detection of round spots in a sharp image: local threshold, connected components, moments.
 
 use crate::imaging::Plane;
 
 use super::working_image::quantile;
 
-/// A spot that could be a dot, in px of the plane it was found in.
+/// A spot that may be a dot, in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Blob {
     /// Centre.
     pub at: [f64; 2],
-    /// Pixels.
+    /// Area, px.
     pub area: f64,
 }
 
-/// Least depth of a dot below its surroundings, as a share of the ground, that counts as a dot at all.
+/// Least contrast of a dot against its surroundings.
 const LEAST_CONTRAST: f64 = 0.03;
 
-/// Round spots of `contrast` that stand out from the mean of the `(2 radius + 1)^2` px around them. Those that
-/// touch the frame are left out: their centres are not those of the dots.
+/// Round spots of `contrast` that stand out from the mean over `(2 radius + 1)^2` px around them. Spots that touch the
+/// border are left out: their centres are not those of the dots.
 pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
     let (width, height) = (contrast.width, contrast.height);
     if width < 8 || height < 8 {
@@ -33,16 +33,16 @@ pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
         return Vec::new();
     }
     let threshold = (0.35 * contrast) as f32;
-    let mut seen = vec![false; standing.len()];
+    let mut visited = vec![false; standing.len()];
     let mut blobs = Vec::new();
     let mut stack = Vec::new();
     for start in 0..standing.len() {
-        if seen[start] || standing[start] <= threshold {
+        if visited[start] || standing[start] <= threshold {
             continue;
         }
         let mut moments = Moments::default();
         let mut at_frame = false;
-        seen[start] = true;
+        visited[start] = true;
         stack.push(start);
         while let Some(at) = stack.pop() {
             let (x, y) = (at % width, at / width);
@@ -55,8 +55,8 @@ pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
                 (y + 1 < height).then(|| at + width),
             ];
             for next in neighbours.into_iter().flatten() {
-                if !seen[next] && standing[next] > threshold {
-                    seen[next] = true;
+                if !visited[next] && standing[next] > threshold {
+                    visited[next] = true;
                     stack.push(next);
                 }
             }
@@ -68,7 +68,7 @@ pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
     blobs
 }
 
-/// Running sums of one connected part.
+/// Running moments of one component.
 #[derive(Default)]
 struct Moments {
     area: f64,
@@ -95,14 +95,15 @@ impl Moments {
         self.wy += weight * y;
     }
 
-    /// The spot, when it is round and full: axes within 1 : 1.8, area that of its ellipse of inertia.
+    /// The spot, if it is round and filled: axis ratio at most 1.8, and 0.8 to 1.15 of the area of its ellipse of
+    /// inertia.
     fn blob(&self) -> Option<Blob> {
         if self.area < 7.0 || self.weight <= 0.0 {
             return None;
         }
         let n = self.area;
         let (mx, my) = (self.x / n, self.y / n);
-        // 1/12: the extent of a pixel itself
+        // 1/12: second moment of a single pixel
         let (a, b, c) = (self.xx / n - mx * mx + 1.0 / 12.0, self.xy / n - mx * my, self.yy / n - my * my + 1.0 / 12.0);
         let (mean, half) = ((a + c) / 2.0, (((a - c) / 2.0).powi(2) + b * b).sqrt());
         let (long, short) = (mean + half, mean - half);
@@ -115,7 +116,7 @@ impl Moments {
     }
 }
 
-/// Mean over `(2 radius + 1)^2` px, with the true number of pixels at the borders. Running sums in f64.
+/// Box mean over `(2 radius + 1)^2` px, divided by the number of pixels inside at the borders. Running sums in f64.
 fn box_mean(plane: &Plane<f32>, radius: usize) -> Plane<f32> {
     let (width, height) = (plane.width, plane.height);
     let mut columns = vec![0.0_f64; width];
@@ -164,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn round_spots_are_found_to_a_fraction_of_a_pixel_and_cut_ones_are_not() {
+    fn round_spots_are_located_to_a_fraction_of_a_pixel_and_cut_ones_are_left_out() {
         let truth = [[30.3, 40.6], [70.5, 30.2], [119.0, 60.0]];
         let found = find(&dots(&truth, 6.0), 20);
         assert_eq!(found.len(), 2, "{found:?}");
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_mean_counts_the_pixels_there_are() {
+    fn a_box_mean_divides_by_the_pixels_inside_at_the_border() {
         let plane = Plane::from_fn(5, 4, |x, y| (x + y) as f32);
         let mean = box_mean(&plane, 9);
         assert!(mean.data.iter().all(|v| (v - 3.5).abs() < 1e-6));

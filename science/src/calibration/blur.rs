@@ -1,32 +1,33 @@
-//! From how much of the grid's first harmonic is left to the radius of the blur.
+//! The blur radius from the attenuation of the grid's first harmonic.
 //!
-//! Blur by a disc of radius r multiplies a wave of one period per step by `2 J1(x) / x`, `x = 2 pi r / step`; it
-//! vanishes at r = 0.61 steps and is negative beyond (spurious resolution).
+//! A disc of radius r attenuates a wave with one period per grid step by `2 J1(x) / x`, `x = 2 pi r / step`. The factor
+//! is 0 at r = 0.61 steps and negative beyond (spurious resolution).
 
 use std::f64::consts::TAU;
 
-/// Blur radius, in steps, at which the first harmonic vanishes.
+/// Blur radius, in steps, at which the attenuation factor is 0.
 pub(super) const VANISHES: f64 = 0.6098;
-/// Blur radius, in steps, at which it is most negative.
+/// Blur radius, in steps, at which the factor is most negative.
 const LOWEST: f64 = 0.8174;
 
-/// What a blur of `radius` steps leaves of the first harmonic.
-pub(super) fn left(radius: f64) -> f64 {
+/// Attenuation factor of the first harmonic for a blur of `radius` steps.
+pub(super) fn attenuation(radius: f64) -> f64 {
     let x = TAU * radius;
     if x < 1e-3 { 1.0 - x * x / 8.0 } else { 2.0 * j1(x) / x }
 }
 
-/// The radius in steps that leaves `share` of the first harmonic: 0 when all is left, at most where it is most negative.
+/// Inverse of [`attenuation`]: the radius in steps for the factor `share`; 0 from a factor of 1, at most the radius of
+/// the minimum.
 pub(super) fn radius(share: f64) -> f64 {
     let (mut low, mut high) = (0.0, LOWEST);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
-        if left(middle) > share { low = middle } else { high = middle }
+        if attenuation(middle) > share { low = middle } else { high = middle }
     }
     0.5 * (low + high)
 }
 
-/// Bessel function of the first kind and order one, by its series (converges fast for the |x| < 6 of this module).
+/// Bessel function of the first kind of order one, by its power series, which converges fast for the |x| < 6 used here.
 fn j1(x: f64) -> f64 {
     let quarter = -x * x / 4.0;
     let (mut term, mut sum) = (x / 2.0, x / 2.0);
@@ -54,11 +55,11 @@ mod tests {
     }
 
     #[test]
-    fn radius_and_what_is_left_are_inverse_to_one_another_past_the_inversion_too() {
+    fn the_radius_inverts_the_attenuation_beyond_the_zero_too() {
         for r in [0.02, 0.1, 0.3, 0.45, 0.6, 0.7, 0.8] {
-            assert!((radius(left(r)) - r).abs() < 1e-6, "{r}");
+            assert!((radius(attenuation(r)) - r).abs() < 1e-6, "{r}");
         }
-        assert!(left(VANISHES).abs() < 1e-3 && left(0.7) < -0.05);
+        assert!(attenuation(VANISHES).abs() < 1e-3 && attenuation(0.7) < -0.05);
         assert_eq!(radius(1.2).round(), 0.0);
     }
 }

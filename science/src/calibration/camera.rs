@@ -1,28 +1,28 @@
-//! The camera as a pinhole, as far as a calibration can know it.
+//! The pinhole camera, as far as a calibration can determine it.
 //!
-//! Two independent ways to the principal distance d2 (lens to sensor in the reference slice): the law of the rail,
-//! `growth per mm = 1 / d2` with a fixed lens, and `d2 = f (1 + M)` with the magnification M from the target's pitch.
-//! The focal length that a camera writes into its files is neither.
+//! The principal distance d2 (lens to sensor in the reference slice) follows in two independent ways: from the rail
+//! law, `growth per mm = 1 / d2` with a fixed lens; and from `d2 = f (1 + M)`, with the magnification M from the target
+//! pitch. The focal length that a camera writes into its files is neither.
 
 use crate::types::calibration_options::CalibrationOptions;
 use crate::types::profile::CaptureMode;
 use crate::types::report::CameraReport;
 
-/// What is known.
+/// Measured quantities.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known {
     /// Image size over target size.
     pub magnification: Option<f64>,
-    /// Growth of the image per mm of the rail.
+    /// Growth of the image per mm of rail.
     pub growth_per_mm: Option<f64>,
-    /// What moved.
+    /// The capture mode.
     pub capture: Option<CaptureMode>,
 }
 
-/// Distances that differ by more than this share deserve a word.
-pub(super) const AGREES: f64 = 0.02;
+/// Largest relative difference at which the two principal distances agree.
+const AGREES: f64 = 0.02;
 
-/// Puts it together.
+/// The camera from the options and the measured quantities.
 pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport {
     let by_pitch = known.magnification.zip(options.focal_mm).map(|(m, f)| f * (1.0 + m));
     let fixed = known.capture != Some(CaptureMode::MovingLens);
@@ -30,31 +30,31 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
     let (distance, cross_check, detail) = match (by_rail, by_pitch) {
         (Some(rail), Some(pitch)) => {
             let off = 100.0 * (rail / pitch - 1.0);
-            let word = if off.abs() <= 100.0 * AGREES {
+            let word = if agree(rail, pitch) {
                 "agree"
             } else {
-                "DISAGREE: check focal length, target pitch, pixel pitch and rail steps"
+                "disagree: check focal length, target pitch, pixel pitch and rail steps"
             };
             (
                 Some(rail),
                 Some(pitch),
                 format!(
-                    "from the law of the rail; focal length and target pitch give {pitch:.2} mm ({off:+.1} %): they {word}"
+                    "from the rail law; focal length and target pitch give {pitch:.2} mm ({off:+.1} %): they {word}"
                 ),
             )
         }
         (Some(rail), None) => (
             Some(rail),
             None,
-            "from the law of the rail; tell focal_mm, target_pitch_mm and pixel_pitch_mm for a cross-check".into(),
+            "from the rail law; give focal_mm, target_pitch_mm and pixel_pitch_mm for a cross-check".into(),
         ),
         (None, Some(pitch)) => {
-            (Some(pitch), None, "from focal length and target pitch; tell rail_step_mm for a cross-check".into())
+            (Some(pitch), None, "from focal length and target pitch; give rail_step_mm for a cross-check".into())
         }
         (None, None) => (
             None,
             None,
-            "not known: tell rail_step_mm (or rail_positions_mm), or focal_mm with target_pitch_mm and pixel_pitch_mm"
+            "not known: give rail_step_mm (or rail_positions_mm), or focal_mm with target_pitch_mm and pixel_pitch_mm"
                 .into(),
         ),
     };
@@ -62,7 +62,7 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
         principal_distance_mm: distance,
         principal_distance_px: distance.zip(options.pixel_pitch_mm).map(|(d, p)| d / p),
         cross_check_mm: cross_check,
-        // the point that does not move tells the axis only together with the tilt of the rail
+        // the fixed point gives the principal point only together with the tilt of the rail, which is unknown
         principal_point_px: None,
         pixel_pitch_mm: options.pixel_pitch_mm,
         focal_mm: options.focal_mm,
@@ -70,12 +70,23 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
     }
 }
 
+/// True when the two principal distances of a report differ by more than [`AGREES`].
+pub(super) fn is_contradictory(report: &CameraReport) -> bool {
+    let both = report.principal_distance_mm.zip(report.cross_check_mm);
+    both.is_some_and(|(rail, pitch)| !agree(rail, pitch))
+}
+
+/// True when two principal distances agree.
+fn agree(rail: f64, pitch: f64) -> bool {
+    (100.0 * (rail / pitch - 1.0)).abs() <= 100.0 * AGREES
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn two_ways_to_the_principal_distance_are_compared() {
+    fn the_principal_distance_is_cross_checked() {
         let options =
             CalibrationOptions { focal_mm: Some(65.0), pixel_pitch_mm: Some(0.004), ..CalibrationOptions::default() };
         let known = Known { magnification: Some(1.0), growth_per_mm: Some(-1.0 / 131.0), capture: None };
@@ -85,11 +96,12 @@ mod tests {
         assert!((report.principal_distance_px.expect("known") - 32_750.0).abs() < 1e-6);
         assert!(report.detail.contains("they agree"), "{}", report.detail);
         let off = camera(&options, Known { growth_per_mm: Some(1.0 / 150.0), ..known });
-        assert!(off.detail.contains("DISAGREE"), "{}", off.detail);
+        assert!(off.detail.contains("they disagree"), "{}", off.detail);
+        assert!(is_contradictory(&off) && !is_contradictory(&report));
     }
 
     #[test]
-    fn what_cannot_be_known_is_not_made_up() {
+    fn unknown_values_stay_none() {
         let report = camera(&CalibrationOptions::default(), Known::default());
         assert_eq!((report.principal_distance_mm, report.principal_distance_px), (None, None));
         assert!(report.detail.contains("rail_step_mm"));

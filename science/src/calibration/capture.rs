@@ -1,51 +1,59 @@
-//! What moved between the slices: the sensor alone, or camera and lens together.
+//! The capture mode: whether the sensor moved alone (fixed lens) or with the lens (moving lens).
 //!
-//! With a fixed lens 1/scale is a straight line over the rail; with a moving lens and a flat target the scale itself
-//! is. The two part by half the square of the relative change over the stack. And towards the object a sensor sees a
-//! smaller picture (it comes nearer to the lens), a camera a larger one.
+//! Two criteria:
+//!
+//! - Law: with a fixed lens 1/scale is linear in the rail position; with a moving lens and a flat target the scale
+//!   itself is. The two differ by half the square of the relative change over the stack.
+//! - Direction: towards the object, the image shrinks with a fixed lens (the sensor approaches the lens) and grows with
+//!   a moving lens.
 
 use super::working_image::median;
 use crate::types::profile::CaptureMode;
 use crate::types::report::CaptureReport;
 
-/// One measured slice.
+/// The scale of one measured slice.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ScaleSample {
-    /// Position on the rail; mm towards the object when `told`, else the index.
+    /// Rail position: mm towards the object when the user specified positions, else the slice index.
     pub position: f64,
-    /// Scale towards the reference slice.
+    /// Scale from the slice to the reference slice.
     pub scale: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the scale.
     pub sigma: f64,
 }
 
-/// Judges the scales. `told_positions`: positions came from the user, so their direction counts; `even`: steps
-/// are known to be even, so the law counts.
+/// Decides the capture mode from the scales. `positions_given`: positions came from the user, so the direction
+/// criterion applies. `even`: steps are known to be equal, so the law criterion applies. `given`: the mode that the
+/// user specified.
 pub(super) fn judge(
     slices: &[ScaleSample],
-    told_positions: bool,
+    positions_given: bool,
     even: bool,
-    told: Option<CaptureMode>,
+    given: Option<CaptureMode>,
 ) -> CaptureReport {
     let by_law = if even { by_law(slices) } else { None };
-    let by_sign = if told_positions { by_sign(slices) } else { None };
+    let by_sign = if positions_given { by_sign(slices) } else { None };
     let (found, detail) = match (by_law, by_sign) {
         (Some(law), Some(sign)) if law != sign => (
             None,
-            "the law of the scales and the direction of the rail disagree: are rail positions counted towards the object?"
+            "the law of the scales and the direction of the rail disagree: check that rail positions are counted towards \
+             the object"
                 .to_owned(),
         ),
         (Some(mode), _) => (Some(mode), format!("the scales follow the law of {}", name(mode))),
         (None, Some(mode)) => (
             Some(mode),
-            format!("towards the object the picture {}, as with {}", if mode == CaptureMode::FixedLens { "shrinks" } else { "grows" }, name(mode)),
+            format!("towards the object the image {}, as with {}", if mode == CaptureMode::FixedLens { "shrinks" } else { "grows" }, name(mode)),
         ),
-        (None, None) => (None, "the scales leave open what moved: too few slices, too small a change, or uneven steps".to_owned()),
+        (None, None) => (
+            None,
+            "the scales do not show what moved: too few slices, too small a change of scale, or uneven steps".to_owned(),
+        ),
     };
-    CaptureReport { told, found, detail }
+    CaptureReport { told: given, found, detail }
 }
 
-/// For sentences.
+/// The mode as a phrase for sentences.
 pub(super) fn name(mode: CaptureMode) -> &'static str {
     match mode {
         CaptureMode::FixedLens => "a fixed lens (only the sensor moves)",
@@ -80,11 +88,11 @@ fn by_sign(slices: &[ScaleSample]) -> Option<CaptureMode> {
     if slices.len() < 3 || (slope * span).abs() < 10.0 * noise {
         return None;
     }
-    // the scale towards the reference grows where the picture shrinks
+    // the scale to the reference slice grows where the image shrinks
     Some(if slope > 0.0 { CaptureMode::FixedLens } else { CaptureMode::MovingLens })
 }
 
-/// RMS distance of values from the straight line that fits them best.
+/// RMS residual of the least-squares line.
 fn off_line(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let n = points.clone().count() as f64;
     let (sx, sy) = points.clone().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
@@ -103,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moved_is_told_by_the_law_only_when_the_scales_tell_it() {
+    fn the_law_of_the_scales_decides_the_capture_mode_only_when_it_is_unambiguous() {
         let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
         assert_eq!(judge(&fixed, false, true, None).found, Some(CaptureMode::FixedLens));
         assert_eq!(judge(&stack(|dz| 1.0 - dz / 47.0), false, true, None).found, Some(CaptureMode::MovingLens));
@@ -113,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_direction_of_the_rail_tells_it_too_and_a_contradiction_is_said() {
+    fn the_direction_of_the_rail_decides_too_and_a_contradiction_is_reported() {
         let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
         assert_eq!(judge(&fixed, true, false, None).found, Some(CaptureMode::FixedLens));
         let moving = stack(|dz| 1.0 - dz / 47.0);

@@ -1,61 +1,61 @@
-//! Where the grid went from one slice to the next, before any dot of the next is measured.
+//! Coarse registration: how the grid moved from one slice to the next, found by search before any dot is measured.
 
 use rayon::prelude::*;
 
 use super::working_image::sample;
 use crate::imaging::Plane;
 
-/// A scale about the middle of the picture and a shift.
+/// A scale about the image centre and a shift.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SimilarityMotion {
-    /// Factor by which distances grow.
+    /// Scale factor.
     pub scale: f64,
-    /// Shift of the middle of the picture, px.
+    /// Shift of the image centre, px.
     pub shift: [f64; 2],
 }
 
 impl SimilarityMotion {
-    /// Nothing moves.
+    /// The identity.
     pub(super) const NONE: Self = Self { scale: 1.0, shift: [0.0, 0.0] };
 
-    /// Where `p` goes when `middle` is the middle of the picture.
+    /// The image of `p`; `middle` is the image centre.
     pub(super) fn apply(&self, middle: [f64; 2], p: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|a| middle[a] + self.scale * (p[a] - middle[a]) + self.shift[a])
     }
 }
 
-/// Where the grid was found.
+/// The best motion that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RegisteredMotion {
-    /// How it moved.
+    /// The motion.
     pub motion: SimilarityMotion,
     /// 1, or -1 where blur has inverted the dots.
     pub sign: f64,
-    /// How far its dots stand out, in units of contrast.
+    /// Mean difference between dots and the gaps between them, in units of contrast.
     pub depth: f64,
-    /// The same in standard errors.
+    /// `depth` in standard errors.
     pub significance: f64,
 }
 
-/// What is looked through.
+/// Input of the search.
 pub(super) struct CoarseRegistration<'a> {
-    /// Picture of the dots (positive on dots).
+    /// Contrast image (positive on dots).
     pub contrast: &'a Plane<f32>,
     /// Dots in the neighbouring slice, in px of `contrast`.
     pub dots: &'a [[f64; 2]],
-    /// The two steps of the grid, px.
+    /// The two grid steps, px.
     pub steps: [[f64; 2]; 2],
-    /// Distance of neighbouring dots, px.
+    /// Dot pitch, px.
     pub pitch: f64,
 }
 
-/// Most dots that are looked at: more only cost time.
+/// Most dots that are sampled; more only cost time.
 const MOST_DOTS: usize = 400;
 
 impl CoarseRegistration<'_> {
-    /// The motion whose predicted dots stand out most against the places in the middle between them (with `sign` -1:
-    /// stand out least, as blur inverts them), among scales `around.scale` +- `scale_reach` and shifts up to
-    /// `shift_reach` of the pitch along each axis.
+    /// The motion with the largest difference between the predicted dots and the gaps between them (with `sign` -1,
+    /// where blur inverts the dots: the most negative). Searches scales `around.scale` +- `scale_reach` and shifts up
+    /// to `shift_reach` of the pitch along each axis, in two passes, coarse to fine.
     pub(super) fn best(
         &self,
         around: SimilarityMotion,
@@ -66,7 +66,7 @@ impl CoarseRegistration<'_> {
         let middle = self.middle();
         let far = self.dots.iter().map(|p| (p[0] - middle[0]).hypot(p[1] - middle[1])).fold(self.pitch, f64::max);
         let mut best = around;
-        // each pass looks finer around the best of the one before
+        // each pass searches a finer grid around the best result of the pass before
         let passes = [(scale_reach, shift_reach, 0.2), (0.25 * self.pitch / far, 0.2, 0.07)];
         for (reach, shifts, fine) in passes {
             let scale_step = fine * self.pitch / far;
@@ -95,45 +95,45 @@ impl CoarseRegistration<'_> {
         RegisteredMotion { motion: best, sign, depth, significance: depth / error }
     }
 
-    /// A grid that fills the picture looks the same when shifted by a whole step: among such motions the one
-    /// with the smallest shift is meant. A grid that ends inside the picture shows dots missing on one side.
+    /// Resolves the ambiguity of whole grid steps. A grid that fills the image looks the same when shifted by a whole
+    /// step: the smallest shift is taken. A grid that ends inside the image shows missing dots on one side.
     fn nearest_equal(&self, middle: [f64; 2], best: SimilarityMotion, around: SimilarityMotion) -> SimilarityMotion {
         let [u, v] = self.steps;
         let shifted = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (f64::from(i), f64::from(j)))).map(|(i, j)| {
             let shift = [0, 1].map(|a| best.shift[a] + best.scale * (i * u[a] + j * v[a]));
             SimilarityMotion { shift, ..best }
         });
-        // a row more or less at the border makes a few percent, of blur or of a grid's end; a whole step must win by more
+        // a row more or less at the border changes the depth by a few percent; a whole step must win by more than that
         let judged = |m: &SimilarityMotion| {
             self.depth(middle, m).map_or(0.0, |d| d.mean) * (1.0 - 0.15 * self.away(m, &around).powi(2))
         };
         shifted.max_by(|a, b| judged(a).total_cmp(&judged(b))).unwrap_or(best)
     }
 
-    /// How far the shift is from the expected one, in steps of the grid.
+    /// Distance of the shift from the expected one, grid steps.
     fn away(&self, motion: &SimilarityMotion, around: &SimilarityMotion) -> f64 {
         (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1]) / self.pitch
     }
 
-    /// Middle of the picture.
+    /// The image centre.
     pub(super) fn middle(&self) -> [f64; 2] {
         [(self.contrast.width as f64 - 1.0) / 2.0, (self.contrast.height as f64 - 1.0) / 2.0]
     }
 
-    /// Depth of the dots, made a little smaller away from the expected motion.
+    /// The objective: depth, weighted by the visible share of the dots, with a small penalty on the shift.
     fn score(&self, middle: [f64; 2], motion: &SimilarityMotion, around: &SimilarityMotion, sign: f64) -> f64 {
         let Some(depth) = self.depth(middle, motion) else { return f64::NEG_INFINITY };
         let away = self.away(motion, around);
-        sign * depth.mean * depth.seen.sqrt() * (1.0 - 0.1 * away * away)
+        sign * depth.mean * depth.visible.sqrt() * (1.0 - 0.1 * away * away)
     }
 
-    /// Mean of (dot - middle between dots). `None` when too few predicted dots lie in the picture.
+    /// Mean and standard error of (dot - gap). `None` when too few predicted dots lie in the image.
     fn depth(&self, middle: [f64; 2], motion: &SimilarityMotion) -> Option<Depth> {
         let stride = self.dots.len().div_ceil(MOST_DOTS).max(1);
         let [u, v] = self.steps.map(|s| s.map(|c| 0.5 * motion.scale * c));
-        let (mut n, mut sum, mut squares, mut asked) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut n, mut sum, mut squares, mut sampled) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         for dot in self.dots.iter().step_by(stride) {
-            asked += 1.0;
+            sampled += 1.0;
             let p = motion.apply(middle, *dot);
             let Some(on) = sample(self.contrast, p) else { continue };
             let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
@@ -152,20 +152,20 @@ impl CoarseRegistration<'_> {
             sum += depth;
             squares += depth * depth;
         }
-        if n < 8.0 || n < 0.3 * asked {
+        if n < 8.0 || n < 0.3 * sampled {
             return None;
         }
         let mean = sum / n;
-        Some(Depth { mean, error: ((squares / n - mean * mean).max(1e-12) / n).sqrt(), seen: n / asked })
+        Some(Depth { mean, error: ((squares / n - mean * mean).max(1e-12) / n).sqrt(), visible: n / sampled })
     }
 }
 
-/// How the predicted dots stand out.
+/// Depth of the predicted dots.
 struct Depth {
     mean: f64,
     error: f64,
-    /// Share of them that lies in the picture.
-    seen: f64,
+    /// Share of the predicted dots that lie in the image.
+    visible: f64,
 }
 
 #[cfg(test)]

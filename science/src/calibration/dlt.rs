@@ -1,7 +1,7 @@
-//! Direct linear transform: a homography from four or more pairs of points.
+//! Direct linear transform: a homography from four or more point pairs.
 //!
-//! Eq. 7 to 10 of Li & Nguyen 2019 with the normalisation of Hartley 1997, without which coordinates of
-//! thousands of pixels make the equations too ill-conditioned for a hundredth of a pixel.
+//! Equations 7 to 10 of Li and Nguyen (2019), with the normalisation of Hartley (1997). Without it, coordinates of
+//! thousands of pixels make the equations too ill-conditioned for an accuracy of a hundredth of a pixel.
 
 use nalgebra::{DMatrix, Matrix3};
 
@@ -10,8 +10,8 @@ use crate::types::Homography;
 /// A point in a slice and the same point in the reference slice, px.
 pub(super) type Pair = ([f64; 2], [f64; 2]);
 
-/// The similarity that moves the centroid of `points` to the origin and makes their mean distance from it
-/// the square root of 2. `None` when all are at one place.
+/// The similarity that moves the centroid of `points` to the origin and their mean distance from it to sqrt(2). `None`
+/// when all points coincide.
 pub(super) fn normalisation(points: impl Iterator<Item = [f64; 2]> + Clone) -> Option<Matrix3<f64>> {
     let n = points.clone().count() as f64;
     let (sx, sy) = points.clone().fold((0.0, 0.0), |s, p| (s.0 + p[0], s.1 + p[1]));
@@ -24,16 +24,16 @@ pub(super) fn normalisation(points: impl Iterator<Item = [f64; 2]> + Clone) -> O
     Some(Matrix3::new(s, 0.0, -s * cx, 0.0, s, -s * cy, 0.0, 0.0, 1.0))
 }
 
-/// The homography that sends each first point to its second, least squares of the algebraic error by SVD.
-/// `None` for fewer than four pairs, collinear points, or a result that cannot be normalised.
+/// The homography that maps each first point to its second, minimising the algebraic error by SVD. `None` for fewer
+/// than four pairs, collinear points, or a result that cannot be normalised.
 pub(super) fn fit(pairs: &[Pair]) -> Option<Homography> {
     if pairs.len() < 4 {
         return None;
     }
     let from = normalisation(pairs.iter().map(|p| p.0))?;
     let to = normalisation(pairs.iter().map(|p| p.1))?;
-    // two rows per pair (the third of eq. 10 follows from them); at least nine rows, so that the SVD gives
-    // the whole right basis
+    // two rows per pair (the third of equation 10 depends on them); at least nine rows, so that the SVD returns the
+    // whole right basis
     let mut a = DMatrix::zeros((2 * pairs.len()).max(9), 9);
     for (k, (p, q)) in pairs.iter().enumerate() {
         let place = |t: &Matrix3<f64>, p: &[f64; 2]| [t[(0, 0)] * p[0] + t[(0, 2)], t[(1, 1)] * p[1] + t[(1, 2)]];
@@ -47,7 +47,7 @@ pub(super) fn fit(pairs: &[Pair]) -> Option<Homography> {
     }
     let svd = a.try_svd(false, true, 1e-14, 200)?;
     let singular = &svd.singular_values;
-    // a second vanishing direction: the points do not fix a homography
+    // a second vanishing singular value: the points do not determine a homography
     if singular[7] < 1e-9 * singular[0] {
         return None;
     }
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     prop_compose! {
-        /// Homographies like those between slices, and wilder ones.
+        /// Homographies like those between slices, and stronger ones.
         fn homography()(
             a in 0.8..1.25, b in -0.1..0.1, tx in -90.0..90.0, c in -0.1..0.1, d in 0.8..1.25, ty in -90.0..90.0,
             g in -3e-5..3e-5, h in -3e-5..3e-5
@@ -76,7 +76,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
         #[test]
-        fn exact_points_give_the_homography_back(truth in homography(), columns in 2_usize..9) {
+        fn exact_points_recover_the_homography(truth in homography(), columns in 2_usize..9) {
             let pairs: Vec<Pair> = (0..columns * 3)
                 .map(|k| {
                     let p = [120.0 + 700.0 * (k % columns) as f64, 90.0 + 1500.0 * (k / columns) as f64];
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn points_on_a_line_or_at_one_place_give_nothing() {
+    fn collinear_or_coincident_points_give_none() {
         let line: Vec<Pair> = (0..10).map(|k| ([f64::from(k), 2.0 * f64::from(k)], [f64::from(k), 5.0])).collect();
         assert!(fit(&line).is_none());
         assert!(fit(&[([1.0, 1.0], [1.0, 1.0]); 6]).is_none());

@@ -1,28 +1,32 @@
-//! The light on the target, dot by dot, from which the gains of the slices follow.
+//! Dot photometry: the brightness of the target at each dot, from which the gains follow.
 //!
-//! Two measures, because neither serves everywhere. The *bright level* (the ground midway between four dots; for
-//! bright dots the middle of the dot) is exact in every response curve, but blur beyond some 0.4 of the pitch (0.2
-//! for bright dots) runs into it. The *mean* over whole steps of the grid is what blur leaves alone for good; but a
-//! camera's curve bends it by a fraction of a percent. So slices are compared by the bright level as long as blur
-//! allows, and the others by the mean, against the nearest slice that has both.
+//! Two measures, because neither is valid everywhere:
+//!
+//! - *Bright level*: the ground midway between four dots, or the centre of a bright dot. Exact for every response
+//!   curve, but affected by blur beyond about 0.4 of the pitch (0.2 for bright dots).
+//! - *Mean* over whole grid steps. Not affected by blur, but biased by a fraction of a percent through the camera's
+//!   response curve.
+//!
+//! Slices are compared by the bright level while blur allows it, the others by the mean, against the nearest slice that
+//! has both.
 
 use super::flat_field::{FlatField, Polarity};
 use super::phase::{self, PhaseMeasurement, Window};
 use super::working_image::{median, sample};
 use crate::imaging::Plane;
 
-/// The light at one dot, grey levels 0..255.
+/// Brightness at one dot, grey levels 0..255.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct DotLight {
-    /// Mean over whole steps of the grid, missing dots filled in.
+    /// Mean over whole grid steps, with missing dots drawn in.
     pub mean: f64,
-    /// The same of the light that an sRGB picture stands for, 0..1; `None` where it was not taken.
+    /// The same in linear light, 0..1, with the values taken as sRGB; `None` where it was not measured.
     pub linear_mean: Option<f64>,
-    /// The level that is bright: between dark dots, or on bright ones; `None` outside the picture.
+    /// The bright level: between dark dots, or on bright ones; `None` outside the image.
     pub bright: Option<f64>,
 }
 
-/// The light around the dot at `at` (px of the plane).
+/// Measures the brightness around the dot at `at` (px of the plane).
 pub(super) fn measure_light(
     plane: &Plane<f32>,
     field: &FlatField,
@@ -36,14 +40,14 @@ pub(super) fn measure_light(
         Polarity::DarkOnLight => ground * (1.0 - phase.mean),
         Polarity::LightOnDark => ground + field.span * phase.mean,
     };
-    // the spot that is averaged: small against the gap, but more than a few samples
+    // half size of the averaged spot, in steps: small against the gap, but more than a few samples
     let spot = 0.06;
     let level = |p: [f64; 2]| {
         let around = [[0.0, 0.0], [spot, 0.0], [-spot, 0.0], [0.0, spot], [0.0, -spot]];
         let mut sum = 0.0;
         for [a, b] in around {
             let q = [0, 1].map(|k| p[k] + a * steps[0][k] + b * steps[1][k]);
-            // where a dot was filled in, the picture itself does not show what the others show
+            // where a dot was drawn in, the image itself does not show the bright level
             if sample(filled, q)?.abs() > 0.02 {
                 return None;
             }
@@ -65,7 +69,7 @@ pub(super) fn measure_light(
     DotLight { mean, linear_mean: None, bright }
 }
 
-/// Mean light around each site, 0..1, taking the values for sRGB; missing dots filled in.
+/// Mean of the linear light in each window, 0..1, with the values taken as sRGB and missing dots drawn in.
 pub(super) fn linear_means(
     plane: &Plane<f32>,
     field: &FlatField,
@@ -88,29 +92,29 @@ pub(super) fn linear_means(
     phase::measure(&light, None, windows).into_iter().map(|l| l.map(|l| l.mean)).collect()
 }
 
-/// DotLight 0..1 of an sRGB value 0..255 (IEC 61966-2-1).
+/// Linear light 0..1 of an sRGB value 0..255 (IEC 61966-2-1).
 pub(super) fn to_light(value: f64) -> f64 {
     let v = (value / 255.0).max(0.0);
     if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB value 0..255 of light 0..1.
+/// The sRGB value 0..255 of linear light 0..1.
 pub(super) fn from_light(light: f64) -> f64 {
     let v = light.max(0.0);
     255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Up to which blur radius, in steps of the grid, the bright level is untouched by dots `fill` of a step wide.
+/// Largest blur radius, in grid steps, that does not affect the bright level, for dots of diameter `fill` steps.
 pub(super) fn clear_blur(fill: f64, polarity: Polarity) -> f64 {
     let edge = match polarity {
-        // from the middle of four dots to the edge of each
+        // from the centre between four dots to the edge of each
         Polarity::DarkOnLight => std::f64::consts::FRAC_1_SQRT_2 - fill / 2.0,
         Polarity::LightOnDark => fill / 2.0,
     };
     (edge - 0.09).max(0.02)
 }
 
-/// Median over shared dots of reference over slice, what the slice must be multiplied by, and its relative standard
+/// Median over shared dots of reference over slice, which is the gain of the slice, and its relative standard
 /// deviation. `None` when fewer than six dots have the measure in both.
 pub(super) fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> Option<(f64, f64)> {
     let mut ratios: Vec<f64> =
@@ -120,7 +124,7 @@ pub(super) fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> 
     }
     let value = median(&mut ratios);
     let mut off: Vec<f64> = ratios.iter().map(|r| (r - value).abs()).collect();
-    // of a median, over windows that overlap
+    // standard error of a median over overlapping windows
     let sigma = 1.4826 * median(&mut off) * (1.57 * phase::WINDOW_OVERLAP / ratios.len() as f64).sqrt();
     Some((value, sigma / value.abs().max(1e-9)))
 }

@@ -11,8 +11,8 @@ pub const SMALL_MOVEMENT_PX: f64 = 1.0;
 /// Compares two profiles of one rig and lens: how far the image corners of each slice moved, and how the gains changed.
 /// Each profile comes with its revision number; `from` is the older one.
 ///
-/// Distances are px of the newer profile's reference slice. When the reference slices differ, the older profile is first
-/// rebased on the reference slice of the newer.
+/// Compares two profiles of one rig and lens: how far the image corners of each slice moved, and how the gains changed.
+/// Each profile comes with its revision number; `from` is the older one.
 ///
 /// Profiles with different image sizes or slice counts cannot be compared. Every distance is then `None`, and `detail`
 /// gives the reason.

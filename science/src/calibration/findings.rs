@@ -1,43 +1,43 @@
-//! What the user should know: each finding a sentence with its slices.
+//! Findings: sentences about problems, each with the slices concerned and what to do.
 
-use super::capture;
 use super::gains::MAX_SIGMA;
 use super::lattice::Places;
 use super::rail_anomalies::RailAnomaly;
 use super::solve::Solution;
 use super::tracking::Tracked;
+use super::{camera, capture};
 use crate::imaging::Slices;
 use crate::types::Warning;
 use crate::types::profile::ProfileSlice;
 use crate::types::report::{CameraReport, CaptureReport};
 
-/// Uncertainty of the worst corner up to which a calibration is good, px.
+/// Largest uncertainty of the worst corner of a good calibration, px.
 pub(super) const GOOD: f64 = 0.3;
-/// Perspective (change of scale over the picture) beyond which the centres of the discs' images and the
-/// images of their centres begin to differ.
+/// Perspective (relative change of scale over the image) beyond which the centre of a disc's image differs from the
+/// image of its centre.
 const PERSPECTIVE: f64 = 1e-3;
-/// Stretch of the grid from which the target stands noticeably aslant: 1 / cos of 12 degrees.
+/// Stretch of the grid from which a tilted target is reported: 1 / cos(12 degrees).
 const ASLANT: f64 = 1.022;
 
-/// Everything that findings are made from.
+/// Input of the findings.
 pub(super) struct Facts<'a> {
-    /// For names.
+    /// The slices, for their names.
     pub slices: &'a dyn Slices,
-    /// What was tracked.
+    /// The tracked grid.
     pub tracked: &'a Tracked,
-    /// What followed.
+    /// The solved stack.
     pub solution: &'a Solution,
-    /// What the profile says.
+    /// The slices of the profile.
     pub profile: &'a [ProfileSlice],
-    /// Blur radii in steps of the grid.
+    /// Blur radii in grid steps.
     pub blurs: &'a [Option<f64>],
-    /// What moved.
+    /// The capture mode.
     pub capture: &'a CaptureReport,
-    /// The pinhole.
+    /// The camera.
     pub camera: &'a CameraReport,
 }
 
-/// Names of slices, at most five of them.
+/// Names of slices, at most five, as a phrase.
 fn list(slices: &dyn Slices, indices: &[usize]) -> String {
     let mut names: Vec<&str> = indices.iter().take(5).map(|&i| slices.name(i)).collect();
     let more = indices.len().saturating_sub(5);
@@ -48,7 +48,7 @@ fn list(slices: &dyn Slices, indices: &[usize]) -> String {
     names.join(", ")
 }
 
-/// All findings, the gravest first.
+/// All findings, the most serious first.
 pub(super) fn findings(facts: &Facts) -> Vec<Warning> {
     let mut out = rail(facts);
     out.extend(light(facts));
@@ -57,7 +57,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Warning> {
     out
 }
 
-/// What the rail and the rig did.
+/// Findings about the rail and the rig.
 fn rail(facts: &Facts) -> Vec<Warning> {
     let name = |i: usize| facts.slices.name(i);
     let mut out: Vec<Warning> = facts
@@ -67,34 +67,34 @@ fn rail(facts: &Facts) -> Vec<Warning> {
         .map(|event| match *event {
             RailAnomaly::Missing { after } => Warning::new(
                 "slice_missing",
-                format!("a slice seems to be missing between {} and {}: the step between them is twice as long as the others", name(after), name(after + 1)),
+                format!("a slice seems to be missing between {} and {}: the step between them is twice the usual one; check the rail and the files", name(after), name(after + 1)),
             ),
             RailAnomaly::Doubled { first } => Warning::new(
                 "slice_doubled",
-                format!("{} and {} were taken at the same place of the rail: one of them is one too many, or the rail stuck", name(first), name(first + 1)),
+                format!("{} and {} were taken at the same rail position: remove one of them, or check whether the rail is stuck", name(first), name(first + 1)),
             ),
             RailAnomaly::Backwards { after } => Warning::new(
                 "slices_out_of_order",
-                format!("the rail seems to go backwards between {} and {}: are the files in the order in which they were taken?", name(after), name(after + 1)),
+                format!("the rail seems to move backwards between {} and {}: check that the files are in the order of capture", name(after), name(after + 1)),
             ),
             RailAnomaly::Uneven { after, steps } => Warning::new(
                 "uneven_step",
-                format!("the step between {} and {} is {steps:.2} times as long as the others", name(after), name(after + 1)),
+                format!("the step between {} and {} is {steps:.2} times the usual one: check the rail for backlash or a missed step", name(after), name(after + 1)),
             ),
             RailAnomaly::Bumped { from, by } => Warning::new(
                 "rig_bumped",
-                format!("the picture jumps by {:.1} px between {} and {}: the rig was bumped; calibrate again if it still stands so", by[0].hypot(by[1]), name(from.saturating_sub(1)), name(from)),
+                format!("the image jumps by {:.1} px between {} and {}: the rig was bumped; fix it and calibrate again", by[0].hypot(by[1]), name(from.saturating_sub(1)), name(from)),
             ),
         })
         .collect();
-    if let (Some(told), Some(found)) = (facts.capture.told, facts.capture.found)
-        && told != found
+    if let (Some(given), Some(found)) = (facts.capture.told, facts.capture.found)
+        && given != found
     {
         let detail =
-            format!("you said that {} was used, but the pictures show {}", capture::name(told), capture::name(found));
+            format!("capture_mode specifies {}, but the slices show {}", capture::name(given), capture::name(found));
         out.push(Warning::new("capture_mode_disagrees", detail));
     }
-    if facts.camera.detail.contains("DISAGREE") {
+    if camera::is_contradictory(facts.camera) {
         out.push(Warning::new("principal_distance_disagrees", format!("principal distance {}", facts.camera.detail)));
     }
     out
@@ -109,7 +109,7 @@ fn light(facts: &Facts) -> Vec<Warning> {
     let clipped = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.clipped > 0.05));
     if !clipped.is_empty() {
         let detail = format!(
-            "the white of the target is clipped in {}: their gains are not to be relied on; expose less",
+            "the white of the target is clipped in {}: their gains are unreliable; reduce the exposure",
             list(facts.slices, &clipped)
         );
         out.push(Warning::new("clipped_white", detail));
@@ -118,10 +118,10 @@ fn light(facts: &Facts) -> Vec<Warning> {
     let unsure = which(facts, |i| sigma(i) > MAX_SIGMA);
     if !unsure.is_empty() {
         let worst = unsure.iter().map(|&i| sigma(i)).fold(0.0, f64::max);
-        let by = if worst < 0.5 { format!("by {:.1} %", 100.0 * worst) } else { "altogether".to_owned() };
+        let by = if worst < 0.5 { format!("by {:.1} %", 100.0 * worst) } else { "by 50 % or more".to_owned() };
         let detail = format!(
             "the gains are uncertain {by} in {}: use dark dots on white, evenly lit and not clipped, in raw or linear \
-             pictures",
+             images",
             list(facts.slices, &unsure)
         );
         out.push(Warning::new("uncertain_gains", detail));
@@ -135,7 +135,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     let interpolated = which(facts, |i| profile[i].interpolated);
     if !interpolated.is_empty() {
         let detail = format!(
-            "too blurred to be measured and predicted from the other slices: {}",
+            "too blurred to be measured, and therefore predicted from the other slices: {}",
             list(facts.slices, &interpolated)
         );
         out.push(Warning::new("slice_interpolated", detail));
@@ -143,7 +143,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     let inverted = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.modulation < 0.0));
     if !inverted.is_empty() {
         let detail = format!(
-            "blur has inverted the dots in {}: they were measured all the same, but a target with wider spaced dots is better",
+            "blur has inverted the dots in {}: they were measured, but a target with more widely spaced dots is better",
             list(facts.slices, &inverted)
         );
         out.push(Warning::new("dots_inverted", detail));
@@ -151,8 +151,8 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     let unsure = which(facts, |i| !profile[i].interpolated && profile[i].corner_sigma_px.is_some_and(|s| s > GOOD));
     if !unsure.is_empty() {
         let detail = format!(
-            "the corners of the picture are uncertain by more than {GOOD} px in {}: use a target that fills the \
-             picture, or larger dots",
+            "the image corners are uncertain by more than {GOOD} px in {}: use a target that fills the image, or larger \
+             dots",
             list(facts.slices, &unsure)
         );
         out.push(Warning::new("uncertain_corners", detail));
@@ -163,7 +163,8 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     });
     if !lossy.is_empty() {
         let detail = format!(
-            "more than a quarter of the dots do not agree with the homography in {}",
+            "more than a quarter of the dots disagree with the homography in {}: check the target for dust, reflections \
+             and bending",
             list(facts.slices, &lossy)
         );
         out.push(Warning::new("many_outliers", detail));
@@ -175,7 +176,8 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     });
     if !tilted.is_empty() {
         let detail = format!(
-            "the perspective changes in {}: the rail is not parallel to the lens's axis, or something turned",
+            "the perspective changes in {}: align the rail with the optical axis, and check that camera and target did \
+             not rotate",
             list(facts.slices, &tilted)
         );
         out.push(Warning::new("perspective", detail));
@@ -183,7 +185,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
     out
 }
 
-/// How the target stands in the reference slice.
+/// Findings about the target in the reference slice.
 fn target(facts: &Facts) -> Vec<Warning> {
     let Some(base) = facts.tracked.detections[facts.solution.reference].as_ref() else { return Vec::new() };
     let mut out = Vec::new();
@@ -197,22 +199,23 @@ fn target(facts: &Facts) -> Vec<Warning> {
     }
     if let Some(stretch) = stretch(&base.places).filter(|s| *s > ASLANT) {
         let detail = format!(
-            "the grid is stretched by {:.1} %, as if the target stood aslant by some {:.0} degrees: set it square to the lens",
+            "the grid is stretched by {:.1} %, as if the target were tilted by about {:.0} degrees: set it square to the lens",
             100.0 * (stretch - 1.0),
             (1.0 / stretch).acos().to_degrees()
         );
         out.push(Warning::new("target_aslant", detail));
     }
     if facts.blurs[facts.solution.reference].is_some_and(|b| b > 0.3) {
-        let detail = "the target is blurred in the reference slice, on which all others lean: put the target where \
-                      the reference slice is in focus, or name a sharper reference_index"
-            .to_owned();
+        let detail =
+            "the target is blurred in the reference slice, on which all others depend: move the target to where \
+                      the reference slice is in focus, or set reference_index to a sharper slice"
+                .to_owned();
         out.push(Warning::new("blurred_reference", detail));
     }
     out
 }
 
-/// Share of the picture inside the dots' bounding box.
+/// Share of the image inside the dots' bounding box.
 pub(super) fn coverage(tracked: &Tracked, reference: usize) -> f64 {
     let Some(detection) = tracked.detections[reference].as_ref() else { return 0.0 };
     let span = |axis: usize| {
@@ -223,7 +226,7 @@ pub(super) fn coverage(tracked: &Tracked, reference: usize) -> f64 {
     span(0) * span(1) / (tracked.width * tracked.height) as f64
 }
 
-/// Largest over smallest scale of the map from the grid to the picture; a square grid tracked square on has 1.
+/// Ratio of the singular values of the map from the grid to the image; 1 for a square grid seen square on.
 fn stretch(places: &Places) -> Option<f64> {
     let steps = super::detection::grid_steps(places);
     let [[a, c], [b, d]] = steps;

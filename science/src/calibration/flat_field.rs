@@ -1,24 +1,25 @@
-//! Flat-fielding: the light that the target's background sends, as a smooth surface over the picture.
+//! The flat field: brightness of the target's ground as a polynomial surface over the image, and the contrast image
+//! derived from it.
 //!
-//! Without it vignetting of 30 % moves the centres of blurred dots by 0.2 to 0.5 px (each dot is pulled
-//! down the slope of the light); with it by 0.03 px.
+//! Without it, vignetting of 30 % shifts the centres of blurred dots by 0.2 to 0.5 px, because each dot is biased along
+//! the brightness gradient; with it the shift is 0.03 px.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::working_image::{median, quantile, sample};
 use crate::imaging::Plane;
 
-/// Which way dots differ from what is around them.
+/// Polarity of the dots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Polarity {
-    /// Dark dots on a bright ground.
+    /// Dark dots on bright ground.
     DarkOnLight,
-    /// Bright dots on a dark ground.
+    /// Bright dots on dark ground.
     LightOnDark,
 }
 
 impl Polarity {
-    /// The other one.
+    /// The opposite polarity.
     pub(super) fn other(self) -> Self {
         match self {
             Self::DarkOnLight => Self::LightOnDark,
@@ -26,7 +27,7 @@ impl Polarity {
         }
     }
 
-    /// The likely one: dots cover less than half of a target, so the ground is the more common level.
+    /// The likely polarity: dots cover less than half of a target, so the ground is the more frequent level.
     pub(super) fn guess(plane: &Plane<f32>) -> Self {
         let mut levels = thinned(plane);
         let (low, high) = (quantile(&mut levels, 0.02), quantile(&mut levels, 0.98));
@@ -34,41 +35,42 @@ impl Polarity {
     }
 }
 
-/// At most some 50,000 samples of a plane, evenly spread.
+/// About 50,000 evenly spread samples of a plane, at most.
 fn thinned(plane: &Plane<f32>) -> Vec<f64> {
     let stride = (plane.data.len() / 50_000).max(1) | 1;
     plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect()
 }
 
-/// A polynomial of low degree over the picture, in coordinates that run from -1 to 1 along each axis.
+/// A polynomial surface over the image, in coordinates (u, v) from -1 to 1 along each axis.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Surface {
     degree: usize,
     coefficients: Vec<f64>,
 }
 
-/// One value that a surface is fitted to.
+/// A sample for the fit of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LevelSample {
-    /// Column, -1..1.
+    /// Horizontal coordinate, -1..1.
     pub u: f64,
-    /// Row, -1..1.
+    /// Vertical coordinate, -1..1.
     pub v: f64,
-    /// The level there.
+    /// Level at (u, v), 0..255.
     pub value: f64,
 }
 
-/// The highest degree of a surface.
+/// Highest degree of a surface.
 const HIGHEST: usize = 4;
 
-/// Powers of u and v up to a total `degree`.
+/// Exponents of u and v with a sum of at most `degree`.
 fn terms(degree: usize) -> impl Iterator<Item = (i32, i32)> {
     (0..=degree as i32).flat_map(move |j| (0..=degree as i32 - j).map(move |i| (i, j)))
 }
 
 impl Surface {
-    /// Robust least squares (Tukey weights). With `upper`, values far below the surface are doubted from the
-    /// start: that is where dots are. Falls back to lower degrees when there is too little to fit.
+    /// Robust least squares with Tukey's biweight. With `upper` (true: the ground is the upper envelope, false: the
+    /// lower), values on the dots' side of the surface get less weight in the first rounds. Falls back to lower degrees
+    /// when there are too few values.
     pub(super) fn fit(levels: &[LevelSample], degree: usize, upper: Option<bool>) -> Self {
         let count = terms(degree).count();
         let degree = degree.min(HIGHEST);
@@ -103,7 +105,7 @@ impl Surface {
                     sums.iter_mut().zip(&row[..=a]).for_each(|(sum, other)| *sum += weighted * other);
                 }
             }
-            // of the sums only the lower triangle is filled, and only it is read
+            // only the lower triangle of the sums is filled and read
             let mut normal = DMatrix::from_row_slice(size, size, &sums);
             let ridge = 1e-9 * normal.trace();
             for a in 0..size {
@@ -127,7 +129,7 @@ impl Surface {
                     *weight *= 0.1;
                 }
             }
-            // hundredths of a grey level move no dot
+            // changes below a hundredth of a grey level do not move a dot
             let settled = round >= 5 - 4 * usize::from(upper.is_none())
                 && surface.as_ref().is_some_and(|before| before.nearly(&solved));
             surface = Some(solved);
@@ -143,12 +145,12 @@ impl Surface {
         self.coefficients.iter().zip(&other.coefficients).all(|(a, b)| (a - b).abs() < 0.01)
     }
 
-    /// The level at (u, v), each -1..1.
+    /// The level at (u, v).
     pub(super) fn at(&self, u: f64, v: f64) -> f64 {
         terms(self.degree).zip(&self.coefficients).map(|((i, j), c)| c * u.powi(i) * v.powi(j)).sum()
     }
 
-    /// The coefficients of the polynomial in u along row `v`.
+    /// Coefficients of the polynomial in u along row `v`.
     fn along_row(&self, v: f64) -> Vec<f64> {
         let mut row = vec![0.0; self.degree + 1];
         for ((i, j), c) in terms(self.degree).zip(&self.coefficients) {
@@ -158,23 +160,23 @@ impl Surface {
     }
 }
 
-/// The ground of one picture: what makes the picture of the dots alone from it.
+/// The flat field of one image.
 #[derive(Debug, Clone)]
 pub(super) struct FlatField {
-    /// LevelSample of the ground, 0..255.
+    /// Level of the ground, 0..255.
     pub ground: Surface,
-    /// Dark or bright dots.
+    /// Polarity of the dots.
     pub polarity: Polarity,
-    /// Grey levels that count as 1 for bright dots.
+    /// For bright dots: grey levels that correspond to a contrast of 1.
     pub span: f64,
     width: usize,
     height: usize,
 }
 
 impl FlatField {
-    /// The first estimate, before any dot is measured: per cell the mean of the brightest (for bright dots the
-    /// darkest) eighth, and a surface of degree 2 through these. Where it is known about where the dots are, only what
-    /// lies within the reach (px) of one of these places is looked at.
+    /// The initial estimate, before any dot is measured: a surface of degree 2 through the mean of the brightest eighth
+    /// (for bright dots the darkest eighth) of each cell. With `near`, approximate dot positions and a radius in px,
+    /// only cells within that radius of a dot are used.
     pub(super) fn estimate(plane: &Plane<f32>, polarity: Polarity, near: Option<(&[[f64; 2]], f64)>) -> Self {
         let upper = polarity == Polarity::DarkOnLight;
         let cell = (plane.width.max(plane.height) / 24).max(4);
@@ -205,16 +207,15 @@ impl FlatField {
             None => thinned(plane),
             Some((places, _)) => places.iter().filter_map(|p| sample(plane, *p)).map(f64::from).collect(),
         };
-        // bright dots against their ground
+        // for bright dots: their level above the ground
         let low = near.map(|_| median(&mut levels.iter().map(|l| l.value).collect::<Vec<_>>()));
         let span = (quantile(&mut all, 0.99) - low.unwrap_or_else(|| quantile(&mut all, 0.3))).max(1.0);
         Self { ground, polarity, span, width: plane.width, height: plane.height }
     }
 
-    /// The estimate once the dots are known: `dots` is their picture (0 ground, about 1 contrast), so what remains
-    /// of `plane` without them is ground everywhere, also between dots whose blur overlaps. Only what lies
-    /// within `reach` of one of the `places`, and `valid` (1, not 0), is looked at: beyond the target may be a
-    /// table.
+    /// The refined estimate from measured dots. `dots` is their contrast (0 ground, about 1 dot); removing it leaves
+    /// the ground everywhere, also between dots whose blur overlaps. Uses only samples within `reach` px of a place and
+    /// not 0 in `valid`: beyond the target may be a table.
     pub(super) fn refine(
         &self,
         plane: &Plane<f32>,
@@ -264,12 +265,12 @@ impl FlatField {
         Self { ground: Surface::fit(&levels, degree, None), ..self.clone() }
     }
 
-    /// The picture of the dots alone: 0 on the ground, positive on dots of either polarity.
+    /// The contrast image: 0 on the ground, positive on dots of either polarity.
     pub(super) fn contrast(&self, plane: &Plane<f32>) -> Plane<f32> {
         let mut out = Plane { width: plane.width, height: plane.height, data: Vec::with_capacity(plane.data.len()) };
         for y in 0..plane.height {
             let [_, v] = normalised([0.0, y as f64], plane.width, plane.height);
-            // f32 is exact to some 1e-4 of a grey level here
+            // f32 is exact to about 1e-4 of a grey level here
             let mut row = [0.0_f32; HIGHEST + 1];
             row.iter_mut().zip(self.ground.along_row(v)).for_each(|(to, from)| *to = from as f32);
             let (scale, per_span) = (2.0 / plane.width as f32, 1.0 / self.span as f32);
@@ -285,14 +286,14 @@ impl FlatField {
         out
     }
 
-    /// LevelSample of the ground at a place of the plane that the field was made from.
+    /// Level of the ground at a position of the plane that the field was estimated from.
     pub(super) fn ground_at(&self, p: [f64; 2]) -> f64 {
         let [u, v] = normalised(p, self.width, self.height);
         self.ground.at(u, v)
     }
 }
 
-/// Row by row, which cells of `cell` px lie within `reach` px of one of the places.
+/// Row by row, which cells of `cell` px lie within `reach` px of a place.
 fn cells_near(plane: &Plane<f32>, cell: usize, places: &[[f64; 2]], reach: f64) -> Vec<bool> {
     let (columns, rows) = (plane.width / cell, plane.height / cell);
     let mut wanted = vec![false; columns * rows];
@@ -309,7 +310,7 @@ fn cells_near(plane: &Plane<f32>, cell: usize, places: &[[f64; 2]], reach: f64) 
     wanted
 }
 
-/// Pixel to -1..1.
+/// Pixel coordinates to -1..1.
 fn normalised(p: [f64; 2], width: usize, height: usize) -> [f64; 2] {
     [(p[0] + 0.5) / width as f64 * 2.0 - 1.0, (p[1] + 0.5) / height as f64 * 2.0 - 1.0]
 }

@@ -1,4 +1,4 @@
-//! Gains: what each slice is multiplied by to be as bright as the reference.
+//! Gains: the factor per slice that makes it as bright as the reference slice.
 
 use super::blur;
 use super::detection::Detection;
@@ -6,37 +6,37 @@ use super::dot_photometry::{self, DotLight};
 use super::tracking::Tracked;
 use super::working_image::median;
 
-/// Blur radius of each slice in steps of the grid, against the slice with the strongest pattern; `None` where
-/// nothing was tracked.
+/// Blur radius of each slice in grid steps, relative to the slice with the strongest pattern; `None` where no grid was
+/// found.
 pub(super) fn blurs(tracked: &Tracked) -> Vec<Option<f64>> {
     let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
     tracked.detections.iter().map(|s| s.as_ref().map(|s| blur::radius((s.modulation / strongest).min(1.0)))).collect()
 }
 
-/// Diameter of a dot over the pitch, as the sharpest slice shows it.
+/// Dot diameter over the pitch, from the sharpest slice.
 pub(super) fn fill(tracked: &Tracked) -> f64 {
     let sharpest = tracked.detections.iter().flatten().max_by(|a, b| a.modulation.total_cmp(&b.modulation));
     sharpest.map_or(0.5, |s| s.fill.clamp(0.2, 0.8))
 }
 
-/// What a slice is multiplied by, and how sure that is.
+/// A gain with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Gain {
     /// The factor.
     pub value: f64,
-    /// Its relative standard deviation.
+    /// Relative standard deviation.
     pub sigma: f64,
 }
 
-/// Relative uncertainty beyond which a gain is not taken as measured.
+/// Largest relative standard deviation of a gain that counts as measured.
 pub(super) const MAX_SIGMA: f64 = 0.005;
-/// Share of a dot's window that may be made up or at full scale when light is compared.
+/// Largest share of a dot's window that may be synthetic or at full scale when brightness is compared.
 const MAX_INVALID: f64 = 0.02;
-/// How far a camera's curve may be from what it is taken for, as a share of what that makes.
+/// Uncertainty of the camera's response curve, as a share of the difference between the linear and the sRGB result.
 const ODD_CURVE: f64 = 0.1;
 
-/// One gain per slice; 1 for the reference. What is measured badly is replaced by what the other slices' gains, which lie
-/// on a straight line over the rail in logarithms, say of it.
+/// One gain per slice; 1 for the reference. An uncertain gain is replaced by the line through the other slices' gains,
+/// `ln(gain) = a + b z`, when the line is more certain.
 pub(super) fn of(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Gain> {
     let measured = measured(tracked, reference, positions);
     let sure: Vec<(f64, f64)> = (0..measured.len())
@@ -47,7 +47,7 @@ pub(super) fn of(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<
         (sure.iter().map(|(z, v)| (v - through(*z)).powi(2)).sum::<f64>() / (sure.len() as f64 - 2.0).max(1.0)).sqrt();
     let line = |i: usize| Gain {
         value: through(positions[i]).exp(),
-        // a line through two points or fewer is a guess
+        // a line through two points or fewer has no known uncertainty
         sigma: if sure.len() < 3 { f64::INFINITY } else { 2.0 * scatter.max(5e-4) },
     };
     let settle = |i: usize| {
@@ -60,7 +60,7 @@ pub(super) fn of(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<
     (0..measured.len()).map(settle).collect()
 }
 
-/// What the light itself says.
+/// Gains from the measured brightness alone.
 fn measured(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Option<Gain>> {
     let clear = dot_photometry::clear_blur(fill(tracked), tracked.target.polarity);
     let blurs = blurs(tracked);
@@ -100,7 +100,8 @@ fn measured(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Optio
     gains
 }
 
-/// What `slice` is multiplied by to be as bright as `anchor`, by the light that blur leaves alone.
+/// The gain of `slice` relative to `anchor` from the mean over whole grid steps, which blur does not change; in sRGB
+/// when `curved`.
 fn by_mean(slice: &Detection, anchor: &Detection, curved: bool) -> Option<Gain> {
     if !curved {
         return against(slice, anchor, |l| Some(l.mean));
@@ -111,30 +112,30 @@ fn by_mean(slice: &Detection, anchor: &Detection, curved: bool) -> Option<Gain> 
         return None;
     }
     let level = median(&mut levels);
-    // so much light less makes the bright level so much lower, along the curve
+    // converts the ratio of light to a ratio of values, at the bright level
     Some(Gain {
         value: level / dot_photometry::from_light(dot_photometry::to_light(level) / light.value),
         sigma: light.sigma,
     })
 }
 
-/// How values follow from light.
+/// The response curve of the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Curve {
-    /// They are proportional to it.
+    /// Values are proportional to light.
     Linear,
-    /// They are sRGB.
+    /// Values are sRGB.
     Srgb,
-    /// That cannot be told.
+    /// Undecided.
     Unknown,
 }
 
-/// Differences below this tell nothing about the curve.
+/// Deviations below this do not decide the response curve.
 const TELLING: f64 = 2e-3;
 
-/// Whether values are bent like sRGB or proportional to light. In the right one of the two, the light on the target is a
-/// straight line over the rail in logarithms, whereas in the wrong one blur adds to it, most at the ends of the stack;
-/// and the mean over the bright level is the same in all slices whose bright level is untouched by blur.
+/// Decides between a linear and an sRGB response. Two tests, the first that decides: (1) with the right curve,
+/// ln(light) over the rail is a straight line; with the wrong one blur changes it, most at the ends of the stack; (2)
+/// mean over bright level is the same in all slices whose bright level is free of blur.
 fn curve(tracked: &Tracked, anchors: &[usize], reference: usize, positions: &[f64]) -> Curve {
     let off_line = |curved: bool| -> Option<f64> {
         let base = tracked.detections[reference].as_ref()?;
@@ -167,8 +168,8 @@ fn curve(tracked: &Tracked, anchors: &[usize], reference: usize, positions: &[f6
     Curve::Unknown
 }
 
-/// DotLight of `base` over that of `slice`, dot by dot; by the dots whose surroundings are their own in both, where there
-/// are any.
+/// Median over the shared dots of brightness in `base` over brightness in `slice`. Uses dots with valid windows in both
+/// slices when there are enough of them.
 fn against(slice: &Detection, base: &Detection, measure: impl Fn(&DotLight) -> Option<f64>) -> Option<Gain> {
     let ratio = |most: f64| {
         let shared = slice.dots.iter().filter_map(|(label, d)| base.dots.get(label).map(|b| (d, b)));
@@ -176,13 +177,13 @@ fn against(slice: &Detection, base: &Detection, measure: impl Fn(&DotLight) -> O
         dot_photometry::ratio(clean.map(|(d, b)| (measure(&d.light), measure(&b.light))))
     };
     let clean = ratio(MAX_INVALID);
-    // what is drawn in is a guess, and what is at full scale tells nothing
+    // synthetic and full-scale samples carry no information about brightness
     let doubt = if clean.is_some() { 0.0 } else { MAX_SIGMA };
     let (value, sigma) = clean.or_else(|| ratio(10.0 * MAX_INVALID)).or_else(|| ratio(f64::INFINITY))?;
     Some(Gain { value, sigma: sigma.hypot(doubt) })
 }
 
-/// The straight line through `points` at `z`; the mean when they do not make one.
+/// The least-squares line through `points` at `z`; the mean when all are at one z.
 fn line_at(points: &[(f64, f64)], z: f64) -> f64 {
     let n = points.len().max(1) as f64;
     let (mz, mv) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);

@@ -1,8 +1,9 @@
-//! The rendered of the grid as if it had no end, no gaps and no dust.
+//! Inpainting of the grid: the contrast image as if the grid had no end, no gaps and no dust.
 //!
-//! A window of the lock-in looks a step of the grid far. Beside a missing dot, or at the end of the grid, half of the
-//! pattern that it expects is not there, and the dot seems to lie elsewhere. So dots are filled in where there are none,
-//! with the profile that the others have in the same slice, and what no dot explains is painted over.
+//! A phase window extends one grid step from its centre. Beside a missing dot or at the end of the grid, half of the
+//! expected pattern is absent, which biases the phase. Missing dots are therefore drawn in with the radial profile of
+//! the other dots of the slice, and whatever no dot explains (dust, lettering, the table beyond the target) is
+//! replaced.
 
 use std::collections::BTreeMap;
 
@@ -13,46 +14,46 @@ use super::radial_profile::{PlacedDot, RadialProfile};
 use super::working_image::median;
 use crate::imaging::Plane;
 
-/// How far the contrast of a dot reaches, in steps of the grid.
+/// Radius within which a dot contributes contrast, in grid steps.
 pub(super) const REACH: f64 = 0.85;
-/// Strength from which something beside the grid counts as a dot of it.
+/// Strength from which a candidate beside the grid counts as a dot.
 const PRESENT: f64 = 0.5;
-/// Strength below which a dot that the target has does not show itself.
+/// Strength below which a known dot counts as missing in this slice.
 const ABSENT: f64 = 0.2;
-/// Correlation with the profile of a dot from which something looks like one.
+/// Least correlation of the residual with the radial profile of a dot.
 const MIN_CORRELATION: f64 = 0.7;
-/// Mean distance from the ground, in contrast, from which a place is no part of the target.
+/// Mean absolute residual, in units of contrast, from which a position counts as outside the target.
 const FOREIGN: f64 = 0.08;
-/// Share of a dot's surroundings that must lie in the rendered for its strength to be told.
+/// Least share of a dot's surroundings that must lie in the image to measure its strength.
 const MIN_VISIBLE: f64 = 0.4;
 
-/// A grid filled to its end.
+/// The inpainted grid of one slice.
 #[derive(Debug)]
 pub(super) struct InpaintedGrid {
-    /// Ink with the missing dots filled in and strangers painted over.
+    /// Contrast with missing dots drawn in and foreign samples replaced.
     pub contrast: Plane<f32>,
-    /// 0 where a stranger was painted over.
+    /// 0 where a foreign sample was replaced, else 1.
     pub valid: Plane<u8>,
-    /// 1 where the target's ground can be seen between the dots: neither stranger nor beyond the target.
+    /// 1 where the sample shows the target itself: neither foreign nor beyond the target.
     pub ground: Plane<u8>,
-    /// What one dot looks like.
+    /// Radial profile of one dot.
     pub profile: RadialProfile,
-    /// Dots beside the known ones that turned out to be there.
+    /// Dots beside the known ones that were found.
     pub added: Places,
-    /// Known dots that do not show themselves here.
+    /// Known dots that are not visible in this slice.
     pub hidden: Vec<Label>,
-    /// Places beside the grid that are no part of the target.
+    /// Positions beside the grid that lie outside the target.
     pub foreign: Vec<Label>,
-    /// Ink that was filled in.
+    /// Contrast of the missing dots that were drawn in.
     pub filled: Plane<f32>,
-    /// What all dots that are there look like.
+    /// Contrast of all dots that are present, rendered from the profile.
     pub rendered: Plane<f32>,
-    /// 1 where the contrast is made up: filled in or painted over.
+    /// 1 where the contrast is synthetic: drawn in or replaced.
     pub synthetic: Plane<f32>,
 }
 
-/// Completes `contrast`. `known` are dots that the target has, `beside` places where it may or may not have one; both in px
-/// of the plane. `None` when there is nothing that a profile could be measured from.
+/// Inpaints `contrast`. `known` are dots of the target, `beside` positions where it may have one; both in px of the
+/// plane. `clean`: also replaces dust. `None` when no radial profile can be measured.
 pub(super) fn inpaint(
     contrast: &Plane<f32>,
     known: &Places,
@@ -71,19 +72,19 @@ pub(super) fn inpaint(
     let mut dots = placed(known);
     let list = |dots: &BTreeMap<Label, PlacedDot>| dots.values().copied().collect::<Vec<_>>();
     let free = placed(beside);
-    // until it is known what is there, only what is nearer to a known dot counts
+    // before the candidates are decided, only samples nearer to a known dot count
     let shut = nearest_dots(&list(&free), &list(&dots), pitch, width, height).map(|beyond| u8::from(beyond == OWN_DOT));
     let profile = RadialProfile::measure(contrast, &shut, &list(&dots), REACH * pitch)?;
     let rendered = profile.render(&list(&dots), width, height);
     let merged = profile.merges(pitch);
 
-    // which are there after all, and which are not
+    // decide which candidates are present and which known dots are missing
     let strength_of = |at: [f64; 2], filled: f64| strength(contrast, &rendered, &profile, at, 0.5 * pitch, filled);
     let mut added = Places::new();
     let (mut missing, mut foreign, mut foreign_dots) = (Vec::new(), Vec::new(), Vec::new());
     for (label, dot) in free {
         match strength_of(dot.at, 0.0) {
-            // where too little of it would be seen it is taken to be there: grids run on beyond the frame
+            // a candidate with too little inside the image counts as present: grids continue beyond the frame
             None => {}
             Some(strength) if (PRESENT..1.6).contains(&strength) => {
                 added.insert(label, dot.at);
@@ -105,7 +106,7 @@ pub(super) fn inpaint(
                     hidden.push(*label);
                     missing.push((*label, dot.at));
                 }
-                // glare makes dots fainter
+                // glare reduces the strength of dots
                 Some(strength) => dot.strength = strength.min(1.5),
                 None => {}
             }
@@ -115,19 +116,19 @@ pub(super) fn inpaint(
         dots.remove(label);
     }
     dots.extend(placed(&added));
-    // a missing dot would be as faint as those beside it
+    // a missing dot gets the mean strength of its neighbours
     let missing: Vec<PlacedDot> =
         missing.into_iter().map(|(label, at)| PlacedDot { at, strength: strength_beside(&dots, label) }).collect();
     let all = list(&dots);
-    // beyond the target may be a table, a hand, lettering: there the rendered is made up altogether
+    // beyond the target may be a table, a hand or lettering: everything there is replaced
     let beyond = nearest_dots(&foreign_dots, &all, pitch, width, height);
     let own = beyond.map(|beyond| u8::from(beyond == OWN_DOT));
     let profile = RadialProfile::measure(contrast, &own, &all, REACH * pitch)?;
     let rendered = profile.render(&all, width, height);
     let valid = if clean { without_dust(contrast, &rendered, &own, &profile) } else { Plane::filled(width, height, 1) };
     let filled = profile.render(&missing, width, height);
-    // where the surface of the ground misses the light (glare), it misses it beyond the target too: else there would be
-    // a step at half a pitch from the outermost dots, and it would draw them outward
+    // where the flat field misses the ground (glare), it misses it beyond the target too; without this correction a
+    // step half a pitch outside the outermost dots would pull them outward
     let means = mean_residuals(contrast, &rendered, &valid, &own, &all, 0.5 * pitch);
     let levels: Vec<ResidualPlane> =
         foreign_dots.iter().map(|dot| ResidualPlane::near(dot.at, &means, 2.6 * pitch)).collect();
@@ -158,7 +159,7 @@ pub(super) fn inpaint(
     })
 }
 
-/// Mean strength of the dots around a place of the grid; 1 when there are none.
+/// Mean strength of the dots around a grid position; 1 when there are none.
 fn strength_beside(dots: &BTreeMap<Label, PlacedDot>, [i, j]: Label) -> f64 {
     let around = (-1..=1).flat_map(|a| (-1..=1).map(move |b| [i + a, j + b]));
     let (sum, count) = around
@@ -168,7 +169,7 @@ fn strength_beside(dots: &BTreeMap<Label, PlacedDot>, [i, j]: Label) -> f64 {
     if count > 0.0 { sum / count } else { 1.0 }
 }
 
-/// True when what is around `at` is far from the ground: a table, a frame, a hand.
+/// True when the surroundings of `at` differ much from the rendered target: a table, a frame, a hand.
 fn is_foreign(contrast: &Plane<f32>, rendered: &Plane<f32>, at: [f64; 2], reach: f64) -> bool {
     let (mut sum, mut count) = (0.0_f64, 0.0_f64);
     let range = |v: f64, size: usize| {
@@ -184,9 +185,9 @@ fn is_foreign(contrast: &Plane<f32>, rendered: &Plane<f32>, at: [f64; 2], reach:
     count > 0.0 && sum / count > FOREIGN
 }
 
-/// How much of a dot the residual `contrast - rendered` holds at `at`, 1 for a whole one, a level of its own allowed for (a
-/// dark table is no dot), 0 when what is there does not look like a dot; `None` when too little of it lies in the
-/// rendered.
+/// Strength of a dot at `at`: the regression coefficient of the residual `contrast - rendered + filled * profile` on the
+/// radial profile, with a free offset (a dark table is no dot). 1 for a whole dot, 0 when the correlation is too low,
+/// `None` when too little of it lies in the image. `filled` is the strength with which `rendered` includes this dot.
 fn strength(
     contrast: &Plane<f32>,
     rendered: &Plane<f32>,
@@ -227,12 +228,12 @@ fn strength(
     Some(if alike > MIN_CORRELATION { c / vs.max(1e-12) } else { 0.0 })
 }
 
-/// Marks samples that are nearest to a dot that is there.
+/// Marks samples whose nearest dot is present.
 const OWN_DOT: u32 = u32::MAX;
-/// Marks samples that are near to no dot at all.
+/// Marks samples far from every dot.
 const NO_DOT: u32 = u32::MAX - 1;
 
-/// For samples that are nearer to a missing dot than to one that is there, which of the missing ones.
+/// Per sample: [`OWN_DOT`], [`NO_DOT`], or the index of the missing dot that is nearest.
 fn nearest_dots(missing: &[PlacedDot], there: &[PlacedDot], pitch: f64, width: usize, height: usize) -> Plane<u32> {
     let reach = 0.75 * pitch;
     let mut nearest = Plane::filled(width, height, (f32::MAX, NO_DOT));
@@ -255,7 +256,7 @@ fn nearest_dots(missing: &[PlacedDot], there: &[PlacedDot], pitch: f64, width: u
     nearest.map(|(_, which)| which)
 }
 
-/// Mean of what the dots do not explain, around each dot.
+/// Mean residual around each dot: what the rendered dots do not explain.
 fn mean_residuals(
     contrast: &Plane<f32>,
     rendered: &Plane<f32>,
@@ -284,14 +285,14 @@ fn mean_residuals(
     dots.iter().filter_map(mean).collect()
 }
 
-/// What is left over near a place, as a plane.
+/// The residual near a position as a plane `c0 + c1 x + c2 y`.
 struct ResidualPlane {
     at: [f64; 2],
     numbers: Vector3<f64>,
 }
 
 impl ResidualPlane {
-    /// Through the means of the dots within `reach` px of a place.
+    /// Weighted least squares through the mean residuals of the dots within `reach` px.
     fn near(at: [f64; 2], means: &[([f64; 2], f64)], reach: f64) -> Self {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for (p, mean) in means {
@@ -303,7 +304,7 @@ impl ResidualPlane {
                 right += weight * *mean * row;
             }
         }
-        // a slope that the dots do not tell is none
+        // ridge: a slope that the dots do not determine is 0
         let slope = 0.05 * normal[(0, 0)];
         normal += Matrix3::from_diagonal(&Vector3::new(1e-9, slope, slope));
         let numbers = normal.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * right);
@@ -315,7 +316,7 @@ impl ResidualPlane {
     }
 }
 
-/// 1 but where the dots do not explain the contrast at all: dust, scratches, lettering.
+/// 0 where the residual is too large for a dot (dust, scratches, lettering), else 1.
 fn without_dust(contrast: &Plane<f32>, rendered: &Plane<f32>, own: &Plane<u8>, profile: &RadialProfile) -> Plane<u8> {
     let stride = (contrast.data.len() / 50_000).max(1) | 1;
     let residuals = |k: usize| (contrast.data[k] - rendered.data[k]).abs();
@@ -329,7 +330,7 @@ fn without_dust(contrast: &Plane<f32>, rendered: &Plane<f32>, own: &Plane<u8>, p
             if residuals(k) <= most || own.data[k] == 0 {
                 continue;
             }
-            // the rim of a speck covers its samples in part
+            // the rim of a speck covers its samples partly
             for row in y.saturating_sub(1)..(y + 2).min(contrast.height) {
                 let line = &mut valid.data[row * contrast.width..(row + 1) * contrast.width];
                 line[x.saturating_sub(1)..(x + 2).min(contrast.width)].fill(0);
@@ -362,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_filled_ends_continued_and_dust_is_painted_over() {
+    fn gaps_and_ends_are_inpainted_and_dust_is_replaced() {
         let (contrast, known) = scene();
         let beside = super::super::lattice::beside(&known);
         let inpainted = inpaint(&contrast, &known, &beside, 16.0, true).expect("a profile");
@@ -378,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn dots_that_were_not_known_are_found_beside_the_others() {
+    fn unknown_dots_beside_the_known_ones_are_found() {
         let (contrast, known) = scene();
         let part: Places = known.into_iter().filter(|(l, _)| l[0] < 6).collect();
         let inpainted =

@@ -1,4 +1,4 @@
-//! The grid among the spots: which are neighbours, which do not belong, how far apart they are.
+//! Grid indexing: assigns grid labels to spots, leaves out spots that do not fit, and measures the pitch.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
@@ -6,25 +6,26 @@ use super::blobs::Blob;
 use super::dlt;
 use super::working_image::median;
 
-/// Column and row of a dot in the grid. Which dot is (0, 0) and which way columns run is arbitrary, but the
-/// same for all slices of a stack.
+/// Column and row of a dot in the grid. The origin and the direction of the columns are arbitrary, but the same for all
+/// slices of a stack.
 pub(super) type Label = [i32; 2];
 
-/// Places of labelled dots.
+/// Positions of labelled dots.
 pub(super) type Places = BTreeMap<Label, [f64; 2]>;
 
 /// A grid of dots.
 #[derive(Debug, Clone)]
 pub(super) struct Lattice {
-    /// Where each dot is.
+    /// Position of each dot.
     pub places: Places,
-    /// Distance between neighbouring dots: mean over both directions, px.
+    /// Distance between neighbouring dots, px: median over both directions.
     pub pitch: f64,
 }
 
 impl Lattice {
-    /// True when this is rather the grid than `other`, found in the same picture in the other polarity. The larger one is;
-    /// but the gaps between two neighbouring dots make a grid too, of twice as many places, turned by 45 degrees.
+    /// True when this grid is more plausible than `other`, which was found in the same image with the other polarity.
+    /// The larger one wins, except when the pitches differ by sqrt(2): the gaps between dots also form a grid, rotated
+    /// by 45 degrees and with twice as many positions.
     pub(super) fn outdoes(&self, other: &Self) -> bool {
         let between = |ratio: f64| (ratio / std::f64::consts::SQRT_2 - 1.0).abs() < 0.03;
         match self.pitch / other.pitch {
@@ -38,14 +39,14 @@ impl Lattice {
 /// Fewest dots that make a grid.
 pub(super) const LEAST_DOTS: usize = 12;
 
-/// How far from its predicted place a spot may be, in steps of the grid.
+/// Largest distance of a spot from its predicted position, grid steps.
 const REACH: f64 = 0.25;
 
-/// The four neighbours of a label.
+/// Steps to the four neighbours of a label.
 pub(super) const STEPS: [Label; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
 
-/// The grid that most of the spots form, or `None` when they form none. Spots that do not fit (dust,
-/// lettering) are left out; gaps are allowed.
+/// The grid that most of the spots form, or `None`. Spots that do not fit (dust, lettering) are left out; gaps are
+/// allowed.
 pub(super) fn index(blobs: &[Blob]) -> Option<Lattice> {
     if blobs.len() < LEAST_DOTS {
         return None;
@@ -77,15 +78,15 @@ pub(super) fn pitch_of(places: &Places) -> f64 {
     median(&mut lengths)
 }
 
-/// Where dots would be that are missing in or beside the grid, its corners included: linear continuation from
-/// two dots in line, averaged over the directions that allow it.
+/// Predicted positions of the dots that are missing in the grid or lie beside it, corners included: linear
+/// extrapolation from two dots in line, averaged over the directions.
 pub(super) fn beside(places: &Places) -> Places {
     let mut ring = in_line(places);
     let both = |label: Label| places.get(&label).or_else(|| ring.get(&label)).copied();
     let mut corners = Places::new();
     for label in ring.keys() {
         for [i, j] in STEPS {
-            // a step sideways from a place beside the grid, and its way back
+            // a step sideways from a position beside the grid, and the parallel step inside the grid
             let (next, base) = ([label[0] + i, label[1] + j], both(*label));
             let across = [[j, i], [-j, -i]].map(|[a, b]| {
                 let (inner, outer) = (both([label[0] + a, label[1] + b]), both([next[0] + a, next[1] + b]));
@@ -103,15 +104,15 @@ pub(super) fn beside(places: &Places) -> Places {
     evened(places, ring)
 }
 
-/// Most dots that the map of the whole grid is made from.
+/// Most dots that the homography of the whole grid is fitted to.
 const MAPPED: usize = 400;
 
-/// The places beside the grid by the map of the whole grid and what the dots nearby are off it on average. Two dots in
-/// line alone would double what the outer one is off; and where a dot is drawn in too far out, the dot beside it is
-/// measured too far out the next time.
+/// Refines the positions beside the grid: the homography of the whole grid plus the mean deviation of the dots nearby.
+/// Extrapolation from two dots alone would double the error of the outer one; and where a dot is drawn in too far out,
+/// its neighbour is measured too far out in the next round.
 fn evened(places: &Places, ring: Places) -> Places {
     let unit = |l: &Label| l.map(f64::from);
-    // those inside, where there are enough: the outermost are the ones that lean on what is drawn in beside them
+    // inner dots, where there are enough: the outermost depend on what is drawn in beside them
     let is_inner = |l: &Label| STEPS.iter().all(|[i, j]| places.contains_key(&[l[0] + i, l[1] + j]));
     let mut inner: Places = places.iter().filter(|(l, _)| is_inner(l)).map(|(l, p)| (*l, *p)).collect();
     if inner.len() < LEAST_DOTS {
@@ -154,7 +155,7 @@ fn in_line(places: &Places) -> Places {
     sums.into_iter().map(|(label, (sum, n))| (label, [sum[0] / n, sum[1] / n])).collect()
 }
 
-/// Spots by place: those near a point without looking at all.
+/// Spatial index of the spots.
 struct Nearby {
     cell: f64,
     cells: HashMap<(i64, i64), Vec<usize>>,
@@ -176,7 +177,7 @@ impl Nearby {
         cell.is_finite().then_some(Self { cell, cells })
     }
 
-    /// The `count` spots nearest to spot `of`, nearest first (looked for within three cells).
+    /// The `count` spots nearest to spot `of` within three cells, nearest first.
     fn nearest(&self, blobs: &[Blob], of: usize, count: usize) -> Vec<usize> {
         let mut found: Vec<(f64, usize)> = self
             .within(blobs, blobs[of].at, 3.0 * self.cell)
@@ -202,13 +203,13 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// The two steps of the grid: the displacements to near neighbours that most spots agree on.
+/// The two grid steps: the displacements between near neighbours that most spots share.
 fn basis(blobs: &[Blob], near: &Nearby) -> Option<([f64; 2], [f64; 2])> {
     let mut steps = Vec::new();
     for k in 0..blobs.len() {
         for n in near.nearest(blobs, k, 4) {
             let d = [blobs[n].at[0] - blobs[k].at[0], blobs[n].at[1] - blobs[k].at[1]];
-            // a step and its opposite are the same
+            // a step and its opposite are equivalent
             let turned = d[0] + 1e-9 * d[1] < 0.0;
             steps.push(if turned { [-d[0], -d[1]] } else { d });
         }
@@ -241,7 +242,7 @@ fn basis(blobs: &[Blob], near: &Nearby) -> Option<([f64; 2], [f64; 2])> {
     (second.0 >= least).then(|| (u, refined(second.1)))
 }
 
-/// A few spots to begin with: those near the middle that have all four neighbours.
+/// Start spots: those near the centre that have all four neighbours.
 fn seeds(blobs: &[Blob], near: &Nearby, u: [f64; 2], v: [f64; 2]) -> Vec<usize> {
     let centre = [
         median(&mut blobs.iter().map(|b| b.at[0]).collect::<Vec<_>>()),
@@ -260,7 +261,7 @@ fn seeds(blobs: &[Blob], near: &Nearby, u: [f64; 2], v: [f64; 2]) -> Vec<usize> 
     full
 }
 
-/// Labels spots outward from `seed`, each predicted from its neighbour with the step measured nearby.
+/// Labels spots outward from `seed`. Each is predicted from its neighbour with the locally measured step.
 fn grow(blobs: &[Blob], near: &Nearby, seed: usize, u: [f64; 2], v: [f64; 2]) -> Places {
     let mut labels: HashMap<Label, usize> = HashMap::from([([0, 0], seed)]);
     let mut taken = vec![false; blobs.len()];
@@ -292,8 +293,8 @@ fn grow(blobs: &[Blob], near: &Nearby, seed: usize, u: [f64; 2], v: [f64; 2]) ->
     labels.into_iter().map(|(label, k)| (label, blobs[k].at)).collect()
 }
 
-/// True when the labelled spots are a grid and not specks that chance to chain: spread over both directions,
-/// closely knit, each in the middle between its neighbours.
+/// True when the labelled spots form a grid and not a random chain of specks: at least 3 x 3, 2.2 neighbours per spot
+/// on average, and each spot midway between its neighbours.
 fn is_regular(places: &Places) -> bool {
     let span = |axis: usize| {
         let (low, high) = places.keys().fold((i32::MAX, i32::MIN), |b, l| (b.0.min(l[axis]), b.1.max(l[axis])));
@@ -325,7 +326,7 @@ mod tests {
         x - x.floor() - 0.5
     }
 
-    /// 9 x 7 dots, turned and with a slight perspective, three missing, ten specks between.
+    /// 9 x 7 dots, rotated and with a slight perspective, three missing, ten specks between them.
     fn spots() -> Vec<Blob> {
         let mut spots = Vec::new();
         for j in 0..7 {
@@ -346,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_grid_with_gaps_and_dust_is_indexed() {
+    fn a_rotated_grid_with_gaps_and_dust_is_indexed() {
         let lattice = index(&spots()).expect("a grid");
         assert!(lattice.places.len() >= 60 && lattice.places.len() <= 64, "{}", lattice.places.len());
         assert!((lattice.pitch - 29.5).abs() < 1.5, "{}", lattice.pitch);
@@ -365,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn the_places_beside_a_grid_continue_it() {
+    fn the_positions_beside_a_grid_extrapolate_it() {
         let places: Places =
             (0..9).map(|k| ([k % 3, k / 3], [f64::from(k % 3) * 10.0, f64::from(k / 3) * 10.0])).collect();
         let ring = beside(&places);

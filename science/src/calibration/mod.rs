@@ -1,11 +1,21 @@
-//! Calibration: from pictures of a dot target, one per slice, to one homography and one gain per slice.
+//! Calibration of a rig: from a stack of a dot target to one homography and one gain per slice.
 //!
-//! Way of the data: the grid of dots is detected blindly in the reference slice (or another that shows it); from there
-//! it is followed outward, slice by slice; each dot is measured by the phase of the pattern around it, which blur
-//! leaves alone; the dots that a slice and the reference slice share give the map (normalised DLT, least median of
-//! squares, weighted least squares) in the simplest family that explains them; and the law of the rail helps the slices
-//! whose own dots say little. Each slice is decoded once. No pixels are kept: memory does not grow with the number of
-//! slices.
+//! Input: the slices and [`CalibrationOptions`]. Output: a [`Calibration`] with homographies, gains, their
+//! uncertainties, findings and a report.
+//!
+//! | step | module | what it does |
+//! |---|---|---|
+//! | detection | `detection`, `blobs`, `lattice` | finds the grid in the reference slice, or in another that shows it |
+//! | tracking | `tracking`, `coarse_registration` | follows the grid from slice to slice in both directions |
+//! | measurement | `phase`, `inpainting`, `radial_profile`, `flat_field` | measures each dot by the phase of the pattern |
+//! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
+//! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
+//! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
+//! | gains | `dot_photometry`, `gains` | compares the brightness of the target dot by dot |
+//! | report | `report`, `findings`, `capture`, `camera` | capture mode, camera, verdict, findings |
+//!
+//! Each slice is decoded once and no pixels are kept, so memory does not grow with the number of slices. The method is
+//! described in `docs/METHOD.md`.
 
 mod blobs;
 mod blur;
@@ -52,68 +62,72 @@ use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
 use crate::types::report::CalibrationReport;
 use crate::types::{Control, Error, ErrorKind, Interrupted, Warning};
 
-/// What became of a dot.
+/// How a dot was used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DotUse {
-    /// Agrees with the homography of its slice.
+    /// It agrees with the homography of its slice.
     Inlier,
-    /// Does not agree, and was left out.
+    /// It does not agree, and was excluded from the fit.
     Outlier,
-    /// The reference slice does not show it, or the slice's homography was predicted, so it was not needed.
+    /// It was not used: the reference slice does not show it, or the slice's homography was predicted.
     Unused,
 }
 
-/// A dot that was found.
+/// A measured dot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dot {
-    /// Column and row in the grid, the same for all slices; which dot is (0, 0) is arbitrary.
+    /// Column and row in the grid, the same for all slices. The origin is arbitrary.
     pub label: [i32; 2],
     /// Centre in px of its slice.
     pub at: [f64; 2],
     /// Standard deviation of each coordinate, px.
     pub sigma: f64,
-    /// What became of it.
+    /// How it was used.
     pub used: DotUse,
 }
 
-/// A measured stack.
+/// The result of a calibration.
 #[derive(Debug, Clone)]
 pub struct Calibration {
     /// Width of every slice, px.
     pub width: u32,
     /// Height of every slice, px.
     pub height: u32,
-    /// The slice that all others are mapped to.
+    /// 0-based index of the slice that all others are mapped to.
     pub reference_index: usize,
-    /// One entry per slice: homography, gain, and how good they are.
+    /// One entry per slice: homography, gain, and their uncertainties.
     pub slices: Vec<ProfileSlice>,
-    /// Per slice the dots found.
+    /// Per slice its measured dots.
     pub dots: Vec<Vec<Dot>>,
-    /// Distance of neighbouring dots in the reference slice, px.
+    /// Dot pitch in the reference slice, px.
     pub dot_pitch_px: f64,
-    /// Size of the image over size of the target, when both pitches were told.
+    /// Image size over target size; `None` unless the pixel pitch and the target pitch were specified.
     pub magnification: Option<f64>,
-    /// What moved, when the scales leave no doubt (rail steps being equal).
+    /// What moves between slices: as found from the scales, else as specified.
     pub capture_mode: Option<CaptureMode>,
-    /// TransformModel of maps that the homographies belong to.
+    /// The transform model of the homographies.
     pub model: HomographyModel,
-    /// What the user should know.
+    /// Findings for the user.
     pub warnings: Vec<Warning>,
-    /// One sentence for the technician.
+    /// The verdict in one sentence.
     pub verdict: String,
-    /// All that was found, for the report.
+    /// The full report.
     pub report: CalibrationReport,
 }
 
-/// Measures a stack of a dot target.
+/// Calibrates a rig from a stack of a dot target.
 ///
-/// The reference slice is `options.reference_index`, by default the middle one (`count / 2`).
-/// Homographies map slice px to reference-slice px; the reference's own is the identity, its gain 1.
+/// The reference slice is `options.reference_index`, by default the middle one (`count / 2`). Homographies map slice px
+/// to reference-slice px. The homography of the reference slice is the identity and its gain is 1.
 ///
 /// # Errors
-/// [`Interrupted::Cancelled`], or a fault: [`ErrorKind::TargetNotFound`] naming the slices when there are too few dots, no
-/// grid or a mirrored one; [`ErrorKind::SizeMismatch`] when slices differ in size; [`ErrorKind::InvalidParameter`] for a
-/// reference that does not exist or fewer than two slices; and whatever loading a slice says.
+/// - [`Interrupted::Cancelled`] when `control` cancels the work.
+/// - [`ErrorKind::TargetNotFound`], with the slices, when there is no grid, there are too few dots, or a homography is
+///   implausible (mirrored, for example).
+/// - [`ErrorKind::SizeMismatch`] when slices differ in size.
+/// - [`ErrorKind::InvalidParameter`] for fewer than two slices, a `reference_index` beyond the stack, or invalid rail
+///   positions.
+/// - Errors of [`Slices::load`].
 pub fn calibrate(
     slices: &dyn Slices,
     options: &CalibrationOptions,
@@ -121,39 +135,45 @@ pub fn calibrate(
 ) -> Result<Calibration, Interrupted> {
     let count = slices.count();
     if count < 2 {
-        let detail = format!("a calibration needs at least 2 slices of the dot target; the archive has {count}");
+        let detail = format!("a calibration needs at least 2 slices of the dot target, but the archive has {count}");
         return Err(Error::new(ErrorKind::InvalidParameter, detail).into());
     }
     let reference = options.reference_index.map_or(count / 2, |index| index as usize);
     if reference >= count {
-        let detail = format!("reference_index is {reference}; the stack has {count} slices, so 0 to {}", count - 1);
+        let detail = format!(
+            "reference_index is {reference}, but the stack has {count} slices: use an index from 0 to {}",
+            count - 1
+        );
         return Err(Error::new(ErrorKind::InvalidParameter, detail).into());
     }
-    let told = rail_positions(options, count)?;
+    let given = rail_positions(options, count)?;
     let tracked = tracking::track_all(slices, reference, control)?;
-    let solved = solve::solve(slices, &tracked, reference, told.as_deref(), options.model, control)?;
-    Ok(report::report(slices, options, &tracked, solved, told.is_some()))
+    let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options.model, control)?;
+    Ok(report::report(slices, options, &tracked, solved, given.is_some()))
 }
 
-/// The positions on the rail that the user told, mm.
+/// The rail positions that the user specified, mm.
 fn rail_positions(options: &CalibrationOptions, count: usize) -> Result<Option<Vec<f64>>, Error> {
     let wrong = |detail: String| Err(Error::new(ErrorKind::InvalidParameter, detail));
     match (&options.rail_positions_mm, options.rail_step_mm) {
-        (Some(_), Some(_)) => wrong("rail_positions_mm and rail_step_mm say the same thing twice: give one".into()),
+        (Some(_), Some(_)) => wrong("rail_positions_mm and rail_step_mm are both given: give one of them".into()),
         (Some(positions), None) => {
             if positions.len() != count {
-                return wrong(format!("{} rail positions for {count} slices", positions.len()));
+                return wrong(format!(
+                    "rail_positions_mm has {} positions for {count} slices: give one position per slice",
+                    positions.len()
+                ));
             }
             let (rising, falling) =
                 (positions.windows(2).all(|w| w[0] < w[1]), positions.windows(2).all(|w| w[0] > w[1]));
             if !(rising || falling) {
-                return wrong("rail_positions_mm must rise or fall from slice to slice".into());
+                return wrong("rail_positions_mm must be strictly increasing or strictly decreasing".into());
             }
             Ok(Some(positions.clone()))
         }
         (None, Some(step)) => {
             if !step.is_finite() || step == 0.0 {
-                return wrong(format!("rail_step_mm is {step}; it must not be zero"));
+                return wrong(format!("rail_step_mm is {step}: it must be a finite number other than 0"));
             }
             Ok(Some((0..count).map(|i| step * i as f64).collect()))
         }

@@ -1,13 +1,17 @@
-//! Which family of maps a stack asks for: the simplest that explains its dots.
+//! Selects the transform model of a stack: the simplest with a nearly minimal expected error at the image corners.
 //!
-//! What counts is the image corner, which often lies outside the dots. So each family is judged by the error that it is
-//! to be expected to make there (a focused information criterion, after Claeskens and Hjort 2003): the variance that
-//! its free numbers have, and the square of its bias, which is how far its corners lie from those of the full
-//! homography beyond what that one's own scatter explains. A criterion of fit alone does not see a perspective that
-//! is hidden within the dots of a small target and is a fifth of a pixel at the corner. The Bayesian information
-//! criterion stands beside it (dots whose windows overlap do not count in full, and what is below a hundredth of a pixel
-//! explains nothing), and so does what dots predict that were held out in blocks of three by three (neighbours share
-//! pixels, so every other dot would be no test).
+//! The image corners matter, and they often lie outside the dots. Each model m is scored by its expected squared error
+//! there (a focused information criterion, Claeskens and Hjort 2003):
+//!
+//! `risk(m) = variance(m) + bias(m)^2`
+//!
+//! The variance is that of its free parameters. The bias is the distance of its corners from those of the full
+//! homography, minus what the scatter of the full homography explains. Goodness of fit alone does not detect a
+//! perspective that is hidden within the dots of a small target and amounts to 0.2 px at the corner.
+//!
+//! Two criteria are reported beside it: the Bayesian information criterion (dots with overlapping windows count in
+//! part; residuals below 0.01 px count as 0.01 px), and the residual of held-out dots in blocks of 3 x 3 (neighbours
+//! share pixels, so single dots would not be independent).
 
 use super::lattice::Label;
 use super::rail_fit::RailFit;
@@ -16,28 +20,28 @@ use crate::types::calibration_options::ModelChoice;
 use crate::types::profile::HomographyModel;
 use crate::types::report::ModelCandidate;
 
-/// The dots of one slice that agree with one another.
+/// The inliers of one slice.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Evidence {
-    /// Which dots.
+    /// Their labels.
     pub labels: Vec<Label>,
-    /// In the reference slice and here.
+    /// Their positions in the reference slice and in this slice.
     pub matches: Vec<Match>,
-    /// Variance of the mean of them over that of as many independent ones.
+    /// Variance of their mean over the variance for as many independent dots.
     pub overlap: f64,
 }
 
-/// A family for the whole stack.
+/// A transform model for the whole stack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum StackModel {
-    /// Three numbers for all slices.
+    /// Three parameters for all slices.
     RailLinear,
-    /// Each slice has its own.
+    /// Parameters of its own per slice.
     PerSlice(TransformModel),
 }
 
 impl StackModel {
-    /// The name in a profile.
+    /// The model as named in a profile.
     pub(super) fn name(self) -> HomographyModel {
         match self {
             Self::RailLinear => HomographyModel::RailLinear,
@@ -46,24 +50,25 @@ impl StackModel {
     }
 }
 
-/// Factor in the expected squared error from which a family is better than a simpler one.
+/// A simpler model is kept up to this factor above the least expected squared error.
 const CLEARLY: f64 = 1.2;
-/// Distances below this explain nothing, px.
+/// Residuals below this explain nothing, px.
 const FLOOR: f64 = 0.01;
 
-/// What a family does at the corners of the pictures, beside what the full homography does.
+/// Error of a model at the image corners of one slice, with that of the full homography.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Corner {
     /// Standard deviation of the worst corner, px.
     pub sigma: f64,
-    /// The same for the full homography.
+    /// The same for the full homography, px.
     pub full_sigma: f64,
     /// Largest distance between the corners of the two, px.
     pub apart: f64,
 }
 
-/// Mean square of a family's bias at the corner, px^2, over the slices: expected, and no less than what could hide in
-/// the scatter of so many slices, nor than half of what is seen (all slices share the errors of the reference).
+/// Mean squared bias of a model at the corners over the slices, px^2: the expected value, and an upper value. The upper
+/// one is at least what could be hidden in the scatter of so many slices, and at least half of the observed one,
+/// because all slices share the errors of the reference.
 pub(super) fn bias(corners: &[Corner]) -> (f64, f64) {
     if corners.is_empty() {
         return (0.0, 0.0);
@@ -73,12 +78,12 @@ pub(super) fn bias(corners: &[Corner]) -> (f64, f64) {
     let noise = mean(&|c| (c.full_sigma.powi(2) - c.sigma.powi(2)).max(0.0));
     // the largest of four distances scatters more than each
     let apart = mean(&|c| c.apart.powi(2));
-    let seen = (apart - 1.7 * noise).max(0.0);
-    (seen, (seen + noise * (2.0 / count).sqrt()).max(0.5 * apart))
+    let observed = (apart - 1.7 * noise).max(0.0);
+    (observed, (observed + noise * (2.0 / count).sqrt()).max(0.5 * apart))
 }
 
-/// Judges every family by `corners` of it and takes one. `away`: positions counted from the reference slice; `half`: px
-/// per unit.
+/// Scores every model by its `corners` and selects one. `away`: rail positions relative to the reference slice; `half`:
+/// px per unit; `requested`: the user's choice.
 pub(super) fn select_model(
     evidence: &[Evidence],
     away: &[f64],
@@ -92,7 +97,7 @@ pub(super) fn select_model(
         let held = measured.iter().map(|&i| held_out(&evidence[i], |m| fitted(family, m))).collect::<Option<Vec<_>>>();
         (maps, held, (family.size() * measured.len()) as u32)
     };
-    let joint = || {
+    let rail_fit = || {
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
         let maps =
             RailFit::fit(&all, away).map(|j| measured.iter().map(|&i| j.parameters(away[i])).collect::<Vec<_>>());
@@ -119,7 +124,7 @@ pub(super) fn select_model(
     let mut judged: Vec<(StackModel, ModelCandidate)> = models
         .map(|model| {
             let (maps, held, parameters) = match model {
-                StackModel::RailLinear => joint(),
+                StackModel::RailLinear => rail_fit(),
                 StackModel::PerSlice(family) => per_slice(family),
             };
             let rms = |all: Vec<f64>| (all.iter().sum::<f64>() / all.len().max(1) as f64).sqrt() * half;
@@ -158,15 +163,15 @@ pub(super) fn select_model(
     let fitted = judged.iter().filter(|(_, c)| c.bic.is_some());
     let risks: Vec<(f64, StackModel)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
     let least = risks.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
-    // simplest first: the simpler wins unless another is clearly better
+    // simplest first: it wins unless another is clearly better
     let best = risks.iter().find(|r| r.0 <= CLEARLY * least + FLOOR * FLOOR).map(|r| r.1);
     let model = wanted.or(best).unwrap_or(StackModel::PerSlice(TransformModel::Similarity));
     let reason = match (wanted, best) {
         (Some(_), Some(best)) if best != model => {
-            format!("{} was requested for; the dots would have chosen {}", words(model), words(best))
+            format!("{} was requested; the dots favour {}", words(model), words(best))
         }
-        (Some(_), _) => format!("{} was requested for", words(model)),
-        (None, _) => format!("{} is expected to err least at the image corners", words(model)),
+        (Some(_), _) => format!("{} was requested", words(model)),
+        (None, _) => format!("{} has the least expected error at the image corners", words(model)),
     };
     for (candidate, judged) in &mut judged {
         judged.chosen = *candidate == model;
@@ -174,12 +179,12 @@ pub(super) fn select_model(
     (model, judged.into_iter().map(|j| j.1).collect(), reason)
 }
 
-/// For sentences.
+/// The model as a phrase for sentences.
 fn words(model: StackModel) -> &'static str {
     match model {
-        StackModel::RailLinear => "one law for the whole rail",
+        StackModel::RailLinear => "the rail law for the whole stack",
         StackModel::PerSlice(TransformModel::Similarity) => "scale, rotation and shift per slice",
-        StackModel::PerSlice(TransformModel::Affine) => "an affine map per slice",
+        StackModel::PerSlice(TransformModel::Affine) => "an affine transform per slice",
         StackModel::PerSlice(TransformModel::Homography) => "a homography per slice",
     }
 }
@@ -188,7 +193,7 @@ fn fitted(family: TransformModel, matches: &[Match]) -> Option<Parameters> {
     transform_models::fit(family, matches).map(|fit| family.parameters(&fit.free))
 }
 
-/// Squared distances in units between where dots are sent and where they are.
+/// Squared residuals, units^2.
 fn squares<'a>(p: &'a Parameters, matches: &'a [Match]) -> impl Iterator<Item = f64> + 'a {
     matches.iter().map(|m| {
         let sent = transform_models::map_point(p, m.base);
@@ -196,7 +201,7 @@ fn squares<'a>(p: &'a Parameters, matches: &'a [Match]) -> impl Iterator<Item = 
     })
 }
 
-/// Sum over the slices of `n ln(mean square)` plus what the free numbers cost.
+/// BIC: the sum over the slices of `n ln(mean square)`, plus `k ln(n)` for k parameters.
 fn score(evidence: &[Evidence], measured: &[usize], maps: &[Parameters], parameters: u32, half: f64) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (&i, p) in measured.iter().zip(maps) {
@@ -209,13 +214,13 @@ fn score(evidence: &[Evidence], measured: &[usize], maps: &[Parameters], paramet
     sum + f64::from(parameters) * count.max(1.0).ln()
 }
 
-/// The dots of every other block of three by three.
+/// The dots of every other block of 3 x 3.
 fn block(evidence: &Evidence, part: i32) -> Vec<Match> {
     let of = |[i, j]: Label| (i.div_euclid(3) + j.div_euclid(3)).rem_euclid(2);
     evidence.labels.iter().zip(&evidence.matches).filter(|(l, _)| of(**l) == part).map(|(_, m)| *m).collect()
 }
 
-/// Squared distances of the dots of either half from the map that the other half makes.
+/// Squared residuals of each half of the dots from the fit to the other half.
 fn held_out(evidence: &Evidence, fit: impl Fn(&[Match]) -> Option<Parameters>) -> Option<Vec<f64>> {
     let [even, odd] = [block(evidence, 0), block(evidence, 1)];
     let (from_even, from_odd) = (fit(&even)?, fit(&odd)?);
@@ -227,7 +232,7 @@ mod tests {
     use super::super::testkit::Noise;
     use super::*;
 
-    /// Nine slices of 150 dots whose maps are `map(dz)`.
+    /// Nine slices of 150 dots whose transforms are `map(dz)`.
     fn stack(map: impl Fn(f64) -> Parameters, seed: u64) -> (Vec<Evidence>, Vec<f64>) {
         let mut noise = Noise(seed);
         let away: Vec<f64> = (-4..=4).map(f64::from).collect();
@@ -247,11 +252,11 @@ mod tests {
         (evidence, away)
     }
 
-    /// Corners as the families' own fits have them.
+    /// Corner errors from the fits of the models.
     fn corners(evidence: &[Evidence], away: &[f64], model: StackModel) -> Vec<Corner> {
         let frame = transform_models::Frame { centre: [400.0, 300.0], half: 500.0 };
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
-        let joint = RailFit::fit(&all, away).expect("a law");
+        let rail_fit = RailFit::fit(&all, away).expect("a law");
         let at = |family: TransformModel, e: &Evidence| {
             let fit = transform_models::fit(family, &e.matches).expect("a fit");
             let sigma = transform_models::corner_sigma(family, &fit.free, &fit.covariance, &frame, 801, 601);
@@ -264,8 +269,8 @@ mod tests {
                 let (own, sigma) = match model {
                     StackModel::PerSlice(family) => at(family, &evidence[i]),
                     StackModel::RailLinear => (
-                        frame.homography(&joint.parameters(away[i])).expect("regular"),
-                        500.0 * joint.corner_sigma(away[i]),
+                        frame.homography(&rail_fit.parameters(away[i])).expect("regular"),
+                        500.0 * rail_fit.corner_sigma(away[i]),
                     ),
                 };
                 Corner { sigma, full_sigma, apart: own.corner_distance(&full, 801, 601) }
@@ -283,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn the_family_that_errs_least_at_the_corners_is_taken() {
+    fn the_model_with_the_least_corner_error_is_selected() {
         assert_eq!(chosen(|z| [0.007 * z, 0.0, 0.001 * z, 0.0, 0.007 * z, 0.0, 0.0, 0.0]), HomographyModel::RailLinear);
         let turning = |z: f64| [0.007 * z, -3e-4 * z * z, 0.001 * z, 3e-4 * z * z, 0.007 * z, 0.0, 0.0, 0.0];
         assert_eq!(chosen(turning), HomographyModel::Similarity);
@@ -295,11 +300,11 @@ mod tests {
     }
 
     #[test]
-    fn what_the_user_asks_for_is_taken_and_the_better_choice_is_named() {
+    fn a_requested_model_is_used_and_the_better_one_is_named() {
         let (evidence, away) = stack(|z| [0.007 * z, 0.0, 0.0, 0.0, 0.007 * z, 0.0, 8e-4 * z, 0.0], 4);
         let (model, _, reason) =
             select_model(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Similarity);
         assert_eq!(model.name(), HomographyModel::Similarity);
-        assert!(reason.contains("would have chosen a homography"), "{reason}");
+        assert!(reason.contains("the dots favour a homography"), "{reason}");
     }
 }

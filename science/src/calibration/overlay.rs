@@ -1,21 +1,28 @@
-//! A slice with the dots found drawn on it, for the eye.
+//! The overlay: a slice with its measured dots drawn on it.
 
 use super::{Calibration, Dot, DotUse};
 use crate::imaging::{Raster, Samples};
 
-/// Agrees with the homography.
+/// Inliers.
 const GREEN: [u8; 3] = [0, 190, 60];
-/// Does not agree.
+/// Outliers.
 const RED: [u8; 3] = [235, 30, 30];
-/// Found but not needed.
+/// Dots that were not used.
 const AMBER: [u8; 3] = [240, 160, 0];
-/// Where dots of the reference slice lie by the homography, when the slice was predicted.
+/// Dots of the reference slice at their predicted positions, when the slice was predicted.
 const BLUE: [u8; 3] = [30, 110, 255];
 
-/// The slice as an 8-bit RGB picture with a circle and a cross on each dot: green when it agrees with the
-/// homography, red when it does not, amber when it was not needed. In a slice whose homography was
-/// predicted the places that the prediction gives are drawn in blue. `index` is the slice's; a slice
-/// that the calibration does not have is shown bare. `slice` may be a smaller copy: dots are drawn where they are in it.
+/// The slice as an 8-bit RGB image with a circle and a cross on each dot.
+///
+/// | colour | dots |
+/// |---|---|
+/// | green | inliers |
+/// | red | outliers |
+/// | amber | measured but not used |
+/// | blue | predicted positions, in a slice whose homography was predicted |
+///
+/// `index` is the index of the slice; for an index beyond the calibration nothing is drawn. `slice` may be a reduced
+/// copy: positions are scaled to it.
 pub fn overlay(slice: &Raster, calibration: &Calibration, index: usize) -> Raster {
     let mut canvas = Canvas::new(slice);
     let (Some(profile), Some(dots)) = (calibration.slices.get(index), calibration.dots.get(index)) else {
@@ -62,7 +69,7 @@ impl Canvas {
         Self { picture: Raster::eight(slice.width, slice.height, 3, samples) }
     }
 
-    /// A thin circle of `radius` px and a small cross with its middle at `at`.
+    /// Draws a thin circle of `radius` px and a small cross, both centred at `at`.
     fn mark(&mut self, at: [f64; 2], radius: f64, colour: [u8; 3]) {
         if !at.iter().all(|v| v.is_finite()) {
             return;

@@ -1,16 +1,20 @@
-//! The sub-pixel places of dots, by lock-in: how far the local pattern is from its expected phase.
+//! Sub-pixel positions of dots from the phase of the grid's first harmonic (quadrature demodulation at the grid
+//! frequency).
 //!
-//! Around each dot the picture is weighted by a window that is a hat, two steps of the grid wide, along both
-//! directions of the grid, and compared with one period of a wave along each. Why this and not the shape of the
-//! single dot:
+//! Input: a plane and, per dot, a window: its expected centre and the two grid steps there. Output: the complex
+//! amplitude of the first harmonic along each step, whose phase gives the distance of the dot from its expected centre,
+//! and the mean over the window.
 //!
-//! - The window's spectrum has double zeros at all whole frequencies of the grid. So neither the mean light, nor its
-//!   slope (vignetting), nor any harmonic of the pattern leaks into the phase.
-//! - Blur that is symmetric changes the amplitude of the wave and nothing else, however far neighbouring dots run
-//!   into one another. Past a blur radius of 0.61 of the pitch the amplitude is negative (the dots are inverted), and
-//!   the phase is as good as before.
-//! - It is linear in the picture: two rounds settle it, where fitting overlapping dots one by one converges slowly
-//!   and hardly at all for a shift that is common to all of them.
+//! The window weight is `w(a, b) = (1 - |a|) (1 - |b|)` for |a|, |b| < 1, with (a, b) the position in grid steps from
+//! the centre. Why the phase, and not a fit of the single dot:
+//!
+//! - The spectrum of `w` has double zeros at all non-zero integer grid frequencies. The mean level, its slope
+//!   (vignetting) and the other harmonics do not leak into the phase.
+//! - Symmetric blur changes the amplitude and not the phase, however much neighbouring dots overlap. Beyond a blur
+//!   radius of 0.61 of the pitch the amplitude is negative (the dots are inverted), and the phase is as accurate as
+//!   before.
+//! - The measurement is linear in the image: two rounds are enough. Fitting overlapping dots one by one converges
+//!   slowly, and hardly at all for a shift that all dots share.
 
 use std::f64::consts::TAU;
 
@@ -18,60 +22,61 @@ use rayon::prelude::*;
 
 use crate::imaging::Plane;
 
-/// A place where the pattern is compared with its expected phase, in px of the plane.
+/// Where the phase of the pattern is measured, in px of the plane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Window {
     /// Expected centre of the dot.
     pub at: [f64; 2],
-    /// The two steps of the grid there.
+    /// The two grid steps there.
     pub steps: [[f64; 2]; 2],
 }
 
-/// What the window around one window shows.
+/// The pattern in one window.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PhaseMeasurement {
-    /// How far the pattern lies from the window along each step, in steps, for a positive amplitude.
+    /// First harmonic along each grid step.
     pub harmonics: [Harmonic; 2],
-    /// Mean over the window: whole periods, so the pattern does not count.
+    /// Mean over the window. The window spans whole periods, so the pattern does not contribute.
     pub mean: f64,
 }
 
-/// The first harmonic along one step of the grid.
+/// The first harmonic of the pattern along one grid step, relative to the centre of the window.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Harmonic {
-    /// In phase with a dot at the window.
+    /// In-phase component: positive for a dot at the centre.
     pub cosine: f64,
-    /// A quarter of a step behind.
+    /// Quadrature component: a quarter of a step behind.
     pub sine: f64,
 }
 
 impl Harmonic {
-    /// Amplitude when dots stand out with `sign` (1: as they should; -1: inverted by blur); negative when they stand
-    /// out the other way.
+    /// Signed amplitude for dots of polarity `sign` (1: as printed; -1: inverted by blur): negative when the dots have
+    /// the other polarity.
     pub(super) fn amplitude(&self, sign: f64) -> f64 {
         self.cosine.hypot(self.sine) * (sign * self.cosine).signum()
     }
 
-    /// Distance of the dot from the window, in steps, when dots stand out with `sign`.
+    /// Distance of the dot from the centre of the window along the step, in steps, for dots of polarity `sign`.
     pub(super) fn shift(&self, sign: f64) -> f64 {
         (sign * self.sine).atan2(sign * self.cosine) / TAU
     }
 }
 
-/// Variance of the mean of many neighbouring windows over that of as many independent ones: their windows overlap. For
-/// white noise the sum over the grid of the windows' correlations, `1 / integral(w^2)` = (3/2)^2.
+/// Variance of the mean over many neighbouring windows, over the variance for as many independent ones: the windows
+/// overlap. For white noise it is the sum over the grid of the windows' correlations, `1 / integral(w^2)` = (3/2)^2.
 pub(super) const WINDOW_OVERLAP: f64 = 2.25;
 
-/// Standard deviation of [`Harmonic::shift`] in steps, for white noise `noise` per sample and this amplitude.
+/// Standard deviation of [`Harmonic::shift`] in steps, for white noise with standard deviation `noise` per sample.
 pub(super) fn shift_sigma(noise: f64, amplitude: f64, steps: [[f64; 2]; 2]) -> f64 {
     let area = (steps[0][0] * steps[1][1] - steps[0][1] * steps[1][0]).abs().max(1.0);
     noise * (2.0 / (WINDOW_OVERLAP * area)).sqrt() / (TAU * amplitude.abs().max(1e-9))
 }
 
-/// Share of a window, weighted, that may be covered.
+/// Largest weighted share of a window that may be invalid.
 const MAX_INVALID: f64 = 0.1;
 
-/// Looks at all windows. `None` for a window whose window leaves the picture, touches a closed sample, or is degenerate.
+/// Measures all windows. `None` for a window that leaves the plane, has too many samples that are 0 in `valid`, or is
+/// degenerate.
 pub(super) fn measure(
     plane: &Plane<f32>,
     valid: Option<&Plane<u8>>,
@@ -80,14 +85,14 @@ pub(super) fn measure(
     windows.par_iter().map(|window| measure_one(plane, valid, window)).collect()
 }
 
-/// True when the window of this window lies in a picture of `width` x `height`.
+/// True when the window lies within a plane of `width` x `height`.
 pub(super) fn inside(window: &Window, width: usize, height: usize) -> bool {
     let reach = reach(window);
     let fits = |v: f64, reach: f64, size: usize| v - reach >= 0.0 && v + reach <= size as f64 - 1.0;
     fits(window.at[0], reach[0], width) && fits(window.at[1], reach[1], height)
 }
 
-/// How far the window extends from its middle along x and y.
+/// Half the extent of the window along x and y, px.
 fn reach(window: &Window) -> [f64; 2] {
     [0, 1].map(|axis: usize| window.steps[0][axis].abs() + window.steps[1][axis].abs())
 }
@@ -113,7 +118,7 @@ fn measure_one(plane: &Plane<f32>, valid: Option<&Plane<u8>>, window: &Window) -
         };
         let dx = first as f64 - window.at[0];
         let mut at = [along[0] * dx + across[0] * dy, along[1] * dx + across[1] * dy];
-        // the wave goes on from pixel to pixel by a rotation
+        // the sine and cosine advance from pixel to pixel by a rotation
         let mut waves = at.map(|t| (TAU * t).sin_cos());
         let row = &plane.row(y)[first..=last];
         for (x, &value) in (first..).zip(row) {
@@ -129,15 +134,15 @@ fn measure_one(plane: &Plane<f32>, valid: Option<&Plane<u8>>, window: &Window) -
             }
         }
     }
-    // specks of dust were painted over with what should be there; beyond that the window is not to be believed
+    // dust specks were inpainted; with more inpainted samples than this the window is unreliable
     if invalid > MAX_INVALID * sums.weight {
         return None;
     }
     sums.measurement()
 }
 
-/// The columns of one row that the window covers: both |position in steps| < 1. `shift` is the position at the
-/// window's own column.
+/// The columns of one row that the window covers: both |position in steps| < 1. `shift` is the position at the column
+/// of the window's centre.
 fn columns(window: &Window, along: [f64; 2], shift: [f64; 2], width: usize) -> Option<(usize, usize)> {
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     for k in 0..2 {
@@ -184,7 +189,8 @@ impl Sums {
             return None;
         }
         let mean = self.value / self.weight;
-        // what the mean contributes is zero but for the sampling of the window; where the wave is faint that counts
+        // the mean contributes nothing except through the sampling of the window, which matters where the harmonic is
+        // weak
         let part = |k: usize, n: usize| 2.0 * (self.with_value[k][n] - mean * self.wave[k][n]) / self.weight;
         Some(PhaseMeasurement { harmonics: [0, 1].map(|k| Harmonic { cosine: part(k, 0), sine: part(k, 1) }), mean })
     }
@@ -194,7 +200,7 @@ impl Sums {
 mod tests {
     use super::*;
 
-    /// A grid of soft dots, turned, under light that falls off to one side.
+    /// A rotated grid of soft dots under light that falls off to one side.
     fn picture(pitch: f64, turn: f64, origin: [f64; 2], sign: f64) -> (Plane<f32>, [[f64; 2]; 2]) {
         let steps = [[pitch * turn.cos(), pitch * turn.sin()], [-pitch * turn.sin(), pitch * turn.cos()]];
         let plane = Plane::from_fn(160, 120, |x, y| {
@@ -210,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dot_is_found_to_a_thousandth_of_the_pitch_whatever_the_turn_and_the_light() {
+    fn a_dot_is_located_to_a_thousandth_of_the_pitch_for_any_rotation_and_vignetting() {
         for (turn, sign) in [(0.0, 1.0), (0.4, 1.0), (0.785, 1.0), (0.012, -1.0)] {
             let origin = [80.37, 59.81];
             let (plane, steps) = picture(17.3, turn, origin, sign);
@@ -231,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_of_a_window_does_not_see_the_pattern() {
+    fn the_mean_of_a_window_excludes_the_pattern() {
         let (plane, steps) = picture(16.0, 0.0, [80.0, 60.0], 1.0);
         for at in [[80.0, 60.0], [85.0, 52.0]] {
             let measured = measure(&plane, None, &[Window { at, steps }])[0].expect("inside");
@@ -241,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_that_leaves_the_picture_or_is_covered_says_nothing() {
+    fn a_window_outside_the_plane_or_with_invalid_samples_is_not_measured() {
         let (plane, steps) = picture(16.0, 0.0, [80.0, 60.0], 1.0);
         assert!(measure(&plane, None, &[Window { at: [15.0, 60.0], steps }])[0].is_none());
         let covered = Plane::from_fn(160, 120, |x, y| u8::from(!(74..82).contains(&x) || !(56..64).contains(&y)));
@@ -250,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_claimed_scatter_is_the_true_one() {
+    fn the_estimated_sigma_matches_the_scatter() {
         let (clean, steps) = picture(16.0, 0.1, [80.3, 60.2], 1.0);
         let mut state = 7_u64;
         let mut normal = || {

@@ -1,34 +1,34 @@
-//! What one dot looks like in one slice: its contrast as a function of the distance from its centre.
+//! The radial profile of a dot: contrast as a function of the distance from its centre.
 //!
-//! All dots of a slice are the same disc under the same blur, so one radial curve serves them all. It is
-//! measured from the picture itself, whatever the lens's blur: the contrast at a pixel is the sum of the curves of
-//! the dots around it, which is linear in the curve. Knowing it takes the neighbours' blur out of each dot,
-//! so a dot at the rim of the grid is not pulled towards the side on which it has neighbours.
+//! All dots of a slice are the same disc under the same blur, so one profile serves them all. It is estimated from the
+//! image for any kind of blur: the contrast at a pixel is the sum of the profiles of the dots around it, which is
+//! linear in the profile's values. With it, the blur of neighbours can be rendered or removed, so a dot at the border
+//! of the grid is not biased towards its neighbours.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::imaging::Plane;
 
-/// Ink against distance: straight lines between values that are `step` px apart; 0 beyond the last.
+/// Contrast over distance: linear between values `step` px apart; 0 beyond the last.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RadialProfile {
     /// Distance between two values, px.
     pub step: f64,
-    /// Ink at 0, step, 2 step, ...
+    /// Contrast at 0, step, 2 step, ...
     pub values: Vec<f64>,
 }
 
-/// A dot as the shape is measured from it.
+/// A dot that the profile is estimated from or rendered at.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PlacedDot {
     /// Centre, px.
     pub at: [f64; 2],
-    /// How strong it is, 1 for an ordinary dot, 0 where there is none.
+    /// Strength: 1 for an ordinary dot, 0 for none.
     pub strength: f64,
 }
 
-/// Dots by place, so that those around a pixel are found at once.
+/// Spatial index of the dots.
 pub(super) struct DotIndex {
     cell: f64,
     columns: usize,
@@ -51,7 +51,7 @@ impl DotIndex {
         Self { cell, columns, rows, lists }
     }
 
-    /// Indices of the dots in the 3 x 3 cells around (x, y): all within one cell size of it.
+    /// Indices of the dots in the 3 x 3 cells around (x, y), which include all within one cell size.
     pub(super) fn around(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {
         let (cx, cy) = (((x / self.cell) as usize) + 1, ((y / self.cell) as usize) + 1);
         let (left, right) = (cx - 1, (cx + 1).min(self.columns - 1));
@@ -64,17 +64,17 @@ impl DotIndex {
 
 /// Rows per task: fixed, so that sums do not depend on the number of threads.
 const BAND: usize = 32;
-/// Numbers of the polynomial for the ground.
+/// Coefficients of the ground polynomial.
 const GROUND: usize = 6;
-/// About how many pixels the shape is measured from.
+/// Approximate number of pixels that the profile is estimated from.
 const PIXELS: f64 = 24_000.0;
 
-/// Length of (dx, dy); `hypot` guards against overflow that pixels cannot cause, and is slow.
+/// Length of (dx, dy). `hypot` guards against overflow, which pixels cannot cause, and is slow.
 fn distance(dx: f64, dy: f64) -> f64 {
     (dx * dx + dy * dy).sqrt()
 }
 
-/// What the equations of the shape are made from.
+/// Input of the normal equations of the profile.
 struct Equations<'a> {
     valid: &'a Plane<u8>,
     contrast: &'a Plane<f32>,
@@ -86,14 +86,14 @@ struct Equations<'a> {
 }
 
 impl Equations<'_> {
-    /// Normal matrix (row by row; the lower triangle is complete) and right side over the rows of one band.
+    /// Normal matrix (row by row; the lower triangle is complete) and right-hand side over the rows of one band.
     fn of_band(&self, band: usize) -> (Vec<f64>, Vec<f64>) {
         let (count, stride, size) = (self.count, self.stride, self.count + GROUND);
         let (mut normal, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         let mut row: Vec<(usize, f64)> = Vec::new();
         let (top, bottom) = (band * BAND * stride, ((band + 1) * BAND * stride).min(self.contrast.height));
         for (line, y) in (top..bottom).step_by(stride).enumerate() {
-            // each row begins elsewhere, or pixels and dots could march in step
+            // each row starts at another column, otherwise the samples could alias with the dots
             for x in (line * 5 % stride..self.contrast.width).step_by(stride) {
                 if self.valid.at(x, y) == 0 {
                     continue;
@@ -137,7 +137,7 @@ impl Equations<'_> {
 }
 
 impl RadialProfile {
-    /// Ink at distance `rho` and its slope there.
+    /// Contrast at distance `rho` and its derivative there.
     pub(super) fn at(&self, rho: f64) -> (f64, f64) {
         let t = rho / self.step;
         let k = t as usize;
@@ -148,16 +148,16 @@ impl RadialProfile {
         (a + (b - a) * (t - k as f64), (b - a) / self.step)
     }
 
-    /// Least squares over the pixels of `valid` (1, not 0) within `reach` of a dot, slightly smoothed, together with what is wrong
-    /// with the ground (a polynomial of degree 2, thrown away: ground and the tail of the shape must not
-    /// stand in for one another). `None` when there is too little to measure it from.
+    /// Least squares over the pixels that are not 0 in `valid` within `reach` of a dot, slightly smoothed, together
+    /// with an error of the ground (a polynomial of degree 2, discarded: otherwise the tail of the profile would absorb
+    /// it). `None` when there are too few pixels.
     pub(super) fn measure(contrast: &Plane<f32>, valid: &Plane<u8>, dots: &[PlacedDot], reach: f64) -> Option<Self> {
-        // one value per px: coarser ones blunt the edge of a sharp dot, and its centre with it
+        // one value per px: a coarser profile would blunt the edge of a sharp dot, and bias its centre
         let count = (reach as usize).clamp(6, 64);
         let step = reach / count as f64;
         let size = count + GROUND;
         let index = DotIndex::new(dots, reach, contrast.width, contrast.height);
-        // evenly spread pixels are plenty where there are many: all dots have the one shape
+        // in a large image a subset of the pixels is enough: all dots have the same profile
         let stride = ((contrast.data.len() as f64 / PIXELS).sqrt() as usize).max(1);
         let equations = Equations { valid, contrast, dots, index: &index, step, count, stride };
         let bands: Vec<(Vec<f64>, Vec<f64>)> =
@@ -174,14 +174,14 @@ impl RadialProfile {
             return None;
         }
         for k in 0..size {
-            // In a grid that fills the picture a wide tail and a darker ground look alike: the shape with the
-            // smaller tail is taken.
+            // In a grid that fills the image, a wide tail and a darker ground cannot be separated: this prior prefers
+            // the smaller tail.
             let tail = (2.5 * (k as f64 / count as f64 - 0.6)).clamp(0.0, 1.0);
             let doubt = if k < count { 1e-6 + 1e-2 * tail * tail } else { 1e-6 };
             normal[(k, k)] += doubt * weight;
         }
         for k in 1..count - 1 {
-            // a bend costs a little: keeps values that few pixels see in line
+            // a small penalty on curvature, for values that few pixels determine
             let bend = [(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)];
             for (a, wa) in bend {
                 for (b, wb) in bend {
@@ -189,13 +189,13 @@ impl RadialProfile {
                 }
             }
         }
-        // reads the lower triangle only
+        // uses the lower triangle only
         let solved = normal.cholesky()?.solve(&right);
         let values: Vec<f64> = solved.iter().take(count).copied().collect();
         values.iter().all(|v| v.is_finite()).then_some(Self { step, values })
     }
 
-    /// The picture that these dots make.
+    /// Renders the contrast of these dots.
     pub(super) fn render(&self, dots: &[PlacedDot], width: usize, height: usize) -> Plane<f32> {
         let reach = self.step * self.values.len() as f64;
         let mut plane = Plane::filled(width, height, 0.0_f32);
@@ -204,7 +204,7 @@ impl RadialProfile {
             let low = (v - reach).ceil().clamp(from as f64, to as f64) as usize;
             low..((v + reach).floor() + 1.0).clamp(low as f64, to as f64) as usize
         };
-        // value and rise per step, 0 beyond the reach
+        // value and increment per step, 0 beyond the reach
         let next = |k: usize| self.values.get(k + 1).copied().unwrap_or(0.0);
         let steps: Vec<(f32, f32)> =
             self.values.iter().enumerate().map(|(k, &v)| (v as f32, (next(k) - v) as f32)).collect();
@@ -231,7 +231,7 @@ impl RadialProfile {
         plane
     }
 
-    /// True when neighbouring dots, `pitch` px apart, run into one another.
+    /// True when neighbouring dots, `pitch` px apart, merge.
     pub(super) fn merges(&self, pitch: f64) -> bool {
         self.at(0.5 * pitch).0.abs() > 0.25 * self.peak()
     }
@@ -241,10 +241,10 @@ impl RadialProfile {
         self.values.iter().fold(0.0_f64, |top, v| top.max(v.abs()))
     }
 
-    /// Distance at which the contrast is half of its largest value, px.
+    /// Distance at which the contrast has fallen to half of its maximum, px.
     pub(super) fn half_width(&self) -> f64 {
         let half = 0.5 * self.values.iter().take(3).fold(0.0_f64, |top, v| top.max(v.abs()));
-        // the first crossing: the tail may wave where few pixels tell it
+        // the first crossing: the tail may oscillate where few pixels determine it
         let Some(next) = self.values.iter().position(|v| v.abs() < half) else {
             return self.values.len() as f64 * self.step;
         };
@@ -259,7 +259,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shape_of_overlapping_dots_is_recovered() {
+    fn the_profile_of_overlapping_dots_is_recovered() {
         let dots: Vec<PlacedDot> = (0..36)
             .map(|k| PlacedDot { at: [20.3 + 12.0 * f64::from(k % 6), 18.7 + 12.0 * f64::from(k / 6)], strength: 1.0 })
             .collect();
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn without_dots_there_is_no_shape() {
+    fn without_dots_there_is_no_profile() {
         assert!(RadialProfile::measure(&Plane::filled(40, 40, 0.0), &Plane::filled(40, 40, 1), &[], 10.0).is_none());
     }
 }

@@ -1,53 +1,53 @@
-//! The law that binds the slices of one rail together.
+//! The rail law: how rail positions bind the transforms of the slices together.
 //!
-//! With the sensor moved along the rail, a point of the reference slice is seen in slice i at `x + dz_i (a x + e)`:
-//! the map from the reference slice **to** slice i is linear in the position. Real rails add a little of their own to
-//! each slice. So every number of the maps is taken as a straight line over the positions plus a scatter, and both are
-//! learnt from the slices that were measured. A slice then gets what its own dots say and what the line says, each
-//! weighted by how sure it is: sharp slices keep what was measured, slices too blurred to be measured follow the line,
-//! and between there is no step (empirical Bayes, one number at a time for the line, all together for the slice).
+//! With the sensor moved along the rail, a point x of the reference slice appears in slice i at `x + dz_i (a x + e)`:
+//! every parameter of the transform from the reference slice **to** slice i is linear in the position. Real rails add
+//! some scatter. So each parameter is modelled as `p_i = b0 + b1 z_i + N(0, s^2)`, with b0, b1 and s estimated from the
+//! measured slices (empirical Bayes). A slice's estimate combines its own dots and this prediction, weighted by their
+//! covariances: sharp slices keep what was measured, slices too blurred to be measured follow the line, and there is no
+//! switch in between.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::working_image::median;
 
-/// What one slice says by itself.
+/// The estimate of one slice from its own dots.
 #[derive(Debug, Clone)]
 pub(super) struct OwnEstimate {
-    /// The free numbers of its map.
+    /// Free parameters of its transform.
     pub free: DVector<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
 }
 
-/// The line and the scatter of one number.
+/// Line and scatter of one parameter over the rail.
 #[derive(Debug, Clone, Copy, Default)]
 struct Line {
     intercept: f64,
     slope: f64,
-    /// What is added from slice `Law::jump` on.
+    /// Step added from slice `Law::jump` on.
     step: f64,
-    /// Variance of the slices about the line, their own errors not counted.
+    /// Variance of the slices about the line, without their measurement errors.
     scatter: f64,
 }
 
-/// The law fitted to a stack.
+/// The rail law of a stack.
 #[derive(Debug, Clone)]
 pub(super) struct Law {
     lines: Vec<Line>,
     positions: Vec<f64>,
-    /// The first slice behind a jump of the picture, when there is one.
+    /// The first slice after a jump of the image, if there is one.
     pub jump: Option<usize>,
 }
 
-/// Slices that must have been measured before a line through them is believed.
+/// Least number of measured slices for a rail law.
 const MIN_SLICES: usize = 4;
-/// Scatter that no rail falls short of, in units of half the picture's diagonal.
+/// Smallest scatter that is assumed for any rail, in half diagonals of the image.
 const MIN_SCATTER: f64 = 2e-6;
 
 impl Law {
-    /// Fits the law to the slices that were measured (`None`: was not), at `positions` on the rail. `None` when
-    /// fewer than four were.
+    /// Fits the law to the measured slices (`None`: not measured) at the rail `positions`. `None` with fewer than four
+    /// of them.
     pub(super) fn fit(own: &[Option<OwnEstimate>], positions: &[f64], jump: Option<usize>) -> Option<Self> {
         let known: Vec<usize> = (0..own.len()).filter(|&i| own[i].is_some()).collect();
         if known.len() < MIN_SLICES + usize::from(jump.is_some()) {
@@ -58,7 +58,7 @@ impl Law {
         Some(Self { lines, positions: positions.to_vec(), jump })
     }
 
-    /// What the line says of slice `index`.
+    /// Parameters that the law predicts for slice `index`.
     pub(super) fn predict(&self, index: usize) -> DVector<f64> {
         let at = self.positions[index];
         let behind = f64::from(u8::from(self.jump.is_some_and(|k| index >= k)));
@@ -68,21 +68,21 @@ impl Law {
         )
     }
 
-    /// Slopes of all numbers.
+    /// Slopes of all parameters over the position.
     pub(super) fn slopes(&self) -> DVector<f64> {
         DVector::from_iterator(self.lines.len(), self.lines.iter().map(|l| l.slope))
     }
 }
 
-/// What slice `index` is when its own dots and the other slices are both listened to, with covariance; without
-/// enough other slices just what its own dots say. `None` when there is neither.
+/// Combines the slice's own estimate with the prediction from the other slices; returns it with its covariance. Without
+/// a law, the slice's own estimate; `None` when there is neither.
 pub(super) fn combine(
     own: &[Option<OwnEstimate>],
     positions: &[f64],
     jump: Option<usize>,
     index: usize,
 ) -> Option<(OwnEstimate, EstimateSource)> {
-    // the slice itself must not speak twice
+    // the slice must not count twice
     let mut others = own.to_vec();
     others[index] = None;
     let law = Law::fit(&others, positions, jump);
@@ -102,7 +102,7 @@ pub(super) fn combine(
     };
     let from_law = DMatrix::from_diagonal(&spread.map(|v| 1.0 / v.max(1e-30)));
     let from_dots = mine.covariance.clone().try_inverse()?;
-    // where the two contradict one another more than both allow for, neither is as sure as it says
+    // where the two contradict each other more than both covariances allow, neither is as certain as it claims
     let apart = &mine.free - &expected;
     let together = (&mine.covariance + DMatrix::from_diagonal(&spread)).try_inverse()?;
     let contradiction = ((apart.transpose() * together * &apart)[(0, 0)] / apart.len() as f64).max(1.0);
@@ -112,16 +112,16 @@ pub(super) fn combine(
     Some((OwnEstimate { free, covariance }, EstimateSource::Dots))
 }
 
-/// Whether a slice's own dots had a say.
+/// What an estimate is based on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum EstimateSource {
-    /// They had.
+    /// The slice's own dots (and the law).
     Dots,
-    /// The law of the rail alone.
+    /// The rail law alone.
     Law,
 }
 
-/// Weighted straight line (with a step behind `jump`) through number `n` of the slices `known`.
+/// Weighted least-squares line (with a step at `jump`) through parameter `n` of the slices `known`.
 fn line(
     own: &[Option<OwnEstimate>],
     known: &[usize],
@@ -150,7 +150,7 @@ fn line(
         let solved = normal.try_inverse()? * right;
         out =
             Line { intercept: solved[0], slope: solved[1], step: if unknowns > 2 { solved[2] } else { 0.0 }, scatter };
-        // what is left over beyond the errors of the slices themselves, those that were measured well counting most
+        // excess variance beyond the slices' own errors; well measured slices weigh most
         let (mut excess, mut weights) = (0.0, 0.0);
         for [z, behind, value, variance] in &points {
             let weight = 1.0 / (variance + scatter);
@@ -160,7 +160,7 @@ fn line(
         }
         let count = points.len() as f64;
         let freedom = count / (count - unknowns as f64);
-        // few slices tell little about their scatter: as much more as the tails of a t distribution ask for
+        // few slices determine their scatter poorly: widen it as the tails of a t distribution require
         let caution = (1.0 + 2.5 / (count - unknowns as f64)).powi(2);
         scatter = (excess / weights * freedom * caution).max(MIN_SCATTER * MIN_SCATTER);
     }
@@ -168,7 +168,7 @@ fn line(
     out.intercept.is_finite().then_some(out)
 }
 
-/// Variance of what the line says at slice `index`, from the errors of the line itself.
+/// Variance of the prediction at slice `index` that comes from the errors of the line itself.
 fn leverage(own: &[Option<OwnEstimate>], known: &[usize], positions: &[f64], n: usize, index: usize, law: &Law) -> f64 {
     let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
     for &i in known {
@@ -183,8 +183,9 @@ fn leverage(own: &[Option<OwnEstimate>], known: &[usize], positions: &[f64], n: 
     1.0 / sum + (positions[index] - middle).powi(2) / spread
 }
 
-/// Where the scales say that each measured slice stood, in the unit of `positions` and counted from slice
-/// `reference`; `None` when the picture hardly scales. `scale` is the map's scale number (0 at the reference) with its standard deviation.
+/// Rail positions of the measured slices derived from their scales, with standard deviations, in the unit of
+/// `positions` and relative to slice `reference`. `scale` is the scale parameter (0 at the reference) with its standard
+/// deviation. `None` when the scale hardly changes over the stack.
 pub(super) fn positions_by_scale(
     scale: &[Option<(f64, f64)>],
     positions: &[f64],
@@ -213,7 +214,7 @@ mod tests {
     use super::super::testkit::Noise;
     use super::*;
 
-    /// One number per slice: a line, a scatter, and errors that grow towards the ends.
+    /// One parameter per slice: a line, a scatter, and errors that grow towards the ends.
     fn stack(
         count: usize,
         scatter: f64,
@@ -238,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slice_that_was_not_measured_follows_the_line_and_says_how_sure_it_is() {
+    fn an_unmeasured_slice_is_predicted_with_a_realistic_sigma() {
         let (mut inside, mut trials) = (0, 0);
         for seed in 0..60 {
             let (mut own, positions, truth) = stack(13, 3e-4, |_| 1e-5, seed);
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slice_measured_well_keeps_what_was_measured_and_a_poor_one_gains_from_the_others() {
+    fn a_well_measured_slice_keeps_its_estimate_and_a_poor_one_improves() {
         let (mut alone, mut together) = (0.0, 0.0);
         for seed in 0..40 {
             let (own, positions, truth) = stack(13, 1e-4, |i| if i == 0 { 2e-3 } else { 1e-5 }, seed);
@@ -279,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scales_tell_where_on_the_rail_a_slice_stood() {
+    fn rail_positions_follow_from_the_scales() {
         let positions: Vec<f64> = (0..9).map(f64::from).collect();
         let mut scale: Vec<Option<(f64, f64)>> = (0..9).map(|i| Some((0.005 * (f64::from(i) - 4.0), 1e-6))).collect();
         scale[6] = Some((0.005 * 2.5, 1e-6));

@@ -1,50 +1,50 @@
-//! What went wrong on the rail: uneven steps, a slice too few or too many, a rig that was bumped.
+//! Anomalies of the rail: missing, doubled, reversed and uneven steps, and sideways jumps of the image.
 
 use super::working_image::median;
 
-/// Something that the rail did, between or at slices (0-based).
+/// An anomaly between or at slices (0-based).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum RailAnomaly {
-    /// About one more step lies between the two slices than between others.
+    /// The step is about two ordinary steps: a slice is missing.
     Missing {
-        /// The first of the two.
+        /// The slice before the step.
         after: usize,
     },
-    /// The two slices were taken at one place.
+    /// Two slices were taken at one position.
     Doubled {
         /// The first of the two.
         first: usize,
     },
-    /// The rail went the other way between the two.
+    /// The step goes backwards.
     Backwards {
-        /// The first of the two.
+        /// The slice before the step.
         after: usize,
     },
-    /// The step behind this slice is `steps` ordinary steps long.
+    /// The step has another length.
     Uneven {
-        /// The first of the two.
+        /// The slice before the step.
         after: usize,
         /// Its length in ordinary steps.
         steps: f64,
     },
-    /// The picture jumped sideways by this many px from this slice on.
+    /// The image jumped sideways and stayed there: the rig was bumped.
     Bumped {
-        /// The first slice behind the jump.
+        /// The first slice after the jump.
         from: usize,
-        /// How far, px.
+        /// Size of the jump, px.
         by: [f64; 2],
     },
 }
 
-/// Parameters from an ordinary step that is worth a word.
+/// Least deviation from an ordinary step that is reported, in steps.
 const UNEVEN: f64 = 0.25;
 
-/// Judges the steps between neighbouring slices that were both measured. `stood` are positions by scale with their
-/// standard deviations, `expected` the positions that were told or assumed.
-pub(super) fn step_anomalies(stood: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<RailAnomaly> {
+/// Classifies the steps between neighbouring measured slices. `by_scale` are positions derived from the scales, with
+/// their standard deviations; `expected` are the specified or assumed positions.
+pub(super) fn step_anomalies(by_scale: &[Option<(f64, f64)>], expected: &[f64]) -> Vec<RailAnomaly> {
     let mut lengths = Vec::new();
-    for k in 0..stood.len().saturating_sub(1) {
-        if let (Some(a), Some(b)) = (stood[k], stood[k + 1]) {
+    for k in 0..by_scale.len().saturating_sub(1) {
+        if let (Some(a), Some(b)) = (by_scale[k], by_scale[k + 1]) {
             let step = expected[k + 1] - expected[k];
             lengths.push((k, (b.0 - a.0) / step, a.1.hypot(b.1) / step.abs()));
         }
@@ -53,27 +53,27 @@ pub(super) fn step_anomalies(stood: &[Option<(f64, f64)>], expected: &[f64]) -> 
         return Vec::new();
     }
     let usual = median(&mut lengths.iter().map(|l| l.1).collect::<Vec<_>>());
-    // steps that vary all the time are no event each
+    // a rail whose steps vary all the time has a larger limit
     let wobble = 1.4826 * median(&mut lengths.iter().map(|l| (l.1 / usual - 1.0).abs()).collect::<Vec<_>>());
-    let mut events = Vec::new();
+    let mut anomalies = Vec::new();
     for (after, length, sigma) in lengths {
         let steps = length / usual;
         let doubt = 5.0 * (sigma / usual.abs()).hypot(wobble);
         if !steps.is_finite() || (steps - 1.0).abs() < UNEVEN.max(doubt) {
             continue;
         }
-        events.push(match steps {
+        anomalies.push(match steps {
             s if s < -UNEVEN => RailAnomaly::Backwards { after },
             s if s < UNEVEN => RailAnomaly::Doubled { first: after },
             s if (1.7..2.3).contains(&s) => RailAnomaly::Missing { after },
             steps => RailAnomaly::Uneven { after, steps },
         });
     }
-    events
+    anomalies
 }
 
-/// A sideways jump that stays, when one explains the shifts far better than a straight line does. `shifts` per
-/// slice px, `None` where nothing was measured; `least` px is not worth a word.
+/// Finds a lasting sideways jump: a line with a step explains the shifts much better than a line. `shifts` per slice in
+/// px, `None` where nothing was measured; jumps up to `least` px are not reported.
 pub(super) fn find_bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f64) -> Option<RailAnomaly> {
     let known: Vec<(usize, f64, [f64; 2])> =
         shifts.iter().enumerate().filter_map(|(i, s)| s.map(|s| (i, positions[i], s))).collect();
@@ -97,7 +97,7 @@ pub(super) fn find_bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f
     (left < 0.15 * before.0 && size > least.max(6.0 * scatter)).then_some(RailAnomaly::Bumped { from, by })
 }
 
-/// Sum of squares that a line (with a step of its own) leaves over in both coordinates, and the step.
+/// Residual sum of squares of a line (with a free step if `step`) through both coordinates, and the step.
 fn with_step(points: &[(f64, f64, [f64; 2])], step: bool) -> Option<(f64, [f64; 2])> {
     use nalgebra::{DMatrix, DVector};
     let unknowns = 2 + usize::from(step);
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn slices_too_few_too_many_and_out_of_step_are_named() {
+    fn missing_doubled_reversed_and_uneven_steps_are_classified() {
         assert!(judged(&[0.0, 1.01, 2.0, 2.98, 4.0, 5.0]).is_empty());
         assert_eq!(judged(&[0.0, 1.0, 3.0, 4.0, 5.0, 6.0]), [RailAnomaly::Missing { after: 1 }]);
         assert_eq!(judged(&[0.0, 1.0, 2.0, 2.02, 3.0, 4.0]), [RailAnomaly::Doubled { first: 2 }]);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_was_bumped_is_told_from_one_that_drifts() {
+    fn a_bump_is_distinguished_from_drift() {
         let mut noise = Noise(3);
         let positions: Vec<f64> = (0..13).map(f64::from).collect();
         let mut shifts: Vec<Option<[f64; 2]>> = positions
@@ -148,7 +148,7 @@ mod tests {
             shift[1] -= 1.0;
         }
         shifts[3] = None;
-        let Some(RailAnomaly::Bumped { from, by }) = find_bump(&shifts, &positions, 0.5) else { panic!("not seen") };
+        let Some(RailAnomaly::Bumped { from, by }) = find_bump(&shifts, &positions, 0.5) else { panic!("not found") };
         assert_eq!(from, 8);
         assert!((by[0] - 3.0).abs() < 0.3 && (by[1] + 1.0).abs() < 0.3, "{by:?}");
     }

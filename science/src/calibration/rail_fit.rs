@@ -1,13 +1,14 @@
-//! One law for the whole stack and nothing else: `x_i = x + dz_i (a x + e)`, three numbers for all slices.
+//! The rail-linear model: one fit of `x_i = x + dz_i (a x + e)` for the whole stack, with three parameters (a, e_x,
+//! e_y).
 //!
-//! For a rail that moves as evenly as its scale says this is the best there is: every dot of every slice helps.
+//! When the rail positions are exact, this is the best estimate: every dot of every slice contributes.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::transform_models::{Match, Parameters};
 use super::working_image::median;
 
-/// The three numbers, in units.
+/// The three parameters with their covariance, in units (see [`super::transform_models`]).
 #[derive(Debug, Clone)]
 pub(super) struct RailFit {
     growth: f64,
@@ -15,11 +16,12 @@ pub(super) struct RailFit {
     covariance: Matrix3<f64>,
 }
 
-/// Residuals beyond this many standard deviations count less and less.
+/// Huber limit, in standard deviations: larger residuals get less weight.
 const HUBER: f64 = 1.5;
 
 impl RailFit {
-    /// Least squares over all dots; `matches` per slice, `away` the positions counted from the reference slice.
+    /// Iteratively reweighted least squares over all dots. `matches` per slice; `away`: rail positions relative to the
+    /// reference slice.
     pub(super) fn fit(matches: &[Vec<Match>], away: &[f64]) -> Option<Self> {
         let mut found = Vector3::zeros();
         let mut scatter = f64::INFINITY;
@@ -55,12 +57,12 @@ impl RailFit {
         found.iter().all(|v| v.is_finite()).then(|| Self { growth: found[0], drift: [found[1], found[2]], covariance })
     }
 
-    /// The map of a slice that stands `dz` from the reference slice.
+    /// Parameters of the transform of a slice at `dz` from the reference slice.
     pub(super) fn parameters(&self, dz: f64) -> Parameters {
         [self.growth * dz, 0.0, self.drift[0] * dz, 0.0, self.growth * dz, self.drift[1] * dz, 0.0, 0.0]
     }
 
-    /// Standard deviation of a corner of the picture (one unit from the middle) of such a slice, units.
+    /// Standard deviation of an image corner (one unit from the centre) of such a slice, units.
     pub(super) fn corner_sigma(&self, dz: f64) -> f64 {
         let c = &self.covariance;
         dz.abs() * (c[(0, 0)] + c[(1, 1)] + c[(2, 2)] + 2.0 * c[(0, 1)].abs().max(c[(0, 2)].abs())).max(0.0).sqrt()
@@ -73,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_dots_together_tell_the_three_numbers() {
+    fn the_fit_to_all_dots_recovers_the_three_parameters() {
         let mut noise = Noise(5);
         let away: Vec<f64> = (-4..=4).map(f64::from).collect();
         let matches: Vec<Vec<Match>> = away
@@ -89,9 +91,9 @@ mod tests {
                     .collect()
             })
             .collect();
-        let joint = RailFit::fit(&matches, &away).expect("a law");
-        let p = joint.parameters(2.0);
+        let fit = RailFit::fit(&matches, &away).expect("a law");
+        let p = fit.parameters(2.0);
         assert!((p[0] - 0.02).abs() < 1e-5 && (p[2] - 0.002).abs() < 2e-5 && (p[5] + 0.004).abs() < 2e-5, "{p:?}");
-        assert!((1e-6..1e-4).contains(&joint.corner_sigma(2.0)), "{}", joint.corner_sigma(2.0));
+        assert!((1e-6..1e-4).contains(&fit.corner_sigma(2.0)), "{}", fit.corner_sigma(2.0));
     }
 }

@@ -1,4 +1,4 @@
-//! What the technician is told.
+//! Assembles the calibration result and the report for the technician.
 
 use super::camera::{self, Known};
 use super::capture::{self, ScaleSample};
@@ -14,12 +14,12 @@ use crate::types::calibration_options::CalibrationOptions;
 use crate::types::profile::ProfileSlice;
 use crate::types::report::{CalibrationReport, DotReport, Grade, RailReport, SliceReport, TargetReport};
 
-/// Most dots of a slice that a report keeps.
+/// Most dots per slice that a report keeps.
 const MOST_DOTS: usize = 2000;
-/// Blur radius over pitch that a target is to stay below (its pitch is 2.5 times the largest blur).
+/// Largest advised blur radius over pitch (the pitch is 2.5 times the largest blur radius).
 const ADVISED: f64 = 0.4;
 
-/// Puts everything together. `in_mm`: positions on the rail were told.
+/// Assembles the result. `in_mm`: rail positions were specified in mm.
 pub(super) fn report(
     slices: &dyn Slices,
     options: &CalibrationOptions,
@@ -128,7 +128,7 @@ fn rail(solution: &Solution, in_mm: bool, width: u32, height: u32) -> Option<Rai
     let [scale, turn, x, y] = solution.slopes?;
     let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
     let half = centre[0].hypot(centre[1]);
-    // x (a) + e = 0 with a the scaling and turning per step
+    // the fixed point solves a x + e = 0, with a the scaling and rotation per step
     let size = scale * scale + turn * turn;
     let span = solution.positions.iter().fold(0.0_f64, |m, z| m.max((z - solution.positions[0]).abs()));
     let fixed_point_px = (size.sqrt() * span > 2e-3).then(|| {
@@ -143,7 +143,7 @@ fn rail(solution: &Solution, in_mm: bool, width: u32, height: u32) -> Option<Rai
         in_mm,
         positions: solution.positions.clone(),
         measured_positions: match &solution.positions_by_scale {
-            Some(stood) => stood.iter().map(|s| s.map(|s| s.0)).collect(),
+            Some(positions) => positions.iter().map(|p| p.map(|p| p.0)).collect(),
             None => vec![None; solution.positions.len()],
         },
         corner_rms_px,
@@ -194,7 +194,8 @@ fn slice_report(
     }
 }
 
-/// True when the grid is the asymmetric one that some tools print: tracked along its diagonals it is the fuller rectangle.
+/// True when the grid is the asymmetric one that some tools print: in diagonal coordinates it fills its bounding box
+/// better.
 fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
     let area = |of: &dyn Fn([i32; 2]) -> [i32; 2]| {
         let span = |axis: usize| {
@@ -205,7 +206,7 @@ fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
         span(0) * span(1)
     };
     let upright = area(&|l| l);
-    // turned by 45 degrees every other place of the rectangle is empty
+    // in coordinates rotated by 45 degrees every other position is empty
     let turned = area(&|[i, j]| [i + j, i - j]) / 2.0;
     turned < 0.75 * upright
 }
@@ -231,7 +232,7 @@ fn verdict(
     let tail = if predicted.is_empty() {
         format!("all {} slices measured", profile.len())
     } else {
-        // a predicted slice that showed nothing at all is blurred beyond where the dots vanish
+        // a predicted slice without any detection is blurred at least to where the pattern vanishes
         let unseen = predicted.iter().any(|&i| blurs[i].is_none());
         let largest = if unseen { blur.max(super::blur::VANISHES) } else { blur };
         let advice = match pitch_mm {
@@ -239,14 +240,14 @@ fn verdict(
             None => format!("{:.1} times the pitch or more", largest / ADVISED),
         };
         let why = if largest > ADVISED && pitch_px > 0.0 {
-            format!(", the target's pitch is too fine for their blur: use {advice}")
+            format!(" (the target's pitch is too fine for their blur: use {advice})")
         } else {
             String::new()
         };
         format!("slices {} predicted{why}", ranges(&predicted))
     };
     let same = others().all(|s| s.homography.corner_distance(&Homography::IDENTITY, 1000, 1000) < 1e-3);
-    let still = if same { "; the slices do not differ in geometry" } else { "" };
+    let still = if same { "; all slices have the same geometry" } else { "" };
     let text = format!(
         "{word}: the image corners are good to {worst:.2} px; dots fit to {rms:.3} px RMS or better, at least {dots} \
          dots per slice, {tail}{still}"
@@ -254,7 +255,7 @@ fn verdict(
     (grade, text)
 }
 
-/// `0 to 2, 7`.
+/// Indices as ranges: `0 to 2, 7`.
 fn ranges(indices: &[usize]) -> String {
     let mut parts: Vec<(usize, usize)> = Vec::new();
     for &i in indices {
@@ -272,13 +273,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slices_are_named_in_ranges() {
+    fn indices_are_written_as_ranges() {
         assert_eq!(ranges(&[0, 1, 2, 7, 9, 10]), "0 to 2, 7, 9 to 10");
         assert_eq!(ranges(&[]), "");
     }
 
     #[test]
-    fn an_asymmetric_grid_is_told_from_an_upright_one() {
+    fn an_asymmetric_grid_is_recognised() {
         let upright = (0..8_i32).flat_map(|j| (0..11_i32).map(move |i| [i, j]));
         assert!(!is_asymmetric(upright));
         let asymmetric = (0..11_i32).flat_map(|r| {

@@ -1,25 +1,25 @@
-//! Which pairs of points agree on one homography: least median of squares over random samples of four
-//! (Rousseeuw 1984), which needs no threshold and stands up to half of the pairs being wrong.
+//! Robust homography from point pairs with outliers: least median of squares over random samples of four (Rousseeuw,
+//! 1984). It needs no threshold and tolerates up to 50 % outliers.
 
 use super::dlt::{self, Pair};
 use super::working_image::median;
 use crate::types::Homography;
 
-/// A homography and the pairs that agree with it.
+/// A homography and its inliers.
 #[derive(Debug, Clone)]
 pub(super) struct Consensus {
-    /// Fitted to the agreeing pairs.
+    /// Fitted to the inliers.
     pub homography: Homography,
     /// One flag per pair.
     pub is_inlier: Vec<bool>,
 }
 
-/// Random samples that are tried; with 40 % wrong pairs one of 13 is clean.
+/// Random samples; with 40 % outliers one of 13 is free of outliers.
 const SAMPLES: usize = 300;
-/// Most pairs that a sample is judged by.
+/// Most pairs that a sample is scored on.
 const JUDGES: usize = 400;
 
-/// A small generator (xorshift64*), always from the same seed: the same dots give the same homography.
+/// xorshift64* with a fixed seed: the same dots give the same homography.
 struct Random(u64);
 
 impl Random {
@@ -31,15 +31,15 @@ impl Random {
     }
 }
 
-/// How far from its place a point is sent, px. Points on the horizon are infinitely far.
+/// Distance between the mapped first point and the second, px. Points on the horizon are infinitely far.
 pub(super) fn transfer_error(homography: &Homography, pair: &Pair) -> f64 {
     let sent = homography.apply(pair.0);
     let far = (sent[0] - pair.1[0]).hypot(sent[1] - pair.1[1]);
     if far.is_finite() { far } else { f64::MAX }
 }
 
-/// The homography that most pairs agree on, within `least` px or what their own scatter says, but never
-/// more than `most` px. `None` when fewer than four agree.
+/// The consensus homography. Its inlier limit is 3.5 sigma of the pairs' own scatter, clamped to `least..=most` px.
+/// `None` when fewer than four pairs agree.
 pub(super) fn consensus(pairs: &[Pair], least: f64, most: f64) -> Option<Consensus> {
     if pairs.len() < 4 {
         return None;
@@ -53,7 +53,7 @@ pub(super) fn consensus(pairs: &[Pair], least: f64, most: f64) -> Option<Consens
         errors.extend(judges.iter().map(|pair| transfer_error(h, pair)));
         median(&mut errors)
     };
-    // all of them first: with no wrong pairs nothing is better
+    // the fit to all pairs first: without outliers nothing is better
     let mut best = dlt::fit(pairs).map(|h| (judged(&h), h));
     for _ in 0..SAMPLES {
         let chosen: [Pair; 4] = std::array::from_fn(|_| pairs[random.below(pairs.len())]);
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_wrong_pairs_in_ten_do_no_harm() {
+    fn thirty_percent_outliers_do_not_bias_the_homography() {
         let truth = Homography([1.04, 0.01, -30.0, -0.008, 1.05, 12.0, 4e-6, -3e-6, 1.0]);
         let mut random = Random(7);
         let mut unit = || random.below(10_000) as f64 / 10_000.0 - 0.5;
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_pairs_agree_on_nothing() {
+    fn too_few_pairs_give_no_consensus() {
         assert!(consensus(&[([0.0, 0.0], [1.0, 1.0]); 3], 0.1, 1.0).is_none());
         assert!(consensus(&[([0.0, 0.0], [1.0, 1.0]); 30], 0.1, 1.0).is_none());
     }

@@ -1,4 +1,4 @@
-//! Whether a picture shows a dot target.
+//! Recognises an image of a dot target.
 
 use super::detection;
 use crate::{
@@ -6,18 +6,17 @@ use crate::{
     types::{Cancelled, Control},
 };
 
-/// Longer side of the copy that is looked at, px.
+/// Longer side of the reduced copy that is searched, px.
 const SIDE: usize = 1_200;
-/// A target has at least so many dots in the picture ...
+/// Least number of dots.
 const LEAST_DOTS: usize = 60;
-/// ... which fill at least this share of the rows and columns that they span ...
+/// Least share of the grid positions spanned by the dots that must hold a dot.
 const FILLED: f64 = 0.7;
-/// ... and those at least this share of the picture.
+/// Least share of the image that the dots must span.
 const SPANNED: f64 = 0.2;
 
-/// The number of dots when `picture` shows a dot target; none when it shows anything else. Objects with some regular
-/// dots (connectors of a circuit board, rows of hairs) do not count: the dots must fill a grid, and the grid the
-/// picture.
+/// The number of dots when `picture` shows a dot target, else `None`. Objects with some regular dots (connectors of a
+/// circuit board, rows of hairs) do not count: the dots must fill a grid, and the grid must fill the image.
 ///
 /// # Errors
 /// When the work is cancelled.
@@ -45,7 +44,7 @@ mod tests {
     };
 
     #[test]
-    fn a_target_is_told_from_objects() {
+    fn a_target_is_distinguished_from_objects() {
         let rig = Rig::sized(600, 400, 5);
         let target = render_target(&rig, &DotTarget::for_rig(&rig, 18), 2);
         assert!(dot_target(&target, &NoControl).unwrap().is_some_and(|dots| dots > 100));

@@ -1,10 +1,10 @@
-//! A small renderer of dot targets for the tests: anti-aliased discs under a known homography, blurred by a
-//! disc, with vignetting and noise.
+//! A small renderer of dot targets for tests: anti-aliased discs under a known homography, with disc blur, vignetting
+//! and noise. Shares no code with [`crate::synth`].
 
 use crate::imaging::Raster;
 use crate::types::Homography;
 
-/// A slice of a target to be rendered.
+/// A slice of a target to render.
 #[derive(Debug, Clone)]
 pub(super) struct Shot {
     /// Columns.
@@ -13,7 +13,7 @@ pub(super) struct Shot {
     pub height: usize,
     /// Columns and rows of the grid.
     pub grid: [i32; 2],
-    /// Distance of dots in the reference slice, px.
+    /// Dot pitch in the reference slice, px.
     pub pitch: f64,
     /// Dot diameter over the pitch.
     pub fill: f64,
@@ -21,15 +21,15 @@ pub(super) struct Shot {
     pub homography: Homography,
     /// Blur radius, px.
     pub blur: f64,
-    /// Level of white in the middle.
+    /// Level of white at the centre.
     pub white: f64,
-    /// Loss of light in the corners, 0..1.
+    /// Relative loss of light in the corners, 0..1.
     pub vignetting: f64,
     /// Standard deviation of the noise.
     pub noise: f64,
     /// Bright dots on black.
     pub inverted: bool,
-    /// Makes the noise differ.
+    /// Seed of the noise.
     pub seed: u64,
 }
 
@@ -64,18 +64,18 @@ impl Noise {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Mean 0, standard deviation 1.
+    /// Normal deviate: mean 0, standard deviation 1.
     pub(super) fn normal(&mut self) -> f64 {
         (-2.0 * self.unit().max(1e-300).ln()).sqrt() * (std::f64::consts::TAU * self.unit()).cos()
     }
 
-    /// Evenly between -1 and 1.
+    /// Uniform between -1 and 1.
     pub(super) fn even(&mut self) -> f64 {
         2.0 * self.unit() - 1.0
     }
 }
 
-/// Renders it as 8-bit grey.
+/// Renders the slice as 8-bit grey.
 pub(super) fn render(shot: &Shot) -> Raster {
     let (width, height) = (shot.width, shot.height);
     let extent = [f64::from(shot.grid[0] - 1) * shot.pitch, f64::from(shot.grid[1] - 1) * shot.pitch];
@@ -113,7 +113,7 @@ pub(super) fn render(shot: &Shot) -> Raster {
     Raster::eight(width, height, 1, samples)
 }
 
-/// Disc blurred by a disc: area of their overlap against the distance of their centres.
+/// Disc blurred by a disc: the overlap of the two over the distance of their centres.
 struct Profile {
     disc: f64,
     blur: f64,
@@ -138,7 +138,7 @@ impl Profile {
         (a * a * angle(a, b) + b * b * angle(b, a) - 0.5 * root) / whole
     }
 
-    /// Mean over the pixel whose centre lies (x, y) from the centre of the dot.
+    /// Mean over the pixel whose centre is (x, y) from the centre of the dot.
     fn over_pixel(&self, x: f64, y: f64) -> f64 {
         let mut sum = 0.0;
         for j in 0..4 {

@@ -1,6 +1,7 @@
-//! From slice to slice: where to begin, and how the grid is carried outward from there.
+//! Tracking of the grid through the stack: detection in one slice, then from slice to slice outward in both directions.
 //!
-//! Each slice is decoded once. Nothing but the places of dots is kept of it.
+//! Input: the slices. Output: per slice the measured dots, or `None`. Each slice is decoded once, and only dot
+//! positions are kept of it.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -12,26 +13,27 @@ use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};
 
-/// What the whole stack showed.
+/// The grid in all slices.
 #[derive(Debug)]
 pub(super) struct Tracked {
     /// Width of every slice, px.
     pub width: usize,
     /// Height of every slice, px.
     pub height: usize,
-    /// What the target is like.
+    /// Properties of the target.
     pub target: Target,
-    /// Per slice its dots; `None` where the grid could not be detected.
+    /// Per slice its dots; `None` where the grid was not found.
     pub detections: Vec<Option<Detection>>,
 }
 
-/// Slices in which the grid is looked for before giving up.
+/// Most slices in which the grid is searched for, besides the reference.
 const MAX_TRIED: usize = 9;
 
-/// Looks at every slice, beginning with `reference` or, where that shows no grid, with others spread over the stack.
+/// Tracks the grid through all slices. Detection starts with `reference` and, when that shows no grid, continues with
+/// slices spread over the stack.
 ///
 /// # Errors
-/// A error when no slice shows a grid, when slices differ in size, or when one cannot be loaded.
+/// An error when no slice shows a grid, when slices differ in size, or when a slice cannot be loaded.
 pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Control) -> Result<Tracked, Interrupted> {
     let count = slices.count();
     control.check()?;
@@ -46,7 +48,8 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
         let slice = loader.load(index)?;
         if slice.width < 16 || slice.height < 16 {
             let name = slices.name(index);
-            let detail = format!("{name} is {} x {} px; a slice has at least 16 x 16", slice.width, slice.height);
+            let detail =
+                format!("{name} is {} x {} px: slices must have at least 16 x 16 px", slice.width, slice.height);
             return Err(Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(index as u32)).into());
         }
         loader.size = Some((slice.width, slice.height, index));
@@ -70,7 +73,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     Ok(Tracked { width, height, target, detections })
 }
 
-/// The reference slice, then slices spread over the stack from the middle outward.
+/// The reference slice, then slices spread over the stack, from the middle outward.
 fn candidates(count: usize, reference: usize) -> Vec<usize> {
     let spread = MAX_TRIED.min(count);
     let mut out: Vec<usize> = (0..spread).map(|k| (2 * k + 1) * count / (2 * spread)).collect();
@@ -80,11 +83,11 @@ fn candidates(count: usize, reference: usize) -> Vec<usize> {
     out
 }
 
-/// What the slices detected so far say about the next.
+/// The motion so far, which predicts the next slice.
 struct Course {
-    /// Motions from slice to slice, the last three.
+    /// The last three motions from slice to slice.
     motions: Vec<SimilarityMotion>,
-    /// Slices since the last that was detected.
+    /// Slices since the last one with a detection.
     gap: i32,
     merged: bool,
 }
@@ -118,7 +121,7 @@ impl Course {
     }
 }
 
-/// Follows the grid through `indices`, which lead away from the slice of `from`. One answer per index.
+/// Follows the grid through `indices`, which lead away from the slice of `from`. Returns one result per index.
 fn follow(
     loader: &Loader,
     target: Target,
@@ -136,7 +139,7 @@ fn follow(
         let expected = course.expected();
         let mut detected = detection::relocate_grid(&slice, target, &places, &expected, control)?;
         if detected.is_none() && expected.confident && !expected.maybe_inverted {
-            // the rail may have jumped: once more with nothing taken for granted
+            // the rail may have jumped: try again without assuming a shift
             let open = Expected {
                 motion: SimilarityMotion { shift: [0.0; 2], ..expected.motion },
                 confident: false,
@@ -157,7 +160,7 @@ fn follow(
     Ok(all)
 }
 
-/// Loads slices and holds them to one size.
+/// Loads slices and checks that they have one size.
 struct Loader<'a> {
     slices: &'a dyn Slices,
     /// Width, height, and the slice that set them.
@@ -172,7 +175,7 @@ impl Loader<'_> {
         {
             let (name, other) = (self.slices.name(index), self.slices.name(first));
             let detail = format!(
-                "{name} is {} x {} px and {other} is {width} x {height}: all slices of a stack have one size",
+                "{name} is {} x {} px but {other} is {width} x {height} px: all slices of a stack must have the same size",
                 raster.width, raster.height
             );
             return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(name, Some(index as u32)));
@@ -189,8 +192,8 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, &'static str)]) -> Error {
         .map(|(_, diagnosis)| diagnosis);
     let why = same.map_or(String::new(), |diagnosis| format!("; {diagnosis}"));
     let detail = format!(
-        "no grid of dots was found, looked for in {} slices ({}{}){why}: the target needs at least 12 whole round dots \
-         in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
+        "no grid of dots was found in the {} slices that were searched ({}{}){why}: the target needs at least 12 whole \
+         round dots in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
         tried.len(),
         names.join(", "),
         if tried.len() > names.len() { ", ..." } else { "" },
@@ -212,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_reference_is_tried_first_and_then_slices_all_over_the_stack() {
+    fn the_reference_is_tried_first_and_then_slices_spread_over_the_stack() {
         assert_eq!(candidates(4, 2), [2, 1, 3, 0]);
         let many = candidates(61, 7);
         assert_eq!((many[0], many[1]), (7, 30));

@@ -1,35 +1,36 @@
-//! The families of maps from the reference slice to a slice, and the best member of one for the dots that both show.
+//! The transform models between the reference slice and a slice, and the least-squares fit of one to the shared dots.
 //!
-//! Coordinates are *units*: origin in the middle of the picture, half its diagonal long, for all slices alike. So the
-//! equations are well conditioned (Hartley & Zisserman, section 4.4), and the numbers of different slices can be
-//! compared, which the law of the rail does. Maps lead from the reference slice **to** the slice: the reference is
-//! sharp, so the error is the slice's, and by the fixed-lens law these maps are linear in the position on the rail.
+//! All coordinates are in *units*: origin at the image centre, one unit = half the image diagonal, for all slices. The
+//! equations are then well conditioned (Hartley and Zisserman, section 4.4), and parameters of different slices can be
+//! compared, which the rail law does. Transforms map the reference slice **to** the slice: the reference is sharp, so
+//! the measurement error is in the slice; and with a fixed lens these transforms are linear in the rail position.
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 use crate::types::Homography;
 use crate::types::profile::HomographyModel;
 
-/// A model whose members are chosen for each slice by itself.
+/// A transform model with parameters of its own per slice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TransformModel {
-    /// Scale, rotation, shift.
+    /// Scale, rotation and shift: 4 parameters.
     Similarity,
-    /// Six numbers.
+    /// 6 parameters.
     Affine,
-    /// Eight numbers (the paper).
+    /// 8 parameters, as in Li and Nguyen (2019).
     Homography,
 }
 
-/// All of them, simplest first.
+/// All models, simplest first.
 pub(super) const ALL: [TransformModel; 3] =
     [TransformModel::Similarity, TransformModel::Affine, TransformModel::Homography];
 
-/// Departures from the identity, row by row: `[1 + p0, p1, p2; p3, 1 + p4, p5; p6, p7, 1]`.
+/// The eight parameters of a transform, row by row, as differences from the identity: `[1 + p0, p1, p2; p3, 1 + p4, p5;
+/// p6, p7, 1]`.
 pub(super) type Parameters = [f64; 8];
 
 impl TransformModel {
-    /// Free numbers per slice.
+    /// Number of free parameters per slice.
     pub(super) fn size(self) -> usize {
         match self {
             Self::Similarity => 4,
@@ -38,7 +39,7 @@ impl TransformModel {
         }
     }
 
-    /// The name in a profile.
+    /// The model as named in a profile.
     pub(super) fn homography_model(self) -> HomographyModel {
         match self {
             Self::Similarity => HomographyModel::Similarity,
@@ -47,7 +48,7 @@ impl TransformModel {
         }
     }
 
-    /// The departure that belongs to the free numbers.
+    /// The eight parameters that follow from the free ones.
     pub(super) fn parameters(self, free: &DVector<f64>) -> Parameters {
         match self {
             Self::Similarity => [free[0], -free[1], free[2], free[1], free[0], free[3], 0.0, 0.0],
@@ -55,7 +56,7 @@ impl TransformModel {
         }
     }
 
-    /// Slopes of a departure's numbers gather into jacobian of the free numbers.
+    /// Derivatives with respect to the eight parameters, converted to the free ones.
     fn gather(self, jacobian: &Parameters) -> DVector<f64> {
         match self {
             Self::Similarity => DVector::from_column_slice(&[
@@ -69,17 +70,17 @@ impl TransformModel {
     }
 }
 
-/// Units and pixels.
+/// Conversion between units and pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
-    /// Middle of the picture, px.
+    /// Image centre, px.
     pub centre: [f64; 2],
-    /// Half its diagonal, px.
+    /// Half the image diagonal, px.
     pub half: f64,
 }
 
 impl Frame {
-    /// Of a picture of this size.
+    /// For images of this size.
     pub(super) fn new(width: usize, height: usize) -> Self {
         let centre = [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
         Self { centre, half: centre[0].hypot(centre[1]).max(1.0) }
@@ -90,7 +91,7 @@ impl Frame {
         [0, 1].map(|a| (p[a] - self.centre[a]) / self.half)
     }
 
-    /// The homography slice px -> reference px that is the inverse of the map with this departure.
+    /// The homography slice px -> reference px: the inverse of the transform with these parameters.
     pub(super) fn homography(&self, p: &Parameters) -> Option<Homography> {
         let map = Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0);
         let to_unit = Matrix3::new(
@@ -108,34 +109,34 @@ impl Frame {
     }
 }
 
-/// A dot in the reference slice and in a slice, units, with the standard deviation of their distance.
+/// A dot in the reference slice and in a slice, units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Match {
     /// In the reference slice.
     pub base: [f64; 2],
     /// In the slice.
     pub here: [f64; 2],
-    /// Units.
+    /// Standard deviation of their distance.
     pub sigma: f64,
 }
 
-/// The best member of a model.
+/// The best fit of a model.
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
-    /// Its free numbers.
+    /// Its free parameters.
     pub free: DVector<f64>,
-    /// Their covariance, scatter of the dots included, as if every dot erred by itself.
+    /// Their covariance from the scatter of the dots, as if dots had independent errors.
     pub covariance: DMatrix<f64>,
-    /// Their covariance as whole blocks of neighbouring dots show it, which may err together.
+    /// Their covariance from whole blocks of neighbouring dots, which may share errors.
     pub block_covariance: DMatrix<f64>,
 }
 
-/// Residuals beyond this many standard deviations count less and less.
+/// Huber limit, in standard deviations: larger residuals get less weight.
 const HUBER: f64 = 1.5;
-/// Scatter, in units of what noise explains, below which nobody is to believe that it is so small.
+/// Smallest scatter that is accepted, relative to the expected noise.
 const LEAST_SCATTER: f64 = 0.3;
 
-/// Weighted least squares with Huber weights by Gauss-Newton. `None` when the dots do not fix the numbers.
+/// Iteratively reweighted Gauss-Newton with Huber weights. `None` when the dots do not determine the parameters.
 pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
     let size = model.size();
     if 2 * matches.len() < size + 2 {
@@ -151,7 +152,7 @@ pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
             let sent = map_point(&p, m.base);
             let r = [0, 1].map(|a| (m.here[a] - sent[a]) / m.sigma);
             let far = r[0].hypot(r[1]);
-            // the first rounds let everything count: the start is far from right
+            // the first rounds weigh all dots equally, because the start may be far off
             let limit = HUBER * scatter;
             let weight = if round < 2 || far <= limit { 1.0 } else { limit / far };
             let [jx, jy] = jacobian(&p, m.base).map(|s| model.gather(&s) / m.sigma);
@@ -178,12 +179,12 @@ pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
     None
 }
 
-/// Fewest and most blocks along a side of the dots' bounding box.
+/// Fewest and most blocks along each side of the dots' bounding box.
 const BLOCKS: (usize, usize) = (3, 5);
 
-/// Covariance by leaving out each block of neighbouring dots in turn (delete-a-group jackknife, one step of
-/// Gauss-Newton). Glare, dust and light beyond the target move dots that are near to one another alike; a covariance from
-/// the scatter of single dots takes that for many independent witnesses.
+/// Covariance by a delete-a-group jackknife: each block of neighbouring dots is left out in turn, with one Gauss-Newton
+/// step. Glare, dust and light beyond the target move neighbouring dots together; a covariance from the scatter of
+/// single dots would count them as independent.
 fn block_jackknife(model: TransformModel, matches: &[Match], free: &DVector<f64>, limit: f64) -> DMatrix<f64> {
     let size = model.size();
     let p = model.parameters(free);
@@ -212,7 +213,7 @@ fn block_jackknife(model: TransformModel, matches: &[Match], free: &DVector<f64>
     let (mut used, mut count) = (0.0, 0.0);
     for (normal, right) in sums.iter().filter(|s| s.0.trace() > 0.0) {
         count += 1.0;
-        // a block without which nothing is known says nothing about how sure the rest is
+        // without this block the parameters are undetermined, so it tells nothing about the others
         let Some(rest) = (&whole - normal).try_inverse() else { continue };
         let step = rest * right;
         out += &step * step.transpose();
@@ -221,18 +222,18 @@ fn block_jackknife(model: TransformModel, matches: &[Match], free: &DVector<f64>
     if used < 2.0 {
         return out;
     }
-    // so few blocks tell little about their own scatter: as much more as the tails of a t distribution ask for
+    // few blocks determine their scatter poorly: widen it as the tails of a t distribution require
     let caution = 1.0 + 2.5 / (2.0 * count - size as f64).max(2.0);
     out * ((count - 1.0) / used * caution * caution)
 }
 
-/// Where a map sends a point, units.
+/// Maps a point, units.
 pub(super) fn map_point(p: &Parameters, [x, y]: [f64; 2]) -> [f64; 2] {
     let w = p[6] * x + p[7] * y + 1.0;
     [((1.0 + p[0]) * x + p[1] * y + p[2]) / w, (p[3] * x + (1.0 + p[4]) * y + p[5]) / w]
 }
 
-/// Slopes of the two coordinates of [`map_point`] against the eight numbers.
+/// Jacobian of [`map_point`] with respect to the eight parameters, one row per coordinate.
 fn jacobian(p: &Parameters, at: [f64; 2]) -> [Parameters; 2] {
     let [x, y] = at;
     let w = p[6] * x + p[7] * y + 1.0;
@@ -243,7 +244,7 @@ fn jacobian(p: &Parameters, at: [f64; 2]) -> [Parameters; 2] {
     ]
 }
 
-/// Standard deviation of the worst corner of a picture, px.
+/// Standard deviation of the worst image corner, px.
 pub(super) fn corner_sigma(
     model: TransformModel,
     free: &DVector<f64>,
@@ -283,7 +284,7 @@ mod tests {
     const TRUTH: Parameters = [-0.03, 0.002, 0.01, -0.003, -0.031, 0.004, 2e-3, -1e-3];
 
     #[test]
-    fn exact_dots_give_the_map_back() {
+    fn exact_dots_recover_the_transform() {
         let fit = fit(TransformModel::Homography, &grid(&TRUTH, 0.0, 1, 0)).expect("a map");
         for (found, truth) in TransformModel::Homography.parameters(&fit.free).iter().zip(TRUTH) {
             assert!((found - truth).abs() < 1e-9, "{found} for {truth}");
@@ -296,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_of_the_corner_is_what_its_sigma_says() {
+    fn the_corner_error_matches_its_sigma() {
         let frame = Frame::new(1200, 800);
         let truth = frame.homography(&TRUTH).expect("regular");
         let (mut squares, mut claimed) = (0.0, 0.0);
@@ -308,12 +309,12 @@ mod tests {
             claimed += corner_sigma(TransformModel::Homography, &fit.free, &fit.covariance, &frame, 1200, 800);
         }
         let ratio = (squares / 60.0).sqrt() / (claimed / 60.0);
-        // the largest of four corners, so a little more than one corner's sigma
+        // the largest of four corners, so slightly more than one corner's sigma
         assert!((0.8..1.7).contains(&ratio), "{ratio}");
     }
 
     #[test]
-    fn a_few_wrong_dots_do_little_harm_and_too_few_give_nothing() {
+    fn a_few_outliers_do_little_harm_and_too_few_dots_give_none() {
         let frame = Frame::new(1200, 800);
         let truth = frame.homography(&TRUTH).expect("regular");
         let found = fit(TransformModel::Homography, &grid(&TRUTH, 1e-4, 3, 5)).expect("a map");

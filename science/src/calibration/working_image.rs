@@ -1,29 +1,29 @@
-//! The grey plane that dots are measured in: the slice at a resolution that suits the distance of its dots.
+//! The working image: grey, at a resolution that suits the dot pitch. Dots are measured in it.
 
 use rayon::prelude::*;
 
 use crate::imaging::{Plane, Raster, Samples};
 
-/// A grey picture, 0..255, averaged over `bin` x `bin` pixels of the slice. Averaging keeps the centres of
-/// dots where they are and takes noise and time away.
+/// A grey image, 0..255, averaged over `bin` x `bin` pixels of the slice. Averaging does not move the centres of dots;
+/// it reduces noise and time.
 #[derive(Debug, Clone)]
 pub(super) struct WorkingImage {
     /// The samples.
     pub plane: Plane<f32>,
     /// Pixels of the slice per sample, along each axis.
     pub bin: usize,
-    /// Share of the slice's pixels that are at full scale.
+    /// Share of the slice's pixels at full scale.
     pub clipped: f64,
-    /// The same per sample; `None` where it is hardly one pixel in ten thousand.
+    /// The same per sample; `None` when at most one pixel in ten thousand is at full scale.
     pub full: Option<Plane<f32>>,
 }
 
-/// Grey levels from here on count as clipped, of 255.
+/// Grey level from which a pixel counts as clipped, of 255.
 const FULL: f32 = 254.5;
 
 impl WorkingImage {
-    /// Rec. 601 luma of `slice`, averaged over cells of `bin` pixels; what is left over at the right and bottom is
-    /// cut off. One pass over the slice.
+    /// Rec. 601 luma of `slice`, averaged over cells of `bin` pixels. Incomplete cells at the right and bottom are
+    /// dropped. One pass over the slice.
     pub(super) fn of(slice: &Raster, bin: usize) -> Self {
         let bin = bin.clamp(1, slice.width.min(slice.height).max(1));
         let step = slice.channels;
@@ -63,13 +63,13 @@ impl WorkingImage {
         Self { plane: Plane { width, height, data }, bin, clipped, full }
     }
 
-    /// A place of this plane in pixels of the slice.
+    /// Coordinates in this image to pixels of the slice.
     pub(super) fn to_slice(&self, p: [f64; 2]) -> [f64; 2] {
         let k = self.bin as f64;
         p.map(|v| v * k + (k - 1.0) / 2.0)
     }
 
-    /// A pixel of the slice as a place of this plane.
+    /// Pixels of the slice to coordinates in this image.
     pub(super) fn to_plane(&self, p: [f64; 2]) -> [f64; 2] {
         let k = self.bin as f64;
         p.map(|v| (v - (k - 1.0) / 2.0) / k)
@@ -99,7 +99,7 @@ pub(super) fn sample(plane: &Plane<f32>, p: [f64; 2]) -> Option<f32> {
     Some(top * (1.0 - fy) + bottom * fy)
 }
 
-/// The value below which `share` (0..1) of the numbers lie. 0 when there are none. Reorders `values`.
+/// The quantile `share` (0..1), nearest rank; 0 for an empty slice. Reorders `values`.
 pub(super) fn quantile(values: &mut [f64], share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -108,7 +108,7 @@ pub(super) fn quantile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// The middle value. 0 when there are none. Reorders `values`.
+/// The median (upper of the two middle values for an even count); 0 for an empty slice. Reorders `values`.
 pub(super) fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }

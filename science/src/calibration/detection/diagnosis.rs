@@ -1,9 +1,9 @@
-//! What a slice without a grid looks like.
+//! Diagnosis: why a slice shows no grid.
 
 use crate::calibration::working_image::{WorkingImage, quantile};
 use crate::imaging::{Plane, Raster};
 
-/// What a slice without a grid looks like, for the person who has to take it again.
+/// A likely reason why no grid was found, as a phrase with what to do.
 pub(crate) fn diagnose(slice: &Raster) -> &'static str {
     let image = WorkingImage::of(slice, slice.width.max(slice.height).div_ceil(1600).max(1));
     let plane = &image.plane;
@@ -11,19 +11,17 @@ pub(crate) fn diagnose(slice: &Raster) -> &'static str {
     let mut levels: Vec<f64> = plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect();
     let (dark, bright) = (quantile(&mut levels, 0.02), quantile(&mut levels, 0.98));
     match () {
-        () if image.clipped > 0.3 => "a large part of it is clipped white: expose less",
-        () if bright < 20.0 => "it is almost black: expose more",
-        () if bright - dark < 0.12 * bright => {
-            "it shows hardly any contrast: it is far out of focus or shows no target"
-        }
+        () if image.clipped > 0.3 => "a large part of it is clipped: reduce the exposure",
+        () if bright < 20.0 => "it is almost black: increase the exposure",
+        () if bright - dark < 0.12 * bright => "it has almost no contrast: it is far out of focus or shows no target",
         () if gradient(plane) < 0.02 * (bright - dark) => {
-            "it is blurred all over: focus on the target in at least one slice"
+            "it is blurred everywhere: focus on the target in at least one slice"
         }
-        () => "it shows something else, or too few dots",
+        () => "it shows another object, or too few dots",
     }
 }
 
-/// 98th percentile of the steps between neighbouring samples.
+/// 98th percentile of the differences between neighbouring samples.
 fn gradient(plane: &Plane<f32>) -> f64 {
     let stride = (plane.height / 200).max(1);
     let mut steps = Vec::new();

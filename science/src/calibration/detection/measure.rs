@@ -1,4 +1,4 @@
-//! From places that are about right to dots that are measured, in rounds.
+//! Iterative measurement: from approximate dot positions to measured dots.
 
 use std::collections::BTreeMap;
 
@@ -16,16 +16,16 @@ use crate::calibration::working_image::{WorkingImage, median};
 use crate::imaging::Plane;
 use crate::types::{Cancelled, Control};
 
-/// About how many dots' light is looked at.
+/// Approximate number of dots whose brightness is measured in linear light.
 const LIGHT_DOTS: usize = 200;
-/// Standard deviation, in steps of the grid, per share of a dot's window that is made up, while that is small.
+/// Position error, in grid steps, per synthetic share of a dot's window, while that share is small.
 const SYNTHETIC_SIGMA: f64 = 3e-3;
-/// The same per sine of the full-scale samples in its window.
+/// Position error, in grid steps, per amplitude of the first harmonic of the full-scale samples in a dot's window.
 const CLIPPED_SIGMA: f64 = 0.04;
-/// Rounds of the lock-in.
+/// Rounds of flat field, inpainting and phase measurement.
 const ROUNDS: usize = 3;
 
-/// Measures all dots from `places` on (px of the image picture), which are right to a tenth of the pitch.
+/// Measures all dots, starting from `places` (px of the working image), which are accurate to a tenth of the pitch.
 pub(super) fn measure(
     image: &WorkingImage,
     mut field: FlatField,
@@ -40,7 +40,7 @@ pub(super) fn measure(
         let pitch = lattice::pitch_of(&places);
         let contrast = field.contrast(plane);
         let mut inpainted = None;
-        // more of the grid may show itself beside what was found
+        // the grid may extend beyond the dots known so far
         for _ in 0..if round == 0 { 6 } else { 2 } {
             let beside = lattice::beside(&places);
             let Some(done) = inpainting::inpaint(&contrast, &places, &beside, pitch, round > 0) else {
@@ -66,7 +66,7 @@ pub(super) fn measure(
         if is_plausible.iter().filter(|p| **p).count() < LEAST_DOTS {
             return Ok(None);
         }
-        // those that were not measured go where the others say
+        // positions that were not measured follow the consensus homography
         let pairs: Vec<dlt::Pair> = windows
             .iter()
             .zip(&phases)
@@ -81,7 +81,8 @@ pub(super) fn measure(
         for (((label, window), phase), ok) in labels.iter().zip(&windows).zip(&phases).zip(&is_plausible) {
             let Some(phase) = phase.filter(|_| *ok) else { continue };
             let at = dot_position(window, &phase, sign);
-            // a dot far off the others' map is dust or a misprint: kept as measured, but not as a place to look next
+            // a dot far from the consensus is dust or a misprint: its measurement is kept, but not used as the next
+            // position
             let there = places.get(label).copied().unwrap_or(at);
             if (at[0] - there[0]).hypot(at[1] - there[1]) < 0.05 * pitch {
                 places.insert(*label, at);
@@ -99,8 +100,8 @@ pub(super) fn measure(
     }))
 }
 
-/// Where dots run together, what lies beyond the target runs into the outermost ones: they are left out, when enough
-/// others are there.
+/// Drops dots next to positions outside the target, if enough others remain. For merged dots: what lies beyond the
+/// target blurs into the outermost ones.
 fn drop_near_foreign(labels: &mut Vec<Label>, foreign: &[Label]) {
     let near = |l: &Label| foreign.iter().any(|f| (f[0] - l[0]).abs() <= 1 && (f[1] - l[1]).abs() <= 1);
     let kept: Vec<Label> = labels.iter().filter(|l| !near(l)).copied().collect();
@@ -134,13 +135,14 @@ fn detection(
     for (k, (label, (at, phase))) in measured.iter().enumerate() {
         let synthetic = synthetic[k].map_or(0.0, |l| l.mean);
         let full = full.as_ref().and_then(|f| f[k]);
-        // where full scale lies on one side of a dot its wave is cut there
+        // full-scale samples on one side of a dot clip its pattern on that side
         let cut = full.map_or(0.0, |f| f.harmonics[0].sine.hypot(f.harmonics[1].sine));
         let shared_sigma =
             pitch * (SYNTHETIC_SIGMA * synthetic * (1.0 + 10.0 * synthetic)).hypot(CLIPPED_SIGMA * cut) * bin;
         let light = dot_photometry::measure_light(&image.plane, field, &inpainted.filled, *at, steps, phase);
         let sigma = pitch * phase::shift_sigma(noise, amplitude(phase), steps) * bin;
-        // mean contrast is what the light lacks: amplitude over mean light, whatever the ground is taken to be
+        // modulation = amplitude / mean level; for dark dots the mean contrast is the missing light, whatever the
+        // ground level
         let mean = match field.polarity {
             Polarity::DarkOnLight => 1.0 - phase.mean,
             Polarity::LightOnDark => light.mean / field.span,
@@ -152,7 +154,7 @@ fn detection(
             MeasuredDot { at: image.to_slice(*at), sigma: sigma.hypot(shared_sigma), shared_sigma, light, invalid },
         );
     }
-    // the light is smooth: some of the dots tell it
+    // brightness is smooth: a selection of the dots is enough
     let every = dots.len().div_ceil(LIGHT_DOTS);
     let lit: Vec<Label> = dots.keys().step_by(every).copied().collect();
     let windows: Vec<Window> =
@@ -177,7 +179,7 @@ fn detection(
     })
 }
 
-/// Standard deviation of the noise, from second differences along rows, which the pattern hardly has.
+/// Standard deviation of the noise, from second differences along rows, to which the pattern contributes little.
 fn noise_of(plane: &Plane<f32>) -> f64 {
     let stride = (plane.height / 200).max(1);
     let mut bends = Vec::new();
@@ -188,7 +190,7 @@ fn noise_of(plane: &Plane<f32>) -> f64 {
     (1.4826 * median(&mut bends) / 6.0_f64.sqrt()).max(1e-5)
 }
 
-/// Which windows show a pattern as strong as the others do, about where it was expected.
+/// Per window: true when its amplitude is close to the median and its shift is small.
 fn plausible(windows: &[Window], phase: &[Option<PhaseMeasurement>], sign: f64) -> Vec<bool> {
     let usual = [0, 1].map(|k| {
         median(&mut phase.iter().flatten().map(|l| l.harmonics[k].amplitude(sign)).collect::<Vec<_>>()).max(1e-6)

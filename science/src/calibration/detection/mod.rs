@@ -1,4 +1,5 @@
-//! The dots of one slice: found blindly in the first slice, followed from slice to slice in the others.
+//! Detection of the dots of one slice: without prior knowledge in the first slice, relocated from its neighbour in
+//! every other.
 
 mod diagnosis;
 mod measure;
@@ -24,87 +25,87 @@ use super::working_image::WorkingImage;
 use crate::imaging::Raster;
 use crate::types::{Cancelled, Control};
 
-/// A dot in px of its slice.
+/// A measured dot, in px of its slice.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MeasuredDot {
     /// Centre.
     pub at: [f64; 2],
-    /// Standard deviation of each coordinate as noise and what spoils its window would have it.
+    /// Standard deviation of each coordinate, from noise and from the invalid part of its window.
     pub sigma: f64,
-    /// The light around it.
+    /// Brightness around it.
     pub light: DotLight,
-    /// The part of that which its neighbours share.
+    /// The part of `sigma` that neighbouring dots share (glare, inpainting).
     pub shared_sigma: f64,
-    /// Share of its window that is made up or at full scale: the light there is not to be relied on.
+    /// Share of its window that is synthetic or at full scale: brightness is unreliable there.
     pub invalid: f64,
 }
 
-/// What one slice showed. Holds no pixels.
+/// The dots of one slice. Contains no pixels.
 #[derive(Debug, Clone)]
 pub(super) struct Detection {
     /// The dots that were measured.
     pub dots: BTreeMap<Label, MeasuredDot>,
-    /// All dots that the target is known to have, where they are or would be, px of the slice.
+    /// All known dots of the target at their measured or predicted positions, px of the slice.
     pub places: Places,
     /// Distance of neighbouring dots, px of the slice.
     pub pitch: f64,
-    /// How the picture moved since the slice that it was followed from.
+    /// Motion of the image since the slice from which the grid was followed.
     pub motion: SimilarityMotion,
     /// Share of the pixels at full scale.
     pub clipped: f64,
-    /// Amplitude of the grid's first harmonic over the mean light; negative where blur has inverted the dots.
+    /// Amplitude of the first harmonic over the mean level; negative where blur has inverted the dots.
     pub modulation: f64,
-    /// Diameter of a dot over the pitch, as this slice shows it (too wide where it is blurred).
+    /// Dot diameter over the pitch as seen in this slice (too large where it is blurred).
     pub fill: f64,
-    /// True when neighbouring dots run into one another.
+    /// True when neighbouring dots merge.
     pub merged: bool,
-    /// Measured dots over dots that could have been: where windows overlap less, errors are less alike.
+    /// Measured dots over the dots that could have been measured. The lower it is, the less their windows overlap.
     pub density: f64,
 }
 
-/// What stays the same for all slices of a stack once the first has been seen.
+/// Properties of the target that are the same in all slices.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Target {
     /// Dark or bright dots.
     pub polarity: Polarity,
-    /// Resolution that dots are measured at: pixels per sample along each axis.
+    /// Pixels per sample, along each axis, of the image in which dots are measured.
     pub bin: usize,
 }
 
-/// What is expected of a slice before it is looked at.
+/// Prediction for a slice from the slices before it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expected {
-    /// Where the picture goes.
+    /// Expected motion.
     pub motion: SimilarityMotion,
-    /// True when that is known from the slices before.
+    /// True when the motion is known from the slices before.
     pub confident: bool,
     /// True when blur may have inverted the dots.
     pub maybe_inverted: bool,
 }
 
-/// Long side of the picture in which dots are looked for blindly.
+/// Longer side of the image in which the grid is detected, samples.
 const DETECTION_SIDE: usize = 2400;
-/// Samples of the picture in which dots are measured: more do not make them better.
+/// Samples of the image in which dots are measured; more do not improve them.
 const SAMPLES: f64 = 7e5;
-/// Samples that memory is reckoned with: more only where dots would else be too near to one another.
+/// Upper bound of those samples, used to budget memory; reached only by very fine grids.
 pub const MAX_SAMPLES: usize = 8_000_000;
-/// Distance of dots in that picture below which nothing is gained, px.
+/// Smallest dot pitch in that image when the sample bound applies, px.
 const COARSEST_PITCH: f64 = 8.0;
-/// In that picture they are at least this far apart, px.
+/// Smallest dot pitch in that image otherwise, px.
 const MEASURED_PITCH: f64 = 16.0;
-/// Standard errors by which predicted dots must stand out to be believed.
+/// Least contrast of the predicted dots, in standard errors.
 const MIN_SIGNIFICANCE: f64 = 6.0;
-/// Shifts, in steps of the grid, beyond which a dot is not where it was expected.
+/// Largest distance of a dot from its predicted position, grid steps.
 const MAX_SHIFT: f64 = 0.3;
 
-/// The grid in a slice about which nothing is known, in px of the slice, or `None` when there is none.
+/// Detects the grid in a slice without prior knowledge. Positions are px of the slice; `None` when no grid is found.
 ///
 /// # Errors
 /// When the work is cancelled.
 pub(super) fn detect_grid(slice: &Raster, control: &dyn Control) -> Result<Option<(Target, Lattice)>, Cancelled> {
     let image = WorkingImage::of(slice, slice.width.max(slice.height).div_ceil(DETECTION_SIDE).max(1));
     let likely = Polarity::guess(&image.plane);
-    // on a dark table the gaps between dark dots may pass for a few bright ones, so both are looked at
+    // on a dark table the gaps between dark dots may look like bright dots, so both polarities are tried
     let mut best: Option<(Polarity, Lattice)> = None;
     for polarity in [likely, likely.other()] {
         let found = largest_grid(&image, polarity, control)?;
@@ -122,7 +123,7 @@ pub(super) fn detect_grid(slice: &Raster, control: &dyn Control) -> Result<Optio
     }))
 }
 
-/// The largest grid of dots of one polarity.
+/// The largest grid of one polarity, over several sizes of the threshold window.
 fn largest_grid(image: &WorkingImage, polarity: Polarity, control: &dyn Control) -> Result<Option<Lattice>, Cancelled> {
     let contrast = FlatField::estimate(&image.plane, polarity, None).contrast(&image.plane);
     let mut best: Option<Lattice> = None;
@@ -130,7 +131,7 @@ fn largest_grid(image: &WorkingImage, polarity: Polarity, control: &dyn Control)
     let mut radius = 6;
     while radius <= largest.max(6) {
         control.check()?;
-        // a wider surrounding than the steps of the grid tells nothing new
+        // larger windows than the pitch find nothing new
         if best.as_ref().is_some_and(|b| radius as f64 > 2.0 * b.pitch) {
             break;
         }
@@ -144,16 +145,16 @@ fn largest_grid(image: &WorkingImage, polarity: Polarity, control: &dyn Control)
     Ok(best)
 }
 
-/// Pixels per sample along each axis, for a slice of so many pixels with dots `pitch` px apart.
+/// Pixels per sample, along each axis, for a slice of `pixels` px whose dots are `pitch` px apart.
 fn resolution(pixels: f64, pitch: f64) -> usize {
     let within = |samples: f64| (pixels / samples).sqrt().ceil();
     let good = within(SAMPLES).min(pitch / MEASURED_PITCH);
-    // a very fine grid in a very large picture is measured more coarsely than is best for it
+    // a very fine grid in a very large slice is measured more coarsely than is best for it
     let bounded = within(MAX_SAMPLES as f64).min(pitch / COARSEST_PITCH);
     good.max(bounded).max(1.0) as usize
 }
 
-/// Measures the dots of a slice in which the grid was found blindly. `None` when fewer than a dozen can be relied on.
+/// Measures the dots of a slice in which the grid was detected. `None` when fewer than 12 can be measured.
 ///
 /// # Errors
 /// When the work is cancelled.
@@ -169,7 +170,7 @@ pub(super) fn measure_grid(
     measure(&image, field, places, 1.0, control)
 }
 
-/// Finds the grid of a neighbouring slice again in this one and measures its dots. `None` when it cannot be seen.
+/// Relocates the grid of a neighbouring slice in this one and measures its dots. `None` when it is not visible.
 ///
 /// # Errors
 /// When the work is cancelled.
@@ -184,11 +185,11 @@ pub(super) fn relocate_grid(
     let from: Places = from.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
     let field = flat_field(&image, target, &from);
     let contrast = field.contrast(&image.plane);
-    let seen: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&image, p)).copied().collect();
+    let visible: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&image, p)).copied().collect();
     let pitch = lattice::pitch_of(&from);
     let steps = grid_steps(&from);
     let bin = image.bin as f64;
-    let registration = CoarseRegistration { contrast: &contrast, dots: &seen, steps, pitch };
+    let registration = CoarseRegistration { contrast: &contrast, dots: &visible, steps, pitch };
     let around = SimilarityMotion { shift: expected.motion.shift.map(|s| s / bin), ..expected.motion };
     let RegisteredMotion { motion, sign, significance, .. } = if expected.confident {
         let near = registration.best(around, 0.02, 0.3, 1.0);
@@ -205,7 +206,7 @@ pub(super) fn relocate_grid(
         return Ok(None);
     }
     let predicted: Places = from.iter().map(|(label, p)| (*label, motion.apply(middle, *p))).collect();
-    // a first look, to take out rotation and keystone before dots are counted on
+    // a first measurement removes rotation and keystone
     let labels = selected_labels(&image, &predicted);
     let windows = windows_at(&labels, &predicted, motion.scale, steps);
     let phases = phase::measure(&contrast, None, &windows);
@@ -236,7 +237,7 @@ pub(super) fn relocate_grid(
     Ok(detection)
 }
 
-/// The ground about the dots, which are about at `places`.
+/// The flat field around the approximate dot positions `places`.
 fn flat_field(image: &WorkingImage, target: Target, places: &Places) -> FlatField {
     let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(image, p)).copied().collect();
     FlatField::estimate(&image.plane, target.polarity, Some((&near, 0.6 * lattice::pitch_of(places))))

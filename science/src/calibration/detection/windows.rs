@@ -1,13 +1,13 @@
-//! Where the windows of dots lie: steps of the grid, the dots that are measured, and how a window says where its dot is.
+//! Phase windows of dots: the grid steps, the selection of dots, and the dot position from a phase measurement.
 
 use crate::calibration::lattice::{Label, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
 use crate::calibration::working_image::{WorkingImage, median};
 
-/// Most dots that are measured in a slice: more do not make its homography better.
+/// Most dots that are measured per slice; more do not improve its homography.
 const MOST: usize = 1200;
 
-/// The dots whose windows lie in the picture; an even choice of them when there are very many.
+/// The dots whose windows lie in the image; an even selection when there are very many.
 pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Label> {
     let steps = grid_steps(places);
     let fits = |p: &[f64; 2]| phase::inside(&Window { at: *p, steps }, image.plane.width, image.plane.height);
@@ -16,7 +16,7 @@ pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Labe
     all.into_iter().filter(|[i, j]| i.rem_euclid(every) == 0 && j.rem_euclid(every) == 0).collect()
 }
 
-/// The sites of `labels`, each with the steps that its own neighbours have where they are known.
+/// The windows of `labels`, with local grid steps where both neighbours are known.
 pub(super) fn windows_at(labels: &[Label], places: &Places, scale: f64, steps: [[f64; 2]; 2]) -> Vec<Window> {
     let local = |[i, j]: Label, axis: usize| {
         let d: Label = if axis == 0 { [1, 0] } else { [0, 1] };
@@ -30,7 +30,7 @@ pub(super) fn windows_at(labels: &[Label], places: &Places, scale: f64, steps: [
         .collect()
 }
 
-/// Where the pattern says that the dot of a window is.
+/// The dot position that the phase in a window gives.
 pub(super) fn dot_position(window: &Window, phase: &PhaseMeasurement, sign: f64) -> [f64; 2] {
     let shift = phase.harmonics.map(|h| h.shift(sign));
     [0, 1].map(|a| window.at[a] + shift[0] * window.steps[0][a] + shift[1] * window.steps[1][a])
@@ -40,7 +40,7 @@ pub(super) fn in_picture(image: &WorkingImage, p: &[f64; 2]) -> bool {
     p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= image.plane.width as f64 - 1.0 && p[1] <= image.plane.height as f64 - 1.0
 }
 
-/// The two steps of the grid: medians over all neighbours.
+/// The two grid steps: medians over all neighbours.
 pub(crate) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
     [[1, 0], [0, 1]].map(|step: Label| {
         let between: Vec<[f64; 2]> = places

@@ -1,4 +1,4 @@
-//! The map of each slice in one family, by its dots or by the law of the rail, and how sure it is.
+//! The transform of each slice under one model, from its dots and the rail law, with its uncertainty.
 
 use nalgebra::DVector;
 
@@ -11,10 +11,10 @@ use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
 use crate::types::Homography;
 
-/// Uncertainty of a corner, px, from which a slice's own dots count as too blurred when the rail knows better.
+/// Corner uncertainty, px, from which a slice counts as predicted when the rail law halves it.
 const FAINT: f64 = 0.4;
 
-/// What all maps are made in.
+/// Common input of all estimates.
 pub(super) struct Setting<'a> {
     pub(super) frame: &'a Frame,
     pub(super) width: u32,
@@ -26,7 +26,7 @@ pub(super) struct Setting<'a> {
     pub(super) floors: &'a [f64],
 }
 
-/// The map of one slice.
+/// The estimate of one slice.
 pub(super) struct Estimate {
     pub(super) homography: Homography,
     pub(super) by_law: Option<Homography>,
@@ -35,7 +35,7 @@ pub(super) struct Estimate {
     pub(super) source: EstimateSource,
 }
 
-/// What a family's maps do at the corners, beside the homographies, in the slices that were measured.
+/// Errors at the image corners under a model and under the full homography, for the measured slices.
 pub(super) fn corner_errors(
     estimates: &[Option<Estimate>],
     full: &[Option<Estimate>],
@@ -53,7 +53,7 @@ pub(super) fn corner_errors(
         .collect()
 }
 
-/// The maps of all slices in one family; `None` where there is neither a measurement nor a law.
+/// The estimates of all slices under a model; `None` where there is neither a measurement nor a rail law.
 pub(super) fn estimates(model: StackModel, inliers: &[Inliers], setting: &Setting) -> Vec<Option<Estimate>> {
     match model {
         StackModel::RailLinear => rail_linear_estimates(inliers, setting),
@@ -61,7 +61,7 @@ pub(super) fn estimates(model: StackModel, inliers: &[Inliers], setting: &Settin
     }
 }
 
-/// What no count of dots takes away, px, per slice: it weighs the more the less blur has left of the pattern.
+/// Uncertainty per slice, px, that no number of dots reduces. It grows as blur attenuates the pattern.
 pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
     let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
     let left = |s: &Detection| (s.modulation / strongest).abs().clamp(0.05, 1.0);
@@ -88,7 +88,7 @@ fn per_slice_estimates(family: TransformModel, inliers: &[Inliers], s: &Setting)
             let by_itself = own[index].as_ref().map_or(0.0, |o| {
                 transform_models::corner_sigma(family, &o.free, &o.covariance, s.frame, s.width, s.height)
             });
-            // its dots had a say, but hardly a voice
+            // the dots contributed too little for the slice to count as measured
             let source = if by_itself > FAINT && sigma < 0.5 * by_itself { EstimateSource::Law } else { source };
             Some(Estimate {
                 homography: map(&settled.free)?,
@@ -114,7 +114,7 @@ fn rail_linear_estimates(inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimat
     (0..inliers.len())
         .map(|index| {
             let homography = map(&fit.parameters(s.away[index]))?;
-            // scatter that slices share among their dots is no noise of the dots
+            // scatter that the dots of a slice share is not noise of single dots
             let similar = transform_models::fit(TransformModel::Similarity, &inliers[index].evidence.matches)
                 .and_then(|fit| map(&TransformModel::Similarity.parameters(&fit.free)))
                 .map_or(0.0, |h| h.corner_distance(&homography, s.width, s.height));

@@ -1,4 +1,4 @@
-//! The dots that a slice shares with the reference, and what they say by themselves.
+//! The inliers of each slice, and its estimate from these dots alone.
 
 use std::collections::BTreeMap;
 
@@ -15,21 +15,21 @@ use crate::calibration::robust;
 use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, TransformModel};
 
-/// Distance beyond which a dot never counts as an inlier, px; or a share of the pitch where that is more.
+/// Largest inlier limit, px; 0.02 of the pitch where that is more.
 const MOST: f64 = 1.0;
-/// What no count of dots takes away: lens distortion, printing, the shape of pixels; px, and as a share of the pitch.
+/// Uncertainty that no number of dots reduces (lens distortion, print, pixel shape): px, and as a share of the pitch.
 pub(super) const FLOOR: (f64, f64) = (0.006, 4e-4);
-/// About how many neighbours what spoils their windows moves alike.
+/// Approximate number of neighbouring dots that share an error.
 const NEIGHBOURS: f64 = 9.0;
 
-/// The dots that a slice shares with the reference, and which of them agree.
+/// The dots that a slice shares with the reference slice, and which of them are inliers.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Inliers {
     pub(super) evidence: Evidence,
     pub(super) is_inlier: BTreeMap<Label, bool>,
 }
 
-/// `None` when too few agree.
+/// Finds the inliers of a slice. `None` when there are too few.
 pub(super) fn find_inliers(detection: &Detection, base: &Detection, frame: &Frame) -> Option<Inliers> {
     let shared: Vec<(Label, Pair, [f64; 2])> = detection
         .dots
@@ -59,21 +59,21 @@ pub(super) fn find_inliers(detection: &Detection, base: &Detection, frame: &Fram
             sigma: sigma.hypot(floor) / frame.half,
         })
         .collect();
-    // what neighbours share (light beyond the target, glare) is not averaged away among them
+    // errors that neighbours share (light beyond the target, glare) do not average out among them
     let (weights, alike) = kept.clone().fold((0.0, 0.0), |(weights, alike), ((_, _, [sigma, doubt]), _)| {
         let weight = 1.0 / (sigma * sigma + floor * floor);
         (weights + weight, alike + weight * weight * doubt * doubt)
     });
     let alike = 1.0 + (NEIGHBOURS - 1.0) * alike / weights.max(1e-30);
     let labels = kept.map(|(s, _)| s.0).collect();
-    // where many had to be left out, those that were kept are not as good as their scatter says
+    // where many dots were rejected, the rest is less accurate than its scatter suggests
     let chosen = (pairs.len() as f64 / count as f64).powi(4);
     let overlap = (WINDOW_OVERLAP * detection.density).max(1.0) * chosen * alike;
     let is_inlier = shared.iter().map(|s| s.0).zip(consensus.is_inlier.iter().copied()).collect();
     Some(Inliers { evidence: Evidence { labels, matches, overlap }, is_inlier })
 }
 
-/// What each slice says by itself in one family; the reference is the identity, exactly.
+/// Each slice's estimate from its own dots under one model; the reference slice is exactly the identity.
 pub(super) fn own_estimates(
     family: TransformModel,
     inliers: &[Inliers],
@@ -92,7 +92,7 @@ pub(super) fn own_estimates(
             }
             let fit = transform_models::fit(family, &inliers.evidence.matches)?;
             let covariance = &fit.covariance * inliers.evidence.overlap;
-            // at the corners, which is what counts: numbers apart from one another are too many for so few blocks
+            // compared at the corners, which matter: a few blocks cannot determine a full covariance
             let at_corners =
                 |c: &DMatrix<f64>| transform_models::corner_sigma(family, &fit.free, c, frame, width, height);
             let more = (at_corners(&fit.block_covariance) / at_corners(&covariance).max(1e-12)).max(1.0);
@@ -101,9 +101,9 @@ pub(super) fn own_estimates(
         .collect()
 }
 
-/// Forgets what was measured in slices whose dots run together and whose place contradicts the sharper slices by a good
-/// part of the pitch: there the grid was mistaken by half a step or a whole one. From the sharp slices outward, so that
-/// one mistaken slice does not speak for another.
+/// Drops slices with merged dots whose position contradicts the sharper slices by a good part of the pitch: there the
+/// grid was mistaken by half a step or a whole one. Works outward from the sharp slices, so that one mistaken slice
+/// does not support another.
 pub(super) fn drop_mistaken_grids(
     inliers: &mut [Inliers],
     own: &[Option<OwnEstimate>],

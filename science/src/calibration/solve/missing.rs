@@ -1,4 +1,4 @@
-//! What is said when slices show too little.
+//! Errors for slices whose dots cannot be measured.
 
 use crate::imaging::Slices;
 use crate::types::error::ErrorLocation;
@@ -7,13 +7,14 @@ use crate::types::{Error, ErrorKind};
 pub(super) fn reference_without_grid(slices: &dyn Slices, reference: usize) -> Error {
     let name = slices.name(reference);
     let detail = format!(
-        "the reference slice {name} (slice {reference}) is too blurred to show the dots: name a sharper one with \
-         reference_index"
+        "the reference slice {name} (slice {reference}) is too blurred to measure its dots: set reference_index to a \
+         sharper slice"
     );
     Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(reference as u32))
 }
 
-/// The slices that are to be left out at the ends, `None` when that would leave a gap or too few.
+/// The slices to omit at the ends of the stack, as a phrase; `None` when slices in between are missing or too few would
+/// remain.
 fn ends(count: usize, lost: &[usize]) -> Option<String> {
     let first = (0..count).take_while(|i| lost.contains(i)).count();
     let last = (0..count).rev().take_while(|i| lost.contains(i)).count();
@@ -34,16 +35,16 @@ pub(super) fn unmeasured_slices(slices: &dyn Slices, indices: &[usize], why: &st
         names.push("...");
     }
     let detail = format!(
-        "the dots could not be measured in {}{why}: {}use a target with larger, wider spaced dots (pitch at least 2.5 \
-         times the largest blur radius)",
+        "the dots could not be measured in {}{why}: {}use a target with larger, more widely spaced dots (pitch at least \
+         2.5 times the largest blur radius)",
         names.join(", "),
         ends(slices.count(), indices)
-            .map_or_else(String::new, |ends| format!("leave {ends} out, of the target and of every stack alike, or ")),
+            .map_or_else(String::new, |ends| format!("omit {ends}, from the target and from every stack, or ")),
     );
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for &index in indices {
         error = error.at(ErrorLocation {
-            detail: "fewer than 12 dots that agree with the reference slice".into(),
+            detail: "fewer than 12 dots agree with the reference slice".into(),
             pointer: None,
             file: Some(slices.name(index).to_owned()),
             slice: Some(index as u32),
@@ -57,7 +58,7 @@ mod tests {
     use super::ends;
 
     #[test]
-    fn slices_at_the_ends_can_be_left_out_and_those_between_cannot() {
+    fn slices_at_the_ends_can_be_omitted_and_those_between_cannot() {
         assert_eq!(ends(9, &[0, 1, 8]).as_deref(), Some("the first 2 slices and the last slice"));
         assert_eq!(ends(9, &[7, 8]).as_deref(), Some("the last 2 slices"));
         assert_eq!(ends(9, &[0, 4]), None);

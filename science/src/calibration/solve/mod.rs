@@ -1,4 +1,4 @@
-//! From dots to homographies: what agrees, which family of maps, what the rail adds, and how sure each slice is.
+//! From measured dots to homographies: inliers, transform model, rail law, gains, and the uncertainty of each slice.
 
 mod estimates;
 mod inliers;
@@ -23,68 +23,68 @@ use crate::types::calibration_options::ModelChoice;
 use crate::types::report::ModelCandidate;
 use crate::types::{Control, Error, ErrorKind, Homography, Interrupted};
 
-/// The geometry and light of one slice.
+/// Geometry and gain of one slice.
 #[derive(Debug, Clone)]
 pub(super) struct Solved {
     /// Slice px -> reference-slice px.
     pub homography: Homography,
-    /// What the law of the rail says it is.
+    /// The homography by the rail law alone.
     pub by_law: Option<Homography>,
-    /// Multiply by this to match the reference.
+    /// Factor that makes the slice as bright as the reference slice.
     pub gain: f64,
-    /// Relative standard deviation of that.
+    /// Its relative standard deviation.
     pub gain_sigma: f64,
-    /// Standard deviation of the worst corner, px.
+    /// Standard deviation of the worst image corner, px.
     pub corner_sigma: f64,
-    /// RMS of the inliers in the reference slice, px; `None` when predicted.
+    /// RMS residual of the inliers in the reference slice, px; `None` when predicted.
     pub rms: Option<f64>,
-    /// 95th percentile of the same.
+    /// 95th percentile of the residuals, px.
     pub p95: Option<f64>,
     /// The dots found.
     pub dots: Vec<Dot>,
-    /// Farthest that the slice's own dots put a corner from where the law has it, px.
+    /// Largest distance of an image corner between the slice's own estimate and the rail law, px.
     pub off_law: Option<f64>,
-    /// True when predicted by the law of the rail.
+    /// True when predicted by the rail law.
     pub interpolated: bool,
 }
 
-/// All slices.
+/// The solution for the stack.
 #[derive(Debug, Clone)]
 pub(super) struct Solution {
-    /// The reference slice.
+    /// Index of the reference slice.
     pub reference: usize,
     /// One per slice.
     pub slices: Vec<Solved>,
-    /// The family that was taken, and why.
+    /// The selected model, and the reason.
     pub model: (StackModel, String),
-    /// What each family would have given.
+    /// What each model would give.
     pub candidates: Vec<ModelCandidate>,
-    /// What the rail did.
+    /// Rail anomalies.
     pub anomalies: Vec<RailAnomaly>,
-    /// The positions that the law was fitted with.
+    /// Rail positions that the law was fitted with.
     pub positions: Vec<f64>,
-    /// Where the scales say that the slices positions_by_scale, with standard deviations.
+    /// Rail positions derived from the scales, with standard deviations.
     pub positions_by_scale: Option<Vec<Option<(f64, f64)>>>,
-    /// Scale number of each measured slice (0: as the reference) and its standard deviation.
+    /// Scale parameter of each measured slice (0 at the reference) with its standard deviation.
     pub scales: Vec<Option<(f64, f64)>>,
     /// Slopes of scale, rotation and shift over the positions, units.
     pub slopes: Option<[f64; 4]>,
 }
 
-/// Uncertainty of a predicted corner beyond which no slice is predicted, px.
+/// Largest corner uncertainty of a predicted slice, px.
 const MAX_PREDICTED_SIGMA: f64 = 1.5;
-/// Distance from where the rail has it, in steps of the grid, from which a slice with merged dots was mistaken.
+/// Distance from the rail law, in grid steps, from which the grid of a slice with merged dots counts as mistaken.
 const MISTAKEN: f64 = 0.3;
 
-/// Solves every slice. `positions` on the rail when they were told.
+/// Solves by_model slice. `given`: rail positions that the user specified.
 ///
 /// # Errors
-/// A fault naming the slices that can neither be measured nor predicted.
+/// An error that names the slices that can neither be measured nor predicted.
 pub(super) fn solve(
     slices: &dyn Slices,
     tracked: &Tracked,
     reference: usize,
-    told: Option<&[f64]>,
+    given: Option<&[f64]>,
     requested: ModelChoice,
     control: &dyn Control,
 ) -> Result<Solution, Interrupted> {
@@ -101,8 +101,8 @@ pub(super) fn solve(
         inliers.push(other.and_then(|s| find_inliers(s, base, &frame)).unwrap_or_default());
     }
 
-    // scale, rotation and shift tell what the rail did, whatever family is taken in the end
-    let mut positions: Vec<f64> = told.map_or_else(|| (0..count).map(|i| i as f64).collect(), <[f64]>::to_vec);
+    // the similarity model decides about the rail, whichever model is selected in the end
+    let mut positions: Vec<f64> = given.map_or_else(|| (0..count).map(|i| i as f64).collect(), <[f64]>::to_vec);
     let similar =
         |inliers: &[Inliers]| own_estimates(TransformModel::Similarity, inliers, reference, &frame, [width, height]);
     let first = similar(&inliers);
@@ -116,13 +116,13 @@ pub(super) fn solve(
     let mut anomalies = positions_by_scale
         .as_ref()
         .map_or_else(Vec::new, |positions_by_scale| rail_anomalies::step_anomalies(positions_by_scale, &positions));
-    if let (Some(positions_by_scale), false) = (&positions_by_scale, anomalies.is_empty() || told.is_some()) {
+    if let (Some(positions_by_scale), false) = (&positions_by_scale, anomalies.is_empty() || given.is_some()) {
         positions = filled(positions_by_scale, &positions);
     }
     let shifts: Vec<Option<[f64; 2]>> =
         own.iter().map(|o| o.as_ref().map(|o| [o.free[2] * frame.half, o.free[3] * frame.half])).collect();
     anomalies.extend(rail_anomalies::find_bump(&shifts, &positions, 0.5));
-    let jump = anomalies.iter().find_map(|e| if let RailAnomaly::Bumped { from, .. } = e { Some(*from) } else { None });
+    let jump = anomalies.iter().find_map(|a| if let RailAnomaly::Bumped { from, .. } = a { Some(*from) } else { None });
     let slopes = Law::fit(&own, &positions, jump).map(|law| std::array::from_fn(|n| law.slopes()[n]));
 
     let away: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
@@ -130,12 +130,12 @@ pub(super) fn solve(
     let floors = floors(tracked, base.pitch);
     let setting =
         Setting { frame: &frame, width, height, reference, positions: &positions, away: &away, jump, floors: &floors };
-    let every: Vec<(StackModel, Vec<Option<Estimate>>)> = [StackModel::RailLinear]
+    let by_model: Vec<(StackModel, Vec<Option<Estimate>>)> = [StackModel::RailLinear]
         .into_iter()
         .chain(transform_models::ALL.map(StackModel::PerSlice))
         .map(|model| (model, estimates(model, &inliers, &setting)))
         .collect();
-    let of = |model: StackModel| every.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
+    let of = |model: StackModel| by_model.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
     let corner_errors = |model: StackModel| {
         corner_errors(of(model), of(StackModel::PerSlice(TransformModel::Homography)), &inliers, &setting)
     };
@@ -143,38 +143,38 @@ pub(super) fn solve(
         model_selection::select_model(&evidence, &away, frame.half, &corner_errors, requested);
     let (_, hidden) = model_selection::bias(&corner_errors(model));
     for candidate in &mut candidates {
-        let Some((_, maps)) = every.iter().find(|(m, _)| m.name() == candidate.model) else { continue };
-        let others = maps.iter().enumerate().filter(|(i, _)| *i != reference);
+        let Some((_, solution)) = by_model.iter().find(|(m, _)| m.name() == candidate.model) else { continue };
+        let others = solution.iter().enumerate().filter(|(i, _)| *i != reference);
         let worst = others.map(|(_, m)| m.as_ref().map(|m| m.sigma)).collect::<Option<Vec<f64>>>();
         candidate.corner_sigma_px = worst.map(|all| all.into_iter().fold(0.0, f64::max));
     }
-    let mut maps = every.into_iter().find(|e| e.0 == model).map(|e| e.1).unwrap_or_default();
-    // what hides grows with the distance on the rail, as all that the maps do
+    let mut solution = by_model.into_iter().find(|e| e.0 == model).map(|e| e.1).unwrap_or_default();
+    // the hidden bias grows with the distance on the rail, as the transforms do
     let mean_away = away.iter().map(|z| z * z).sum::<f64>() / count as f64;
-    for (map, z) in maps.iter_mut().zip(&away) {
+    for (estimate, z) in solution.iter_mut().zip(&away) {
         let share = 0.2 + 0.8 * z * z / mean_away.max(1e-30);
-        map.iter_mut().for_each(|m| m.sigma = m.sigma.hypot((hidden * share).sqrt()));
+        estimate.iter_mut().for_each(|m| m.sigma = m.sigma.hypot((hidden * share).sqrt()));
     }
-    let lost: Vec<usize> = (0..count)
+    let unmeasured: Vec<usize> = (0..count)
         .filter(|&i| {
             i != reference
-                && maps[i].as_ref().is_none_or(|m| m.source == EstimateSource::Law && m.sigma > MAX_PREDICTED_SIGMA)
+                && solution[i].as_ref().is_none_or(|m| m.source == EstimateSource::Law && m.sigma > MAX_PREDICTED_SIGMA)
         })
         .collect();
-    if !lost.is_empty() {
-        let worst = lost.iter().filter_map(|&i| maps[i].as_ref().map(|m| m.sigma)).fold(0.0, f64::max);
+    if !unmeasured.is_empty() {
+        let worst = unmeasured.iter().filter_map(|&i| solution[i].as_ref().map(|m| m.sigma)).fold(0.0, f64::max);
         let why = if worst > 0.0 {
             format!(
-                ", and from the other slices they could be predicted to {worst:.1} px only ({MAX_PREDICTED_SIGMA} px is allowed)"
+                ", and predicted from the other slices their corners are uncertain by {worst:.1} px (the limit is {MAX_PREDICTED_SIGMA} px)"
             )
         } else {
-            ", and too few other slices could be to predict them".to_owned()
+            ", and too few other slices were measured to predict them".to_owned()
         };
-        return Err(unmeasured_slices(slices, &lost, &why).into());
+        return Err(unmeasured_slices(slices, &unmeasured, &why).into());
     }
     let all_gains = gains::of(tracked, reference, &positions);
     let mut out = Vec::with_capacity(count);
-    for (index, map) in maps.into_iter().enumerate() {
+    for (index, map) in solution.into_iter().enumerate() {
         let solved = match map {
             Some(map) if index != reference => {
                 solved_slice(map, &inliers[index], tracked, index, base, all_gains[index])
@@ -183,7 +183,9 @@ pub(super) fn solve(
         };
         if let Some(why) = solved.homography.objection(width, height) {
             let name = slices.name(index);
-            let detail = format!("the homography of {name} (slice {index}) {why}: this is no view of the same target");
+            let detail = format!(
+                "the homography of {name} (slice {index}) {why}: check that it shows the same target as the reference slice"
+            );
             return Err(Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(index as u32)).into());
         }
         out.push(solved);
@@ -202,7 +204,7 @@ pub(super) fn solve(
     })
 }
 
-/// Positions by scale where there are any, continued by ordinary steps where there are none.
+/// Positions derived from the scales, extended by ordinary steps where there are none.
 fn filled(positions_by_scale: &[Option<(f64, f64)>], positions: &[f64]) -> Vec<f64> {
     let known: Vec<usize> = (0..positions_by_scale.len()).filter(|&i| positions_by_scale[i].is_some()).collect();
     (0..positions_by_scale.len())
@@ -236,21 +238,21 @@ fn reference_slice(base: &Detection) -> Solved {
 }
 
 fn solved_slice(
-    map: Estimate,
+    estimate: Estimate,
     inliers: &Inliers,
     tracked: &Tracked,
     index: usize,
     base: &Detection,
     gain: Gain,
 ) -> Solved {
-    let interpolated = map.source == EstimateSource::Law;
+    let interpolated = estimate.source == EstimateSource::Law;
     let far = |label: &Label, at: [f64; 2]| {
         base.dots
             .get(label)
-            .is_some_and(|b| robust::transfer_error(&map.homography, &(at, b.at)) > MISTAKEN * base.pitch)
+            .is_some_and(|b| robust::transfer_error(&estimate.homography, &(at, b.at)) > MISTAKEN * base.pitch)
     };
     let used = |label: &Label, at: [f64; 2]| match inliers.is_inlier.get(label) {
-        // a grid that was mistaken by half a step
+        // the grid was mistaken by half a step
         _ if interpolated && far(label, at) => DotUse::Outlier,
         _ if interpolated => DotUse::Unused,
         Some(true) => DotUse::Inlier,
@@ -262,19 +264,19 @@ fn solved_slice(
         measured.map(|(label, d)| Dot { label: *label, at: d.at, sigma: d.sigma, used: used(label, d.at) }).collect();
     let inliers = dots.iter().filter(|d| d.used == DotUse::Inlier);
     let mut errors: Vec<f64> = inliers
-        .filter_map(|d| base.dots.get(&d.label).map(|b| robust::transfer_error(&map.homography, &(d.at, b.at))))
+        .filter_map(|d| base.dots.get(&d.label).map(|b| robust::transfer_error(&estimate.homography, &(d.at, b.at))))
         .collect();
     let rms = (!errors.is_empty()).then(|| (errors.iter().map(|m| m * m).sum::<f64>() / errors.len() as f64).sqrt());
     Solved {
-        homography: map.homography,
-        by_law: map.by_law,
+        homography: estimate.homography,
+        by_law: estimate.by_law,
         gain: gain.value,
         gain_sigma: gain.sigma,
-        corner_sigma: map.sigma,
+        corner_sigma: estimate.sigma,
         rms,
         p95: rms.map(|_| quantile(&mut errors, 0.95)),
         dots,
-        off_law: map.off_law,
+        off_law: estimate.off_law,
         interpolated,
     }
 }

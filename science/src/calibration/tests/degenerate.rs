@@ -1,4 +1,4 @@
-//! Calibration of what is no good target, or not quite one.
+//! Calibration of unusable and degraded targets, and of degenerate stacks.
 
 use std::sync::Mutex;
 
@@ -11,20 +11,20 @@ use crate::types::{Cancelled, Homography, NoControl};
 fn fault(rasters: &[Raster]) -> Error {
     match calibrate(&Stack(rasters), &CalibrationOptions::default(), &NoControl) {
         Err(Interrupted::Failed(fault)) => fault,
-        Err(Interrupted::Cancelled(_)) => panic!("nobody cancelled"),
+        Err(Interrupted::Cancelled(_)) => panic!("not cancelled"),
         Ok(calibration) => panic!("measured: {}", calibration.verdict),
     }
 }
 
-/// The last slice blurred until nothing of the grid is left.
-fn with_a_blind_end(count: usize) -> (Vec<Raster>, Vec<Homography>) {
+/// A stack whose last slice is blank.
+fn with_a_blank_end(count: usize) -> (Vec<Raster>, Vec<Homography>) {
     let (mut rasters, truths) = stack(&Shot::default(), count, 1.0, 0, 0.0);
     rasters[count - 1] = Raster::eight(480, 360, 1, vec![140; 480 * 360]);
     (rasters, truths)
 }
 
 #[test]
-fn pictures_without_a_grid_are_refused_by_name() {
+fn slices_without_a_grid_are_refused_by_name() {
     let mut noise = Noise(5);
     let even = |width: usize, height: usize, value: u8| Raster::eight(width, height, 1, vec![value; width * height]);
     let speckle = Raster::eight(300, 200, 1, (0..60_000).map(|_| (128.0 + 60.0 * noise.even()) as u8).collect());
@@ -61,7 +61,7 @@ fn one_slice_and_a_reference_beyond_the_stack_are_refused() {
 #[test]
 fn a_mirrored_slice_is_refused() {
     let mut rasters: Vec<Raster> = Vec::new();
-    // keystone tells left from right even in a grid that is the same mirrored
+    // the keystone makes mirrored images differ even for a grid that is its own mirror image
     let bent = Homography([1.0, 0.02, 5.0, 0.01, 1.0, -3.0, 2.5e-4, 1.2e-4, 1.0]);
     for k in 0..3 {
         rasters.push(render(&Shot { homography: bent, seed: k, vignetting: 0.0, ..Shot::default() }));
@@ -69,17 +69,17 @@ fn a_mirrored_slice_is_refused() {
     if let Samples::Eight(samples) = &mut rasters[2].samples {
         samples.chunks_exact_mut(480).for_each(<[u8]>::reverse);
     }
-    // either refused, or measured as the unmirrored map that the grid allows: never a mirrored homography
+    // either refused, or measured as the unmirrored transform that the grid allows: never a mirrored homography
     match calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl) {
         Err(Interrupted::Failed(fault)) => assert_eq!(fault.kind, ErrorKind::TargetNotFound),
-        Err(Interrupted::Cancelled(_)) => panic!("nobody cancelled"),
+        Err(Interrupted::Cancelled(_)) => panic!("not cancelled"),
         Ok(calibration) => assert!(calibration.slices.iter().all(|s| s.homography.matrix().determinant() > 0.0)),
     }
 }
 
 #[test]
-fn a_slice_that_shows_nothing_is_predicted_when_the_others_lie_on_a_line() {
-    let (rasters, truths) = with_a_blind_end(5);
+fn a_blank_slice_is_predicted_from_the_rail_law() {
+    let (rasters, truths) = with_a_blank_end(5);
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl).expect("a calibration");
     let last = &calibration.slices[4];
     assert!(last.interpolated && last.rms_px.is_none() && last.inliers == Some(0));
@@ -91,8 +91,8 @@ fn a_slice_that_shows_nothing_is_predicted_when_the_others_lie_on_a_line() {
 }
 
 #[test]
-fn a_slice_that_shows_nothing_is_refused_by_name_when_too_few_others_are_there() {
-    let (rasters, _) = with_a_blind_end(3);
+fn a_blank_slice_is_refused_by_name_when_there_are_too_few_others() {
+    let (rasters, _) = with_a_blank_end(3);
     let fault = fault(&rasters);
     assert_eq!(fault.kind, ErrorKind::TargetNotFound);
     assert!(fault.detail.contains("c.png"), "{}", fault.detail);
@@ -113,7 +113,7 @@ fn the_reference_need_not_be_the_sharpest_slice() {
     let way = truths[0].inverse().expect("regular");
     let to_first: Vec<Homography> = truths.iter().map(|t| t.then(&way).expect("regular")).collect();
     assert!(worst_corner(&calibration, &to_first) < 0.1);
-    let magnification = calibration.magnification.expect("both pitches were told");
+    let magnification = calibration.magnification.expect("both pitches were specified");
     assert!((magnification - calibration.dot_pitch_px * 0.01 / 0.5).abs() < 1e-12);
     assert!((calibration.dot_pitch_px * truths[0].scale_at([240.0, 180.0]) / 30.0 - 1.0).abs() < 0.01);
 }
@@ -167,7 +167,7 @@ fn dust_and_a_scratch_cost_no_accuracy() {
 }
 
 #[test]
-fn clipped_white_is_warned_of() {
+fn clipped_white_is_reported() {
     let (rasters, _) = stack(&Shot { white: 330.0, ..Shot::default() }, 3, 1.0, 2, 0.0);
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl).expect("a calibration");
     assert!(calibration.warnings.iter().any(|w| w.code == "clipped_white"), "{:?}", calibration.warnings);
@@ -186,7 +186,7 @@ fn the_same_pictures_give_the_same_numbers_on_one_thread_and_on_many() {
 }
 
 #[test]
-fn cancelling_ends_it_and_progress_only_grows() {
+fn cancellation_stops_the_calibration_and_progress_reaches_the_end() {
     struct Watch(Mutex<Vec<(&'static str, usize, usize)>>, usize);
     impl Control for Watch {
         fn progress(&self, stage: &'static str, completed: usize, total: usize) {
@@ -211,7 +211,7 @@ fn cancelling_ends_it_and_progress_only_grows() {
 }
 
 #[test]
-fn the_overlay_marks_the_dots_and_leaves_the_rest() {
+fn the_overlay_marks_the_dots_and_nothing_else() {
     let (rasters, _) = stack(&Shot::default(), 2, 1.0, 10, 0.0);
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl).expect("a calibration");
     let picture = overlay(&rasters[0], &calibration, 0);

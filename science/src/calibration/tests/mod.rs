@@ -1,4 +1,4 @@
-//! Calibration as a whole, on targets whose truth is known.
+//! Calibration end to end, on targets with known truth.
 
 use std::path::PathBuf;
 
@@ -82,7 +82,7 @@ pub(super) fn show(calibration: &Calibration, truths: &[Homography]) {
     println!("{:?} fill {:.3}", calibration.model, calibration.report.target.fill);
 }
 
-/// Slices in memory, seen through the trait.
+/// Slices in memory.
 pub(super) struct Stack<'a>(pub &'a [Raster]);
 
 impl Slices for Stack<'_> {
@@ -165,7 +165,7 @@ fn the_turntable_target_is_measured_to_a_tenth_of_a_pixel() {
         .map(|k| {
             let dz = f64::from(k) - 4.0;
             let s = d2(141.042) / d2(141.042 + 3.0 * dz);
-            // about the middle of the picture, with a drift of (0.6, 0.35) px per slice
+            // about the image centre, with a drift of (0.6, 0.35) px per slice
             Homography::similarity(s, [404.5 * (1.0 - s) - s * 0.6 * dz, 269.5 * (1.0 - s) - s * 0.35 * dz])
         })
         .collect();
@@ -183,7 +183,7 @@ fn the_turntable_target_is_measured_to_a_tenth_of_a_pixel() {
     }
 }
 
-/// A rig of `src/synth`, the target in front of it, what was measured, and the truth.
+/// Renders a target on a rig of [`crate::synth`] and calibrates it. Returns the calibration and the truth.
 fn on_rig(rig: &Rig, columns: usize) -> (Calibration, Vec<Homography>) {
     let target = DotTarget::for_rig(rig, columns);
     let slices = Rendered::target(rig, &target);
@@ -196,7 +196,7 @@ fn on_rig(rig: &Rig, columns: usize) -> (Calibration, Vec<Homography>) {
 }
 
 #[test]
-fn rigs_with_all_imperfections_are_measured_whatever_their_seed() {
+fn rigs_with_all_imperfections_are_measured_for_every_seed() {
     for seed in [1, 2, 3] {
         let rig = Rig { seed, noise: 2.0, channels: 1, ..Rig::sized(400, 300, 4) };
         let (calibration, truths) = on_rig(&rig, 14);

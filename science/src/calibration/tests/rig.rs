@@ -1,4 +1,4 @@
-//! Calibration on synthetic rigs that did what rigs do: blur too much, lose a slice, get bumped, stand askew.
+//! Calibration on synthetic rigs with defects: too much blur, a missing slice, a bump, a tilted target.
 
 use super::super::*;
 use super::worst_corner;
@@ -22,7 +22,7 @@ fn truths(rig: &Rig) -> Vec<Homography> {
     (0..rig.slices()).map(|i| rig.homography(i)).collect()
 }
 
-/// The rig with an aperture that blurs the target by this share of its pitch at the worse end of the stack.
+/// The rig with an aperture that gives this blur radius, as a share of the pitch, at the more blurred end of the stack.
 fn blurred(rig: Rig, target: &DotTarget, share: f64) -> Rig {
     let last = rig.slices() - 1;
     let now = [0, last].map(|i| target.blur_radius_px(&rig, i) / target.pitch_px(&rig, i));
@@ -39,7 +39,7 @@ fn sentence<'a>(calibration: &'a Calibration, code: &str) -> &'a str {
 }
 
 #[test]
-fn blur_up_to_the_pitch_times_045_is_measured_and_beyond_it_the_rail_helps() {
+fn blur_up_to_045_of_the_pitch_is_measured_and_beyond_it_the_rail_law_predicts() {
     for share in [0.45, 0.7] {
         let plain = rig(9);
         let target = DotTarget::for_rig(&plain, 16);
@@ -62,7 +62,7 @@ fn blur_up_to_the_pitch_times_045_is_measured_and_beyond_it_the_rail_helps() {
 }
 
 #[test]
-fn a_slice_that_is_missing_and_one_too_many_are_named_and_do_no_harm() {
+fn a_missing_and_a_doubled_slice_are_reported_and_do_no_harm() {
     let rig = rig(11);
     let target = DotTarget::for_rig(&rig, 16);
     let mut pictures = target_stack(&rig, &target);
@@ -76,7 +76,7 @@ fn a_slice_that_is_missing_and_one_too_many_are_named_and_do_no_harm() {
     let calibration = with(&pictures, &reference);
     assert!(codes(&calibration).contains(&"slice_missing"), "{:?}", calibration.warnings);
     assert!(codes(&calibration).contains(&"slice_doubled"), "{:?}", calibration.warnings);
-    // the fifth slice of the eleven is the reference now, and was the sixth of the rig
+    // the fifth of the eleven slices is the reference now; the rig's own was the sixth
     let to_reference = expected[4].inverse().expect("regular");
     let rebased: Vec<Homography> = expected.iter().map(|h| h.then(&to_reference).expect("regular")).collect();
     let worst = worst_corner(&calibration, &rebased);
@@ -84,7 +84,7 @@ fn a_slice_that_is_missing_and_one_too_many_are_named_and_do_no_harm() {
 }
 
 #[test]
-fn a_rig_that_was_bumped_is_named_with_the_slice() {
+fn a_bump_is_reported_with_its_size() {
     let rig = Rig { drift_px: [1.0, 0.5], ..rig(11) };
     let target = DotTarget::for_rig(&rig, 16);
     let mut pictures = target_stack(&rig, &target);
@@ -98,21 +98,21 @@ fn a_rig_that_was_bumped_is_named_with_the_slice() {
 }
 
 #[test]
-fn what_moved_is_told_and_a_wrong_belief_is_contradicted() {
+fn the_capture_mode_is_found_and_a_wrong_specification_is_reported() {
     let fixed = Rig { drift_px: [0.0; 2], rotation_deg: 0.0, keystone: [0.0; 2], noise: 0.5, ..rig(9) };
     let target = DotTarget::for_rig(&fixed, 16);
-    let told = CalibrationOptions { capture_mode: Some(CaptureMode::MovingLens), ..CalibrationOptions::default() };
-    let calibration = with(&target_stack(&fixed, &target), &told);
+    let options = CalibrationOptions { capture_mode: Some(CaptureMode::MovingLens), ..CalibrationOptions::default() };
+    let calibration = with(&target_stack(&fixed, &target), &options);
     assert_eq!(calibration.report.capture.found, Some(CaptureMode::FixedLens), "{:?}", calibration.report.capture);
     assert!(sentence(&calibration, "capture_mode_disagrees").contains("a fixed lens"));
 }
 
 #[test]
-fn what_is_told_of_rail_and_target_gives_the_principal_distance_two_ways() {
+fn rail_positions_and_target_pitch_give_the_principal_distance_independently() {
     let rig = rig(9);
     let target = DotTarget::for_rig(&rig, 16);
     let options = CalibrationOptions {
-        // the renderer counts the sensor's way from the lens, and begins far from it
+        // the renderer counts positions of the sensor away from the lens
         rail_positions_mm: Some(rig.rail_mm.iter().map(|z| -z).collect()),
         focal_mm: Some(rig.focal_mm),
         pixel_pitch_mm: Some(rig.pixel_pitch_mm),
@@ -130,17 +130,17 @@ fn what_is_told_of_rail_and_target_gives_the_principal_distance_two_ways() {
 }
 
 #[test]
-fn the_family_that_was_asked_for_is_used_and_all_are_reported() {
+fn the_requested_model_is_used_and_all_models_are_reported() {
     let rig = rig(7);
     let target = DotTarget::for_rig(&rig, 14);
     let pictures = target_stack(&rig, &target);
-    for (asked, model) in [
+    for (requested, model) in [
         (ModelChoice::RailLinear, HomographyModel::RailLinear),
         (ModelChoice::Similarity, HomographyModel::Similarity),
         (ModelChoice::Affine, HomographyModel::Affine),
         (ModelChoice::Homography, HomographyModel::Homography),
     ] {
-        let calibration = with(&pictures, &CalibrationOptions { model: asked, ..CalibrationOptions::default() });
+        let calibration = with(&pictures, &CalibrationOptions { model: requested, ..CalibrationOptions::default() });
         assert_eq!(calibration.model, model);
         let report = &calibration.report;
         assert_eq!(report.candidates.iter().filter(|c| c.chosen).map(|c| c.model).collect::<Vec<_>>(), [model]);
@@ -168,13 +168,13 @@ fn grids_at_any_angle_asymmetric_ones_and_ones_with_gaps_are_measured() {
 }
 
 #[test]
-fn a_target_seen_obliquely_among_other_things_or_on_a_monitor_is_refused_or_solved_never_mistaken() {
+fn an_oblique_target_or_one_on_a_monitor_is_refused_or_solved_correctly() {
     let rig = rig(5);
     for target in [DotTarget::oblique(&rig, 14), DotTarget::on_monitor(&rig, 14)] {
         let pictures = target_stack(&rig, &target);
         match calibrate(&&pictures[..], &CalibrationOptions::default(), &NoControl) {
             Err(Interrupted::Failed(fault)) => assert_eq!(fault.kind, ErrorKind::TargetNotFound, "{fault}"),
-            Err(Interrupted::Cancelled(_)) => panic!("nobody cancelled"),
+            Err(Interrupted::Cancelled(_)) => panic!("not cancelled"),
             Ok(calibration) => {
                 let worst = worst_corner(&calibration, &truths(&rig));
                 assert!(worst < 0.5, "{worst}: {}", calibration.verdict);

@@ -1,7 +1,7 @@
 //! HTML building blocks: escaped text, formatted numbers, tables.
 
-/// Escapes any text for use between tags and inside quoted attributes. Control and bidirectional characters, which could
-/// hide or reorder the text after them, become visible replacement characters.
+/// Escapes any text for use between tags and inside quoted attributes. Control and bidirectional characters, which
+/// could hide or reorder the text after them, become visible replacement characters.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -72,8 +72,8 @@ pub(super) fn at(value: f64) -> String {
     }
 }
 
-/// A table in a box that scrolls sideways on a narrow screen. `heads` and cells are HTML; each row has a class, which may
-/// be empty.
+/// A table in a box that scrolls sideways on a narrow screen. `heads` and cells are HTML; each row has a class, which
+/// may be empty.
 pub(super) fn table(label: &str, heads: &[&str], rows: &[(&str, Vec<String>)]) -> String {
     let head: String = heads.iter().map(|head| format!("<th scope=\"col\">{head}</th>")).collect();
     let body: String = rows

@@ -1,4 +1,5 @@
-//! A report for the tests: a fixed-lens rig, by default 13 slices, the last one interpolated, two outliers in the third.
+//! A report for the tests: a fixed-lens rig, by default 13 slices, the last one interpolated, two outliers in the
+//! third.
 
 use pinstack_science::types::{
     Warning,
