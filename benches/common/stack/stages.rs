@@ -74,12 +74,14 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
                 let going_on = || Ok::<(), Cancelled>(());
                 match archive.front().load(i).expect("a slice").samples {
                     Samples::Eight(samples) => {
-                        eights =
-                            watch.time(|| warp(i).apply_unless(samples, 3, eights, going_on)).expect("not cancelled");
+                        eights = watch
+                            .time(|| warp(i).resample_cancellable(samples, 3, eights, going_on))
+                            .expect("not cancelled");
                     }
                     Samples::Sixteen(samples) => {
-                        sixteens =
-                            watch.time(|| warp(i).apply_unless(samples, 3, sixteens, going_on)).expect("not cancelled");
+                        sixteens = watch
+                            .time(|| warp(i).resample_cancellable(samples, 3, sixteens, going_on))
+                            .expect("not cancelled");
                     }
                 }
             }

@@ -13,7 +13,7 @@ use std::{
 
 use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
 
-use super::{ArchiveLimits, kind, names, picture, window::Window};
+use super::{ArchiveLimits, member_names, members::Member, not_a_zip, png_trailer, seek_window::SeekWindow};
 use crate::{
     imaging::codec::{self, Header, ImageFault},
     types::{Error, ErrorKind},
@@ -23,7 +23,7 @@ use crate::{
 const LARGEST_RATIO: u64 = 1_100;
 
 /// Where the bytes of a zip lie.
-enum Source {
+enum ZipBytes {
     Disk(File),
     Memory(Vec<u8>),
     /// A disk that fails while a test says so.
@@ -31,7 +31,7 @@ enum Source {
     Failing(Vec<u8>, Arc<std::sync::atomic::AtomicBool>),
 }
 
-impl Source {
+impl ZipBytes {
     fn length(&self) -> io::Result<u64> {
         match self {
             Self::Disk(file) => Ok(file.metadata()?.len()),
@@ -70,19 +70,19 @@ impl Source {
 
 /// A source that many readers read at places of their own, with a budget of bytes that can be closed and opened.
 #[derive(Clone)]
-struct Shared {
-    source: Arc<Source>,
+struct SharedReader {
+    source: Arc<ZipBytes>,
     length: u64,
     at: u64,
     budget: Arc<AtomicU64>,
-    failure: Failure,
+    failure: DiskFailure,
 }
 
 /// The last error of the disk. Libraries wrap it beyond recognition; it must not be blamed on the content of the zip.
 #[derive(Clone, Default)]
-struct Failure(Arc<Mutex<Option<io::Error>>>);
+struct DiskFailure(Arc<Mutex<Option<io::Error>>>);
 
-impl Failure {
+impl DiskFailure {
     fn note(&self, error: &io::Error) {
         let noted = error.raw_os_error().map_or_else(|| error.kind().into(), io::Error::from_raw_os_error);
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(noted);
@@ -98,7 +98,7 @@ impl Failure {
 /// What a read beyond the budget says, to be told from other errors.
 const BUDGET_SPENT: &str = "directory budget spent";
 
-impl Read for Shared {
+impl Read for SharedReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.source.read_at(buffer, self.at).inspect_err(|error| self.failure.note(error))?;
         let spend = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(read as u64) };
@@ -110,7 +110,7 @@ impl Read for Shared {
     }
 }
 
-impl Seek for Shared {
+impl Seek for SharedReader {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let target = match to {
             SeekFrom::Start(at) => Some(at),
@@ -122,35 +122,22 @@ impl Seek for Shared {
     }
 }
 
-/// One entry of the directory.
-#[derive(Debug, Clone)]
-pub(super) struct Member {
-    /// Position in the directory.
-    pub index: usize,
-    /// Name with `/` between folders, as it is shown.
-    pub name: String,
-    /// Declared size, unpacked.
-    pub size: u64,
-    /// The name is neither UTF-8 nor, by its letters, in code page 437.
-    pub unclear_name: bool,
-}
-
 /// An open zip. Cheap to clone; clones read independently of each other.
 #[derive(Clone)]
 pub(super) struct Container {
-    zip: ZipArchive<Shared>,
-    failure: Failure,
+    zip: ZipArchive<SharedReader>,
+    failure: DiskFailure,
 }
 
 impl Container {
     /// Reads the directory of a file.
     pub(super) fn open(path: &Path, limits: &ArchiveLimits) -> Result<Self, Error> {
-        Self::of(Source::Disk(File::open(path).map_err(unreadable)?), limits)
+        Self::of(ZipBytes::Disk(File::open(path).map_err(unreadable)?), limits)
     }
 
     /// Reads the directory of a small zip that is in memory.
     pub(super) fn in_memory(bytes: Vec<u8>, limits: &ArchiveLimits) -> Result<Self, Error> {
-        Self::of(Source::Memory(bytes), limits)
+        Self::of(ZipBytes::Memory(bytes), limits)
     }
 
     /// Reads the directory of a zip on a disk that fails (EIO) while `fails` is set.
@@ -160,22 +147,22 @@ impl Container {
         fails: Arc<std::sync::atomic::AtomicBool>,
         limits: &ArchiveLimits,
     ) -> Result<Self, Error> {
-        Self::of(Source::Failing(bytes, fails), limits)
+        Self::of(ZipBytes::Failing(bytes, fails), limits)
     }
 
-    fn of(source: Source, limits: &ArchiveLimits) -> Result<Self, Error> {
-        let failure = Failure::default();
+    fn of(source: ZipBytes, limits: &ArchiveLimits) -> Result<Self, Error> {
+        let failure = DiskFailure::default();
         failure.explain(Self::checked(source, limits, &failure))
     }
 
-    fn checked(source: Source, limits: &ArchiveLimits, failure: &Failure) -> Result<Self, Error> {
+    fn checked(source: ZipBytes, limits: &ArchiveLimits, failure: &DiskFailure) -> Result<Self, Error> {
         let length = source.length().map_err(unreadable)?;
-        let head = refuse_what_is_no_zip(&source, length).map_err(unreadable)??;
+        let head = refuse_other_files(&source, length).map_err(unreadable)??;
         let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
 
         let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
         let shared =
-            Shared { source: Arc::new(source), length, at: 0, budget: budget.clone(), failure: failure.clone() };
+            SharedReader { source: Arc::new(source), length, at: 0, budget: budget.clone(), failure: failure.clone() };
         let directory_fault = |error: ZipError| match error {
             ZipError::Io(error) if error.to_string() == BUDGET_SPENT => Error::new(
                 ErrorKind::ArchiveTooLarge,
@@ -229,8 +216,8 @@ impl Container {
                 Ok(name) => name.into_owned(),
                 Err(_) => String::from_utf8_lossy(entry.name_raw()).into_owned(),
             };
-            let unclear_name = names::is_of_another_code_page(entry.name_raw());
-            let Some(name) = names::checked(&raw)? else { continue };
+            let unclear_name = member_names::is_of_another_code_page(entry.name_raw());
+            let Some(name) = member_names::checked(&raw)? else { continue };
             if entry.is_symlink() {
                 return Err(super::invalid(
                     &name,
@@ -281,7 +268,8 @@ impl Container {
         let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
         // one byte more than declared shows a member that is larger than it says
         let mut entry = entry.take(member.size.saturating_add(1));
-        let unpacked = picture::read(&mut entry, &mut bytes).map_err(|error| damaged(&member.name, &error))?;
+        let unpacked =
+            png_trailer::read_without(&mut entry, &mut bytes).map_err(|error| damaged(&member.name, &error))?;
         if unpacked != member.size {
             return Err(damaged(&member.name, &"it does not have the size that the directory tells"));
         }
@@ -313,7 +301,7 @@ impl Container {
             return codec::probe(BufReader::new(entry), &limits.image).map(Some).map_err(picture_fault);
         }
         let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
-        let mut reader = BufReader::new(Window::new(entry, member.size, most));
+        let mut reader = BufReader::new(SeekWindow::new(entry, member.size, most));
         let header = codec::probe(&mut reader, &limits.image);
         if header.is_err() && reader.get_ref().was_stopped() {
             return Ok(None);
@@ -338,8 +326,8 @@ fn unreadable(error: io::Error) -> Error {
 
 /// A directory that does not fit the file, which begins with `head`.
 fn damaged_directory(why: &dyn std::fmt::Display, head: &[u8]) -> Error {
-    if kind::lost_line_ends(head) {
-        return Error::new(ErrorKind::InvalidArchive, kind::LOST_LINE_ENDS);
+    if not_a_zip::lost_line_ends(head) {
+        return Error::new(ErrorKind::InvalidArchive, not_a_zip::LOST_LINE_ENDS);
     }
     let detail =
         format!("the zip is damaged{}; was the upload cut off? Make it again and send it again", in_brackets(why));
@@ -374,13 +362,13 @@ fn method_name(method: CompressionMethod) -> String {
 }
 
 /// Refuses files that are no zip, and zips that end early. Gives the first bytes.
-fn refuse_what_is_no_zip(file: &Source, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
-    let mut head = vec![0; length.min(kind::HEAD_BYTES) as usize];
+fn refuse_other_files(file: &ZipBytes, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
+    let mut head = vec![0; length.min(not_a_zip::HEAD_BYTES) as usize];
     file.read_exact_at(&mut head, 0)?;
-    let tail_length = length.min(kind::END_RECORD_BYTES);
+    let tail_length = length.min(not_a_zip::END_RECORD_BYTES);
     let mut tail = vec![0; tail_length as usize];
     file.read_exact_at(&mut tail, length - tail_length)?;
-    Ok(match kind::objection(&head, &tail, length) {
+    Ok(match not_a_zip::diagnose(&head, &tail, length) {
         Some(detail) => Err(Error::new(ErrorKind::InvalidArchive, detail)),
         None => Ok(head),
     })

@@ -3,41 +3,25 @@
 use std::collections::{BTreeMap, HashMap};
 
 use super::{
-    ArchiveLimits, container::Container, container::Member, invalid, light::Light, listed, manifest, names, order,
+    ArchiveLimits,
+    container::Container,
+    invalid,
+    light::Light,
+    listed, manifest, member_names,
+    members::{Member, Picture, SortedSlices},
+    natural_order,
 };
 use crate::{
     imaging::codec,
     types::{Error, ErrorKind, Warning, profile::MAX_SLICES},
 };
 
-/// A picture and where it lies.
-pub(super) struct Picture {
-    /// The member.
-    pub member: Member,
-    /// Its name without the folders around everything.
-    pub inner: String,
-}
-
-impl Picture {
-    /// The light that its folder stands for, and its name within that folder.
-    pub(super) fn in_light_folder(&self) -> Option<(Light, &str)> {
-        let (folder, rest) = self.inner.split_once('/')?;
-        Some((Light::of_folder(folder)?, rest))
-    }
-}
-
-/// The slices of both lights, in order.
-pub(super) struct Sorted {
-    pub front: Vec<Member>,
-    pub back: Vec<Member>,
-}
-
 /// Finds the slices among the members, sorts them by light and puts them in order.
 pub(super) fn sort(
     container: &Container,
     limits: &ArchiveLimits,
     warnings: &mut Vec<Warning>,
-) -> Result<Sorted, Error> {
+) -> Result<SortedSlices, Error> {
     let members = container.members()?;
     refuse_same_names(&members)?;
     warn_of_names(&members, warnings);
@@ -57,9 +41,9 @@ pub(super) fn sort(
         Some((_, manifest)) => manifest.apply(pictures)?,
         None => {
             let (mut front, mut back) = by_folder(pictures)?;
-            order::sort(&mut front, |member| &member.name, warnings);
-            order::sort(&mut back, |member| &member.name, warnings);
-            Sorted { front, back }
+            natural_order::sort(&mut front, |member| &member.name, warnings);
+            natural_order::sort(&mut back, |member| &member.name, warnings);
+            SortedSlices { front, back }
         }
     };
     refuse_extremes(&sorted)?;
@@ -130,7 +114,7 @@ fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<(Vec<Membe
             others.push(member);
         }
     }
-    let stem_of = |member: &Member| names::stem(&member.name).to_lowercase();
+    let stem_of = |member: &Member| member_names::stem(&member.name).to_lowercase();
     let stems: std::collections::HashSet<String> = pictures.iter().map(stem_of).collect();
     if let Some((member, format)) = raw.iter().find(|(member, _)| !stems.contains(&stem_of(member))) {
         return Err(codec::ImageFault::Raw(format).in_file(&member.name, None));
@@ -170,7 +154,7 @@ fn refuse_twins(pictures: &[Picture]) -> Result<(), Error> {
     let mut seen: HashMap<String, &str> = HashMap::new();
     for picture in pictures {
         let name = &picture.member.name;
-        if let Some(other) = seen.insert(names::stem(name).to_lowercase(), name) {
+        if let Some(other) = seen.insert(member_names::stem(name).to_lowercase(), name) {
             let detail = format!("{other} and {name} look like one slice in two formats; keep only one of the formats");
             return Err(invalid(name, detail));
         }
@@ -228,7 +212,7 @@ fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Error
 /// Folders, and a picture in each, of which no light is known.
 fn strange_folders(strange: &BTreeMap<String, String>) -> String {
     let folders = listed(strange.keys().map(String::as_str));
-    let looks_like_a_view = |folder: &String| names::base(folder).bytes().any(|byte| byte.is_ascii_digit());
+    let looks_like_a_view = |folder: &String| member_names::base(folder).bytes().any(|byte| byte.is_ascii_digit());
     if strange.len() > 1 && strange.keys().all(looks_like_a_view) {
         return format!(
             "the pictures lie in {} folders that are neither front nor back ({folders}), like the views of a scan; \
@@ -260,7 +244,7 @@ fn in_one_folder(pictures: Vec<Picture>, light: Light) -> Result<Vec<Member>, Er
 
 /// What the directory alone tells of the number of slices; the rest waits until the headers were looked at, which may
 /// say why there are too many or too few.
-fn refuse_extremes(sorted: &Sorted) -> Result<(), Error> {
+fn refuse_extremes(sorted: &SortedSlices) -> Result<(), Error> {
     let (front, back) = (sorted.front.len(), sorted.back.len());
     if front == 0 {
         let detail = format!("the zip has {back} back-light slices and no front-light slices; add the folder front/");

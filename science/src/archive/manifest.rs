@@ -6,11 +6,11 @@ use serde::Deserialize;
 
 use super::{
     ArchiveLimits,
-    container::{Container, Member},
+    container::Container,
     invalid,
-    layout::{Picture, Sorted},
     light::Light,
-    listed, names,
+    listed, member_names,
+    members::{Member, Picture, SortedSlices},
 };
 use crate::types::{Error, Warning};
 
@@ -64,7 +64,7 @@ pub(super) fn find(
 impl Manifest {
     /// The pictures in the order of the manifest. Every picture must be named once, and every name must be there:
     /// a slice that is left out or counted twice would shift all others against the profile.
-    pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<Sorted, Error> {
+    pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<SortedSlices, Error> {
         let mut pictures = Pictures::new(pictures);
         let front = pictures.take(&self.front, Light::Front)?;
         let back = pictures.take(&self.back, Light::Back)?;
@@ -73,7 +73,7 @@ impl Manifest {
             let detail = format!("{FILE} does not name {}; name every picture of the zip", listed(unnamed));
             return Err(invalid(first, detail));
         }
-        Ok(Sorted { front, back })
+        Ok(SortedSlices { front, back })
     }
 }
 
@@ -104,7 +104,7 @@ impl Pictures {
     fn take(&mut self, named: &[String], light: Light) -> Result<Vec<Member>, Error> {
         let mut out = Vec::new();
         for name in named {
-            let Some(label) = names::checked(name)? else {
+            let Some(label) = member_names::checked(name)? else {
                 return Err(invalid(name, format!("{FILE} names {name:?}, which cannot be a slice")));
             };
             let small = label.to_lowercase();

@@ -14,20 +14,21 @@
 //! - Stored, deflated and deflate64 members, zip64, data descriptors, backslashes, names in UTF-8 or code page 437.
 
 mod container;
-mod counts;
-mod gaps;
 mod headers;
-mod kind;
 mod layout;
 mod light;
 mod manifest;
-mod names;
+mod member_names;
+mod members;
+mod natural_order;
+mod not_a_zip;
 pub mod npy;
 pub mod npz;
-mod order;
-mod picture;
+mod numbering_gaps;
+mod png_trailer;
+mod seek_window;
+mod slice_counts;
 mod slices;
-mod window;
 
 use std::path::Path;
 
@@ -37,9 +38,9 @@ use crate::{
 };
 
 pub use container::pack;
-pub use gaps::skipped;
 pub use light::Light;
-pub use order::natural_order;
+pub use natural_order::natural_order;
+pub use numbering_gaps::skipped;
 pub use slices::ArchivedSlices;
 
 use container::Container;
@@ -156,7 +157,7 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
     let back = ArchivedSlices::new(container, sorted.back, *limits);
     let common = headers::check(&front, &back, most, &mut warnings)?;
-    let largest = counts::refuse_large([&front, &back], u64::from(common.width) * u64::from(common.height))?;
+    let largest = slice_counts::refuse_large([&front, &back], u64::from(common.width) * u64::from(common.height))?;
     let layout = StackLayout {
         front: front.names(),
         back: back.names(),
@@ -167,7 +168,7 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
         orientation: common.orientation,
         largest_file_bytes: largest,
     };
-    counts::refuse(&layout)?;
+    slice_counts::refuse(&layout)?;
     Ok(StackArchive {
         layout,
         warnings,

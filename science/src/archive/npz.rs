@@ -4,8 +4,10 @@ use std::io;
 
 use super::{
     ArchiveLimits,
-    container::{Container, Member, pack},
-    listed, npy,
+    container::{Container, pack},
+    listed,
+    members::Member,
+    npy,
 };
 use crate::types::{Error, ErrorKind};
 
@@ -104,5 +106,4 @@ pub fn packed(arrays: impl IntoIterator<Item = (&'static str, Vec<u8>)>) -> io::
 }
 
 #[cfg(test)]
-#[path = "npz_tests.rs"]
 mod tests;

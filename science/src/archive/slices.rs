@@ -1,9 +1,6 @@
 //! Slices that are loaded from the zip when they are wanted.
 
-use super::{
-    ArchiveLimits,
-    container::{Container, Member},
-};
+use super::{ArchiveLimits, container::Container, members::Member};
 use crate::{
     imaging::{
         Raster, SliceError, Slices,

@@ -28,8 +28,6 @@ mod sealed {
 ///     fn of(_: &Samples) -> Option<&[Self]> { None }
 ///     fn from_samples(_: Samples) -> Option<Vec<Self>> { None }
 ///     fn wrap(_: Vec<Self>) -> Samples { Samples::Eight(Vec::new()) }
-///     fn to_bytes(_: &[Self], _: &mut Vec<u8>) {}
-///     fn from_bytes(_: &[u8], _: &mut [Self]) {}
 /// }
 /// ```
 pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send + Sync + 'static {
@@ -57,12 +55,6 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
 
     /// Samples of this kind as a raster holds them.
     fn wrap(samples: Vec<Self>) -> Samples;
-
-    /// Appends the samples to `bytes`, native endian.
-    fn to_bytes(samples: &[Self], bytes: &mut Vec<u8>);
-
-    /// Reads as many samples as fit `samples` back from `bytes`, native endian.
-    fn from_bytes(bytes: &[u8], samples: &mut [Self]);
 }
 
 impl Sample for u8 {
@@ -102,16 +94,6 @@ impl Sample for u8 {
     fn wrap(samples: Vec<Self>) -> Samples {
         Samples::Eight(samples)
     }
-
-    fn to_bytes(samples: &[Self], bytes: &mut Vec<u8>) {
-        bytes.extend_from_slice(samples);
-    }
-
-    fn from_bytes(bytes: &[u8], samples: &mut [Self]) {
-        for (sample, &byte) in samples.iter_mut().zip(bytes) {
-            *sample = byte;
-        }
-    }
 }
 
 impl Sample for u16 {
@@ -150,15 +132,5 @@ impl Sample for u16 {
 
     fn wrap(samples: Vec<Self>) -> Samples {
         Samples::Sixteen(samples)
-    }
-
-    fn to_bytes(samples: &[Self], bytes: &mut Vec<u8>) {
-        bytes.extend(samples.iter().flat_map(|sample| sample.to_ne_bytes()));
-    }
-
-    fn from_bytes(bytes: &[u8], samples: &mut [Self]) {
-        for (sample, pair) in samples.iter_mut().zip(bytes.chunks_exact(2)) {
-            *sample = Self::from_ne_bytes([pair[0], pair[1]]);
-        }
     }
 }

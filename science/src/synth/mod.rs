@@ -22,6 +22,6 @@ mod tests;
 pub use rig::Rig;
 pub use scene::Scene;
 pub use sensor::Light;
-pub use stack::{Rendered, render, scene_stack, target_stack, truth};
+pub use stack::{Rendered, render, target_stack, truth};
 pub use stage::{Stage, Truth};
 pub use target::{DotTarget, Flaws, Glare, Surround, render_target};

@@ -21,12 +21,6 @@ pub fn truth(rig: &Rig, scene: &Scene) -> Truth {
     Stage::new(rig, scene).truth()
 }
 
-/// All slices of `scene` under `light`, in memory.
-pub fn scene_stack(rig: &Rig, scene: &Scene, light: Light) -> Vec<Raster> {
-    let stage = Stage::new(rig, scene);
-    (0..rig.slices()).map(|i| stage.render(light, i)).collect()
-}
-
 /// All slices of `target`, in memory.
 pub fn target_stack(rig: &Rig, target: &DotTarget) -> Vec<Raster> {
     (0..rig.slices()).map(|i| render_target(rig, target, i)).collect()

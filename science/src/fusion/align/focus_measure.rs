@@ -36,7 +36,7 @@ impl FocusMeasure {
 
     /// The focus energy, with the coarse focus of `slices` slices of `width` x `height` px.
     pub(in crate::fusion) fn energy(width: usize, height: usize, slices: usize) -> Self {
-        Self::Energy(FocusEnergy::steady(), CoarseFocus::new(width, height, slices))
+        Self::Energy(FocusEnergy::for_decision_map(), CoarseFocus::new(width, height, slices))
     }
 
     /// Radius of the window that the measure depends on, px.

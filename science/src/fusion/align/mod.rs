@@ -134,7 +134,7 @@ impl<S: Sample> Pass<'_, S> {
             Error::new(ErrorKind::InvalidProfile, format!("the homography of slice {slice} cannot be inverted"))
         })?;
         let buffer = locked(&self.buffers).pop().unwrap_or_default();
-        let warped = warp.apply_unless(samples, C, buffer, || control.check())?;
+        let warped = warp.resample_cancellable(samples, C, buffer, || control.check())?;
         self.scratch.write(slice, &warped)?;
         let coverage = warp.coverage().clone();
         let measurements = self.measure::<C>(slice, &warped, &coverage, fingerprint)?;

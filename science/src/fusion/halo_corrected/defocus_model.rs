@@ -138,7 +138,7 @@ impl DefocusModel {
         };
         let steps = (0..map.height).into_par_iter().map(of_row).collect::<Vec<_>>().concat();
         let stride = steps.len().div_ceil(MAX_VOTERS).max(1);
-        let fine = FocusEnergy::fine();
+        let fine = FocusEnergy::for_edges();
         let votes: Vec<Option<bool>> = steps
             .par_iter()
             .step_by(stride)

@@ -87,7 +87,7 @@ impl<S: Sample, const C: usize> Fusion<'_, S, C> {
     fn tile(&self, rect: Rect, out: &mut Vec<S>, rows: &mut Rows) -> Result<usize, Interrupted> {
         let Self { slices, map, model, pyramid } = *self;
         let (width, height) = slices.size();
-        let window = rect.grown(confidence::REACH.max(FocusEnergy::fine().reach()), width, height);
+        let window = rect.grown(confidence::REACH.max(FocusEnergy::for_edges().reach()), width, height);
         let mut values = mosaic::mosaic(slices, map, model, window)?;
         let before = values.clone();
         correction::correct(slices, map, model, window, &mut values)?;

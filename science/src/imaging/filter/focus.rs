@@ -45,12 +45,12 @@ pub struct Rows {
 
 impl FocusEnergy {
     /// Labels of pixels: a Gaussian of 1 px before the Laplacian and one of 2 px after it.
-    pub fn steady() -> Self {
+    pub fn for_decision_map() -> Self {
         Self { before: half(1.0), after: After::Wide(half(2.0)), simd: Avx2::detect() }
     }
 
     /// Places of edges: Gaussians of 0.7 px and of 1 px.
-    pub fn fine() -> Self {
+    pub fn for_edges() -> Self {
         Self { before: half(0.7), after: After::Near(half(1.0)), simd: Avx2::detect() }
     }
 
@@ -273,7 +273,7 @@ mod tests {
     fn it_is_the_smoothed_square_of_the_laplacian_of_the_smoothed_picture() {
         let picture = Plane::from_fn(29, 23, speckle);
         for (measure, before, after, radius) in
-            [(FocusEnergy::steady(), 1.0, 2.0, 6), (FocusEnergy::fine(), 0.7, 1.0, 3)]
+            [(FocusEnergy::for_decision_map(), 1.0, 2.0, 6), (FocusEnergy::for_edges(), 0.7, 1.0, 3)]
         {
             let expected = definition(&picture, before, after, radius);
             let got = measure.plane(&picture, &mut Rows::default());
@@ -286,7 +286,7 @@ mod tests {
     #[test]
     fn rows_do_not_depend_on_the_band_they_are_computed_in() {
         let picture = Plane::from_fn(40, 50, speckle);
-        let measure = FocusEnergy::steady();
+        let measure = FocusEnergy::for_decision_map();
         let whole = measure.plane(&picture, &mut Rows::default());
         for band in [1, 7, 16] {
             let mut buffers = Rows::default();
@@ -300,11 +300,11 @@ mod tests {
 
     #[test]
     fn a_flat_picture_has_none_and_small_pictures_are_fine() {
-        let flat = FocusEnergy::steady().plane(&Plane::filled(20, 20, 77.0), &mut Rows::default());
+        let flat = FocusEnergy::for_decision_map().plane(&Plane::filled(20, 20, 77.0), &mut Rows::default());
         assert!(flat.data.iter().all(|&v| v < 1e-6));
         for (width, height) in [(1, 1), (1, 7), (2, 2), (5, 1)] {
             let picture = Plane::from_fn(width, height, speckle);
-            assert!(FocusEnergy::fine().plane(&picture, &mut Rows::default()).data.iter().all(|v| v.is_finite()));
+            assert!(FocusEnergy::for_edges().plane(&picture, &mut Rows::default()).data.iter().all(|v| v.is_finite()));
         }
     }
 }

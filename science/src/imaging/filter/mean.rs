@@ -75,7 +75,7 @@ impl MeanFilter {
         width: usize,
         valid: &'a [Range<usize>],
         inner: Rect,
-    ) -> Rows<'a, S, C> {
+    ) -> MeanRows<'a, S, C> {
         let (radius, side, height) = (self.radius, 2 * self.radius + 1, valid.len());
         let taps = inner.grown(radius, width, height);
         let length = inner.width + 2 * radius;
@@ -91,7 +91,7 @@ impl MeanFilter {
         self.shares.clear();
         self.shares.resize(inner.width * C, 1.0 / (side * side) as f32);
         let picture = Picture { pixels, width, valid };
-        Rows { filter: self, picture, columns, whole, next: inner.y, held: false, end: inner.y + inner.height }
+        MeanRows { filter: self, picture, columns, whole, next: inner.y, held: false, end: inner.y + inner.height }
     }
 
     /// Adds a row to the column sums, and takes one out.
@@ -151,7 +151,7 @@ impl MeanFilter {
 
 /// The means of a picture, from the top row down.
 #[derive(Debug)]
-pub struct Rows<'a, S, const C: usize> {
+pub struct MeanRows<'a, S, const C: usize> {
     filter: &'a mut MeanFilter,
     picture: Picture<'a, S>,
     columns: Columns,
@@ -162,7 +162,7 @@ pub struct Rows<'a, S, const C: usize> {
     end: usize,
 }
 
-impl<S: Sample, const C: usize> Rows<'_, S, C> {
+impl<S: Sample, const C: usize> MeanRows<'_, S, C> {
     /// Puts the next row into `out`; after the last one it leaves `out` as it is.
     ///
     /// # Panics

@@ -85,7 +85,7 @@ impl Warp {
     /// # Panics
     /// When `samples` is not a slice of the size given to [`Warp::new`].
     pub fn apply<S: Sample>(&self, samples: Vec<S>, channels: usize) -> Vec<S> {
-        match self.apply_unless(samples, channels, Vec::new(), || Ok::<(), std::convert::Infallible>(())) {
+        match self.resample_cancellable(samples, channels, Vec::new(), || Ok::<(), std::convert::Infallible>(())) {
             Ok(warped) => warped,
             Err(never) => match never {},
         }
@@ -99,7 +99,7 @@ impl Warp {
     ///
     /// # Panics
     /// As [`Warp::apply`].
-    pub fn apply_unless<S: Sample, E: Send>(
+    pub fn resample_cancellable<S: Sample, E: Send>(
         &self,
         samples: Vec<S>,
         channels: usize,

@@ -133,7 +133,7 @@ impl<S: Sample> Candidates<'_, S> {
         let [mosaic, pyramid] = [self.corrected, self.pyramid].map(|samples| {
             let mut luma = Plane::filled(width, height, 0.0f32);
             grey::luma_row(samples, C, &mut luma.data);
-            FocusEnergy::fine().plane(&luma, rows)
+            FocusEnergy::for_edges().plane(&luma, rows)
         });
         // 0 up to a ratio of 1, without computing the logarithm
         let excess = |ratio: f32| if ratio > 1.0 { ratio.ln().min(1.0) } else { 0.0 };
@@ -215,7 +215,7 @@ mod tests {
 
     /// The mosaic after and before its correction, blended with the pyramid image.
     fn blended([corrected, uncorrected]: [&[u8]; 2], pyramid: &[u8], rect: Rect) -> Vec<u8> {
-        let window = rect.grown(REACH.max(FocusEnergy::fine().reach()), SIDE, SIDE);
+        let window = rect.grown(REACH.max(FocusEnergy::for_edges().reach()), SIDE, SIDE);
         let cut = |x: usize, y: usize| (window.y + y) * SIDE + window.x + x;
         let places = || (0..window.height).flat_map(|y| (0..window.width).map(move |x| (x, y)));
         let samples = |of: &[u8]| places().map(|(x, y)| of[cut(x, y)]).collect::<Vec<u8>>();

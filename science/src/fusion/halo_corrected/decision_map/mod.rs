@@ -175,7 +175,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
             for ((around, own), pixels) in candidates.finish() {
                 let (around, own) = (usize::from(around), usize::from(own));
                 let disc = Disc::new(self.model.radius(around, own));
-                let reach = FocusEnergy::steady().reach() + disc.reach();
+                let reach = FocusEnergy::for_decision_map().reach() + disc.reach();
                 for (bounds, pixels) in in_blocks(&pixels, rect, reach) {
                     self.predict(&mut tile, around, own, &disc, (bounds, &pixels), rows)?;
                 }
@@ -196,7 +196,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         rows: &mut Rows,
     ) -> Result<(), Interrupted> {
         let (width, height) = self.slices.size();
-        let measure = FocusEnergy::steady();
+        let measure = FocusEnergy::for_decision_map();
         let core = bounds.grown(measure.reach(), width, height);
         let window = core.grown(disc.reach(), width, height);
         let mut difference = self.slices.luma(own, core)?;
@@ -260,7 +260,7 @@ mod tests {
         let edge = Plane::from_fn(120, 120, |x, y| if 3 * x + y < 240 { 40.0 } else { 200.0 });
         let texture = Plane::from_fn(120, 120, hash);
         let patches = Plane::from_fn(120, 120, |x, y| hash(x / 5, y / 5));
-        let measure = FocusEnergy::steady();
+        let measure = FocusEnergy::for_decision_map();
         for (name, picture) in [("edge", edge), ("texture", texture), ("patches", patches)] {
             let sharp = measure.plane(&picture, &mut Rows::default());
             for radius in [1.8f32, 2.5, 4.0, 7.0, 11.0] {

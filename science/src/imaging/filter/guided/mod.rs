@@ -9,24 +9,24 @@
 //! `a` and `b` are rounded to a power of two, 2^-18 or as fine as their sums allow, and summed exactly too. Hence the
 //! result is the same for any tiling, and where `p` is constant in reach it is exactly that constant.
 //!
-//! Large radii with flat lines, as for base layers, go the way of [`cells`], which works lines out for every fourth pixel
-//! both ways. Other ordinary parameters go the way of [`narrow`], whose sums of 32 bits vector instructions are good at; what does not
-//! fit there goes the way of [`wide`].
+//! Large radii with flat lines, as for base layers, go the kernel of [`cells`], which works lines out for every fourth pixel
+//! both ways. Other ordinary parameters go the kernel of [`narrow`], whose sums of 32 bits vector instructions are good at; what does not
+//! fit there goes the kernel of [`wide`].
 
-mod cells;
-mod narrow;
-mod parts;
-mod wide;
+mod constant_regions;
+mod integer;
+mod reference;
+mod subsampled;
 
 use std::ops::Range;
 
 use crate::imaging::{Plane, Rect, simd::Avx2};
-use cells::Cells;
-use narrow::Narrow;
-use wide::Wide;
+use integer::Integer;
+use reference::Reference;
+use subsampled::Subsampled;
 
 /// A part of a picture gets the results of the whole if it begins at multiples of this, px, in both directions.
-pub const GRID: usize = cells::CELL;
+pub const GRID: usize = subsampled::CELL;
 
 /// Full scale of the guide.
 const SCALE: f64 = 65_535.0;
@@ -44,14 +44,14 @@ pub struct Guide<'a> {
 #[derive(Debug)]
 pub struct GuidedFilter {
     radius: usize,
-    way: Way,
+    kernel: Kernel,
 }
 
 #[derive(Debug)]
-enum Way {
-    Cells(Box<Cells>),
-    Narrow(Box<Narrow>),
-    Wide(Wide),
+enum Kernel {
+    Subsampled(Box<Subsampled>),
+    Integer(Box<Integer>),
+    Reference(Reference),
 }
 
 impl GuidedFilter {
@@ -61,24 +61,24 @@ impl GuidedFilter {
     }
 
     fn with(simd: Option<Avx2>, radius: usize, eps: f64) -> Self {
-        let cells = Cells::new(simd, radius, eps).map(|cells| Way::Cells(Box::new(cells)));
-        let way = cells.unwrap_or_else(|| Self::of_pixels(simd, radius, eps));
-        Self { radius, way }
+        let cells = Subsampled::new(simd, radius, eps).map(|cells| Kernel::Subsampled(Box::new(cells)));
+        let kernel = cells.unwrap_or_else(|| Self::per_pixel(simd, radius, eps));
+        Self { radius, kernel }
     }
 
-    /// The way that works out a line for each pixel.
-    fn of_pixels(simd: Option<Avx2>, radius: usize, eps: f64) -> Way {
-        match Narrow::new(simd, radius, eps) {
-            Some(narrow) => Way::Narrow(Box::new(narrow)),
-            None => Way::Wide(Wide::new(radius, eps)),
+    /// The kernel that works out a line for each pixel.
+    fn per_pixel(simd: Option<Avx2>, radius: usize, eps: f64) -> Kernel {
+        match Integer::new(simd, radius, eps) {
+            Some(narrow) => Kernel::Integer(Box::new(narrow)),
+            None => Kernel::Reference(Reference::new(radius, eps)),
         }
     }
 
     /// How far from a pixel its result looks.
     pub fn reach(&self) -> usize {
-        match &self.way {
-            Way::Cells(cells) => cells.reach(),
-            Way::Narrow(_) | Way::Wide(_) => 2 * self.radius,
+        match &self.kernel {
+            Kernel::Subsampled(cells) => cells.reach(),
+            Kernel::Integer(_) | Kernel::Reference(_) => 2 * self.radius,
         }
     }
 
@@ -95,26 +95,26 @@ impl GuidedFilter {
     }
 
     /// The same row by row, for who works on while they are in the cache.
-    pub fn rows<'a>(&'a mut self, guide: Guide<'a>, map: &'a Plane<bool>, inner: Rect) -> Rows<'a> {
-        match &mut self.way {
-            Way::Cells(filter) => filter.start(guide, map, inner),
-            Way::Narrow(filter) => filter.start(guide, inner),
-            Way::Wide(filter) => filter.start(guide, map, inner),
+    pub fn rows<'a>(&'a mut self, guide: Guide<'a>, map: &'a Plane<bool>, inner: Rect) -> FilteredRows<'a> {
+        match &mut self.kernel {
+            Kernel::Subsampled(filter) => filter.start(guide, map, inner),
+            Kernel::Integer(filter) => filter.start(guide, inner),
+            Kernel::Reference(filter) => filter.start(guide, map, inner),
         }
-        Rows { way: &mut self.way, guide, map, left: if inner.width == 0 { 0 } else { inner.height } }
+        FilteredRows { kernel: &mut self.kernel, guide, map, left: if inner.width == 0 { 0 } else { inner.height } }
     }
 }
 
 /// The results of a filter, from the top row down.
 #[derive(Debug)]
-pub struct Rows<'a> {
-    way: &'a mut Way,
+pub struct FilteredRows<'a> {
+    kernel: &'a mut Kernel,
     guide: Guide<'a>,
     map: &'a Plane<bool>,
     left: usize,
 }
 
-impl Rows<'_> {
+impl FilteredRows<'_> {
     /// Puts the next row into `out`; after the last one it leaves `out` as it is.
     ///
     /// # Panics
@@ -124,25 +124,25 @@ impl Rows<'_> {
             return;
         }
         self.left -= 1;
-        match self.way {
-            Way::Cells(filter) => filter.row(self.guide, out),
-            Way::Narrow(filter) => filter.row(self.guide, self.map, out),
-            Way::Wide(filter) => filter.row(out),
+        match self.kernel {
+            Kernel::Subsampled(filter) => filter.row(self.guide, out),
+            Kernel::Integer(filter) => filter.row(self.guide, self.map, out),
+            Kernel::Reference(filter) => filter.row(out),
         }
     }
 }
 
 /// The rows of a window that slides down: each row is added once and taken out once.
 #[derive(Debug)]
-struct Window {
+struct RowWindow {
     radius: usize,
     height: usize,
-    held: Range<usize>,
+    rows: Range<usize>,
 }
 
-impl Window {
+impl RowWindow {
     fn new(radius: usize, height: usize) -> Self {
-        Self { radius, height, held: 0..0 }
+        Self { radius, height, rows: 0..0 }
     }
 
     /// Moves to row `y`; `update(row, sign)` adds (+1) or takes out (-1) a row. `y` grows from call to call.
@@ -160,15 +160,15 @@ impl Window {
     /// The same, with a row to add and a row to take out at a time.
     fn exchange(&mut self, y: usize, mut update: impl FnMut(Option<usize>, Option<usize>)) {
         let wanted = y.saturating_sub(self.radius)..(y + self.radius + 1).min(self.height);
-        if self.held.is_empty() {
-            self.held = wanted.start..wanted.start;
+        if self.rows.is_empty() {
+            self.rows = wanted.start..wanted.start;
         }
-        let mut enters = self.held.end..wanted.end;
-        let mut leaves = self.held.start..wanted.start;
+        let mut enters = self.rows.end..wanted.end;
+        let mut leaves = self.rows.start..wanted.start;
         while !enters.is_empty() || !leaves.is_empty() {
             update(enters.next(), leaves.next());
         }
-        self.held = wanted;
+        self.rows = wanted;
     }
 }
 
@@ -304,7 +304,7 @@ mod tests {
         for radius in [3, 7] {
             let guide = Guide { grey: &case.grey, valid: &case.valid };
             let narrow = case.filter(radius, 1e-6, Rect::whole(420, 60));
-            let mut wide = GuidedFilter { radius, way: Way::Wide(Wide::new(radius, 1e-6)) };
+            let mut wide = GuidedFilter { radius, kernel: Kernel::Reference(Reference::new(radius, 1e-6)) };
             let mut out = vec![f32::NAN; 420 * 60];
             wide.apply(guide, &case.map, Rect::whole(420, 60), &mut out);
             let furthest = out.iter().zip(&narrow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -318,19 +318,19 @@ mod tests {
         let case = Case::new(70, 60, |y| if y == 20 { 5..66 } else { 0..70 });
         let guide = Guide { grey: &case.grey, valid: &case.valid };
         for (radius, eps) in [(7, 1e-6), (30, 0.3)] {
-            let mut filter = GuidedFilter { radius, way: GuidedFilter::of_pixels(Avx2::detect(), radius, eps) };
-            assert!(matches!(filter.way, Way::Narrow(_)));
+            let mut filter = GuidedFilter { radius, kernel: GuidedFilter::per_pixel(Avx2::detect(), radius, eps) };
+            assert!(matches!(filter.kernel, Kernel::Integer(_)));
             let mut narrow = vec![f32::NAN; 70 * 60];
             filter.apply(guide, &case.map, Rect::whole(70, 60), &mut narrow);
-            let mut wide = GuidedFilter { radius, way: Way::Wide(Wide::new(radius, eps)) };
+            let mut wide = GuidedFilter { radius, kernel: Kernel::Reference(Reference::new(radius, eps)) };
             let mut out = vec![f32::NAN; 70 * 60];
             wide.apply(guide, &case.map, Rect::whole(70, 60), &mut out);
             let furthest = out.iter().zip(&narrow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(furthest < 1e-5, "{furthest}");
         }
         // sums that 32 bits do not hold, and lines that are too steep for them
-        assert!(matches!(GuidedFilter::new(200, 0.3).way, Way::Wide(_)));
-        assert!(matches!(GuidedFilter::new(40, 1e-9).way, Way::Wide(_)));
+        assert!(matches!(GuidedFilter::new(200, 0.3).kernel, Kernel::Reference(_)));
+        assert!(matches!(GuidedFilter::new(40, 1e-9).kernel, Kernel::Reference(_)));
     }
 
     #[test]
@@ -345,7 +345,7 @@ mod tests {
         let guide = Guide { grey: &case.grey, valid: &case.valid };
         for (radius, most, mean) in [(24, 0.012, 0.0015), (45, 0.006, 0.001), (60, 0.005, 0.001)] {
             let cells = case.filter(radius, 0.3, Rect::whole(230, 190));
-            let mut exact = GuidedFilter { radius, way: GuidedFilter::of_pixels(None, radius, 0.3) };
+            let mut exact = GuidedFilter { radius, kernel: GuidedFilter::per_pixel(None, radius, 0.3) };
             let mut out = vec![f32::NAN; 230 * 190];
             exact.apply(guide, &case.map, Rect::whole(230, 190), &mut out);
             let errors: Vec<f32> = out.iter().zip(&cells).map(|(a, b)| (a - b).abs()).collect();

@@ -1,6 +1,6 @@
 //! Any radius and any `eps`: sums in `f64`, which holds whole numbers far beyond any of them.
 
-use super::{Guide, SCALE, Window, clip};
+use super::{Guide, RowWindow, SCALE, clip};
 use crate::imaging::{Plane, Rect};
 
 /// `a` and `b` are kept in units of 2^-18: they stay below 8192 for every allowed `eps` (|a| <= 1/(4 sqrt eps)).
@@ -8,7 +8,7 @@ const UNIT: f64 = 262_144.0;
 
 /// The filter and its buffers.
 #[derive(Debug)]
-pub(super) struct Wide {
+pub(super) struct Reference {
     radius: usize,
     eps: f64,
     columns: Vec<Sums>,
@@ -34,7 +34,7 @@ struct Line {
     b: i32,
 }
 
-impl Wide {
+impl Reference {
     pub(super) fn new(radius: usize, eps: f64) -> Self {
         let (columns, lines, averaged, out) = Default::default();
         Self { radius, eps, columns, lines, averaged, out, width: 0, next: 0 }
@@ -68,7 +68,7 @@ impl Wide {
         self.lines.clear();
         self.lines.resize(centres.width * centres.height, Line::default());
 
-        let mut rows = Window::new(radius, height);
+        let mut rows = RowWindow::new(radius, height);
         for (y, line) in (centres.y..).zip(self.lines.chunks_exact_mut(centres.width.max(1))) {
             let columns = &mut self.columns[pad.left..pad.left + taps.width];
             rows.slide(y, |row, sign| {
@@ -104,7 +104,7 @@ impl Wide {
         self.averaged.clear();
         self.averaged.resize(pad.length, Sums::default());
 
-        let mut rows = Window::new(radius, guide.grey.height);
+        let mut rows = RowWindow::new(radius, guide.grey.height);
         for (y, out) in (inner.y..).zip(out.chunks_exact_mut(inner.width.max(1))) {
             let columns = &mut self.averaged[pad.left..pad.left + centres.width];
             let lines = &self.lines;

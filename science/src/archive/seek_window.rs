@@ -14,7 +14,7 @@ const STEP: usize = 64 << 10;
 /// A forward reader with the first and the latest bytes kept, so that the header of a picture can be read from a
 /// compressed member: headers lie at the start, those of TIFF files often near the end. Memory is bounded however
 /// large the member is.
-pub(super) struct Window<R> {
+pub(super) struct SeekWindow<R> {
     inner: R,
     length: u64,
     /// Most bytes that are read from `inner`.
@@ -28,7 +28,7 @@ pub(super) struct Window<R> {
     stopped: bool,
 }
 
-impl<R: Read> Window<R> {
+impl<R: Read> SeekWindow<R> {
     /// A window on `inner`, which declares to be `length` bytes long, and of which about `most` bytes are read.
     pub(super) fn new(inner: R, length: u64, most: u64) -> Self {
         let (head, tail) = (Vec::new(), Vec::new());
@@ -71,7 +71,7 @@ impl<R: Read> Window<R> {
     }
 }
 
-impl<R: Read> Read for Window<R> {
+impl<R: Read> Read for SeekWindow<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if !self.reach()? {
             return Ok(0);
@@ -92,7 +92,7 @@ impl<R: Read> Read for Window<R> {
     }
 }
 
-impl<R> Seek for Window<R> {
+impl<R> Seek for SeekWindow<R> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let target = match to {
             SeekFrom::Start(at) => Some(at),
@@ -116,7 +116,7 @@ mod tests {
     fn the_start_and_the_latest_bytes_can_be_read_again_and_the_middle_cannot() {
         let length = 5 << 20;
         let source: Vec<u8> = (0..length).map(byte).collect();
-        let mut window = Window::new(source.as_slice(), length as u64, u64::MAX);
+        let mut window = SeekWindow::new(source.as_slice(), length as u64, u64::MAX);
         let mut read_at = |at: usize| {
             let mut out = [0; 100];
             window.seek(SeekFrom::Start(at as u64)).unwrap();
@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn no_more_is_read_than_allowed() {
         let source: Vec<u8> = (0..5 << 20).map(byte).collect();
-        let mut window = Window::new(source.as_slice(), source.len() as u64, 1 << 20);
+        let mut window = SeekWindow::new(source.as_slice(), source.len() as u64, 1 << 20);
         let mut out = [0; 100];
         window.seek(SeekFrom::Start((1 << 20) - 200)).unwrap();
         window.read_exact(&mut out).unwrap();

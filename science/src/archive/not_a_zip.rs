@@ -29,7 +29,7 @@ const OTHERS: [(&[u8], &str); 10] = [
 
 /// Why a file of `length` bytes is not a whole zip: `head` are its first [`HEAD_BYTES`], `tail` its last
 /// [`END_RECORD_BYTES`], or all of a shorter file. `None` when it ends as a zip does.
-pub(super) fn objection(head: &[u8], tail: &[u8], length: u64) -> Option<String> {
+pub(super) fn diagnose(head: &[u8], tail: &[u8], length: u64) -> Option<String> {
     if length == 0 {
         return Some("the upload is empty (0 bytes); send the zip as the body".into());
     }
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     fn said(bytes: &[u8]) -> String {
-        objection(bytes, bytes, bytes.len() as u64).unwrap_or_default()
+        diagnose(bytes, bytes, bytes.len() as u64).unwrap_or_default()
     }
 
     #[test]

@@ -4,10 +4,10 @@ use std::ops::Range;
 
 use super::{
     super::{
-        Guide, SCALE, Window, clip,
-        parts::{Held, parts},
+        Guide, RowWindow, SCALE, clip,
+        constant_regions::{MapValue, regions_of},
     },
-    Lines, Place,
+    Geometry, Lines,
     columns::{Columns, add, exchange},
     counts::Counts,
 };
@@ -41,7 +41,7 @@ impl Fit {
         Self { simd, radius, eps, unit, columns, running, counts: Counts::default() }
     }
 
-    pub(super) fn start(&mut self, Place { centres, fit_pad: pad, .. }: Place) {
+    pub(super) fn start(&mut self, Geometry { centres, fit_pad: pad, .. }: Geometry) {
         self.columns.clear(pad.length);
         self.running.clear(pad.length + 1);
         self.counts.start(pad, centres.width);
@@ -53,9 +53,9 @@ impl Fit {
         guide: Guide<'_>,
         map: &Plane<bool>,
         y: usize,
-        Place { centres, taps, fit_pad: pad, whole, .. }: Place,
-        rows: &mut Window,
-        Lines { a, b, held }: &mut Lines,
+        Geometry { centres, taps, fit_pad: pad, whole, .. }: Geometry,
+        rows: &mut RowWindow,
+        Lines { a, b, values }: &mut Lines,
     ) {
         let simd = self.simd;
         rows.exchange(y, |enters, leaves| {
@@ -99,41 +99,41 @@ impl Fit {
             }
         });
         match whole {
-            true => self.counts.whole(rows.held.len(), pad, self.radius, taps.width),
+            true => self.counts.whole(rows.rows.len(), pad, self.radius, taps.width),
             false => self.counts.window(simd, self.radius),
         }
-        let (span, rows) = (2 * self.radius + 1, rows.held.len());
+        let (span, rows) = (2 * self.radius + 1, rows.rows.len());
         a.resize(centres.width, 0);
         b.resize(centres.width, 0);
         simd::prefix_u32(simd, &self.columns.p, &mut self.running.p);
-        held.clear();
-        held.extend(parts(centres.width).map(|part| {
+        values.clear();
+        values.extend(regions_of(centres.width).map(|part| {
             let (start, end) = (part.start, part.end - 1 + span);
             let columns = end.min(pad.left + taps.width).saturating_sub(start.max(pad.left));
             match self.running.p[end].wrapping_sub(self.running.p[start]) as usize {
-                0 => Held::Nothing,
-                sum if whole && sum == rows * columns => Held::Everything,
-                _ => Held::Both,
+                0 => MapValue::Zero,
+                sum if whole && sum == rows * columns => MapValue::One,
+                _ => MapValue::Mixed,
             }
         }));
-        if held.contains(&Held::Both) {
+        if values.contains(&MapValue::Mixed) {
             simd::prefix_u32(simd, &self.columns.i, &mut self.running.i);
             simd::prefix_u32(simd, &self.columns.ip, &mut self.running.ip);
             simd::prefix_u64(simd, &self.columns.ii, &mut self.running.ii);
         }
         let (running, counts, eps, unit) = (&self.running, &self.counts, self.eps, self.unit);
-        for (part, held) in parts(centres.width).zip(held.iter()) {
+        for (part, value) in regions_of(centres.width).zip(values.iter()) {
             let (a, b) = (&mut a[part.clone()], &mut b[part.clone()]);
-            match held {
-                Held::Nothing => {
+            match value {
+                MapValue::Zero => {
                     a.fill(0);
                     b.fill(0);
                 }
-                Held::Everything => {
+                MapValue::One => {
                     a.fill(0);
                     b.fill(unit as u32);
                 }
-                Held::Both => {
+                MapValue::Mixed => {
                     let counts = (&counts.n[part.clone()], &counts.share[part.clone()]);
                     simd::run(
                         simd,

@@ -1,7 +1,9 @@
 //! Which slices are missing, read from the numbers in the names.
 
-use super::{names, order};
-use order::Piece;
+use super::{
+    member_names,
+    natural_order::{self, Piece},
+};
 
 /// Most gaps that are named.
 const MOST: usize = 3;
@@ -9,7 +11,7 @@ const MOST: usize = 3;
 /// Where the numbering of `names`, which are in order, skips a step: `after slice_05.jpg comes slice_07.jpg`. `None`
 /// when the names do not differ in one number alone, when that number has no usual step, or when it is never skipped.
 pub fn skipped(names: &[String]) -> Option<String> {
-    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| order::pieces(names::stem(name))).collect();
+    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| natural_order::pieces(member_names::stem(name))).collect();
     let first = cut.first()?;
     if cut.iter().any(|other| other.len() != first.len()) {
         return None;
@@ -25,7 +27,7 @@ pub fn skipped(names: &[String]) -> Option<String> {
     let is_gap = |step: i64| step.signum() == usual.signum() && step.abs() > usual.abs();
     let gaps: Vec<String> = (0..steps.len())
         .filter(|&i| is_gap(steps[i]))
-        .map(|i| format!("after {} comes {}", names::base(&names[i]), names::base(&names[i + 1])))
+        .map(|i| format!("after {} comes {}", member_names::base(&names[i]), member_names::base(&names[i + 1])))
         .collect();
     let more = gaps.len().saturating_sub(MOST);
     match gaps.len() {
@@ -37,7 +39,7 @@ pub fn skipped(names: &[String]) -> Option<String> {
 
 /// Names of slices of one light that the other light lacks; empty when the two are named in different ways.
 pub(super) fn unmatched<'a>(these: &'a [String], others: &[String]) -> Vec<&'a str> {
-    let key = |name: &str| names::base(names::stem(name)).to_lowercase();
+    let key = |name: &str| member_names::base(member_names::stem(name)).to_lowercase();
     let others: std::collections::HashSet<String> = others.iter().map(|name| key(name)).collect();
     let lacking: Vec<&str> = these.iter().filter(|name| !others.contains(&key(name))).map(String::as_str).collect();
     // more than half unmatched: not the same names

@@ -9,7 +9,7 @@ const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 ///
 /// # Errors
 /// What reading gives.
-pub(super) fn read(from: &mut impl Read, out: &mut Vec<u8>) -> io::Result<u64> {
+pub(super) fn read_without(from: &mut impl Read, out: &mut Vec<u8>) -> io::Result<u64> {
     if !append(from, out, PNG.len() as u64)? || out != PNG {
         from.read_to_end(out)?;
         return Ok(out.len() as u64);
@@ -43,7 +43,7 @@ mod tests {
 
     fn kept(bytes: &[u8]) -> (usize, u64) {
         let mut out = Vec::new();
-        let read = read(&mut &*bytes, &mut out).unwrap();
+        let read = read_without(&mut &*bytes, &mut out).unwrap();
         assert_eq!(out, bytes[..out.len()]);
         (out.len(), read)
     }

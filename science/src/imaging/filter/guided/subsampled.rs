@@ -6,7 +6,7 @@
 //! put to each pixel's own grey value. Weights come out within 0.01 of those of every pixel's own windows, mostly within
 //! 0.001, for a sixteenth of the work.
 //!
-//! Cells lie where those of the plane do: a part of a picture must begin at a multiple of [`CELL`]. All sums are whole
+//! Subsampled lie where those of the plane do: a part of a picture must begin at a multiple of [`CELL`]. All sums are whole
 //! numbers, so that neither the cut into tiles nor vector instructions change a bit.
 
 use super::{Guide, SCALE, clip};
@@ -30,10 +30,10 @@ const ROUNDER: f64 = 1.5 * TWO_52;
 
 /// The filter and its buffers.
 #[derive(Debug)]
-pub(super) struct Cells {
+pub(super) struct Subsampled {
     simd: Option<Avx2>,
     eps: f64,
-    window: Window,
+    window: CellWindow,
     /// Of each cell: sums of `I`, `I p`, `p`, `I^2` and the number of valid pixels.
     sums: [Vec<u64>; 5],
     /// The same of the windows around cells, times 64.
@@ -48,7 +48,7 @@ pub(super) struct Cells {
     of_pixels: [Vec<f32>; 2],
     rows: Buffers,
     inner: Rect,
-    /// Cells of `means`.
+    /// Subsampled of `means`.
     out: Rect,
     next: usize,
 }
@@ -62,7 +62,7 @@ struct Buffers {
 
 /// A window of cells: `2 whole + 1` cells, and `edge` eighths of those beside them.
 #[derive(Debug, Clone)]
-struct Window {
+struct CellWindow {
     whole: usize,
     edge: u64,
     down: Vec<u64>,
@@ -70,7 +70,7 @@ struct Window {
     running: Vec<u64>,
 }
 
-impl Window {
+impl CellWindow {
     fn new(radius: usize) -> Self {
         let side = 2 * radius + 1;
         let whole = (side / CELL - 1) / 2;
@@ -140,7 +140,7 @@ fn across(weighted: &[u64], running: &[u64], reach: usize, edge: u64, out: &mut 
     }
 }
 
-impl Cells {
+impl Subsampled {
     /// `None` when such a filter needs a line for each pixel.
     pub(super) fn new(simd: Option<Avx2>, radius: usize, eps: f64) -> Option<Self> {
         if !RADII.contains(&radius) || eps < LEAST_EPS {
@@ -150,7 +150,7 @@ impl Cells {
         Some(Self {
             simd,
             eps,
-            window: Window::new(radius),
+            window: CellWindow::new(radius),
             sums: Default::default(),
             fitted: Default::default(),
             lines: Default::default(),
@@ -346,8 +346,8 @@ fn spread(cells: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Cells that are summed up at a time.
-const PART: usize = 8;
+/// Subsampled that are summed up at a time.
+const REGION: usize = 8;
 
 /// Sums of `I`, `I p`, `p` and `I^2` over the cells of four rows.
 #[inline(always)]
@@ -355,9 +355,9 @@ const PART: usize = 8;
 fn sum_cells(grey: [&[u16]; CELL], map: [&[bool]; CELL], [i, ip, p, ii]: [&mut [u64]; 4]) {
     let mut x = 0;
     while x < i.len() {
-        let cells = PART.min(i.len() - x);
+        let cells = REGION.min(i.len() - x);
         let (mut of_i, mut of_ip, mut of_p, mut of_ii) =
-            ([0u32; PART * CELL], [0u32; PART * CELL], [0u32; PART * CELL], [0u64; PART * CELL]);
+            ([0u32; REGION * CELL], [0u32; REGION * CELL], [0u32; REGION * CELL], [0u64; REGION * CELL]);
         for (grey, map) in grey.iter().zip(&map) {
             let (grey, map) = (&grey[x * CELL..(x + cells) * CELL], &map[x * CELL..(x + cells) * CELL]);
             for k in 0..cells * CELL {
@@ -371,7 +371,7 @@ fn sum_cells(grey: [&[u16]; CELL], map: [&[bool]; CELL], [i, ip, p, ii]: [&mut [
             }
         }
         for cell in 0..cells {
-            let of = |sums: &[u32; PART * CELL]| u64::from(sums[cell * CELL..(cell + 1) * CELL].iter().sum::<u32>());
+            let of = |sums: &[u32; REGION * CELL]| u64::from(sums[cell * CELL..(cell + 1) * CELL].iter().sum::<u32>());
             (i[x + cell], ip[x + cell], p[x + cell]) = (of(&of_i), of(&of_ip), of(&of_p));
             ii[x + cell] = of_ii[cell * CELL..(cell + 1) * CELL].iter().sum();
         }

@@ -1,6 +1,6 @@
 //! How many slices there are and how large their files may be.
 
-use super::{gaps, listed, slices::ArchivedSlices};
+use super::{listed, numbering_gaps, slices::ArchivedSlices};
 use crate::types::{Error, ErrorKind, stack_layout::StackLayout};
 
 /// What the file of a slice may have beside its pixels: metadata, previews, padding.
@@ -48,12 +48,12 @@ pub(super) fn refuse(layout: &StackLayout) -> Result<(), Error> {
 fn odd_ones(layout: &StackLayout) -> String {
     let lights = [(&layout.front, &layout.back, "back"), (&layout.back, &layout.front, "front")];
     for (these, others, lacking) in lights {
-        let alone = gaps::unmatched(these, others);
+        let alone = numbering_gaps::unmatched(these, others);
         if !alone.is_empty() {
             let names = listed(alone);
             return format!(": there is no {lacking}-light slice for {names}");
         }
     }
-    let skipped = lights.iter().find_map(|(these, ..)| gaps::skipped(these));
+    let skipped = lights.iter().find_map(|(these, ..)| numbering_gaps::skipped(these));
     skipped.map_or(String::new(), |skipped| format!(": {skipped}"))
 }

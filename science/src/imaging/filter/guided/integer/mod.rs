@@ -13,8 +13,8 @@ use counts::Counts;
 use fit::Fit;
 
 use super::{
-    Guide, SCALE, Window, clip,
-    parts::{Held, Tally, parts},
+    Guide, RowWindow, SCALE, clip,
+    constant_regions::{MapValue, RegionCounts, regions_of},
 };
 use crate::imaging::{
     Plane, Rect,
@@ -28,17 +28,17 @@ const MOST_BITS: i32 = 18;
 
 /// The filter and its buffers.
 #[derive(Debug)]
-pub(super) struct Narrow {
+pub(super) struct Integer {
     simd: Option<Avx2>,
     radius: usize,
     unit: f64,
     fit: Fit,
     ring: Vec<Lines>,
-    tally: Tally,
+    regions: RegionCounts,
     averaged: [Vec<u32>; 2],
     averaged_running: [Vec<u32>; 2],
     counts: Counts,
-    rows: Option<Rows>,
+    rows: Option<Progress>,
 }
 
 /// Lines of the windows centred on a row.
@@ -46,21 +46,21 @@ pub(super) struct Narrow {
 struct Lines {
     a: Vec<u32>,
     b: Vec<u32>,
-    held: Vec<Held>,
+    values: Vec<MapValue>,
 }
 
 /// How far a pass over the rows has come.
 #[derive(Debug)]
-struct Rows {
-    place: Place,
+struct Progress {
+    geometry: Geometry,
     next: usize,
-    fitted: Window,
-    averaged: Window,
+    fitted: RowWindow,
+    averaged: RowWindow,
 }
 
 /// What a pass works on.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct Geometry {
     /// Pixels whose results are wanted.
     inner: Rect,
     /// Pixels on which the windows are centred whose lines are averaged for those.
@@ -73,7 +73,7 @@ struct Place {
     whole: bool,
 }
 
-impl Narrow {
+impl Integer {
     /// `None` when the sums of such a filter do not fit.
     pub(super) fn new(simd: Option<Avx2>, radius: usize, eps: f64) -> Option<Self> {
         let n = (2 * radius + 1).pow(2) as f64;
@@ -90,7 +90,7 @@ impl Narrow {
             unit,
             fit: Fit::new(simd, radius, eps, unit),
             ring: Vec::new(),
-            tally: Tally::default(),
+            regions: RegionCounts::default(),
             averaged: Default::default(),
             averaged_running: Default::default(),
             counts: Counts::default(),
@@ -116,22 +116,22 @@ impl Narrow {
         }
         self.ring.resize_with(2 * radius + 2, Default::default);
         self.counts.start(mean_pad, inner.width);
-        self.tally.start(centres.width);
-        let (fitted, averaged) = (Window::new(radius, height), Window::new(radius, height));
-        let place = Place { inner, centres, taps, fit_pad, mean_pad, whole };
-        self.fit.start(place);
-        self.rows = Some(Rows { place, next: inner.y, fitted, averaged });
+        self.regions.start(centres.width);
+        let (fitted, averaged) = (RowWindow::new(radius, height), RowWindow::new(radius, height));
+        let geometry = Geometry { inner, centres, taps, fit_pad, mean_pad, whole };
+        self.fit.start(geometry);
+        self.rows = Some(Progress { geometry, next: inner.y, fitted, averaged });
     }
 
     /// The next row of the `inner` that was started with, of the same guide and map.
     pub(super) fn row(&mut self, guide: Guide<'_>, map: &Plane<bool>, out: &mut [f32]) {
         let Some(mut rows) = self.rows.take() else { return };
-        let Rows { place, next: y, fitted, averaged } = &mut rows;
-        let (Place { inner, centres, mean_pad, whole, .. }, y, radius) = (*place, *y, self.radius);
+        let Progress { geometry, next: y, fitted, averaged } = &mut rows;
+        let (Geometry { inner, centres, mean_pad, whole, .. }, y, radius) = (*geometry, *y, self.radius);
         averaged.exchange(y, |enters, leaves| {
             if let Some(row) = enters {
                 let slot = row % self.ring.len();
-                self.fit.row(guide, map, row, *place, fitted, &mut self.ring[slot]);
+                self.fit.row(guide, map, row, *geometry, fitted, &mut self.ring[slot]);
             }
             self.exchange_lines(enters, leaves, mean_pad, centres.width);
             if !whole {
@@ -140,20 +140,20 @@ impl Narrow {
             }
         });
         match whole {
-            true => self.counts.whole(averaged.held.len(), mean_pad, radius, centres.width),
+            true => self.counts.whole(averaged.rows.len(), mean_pad, radius, centres.width),
             false => self.counts.window(self.simd, radius),
         }
         let grey = &guide.grey.row(y)[inner.x..inner.x + inner.width];
         let (span, per_unit) = (2 * radius + 1, 1.0 / self.unit);
         let mut summed = false;
-        for part in parts(inner.width) {
+        for part in regions_of(inner.width) {
             let centred = part.start.max(mean_pad.left) - mean_pad.left
                 ..(part.end - 1 + span).min(mean_pad.left + centres.width) - mean_pad.left;
             let out = &mut out[part.clone()];
-            match self.tally.held(centred) {
-                Held::Nothing => out.fill(0.0),
-                Held::Everything => out.fill(1.0),
-                Held::Both => {
+            match self.regions.value(centred) {
+                MapValue::Zero => out.fill(0.0),
+                MapValue::One => out.fill(1.0),
+                MapValue::Mixed => {
                     if !summed {
                         for (sums, running) in self.averaged.iter().zip(&mut self.averaged_running) {
                             simd::prefix_u32(self.simd, sums, running);
@@ -184,10 +184,10 @@ impl Narrow {
     fn exchange_lines(&mut self, enters: Option<usize>, leaves: Option<usize>, pad: Padding, width: usize) {
         let (slots, simd) = (self.ring.len(), self.simd);
         if let Some(row) = enters {
-            self.tally.enter(&self.ring[row % slots].held);
+            self.regions.enter(&self.ring[row % slots].values);
         }
         if let Some(row) = leaves {
-            self.tally.leave(&self.ring[row % slots].held);
+            self.regions.leave(&self.ring[row % slots].values);
         }
         let which: [fn(&Lines) -> &[u32]; 2] = [|lines| &lines.a, |lines| &lines.b];
         for (which, sums) in which.into_iter().zip(&mut self.averaged) {

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::names;
+use super::member_names;
 use crate::types::Warning;
 
 /// A piece of a name.
@@ -72,7 +72,7 @@ fn by_piece(a: &Piece<'_>, b: &Piece<'_>) -> Ordering {
 /// Natural order of file names: numbers count as numbers of any length, with their sign where one stands; upper and
 /// lower case are the same; the extension is looked at last. A total order: only equal names are equal.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
-    let (pieces_a, pieces_b) = (pieces(names::stem(a)), pieces(names::stem(b)));
+    let (pieces_a, pieces_b) = (pieces(member_names::stem(a)), pieces(member_names::stem(b)));
     for (a, b) in pieces_a.iter().zip(&pieces_b) {
         let order = by_piece(a, b);
         if order != Ordering::Equal {
@@ -94,7 +94,7 @@ const ROLLOVER_GAP: u32 = 5_000;
 /// and a high run that ends near 9999, and more than half of all numbers lie unused in between: no other way of
 /// counting leaves such a gap.
 fn rollover(names: &[&str]) -> Option<usize> {
-    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| pieces(names::stem(name))).collect();
+    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| pieces(member_names::stem(name))).collect();
     let first = cut.first()?;
     let same_shape = |other: &Vec<Piece<'_>>| other.len() == first.len();
     if !cut.iter().all(same_shape) {
@@ -124,7 +124,7 @@ fn rollover(names: &[&str]) -> Option<usize> {
 
 /// True for names that file managers give to second copies.
 fn looks_like_a_copy(name: &str) -> bool {
-    let stem = names::base(names::stem(name)).to_lowercase();
+    let stem = member_names::base(member_names::stem(name)).to_lowercase();
     let numbered = stem
         .strip_suffix(')')
         .and_then(|rest| rest.rsplit_once(" ("))
