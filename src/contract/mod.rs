@@ -1,6 +1,6 @@
-//! What clients see and rows keep: jobs, requests, outcomes, stored profiles, error codes.
+//! Data types that clients see and that the database stores: jobs, requests, outcomes, profiles, error codes.
 //!
-//! Plain data with its own rules. The numbers of the science are in `pinstack_science::types`.
+//! Plain data with its validation rules. The numeric types of the science are in `pinstack_science::types`.
 
 pub mod error;
 pub mod input;
@@ -12,6 +12,7 @@ pub mod options;
 pub mod outcome;
 pub mod profile;
 pub mod profile_summary;
+pub mod ranges;
 pub mod request;
 
 pub use error::{Code, Fault, Problem};

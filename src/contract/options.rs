@@ -1,19 +1,22 @@
-//! What a client can ask of a stack. Every option has a default that needs no thought.
+//! Options of stacks: types, defaults and checks. Every option has a default.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use pinstack_science::segmentation::MaskParams;
 use pinstack_science::types::{
+    calibration_options::CalibrationOptions,
     error::ErrorLocation,
     fusion_options::{GuidedParams, Method},
     mask_options::{MaskEdge, MaskThreshold},
+    profile::RAIL_MM,
     text_or_number::TextOrNumber,
 };
 
 use super::{
     Code, Fault, Name,
     input::{InputBits, SliceOrder},
+    ranges,
 };
 
 /// Whether the object is cut out with the back-light stack.
@@ -39,7 +42,7 @@ pub enum ImageFormat {
     /// TIFF, RGBA, deflated.
     #[serde(alias = "tif")]
     Tiff,
-    /// JPEG, RGB, 8 bits. There is no alpha: pixels outside the object have the colour that `under_alpha` says.
+    /// JPEG, RGB, 8 bits, without alpha. Pixels outside the object have the colour of `under_alpha`.
     #[serde(alias = "jpg")]
     Jpeg,
 }
@@ -84,21 +87,21 @@ impl From<BitDepth> for String {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum UnderAlpha {
-    /// Black: most feature extractors do not look at alpha, and would see the background.
+    /// Black: most feature extractors ignore alpha and would see the background.
     #[default]
     Black,
     /// The fused colour.
     Keep,
 }
 
-/// Which part of the reference slice's canvas comes out.
+/// Part of the reference slice's canvas that the results show.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Crop {
-    /// All of it: one intrinsic for every view.
+    /// All of it: every view has the same intrinsics.
     #[default]
     None,
-    /// The largest rectangle that every slice covers; depends on the profile alone.
+    /// The largest rectangle that every slice covers. It depends only on the profile.
     Valid,
     /// A rectangle in reference-slice pixels.
     Rect {
@@ -136,70 +139,68 @@ impl From<Crop> for String {
     }
 }
 
-/// Quality of a JPEG that nobody asked another of. Its errors are those of the noise of a photograph.
+/// Default quality of a JPEG. Its compression errors are as large as the noise of a photograph.
 pub const JPEG_QUALITY: u8 = 95;
 
-/// Options of a stack, as query parameters, as the `options` part of a form, and as the stack shows what
-/// was used.
+/// Options of a stack: the query parameters of `POST /v1/stacks`, the `options` part of a form, and the `options` of a stack.
+/// The descriptions of the query parameters and of the schemas are the comments below; the ranges are in
+/// [`super::ranges::STACK`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct StackOptions {
-    /// Use this revision of the profile instead of the current one.
+    /// Revision of the profile. Default: the current one.
     pub profile_revision: Option<u32>,
-    /// Whether the object is cut out.
+    /// Whether the object is cut out with the back-light stack: `auto` (if there is one), `none`, or `required`.
     pub mask: MaskMode,
-    /// Threshold of the fused back light: `auto` (half-way between object and background) or 0 to 1.
+    /// Threshold of the fused back light: `auto` (half-way between object and background), or 0 to 1.
     #[schema(value_type = String, example = "auto")]
     pub mask_threshold: MaskThreshold,
-    /// Object parts smaller than this are removed, px. Default: 0.002 % of a slice, at least 4. Null where no mask is made.
+    /// Remove parts of the object smaller than this, px (area). Default: 0.002 % of a slice, at least 4. Null where no mask
+    /// is made.
     pub mask_min_blob_px: Option<u32>,
-    /// Holes smaller than this are filled, px. Default: 0.0005 % of a slice, at least 4. Null where no mask is made.
+    /// Fill holes smaller than this, px (area). Default: 0.0005 % of a slice, at least 4. Null where no mask is made.
     pub mask_min_hole_px: Option<u32>,
-    /// What the alpha of the image is at the edge of the object.
+    /// Alpha of the image at the edge of the object: `hard` (0 or full), or `soft` (the fraction of the pixel that is object).
+    /// The separate mask is always hard.
     pub mask_edge: MaskEdge,
     /// File format of the image.
     pub format: ImageFormat,
-    /// Quality of the image with `format=jpeg`, 1 to 100. Colour is kept at full resolution (4:4:4).
-    #[schema(default = 95, minimum = 1, maximum = 100)]
+    /// Quality of the image with `format=jpeg`. Colour is kept at full resolution (4:4:4).
     pub jpeg_quality: u8,
-    /// Bits per sample of the image: `8`, `16`, or `auto` for the depth of the slices.
+    /// Bits per sample of the image: `8`, `16`, or `auto` (as the slices).
     #[schema(value_type = String, default = "8", example = "8", pattern = "^(auto|8|16)$")]
     pub bit_depth: BitDepth,
-    /// Order of the slices against the profile.
+    /// Order of the slices relative to the profile: `name` (natural order of the names, or that of `manifest.json`), or
+    /// `reverse`.
     pub order: SliceOrder,
-    /// Bits that the camera puts into 16-bit files; `auto`: samples are used as they are, and a warning says when they look
-    /// like fewer.
+    /// Significant bits of 16-bit files. `10`, `12` and `14` are scaled to full range. `auto` uses samples unchanged and warns
+    /// when they look like fewer bits. `16` uses them unchanged without a warning.
     #[schema(value_type = String, example = "auto", pattern = "^(auto|10|12|14|16)$")]
     pub input_bits: InputBits,
-    /// Which part of the canvas comes out: `none`, `valid` or `x,y,w,h`.
+    /// Part of the canvas that the results show: `none` (all of it), `valid` (the largest rectangle that every slice covers),
+    /// or `x,y,w,h` in px of the reference slice.
     #[schema(value_type = String, example = "none")]
     pub crop: Crop,
-    /// Colour where alpha is 0.
+    /// Colour of pixels whose alpha is 0: `black` or `keep`.
     pub under_alpha: UnderAlpha,
-    /// How slices are fused.
+    /// Fusion method. `guided` is the method of the paper; `r1`, `eps1`, `r2`, `eps2`, `average`, `r_g` and `sigma_g` are its
+    /// parameters and have no effect on the others.
     pub method: Method,
-    /// Radius of the guided filter for the base layer's weights, px.
-    #[schema(default = 45)]
+    /// `guided`: radius of the guided filter for the weights of the base layer, px.
     pub r1: u32,
-    /// Its regularisation, for intensities in 0..1.
-    #[schema(default = 0.3)]
+    /// `guided`: regularisation for the base layer, for intensities in 0..1.
     pub eps1: f64,
-    /// Radius of the guided filter for the detail layer's weights, px.
-    #[schema(default = 7)]
+    /// `guided`: radius of the guided filter for the weights of the detail layer, px.
     pub r2: u32,
-    /// Its regularisation.
-    #[schema(default = 1e-6)]
+    /// `guided`: regularisation for the detail layer, for intensities in 0..1.
     pub eps2: f64,
-    /// Side of the mean filter that makes the base layer, px, odd.
-    #[schema(default = 31)]
+    /// `guided`: side of the mean filter that makes the base layer, px, odd.
     pub average: u32,
-    /// Radius of the Gaussian that smooths |Laplacian| into the saliency, px.
-    #[schema(default = 5)]
+    /// `guided`: radius of the Gaussian that smooths |Laplacian| to the saliency, px.
     pub r_g: u32,
-    /// Its standard deviation, px.
-    #[schema(default = 5.0)]
+    /// `guided`: standard deviation of that Gaussian, px.
     pub sigma_g: f64,
-    /// Free text, at most 200 characters.
+    /// Free text; used in the file names of the results.
     pub label: Option<String>,
     /// The scan that this view belongs to.
     pub scan: Option<Name>,
@@ -207,7 +208,7 @@ pub struct StackOptions {
     pub pan_deg: Option<f64>,
     /// Commanded tilt, degrees.
     pub tilt_deg: Option<f64>,
-    /// Remove upload and results this many days after the end. Default: never.
+    /// Delete upload and results this many days after the end. Default: never.
     pub keep_days: Option<u32>,
 }
 
@@ -246,13 +247,13 @@ impl Default for StackOptions {
 }
 
 impl StackOptions {
-    /// The parameters of `method=guided`.
+    /// The parameters of the method `guided`.
     pub fn guided(&self) -> GuidedParams {
         let &Self { r1, eps1, r2, eps2, average, r_g, sigma_g, .. } = self;
         GuidedParams { r1, eps1, r2, eps2, average, r_g, sigma_g }
     }
 
-    /// How the object of a `width` x `height` picture is cut out.
+    /// The parameters of the mask for a picture of `width` x `height` px.
     pub fn mask_params(&self, width: usize, height: usize) -> MaskParams {
         let default = MaskParams::default_for(width, height);
         MaskParams {
@@ -263,40 +264,37 @@ impl StackOptions {
         }
     }
 
-    /// Checks the rules that types alone do not hold.
+    /// Checks what the types alone do not: the ranges, and options that contradict one another.
     ///
     /// # Errors
-    /// A [`Fault`] with [`Code::InvalidRequest`] that names each parameter.
+    /// A [`Fault`] with [`Code::InvalidRequest`] and a location for each option.
     pub fn check(&self) -> Result<(), Fault> {
-        let guided = self.guided();
-        let is_deep_jpeg = self.format == ImageFormat::Jpeg && self.bit_depth == BitDepth::Sixteen;
-        let rules: [(&str, bool, &str); 13] = [
-            ("r1", (1..=200).contains(&guided.r1), "must be 1 to 200"),
-            ("r2", (1..=200).contains(&guided.r2), "must be 1 to 200"),
-            ("eps1", (1e-9..=10.0).contains(&guided.eps1), "must be 1e-9 to 10"),
-            ("eps2", (1e-9..=10.0).contains(&guided.eps2), "must be 1e-9 to 10"),
-            ("average", (3..=201).contains(&guided.average) && guided.average % 2 == 1, "must be odd, 3 to 201"),
-            ("r_g", (1..=20).contains(&guided.r_g), "must be 1 to 20"),
-            ("sigma_g", (0.1..=50.0).contains(&guided.sigma_g), "must be 0.1 to 50"),
-            ("jpeg_quality", (1..=100).contains(&self.jpeg_quality), "must be 1 to 100"),
-            ("bit_depth", !is_deep_jpeg, "is 16, and a JPEG has 8 bits: send bit_depth=8, or format=png or tiff"),
-            ("label", self.label.as_ref().is_none_or(|l| l.chars().count() <= 200), "has at most 200 characters"),
-            ("pan_deg", self.pan_deg.is_none_or(|v| v.abs() <= 3600.0), "must be -3600 to 3600"),
-            ("tilt_deg", self.tilt_deg.is_none_or(|v| v.abs() <= 360.0), "must be -360 to 360"),
-            ("keep_days", self.keep_days.is_none_or(|d| (1..=36_500).contains(&d)), "must be 1 to 36500"),
-        ];
-        let places: Vec<ErrorLocation> = rules
-            .into_iter()
-            .filter(|(_, holds, _)| !holds)
-            .map(|(name, _, rule)| ErrorLocation {
-                detail: format!("{name} {rule}"),
-                pointer: Some(name.to_owned()),
-                ..ErrorLocation::default()
-            })
-            .collect();
-        match places.first() {
-            None => Ok(()),
-            Some(first) => Err(Fault { code: Code::InvalidRequest, detail: first.detail.clone(), locations: places }),
+        let mut violations = ranges::violations(self, &ranges::STACK);
+        if self.format == ImageFormat::Jpeg && self.bit_depth == BitDepth::Sixteen {
+            let rule = "is 16, and a JPEG has 8 bits: send bit_depth=8, or format=png or tiff";
+            violations.push(ranges::violation("bit_depth", rule));
         }
+        refuse(violations)
+    }
+}
+
+/// Checks the options of a calibration: the ranges, and options that contradict one another.
+///
+/// # Errors
+/// A [`Fault`] with [`Code::InvalidRequest`] and a location for each option.
+pub fn check_calibration(options: &CalibrationOptions) -> Result<(), Fault> {
+    let mut violations = ranges::violations(options, &ranges::CALIBRATION);
+    let positions = options.rail_positions_mm.as_deref().unwrap_or_default();
+    if positions.iter().any(|z| !RAIL_MM.contains(z)) || (!positions.is_empty() && options.rail_step_mm.is_some()) {
+        let rule = "must be numbers from -1000000 to 1000000 and cannot be combined with rail_step_mm";
+        violations.push(ranges::violation("rail_positions_mm", rule));
+    }
+    refuse(violations)
+}
+
+fn refuse(violations: Vec<ErrorLocation>) -> Result<(), Fault> {
+    match violations.first() {
+        None => Ok(()),
+        Some(first) => Err(Fault { code: Code::InvalidRequest, detail: first.detail.clone(), locations: violations }),
     }
 }

@@ -20,7 +20,7 @@ use crate::{
         views::Calibration,
     },
 };
-use pinstack_science::types::calibration_options::{CalibrationOptions, ModelChoice};
+use pinstack_science::types::calibration_options::CalibrationOptions;
 
 /// A dot-target stack as a form.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -46,15 +46,6 @@ pub struct CalibrationForm {
     params(
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
-        ("reference_index" = Option<u32>, Query, description = "0-based index of the reference slice; default: the middle one"),
-        ("target_pitch_mm" = Option<f64>, Query, description = "Distance between neighbouring dots, mm; needed for the magnification"),
-        ("pixel_pitch_mm" = Option<f64>, Query, description = "Size of one pixel on the sensor, mm; stored in the profile"),
-        ("focal_mm" = Option<f64>, Query, description = "Nominal focal length of the lens, mm"),
-        ("rail_step_mm" = Option<f64>, Query, description = "Rail movement from slice to slice, mm; negative when it moves away from the object. For uneven positions send `rail_positions_mm` in the part `options` of a form"),
-        ("capture_mode" = Option<pinstack_science::types::profile::CaptureMode>, Query, description = "What moves between slices. A warning is given when the images contradict it"),
-        ("model" = Option<ModelChoice>, Query, description = "Transform model; default `auto`: the simplest model that explains the dots"),
-        ("allow_new_size" = Option<bool>, Query, description = "Accept slices of another size than those of the profile that this calibration replaces; default false"),
-        ("note" = Option<String>, Query, description = "Free text stored in the profile, at most 4,000 characters"),
         ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the calibration of the first"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
     ),

@@ -107,10 +107,12 @@ fn completed(mut document: Value) -> Value {
     schemas::complete(&mut document);
     uploads_by_put(&mut document);
     let examples = examples::all(&document);
+    let option_schemas = document["components"]["schemas"].clone();
     for (path, item) in document["paths"].as_object_mut().into_iter().flatten() {
         for (method, operation) in item.as_object_mut().into_iter().flatten() {
             protect(path, method, operation);
             complete(&examples, method, operation);
+            parameters::add_options(operation, &option_schemas);
             parameters::complete(operation);
             if let Some(content) = operation.pointer_mut("/requestBody/content") {
                 parameters::complete_contents(content);

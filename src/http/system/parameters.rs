@@ -1,11 +1,14 @@
-//! What the document says of parameters beyond their type: names, ranges and forms, each once.
+//! Parameters in the OpenAPI document: the options as query parameters, and the schema of each parameter by its name (range,
+//! pattern). The ranges of options come from [`crate::contract::ranges`].
 
 use serde_json::{Value, json};
 
-/// Base64 of 20 (SHA-1) and of 32 bytes (SHA-256): the last digit has bits that must be zero.
+use crate::contract::ranges::{self, Range};
+
+/// Base64 of 20 bytes (SHA-1) and of 32 bytes (SHA-256). The unused bits of the last digit must be zero.
 const CHECKSUM: &str = "^(sha1 [A-Za-z0-9+/]{26}[AEIMQUYcgkosw048]=|sha256 [A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=)$";
 
-/// Kinds of body that are bytes.
+/// Media types of binary bodies.
 const FILES: [&str; 5] = [
     "application/zip",
     "application/x-npy",
@@ -16,7 +19,45 @@ const FILES: [&str; 5] = [
 
 const NUMBERS: &str = r"^-?[0-9]{1,6}(\.[0-9]{1,6})?(,-?[0-9]{1,6}(\.[0-9]{1,6})?)*$";
 
-/// Makes the parameters of an operation say what they must be.
+/// The operations that take options as query parameters, and the schema of the options. The descriptions of the parameters
+/// are those of the schema.
+const OPERATIONS_WITH_OPTIONS: [(&str, &str); 4] = [
+    ("send_stack", "StackOptionsInput"),
+    ("send_stack_by_put", "StackOptionsInput"),
+    ("calibrate", "CalibrationOptions"),
+    ("calibrate_by_put", "CalibrationOptions"),
+];
+
+/// Adds the options of an operation as query parameters, after those of its own and before its headers.
+pub fn add_options(operation: &mut Value, schemas: &Value) {
+    let id = operation["operationId"].as_str().unwrap_or_default();
+    let Some((_, options)) = OPERATIONS_WITH_OPTIONS.iter().find(|(operation, _)| *operation == id) else { return };
+    let properties = schemas[options]["properties"].as_object();
+    let options = properties.into_iter().flatten().filter_map(|(name, property)| query_parameter(name, property));
+    let Some(parameters) = operation.get_mut("parameters").and_then(Value::as_array_mut) else { return };
+    let end = parameters.iter().position(|parameter| parameter["in"] == "header").unwrap_or(parameters.len());
+    parameters.splice(end..end, options);
+}
+
+/// An option as a query parameter; `None` for a list, which only JSON can give.
+fn query_parameter(name: &str, property: &Value) -> Option<Value> {
+    if property.get("items").is_some() {
+        return None;
+    }
+    // an optional enumeration is a choice between a reference and null
+    let choices = property["oneOf"].as_array().into_iter().flatten();
+    let property = choices.into_iter().find(|choice| choice.get("$ref").is_some()).unwrap_or(property);
+    let mut schema = json!({});
+    for member in ["$ref", "type", "format"] {
+        if let Some(value) = property.get(member) {
+            schema[member] = value.clone();
+        }
+    }
+    let description = property["description"].as_str().unwrap_or_default().replace('\n', " ");
+    Some(json!({ "name": name, "in": "query", "required": false, "description": description, "schema": schema }))
+}
+
+/// Completes the parameters of an operation with what their names imply.
 pub fn complete(operation: &mut Value) {
     let Some(Value::Array(parameters)) = operation.get_mut("parameters") else { return };
     for parameter in parameters {
@@ -25,7 +66,7 @@ pub fn complete(operation: &mut Value) {
         if let Some(precise) = precise(&name) {
             *schema = precise;
         }
-        // a parameter is there or not; only JSON knows null
+        // a parameter is absent rather than null
         if let Some(kinds) = schema["type"].as_array() {
             let kind = kinds.iter().find(|kind| *kind != "null").cloned();
             schema["type"] = kind.unwrap_or(Value::Null);
@@ -33,10 +74,9 @@ pub fn complete(operation: &mut Value) {
     }
 }
 
-/// The schema of every parameter of this name that is more than a type.
+/// The schema of all parameters of this name, where it is more than a type.
 pub(super) fn precise(name: &str) -> Option<Value> {
     let whole = |least: u64, most: u64| json!({ "type": "integer", "minimum": least, "maximum": most });
-    let number = |least: f64, most: f64| json!({ "type": "number", "minimum": least, "maximum": most });
     let text = |pattern: &str| json!({ "type": "string", "pattern": pattern });
     Some(match name {
         "rig" | "lens" | "scan" => json!({ "$ref": "#/components/schemas/Name" }),
@@ -50,35 +90,30 @@ pub(super) fn precise(name: &str) -> Option<Value> {
         // options of a stack
         "mask_threshold" => text(r"^(auto|0(\.[0-9]{1,9})?|1(\.0{1,9})?)$"),
         "mask_min_blob_px" | "mask_min_hole_px" => whole(0, u64::from(u32::MAX)),
-        "jpeg_quality" => whole(1, 100),
         "bit_depth" => json!({ "type": "string", "enum": ["auto", "8", "16"] }),
         "input_bits" => json!({ "type": "string", "enum": ["auto", "10", "12", "14", "16"] }),
         "crop" => text("^(none|valid|[0-9]{1,5},[0-9]{1,5},[1-9][0-9]{0,4},[1-9][0-9]{0,4})$"),
-        "r1" | "r2" => whole(1, 200),
-        "eps1" | "eps2" => number(1e-9, 10.0),
-        "average" => json!({ "type": "integer", "minimum": 3, "maximum": 201, "not": { "multipleOf": 2 } }),
-        "r_g" => whole(1, 20),
-        "sigma_g" => number(0.1, 50.0),
-        "label" => json!({ "type": "string", "maxLength": 200 }),
-        "pan_deg" => number(-3600.0, 3600.0),
-        "tilt_deg" => number(-360.0, 360.0),
-        "keep_days" => whole(1, 36_500),
-        // options of a calibration, and of matrices
-        "target_pitch_mm" => number(1e-4, 1000.0),
-        "pixel_pitch_mm" => number(1e-5, 1.0),
-        "focal_mm" => number(0.1, 10_000.0),
+        // matrices
         "rail_positions_mm" => text(NUMBERS),
-        "note" => json!({ "type": "string", "maxLength": 4000 }),
         // headers
         "Idempotency-Key" => text("^[!-~]([ -~]{0,253}[!-~])?$"),
         "Tus-Resumable" => json!({ "type": "string", "enum": ["1.0.0"] }),
         "Upload-Length" => json!({ "type": "integer", "format": "int64", "minimum": 1 }),
         "Upload-Checksum" => text(CHECKSUM),
-        _ => return None,
+        option => match ranges::of(option)? {
+            Range::Whole(least, most) => whole(least.into(), most.into()),
+            Range::Odd(least, most) => {
+                json!({ "type": "integer", "minimum": least, "maximum": most, "not": { "multipleOf": 2 } })
+            }
+            Range::Number(least, most) => json!({ "type": "number", "minimum": least, "maximum": most }),
+            Range::Characters(most) => json!({ "type": "string", "maxLength": most }),
+            // JSON Schema has no range with a gap
+            Range::Magnitude(..) => return None,
+        },
     })
 }
 
-/// Bytes are no list of numbers.
+/// Describes binary bodies as such (utoipa describes them as lists of numbers) and the events of a stream.
 pub fn complete_contents(content: &mut Value) {
     for (kind, body) in content.as_object_mut().into_iter().flatten() {
         if kind.starts_with("image/") || FILES.contains(&kind.as_str()) {

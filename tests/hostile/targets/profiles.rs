@@ -2,10 +2,13 @@
 
 use axum::http::Uri;
 use pinstack::{
-    contract::{Code, options::StackOptions},
+    contract::{
+        Code,
+        options::{StackOptions, check_calibration},
+    },
     http::{
         extract::{json, params},
-        ingest::{fields::Fields, submission::calibration::check_options},
+        ingest::fields::Fields,
         profiles::{
             file::ProfileFile,
             numbers::{self, Kind},
@@ -90,7 +93,7 @@ fn each_options(fields: &Fields) {
     }
     match fields.options::<CalibrationOptions>() {
         Ok(options) => {
-            if check_options(&options).is_ok() {
+            if check_calibration(&options).is_ok() {
                 survives(&options);
             }
         }

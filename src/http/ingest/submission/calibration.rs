@@ -3,20 +3,13 @@
 use crate::{
     contract::{
         Code, Fault, Name,
+        options::check_calibration,
         request::{CalibrationRequest, Upload},
     },
-    http::{
-        extract::path::name,
-        ingest::fields::Fields,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{extract::path::name, ingest::fields::Fields, problem::ApiResult, state::App},
 };
 use pinstack_science::types::{
-    Warning,
-    calibration_options::CalibrationOptions,
-    profile::{MAX_SLICES, RAIL_MM},
-    stack_layout::StackLayout,
+    Warning, calibration_options::CalibrationOptions, profile::MAX_SLICES, stack_layout::StackLayout,
 };
 
 /// A dot-target stack to calibrate from.
@@ -40,7 +33,7 @@ impl CalibrationSubmission {
         let named = |what: &str| name(what, fields.get(what).unwrap_or_default().to_owned());
         let (rig, lens) = (named("rig")?, named("lens")?);
         let options: CalibrationOptions = fields.options()?;
-        check_options(&options)?;
+        check_calibration(&options)?;
         let current = app.rows.profile(&rig, &lens, None).await?;
         let current =
             current.map(|p| CurrentProfile { size: (p.input.image_width, p.input.image_height), revision: p.revision });
@@ -99,35 +92,4 @@ impl CalibrationSubmission {
         }
         Ok(())
     }
-}
-
-/// Checks the rules that the types alone do not express.
-///
-/// # Errors
-/// `invalid_request` that names the option.
-pub fn check_options(options: &CalibrationOptions) -> ApiResult<()> {
-    let rules = [
-        ("target_pitch_mm", options.target_pitch_mm, 1e-4..=1000.0),
-        ("pixel_pitch_mm", options.pixel_pitch_mm, 1e-5..=1.0),
-        ("focal_mm", options.focal_mm, 0.1..=10_000.0),
-        ("rail_step_mm", options.rail_step_mm.map(f64::abs), 1e-6..=1000.0),
-    ];
-    for (name, value, range) in rules {
-        if let Some(value) = value
-            && !range.contains(&value)
-        {
-            let detail = format!("{name} is {value}; it must be {} to {}", range.start(), range.end());
-            return Err(ApiError::new(Code::InvalidRequest, detail));
-        }
-    }
-    let positions = options.rail_positions_mm.as_deref().unwrap_or_default();
-    if positions.iter().any(|z| !RAIL_MM.contains(z)) || (!positions.is_empty() && options.rail_step_mm.is_some()) {
-        let detail =
-            "rail_positions_mm must be numbers from -1000000 to 1000000 and cannot be combined with rail_step_mm";
-        return Err(ApiError::new(Code::InvalidRequest, detail));
-    }
-    if options.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
-        return Err(ApiError::new(Code::InvalidRequest, "note is longer than 4,000 characters; shorten it"));
-    }
-    Ok(())
 }
