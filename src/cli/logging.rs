@@ -1,41 +1,52 @@
-//! The log goes to stderr: text for a terminal, or one JSON object per line for a collector.
+//! The log, written to stderr: text for a terminal, or one JSON object per line for a collector.
 
 use std::io::{self, IsTerminal, Write};
 
 use anyhow::anyhow;
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
 use tracing_subscriber::{EnvFilter, fmt};
 
-use super::config::LogFormat;
+/// Format of the log.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One object per line.
+    Json,
+}
 
-/// Starts logging. `filter` as `tracing` has it: `info`, `pinstack=debug,info`, ...
+/// Starts logging. `filter` is a filter of `tracing`: `info`, `pinstack=debug,info`, ...
 ///
 /// # Errors
 /// When the filter is not valid.
 pub fn start(filter: &str, format: LogFormat) -> anyhow::Result<()> {
-    let filter = EnvFilter::try_new(filter).map_err(|error| anyhow!("log: '{filter}' is no filter: {error}"))?;
-    // colours are for a terminal, not for a file or a collector
+    let filter = EnvFilter::try_new(filter).map_err(|error| anyhow!("log: '{filter}' is not a log filter: {error}"))?;
+    // colours only on a terminal, not in a file or a collector
     let colours = std::io::stderr().is_terminal();
     let log =
         fmt().with_env_filter(filter).with_writer(move || OneLine { to: io::stderr(), colours }).with_ansi(colours);
-    // logging that runs already (a second service of one process) goes on as it is
+    // fails if logging was started before (by another service in this process), which then stays as it is
     let _ = match format {
         LogFormat::Text => log.with_target(false).try_init(),
-        // there is one span, so a list of all of them says the same twice
+        // there is only one span, so the list of spans would repeat it
         LogFormat::Json => log.json().with_span_list(false).try_init(),
     };
     Ok(())
 }
 
-/// Writes each event as one line: a line end inside it (in a cause of several lines, or in what a client sent) is escaped, as
-/// are other control characters.
+/// Writes each event as one line: line ends inside it (for example in text from a client) and other control characters are
+/// escaped.
 struct OneLine<W> {
     to: W,
-    /// Colours begin with the escape character.
+    /// Keep escape characters, which begin colour codes.
     colours: bool,
 }
 
 impl<W: Write> Write for OneLine<W> {
-    /// `event` is whole: that is how `tracing-subscriber` writes.
+    /// `event` is a whole event: `tracing-subscriber` writes each with one call.
     fn write(&mut self, event: &[u8]) -> io::Result<usize> {
         let (text, end) = match event.strip_suffix(b"\n") {
             Some(text) => (text, &b"\n"[..]),
@@ -61,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_event_is_one_line_whatever_is_in_it() {
+    fn an_event_is_one_line_whatever_it_contains() {
         let written = |colours: bool, event: &str| {
             let mut out = OneLine { to: Vec::new(), colours };
             out.write_all(event.as_bytes()).expect("memory can be written");

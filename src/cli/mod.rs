@@ -11,6 +11,7 @@ pub mod health;
 pub mod logging;
 pub mod openapi;
 pub mod serve;
+pub mod settings;
 pub mod store;
 pub mod tls;
 pub mod token;
