@@ -8,7 +8,7 @@
 //! 3. `translucent` adds areas that the light shines through, such as wings.
 //! 4. `components` of the mask are counted; small parts are removed and small holes filled.
 //! 5. `soft_alpha`, if asked for, makes the edge of the image's alpha proportional to the cover.
-//! 6. `warnings` name what looks wrong.
+//! 6. `warnings` report suspected faults.
 //!
 //! Apart from these, [`lights_exchanged`] detects stacks whose front light and back light changed places.
 

@@ -22,7 +22,7 @@ use crate::{
     types::Interrupted,
 };
 
-/// Blur radius, px, from which two slices are separable: far enough apart in focus to tell which one shows a pixel
+/// Blur radius, px, from which two slices are separable: far enough apart in focus to decide which one shows a pixel
 /// sharp.
 const SEPARABLE: f32 = 1.8;
 

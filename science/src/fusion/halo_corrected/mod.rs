@@ -2,8 +2,8 @@
 //!
 //! Every mosaic of slices has a halo where a near part overlaps a far one: in each slice that shows the far part sharp,
 //! the blur of the near part lies over it (the *defocus spread effect*: Xu et al., IEEE TCI 2020; Ma et al., IEEE TIP
-//! 2020). The slices of a calibrated stack tell how large that blur is, and the slice of the near part shows the same
-//! place uncovered.
+//! 2020). A calibrated stack determines how large that blur is, and the slice of the near part shows the same place
+//! uncovered.
 //!
 //! In: the warped slices, the sharpest slice per pixel, its focus energy, and the coarse focus. Out: the fused image
 //! and the decision map. The steps, in order of execution:

@@ -14,7 +14,8 @@ fn halo_corrected(plan: Plan) -> Plan {
     Plan { method: Method::HaloCorrected, ..plan }
 }
 
-/// A rendered stack with its plan and the true image. `edges` are the pixels within 8 px of a depth step, `flat` all others.
+/// A rendered stack with its plan and the true image. `edges` are the pixels within 8 px of a depth step, `flat` all
+/// others.
 struct Case {
     slices: Vec<Raster>,
     plan: Plan,
@@ -73,8 +74,8 @@ fn it_is_nearer_to_the_truth_than_the_other_methods_at_edges_and_elsewhere() {
     }
 }
 
-/// Five slices. Left: texture, in focus in the middle slice. Right: haze that no slice shows sharp; its brightness differs
-/// from slice to slice, and it has specks of noise.
+/// Five slices. Left: texture, in focus in the middle slice. Right: haze that no slice shows sharp; its brightness
+/// differs from slice to slice, and it has specks of noise.
 fn haze() -> Vec<Raster> {
     let texture = Plane::from_fn(200, 160, |x, y| 90.0 + 60.0 * noise(x, y, 0) as f32);
     let of_slice = |slice: usize| {

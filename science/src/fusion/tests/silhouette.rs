@@ -10,7 +10,7 @@ use crate::{
     types::mask_options::MaskEdge,
 };
 
-/// What is left of the light at (x, y), both -1 to 1 over the canvas.
+/// Relative illumination at (x, y), both -1 to 1 over the canvas.
 type Shade = fn(f64, f64) -> f64;
 
 const SHADES: [(&str, Shade); 4] = [
@@ -20,7 +20,7 @@ const SHADES: [(&str, Shade); 4] = [
     ("lamp beside the middle", |x, y| 1.0 - 0.15 * ((x + 0.5).powi(2) + (y - 0.3).powi(2))),
 ];
 
-/// The slices of a back light that is shaded. (Shaded where they are taken: a lamp does not move with the focus.)
+/// Slices with an uneven back light. It is applied to each slice, because a lamp does not move with the focus.
 fn shaded(slices: &[Raster], shade: Shade) -> Vec<Raster> {
     let (width, height) = (slices[0].width, slices[0].height);
     let of = |slice: &Raster| {
@@ -60,7 +60,7 @@ impl Case {
         count(|a, b| a && b) / count(|a, b| a || b)
     }
 
-    /// Root of the mean squared difference to the true cover, 0 to 1.
+    /// Root mean square difference to the true cover, 0 to 1.
     fn off(&self, alpha: &Plane<u8>) -> f64 {
         let pairs = alpha.data.iter().zip(&self.0.truth.cover.data);
         let sum: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
@@ -69,8 +69,8 @@ impl Case {
 }
 
 #[test]
-fn silhouettes_are_those_of_the_truth_whatever_the_light() {
-    // hairs of one pixel at this size: what is half covered may fall either way
+fn silhouettes_are_close_to_the_truth_in_every_light() {
+    // hairs are one pixel wide at this size: half covered pixels may be classified either way
     let least = [0.992, 0.996, 0.995, 0.96, 0.99];
     for ((name, scene), least) in SCENES.into_iter().zip(least) {
         let case = Case::new(&scene(4), &Rig { seed: 4, ..Rig::sized(480, 320, 9) });
@@ -91,8 +91,8 @@ fn silhouettes_are_those_of_the_truth_whatever_the_light() {
 }
 
 #[test]
-fn the_blur_of_what_is_dark_is_no_wing_however_wide_it_is() {
-    // what is blurred three times as wide leaves veils in the fused light, as wide as wings and as dark
+fn a_wide_defocused_edge_is_not_translucent() {
+    // blur of three times the radius leaves gradual edges in the fused light, as wide and as dark as wings
     let blurred = |seed: u64| {
         let rig = Rig { seed, ..Rig::sized(600, 400, 11) };
         Rig { f_number: rig.f_number / 3.0, ..rig }

@@ -20,7 +20,8 @@ pub(super) struct Correction {
 pub(super) enum Kind {
     /// It shows the far part, and blur of the near part lies over it. This share of the blur is removed, 0 to 1.
     Covered(f32),
-    /// The decision map says near part, but it may reach too far here: the far part begins at this distance, px.
+    /// The decision map gives it to the near part, but may reach too far here: the nearest far pixel is at this
+    /// distance, px.
     Fattened(f32),
 }
 

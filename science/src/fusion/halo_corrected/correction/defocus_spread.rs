@@ -20,7 +20,7 @@ use crate::{
 const FROM: f32 = 0.05;
 const COMPLETE: f32 = 0.3;
 
-/// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to look at; `skip`
+/// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to consider; `skip`
 /// are the pixels that are corrected otherwise.
 pub(super) fn find(
     map: &DecisionMap,

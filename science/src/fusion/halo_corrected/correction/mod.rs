@@ -12,7 +12,7 @@
 //! |---|---|
 //! | covered by near parts by the share `t` ([`defocus_spread`]), textured | `I - t (D * I_b - I_a)` |
 //! | the same, without texture | `I + t (I_a - I)` |
-//! | of the near part, but in reach of the far part ([`fattening`]) | `I + m (I_b - D * I_b)`, `m`: [`boundary_matte`] |
+//! | near, but in reach of the far part ([`fattening`]) | `I + m (I_b - D * I_b)`, `m` from the [`boundary_matte`] |
 //!
 //! Each result is clamped to 8 grey levels around the range that `I_a`, `I_b` and `I` span at the pixel.
 

@@ -73,7 +73,7 @@ pub(crate) struct DecisionMap {
     pub textured: Plane<bool>,
 }
 
-/// Refines the argmax `sharpest` of the focus `energy`; `textured` says where that energy is more than noise.
+/// Refines the argmax `sharpest` of the focus `energy`; `textured` is where that energy is more than noise.
 pub(super) fn refine<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
     sharpest: &Plane<u16>,
