@@ -2,6 +2,7 @@
 //!
 //! Plain data with its validation rules. The numeric types of the science are in `pinstack_science::types`.
 
+pub mod artifact;
 pub mod error;
 pub mod input;
 pub mod job;

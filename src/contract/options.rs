@@ -60,6 +60,17 @@ pub enum BitDepth {
     Sixteen,
 }
 
+impl BitDepth {
+    /// Bytes per sample of an image made from slices of `slices` bits per sample.
+    pub fn sample_bytes(self, slices: u8) -> u64 {
+        match self {
+            Self::Auto if slices > 8 => 2,
+            Self::Auto | Self::Eight => 1,
+            Self::Sixteen => 2,
+        }
+    }
+}
+
 impl TryFrom<TextOrNumber> for BitDepth {
     type Error = String;
     fn try_from(value: TextOrNumber) -> Result<Self, String> {

@@ -12,6 +12,7 @@ use super::{JobContext, OutputFile, ProgressSink};
 use crate::{
     contract::{
         Code, Fault, JobError,
+        artifact::FileFormat,
         options::{ImageFormat, StackOptions},
         outcome::Artifact,
     },
@@ -74,34 +75,33 @@ impl<'a> ArtifactWriter<'a> {
         metadata: &Metadata,
     ) -> Result<WrittenArtifact, JobError> {
         match encoding {
-            Encoding::Png => self.file(name, "png", "image/png", |out| encode_png(out, picture, metadata)),
-            Encoding::Tiff => self.file(name, "tif", "image/tiff", |out| encode_tiff(out, picture, metadata)),
+            Encoding::Png => self.file(name, FileFormat::Png, |out| encode_png(out, picture, metadata)),
+            Encoding::Tiff => self.file(name, FileFormat::Tiff, |out| encode_tiff(out, picture, metadata)),
             Encoding::Jpeg { quality } => {
-                self.file(name, "jpg", "image/jpeg", |out| write_jpeg(out, picture, metadata, quality))
+                self.file(name, FileFormat::Jpeg, |out| write_jpeg(out, picture, metadata, quality))
             }
         }
     }
 
     /// Writes `value` as artifact `name`, a JSON document. Errors as [`Self::picture`].
     pub(super) fn json(&self, name: &str, value: &impl Serialize) -> Result<WrittenArtifact, JobError> {
-        self.file(name, "json", "application/json", |out| Ok(serde_json::to_writer(out, value)?))
+        self.file(name, FileFormat::Json, |out| Ok(serde_json::to_writer(out, value)?))
     }
 
     fn file(
         &self,
         name: &str,
-        extension: &str,
-        media_type: &str,
+        format: FileFormat,
         fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
     ) -> Result<WrittenArtifact, JobError> {
         self.sink.check()?;
-        let file_name = format!("{name}.{extension}");
+        let file_name = format!("{name}.{}", format.extension());
         let path = self.context.scratch.join(&file_name);
         let written = self.write(&path, fill);
         let (bytes, sha256) = written.map_err(|error| self.failure(&error))?;
         let key = result_key(self.context.job.id, self.context.job.lease_token, &file_name);
-        let artifact =
-            Artifact { name: name.to_owned(), key: key.clone(), media_type: media_type.to_owned(), bytes, sha256 };
+        let media_type = format.media_type().to_owned();
+        let artifact = Artifact { name: name.to_owned(), key: key.clone(), media_type, bytes, sha256 };
         Ok((artifact, OutputFile { path, key }))
     }
 

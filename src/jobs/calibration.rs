@@ -13,6 +13,7 @@ use super::{
 };
 use crate::{
     contract::{
+        artifact,
         outcome::{CalibrationOutcome, JobOutcome},
         profile::ProfileSource,
         request::CalibrationRequest,
@@ -57,7 +58,7 @@ pub fn run(
     let writing = Phase::new(sink, &[("writing", 1.0)], MEASURED, 1.0);
     let writer = ArtifactWriter::new(context, sink);
     let mut written = overlays(&slices, &measured, &writer, &writing)?;
-    written.push(writer.json("report", &measured.report)?);
+    written.push(writer.json(artifact::REPORT, &measured.report)?);
     let (artifacts, files) = written.into_iter().unzip();
 
     let draft = ProfileDraft {
@@ -118,7 +119,7 @@ fn overlays(
         .map(|index| {
             control.check()?;
             let picture = calibration::overlay(&slices.thumbnail(index)?, measured, index);
-            let written = writer.png(&format!("overlay-{index}"), &picture, &Metadata::default())?;
+            let written = writer.png(&artifact::overlay_name(index), &picture, &Metadata::default())?;
             control.progress("writing", done.fetch_add(1, Ordering::Relaxed) + 1, count);
             Ok(written)
         })

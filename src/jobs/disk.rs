@@ -1,7 +1,10 @@
 //! How much room on the disk a job needs while it runs, beyond its upload. Known before the first byte of the upload
 //! arrives, because the profile says how large and how many the slices are.
 
-use crate::contract::{options::BitDepth, request::JobRequest};
+use crate::contract::{
+    artifact::{PixelSizes, StackArtifact},
+    request::JobRequest,
+};
 use pinstack_science::types::{profile::ProfileInput, stack_layout::StackLayout};
 
 /// Small pictures, documents, and what files of this size take of a file system besides their bytes.
@@ -17,12 +20,8 @@ const COPY: u64 = 2 * 1600 * 1600 * 3;
 pub fn disk_need(request: &JobRequest) -> u64 {
     match request {
         JobRequest::Stack(request) => {
-            let sample = match request.options.bit_depth {
-                BitDepth::Sixteen => 2,
-                BitDepth::Eight => 1,
-                BitDepth::Auto => sample(&request.layout),
-            };
-            stack(&Slices::of_layout(&request.layout), sample)
+            let slices = Slices::of_layout(&request.layout);
+            stack(&slices, request.options.bit_depth.sample_bytes(request.layout.bit_depth))
         }
         JobRequest::Calibration(request) => calibration(request.layout.front.len()),
     }
@@ -54,10 +53,11 @@ impl Slices {
     }
 }
 
-fn stack(slices: &Slices, sample: u64) -> u64 {
+/// `image_sample`: bytes per sample of the image.
+fn stack(slices: &Slices, image_sample: u64) -> u64 {
     let warped = slices.count.saturating_mul(slices.bytes_per_pixel);
-    // RGBA; mask; RGB of the back light; a 16-bit index
-    let results = 4 * sample + 1 + slices.bytes_per_pixel.max(3) + 2;
+    let sizes = PixelSizes { image_sample, slice_pixel: slices.bytes_per_pixel };
+    let results: u64 = StackArtifact::ALL.iter().map(|artifact| artifact.pixel_bytes(&sizes)).sum();
     BASE.saturating_add(slices.pixels.saturating_mul(warped.saturating_add(results)))
 }
 

@@ -1,7 +1,7 @@
 //! How much memory a job needs, from what the POST knows about its slices.
 
 use crate::contract::{
-    options::BitDepth,
+    artifact::{PixelSizes, StackArtifact},
     request::{CalibrationRequest, JobRequest, StackRequest},
 };
 use pinstack_science::{
@@ -43,13 +43,13 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
         MaskEdge::Soft => 2,
     };
     let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(silhouettes * pixels(layout));
-    let sample = match request.options.bit_depth {
-        BitDepth::Auto => sample(layout),
-        BitDepth::Eight => 1,
-        BitDepth::Sixteen => 2,
-    };
-    // index 2, validity 1, alpha 1
-    let composing = pixels(layout).saturating_mul(3 * self::sample(layout) + 4 + silhouettes + 4 * sample);
+    let slice_pixel = 3 * sample(layout);
+    let image_sample = request.options.bit_depth.sample_bytes(layout.bit_depth);
+    let sizes = PixelSizes { image_sample, slice_pixel };
+    let outputs = [StackArtifact::Image, StackArtifact::Depth].map(|artifact| artifact.pixel_bytes(&sizes));
+    // the fused picture; validity and alpha; what comes out
+    let composing = slice_pixel + 2 + silhouettes + outputs.iter().sum::<u64>();
+    let composing = pixels(layout).saturating_mul(composing);
     fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
 }
 

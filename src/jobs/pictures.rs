@@ -11,6 +11,7 @@ use super::{
 };
 use crate::contract::{
     JobError,
+    artifact::StackArtifact,
     options::{BitDepth, ImageFormat, StackOptions, UnderAlpha},
     outcome::ImageInfo,
 };
@@ -75,18 +76,18 @@ impl Pictures<'_> {
             let colours = Metadata { icc: metadata.icc.clone(), exif: None };
             let small = Encoding::Jpeg { quality: PREVIEW_QUALITY };
             let preview = thumbnail::flattened(&image, PREVIEW_MAX_SIDE);
-            let mut written = vec![step(writer.picture("preview", small, &preview, &colours)?)];
+            let mut written = vec![step(writer.picture(StackArtifact::Preview.name(), small, &preview, &colours)?)];
             if let Some(silhouette) = self.silhouette {
                 // binary, for tools that accept no other masks
                 let binary = compositing::masked(&silhouette.mask, &front.valid);
                 let mask = Raster::eight(rect.width, rect.height, 1, binary.crop(rect).data);
-                written.push(step(writer.png("mask", &mask, &Metadata::default())?));
+                written.push(step(writer.png(StackArtifact::Mask.name(), &mask, &Metadata::default())?));
             }
             let index = Raster::sixteen(rect.width, rect.height, 1, front.index.crop(rect).data);
-            written.push(step(writer.png("depth", &index, &Metadata::default())?));
+            written.push(step(writer.png(StackArtifact::Depth.name(), &index, &Metadata::default())?));
             Ok(written)
         };
-        let main = || writer.picture("image", Encoding::of(options), &image, &metadata).map(step);
+        let main = || writer.picture(StackArtifact::Image.name(), Encoding::of(options), &image, &metadata).map(step);
         let (main, others) = rayon::join(main, others);
         let mut written = vec![main?];
         written.append(&mut others?);

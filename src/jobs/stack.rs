@@ -13,6 +13,7 @@ use super::{
 };
 use crate::contract::{
     Code, Fault, JobError,
+    artifact::StackArtifact,
     input::SliceOrder,
     options::MaskMode,
     outcome::{JobOutcome, StackOutcome},
@@ -89,7 +90,7 @@ pub fn run(
         if options.mask == MaskMode::Required {
             useful(&silhouette)?;
         }
-        written.push(writer.png("backlight", &back.image.crop(rect), &Metadata::default())?);
+        written.push(writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default())?);
         warnings.extend(back.warnings.into_iter().filter(|w| !NOT_OF_THE_BACK.contains(&w.code.as_str())));
         warnings.extend_from_slice(&silhouette.warnings);
         back_light = Some(diagnosis::reduced_back_light(&back.image));

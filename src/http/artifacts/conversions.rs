@@ -1,13 +1,15 @@
-//! Conversions of stored pictures: one at a time, shared by all who ask for the same, and kept for the next.
+//! Converts stored pictures to other file formats, with a cache.
 //!
-//! In: a stored picture, its digest, the wanted media type. Out: a file. Why not in the request: a client that hangs up ends
-//! its request and not the work, so the work has a task of its own, which holds the turn until the file is made. Requests
-//! wait for the task. A client that leaves before the turn has come leaves nothing behind; a file that was made stays, because
-//! a browser that reloads asks again.
+//! In: a stored picture, its digest, the format. Out: a file. Conversions run one at a time, because each needs a whole
+//! picture in memory. Requests for the same picture and format share one conversion.
 //!
-//! Kept files lie in the spool folder. They go when their picture is deleted, when [`KEEP_BYTES`] or [`KEEP_FILES`] are
-//! exceeded (the one used longest ago first), and with the process. Before a file is made its room is reserved in the disk
-//! budget; what is written counts as used, also while a client still reads it.
+//! A conversion runs in a task of its own, not in the request: a client that disconnects must not stop work that others
+//! wait for. A conversion that no request waits for when its turn comes is dropped. A converted file is kept, because a
+//! browser that reloads asks again.
+//!
+//! Cached files are in the spool folder. They are removed when their picture is deleted, when [`KEEP_BYTES`] or
+//! [`KEEP_FILES`] is exceeded (least recently used first), and when the process ends. Disk space is reserved before a file
+//! is written; what is written counts as used while a client still reads it.
 
 use std::{
     collections::HashMap,
@@ -23,7 +25,7 @@ use tokio::sync::{Semaphore, watch};
 
 use super::convert::{convert, most_bytes};
 use crate::{
-    contract::{Code, Fault},
+    contract::{Code, Fault, artifact::FileFormat},
     http::{
         background,
         problem::{ApiError, ApiResult},
@@ -32,38 +34,38 @@ use crate::{
     store::failpoint::step,
 };
 
-/// Most bytes of converted files that are kept.
+/// Most bytes of cached files.
 const KEEP_BYTES: u64 = 2 << 30;
-/// Most converted files that are kept.
+/// Most cached files.
 const KEEP_FILES: usize = 64;
 
-/// A converted file: removed when the last who needs it lets go of it.
+/// A converted file, removed when the last reference is dropped.
 #[derive(Debug)]
 pub struct Converted {
     file: NamedTempFile,
     source: PathBuf,
-    /// Its size.
+    /// Its size, bytes.
     pub length: u64,
 }
 
 impl Converted {
-    /// Where it lies.
+    /// Its path.
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 }
 
-/// Digest of the stored picture, and the media type that is wanted.
-type Key = (String, &'static str);
+/// Digest of the stored picture, and the requested format.
+type Key = (String, FileFormat);
 
-/// What a conversion came to; the fault is told to all who wait.
+/// The result of a conversion. A fault is reported to all waiting requests.
 type Outcome = Result<Arc<Converted>, Fault>;
 
 #[derive(Debug)]
 enum Entry {
-    /// Somebody makes it.
+    /// Being made by a task.
     Making(watch::Receiver<Option<Outcome>>),
-    /// It is there; the number grows with each use of any.
+    /// Cached, with the time of its last use in ticks of a counter.
     Kept(Arc<Converted>, u64),
 }
 
@@ -71,7 +73,7 @@ enum Entry {
 #[derive(Debug)]
 pub struct Conversions {
     entries: Mutex<(HashMap<Key, Entry>, u64)>,
-    /// Each conversion holds a whole picture in memory: one at a time.
+    /// Each conversion needs a whole picture in memory: one at a time.
     turn: Semaphore,
     begun: AtomicUsize,
 }
@@ -83,18 +85,18 @@ impl Default for Conversions {
 }
 
 impl Conversions {
-    /// The picture with this digest, stored at `source`, as `media_type`; made when it is not kept.
+    /// The picture with this digest, stored at `source`, in `format`. Made when it is not cached.
     ///
     /// # Errors
-    /// `insufficient_storage` when there is no room for it; `internal` when the picture cannot be read.
+    /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read.
     pub async fn get(
         self: &Arc<Self>,
         app: &App,
         source: PathBuf,
         digest: &str,
-        media_type: &'static str,
+        format: FileFormat,
     ) -> ApiResult<Arc<Converted>> {
-        let key = (digest.to_owned(), media_type);
+        let key = (digest.to_owned(), format);
         let mut waiting = {
             let mut entries = self.entries();
             let (map, clock) = &mut *entries;
@@ -104,18 +106,18 @@ impl Conversions {
                     *used = *clock;
                     return Ok(Arc::clone(file));
                 }
-                // a task that died leaves its entry behind
+                // a task that panicked leaves its entry behind
                 Some(Entry::Making(waiting)) if waiting.has_changed().is_ok() => waiting.clone(),
                 _ => {
-                    let (told, waiting) = watch::channel(None);
+                    let (result, waiting) = watch::channel(None);
                     map.insert(key.clone(), Entry::Making(waiting.clone()));
                     let (this, app) = (Arc::clone(self), app.clone());
-                    background::spawn(async move { this.make(&app, source, key, told).await });
+                    background::spawn(async move { this.make(&app, source, key, result).await });
                     waiting
                 }
             }
         };
-        // the borrow must not live across anything that waits
+        // the borrow must not be held across an await
         let outcome = waiting.wait_for(Option::is_some).await.ok().and_then(|outcome| outcome.clone());
         match outcome {
             Some(Ok(file)) => Ok(file),
@@ -124,30 +126,30 @@ impl Conversions {
         }
     }
 
-    /// One that is there already.
-    pub fn kept(&self, digest: &str, media_type: &'static str) -> Option<Arc<Converted>> {
-        match self.entries().0.get(&(digest.to_owned(), media_type)) {
+    /// The converted file, if it is cached.
+    pub fn kept(&self, digest: &str, format: FileFormat) -> Option<Arc<Converted>> {
+        match self.entries().0.get(&(digest.to_owned(), format)) {
             Some(Entry::Kept(file, _)) => Some(Arc::clone(file)),
             _ => None,
         }
     }
 
-    /// Lets go of what was made of pictures that are gone.
+    /// Drops the files whose picture was deleted.
     pub fn forget_deleted(&self) {
         drop_deleted(&mut self.entries().0);
     }
 
-    /// Conversions that were begun since the start of the process.
+    /// Number of conversions begun since the start of the process.
     pub fn begun(&self) -> usize {
         self.begun.load(Ordering::Relaxed)
     }
 
-    async fn make(&self, app: &App, source: PathBuf, key: Key, told: watch::Sender<Option<Outcome>>) {
+    async fn make(&self, app: &App, source: PathBuf, key: Key, result: watch::Sender<Option<Outcome>>) {
         let Ok(_turn) = self.turn.acquire().await else { return };
         {
             let mut entries = self.entries();
-            // the entry holds one receiver: nobody else waits any more
-            if told.receiver_count() <= 1 {
+            // the entry itself holds one receiver: no request is waiting
+            if result.receiver_count() <= 1 {
                 entries.0.remove(&key);
                 return;
             }
@@ -160,11 +162,11 @@ impl Conversions {
                 entries.1 += 1;
                 let now = entries.1;
                 entries.0.insert(key, Entry::Kept(Arc::clone(file), now));
-                make_room(&mut entries.0);
+                evict(&mut entries.0);
             }
             Err(_) => _ = entries.0.remove(&key),
         }
-        told.send_replace(Some(outcome));
+        result.send_replace(Some(outcome));
     }
 
     fn entries(&self) -> MutexGuard<'_, (HashMap<Key, Entry>, u64)> {
@@ -180,8 +182,8 @@ fn drop_deleted(map: &mut HashMap<Key, Entry>) {
     });
 }
 
-/// Drops the files whose picture was deleted, and then those used longest ago until the limits hold. The one used last stays.
-fn make_room(map: &mut HashMap<Key, Entry>) {
+/// Drops the files whose picture was deleted, then the least recently used ones until the limits hold. At least one stays.
+fn evict(map: &mut HashMap<Key, Entry>) {
     drop_deleted(map);
     loop {
         let kept = map.iter().filter_map(|(key, entry)| match entry {
@@ -192,22 +194,22 @@ fn make_room(map: &mut HashMap<Key, Entry>) {
         if files <= 1 || (files <= KEEP_FILES && bytes <= KEEP_BYTES) {
             return;
         }
-        let Some(oldest) = kept.min().map(|(_, _, key)| key.clone()) else { return };
+        let Some(oldest) = kept.min_by_key(|(used, ..)| *used).map(|(_, _, key)| key.clone()) else { return };
         map.remove(&oldest);
     }
 }
 
-async fn made(app: &App, source: PathBuf, media_type: &'static str) -> Outcome {
+async fn made(app: &App, source: PathBuf, format: FileFormat) -> Outcome {
     let path = source.clone();
     let most = blocking(move || most_bytes(&path)).await?;
     let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
-    let Ok(mut room) = reserved else { return Err(no_room()) };
+    let Ok(mut space) = reserved else { return Err(disk_full()) };
     let spool = app.blobs.spool_dir().to_owned();
     blocking(move || {
         step("convert.make")?;
         let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = convert(&source, file.as_file(), media_type)?;
-        room.written(length);
+        let length = convert(&source, file.as_file(), format)?;
+        space.written(length);
         Ok(Arc::new(Converted { file, source, length }))
     })
     .await
@@ -222,17 +224,17 @@ fn cannot(error: &anyhow::Error) -> Fault {
     use std::io::ErrorKind::{QuotaExceeded, StorageFull};
     let is_full = |cause: &std::io::Error| matches!(cause.kind(), StorageFull | QuotaExceeded);
     match error.chain().filter_map(|cause| cause.downcast_ref()).any(is_full) {
-        true => no_room(),
+        true => disk_full(),
         false => internal(error),
     }
 }
 
-fn no_room() -> Fault {
-    let detail = "the disk of the server has no room to convert the picture; ask for it as it is stored (no Accept), or make \
-                  room";
+fn disk_full() -> Fault {
+    let detail = "the disk of the server has no space to convert the picture; request it as it is stored (without \
+                  Accept), or free some space";
     Fault::new(Code::InsufficientStorage, detail)
 }
 
 fn internal(error: &anyhow::Error) -> Fault {
-    ApiError::internal(format!("a picture cannot be converted: {error:#}")).fault().clone()
+    ApiError::internal(format!("cannot convert a picture: {error:#}")).fault().clone()
 }

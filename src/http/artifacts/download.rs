@@ -1,4 +1,4 @@
-//! A file as an answer: streamed from the disk, with `ETag`, `Range` and a name.
+//! Sends a file: streamed from the disk, with `ETag`, `Range` and a file name.
 
 use std::{convert::Infallible, io::SeekFrom, path::PathBuf};
 
@@ -28,50 +28,49 @@ use crate::{
     store::Job,
 };
 
-/// Bytes that are read from the disk at a time.
+/// Bytes read from the disk at a time.
 const CHUNK: usize = 128 << 10;
 
 /// A file that can be sent.
 #[derive(Debug)]
 pub struct Download {
-    /// Its bytes; none where they would have to be made first and are not asked for.
+    /// Its bytes; `None` for a conversion that is not made because its bytes are not needed.
     pub content: Option<Content>,
     /// Its entity tag, without quotes.
     pub tag: String,
-    /// Its kind.
+    /// Its media type.
     pub media_type: String,
-    /// Its name for the client.
+    /// Its file name.
     pub name: String,
 }
 
-/// An open file: it can be sent to its end even when it is deleted meanwhile.
+/// An open file. It can be sent completely even if it is deleted meanwhile.
 #[derive(Debug)]
 pub struct Content {
     /// The file.
     pub file: File,
-    /// Its size.
+    /// Its size, bytes.
     pub length: u64,
 }
 
 /// A file as the job stored it.
 ///
 /// # Errors
-/// `not_found` when the job was deleted a moment ago; `internal` when the file is missing or has another size than its row
-/// says.
+/// `not_found` when the job was deleted meanwhile; `internal` when the file is missing or its size differs from its row.
 pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> ApiResult<Download> {
     let Some((file, length)) = open(app, &artifact.key).await? else { return Err(missing(app, job, artifact).await) };
     if length != artifact.bytes {
-        let found = format!("has {length} bytes, its row says {}", artifact.bytes);
+        let found = format!("has {length} bytes instead of the {} in its row", artifact.bytes);
         return Err(damaged(artifact, &found));
     }
     let (tag, media_type) = (artifact.sha256.clone(), artifact.media_type.clone());
     Ok(Download { content: Some(Content { file, length }), tag, media_type, name })
 }
 
-/// Where the file of a job lies.
+/// The path of a file of a job. Its size is not checked.
 ///
 /// # Errors
-/// As [`stored`], but for its size.
+/// `not_found` when the job was deleted meanwhile; `internal` when the file is missing.
 pub async fn stored_path(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<PathBuf> {
     match app.blobs.local_path(&artifact.key).await? {
         Some(path) => Ok(path),
@@ -79,7 +78,7 @@ pub async fn stored_path(app: &App, job: &Job, artifact: &Artifact) -> ApiResult
     }
 }
 
-/// Why a file that a row named is not there: the job was deleted since the row was read, or the disk lost the file.
+/// The error for a missing file: the job was deleted since the row was read, or the file was lost.
 async fn missing(app: &App, job: &Job, artifact: &Artifact) -> ApiError {
     match app.rows.job(job.id).await {
         Ok(Some(row)) if row.outcome.as_ref().is_some_and(|o| o.artifacts().contains(artifact)) => {
@@ -90,17 +89,17 @@ async fn missing(app: &App, job: &Job, artifact: &Artifact) -> ApiError {
     }
 }
 
-/// A file that is not what its row says is not sent: it would carry the digest of another one.
+/// The error for a file that does not match its row. It is not sent, because its `ETag` would be wrong.
 fn damaged(artifact: &Artifact, found: &str) -> ApiError {
-    tracing::error!(key = artifact.key, "a stored result {found}; `pinstack verify` lists all that are damaged");
+    tracing::error!(key = artifact.key, "a stored result {found}; `pinstack verify` lists all damaged results");
     let detail = format!(
-        "the stored file of the {} is damaged and is not sent; fuse the stack again, and let the operator run `pinstack verify`",
+        "the stored file of the {} is damaged; fuse the stack again, and ask the operator to run `pinstack verify`",
         artifact.name
     );
     ApiError::new(Code::Internal, detail)
 }
 
-/// A blob and its size; `None` when it is gone.
+/// A blob and its size in bytes; `None` when it does not exist.
 ///
 /// # Errors
 /// When it cannot be read.
@@ -117,7 +116,7 @@ pub async fn open(app: &App, key: &str) -> ApiResult<Option<(File, u64)>> {
 }
 
 impl Download {
-    /// The answer: 200, 206 or 304.
+    /// The response: 200, 206 or 304.
     ///
     /// # Errors
     /// `precondition_failed`, `range_not_satisfiable`.
@@ -132,7 +131,7 @@ impl Download {
             out.insert(header::CONTENT_TYPE, kind);
         }
         let Some(Content { mut file, length: total }) = self.content else {
-            // a stream, because an empty body would say that the file has no bytes
+            // a stream: an empty body would be sent with Content-Length: 0
             let nothing = futures::stream::empty::<Result<Bytes, Infallible>>();
             return Ok((StatusCode::OK, out, Body::from_stream(nothing)).into_response());
         };
@@ -140,7 +139,7 @@ impl Download {
             Wanted::Whole => (StatusCode::OK, 0, total),
             Wanted::Part { first, last } => (StatusCode::PARTIAL_CONTENT, first, last - first + 1),
             Wanted::Unsatisfiable => {
-                let detail = format!("the file has {total} bytes; the range lies outside");
+                let detail = format!("the range is outside the file, which has {total} bytes");
                 let error = ApiError::new(Code::RangeNotSatisfiable, detail);
                 return Err(error.with_header(header::CONTENT_RANGE, format!("bytes */{total}")));
             }
@@ -160,7 +159,7 @@ impl Download {
         HeaderMap::from_iter([
             (header::ETAG, etag(&self.tag)),
             (header::ACCEPT_RANGES, HeaderValue::from_static("bytes")),
-            // a result never changes but can be deleted: ask, and hear 304
+            // a result never changes but can be deleted: clients revalidate and get 304
             (header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache")),
         ])
     }

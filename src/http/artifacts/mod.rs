@@ -1,4 +1,4 @@
-//! Files that jobs made, on their way to the client.
+//! Downloads of the files that jobs made: format, name, range, entity tag.
 
 pub mod accept;
 pub mod conversions;

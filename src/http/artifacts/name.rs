@@ -1,46 +1,46 @@
-//! Names of downloads: `{stem}{_what}.png`.
+//! File names of downloads: `{stem}{_artifact}.{extension}`.
 //!
-//! The stem is what the client called the view, so that it stays when the view is fused again and a project that names the
-//! file still finds it:
+//! The stem is what the client called the view. So it stays the same when the view is fused again, and a project that refers
+//! to the file still finds it:
 //!
 //! | given | stem |
 //! |---|---|
-//! | label, pan or tilt | `{label}_{pan}_{tilt}`: a label may name the specimen, the same for all its views |
+//! | label, pan or tilt | `{label}_{pan}_{tilt}`: one label may name the specimen of many views |
 //! | scan, pan or tilt | `{scan}_{pan}_{tilt}` |
 //! | label | `{label}` |
 //! | none of these | `{name of the upload, or "stack"}_{end of the id}`: differs from view to view |
 //!
-//! Two stacks that were called the same have the same name; `curl -OJ` then refuses to overwrite the first, and browsers
+//! Two stacks with the same label have the same file name; `curl -OJ` then refuses to overwrite the first, and browsers
 //! number the second.
 
 use axum::http::HeaderValue;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
 use crate::{
-    contract::{options::StackOptions, request::JobRequest},
+    contract::{
+        artifact::{FileFormat, StackArtifact},
+        options::StackOptions,
+        request::JobRequest,
+    },
     store::Job,
 };
 
-/// What RFC 8187 lets stand in `filename*`.
+/// Characters that RFC 8187 allows unencoded in `filename*`.
 const ATTR_CHAR: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
 
 /// Longest stem, in characters.
 const MAX_STEM: usize = 100;
 
-/// The file name of a result. The image itself has no suffix, so that `a.png` and `a_mask.png` are the pair that
+/// The file name of an artifact. The image has no suffix, so that `a.png` and `a_mask.png` are the pair that
 /// photogrammetry tools look for.
-pub fn of(job: &Job, what: &str, media_type: &str) -> String {
+pub fn of(job: &Job, artifact: &str, media_type: &str) -> String {
     let stem = match &job.request {
         JobRequest::Stack(request) => of_view(&request.options),
         JobRequest::Calibration(_) => None,
     };
     let stem = stem.unwrap_or_else(|| by_upload(job));
-    let suffix = if what == "image" { String::new() } else { format!("_{what}") };
-    let extension = match media_type {
-        "image/tiff" => "tiff",
-        "image/jpeg" => "jpg",
-        _ => "png",
-    };
+    let suffix = if artifact == StackArtifact::Image.name() { String::new() } else { format!("_{artifact}") };
+    let extension = FileFormat::of_media_type(media_type).unwrap_or(FileFormat::Png).extension();
     format!("{stem}{suffix}.{extension}")
 }
 
@@ -55,15 +55,15 @@ fn of_view(options: &StackOptions) -> Option<String> {
     Some(angles.iter().flatten().fold(subject, |stem, angle| format!("{stem}_{}", degrees(*angle))))
 }
 
-/// An angle in degrees to a thousandth, with three digits before the point, so that names sort as angles do.
+/// An angle in degrees with three digits before the point and up to three after it, so that names sort like angles.
 fn degrees(angle: f64) -> String {
     let text = format!("{:07.3}", angle.abs());
     let sign = if angle < 0.0 { "-" } else { "" };
     format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
 }
 
-/// The name of the upload, and the last digits of the id: of a UUIDv7 they are the random ones, in which two stacks of one
-/// minute differ.
+/// The file name of the upload and the last digits of the id. Those of a UUIDv7 are random, so that stacks of the same minute
+/// differ.
 fn by_upload(job: &Job) -> String {
     let upload = job.request.upload().filename.as_deref();
     let upload = upload.map(|name| name.rsplit_once('.').map_or(name, |(stem, _)| stem));
@@ -75,31 +75,30 @@ fn by_upload(job: &Job) -> String {
     format!("{stem}_{}", id.get(24..).unwrap_or_default())
 }
 
-/// The file name of the zip of a job: as it was sent, or made up.
+/// The file name of the zip of a job: as the client named it, or made from the id.
 pub fn of_upload(job: &Job) -> String {
     job.request.upload().filename.clone().unwrap_or_else(|| format!("{}.zip", job.id))
 }
 
-/// Without what file systems, shells and photogrammetry tools stumble over: blanks, separators, quotes.
+/// Replaces characters that file systems, shells or photogrammetry tools do not accept: spaces, separators, quotes.
 fn tidy(text: &str) -> String {
     let replaced: String =
         text.chars().take(MAX_STEM).map(|c| if c.is_alphanumeric() || "._-+".contains(c) { c } else { '_' }).collect();
     replaced.trim_matches(['.', '_']).to_owned()
 }
 
-/// `Content-Disposition` as RFC 6266 has it, of a file to look at: an ASCII name for everybody, and the right one for who
-/// can read it.
+/// `Content-Disposition: inline` (RFC 6266), with an ASCII name and, where they differ, the exact name in UTF-8.
 pub fn disposition(name: &str) -> HeaderValue {
     disposition_as("inline", name)
 }
 
-/// The same of a file to save. The name may be one that a client chose.
+/// `Content-Disposition: attachment`. The name may be chosen by a client.
 pub fn attachment(name: &str) -> HeaderValue {
     disposition_as("attachment", name)
 }
 
 fn disposition_as(kind: &'static str, name: &str) -> HeaderValue {
-    // a quoted string has escapes of its own that clients read in different ways
+    // clients disagree about escapes in quoted strings
     let plain = |c: char| (c.is_ascii_graphic() || c == ' ') && !['"', '\\', '%'].contains(&c);
     let ascii: String = name.chars().map(|c| if plain(c) { c } else { '_' }).collect();
     let value = if ascii == name {
@@ -117,14 +116,14 @@ mod tests {
     use crate::contract::Name;
 
     #[test]
-    fn a_name_loses_what_tools_stumble_over() {
+    fn characters_that_tools_do_not_accept_are_replaced() {
         assert_eq!(tidy("Carabus violaceus / left \"1\""), "Carabus_violaceus___left__1");
         assert_eq!(tidy("..\\..\\x"), "x");
         assert_eq!(tidy("   "), "");
     }
 
     #[test]
-    fn a_view_is_named_by_what_the_client_called_it() {
+    fn a_file_is_named_after_label_scan_and_angles() {
         let named = |label: Option<&str>, scan: Option<&str>, pan_deg, tilt_deg| {
             let scan = scan.map(|scan| Name::new(scan).unwrap());
             of_view(&StackOptions {
@@ -146,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_with_umlauts_is_sent_in_both_spellings() {
+    fn a_name_with_umlauts_is_sent_in_ascii_and_in_utf_8() {
         let value = disposition("käfer_1.png");
         assert_eq!(value, "inline; filename=\"k_fer_1.png\"; filename*=UTF-8''k%C3%A4fer_1.png");
         assert_eq!(disposition("bee.png"), "inline; filename=\"bee.png\"");

@@ -1,8 +1,9 @@
-//! What a job made, or why there is nothing.
+//! The outcome of a job, or why there is none.
 
 use crate::{
     contract::{
         Code, JobState,
+        artifact::StackArtifact,
         outcome::{Artifact, JobOutcome},
     },
     http::problem::{ApiError, ApiResult},
@@ -20,14 +21,17 @@ pub fn of(job: &Job) -> ApiResult<&JobOutcome> {
     let detail = match job.state {
         JobState::Queued | JobState::Running => {
             let state = job.state.as_str();
-            return Err(ApiError::new(Code::NotFinished, format!("it is {state}: the results come when it has ended")));
+            return Err(ApiError::new(
+                Code::NotFinished,
+                format!("the job is {state}; its results are available when it has succeeded"),
+            ));
         }
         JobState::Failed => match &job.error {
-            Some(error) => format!("it failed: {}", error.detail),
-            None => "it failed".to_owned(),
+            Some(error) => format!("the job failed: {}", error.detail),
+            None => "the job failed".to_owned(),
         },
-        JobState::Cancelled => "it was cancelled".to_owned(),
-        JobState::Succeeded => "it made no results".to_owned(),
+        JobState::Cancelled => "the job was cancelled".to_owned(),
+        JobState::Succeeded => "the job made no results".to_owned(),
     };
     Err(ApiError::new(Code::NoResult, detail))
 }
@@ -40,13 +44,14 @@ pub fn artifact<'a>(job: &'a Job, name: &str) -> ApiResult<&'a Artifact> {
     of(job)?.artifacts().iter().find(|artifact| artifact.name == name).ok_or_else(|| missing(job, name))
 }
 
-/// The job ended well but made no such thing.
+/// The error for an artifact that a succeeded job did not make.
 pub fn missing(job: &Job, name: &str) -> ApiError {
+    let needs_back_light = StackArtifact::of_name(name).is_some_and(StackArtifact::needs_back_light);
     let has_back_light = !job.request.layout().back.is_empty();
-    let detail = match name {
-        "mask" | "backlight" if !has_back_light => format!("there is no {name}: the stack has no back-light slices"),
-        "mask" | "backlight" => format!("there is no {name}: the stack was made with mask=none"),
-        _ => format!("there is no {name}"),
+    let detail = match (needs_back_light, has_back_light) {
+        (true, false) => format!("there is no {name}: the stack has no back-light slices"),
+        (true, true) => format!("there is no {name}: the stack was fused with mask=none"),
+        (false, _) => format!("the job made no {name}"),
     };
     ApiError::new(Code::NoResult, detail)
 }

@@ -1,4 +1,4 @@
-//! A picture of a job as an answer: the stored file, or the same in the format that `Accept` asks for.
+//! Downloads of the pictures of a stack: the stored file, or a conversion to the format in `Accept`.
 
 use axum::{
     http::{HeaderMap, HeaderValue, Method, header},
@@ -6,12 +6,15 @@ use axum::{
 };
 
 use super::{
-    accept::{self, Formats},
+    accept,
     download::{self, Content, Download},
     name, outcome,
 };
 use crate::{
-    contract::outcome::Artifact,
+    contract::{
+        artifact::{FileFormat, StackArtifact},
+        outcome::Artifact,
+    },
     http::{
         extract::conditional::{not_modified, require_match},
         problem::{ApiError, ApiResult},
@@ -20,52 +23,52 @@ use crate::{
     store::Job,
 };
 
-/// The answer to a `GET` or `HEAD` of the picture `what` of a job.
+/// The response to `GET` or `HEAD` of an artifact of a stack.
 ///
 /// # Errors
-/// What [`outcome::artifact`], [`download::stored`] and [`Download::answer`] say; `insufficient_storage` when there is no room
-/// for a converted file.
+/// Those of [`outcome::artifact`], [`download::stored`] and [`Download::answer`]; `insufficient_storage` when there is no
+/// disk space for a converted file.
 pub async fn answer(
     app: &App,
     job: &Job,
-    what: &str,
-    formats: Formats,
+    picture: StackArtifact,
     method: &Method,
     headers: &HeaderMap,
 ) -> ApiResult<Response> {
-    let artifact = outcome::artifact(job, what)?;
-    let download = match accept::choose(headers, formats, &artifact.media_type) {
-        None => download::stored(app, job, artifact, name::of(job, what, &artifact.media_type)).await?,
-        Some(media_type) => converted(app, job, artifact, media_type, method, headers).await?,
+    let artifact = outcome::artifact(job, picture.name())?;
+    let download = match accept::choose(headers, picture.formats(), &artifact.media_type) {
+        None => download::stored(app, job, artifact, name::of(job, picture.name(), &artifact.media_type)).await?,
+        Some(format) => converted(app, job, artifact, format, method, headers).await?,
     };
     let mut response = download.answer(headers).await?;
-    if formats != Formats::Stored {
+    if !picture.formats().is_empty() {
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     }
     Ok(response)
 }
 
-/// The picture as `media_type`. It is made only when its bytes are needed: not for `HEAD`, and not for a client that has it.
+/// The picture in another format. It is converted only when its bytes are needed: not for `HEAD`, and not when the copy of
+/// the client is current.
 async fn converted(
     app: &App,
     job: &Job,
     artifact: &Artifact,
-    media_type: &'static str,
+    format: FileFormat,
     method: &Method,
     headers: &HeaderMap,
 ) -> ApiResult<Download> {
-    // the bytes depend on the encoder too
-    let format = media_type.trim_start_matches("image/");
-    let tag = format!("{}-{format}-{}", artifact.sha256, env!("CARGO_PKG_VERSION"));
+    // the bytes depend on the version of the encoder too
+    let subtype = format.media_type().trim_start_matches("image/");
+    let tag = format!("{}-{subtype}-{}", artifact.sha256, env!("CARGO_PKG_VERSION"));
     require_match(headers, &tag)?;
-    let kept = app.conversions.kept(&artifact.sha256, media_type);
+    let kept = app.conversions.kept(&artifact.sha256, format);
     let file = if kept.is_some() || method == Method::HEAD || not_modified(headers, &tag) {
         kept
     } else {
-        // a damaged file is not converted either
+        // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
         let path = download::stored_path(app, job, artifact).await?;
-        Some(app.conversions.get(app, path, &artifact.sha256, media_type).await?)
+        Some(app.conversions.get(app, path, &artifact.sha256, format).await?)
     };
     let content = match file {
         Some(converted) => {
@@ -74,5 +77,6 @@ async fn converted(
         }
         None => None,
     };
+    let media_type = format.media_type();
     Ok(Download { content, tag, media_type: media_type.to_owned(), name: name::of(job, &artifact.name, media_type) })
 }

@@ -1,10 +1,10 @@
-//! `Range: bytes=...` (RFC 9110, section 14): one range; of several, the whole file is sent.
+//! `Range: bytes=...` (RFC 9110, section 14). One range is supported; a request for several gets the whole file.
 
 use axum::http::{HeaderMap, header};
 
 use crate::http::extract::conditional::Tags;
 
-/// Which part of a file is wanted.
+/// The requested part of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
     /// All of it.
@@ -16,14 +16,14 @@ pub enum Wanted {
         /// Last byte, inclusive.
         last: u64,
     },
-    /// Nothing that the file has.
+    /// A range beyond the end of the file.
     Unsatisfiable,
 }
 
-/// What the headers ask for of a file of `length` bytes with this entity tag.
+/// The part that the headers request from a file of `length` bytes with entity tag `tag`.
 pub fn wanted(headers: &HeaderMap, length: u64, tag: &str) -> Wanted {
     let Some(range) = headers.get(header::RANGE).and_then(|v| v.to_str().ok()) else { return Wanted::Whole };
-    // a date in If-Range never matches: no answer carries one
+    // a date in If-Range never matches: no response carries one
     let is_other = Tags::of(headers, &header::IF_RANGE).is_some_and(|tags| !tags.contains_strong(tag));
     if is_other {
         return Wanted::Whole;
@@ -31,7 +31,7 @@ pub fn wanted(headers: &HeaderMap, length: u64, tag: &str) -> Wanted {
     parse(range, length)
 }
 
-/// A range that is not understood is passed over, as the RFC wants it.
+/// An invalid range is ignored, as the RFC requires.
 fn parse(range: &str, length: u64) -> Wanted {
     let Some((first, last)) = range.trim().strip_prefix("bytes=").and_then(|r| r.split_once('-')) else {
         return Wanted::Whole;
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_form_of_a_single_range_is_understood() {
+    fn every_form_of_a_single_range_is_parsed() {
         let part = |first, last| Wanted::Part { first, last };
         assert_eq!(parse("bytes=0-9", 100), part(0, 9));
         assert_eq!(parse("bytes=90-", 100), part(90, 99));
@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_single_range_is_passed_over() {
+    fn anything_but_a_single_valid_range_is_ignored() {
         for range in ["bytes=9-0", "bytes=0-1,5-6", "items=0-1", "bytes=a-b", "bytes=", "bytes=-"] {
             assert_eq!(parse(range, 100), Wanted::Whole, "{range}");
         }

@@ -8,7 +8,7 @@ use axum::{
 use serde::Deserialize;
 
 use crate::{
-    contract::{JobKind, outcome::JobOutcome},
+    contract::{JobKind, artifact::overlay_name, outcome::JobOutcome},
     http::{
         artifacts::{download, name, outcome},
         extract::{JobId, params},
@@ -24,9 +24,9 @@ struct Parameters {
     slice: Option<u32>,
 }
 
-/// A slice with the dots found
+/// Get a slice with the detected dots
 ///
-/// PNG, made smaller to at most 1600 px. Without `slice`, the reference slice.
+/// PNG of a slice with the detected dots drawn in, reduced to at most 1600 px per side. Default: the reference slice.
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/overlay",
@@ -34,16 +34,16 @@ struct Parameters {
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),
-        ("slice" = Option<u32>, Query, description = "0-based index of the slice"),
+        ("slice" = Option<u32>, Query, description = "0-based index of the slice; default: the reference slice"),
     ),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
+        (status = 206, description = "The requested range"),
+        (status = 304, description = "The copy of the client is current"),
         (status = 400, description = "`invalid_request`: `slice` is not a number"),
-        (status = 404, description = "`not_found`; `no_result`: no such slice, or it failed or was cancelled"),
-        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
+        (status = 404, description = "`not_found`; `no_result`: no such slice, or the calibration failed or was cancelled"),
+        (status = 412, description = "`precondition_failed`: the file does not have the tag in `If-Match`"),
+        (status = 409, description = "`not_finished`: the calibration is queued or running"),
         (status = 416, description = "`range_not_satisfiable`"),
     )
 )]
@@ -54,7 +54,7 @@ pub async fn overlay(State(app): State<App>, JobId(id): JobId, uri: Uri, headers
         JobOutcome::Calibration(outcome) => outcome.reference_index,
         JobOutcome::Stack(_) => 0,
     };
-    let what = format!("overlay-{}", slice.unwrap_or(reference));
+    let what = overlay_name(slice.unwrap_or(reference) as usize);
     let artifact = outcome::artifact(&job, &what)?;
     let download = download::stored(&app, &job, artifact, name::of(&job, &what, &artifact.media_type)).await?;
     download.answer(&headers).await

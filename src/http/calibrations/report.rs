@@ -16,6 +16,7 @@ use tokio::io::AsyncReadExt;
 use crate::{
     contract::{
         Code, JobKind,
+        artifact::REPORT,
         outcome::{Artifact, JobOutcome},
         request::JobRequest,
     },
@@ -28,7 +29,7 @@ use crate::{
         problem::{ApiError, ApiResult},
         profiles::drift,
         state::App,
-        views::calibration::{REPORT, ReportView},
+        views::calibration::ReportView,
     },
     store::Job,
 };

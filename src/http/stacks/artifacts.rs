@@ -1,173 +1,101 @@
-//! The files that a stack makes: `GET /v1/stacks/{id}/{image,mask,backlight,depth,preview}`.
+//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,backlight,depth,preview}`. One endpoint per row of
+//! [`StackArtifact`]; all of them do the same.
 
 use axum::{
     extract::State,
     http::{HeaderMap, Method},
     response::Response,
 };
-use uuid::Uuid;
 
 use crate::{
-    contract::JobKind,
-    http::{
-        artifacts::{accept::Formats, picture},
-        extract::JobId,
-        job_resource::load,
-        problem::ApiResult,
-        state::App,
-    },
+    contract::{JobKind, artifact::StackArtifact},
+    http::{artifacts::picture, extract::JobId, job_resource::load, problem::ApiResult, state::App},
 };
 
-async fn send(app: &App, id: Uuid, what: &str, formats: Formats, request: (Method, HeaderMap)) -> ApiResult<Response> {
-    let (method, headers) = request;
-    let job = load(app, id, JobKind::Stack).await?;
-    picture::answer(app, &job, what, formats, &method, &headers).await
+/// An endpoint for an artifact: its documentation, name, artifact, path, operation, media types, and why it may be absent.
+macro_rules! endpoint {
+    (
+        $(#[$doc:meta])*
+        $name:ident, $artifact:ident, $path:literal, $operation:literal, [$($content:tt),+], $absent:literal
+    ) => {
+        $(#[$doc])*
+        #[utoipa::path(
+            get,
+            path = $path,
+            operation_id = $operation,
+            tag = "stacks",
+            params(
+                ("id" = String, Path, description = "Id of the stack"),
+                ("Accept" = Option<String>, Header, description = "A media type listed under 200. Anything else, or a type that this file cannot be converted to: the stored file"),
+                ("Range" = Option<String>, Header, description = "One byte range"),
+                ("If-Range" = Option<String>, Header, description = "`ETag`: send the range only if the file still has this tag, otherwise the whole file"),
+                ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
+            ),
+            responses(
+                (status = 200, description = "The file", content($((Vec<u8> = $content)),+), headers(
+                    ("ETag" = String, description = "SHA-256 of the stored file; with a suffix for a converted file"),
+                    ("Content-Disposition" = String, description = "A file name made from label, scan and angles"))),
+                (status = 206, description = "The requested range"),
+                (status = 304, description = "The copy of the client is current"),
+                (status = 404, description = $absent),
+                (status = 409, description = "`not_finished`: the stack is queued or running"),
+                (status = 412, description = "`precondition_failed`: the file does not have the tag in `If-Match`"),
+                (status = 416, description = "`range_not_satisfiable`"),
+                (status = 507, description = "`insufficient_storage`: no disk space to convert the file; request it as it is stored"),
+            )
+        )]
+        pub async fn $name(
+            State(app): State<App>,
+            JobId(id): JobId,
+            method: Method,
+            headers: HeaderMap,
+        ) -> ApiResult<Response> {
+            let job = load(&app, id, JobKind::Stack).await?;
+            picture::answer(&app, &job, StackArtifact::$artifact, &method, &headers).await
+        }
+    };
 }
 
-/// The fused image
-///
-/// RGBA with straight alpha; a JPEG has no alpha. PNG, TIFF or JPEG, as the stack was asked to store it; `Accept` gets
-/// another one, made on the way with the same pixels, colour profile and EXIF. When none of the three is accepted, the
-/// stored file is sent. `HEAD` makes nothing, so it tells no length of a file that is not made yet.
-#[utoipa::path(
-    get,
-    path = "/v1/stacks/{id}/image",
-    operation_id = "get_stack_image",
-    tag = "stacks",
-    params(
-        ("id" = String, Path, description = "Id of the stack"),
-        ("Accept" = Option<String>, Header, description = "`image/png`, `image/tiff` or `image/jpeg`; anything else: as stored"),
-        ("Range" = Option<String>, Header, description = "One range of bytes"),
-        ("If-Range" = Option<String>, Header, description = "`ETag`: the range only if it is still that file"),
-        ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
-    ),
-    responses(
-        (status = 200, description = "The image", content((Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"), (Vec<u8> = "image/jpeg")), headers(
-            ("ETag" = String, description = "SHA-256 of the file"), ("Content-Disposition" = String, description = "A sensible name"))),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
-        (status = 404, description = "`not_found`; `no_result`: it failed or was cancelled"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
-        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
-        (status = 416, description = "`range_not_satisfiable`"),
-        (status = 507, description = "`insufficient_storage`: no room to convert it; it can be had as it is stored"),
-    )
-)]
-pub async fn image(
-    State(app): State<App>,
-    JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    send(&app, id, "image", Formats::All, (method, headers)).await
+endpoint! {
+    /// Get the fused image
+    ///
+    /// RGBA with straight alpha; RGB without alpha as JPEG. The file is stored in the `format` of the stack. `Accept` selects
+    /// another format: the file is then converted on request, with the same pixels, colour profile and EXIF. `HEAD` does not
+    /// convert, so it sends no `Content-Length` for a file that is not converted yet.
+    image, Image, "/v1/stacks/{id}/image", "get_stack_image", ["image/png", "image/tiff", "image/jpeg"],
+    "`not_found`; `no_result`: the stack failed or was cancelled"
 }
 
-/// The alpha mask
-///
-/// 8-bit grey PNG: 255 object, 0 background. TIFF by `Accept: image/tiff`.
-#[utoipa::path(
-    get,
-    path = "/v1/stacks/{id}/mask",
-    operation_id = "get_stack_mask",
-    tag = "stacks",
-    params(("id" = String, Path, description = "Id of the stack")),
-    responses(
-        (status = 200, description = "The mask", content((Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"))),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
-        (status = 404, description = "`not_found`; `no_result`: it failed, was cancelled, or has no back light"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
-        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
-        (status = 416, description = "`range_not_satisfiable`"),
-        (status = 507, description = "`insufficient_storage`: no room to convert it; it can be had as it is stored"),
-    )
-)]
-pub async fn mask(State(app): State<App>, JobId(id): JobId, method: Method, headers: HeaderMap) -> ApiResult<Response> {
-    send(&app, id, "mask", Formats::Lossless, (method, headers)).await
+endpoint! {
+    /// Get the mask
+    ///
+    /// 8-bit grey PNG: 255 object, 0 background. TIFF with `Accept: image/tiff`.
+    mask, Mask, "/v1/stacks/{id}/mask", "get_stack_mask", ["image/png", "image/tiff"],
+    "`not_found`; `no_result`: the stack failed, was cancelled, or has no mask"
 }
 
-/// The fused back-light stack
-///
-/// What the mask was made from. PNG; TIFF or JPEG by `Accept`.
-#[utoipa::path(
-    get,
-    path = "/v1/stacks/{id}/backlight",
-    operation_id = "get_stack_backlight",
-    tag = "stacks",
-    params(("id" = String, Path, description = "Id of the stack")),
-    responses(
-        (status = 200, description = "The fused back light", content((Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"), (Vec<u8> = "image/jpeg"))),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
-        (status = 404, description = "`not_found`; `no_result`: it failed, was cancelled, or has no back light"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
-        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
-        (status = 416, description = "`range_not_satisfiable`"),
-        (status = 507, description = "`insufficient_storage`: no room to convert it; it can be had as it is stored"),
-    )
-)]
-pub async fn backlight(
-    State(app): State<App>,
-    JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    send(&app, id, "backlight", Formats::All, (method, headers)).await
+endpoint! {
+    /// Get the fused back-light stack
+    ///
+    /// The image from which the mask is made. PNG; TIFF or JPEG with `Accept`.
+    backlight, Backlight, "/v1/stacks/{id}/backlight", "get_stack_backlight", ["image/png", "image/tiff", "image/jpeg"],
+    "`not_found`; `no_result`: the stack failed, was cancelled, or has no back light"
 }
 
-/// The slice-index map
-///
-/// 16-bit grey PNG: 0-based index of the sharpest slice; 65535 where no slice covers. TIFF by `Accept: image/tiff`.
-#[utoipa::path(
-    get,
-    path = "/v1/stacks/{id}/depth",
-    operation_id = "get_stack_depth",
-    tag = "stacks",
-    params(("id" = String, Path, description = "Id of the stack")),
-    responses(
-        (status = 200, description = "The map", content((Vec<u8> = "image/png"), (Vec<u8> = "image/tiff"))),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
-        (status = 404, description = "`not_found`; `no_result`: it failed or was cancelled"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
-        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
-        (status = 416, description = "`range_not_satisfiable`"),
-        (status = 507, description = "`insufficient_storage`: no room to convert it; it can be had as it is stored"),
-    )
-)]
-pub async fn depth(
-    State(app): State<App>,
-    JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    send(&app, id, "depth", Formats::Lossless, (method, headers)).await
+endpoint! {
+    /// Get the slice-index map
+    ///
+    /// 16-bit grey PNG: 0-based index of the sharpest slice per pixel; 65535 where no slice covers the pixel. TIFF with
+    /// `Accept: image/tiff`.
+    depth, Depth, "/v1/stacks/{id}/depth", "get_stack_depth", ["image/png", "image/tiff"],
+    "`not_found`; `no_result`: the stack failed or was cancelled"
 }
 
-/// A small picture for a page
-///
-/// JPEG of at most 800 px a side; light grey shows through where the image is transparent. Older stacks have a PNG.
-#[utoipa::path(
-    get,
-    path = "/v1/stacks/{id}/preview",
-    operation_id = "get_stack_preview",
-    tag = "stacks",
-    params(("id" = String, Path, description = "Id of the stack")),
-    responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
-        (status = 206, description = "A part of it"),
-        (status = 304, description = "The client has it already"),
-        (status = 404, description = "`not_found`; `no_result`: it failed or was cancelled"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
-        (status = 412, description = "`precondition_failed`: the file is not the one that `If-Match` names"),
-        (status = 416, description = "`range_not_satisfiable`"),
-    )
-)]
-pub async fn preview(
-    State(app): State<App>,
-    JobId(id): JobId,
-    method: Method,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    send(&app, id, "preview", Formats::Stored, (method, headers)).await
+endpoint! {
+    /// Get a small image for web pages
+    ///
+    /// JPEG of at most 800 px per side. Transparent pixels are shown on light grey. Stacks of older versions have a PNG. This
+    /// file is not converted.
+    preview, Preview, "/v1/stacks/{id}/preview", "get_stack_preview", ["image/jpeg", "image/png"],
+    "`not_found`; `no_result`: the stack failed or was cancelled"
 }

@@ -5,7 +5,11 @@ use utoipa::ToSchema;
 
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
-    contract::{outcome::JobOutcome, request::CalibrationRequest},
+    contract::{
+        artifact::{REPORT, overlay_slice},
+        outcome::JobOutcome,
+        request::CalibrationRequest,
+    },
     store::Job,
 };
 use pinstack_science::types::{
@@ -86,9 +90,6 @@ pub struct CalibrationLinks {
     pub report: Option<String>,
 }
 
-/// Name of the artifact that stores the report.
-pub const REPORT: &str = "report";
-
 impl Calibration {
     /// The view of a row; `request` is the request of that row.
     pub fn of(job: &Job, request: &CalibrationRequest) -> Self {
@@ -97,7 +98,7 @@ impl Calibration {
             _ => None,
         };
         let url = url(job);
-        let href = |name: &str| match name.strip_prefix("overlay-") {
+        let href = |name: &str| match overlay_slice(name) {
             Some(slice) => format!("{url}/overlay?slice={slice}"),
             None => format!("{url}/{name}"),
         };

@@ -7,6 +7,7 @@ use uuid::Uuid;
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
     contract::{
+        artifact::StackArtifact,
         options::StackOptions,
         outcome::{ImageInfo, JobOutcome},
         request::StackRequest,
@@ -96,7 +97,7 @@ impl Stack {
         let artifacts: Vec<ArtifactView> = outcome
             .map(|o| o.artifacts.iter().map(|a| ArtifactView::of(a, format!("{url}/{}", a.name))).collect())
             .unwrap_or_default();
-        let link = |name: &str| artifacts.iter().find(|a| a.name == name).map(|a| a.href.clone());
+        let link = |of: StackArtifact| artifacts.iter().find(|a| a.name == of.name()).map(|a| a.href.clone());
         let links = StackLinks {
             events: format!("{url}/events"),
             profile: profile_url(job, request.profile_revision),
@@ -104,11 +105,11 @@ impl Stack {
             rerun: (!job.upload_removed).then(|| format!("{url}/rerun")),
             upload: (!job.upload_removed).then(|| format!("{url}/upload")),
             metrics: outcome.map(|_| format!("{url}/metrics")),
-            image: link("image"),
-            mask: link("mask"),
-            backlight: link("backlight"),
-            depth: link("depth"),
-            preview: link("preview"),
+            image: link(StackArtifact::Image),
+            mask: link(StackArtifact::Mask),
+            backlight: link(StackArtifact::Backlight),
+            depth: link(StackArtifact::Depth),
+            preview: link(StackArtifact::Preview),
             this: url,
         };
         Self {
