@@ -5,9 +5,10 @@ use crate::{
     types::Homography,
 };
 
-/// The largest rectangle of the canvas that every slice covers, for slices of the size of the canvas: by the
-/// same rule as the warp, so that no pixel of it is uncovered in any slice. It depends on the homographies
-/// alone, so that all views of a scan get the same. `None` when there is no such pixel.
+/// The largest rectangle of the canvas that every slice covers; `None` if no pixel is covered by every slice.
+///
+/// Slices and canvas are `width` x `height` px. Coverage follows the same rule as resampling, so no slice has an uncovered
+/// pixel in the rectangle. The result depends only on the homographies: all views of a scan are cropped alike.
 pub fn valid_rect(homographies: &[Homography], width: u32, height: u32) -> Option<Rect> {
     let size = (width as usize, height as usize);
     let mut common = Coverage::full(size.0, size.1);
@@ -17,13 +18,13 @@ pub fn valid_rect(homographies: &[Homography], width: u32, height: u32) -> Optio
     largest_rect(&common)
 }
 
-/// The covered pixels are convex, so that a rectangle fits when its top and its bottom row do.
+/// The largest rectangle of covered pixels. The covered area is convex, so a rectangle fits if its top and bottom rows do.
 fn largest_rect(common: &Coverage) -> Option<Rect> {
     let rows = common.height();
     let mut best = Rect::default();
     for top in 0..rows {
         let first = common.span(top);
-        // even the whole width of the top row down to the last row would be smaller
+        // not even the full top row, extended to the last row, would be larger
         if first.len() * (rows - top) <= best.width * best.height {
             continue;
         }
@@ -51,19 +52,19 @@ mod tests {
     }
 
     #[test]
-    fn aligned_slices_lose_nothing() {
+    fn aligned_slices_are_not_cropped() {
         let all = [Homography::IDENTITY; 3];
         assert_eq!(valid_rect(&all, 60, 40), Some(Rect::whole(60, 40)));
     }
 
     #[test]
-    fn shifts_cut_the_sides_they_uncover() {
+    fn a_shift_crops_the_sides_that_it_uncovers() {
         let all = [Homography::similarity(1.0, [3.5, 0.0]), Homography::similarity(1.0, [-2.0, 4.0])];
         assert_eq!(valid_rect(&all, 60, 40), Some(Rect { x: 4, y: 4, width: 54, height: 36 }));
     }
 
     #[test]
-    fn every_slice_covers_it_and_no_larger_rectangle_is_covered() {
+    fn every_slice_covers_the_rectangle_and_no_larger_one_is_covered() {
         let turn = |degrees: f64| {
             let (sin, cos) = degrees.to_radians().sin_cos();
             Homography([cos, -sin, 2.0, sin, cos, -3.0, 1e-4, -2e-4, 1.0])
@@ -89,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn slices_that_have_nothing_in_common_have_no_rectangle() {
+    fn slices_without_a_common_pixel_have_no_rectangle() {
         let all = [Homography::similarity(1.0, [40.0, 0.0]), Homography::similarity(1.0, [-40.0, 0.0])];
         assert_eq!(valid_rect(&all, 60, 40), None);
     }

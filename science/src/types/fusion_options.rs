@@ -1,40 +1,41 @@
-//! How slices are fused.
+//! Options of fusion: the method, and the parameters of guided filtering.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// How slices are fused.
+/// Fusion method.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
-    /// Guided filtering (Li, Kang & Hu 2013), the paper's method.
+    /// Guided filtering fusion (Li, Kang & Hu 2013), the method of Li & Nguyen (2019).
     Guided,
-    /// Laplacian pyramids (Burt & Adelson 1983), the other classic.
+    /// Laplacian pyramid fusion (Burt & Adelson 1983).
     Pyramid,
-    /// A decision map where it is better than pyramids, pyramids elsewhere, with the halos of near parts removed. The older
-    /// name `unveiled` is accepted.
+    /// A decision map with the halos of near parts removed, and Laplacian pyramid fusion where the map is not safe. The
+    /// former name `unveiled` is accepted.
     #[default]
     #[serde(alias = "unveiled")]
     HaloCorrected,
 }
 
-/// Parameters of guided filtering fusion, under the paper's names. Filter radii are in px; `eps` are for
-/// intensities in 0..1. The defaults are the reference parameters of Li, Kang & Hu 2013.
+/// Parameters of guided filtering fusion, named as in Li, Kang & Hu (2013). The defaults are those of the paper.
+///
+/// Radii are in px; a window has a side of `2 r + 1`. `eps` is for intensities in 0..1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GuidedParams {
-    /// Radius of the guided filter for the base layer's weights.
+    /// Radius of the guided filter for the weights of the base layer, at most 512.
     pub r1: u32,
-    /// Regularisation of the same.
+    /// Regularisation of the same filter.
     pub eps1: f64,
-    /// Radius of the guided filter for the detail layer's weights.
+    /// Radius of the guided filter for the weights of the detail layer, at most 512.
     pub r2: u32,
-    /// Regularisation of the same.
+    /// Regularisation of the same filter.
     pub eps2: f64,
-    /// Side of the mean filter that makes the base layer, px, odd.
+    /// Side of the mean filter that makes the base layer, px; odd, at most 255.
     pub average: u32,
     /// Radius of the Gaussian that smooths |Laplacian| into the saliency, px.
     pub r_g: u32,
-    /// Standard deviation of the same, px.
+    /// Standard deviation of the same Gaussian, px.
     pub sigma_g: f64,
 }
 

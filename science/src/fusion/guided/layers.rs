@@ -1,26 +1,28 @@
-//! Weighted sums of a tile's base and detail layers over the slices, row by row.
+//! Weighted sums of the base and detail layers of a tile over the slices, row by row.
 
 use crate::imaging::{
     Sample,
     simd::{self, Avx2},
 };
 
-/// What the weight of the winning slice is raised by, so that weights never sum up to 0 (Kang's GFF.m).
-const FLOOR: f32 = 1e-12;
+/// Added to the weights of the sharpest slice, so that no sum of weights is 0 (as in `GFF.m` of Li, Kang & Hu).
+const MIN_WEIGHT: f32 = 1e-12;
 
-/// Pixels that are worked on at a time.
+/// Pixels that are processed at a time.
 const PART: usize = 64;
-/// The same in samples of at most three channels.
+/// Samples of [`PART`] pixels of three channels.
 const PART_SAMPLES: usize = 3 * PART;
 
-/// A row of one slice, as far as the filters know it: weights of its base and its detail layer, and means (interleaved).
+/// A row of one slice after its filters.
 #[derive(Debug, Default)]
 pub(super) struct LayerRow {
+    /// Weights of the base layer and of the detail layer.
     pub weights: [Vec<f32>; 2],
+    /// The base layer, interleaved.
     pub means: Vec<f32>,
 }
 
-/// Sums of a tile.
+/// The two layers of a tile.
 #[derive(Debug, Default)]
 pub(super) struct Layers {
     width: usize,
@@ -28,7 +30,7 @@ pub(super) struct Layers {
     detail: Layer,
 }
 
-/// Weighted sum of one layer over the slices.
+/// One layer, summed over the slices: weight times value (interleaved), and weight.
 #[derive(Debug, Default)]
 struct Layer {
     sums: Vec<f32>,
@@ -36,7 +38,7 @@ struct Layer {
 }
 
 impl Layers {
-    /// Starts a tile of `width` x `height` px.
+    /// Begins a tile of `width` x `height` px.
     pub(super) fn clear(&mut self, width: usize, height: usize, channels: usize) {
         self.width = width;
         for layer in [&mut self.base, &mut self.detail] {
@@ -48,13 +50,13 @@ impl Layers {
         }
     }
 
-    /// Adds row `y` of a slice; `won` says where the slice was chosen. Weights are clamped in place.
+    /// Adds row `y` of a slice; `sharpest` is where it is the sharpest slice. The weights in `row` are clamped in place.
     pub(super) fn add<S: Sample, const C: usize>(
         &mut self,
         simd: Option<Avx2>,
         y: usize,
         samples: &[S],
-        won: &[bool],
+        sharpest: &[bool],
         row: &mut LayerRow,
     ) {
         let pixels = y * self.width..(y + 1) * self.width;
@@ -68,17 +70,17 @@ impl Layers {
             || {
                 let base = base.0.chunks_mut(PART * C).zip(base.1.chunks_mut(PART));
                 let detail = detail.0.chunks_mut(PART * C).zip(detail.1.chunks_mut(PART));
-                let weights = for_base.chunks_mut(PART).zip(for_detail.chunks_mut(PART)).zip(won.chunks(PART));
+                let weights = for_base.chunks_mut(PART).zip(for_detail.chunks_mut(PART)).zip(sharpest.chunks(PART));
                 let pixels = samples.chunks(PART * C).zip(row.means.chunks(PART * C));
-                // one for all parts: to fill new ones with zeros would cost as much as the sums
+                // one buffer for all parts: to zero a new one would cost as much as the sums
                 let mut repeated = [0.0; PART_SAMPLES];
-                for (((base, detail), ((for_base, for_detail), won)), (samples, means)) in
+                for (((base, detail), ((for_base, for_detail), sharpest)), (samples, means)) in
                     base.zip(detail).zip(weights).zip(pixels)
                 {
-                    if clamp(for_base, won) {
+                    if clamp(for_base, sharpest) {
                         add_base::<C>(base.0, base.1, for_base, means, &mut repeated);
                     }
-                    if clamp(for_detail, won) {
+                    if clamp(for_detail, sharpest) {
                         add_detail::<S, C>(detail.0, detail.1, for_detail, samples, means, &mut repeated);
                     }
                 }
@@ -86,8 +88,8 @@ impl Layers {
         );
     }
 
-    /// Row `y` of the sums as samples: base plus detail, clamped and rounded, 0 where no slice has any weight. Says in
-    /// how many pixels a sample was more than one grey level of 255 out of range.
+    /// Writes row `y` as samples: base plus detail, clamped and rounded; 0 where no slice has any weight. Returns the number of
+    /// pixels with a sample more than one grey level of 255 out of range.
     pub(super) fn finish<S: Sample, const C: usize>(&self, simd: Option<Avx2>, y: usize, out: &mut [S]) -> usize {
         let pixels = y * self.width..(y + 1) * self.width;
         let range = pixels.start * C..pixels.end * C;
@@ -111,20 +113,20 @@ impl Layers {
     }
 }
 
-/// Clamps weights to 0..=1 and raises those of the winner; says whether any is above 0.
+/// Clamps weights to 0..=1 and adds [`MIN_WEIGHT`] where the slice is the sharpest. Returns whether any weight is above 0.
 #[inline(always)]
-fn clamp(weights: &mut [f32], won: &[bool]) -> bool {
-    // of numbers that are not negative, one is above 0 if it has any bit: the largest would be a chain of comparisons
+fn clamp(weights: &mut [f32], sharpest: &[bool]) -> bool {
+    // a weight is not negative, so it is above 0 if any bit is set; a maximum would be a chain of comparisons
     let mut bits = 0;
-    for (weight, &won) in weights.iter_mut().zip(won) {
-        let floor = if won { FLOOR } else { 0.0 };
-        *weight = weight.clamp(0.0, 1.0) + floor;
+    for (weight, &sharpest) in weights.iter_mut().zip(sharpest) {
+        let least = if sharpest { MIN_WEIGHT } else { 0.0 };
+        *weight = weight.clamp(0.0, 1.0) + least;
         bits |= weight.to_bits();
     }
     bits != 0
 }
 
-/// `values`, each `C` times, into `out`, of which the rest stays as it was.
+/// Writes each of `values` `C` times to `out`; the rest of `out` is unchanged.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
 fn repeat<const C: usize>(values: &[f32], out: &mut [f32; PART_SAMPLES]) {
@@ -181,7 +183,7 @@ fn finish_part<S: Sample, const C: usize>(
     out: &mut [S],
     [base_totals, detail_totals]: &mut [[f32; PART_SAMPLES]; 2],
 ) -> usize {
-    // up to one grey level of 8 bits beyond the range is no halo that anyone could see
+    // a sample up to one grey level of 8 bits out of range is not visible as a halo
     let level = S::DEPTH.max() / 255.0;
     let (low, high) = (-level, S::DEPTH.max() + level);
     repeat::<C>(base.1, base_totals);
@@ -190,7 +192,7 @@ fn finish_part<S: Sample, const C: usize>(
     let layers = base.0.iter().zip(base_totals).zip(detail.0.iter().zip(detail_totals));
     let mut outside = false;
     for (value, ((base, base_total), (detail, detail_total))) in values.iter_mut().zip(layers) {
-        // not a number where both are 0, which is neither below nor above anything and is rounded to 0
+        // NaN where both are 0: it compares as neither below nor above, and is rounded to 0
         *value = base / *base_total + detail / *detail_total;
         outside |= (*value < low) | (*value > high);
     }

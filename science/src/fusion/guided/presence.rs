@@ -1,35 +1,37 @@
-//! Which slices won anywhere near a place: where a slice won nowhere in reach of its filters, its weight is
-//! exactly 0, and it need not be looked at.
+//! The slices that are the sharpest somewhere in a rectangle. Any other slice has the weight 0 within reach of its filters and
+//! can be skipped.
 
 use crate::{
     fusion::UNCOVERED,
     imaging::{Plane, Rect},
 };
 
-/// Side of the squares that presence is noted for, px.
+/// Side of a cell, px.
 const CELL: usize = 32;
 
-/// Per square of [`CELL`] px: the set of slices that won a pixel of it.
+/// Per cell: the set of slices that are the sharpest at one of its pixels.
 pub(super) struct Presence {
     columns: usize,
+    /// Words of a set.
     words: usize,
     slices: usize,
     bits: Vec<u64>,
 }
 
-/// Slices that won somewhere in a rectangle.
+/// The slices that are the sharpest somewhere in a rectangle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Present {
-    /// Ascending.
+    /// Ascending indices.
     pub slices: Vec<usize>,
-    /// Whether some pixel is covered by no slice.
+    /// Whether any pixel is covered by no slice.
     pub uncovered: bool,
 }
 
 impl Presence {
+    /// `index` is the sharpest slice per pixel.
     pub(super) fn new(index: &Plane<u16>, slices: usize) -> Self {
         let (columns, rows) = (index.width.div_ceil(CELL), index.height.div_ceil(CELL));
-        // one more bit for pixels that no slice covers
+        // one more bit: pixels that no slice covers
         let words = (slices + 1).div_ceil(64);
         let mut bits = vec![0u64; columns * rows * words];
         for y in 0..index.height {
@@ -44,7 +46,7 @@ impl Presence {
         Self { columns, words, slices, bits }
     }
 
-    /// Slices that won a pixel in `rect` (or, at most [`CELL`] px, beside it).
+    /// The slices in `rect`, and perhaps some less than [`CELL`] px beside it.
     pub(super) fn within(&self, rect: Rect) -> Present {
         let mut set = vec![0u64; self.words];
         for row in rect.y / CELL..(rect.y + rect.height).div_ceil(CELL) {
@@ -65,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rectangle_knows_the_slices_in_it_and_not_those_far_away() {
+    fn a_rectangle_has_the_slices_in_it_and_none_far_away() {
         let index = Plane::from_fn(200, 100, |x, y| match (x, y) {
             (..60, _) => 70,
             (190.., 90..) => UNCOVERED,

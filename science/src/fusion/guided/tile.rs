@@ -1,4 +1,4 @@
-//! One tile of the second pass: weights by guided filters, two layers, blended.
+//! Fuses one tile: per slice two guided filters give the weights of its base and its detail layer, which are summed.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ use crate::{
     types::{Control, Interrupted, fusion_options::GuidedParams},
 };
 
-/// The filters and buffers of one thread, used for tile after tile.
+/// The filters and buffers of one thread, reused from tile to tile.
 pub(super) struct TileBlender<S> {
     simd: Option<Avx2>,
     for_base: GuidedFilter,
@@ -31,12 +31,15 @@ pub(super) struct TileBlender<S> {
     row: LayerRow,
 }
 
-/// A slice's pixels in and around a tile.
+/// The pixels of one slice in a tile and the margin of its filters.
 struct Region<S> {
     samples: Vec<S>,
     bytes: Vec<u8>,
+    /// The guide of the guided filters: luma, 0..65535.
     grey: Plane<u16>,
+    /// Where the slice is the sharpest.
     map: Plane<bool>,
+    /// Per row: the columns that the slice covers.
     valid: Vec<Range<usize>>,
 }
 
@@ -60,8 +63,8 @@ impl<S: Sample> TileBlender<S> {
         }
     }
 
-    /// Fuses the pixels of `rect` into `out` (interleaved, `C` channels) and says in how many of them a
-    /// sample had to be clamped.
+    /// Fuses the pixels of `rect` into `out`, interleaved. Returns the number of pixels with a sample that was clamped by more
+    /// than one grey level of 255.
     pub(super) fn tile<const C: usize>(
         &mut self,
         rect: Rect,
@@ -77,7 +80,7 @@ impl<S: Sample> TileBlender<S> {
         if let Present { slices, uncovered: false } = present
             && let [alone] = slices[..]
         {
-            // Both weights are exactly 1, and base and detail add up to the slice.
+            // both weights are exactly 1, so base plus detail is the slice itself
             aligned.scratch.read(alone, rect, out, &mut self.region.bytes)?;
             return Ok(0);
         }
@@ -94,7 +97,7 @@ impl<S: Sample> TileBlender<S> {
         Ok(self.finish::<C>(rect, out))
     }
 
-    /// Adds one slice to the layers in which it can have any weight.
+    /// Adds one slice. `weighted` says in which layers, base and detail, its weight can be above 0.
     fn add<const C: usize>(
         &mut self,
         slice: usize,
@@ -111,7 +114,7 @@ impl<S: Sample> TileBlender<S> {
 
         let Self { simd, for_base, for_detail, mean, region, layers, row } = self;
         let guide = Guide { grey: &region.grey, valid: &region.valid };
-        // a filter whose results are known to be 0 is not asked
+        // a filter whose result is 0 everywhere is not run
         let mut filtered = [
             weighted[0].then(|| for_base.rows(guide, &region.map, inner)),
             weighted[1].then(|| for_detail.rows(guide, &region.map, inner)),
@@ -126,21 +129,21 @@ impl<S: Sample> TileBlender<S> {
             for (rows, weights) in filtered.iter_mut().zip(&mut row.weights) {
                 match rows {
                     Some(rows) => rows.next(weights),
-                    // the floor of the row before
+                    // `Layers::add` has added to the weights of the row before
                     None => weights.fill(0.0),
                 }
             }
             means.next(&mut row.means);
             let start = (inner.y + y) * whole.width + inner.x;
             let samples = &region.samples[start * C..(start + rect.width) * C];
-            let won = &region.map.data[start..start + rect.width];
-            layers.add::<S, C>(*simd, y, samples, won, row);
+            let sharpest = &region.map.data[start..start + rect.width];
+            layers.add::<S, C>(*simd, y, samples, sharpest, row);
         }
         Ok(())
     }
 
-    /// Base plus detail, clamped and rounded; the number of pixels with a sample that had to be clamped by more
-    /// than one grey level of 255.
+    /// Writes base plus detail, clamped and rounded. Returns the number of pixels with a sample that was clamped by more than
+    /// one grey level of 255.
     fn finish<const C: usize>(&self, rect: Rect, out: &mut Vec<S>) -> usize {
         out.clear();
         out.resize(rect.width * rect.height * C, S::default());
@@ -150,6 +153,7 @@ impl<S: Sample> TileBlender<S> {
 }
 
 impl<S: Sample> Region<S> {
+    /// Reads `rect` of slice `slice`.
     fn load<const C: usize>(&mut self, slice: usize, rect: Rect, aligned: &Aligned) -> Result<(), Interrupted> {
         aligned.scratch.read(slice, rect, &mut self.samples, &mut self.bytes)?;
         self.valid.clear();
@@ -164,8 +168,8 @@ impl<S: Sample> Region<S> {
         self.map.data.resize(rect.width * rect.height, false);
         let slice = slice as u16;
         for (y, map) in (rect.y..).zip(self.map.data.chunks_exact_mut(rect.width.max(1))) {
-            let winners = &aligned.index.row(y)[rect.x..rect.x + rect.width];
-            map.iter_mut().zip(winners).for_each(|(inside, &winner)| *inside = winner == slice);
+            let sharpest = &aligned.index.row(y)[rect.x..rect.x + rect.width];
+            map.iter_mut().zip(sharpest).for_each(|(inside, &sharpest)| *inside = sharpest == slice);
         }
         Ok(())
     }
