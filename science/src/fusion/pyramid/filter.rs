@@ -1,64 +1,64 @@
-//! The filters of the pyramid: reduce, expand (Burt & Adelson 1983, a = 3/8: the binomial kernel) and smooth.
+//! The filters of the pyramid: reduce, expand and smooth (Burt & Adelson 1983, with `a = 3/8`: the binomial kernel).
 //!
-//! Every pixel is computed by the same operations in the same order, whatever the rectangle it is computed in.
+//! Every pixel is computed by the same operations in the same order in any rectangle, so that tiles do not affect the result.
 
 use crate::imaging::{
     Rect,
     simd::{self, Avx2},
 };
 
-/// Numbers of one level: a rectangle of the plane of that level.
+/// A rectangle of the plane of a level.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Patch<T> {
-    /// Where it lies.
+    /// The rectangle.
     pub rect: Rect,
-    /// Its numbers, row by row.
+    /// Its values, row by row.
     pub data: Vec<T>,
 }
 
-/// A level: three channels (of a grey picture the first), and weights.
+/// A level: three channels (only the first is used for grey), and weights.
 pub(super) type Level = [Patch<f32>; 4];
 
-/// Which of a level's planes are the weights.
+/// Index of the weights in a [`Level`].
 pub(super) const WEIGHT: usize = 3;
 
 impl<T: Copy> Patch<T> {
-    /// Makes this `rect`, filled with `value`.
+    /// Sets the rectangle, filled with `value`.
     pub(super) fn reset(&mut self, rect: Rect, value: T) {
         self.data.clear();
         self.shape(rect, value);
     }
 
-    /// Makes this `rect`; what is in it may be anything.
+    /// Sets the rectangle; its values are unspecified.
     pub(super) fn shape(&mut self, rect: Rect, value: T) {
         self.rect = rect;
         self.data.resize(rect.width * rect.height, value);
     }
 
-    /// Row `y` of the plane.
+    /// The part of row `y` of the plane that is in the rectangle.
     pub(super) fn row(&self, y: usize) -> &[T] {
         &self.data[(y - self.rect.y) * self.rect.width..][..self.rect.width]
     }
 
-    /// `width` numbers of it, from column `x` on.
+    /// `width` values of row `y`, from column `x` on.
     pub(super) fn part(&self, x: usize, y: usize, width: usize) -> &[T] {
         &self.row(y)[x - self.rect.x..][..width]
     }
 
-    /// Row `y` of the plane.
+    /// The same part of row `y`, mutable.
     pub(super) fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[(y - self.rect.y) * self.rect.width..][..self.rect.width]
     }
 
-    /// Whether row `y` of the plane lies in this.
+    /// Whether row `y` of the plane is in the rectangle.
     fn has_row(&self, y: usize) -> bool {
         (self.rect.y..self.rect.y + self.rect.height).contains(&y)
     }
 }
 
-/// The kernel that levels are reduced with.
+/// The binomial kernel of 5 taps.
 const REDUCE: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
-/// Twice that kernel, one after the other.
+/// That kernel convolved with itself.
 pub(super) const SMOOTH: [f32; 9] = [
     1.0 / 256.0,
     8.0 / 256.0,
@@ -73,8 +73,8 @@ pub(super) const SMOOTH: [f32; 9] = [
 /// Reach of [`SMOOTH`], px.
 pub(super) const SMOOTHING: usize = SMOOTH.len() / 2;
 
-/// Where three pixels of a coarse row lie that a fine pixel is made of, and their weights. Beyond the ends of a
-/// plane of `length` coarse pixels there is nothing, and the others weigh more.
+/// The three pixels of a coarse row of `length` px that a fine pixel is interpolated from: index of the first, and weights.
+/// Pixels beyond the ends have the weight 0, and the weights add up to 1.
 fn taps(fine: usize, length: usize) -> (isize, [f32; 3]) {
     let middle = (fine / 2) as isize;
     let (first, mut weights) = match fine % 2 {
@@ -91,7 +91,7 @@ fn taps(fine: usize, length: usize) -> (isize, [f32; 3]) {
     (first, weights.map(|weight| weight / total))
 }
 
-/// How much of what a pixel of each of the levels `lengths` is computed from lies on the canvas, along one axis.
+/// Per level of `lengths` px along one axis, and per pixel: the fraction of its kernel that lies on the canvas.
 pub(super) fn weights_along(lengths: &[usize]) -> Vec<Vec<f32>> {
     let mut levels = vec![vec![1.0f32; lengths[0]]];
     for &length in &lengths[1..] {
@@ -108,7 +108,7 @@ pub(super) fn weights_along(lengths: &[usize]) -> Vec<Vec<f32>> {
     levels
 }
 
-/// Buffers of the filters.
+/// The filters and their buffers.
 #[derive(Default)]
 pub(super) struct Filters {
     nothing: Vec<f32>,
@@ -118,15 +118,15 @@ pub(super) struct Filters {
 }
 
 impl Filters {
-    /// The next coarser plane of `fine`: sums. Beyond the canvas there is nothing.
+    /// Reduces `fine` to the rectangle `rect` of the next coarser plane. Pixels beyond the canvas count as 0.
     pub(super) fn reduce(&mut self, simd: Option<Avx2>, fine: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
         let Self { nothing, line, halves, across } = self;
         across.shape(Rect { x: rect.x, width: rect.width, ..fine.rect }, 0.0);
-        // two pixels of nothing before the first one that is needed, at least two after the last
+        // two zeros before the first pixel that is needed, at least two after the last
         let skipped = fine.rect.x as isize - (2 * rect.x as isize - 2);
         let length = 2 * rect.width + 4;
         for y in fine.rect.y..fine.rect.y + fine.rect.height {
-            laid(fine.row(y), skipped, length, line);
+            place_row(fine.row(y), skipped, length, line);
             let row = across.row_mut(y);
             simd::run(
                 simd,
@@ -156,7 +156,7 @@ impl Filters {
         }
     }
 
-    /// Columns `columns` of row `y` of the next finer level, expanded from `coarse`, which is part of a plane of `size`.
+    /// Expands `coarse`, part of a plane of `size`, to the columns `columns` of row `y` of the next finer plane.
     pub(super) fn expand<'a>(
         &mut self,
         simd: Option<Avx2>,
@@ -167,7 +167,7 @@ impl Filters {
     ) -> &'a mut [f32] {
         let Self { line, halves: [even, odd], .. } = self;
         let (first_row, weights) = taps(y, size.1);
-        // coarse pixels under the columns, and one to each side, as far as they are there
+        // coarse pixels under the columns, and one on each side if it exists
         let (start, end) = (columns.start / 2, (columns.end - 1) / 2 + 1);
         let (from, to) = ((start.max(1) - 1).max(coarse.rect.x), (end + 1).min(coarse.rect.x + coarse.rect.width));
         let count = end - start;
@@ -198,7 +198,7 @@ impl Filters {
                 }
             },
         );
-        // at the ends of the plane weights are others
+        // at the ends of the plane the weights differ
         let last = 2 * (size.0 - 1);
         for x in [0, last, last + 1] {
             if (2 * start..2 * end).contains(&x) {
@@ -213,15 +213,15 @@ impl Filters {
         &mut out[columns.start - 2 * start..][..columns.len()]
     }
 
-    /// `values` smoothed by the kernel that levels are reduced with, in `rect`, which lies in them with all that is
-    /// looked at, save what lies beyond the canvas: that counts as 0.
-    pub(super) fn smooth_less(&mut self, simd: Option<Avx2>, values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
+    /// Smooths `values` by the kernel of 5 taps, in `rect`. `values` must have all pixels that this depends on; pixels beyond
+    /// the canvas count as 0.
+    pub(super) fn smooth(&mut self, simd: Option<Avx2>, values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
         let Self { nothing, line, across, .. } = self;
         let reach = REDUCE.len() / 2;
         across.shape(Rect { x: rect.x, width: rect.width, ..values.rect }, 0.0);
         let skipped = values.rect.x as isize + reach as isize - rect.x as isize;
         for y in values.rect.y..values.rect.y + values.rect.height {
-            laid(values.row(y), skipped, rect.width + 2 * reach, line);
+            place_row(values.row(y), skipped, rect.width + 2 * reach, line);
             let row = across.row_mut(y);
             simd::run(
                 simd,
@@ -247,7 +247,7 @@ impl Filters {
     }
 }
 
-/// Sums of `K` rows, each with its weight.
+/// The weighted sum of `K` rows.
 #[inline(always)]
 pub(super) fn weigh<const K: usize>(out: &mut [f32], rows: [&[f32]; K], kernel: &[f32; K]) {
     let count = out.len();
@@ -272,8 +272,8 @@ pub(super) fn split<T: Copy + Default>(line: &[T], [even, odd]: &mut [Vec<T>; 2]
     }
 }
 
-/// `row` in a line of `length`, starting at `at` (what would come before the line is left out), nothing around it.
-fn laid(row: &[f32], at: isize, length: usize, line: &mut Vec<f32>) {
+/// Writes `row` into a line of `length` zeros, starting at `at`; pixels before the line are omitted.
+fn place_row(row: &[f32], at: isize, length: usize, line: &mut Vec<f32>) {
     line.clear();
     line.resize(length, 0.0);
     let (skip, at) = if at < 0 { (at.unsigned_abs(), 0) } else { (0, at as usize) };

@@ -1,6 +1,6 @@
-//! The samples of a slice around a tile, channel by channel: its first halving, and the least and largest of all slices.
+//! Level 0 of a slice around a tile, channel by channel; its reduction to level 1; and the range of the samples of all slices.
 //!
-//! Sums are whole numbers, so that no pixel knows what it was computed together with.
+//! Sums are integers, so the result of a pixel does not depend on the rectangle that it is computed in.
 
 use std::ops::Range;
 
@@ -14,18 +14,18 @@ use crate::{
     types::Error,
 };
 
-/// The kernel that levels are reduced with, in sixteenths.
+/// The binomial kernel of 5 taps, in sixteenths.
 const KERNEL: [i32; 5] = [1, 4, 6, 4, 1];
 
-/// Pixels of nothing before and after a row.
+/// Zeros before and after a row.
 const PAD: usize = 2;
 
-/// Pixels whose channels are taken apart at a time.
+/// Pixels that are de-interleaved at a time.
 const PART: usize = 64;
 
-/// Samples of a slice, a plane per channel; 0 where it covers nothing.
+/// The samples of a slice, one plane per channel; 0 where the slice covers nothing.
 #[derive(Default)]
-pub(super) struct Finest<S> {
+pub(super) struct FinestLevel<S> {
     pub planes: [Patch<S>; 3],
     interleaved: Vec<S>,
     bytes: Vec<u8>,
@@ -33,7 +33,7 @@ pub(super) struct Finest<S> {
     halves: [Vec<i32>; 2],
 }
 
-impl<S: Sample> Finest<S> {
+impl<S: Sample> FinestLevel<S> {
     /// Reads `rect` of slice `slice`.
     pub(super) fn read<const C: usize>(
         &mut self,
@@ -54,13 +54,14 @@ impl<S: Sample> Finest<S> {
         simd::run(
             Avx2::detect(),
             #[inline(always)]
-            || take_apart(pixels, [&mut first.data, &mut second.data, &mut third.data]),
+            || deinterleave(pixels, [&mut first.data, &mut second.data, &mut third.data]),
         );
         Ok(())
     }
 
-    /// The pixels `rect` of the next level, in grey levels of 255, and how much of what they are computed from is covered.
-    pub(super) fn halve<const C: usize>(
+    /// Reduces the slice to the pixels `rect` of level 1: values in grey levels of 255 times covered fraction, and covered
+    /// fraction.
+    pub(super) fn reduce<const C: usize>(
         &mut self,
         simd: Option<Avx2>,
         coverage: &Coverage,
@@ -68,7 +69,7 @@ impl<S: Sample> Finest<S> {
         out: &mut Level,
     ) {
         let source = self.planes[0].rect;
-        // where the first pixel's five begin, in the padded line
+        // start of the five pixels of the first pixel, in the padded line
         let first = 2 * rect.x - source.x;
         let scale = 255.0 / S::DEPTH.max() / 256.0;
         let Self { planes, line, halves, .. } = self;
@@ -86,16 +87,16 @@ impl<S: Sample> Finest<S> {
                     #[inline(always)]
                     || {
                         add_rows(&mut line[PAD..PAD + source.width], taps);
-                        halve_row(&line[first..], halves, scale, out);
+                        reduce_row(&line[first..], halves, scale, out);
                     },
                 );
             }
         }
-        self.halve_coverage(simd, coverage, rect, &mut out[WEIGHT]);
+        self.reduce_coverage(simd, coverage, rect, &mut out[WEIGHT]);
     }
 
-    /// How much of what each pixel of `rect` is computed from is covered.
-    fn halve_coverage(&mut self, simd: Option<Avx2>, coverage: &Coverage, rect: Rect, out: &mut Patch<f32>) {
+    /// The covered fraction of the kernel of each pixel of `rect`.
+    fn reduce_coverage(&mut self, simd: Option<Avx2>, coverage: &Coverage, rect: Rect, out: &mut Patch<f32>) {
         let source = self.planes[0].rect;
         let first = 2 * rect.x - source.x;
         let Self { line, halves, .. } = self;
@@ -121,20 +122,21 @@ impl<S: Sample> Finest<S> {
             simd::run(
                 simd,
                 #[inline(always)]
-                || halve_row(&line[first..], halves, 1.0 / 256.0, row),
+                || reduce_row(&line[first..], halves, 1.0 / 256.0, row),
             );
         }
     }
 }
 
-/// The five rows that row `y` of the next level is computed from, as far as they are there.
+/// The five rows that row `y` of level 1 is computed from; `None` for rows outside `source`.
 fn rows_around(y: usize, source: Rect) -> [Option<usize>; 5] {
-    let there = source.y..source.y + source.height;
-    std::array::from_fn(|tap| (2 * y + tap).checked_sub(2).filter(|y| there.contains(y)))
+    let rows = source.y..source.y + source.height;
+    std::array::from_fn(|tap| (2 * y + tap).checked_sub(2).filter(|y| rows.contains(y)))
 }
 
+/// Separates the channels of interleaved pixels.
 #[inline(always)]
-fn take_apart<S: Sample>(pixels: &[S], [r, g, b]: [&mut [S]; 3]) {
+fn deinterleave<S: Sample>(pixels: &[S], [r, g, b]: [&mut [S]; 3]) {
     let parts =
         r.as_chunks_mut::<PART>().0.iter_mut().zip(g.as_chunks_mut::<PART>().0).zip(b.as_chunks_mut::<PART>().0);
     let mut done = 0;
@@ -149,7 +151,7 @@ fn take_apart<S: Sample>(pixels: &[S], [r, g, b]: [&mut [S]; 3]) {
     }
 }
 
-/// Five rows, weighted.
+/// The sum of five rows, weighted by [`KERNEL`].
 #[inline(always)]
 fn add_rows<S: Sample>(out: &mut [i32], rows: [&[S]; 5]) {
     let count = out.len();
@@ -160,9 +162,9 @@ fn add_rows<S: Sample>(out: &mut [i32], rows: [&[S]; 5]) {
     }
 }
 
-/// Every other pixel of a line with its neighbours; the line begins two pixels before the first.
+/// The weighted sum around every second pixel of a line, which begins two pixels before the first of them.
 #[inline(always)]
-fn halve_row(line: &[i32], halves: &mut [Vec<i32>; 2], scale: f32, out: &mut [f32]) {
+fn reduce_row(line: &[i32], halves: &mut [Vec<i32>; 2], scale: f32, out: &mut [f32]) {
     let count = out.len();
     split(&line[..2 * count + 4], halves);
     let [even, odd] = halves;
@@ -173,27 +175,27 @@ fn halve_row(line: &[i32], halves: &mut [Vec<i32>; 2], scale: f32, out: &mut [f3
     }
 }
 
-/// Least and largest samples of all slices in a rectangle, a plane per channel.
+/// The smallest and the largest sample of all slices per pixel of a rectangle, one plane per channel.
 #[derive(Default)]
-pub(super) struct Extremes<S> {
-    least: [Patch<S>; 3],
+pub(super) struct SampleRange<S> {
+    smallest: [Patch<S>; 3],
     largest: [Patch<S>; 3],
     line: Vec<S>,
 }
 
-impl<S: Sample> Extremes<S> {
-    /// Begins a tile: nothing is known of `rect`.
+impl<S: Sample> SampleRange<S> {
+    /// Begins a tile: an empty range for each pixel of `rect`.
     pub(super) fn reset<const C: usize>(&mut self, rect: Rect) {
-        self.least[..C].iter_mut().for_each(|plane| plane.reset(rect, S::rounded(S::DEPTH.max())));
+        self.smallest[..C].iter_mut().for_each(|plane| plane.reset(rect, S::rounded(S::DEPTH.max())));
         self.largest[..C].iter_mut().for_each(|plane| plane.reset(rect, S::default()));
     }
 
-    /// Enters what a slice covers.
-    pub(super) fn enter<const C: usize>(&mut self, slice: &Finest<S>, coverage: &Coverage) {
-        for ((samples, least), largest) in
-            slice.planes[..C].iter().zip(&mut self.least[..C]).zip(&mut self.largest[..C])
+    /// Adds the samples of a slice where it covers the canvas.
+    pub(super) fn add<const C: usize>(&mut self, slice: &FinestLevel<S>, coverage: &Coverage) {
+        for ((samples, smallest), largest) in
+            slice.planes[..C].iter().zip(&mut self.smallest[..C]).zip(&mut self.largest[..C])
         {
-            let rect = least.rect;
+            let rect = smallest.rect;
             for y in rect.y..rect.y + rect.height {
                 let span = coverage.span(y);
                 let (start, end) = (span.start.max(rect.x), span.end.min(rect.x + rect.width));
@@ -202,13 +204,13 @@ impl<S: Sample> Extremes<S> {
                 }
                 let from = samples.part(start, y, end - start);
                 let part = start - rect.x..end - rect.x;
-                let (least, largest) = (&mut least.row_mut(y)[part.clone()], &mut largest.row_mut(y)[part]);
+                let (smallest, largest) = (&mut smallest.row_mut(y)[part.clone()], &mut largest.row_mut(y)[part]);
                 simd::run(
                     Avx2::detect(),
                     #[inline(always)]
                     || {
-                        for ((least, largest), &sample) in least.iter_mut().zip(largest).zip(from) {
-                            *least = sample.min(*least);
+                        for ((smallest, largest), &sample) in smallest.iter_mut().zip(largest).zip(from) {
+                            *smallest = sample.min(*smallest);
                             *largest = sample.max(*largest);
                         }
                     },
@@ -217,26 +219,26 @@ impl<S: Sample> Extremes<S> {
         }
     }
 
-    /// Brings `values`, the columns `columns` of row `y` of a channel in the scale of the samples, between the least and the
-    /// largest sample of each pixel and those that touch it.
+    /// Clamps `values`, the columns `columns` of row `y` of a channel in the scale of the samples, to the smallest and the
+    /// largest sample in the 3 x 3 px around each pixel.
     pub(super) fn clamp(&mut self, channel: usize, y: usize, columns: &Range<usize>, values: &mut [f32]) {
-        let Self { least, largest, line } = self;
+        let Self { smallest, largest, line } = self;
         simd::run(
             Avx2::detect(),
             #[inline(always)]
             || {
-                outermost(&least[channel], y, columns, line, |a, b| a.min(b));
-                values.iter_mut().zip(&*line).for_each(|(value, least)| *value = value.max(least.value()));
-                outermost(&largest[channel], y, columns, line, |a, b| a.max(b));
+                extreme_around(&smallest[channel], y, columns, line, |a, b| a.min(b));
+                values.iter_mut().zip(&*line).for_each(|(value, smallest)| *value = value.max(smallest.value()));
+                extreme_around(&largest[channel], y, columns, line, |a, b| a.max(b));
                 values.iter_mut().zip(&*line).for_each(|(value, largest)| *value = value.min(largest.value()));
             },
         );
     }
 }
 
-/// The outermost of three rows and three neighbours, for each of `columns`, into `line`.
+/// Writes to `line`, for each of `columns`, the extreme (by `pick`) of the 3 x 3 px around it.
 #[inline(always)]
-fn outermost<S: Sample>(
+fn extreme_around<S: Sample>(
     plane: &Patch<S>,
     y: usize,
     columns: &Range<usize>,
@@ -250,7 +252,7 @@ fn outermost<S: Sample>(
     for (((out, &a), &b), &c) in line[1..].iter_mut().zip(rows[0]).zip(rows[1]).zip(rows[2]) {
         *out = pick(pick(a, b), c);
     }
-    // the outer pixels are repeated
+    // border pixels are repeated
     (line[0], line[width + 1]) = (line[1], line[width]);
     for x in 0..width {
         line[x] = pick(pick(line[x], line[x + 1]), line[x + 2]);

@@ -1,23 +1,32 @@
-//! Fusing by Laplacian pyramids (Burt & Adelson 1983; for a stack: Burt & Kolczynski 1993, Wang & Chang 2011).
+//! Second pass of [`Method::Pyramid`](crate::types::fusion_options::Method): Laplacian pyramid fusion (Burt & Adelson 1983;
+//! for stacks: Burt & Kolczynski 1993, Wang & Chang 2011).
 //!
-//! Each slice is taken apart into detail of ever coarser scale and a base. In each place of each level those
-//! slices count that show the most detail there, and what comes out is put together again.
+//! In: the warped slices. Out: the fused image. With `I_n,l` slice `n` at level `l`, `b` the binomial kernel of 5 taps and
+//! `lambda_c` the luma weights of the channels:
 //!
-//! - What counts is the energy of the detail in all channels, smoothed: a colour is never put together from
-//!   different slices.
-//! - Not the largest energy alone counts, but each slice with a high power of its energy: where one slice stands
-//!   out that is the same, and where all show noise only it is their average, so that noise does not win.
-//! - The base is chosen likewise, by how much it deviates from its surroundings.
-//! - A slice counts only where it covers what its detail was computed from; elsewhere it counts only where no
-//!   other slice does.
-//! - No sample leaves the range of the slices in the pixels around it.
+//! ```text
+//! I_n,l+1 = (b * I_n,l) at every second pixel
+//! D_n,l   = I_n,l - expand(I_n,l+1)               detail
+//! E_n,l   = b * b * sum_c lambda_c D_n,l,c^2      energy of the detail, one for all channels
+//! W_n,l   = (E_n,l + 1e-3)^4                      weight
+//! D_l     = sum_n W_n,l D_n,l / sum_n W_n,l       fused detail
+//! ```
 //!
-//! Levels are computed per tile, from all that a pixel of the tile can depend on ([`reach`]): the same bytes
-//! come whatever the tiles are. Memory does not grow with the number of slices.
+//! The base is fused by the same rule, with the energy of its deviation from its surroundings. The fused levels are expanded
+//! and added. The reasons:
+//!
+//! - One weight for all channels: a colour is never composed of different slices.
+//! - The fourth power instead of the maximum: where one slice stands out it gives the same, and where all slices show only
+//!   noise it averages them instead of choosing the strongest noise.
+//! - A slice that does not cover all pixels that a detail depends on gets a weight below that of all others.
+//! - A fused sample is clamped to the range of the slices in the 3 x 3 px around it, which removes overshoot.
+//!
+//! Each tile computes its levels from all pixels that it depends on ([`reach`]), so tiles do not affect the result. Memory does
+//! not depend on the number of slices.
 
-mod choice;
 mod filter;
 mod finest;
+mod level_fusion;
 mod reach;
 
 use std::mem;
@@ -30,18 +39,17 @@ use super::{
 };
 use crate::{
     imaging::{
-        Coverage, Plane, Rect, Sample,
+        Coverage, LUMA, Plane, Rect, Sample,
         simd::{self, Avx2},
     },
     types::{Control, Interrupted},
 };
-use choice::{Chooser, LUMA, Place, Source};
 use filter::{Filters, Level, Patch, WEIGHT};
-use finest::{Extremes, Finest};
+use finest::{FinestLevel, SampleRange};
+use level_fusion::{LevelFuser, LevelGeometry, SliceLevel};
 use reach::{Reach, Sizes};
 
-/// How often the canvas is halved. The base is what is coarser than some 30 px: blur of that size is not chosen
-/// among slices any more.
+/// Number of halvings. The base has only what is coarser than about 30 px.
 const LEVELS: usize = 4;
 
 /// Runs the second pass.
@@ -55,7 +63,7 @@ pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned)
 /// What all tiles share.
 struct Canvas {
     sizes: Sizes,
-    /// Per level, how much of what a pixel was computed from lies on the canvas: across and down.
+    /// Per level, along x and along y: the fraction of the kernel of each pixel that lies on the canvas.
     weights: Vec<[Vec<f32>; 2]>,
 }
 
@@ -67,33 +75,33 @@ impl Canvas {
         Self { weights: weights.map(|(across, down)| [across, down]).collect(), sizes }
     }
 
-    fn place(&self, level: usize) -> Place<'_> {
+    fn geometry(&self, level: usize) -> LevelGeometry<'_> {
         let size = self.sizes.0[level];
         let coarser = self.sizes.0.get(level + 1).copied().unwrap_or(size);
         let [across, down] = &self.weights[level];
-        Place { size, coarser, across, down }
+        LevelGeometry { size, coarser, across, down }
     }
 }
 
-/// The buffers of one thread, used for tile after tile.
+/// The buffers of one thread, reused from tile to tile.
 #[derive(Default)]
 struct Pyramid<S> {
     filters: Filters,
-    chooser: Chooser,
-    finest: Finest<S>,
-    /// Levels of a slice, multiplied by their weights. The finest stays empty unless it is the only one.
+    fuser: LevelFuser,
+    finest: FinestLevel<S>,
+    /// The levels of a slice: values times covered fraction. Level 0 is used only if it is the only level.
     levels: Vec<Level>,
-    /// One level of it, not multiplied.
-    plain: Level,
-    /// Per level: detail (or base) times weight, and the weights, summed up over slices.
+    /// One level of the slice: values.
+    values: Level,
+    /// Per level, summed over the slices: detail (or base) times weight, and weight.
     sums: Vec<Level>,
-    /// Least and largest samples of all slices.
-    range: Extremes<S>,
+    /// The smallest and largest samples of all slices.
+    range: SampleRange<S>,
 }
 
 impl<S: Sample> Pyramid<S> {
-    /// Fuses the pixels of `rect` into `out` (interleaved, `C` channels) and says in how many of them a
-    /// sample had to be brought back into the range of its depth.
+    /// Fuses the pixels of `rect` into `out`, interleaved. Returns the number of pixels with a sample that was clamped by more
+    /// than one grey level of 255.
     fn tile<const C: usize>(
         &mut self,
         canvas: &Canvas,
@@ -118,10 +126,10 @@ impl<S: Sample> Pyramid<S> {
                 continue;
             }
             self.finest.read::<C>(&aligned.scratch, slice, reach.source[0])?;
-            self.range.enter::<C>(&self.finest, coverage);
+            self.range.add::<C>(&self.finest, coverage);
             match levels {
-                1 => self.lay_out::<C>(coverage, reach.source[0]),
-                _ => self.finest.halve::<C>(simd, coverage, reach.source[1], &mut self.levels[1]),
+                1 => self.single_level::<C>(coverage, reach.source[0]),
+                _ => self.finest.reduce::<C>(simd, coverage, reach.source[1], &mut self.levels[1]),
             }
             for level in 2..levels {
                 let (finer, coarser) = self.levels.split_at_mut(level);
@@ -131,21 +139,21 @@ impl<S: Sample> Pyramid<S> {
                 }
             }
             for level in 0..levels - 1 {
-                divided::<C>(simd, &self.levels[level + 1], &mut self.plain);
+                normalised::<C>(simd, &self.levels[level + 1], &mut self.values);
                 let source = match level {
-                    0 => Source::Samples(&self.finest, coverage),
-                    _ => Source::Level(&self.levels[level]),
+                    0 => SliceLevel::Finest(&self.finest, coverage),
+                    _ => SliceLevel::Coarser(&self.levels[level]),
                 };
-                let (place, sums) = (canvas.place(level), &mut self.sums[level]);
-                self.chooser.enter::<S, C>(simd, &source, &self.plain, place, sums);
+                let (geometry, sums) = (canvas.geometry(level), &mut self.sums[level]);
+                self.fuser.add_detail::<S, C>(simd, &source, &self.values, geometry, sums);
             }
-            self.base::<C>(simd, canvas.place(levels - 1), reach.detail[levels - 1]);
+            self.add_base::<C>(simd, canvas.geometry(levels - 1), reach.detail[levels - 1]);
         }
         Ok(self.finish::<C>(canvas, rect, &aligned.index, out))
     }
 
-    /// The finest level of a slice, for want of any other: what it covers of `rect`, in grey levels of 255.
-    fn lay_out<const C: usize>(&mut self, coverage: &Coverage, rect: Rect) {
+    /// Level 0 of a slice on a canvas too small to be halved: its covered pixels in `rect`, in grey levels of 255.
+    fn single_level<const C: usize>(&mut self, coverage: &Coverage, rect: Rect) {
         let scale = 255.0 / S::DEPTH.max();
         let level = &mut self.levels[0];
         level.iter_mut().for_each(|plane| plane.reset(rect, 0.0));
@@ -164,28 +172,28 @@ impl<S: Sample> Pyramid<S> {
         }
     }
 
-    /// Enters the base, which is chosen by how much it deviates from its surroundings; `rect` is where these are.
-    fn base<const C: usize>(&mut self, simd: Option<Avx2>, place: Place<'_>, rect: Rect) {
+    /// Adds the base of a slice, weighted by the energy of its deviation from its surroundings in `rect`.
+    fn add_base<const C: usize>(&mut self, simd: Option<Avx2>, geometry: LevelGeometry<'_>, rect: Rect) {
         let (Some(coarsest), Some(sums)) = (self.levels.last(), self.sums.last_mut()) else { return };
         let inner = sums[WEIGHT].rect;
-        divided::<C>(simd, coarsest, &mut self.plain);
-        let near = inner.grown(reach::BASE_SMOOTHING / 2, place.size.0, place.size.1);
+        normalised::<C>(simd, coarsest, &mut self.values);
+        let near = inner.grown(reach::BASE_SMOOTHING / 2, geometry.size.0, geometry.size.1);
         let mut deviation = Patch::default();
         deviation.reset(near, 0.0f32);
-        // weighted mean of the surroundings, one channel after the other
+        // weighted mean of the surroundings, channel by channel
         let (mut channel, mut mean, mut total) = (Patch::default(), Patch::default(), Patch::default());
         let mut smoothed = |c: usize, out: &mut Patch<f32>| {
             channel.reset(rect, 0.0);
             for y in rect.y..rect.y + rect.height {
                 channel.row_mut(y).copy_from_slice(coarsest[c].part(rect.x, y, rect.width));
             }
-            self.filters.smooth_less(simd, &channel, near, out);
+            self.filters.smooth(simd, &channel, near, out);
         };
         smoothed(WEIGHT, &mut total);
         for (c, part) in LUMA.iter().enumerate().take(C) {
             smoothed(c, &mut mean);
             for y in near.y..near.y + near.height {
-                let own = self.plain[c].part(near.x, y, near.width).iter();
+                let own = self.values[c].part(near.x, y, near.width).iter();
                 let own = own.zip(coarsest[WEIGHT].part(near.x, y, near.width));
                 let around = mean.row(y).iter().zip(total.row(y));
                 for (((value, &weight), (mean, total)), deviation) in own.zip(around).zip(deviation.row_mut(y)) {
@@ -197,16 +205,16 @@ impl<S: Sample> Pyramid<S> {
             }
         }
         let mut energy = Patch::default();
-        self.filters.smooth_less(simd, &deviation, inner, &mut energy);
-        self.chooser.enter_base::<C>(&self.plain, &coarsest[WEIGHT], &energy, place, sums);
+        self.filters.smooth(simd, &deviation, inner, &mut energy);
+        self.fuser.add_base::<C>(&self.values, &coarsest[WEIGHT], &energy, geometry, sums);
     }
 
-    /// Puts the levels together, clamped and rounded; the number of pixels with a sample that had left the range
-    /// of its depth by more than one grey level of 255.
+    /// Expands and adds the fused levels, clamps and rounds them. Returns the number of pixels with a sample that was outside
+    /// the range of its depth by more than one grey level of 255.
     fn finish<const C: usize>(&mut self, canvas: &Canvas, rect: Rect, index: &Plane<u16>, out: &mut Vec<S>) -> usize {
         let (levels, simd) = (self.sums.len(), Avx2::detect());
-        let (mut result, mut expanded) = (mem::take(&mut self.plain), Vec::new());
-        divided::<C>(simd, &self.sums[levels - 1], &mut result);
+        let (mut result, mut expanded) = (mem::take(&mut self.values), Vec::new());
+        normalised::<C>(simd, &self.sums[levels - 1], &mut result);
         for level in (0..levels - 1).rev() {
             let [first, second, third, weights] = &mut self.sums[level];
             let rect = weights.rect;
@@ -237,7 +245,7 @@ impl<S: Sample> Pyramid<S> {
         let mut outside = vec![false; rect.width];
         for y in rect.y..rect.y + rect.height {
             let out = &mut out[(y - rect.y) * rect.width * C..][..rect.width * C];
-            let winners = &index.row(y)[columns.clone()];
+            let slices = &index.row(y)[columns.clone()];
             outside.fill(false);
             for (c, plane) in result.iter_mut().enumerate().take(C) {
                 let values = plane.row_mut(y);
@@ -246,25 +254,25 @@ impl<S: Sample> Pyramid<S> {
                     *value *= scale;
                 }
                 self.range.clamp(c, y, &columns, values);
-                for ((out, &value), &winner) in out.chunks_exact_mut(C).zip(&*values).zip(winners) {
-                    out[c] = if winner == UNCOVERED { S::default() } else { S::rounded(value) };
+                for ((out, &value), &slice) in out.chunks_exact_mut(C).zip(&*values).zip(slices) {
+                    out[c] = if slice == UNCOVERED { S::default() } else { S::rounded(value) };
                 }
             }
-            let covered = outside.iter().zip(winners).filter(|&(_, &winner)| winner != UNCOVERED);
+            let covered = outside.iter().zip(slices).filter(|&(_, &slice)| slice != UNCOVERED);
             clamped += covered.filter(|(outside, _)| **outside).count();
         }
-        self.plain = result;
+        self.values = result;
         clamped
     }
 }
 
-/// The planes of a level that are in use: those of the channels and the weights.
+/// The planes of a level that are used with `C` channels: the channels and the weights.
 fn channels<const C: usize>() -> impl Iterator<Item = usize> {
     (0..C).chain([WEIGHT])
 }
 
-/// The channels divided by their weights; nothing where there is no weight.
-fn divided<const C: usize>(simd: Option<Avx2>, from: &Level, to: &mut Level) {
+/// The channels divided by their weights; 0 where the weight is 0.
+fn normalised<const C: usize>(simd: Option<Avx2>, from: &Level, to: &mut Level) {
     let weights = &from[WEIGHT];
     for (from, to) in from[..C].iter().zip(to) {
         to.shape(from.rect, 0.0);

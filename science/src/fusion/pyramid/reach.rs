@@ -1,22 +1,22 @@
-//! Which pixels of every level a tile needs: worked out backwards from the tile, so that no pixel of it knows
-//! where the tile ends.
+//! The pixels of every level that a tile depends on, computed backwards from the tile. With all of them at hand the result does
+//! not depend on the tiles.
 
 use std::ops::Range;
 
 use super::filter::SMOOTHING;
 use crate::imaging::Rect;
 
-/// Reach of the measure that the base is chosen by, in pixels of the coarsest level.
+/// Radius of the energy of the base, pixels of the coarsest level.
 pub(super) const BASE_SMOOTHING: usize = 4;
 
-/// Pixels along one axis of every level, finest first. Pixel i of a level lies at pixel 2 i of the one below.
+/// Ranges of pixels along one axis, per level, finest first. Pixel `i` of a level is at pixel `2 i` of the next finer one.
 #[derive(Debug, Clone, PartialEq)]
 struct Axis {
-    /// What is put together.
+    /// Pixels that are fused.
     result: Vec<Range<usize>>,
-    /// Where detail is computed: what is put together, and what its choice looks at.
+    /// Pixels where detail is computed: those that are fused, and those that their energy depends on.
     detail: Vec<Range<usize>>,
-    /// Where slices are needed.
+    /// Pixels where slices are needed.
     source: Vec<Range<usize>>,
 }
 
@@ -25,7 +25,7 @@ impl Axis {
         let mut result = vec![tile];
         for &length in &lengths[1..] {
             let finer = &result[result.len() - 1];
-            result.push(spanned_by(finer, length));
+            result.push(expanded_from(finer, length));
         }
         let last = lengths.len() - 1;
         let around = |level: usize| {
@@ -36,7 +36,7 @@ impl Axis {
         let mut source = detail.clone();
         for level in (0..=last).rev() {
             if level > 0 {
-                let finer = spanned_by(&detail[level - 1], lengths[level]);
+                let finer = expanded_from(&detail[level - 1], lengths[level]);
                 source[level] = joined(&source[level], &finer);
             }
             if level < last {
@@ -49,21 +49,22 @@ impl Axis {
     }
 }
 
-/// The pixels of the next level that are looked at when the pixels `fine` are expanded from it.
-fn spanned_by(fine: &Range<usize>, length: usize) -> Range<usize> {
+/// The pixels of the next coarser level, of `length` px, that the pixels `fine` are expanded from.
+fn expanded_from(fine: &Range<usize>, length: usize) -> Range<usize> {
     fine.start.div_ceil(2).saturating_sub(1)..((fine.end - 1) / 2 + 2).min(length)
 }
 
+/// The smallest range that contains both.
 fn joined(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
     a.start.min(b.start)..a.end.max(b.end)
 }
 
-/// Columns and rows of every level, finest first.
+/// Width and height of every level, finest first.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sizes(pub Vec<(usize, usize)>);
 
 impl Sizes {
-    /// Of a canvas: `levels` times halved, or less often when it is too small for that.
+    /// The levels of a canvas that is halved `levels` times, or fewer times if a side is below 8 px.
     pub(super) fn of(width: usize, height: usize, levels: usize) -> Self {
         let mut sizes = vec![(width, height)];
         while sizes.len() <= levels {
@@ -77,12 +78,12 @@ impl Sizes {
     }
 }
 
-/// What a tile needs, per level, finest first.
+/// The pixels that a tile depends on, per level, finest first.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Reach {
-    /// Pixels that are put together.
+    /// Pixels that are fused.
     pub result: Vec<Rect>,
-    /// Pixels in which detail (or, in the last level, the base) is measured.
+    /// Pixels where the energy of the detail (in the last level: of the base) is measured.
     pub detail: Vec<Rect>,
     /// Pixels of the slices.
     pub source: Vec<Rect>,
@@ -113,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_level_holds_all_that_the_next_step_looks_at() {
+    fn every_level_has_all_pixels_that_the_next_step_depends_on() {
         let lengths = [101, 51, 26, 13];
         for tile in [0..101, 0..40, 37..61, 64..101, 100..101] {
             let axis = Axis::of(tile, &lengths);

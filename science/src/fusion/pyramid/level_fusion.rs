@@ -1,78 +1,80 @@
-//! What a slice has to say to one level: its detail, weighted by the energy of the detail around each pixel. Row by row, so
-//! that what is looked at more than once is still at hand.
+//! Adds one level of a slice to the fused level: its detail, weighted by the local energy of the detail.
+//!
+//! Rows are processed in order, with the last rows in rings of buffers, so that data that is used several times stays in the
+//! cache.
 
 use super::{
     filter::{Filters, Level, Patch, SMOOTH, SMOOTHING, WEIGHT, weigh},
-    finest::Finest,
+    finest::FinestLevel,
 };
 use crate::imaging::{
-    Coverage, Rect, Sample,
+    Coverage, LUMA, Rect, Sample,
     simd::{self, Avx2},
 };
 
-/// Parts of the channels in an energy: those of luma.
-pub(super) const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
+/// Added to every energy, squared grey levels of 255, so that no sum of weights is 0.
+const MIN_ENERGY: f32 = 1e-3;
 
-/// What every energy is raised by (of squared grey levels of 255), so that weights never sum up to 0.
-const FLOOR: f32 = 1e-3;
+/// Weight of a slice that does not cover all pixels that its detail depends on: below that of all others.
+const INCOMPLETE: f32 = 1e-18;
 
-/// Weight of a slice that does not cover all that its detail was computed from: below that of all others.
-const UNSURE: f32 = 1e-18;
+/// Covered fraction from which a slice counts as covering all pixels; the rest is rounding.
+const COMPLETE: f32 = 0.999;
 
-/// A slice covers all that was looked at when this share of it is there (the rest is rounding).
-const ALL: f32 = 0.999;
-
-/// Rows of a ring: all that a smoothed energy looks at.
+/// Rows of a ring: those that a smoothed energy depends on.
 const RING: usize = SMOOTH.len();
 
 /// A level of a slice.
-pub(super) enum Source<'a, S> {
-    /// The finest one, and what the slice covers.
-    Samples(&'a Finest<S>, &'a Coverage),
-    /// Another one, multiplied by its weights.
-    Level(&'a Level),
+pub(super) enum SliceLevel<'a, S> {
+    /// Level 0, and the area that the slice covers.
+    Finest(&'a FinestLevel<S>, &'a Coverage),
+    /// Another level: values times covered fraction, and covered fraction.
+    Coarser(&'a Level),
 }
 
-/// A level, and how much of what a pixel of it is computed from lies on the canvas, across and down.
+/// The geometry of a level.
 #[derive(Clone, Copy)]
-pub(super) struct Place<'a> {
-    /// Columns and rows of its plane, and of the next coarser one.
+pub(super) struct LevelGeometry<'a> {
+    /// Width and height.
     pub size: (usize, usize),
+    /// Width and height of the next coarser level.
     pub coarser: (usize, usize),
+    /// Per column: the fraction of the kernel that lies on the canvas.
     pub across: &'a [f32],
+    /// Per row: the same.
     pub down: &'a [f32],
 }
 
-/// Buffers of rows.
+/// Adds levels of slices to fused levels; holds the buffers of rows.
 #[derive(Default)]
-pub(super) struct Chooser {
+pub(super) struct LevelFuser {
     filters: Filters,
     expanded: Vec<f32>,
     energy: Vec<f32>,
-    /// Per channel, details of the last rows.
+    /// Per channel: the details of the last rows.
     details: [Vec<f32>; 3],
-    /// Energies of the last rows, smoothed along x.
+    /// The energies of the last rows, smoothed along x.
     smoothed: Vec<f32>,
     total: Vec<f32>,
     covered: Vec<f32>,
 }
 
-impl Chooser {
-    /// Adds the detail of `source` to `sums`, in all of their rectangle; `coarse` is the next coarser level of the slice, not
-    /// multiplied by weights.
-    pub(super) fn enter<S: Sample, const C: usize>(
+impl LevelFuser {
+    /// Adds the detail of `source` to the whole rectangle of `sums`; `coarse` has the values of the next coarser level of the
+    /// slice.
+    pub(super) fn add_detail<S: Sample, const C: usize>(
         &mut self,
         simd: Option<Avx2>,
-        source: &Source<'_, S>,
+        source: &SliceLevel<'_, S>,
         coarse: &Level,
-        place: Place<'_>,
+        geometry: LevelGeometry<'_>,
         sums: &mut Level,
     ) {
         let part = sums[WEIGHT].rect;
-        let rect = part.grown(SMOOTHING, place.size.0, place.size.1);
+        let rect = part.grown(SMOOTHING, geometry.size.0, geometry.size.1);
         let columns = rect.x..rect.x + rect.width;
         let Self { filters, expanded, energy, details, smoothed, total, covered } = self;
-        // energies from `SMOOTHING` px before the part on: beyond the canvas there is none
+        // the buffer begins `SMOOTHING` px before the part; beyond the canvas the energy is 0
         energy.clear();
         energy.resize(part.width + 2 * SMOOTHING, 0.0);
         let inner = rect.x + SMOOTHING - part.x..rect.x + SMOOTHING - part.x + rect.width;
@@ -90,27 +92,27 @@ impl Chooser {
                 Some(y) => {
                     energy[inner.clone()].fill(0.0);
                     for c in 0..C {
-                        let coarse = filters.expand(simd, &coarse[c], place.coarser, (y, &columns), expanded);
+                        let coarse = filters.expand(simd, &coarse[c], geometry.coarser, (y, &columns), expanded);
                         let detail = &mut details[c][slot * rect.width..(slot + 1) * rect.width];
                         let energy = &mut energy[inner.clone()];
                         match source {
-                            Source::Samples(samples, coverage) => {
+                            SliceLevel::Finest(samples, coverage) => {
                                 let span = coverage.span(y);
                                 let (start, end) =
                                     (span.start.clamp(rect.x, columns.end), span.end.clamp(rect.x, columns.end));
-                                let there = start - rect.x..end.max(start) - rect.x;
-                                detail[..there.start].fill(0.0);
-                                detail[there.end..].fill(0.0);
-                                let samples = &samples.planes[c].part(rect.x, y, rect.width)[there.clone()];
+                                let covered = start - rect.x..end.max(start) - rect.x;
+                                detail[..covered.start].fill(0.0);
+                                detail[covered.end..].fill(0.0);
+                                let samples = &samples.planes[c].part(rect.x, y, rect.width)[covered.clone()];
                                 let (coarse, detail, energy) =
-                                    (&coarse[there.clone()], &mut detail[there.clone()], &mut energy[there]);
+                                    (&coarse[covered.clone()], &mut detail[covered.clone()], &mut energy[covered]);
                                 simd::run(
                                     simd,
                                     #[inline(always)]
                                     || of_samples(samples, coarse, LUMA[c], detail, energy),
                                 );
                             }
-                            Source::Level(level) => {
+                            SliceLevel::Coarser(level) => {
                                 let values = level[c].part(rect.x, y, rect.width);
                                 let weights = level[WEIGHT].part(rect.x, y, rect.width);
                                 simd::run(
@@ -131,21 +133,21 @@ impl Chooser {
             }
             let Some(y) = usize::try_from(at - before).ok().filter(|&y| y >= part.y) else { continue };
             match source {
-                Source::Samples(_, coverage) => {
+                SliceLevel::Finest(_, coverage) => {
                     let span = coverage.span(y);
                     let (left, right) = (part.x, part.x + part.width);
                     let (start, end) = (span.start.clamp(left, right), span.end.clamp(left, right));
                     covered.fill(0.0);
                     covered[start - left..end.max(start) - left].fill(1.0);
                 }
-                Source::Level(level) => covered.copy_from_slice(level[WEIGHT].part(part.x, y, part.width)),
+                SliceLevel::Coarser(level) => covered.copy_from_slice(level[WEIGHT].part(part.x, y, part.width)),
             }
             let rows = std::array::from_fn(|tap| {
                 let slot = (y + tap) % RING;
-                // row `y - SMOOTHING + tap` lies in the slot that its number plus `SMOOTHING` says
+                // row `y - SMOOTHING + tap` is in slot `(y + tap) % RING`
                 &smoothed[slot * part.width..(slot + 1) * part.width]
             });
-            let (across, down) = (&place.across[part.x..part.x + part.width], place.down[y]);
+            let (across, down) = (&geometry.across[part.x..part.x + part.width], geometry.down[y]);
             let slot = (y + SMOOTHING) % RING * rect.width;
             let [first, second, third, weights] = &mut *sums;
             let weights = weights.row_mut(y);
@@ -174,13 +176,13 @@ impl Chooser {
         }
     }
 
-    /// Adds the base of a slice, `values` (not multiplied by weights), to `sums`: it is chosen by `energy`.
-    pub(super) fn enter_base<const C: usize>(
+    /// Adds the base of a slice to `sums`, weighted by `energy`; `values` are its values and `weights` its covered fractions.
+    pub(super) fn add_base<const C: usize>(
         &mut self,
         values: &Level,
         weights: &Patch<f32>,
         energy: &Patch<f32>,
-        place: Place<'_>,
+        geometry: LevelGeometry<'_>,
         sums: &mut Level,
     ) {
         let part: Rect = sums[WEIGHT].rect;
@@ -188,7 +190,7 @@ impl Chooser {
             self.total.clear();
             self.total.extend_from_slice(energy.part(part.x, y, part.width));
             let covered = weights.part(part.x, y, part.width);
-            let (across, down) = (&place.across[part.x..part.x + part.width], place.down[y]);
+            let (across, down) = (&geometry.across[part.x..part.x + part.width], geometry.down[y]);
             weights_of(&mut self.total, covered, across, down, sums[WEIGHT].row_mut(y));
             for c in 0..C {
                 let detail = values[c].part(part.x, y, part.width);
@@ -200,7 +202,7 @@ impl Chooser {
     }
 }
 
-/// Detail of the finest level, and its part of the energy.
+/// The detail of a channel of level 0, and its share of the energy; `part` is the luma weight of the channel.
 #[inline(always)]
 fn of_samples<S: Sample>(samples: &[S], coarse: &[f32], part: f32, detail: &mut [f32], energy: &mut [f32]) {
     let scale = 255.0 / S::DEPTH.max();
@@ -210,7 +212,7 @@ fn of_samples<S: Sample>(samples: &[S], coarse: &[f32], part: f32, detail: &mut 
     }
 }
 
-/// Detail of another level, and its part of the energy; none where nothing is covered.
+/// The same for a channel of a coarser level; the detail is 0 where nothing is covered.
 #[inline(always)]
 fn of_level(values: &[f32], weights: &[f32], coarse: &[f32], part: f32, detail: &mut [f32], energy: &mut [f32]) {
     let pixels = values.iter().zip(weights).zip(coarse);
@@ -221,14 +223,14 @@ fn of_level(values: &[f32], weights: &[f32], coarse: &[f32], part: f32, detail: 
     }
 }
 
-/// Makes energies weights, and adds them to the sums.
+/// Replaces energies by weights, and adds the weights to the sums.
 #[inline(always)]
 fn weights_of(energies: &mut [f32], covered: &[f32], across: &[f32], down: f32, sums: &mut [f32]) {
     for (((weight, covered), across), sum) in energies.iter_mut().zip(covered).zip(across).zip(sums) {
         let covered = covered / (across * down);
-        let square = (*weight + FLOOR) * (*weight + FLOOR);
-        let sure = square * square;
-        *weight = if covered >= ALL { sure } else { UNSURE * covered };
+        let square = (*weight + MIN_ENERGY) * (*weight + MIN_ENERGY);
+        let complete = square * square;
+        *weight = if covered >= COMPLETE { complete } else { INCOMPLETE * covered };
         *sum += *weight;
     }
 }
