@@ -39,7 +39,7 @@ use crate::{
     },
     types::Interrupted,
 };
-use confidence::Candidates;
+use confidence::ImagePair;
 use decision_map::{DecisionMap, TEXTURED};
 use defocus_model::DefocusModel;
 use warped_slices::WarpedSlices;
@@ -94,19 +94,19 @@ impl<S: Sample, const C: usize> Fusion<'_, S, C> {
 
         let change = mean_change::<C>(&before, &values);
         let (corrected, uncorrected) = (rounded::<S>(&values), rounded::<S>(&before));
-        let mut near = Vec::with_capacity(corrected.len());
+        let mut pyramid_part = Vec::with_capacity(corrected.len());
         for y in window.y..window.y + window.height {
-            near.extend_from_slice(&pyramid[(y * width + window.x) * C..][..window.width * C]);
+            pyramid_part.extend_from_slice(&pyramid[(y * width + window.x) * C..][..window.width * C]);
         }
-        let candidates = Candidates {
+        let pair = ImagePair {
             window,
             corrected: &corrected,
             values: &values,
             uncorrected: &uncorrected,
-            pyramid: &near,
+            pyramid: &pyramid_part,
             change: &change,
         };
-        candidates.blend::<C>(rect, rows, out);
+        pair.blend::<C>(rect, rows, out);
         Ok(out_of_range::<S, C>(&values, window, rect))
     }
 }

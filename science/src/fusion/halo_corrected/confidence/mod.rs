@@ -76,7 +76,7 @@ const RAGGED_IN_DETAIL: f32 = 2.7;
 const HALF_DETAIL: f32 = 5.0;
 
 /// The mosaic and the pyramid image of the rectangle `window`: interleaved samples of `C` channels.
-pub(super) struct Candidates<'a, S> {
+pub(super) struct ImagePair<'a, S> {
     pub window: Rect,
     /// The corrected mosaic.
     pub corrected: &'a [S],
@@ -89,7 +89,7 @@ pub(super) struct Candidates<'a, S> {
     pub change: &'a [f32],
 }
 
-impl<S: Sample> Candidates<'_, S> {
+impl<S: Sample> ImagePair<'_, S> {
     /// The blended samples of `rect`, which is at least [`REACH`] inside the window where that does not end at the
     /// border of the canvas.
     pub(super) fn blend<const C: usize>(&self, rect: Rect, rows: &mut Rows, out: &mut Vec<S>) {
@@ -224,9 +224,9 @@ mod tests {
         let change: Vec<f32> =
             corrected.iter().zip(&uncorrected).map(|(one, other)| one.abs_diff(*other).into()).collect();
         let [corrected, uncorrected, pyramid] = [&corrected[..], &uncorrected, &pyramid];
-        let candidates = Candidates { window, corrected, values: &values, uncorrected, pyramid, change: &change };
+        let pair = ImagePair { window, corrected, values: &values, uncorrected, pyramid, change: &change };
         let mut out = Vec::new();
-        candidates.blend::<1>(rect, &mut Rows::default(), &mut out);
+        pair.blend::<1>(rect, &mut Rows::default(), &mut out);
         out
     }
 
