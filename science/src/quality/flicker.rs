@@ -3,6 +3,8 @@
 //! The prediction is a Theil-Sen line through the surrounding slices: it follows a steady drift, also at the ends of the
 //! stack, and is not moved by a single flash.
 
+use crate::imaging::statistics::median_midpoint;
+
 /// Slices on each side that predict the brightness of one.
 const SIDE: usize = 3;
 /// With fewer surrounding slices no trend is fitted: one bright slice among them would tilt it.
@@ -32,16 +34,9 @@ fn expected(brightness: &[Option<f64>], n: usize) -> Option<f64> {
     let pairs = around.iter().enumerate().flat_map(|(i, a)| around[i + 1..].iter().map(move |b| (a, b)));
     let slope = match around.len() {
         0..FEWEST => 0.0,
-        _ => median(pairs.map(|(a, b)| (b.1 - a.1) / (b.0 - a.0)).collect()),
+        _ => median_midpoint(&mut pairs.map(|(a, b)| (b.1 - a.1) / (b.0 - a.0)).collect::<Vec<f64>>())?,
     };
-    Some(median(around.iter().map(|(step, value)| value - slope * step).collect()))
-}
-
-/// The median of at least one value.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len().is_multiple_of(2) { f64::midpoint(values[middle - 1], values[middle]) } else { values[middle] }
+    median_midpoint(&mut around.iter().map(|(step, value)| value - slope * step).collect::<Vec<f64>>())
 }
 
 #[cfg(test)]

@@ -26,7 +26,6 @@ pub mod piella;
 pub mod sampling;
 pub mod score;
 pub mod slice;
-mod statistics;
 pub mod two_source;
 pub mod xydeas;
 

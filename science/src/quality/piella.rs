@@ -29,11 +29,11 @@ pub fn index(a: Moments, b: Moments, covariance: f64) -> f64 {
 /// [`index`] in single precision, each window as (mean, variance): for many windows at once.
 #[inline(always)]
 pub(super) fn index_of_many(a: (f32, f32), b: (f32, f32), covariance: f32) -> f32 {
-    const LITTLE: f32 = STABILISER as f32;
+    const C: f32 = STABILISER as f32;
     let bound = (a.1 * b.1).sqrt();
     let covariance = if covariance > bound { bound } else { covariance };
     let covariance = if covariance < -bound { -bound } else { covariance };
-    let brightness = (2.0 * a.0 * b.0 + LITTLE) / (a.0 * a.0 + b.0 * b.0 + LITTLE);
-    let structure = (2.0 * covariance + LITTLE) / (a.1 + b.1 + LITTLE);
+    let brightness = (2.0 * a.0 * b.0 + C) / (a.0 * a.0 + b.0 * b.0 + C);
+    let structure = (2.0 * covariance + C) / (a.1 + b.1 + C);
     brightness * structure
 }

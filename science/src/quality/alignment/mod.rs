@@ -14,9 +14,9 @@ mod similarity;
 
 use rayon::prelude::*;
 
-use super::statistics;
+use super::sampling::{self, Extent};
 use crate::{
-    imaging::{Plane, Rect},
+    imaging::{Plane, Rect, statistics},
     types::{
         Homography,
         metrics::{AlignmentMetrics, ResidualSimilarity},
@@ -151,15 +151,15 @@ fn length_quantile<'a>(shifts: impl Iterator<Item = &'a Shift>, q: f64) -> Optio
     if lengths.len() < LEAST_SHIFTS {
         return None;
     }
-    statistics::quantile(&mut lengths, q).map(f64::from)
+    statistics::quantile_interpolated(&mut lengths, q).map(f64::from)
 }
 
 /// Up to `GRID` x `GRID` windows of one size, over the canvas or over the object.
 fn windows(width: usize, height: usize, object: Option<&Plane<u8>>) -> Vec<Rect> {
     let object = object.filter(|object| object.width == width && object.height == height);
-    let area = match object.map(bounding_box) {
+    let area = match object.map(Extent::of) {
         None => Rect::whole(width, height),
-        Some(Some(bounds)) => bounds,
+        Some(Some(extent)) => extent.bounds,
         Some(None) => return Vec::new(),
     };
     let shorter = width.min(height);
@@ -188,25 +188,9 @@ fn starts(start: usize, length: usize, canvas: usize, side: usize) -> Vec<usize>
     (0..count).map(|i| (first + slack * i / (count - 1)).min(canvas - side)).collect()
 }
 
-fn bounding_box(object: &Plane<u8>) -> Option<Rect> {
-    let rows: Vec<usize> = (0..object.height).filter(|&y| object.row(y).iter().any(|&v| v != 0)).collect();
-    let (top, bottom) = (*rows.first()?, *rows.last()?);
-    let (mut left, mut right) = (object.width, 0);
-    for y in top..=bottom {
-        let row = object.row(y);
-        if let (Some(first), Some(last)) = (row.iter().position(|&v| v != 0), row.iter().rposition(|&v| v != 0)) {
-            left = left.min(first);
-            right = right.max(last);
-        }
-    }
-    Some(Rect { x: left, y: top, width: right + 1 - left, height: bottom + 1 - top })
-}
-
+/// Share of object pixels in `window`.
 fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
-    let rows = window.y..window.y + window.height;
-    let inside: usize =
-        rows.map(|y| object.row(y)[window.x..window.x + window.width].iter().filter(|&&v| v != 0).count()).sum();
-    inside as f64 / (window.width * window.height) as f64
+    sampling::object_pixels(object, window) as f64 / (window.width * window.height) as f64
 }
 
 /// The shifts from slice `from` to slice `to`, of the windows that have one.

@@ -3,7 +3,8 @@
 //! About the centre of the windows a shift is `dx = a x - b y + tx`, `dy = b x + a y + ty`. The fit is least squares over all
 //! windows of all pairs; windows more than three standard deviations off are removed, four times.
 
-use super::{Shift, statistics};
+use super::Shift;
+use crate::imaging::statistics;
 
 /// Least number of shifts for a fit.
 const LEAST: usize = 4;
@@ -35,7 +36,7 @@ impl Similarity {
         for _ in 0..4 {
             let mut residuals: Vec<f32> = shifts.iter().map(|shift| fit.residual(shift) as f32).collect();
             // the median length of a two-dimensional normal deviation is 1.18 sigma
-            let sigma = f64::from(statistics::median(&mut residuals)?) / 1.18;
+            let sigma = f64::from(statistics::quantile_interpolated(&mut residuals, 0.5)?) / 1.18;
             let limit = (OUTLIER * sigma).max(OUTLIER * LEAST_SIGMA);
             kept = shifts.iter().filter(|shift| fit.residual(shift) <= limit).copied().collect();
             fit = Self::fit(&kept)?;
@@ -107,8 +108,8 @@ pub(super) fn own_shift(shifts: &[Shift], common: Option<&Similarity>, least: us
         ((shift.dx - dx) as f32, (shift.dy - dy) as f32)
     };
     let (mut xs, mut ys): (Vec<f32>, Vec<f32>) = shifts.iter().map(rest).unzip();
-    let (x, y) = (statistics::median(&mut xs)?, statistics::median(&mut ys)?);
+    let (x, y) = (statistics::quantile_interpolated(&mut xs, 0.5)?, statistics::quantile_interpolated(&mut ys, 0.5)?);
     let mut away: Vec<f32> = shifts.iter().map(rest).map(|(dx, dy)| (dx - x).hypot(dy - y)).collect();
-    let sigma = (f64::from(statistics::median(&mut away)?) / 1.18).max(LEAST_SIGMA);
+    let sigma = (f64::from(statistics::quantile_interpolated(&mut away, 0.5)?) / 1.18).max(LEAST_SIGMA);
     Some(((f64::from(x), f64::from(y)), 1.25 * sigma / (shifts.len() as f64).sqrt()))
 }

@@ -46,14 +46,10 @@ fn stack(count: usize, place: impl Fn(usize, f64, f64) -> (f64, f64), blur: impl
     (0..count).map(slice).collect()
 }
 
-fn cut<T: Copy>(plane: &Plane<T>, window: Rect) -> Plane<T> {
-    Plane::from_fn(window.width, window.height, |x, y| plane.at(window.x + x, window.y + y))
-}
-
 fn measured(stack: &[Plane<f32>], object: Option<&Plane<u8>>) -> Alignment {
     let valid = |window: Rect| Plane::filled(window.width, window.height, 255u8);
     let (width, height) = (stack[0].width, stack[0].height);
-    measure(stack.len(), &|n, window| Some((cut(&stack[n], window), valid(window))), width, height, object)
+    measure(stack.len(), &|n, window| Some((stack[n].crop(window), valid(window))), width, height, object)
 }
 
 #[test]
@@ -153,7 +149,7 @@ fn windows_that_a_slice_does_not_cover_are_skipped() {
     let slices = stack(2, |_, x, y| (x, y), |_| 0.5);
     let torn = |n: usize, window: Rect| {
         let valid = Plane::from_fn(window.width, window.height, |x, _| if window.x + x < 250 { 255u8 } else { 0 });
-        let luma = cut(&slices[n], window);
+        let luma = slices[n].crop(window);
         let data = luma.data.iter().zip(&valid.data).map(|(&v, &c)| if c == 0 { f32::NAN } else { v }).collect();
         Some((Plane { data, ..luma }, valid))
     };

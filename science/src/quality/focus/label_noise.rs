@@ -1,6 +1,6 @@
 //! How reliable the decision map is: label noise, and the lead of the sharpest slice over the second.
 
-use crate::{imaging::Plane, quality::statistics};
+use crate::imaging::{Plane, statistics};
 
 /// Radius of the square neighbourhood, px.
 const REACH: usize = 2;
@@ -37,7 +37,7 @@ pub(super) fn ambiguity<'a>(saliency: impl Iterator<Item = &'a [f32]>) -> Option
         });
         (first - second) / first.max(f32::MIN_POSITIVE)
     };
-    statistics::median(&mut saliency.map(lead).collect::<Vec<f32>>()).map(f64::from)
+    statistics::quantile_interpolated(&mut saliency.map(lead).collect::<Vec<f32>>(), 0.5).map(f64::from)
 }
 
 #[cfg(test)]

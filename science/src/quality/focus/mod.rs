@@ -11,8 +11,11 @@ mod noise_floor;
 mod range;
 mod unfocused_area;
 
-use super::{DecisionMap, focus_order::FocusCurves, sampling::Points, slice::SliceMeasurements, statistics};
-use crate::{imaging::Plane, types::metrics::FocusMetrics};
+use super::{DecisionMap, focus_order::FocusCurves, sampling::Points, slice::SliceMeasurements};
+use crate::{
+    imaging::{Plane, statistics},
+    types::metrics::FocusMetrics,
+};
 
 /// With fewer textured samples nothing is said about single slices.
 const LEAST_TEXTURED: usize = 200;
@@ -47,8 +50,8 @@ pub(super) struct DepthCoverage {
 struct Samples {
     /// Saliency, sample by sample and within a sample by slice; 0 where a slice does not cover.
     saliency: Vec<f32>,
-    /// Per sample: the slice of the decision map.
-    winner: Vec<usize>,
+    /// Per sample: its label, the slice of the decision map.
+    labels: Vec<usize>,
     /// Per sample: its position (x, y).
     at: Vec<(usize, usize)>,
     slices: usize,
@@ -57,28 +60,27 @@ struct Samples {
 impl Samples {
     fn of(measurements: &[SliceMeasurements], points: &Points, index: &Plane<u16>) -> Self {
         let slices = measurements.len();
-        let mut samples = Self { saliency: Vec::new(), winner: Vec::new(), at: Vec::new(), slices };
+        let mut samples = Self { saliency: Vec::new(), labels: Vec::new(), at: Vec::new(), slices };
         for (i, (x, y)) in points.positions().enumerate() {
             if x >= index.width || y >= index.height {
                 continue;
             }
-            let winner = usize::from(index.at(x, y));
-            if winner >= slices {
+            let label = usize::from(index.at(x, y));
+            if label >= slices {
                 continue;
             }
-            samples.winner.push(winner);
+            samples.labels.push(label);
             samples.at.push((x, y));
-            let value = |measurements: &SliceMeasurements| {
-                measurements.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0)
-            };
+            let value =
+                |slice: &SliceMeasurements| slice.saliency.get(i).copied().filter(|s| s.is_finite()).unwrap_or(0.0);
             samples.saliency.extend(measurements.iter().map(value));
         }
         samples
     }
 
-    /// Per sample: the slice of the decision map, and the saliency of every slice.
+    /// Per sample: its label and the saliency of every slice.
     fn each(&self) -> impl Iterator<Item = (usize, &[f32])> {
-        self.winner.iter().copied().zip(self.saliency.chunks_exact(self.slices))
+        self.labels.iter().copied().zip(self.saliency.chunks_exact(self.slices))
     }
 }
 
@@ -94,7 +96,7 @@ pub(super) fn measure(
     let slices = measurements.len();
     let unknown = DepthCoverage { contribution: vec![None; slices], ..DepthCoverage::default() };
     let samples = Samples::of(measurements, points, index);
-    if samples.winner.is_empty() {
+    if samples.labels.is_empty() {
         return unknown;
     }
     let floor = noise_floor::measure(&samples.saliency);
@@ -102,7 +104,7 @@ pub(super) fn measure(
         samples.each().map(|(_, saliency)| saliency.iter().any(|&value| value > floor)).collect();
     let textured: Vec<(usize, &[f32])> =
         samples.each().zip(&is_textured).filter(|(_, textured)| **textured).map(|(sample, _)| sample).collect();
-    let share = textured.len() as f64 / samples.winner.len() as f64;
+    let share = textured.len() as f64 / samples.labels.len() as f64;
     let mut metrics = FocusMetrics {
         textured_fraction: Some(share),
         unfocused_fraction: masked.then_some(1.0 - share),
@@ -115,7 +117,7 @@ pub(super) fn measure(
     let at: Vec<(usize, usize)> =
         samples.at.iter().zip(&is_textured).filter(|(_, textured)| **textured).map(|(&at, _)| at).collect();
     let mut counts = vec![0usize; slices];
-    textured.iter().for_each(|&(winner, _)| counts[winner] += 1);
+    textured.iter().for_each(|&(label, _)| counts[label] += 1);
     let contribution: Vec<f64> = counts.iter().map(|&count| count as f64 / textured.len() as f64).collect();
     metrics.redundant_slices = redundant(&contribution);
     let falls = falls(&textured, floor, slices);
@@ -133,32 +135,48 @@ pub(super) fn measure(
     )
     .other_order();
     if slices >= 3 {
-        // saliency in the end slice and in the two slices next to it
-        type AtEnd = fn(&[f32]) -> [f32; 3];
-        let share = |holds: &dyn Fn(usize, &[f32]) -> bool| {
-            textured.iter().filter(|&&(winner, saliency)| holds(winner, saliency)).count() as f64
-                / textured.len() as f64
-        };
-        let first: AtEnd = |s| [s[0], s[1], s[2]];
-        let last: AtEnd = |s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]];
-        let falling = |at_end: AtEnd, end: usize| {
-            share(&|winner, saliency| {
-                let [a, b, c] = at_end(saliency);
-                winner == end && a > b && b > c && c > 0.0
-            })
-        };
-        let beyond = |at_end: AtEnd, end: usize| {
-            let of_end = textured.iter().zip(&at).filter(|((winner, _), _)| *winner == end);
-            let size = (index.width, index.height);
-            let curves = of_end.map(|((_, saliency), &at)| (at, at_end(saliency)));
-            range::extends_beyond(curves, textured.len(), size, floor / noise_floor::MARGIN, decision_map.settled)
-        };
-        metrics.peak_at_first_fraction = Some(falling(first, 0));
-        metrics.peak_at_last_fraction = Some(falling(last, slices - 1));
-        metrics.range_too_short_near = Some(beyond(first, 0));
-        metrics.range_too_short_far = Some(beyond(last, slices - 1));
+        let noise = floor / noise_floor::MARGIN;
+        let near = AtEnd { textured: &textured, at: &at, end: 0, saliency: |s| [s[0], s[1], s[2]] };
+        let far = AtEnd { end: slices - 1, saliency: |s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]], ..near };
+        metrics.peak_at_first_fraction = Some(near.falling_fraction());
+        metrics.peak_at_last_fraction = Some(far.falling_fraction());
+        metrics.range_too_short_near = Some(near.is_too_short(decision_map, noise));
+        metrics.range_too_short_far = Some(far.is_too_short(decision_map, noise));
     }
     DepthCoverage { metrics, contribution: contribution.into_iter().map(Some).collect(), steps }
+}
+
+/// The textured samples, seen from one end of the stack.
+#[derive(Clone, Copy)]
+struct AtEnd<'a> {
+    /// Per sample: its label and the saliency of every slice.
+    textured: &'a [(usize, &'a [f32])],
+    /// Per sample: its position.
+    at: &'a [(usize, usize)],
+    /// Index of the end slice.
+    end: usize,
+    /// Saliency in the end slice and in the two slices next to it.
+    saliency: fn(&[f32]) -> [f32; 3],
+}
+
+impl AtEnd<'_> {
+    /// Share of the samples that are labelled with the end slice and whose saliency falls over the next two slices.
+    fn falling_fraction(&self) -> f64 {
+        let falls = |label: usize, saliency: &[f32]| {
+            let [a, b, c] = (self.saliency)(saliency);
+            label == self.end && a > b && b > c && c > 0.0
+        };
+        let falling = self.textured.iter().filter(|&&(label, saliency)| falls(label, saliency)).count();
+        falling as f64 / self.textured.len() as f64
+    }
+
+    /// Whether the object extends beyond this end; see [`range::extends_beyond`].
+    fn is_too_short(&self, decision_map: &DecisionMap<'_>, noise: f32) -> bool {
+        let of_end = self.textured.iter().zip(self.at).filter(|((label, _), _)| *label == self.end);
+        let curves = of_end.map(|((_, saliency), &at)| (at, (self.saliency)(saliency)));
+        let size = (decision_map.index.width, decision_map.index.height);
+        range::extends_beyond(curves, self.textured.len(), size, noise, decision_map.settled)
+    }
 }
 
 /// Slices between the first and the last that contribute almost nothing.
@@ -177,22 +195,22 @@ fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<
     for (_, saliency) in textured {
         // the peak of the measurement counts, whichever slice the decision map has
         let sharpest = saliency.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0)));
-        let Some((winner, &peak)) = sharpest else { continue };
+        let Some((sharpest_slice, &peak)) = sharpest else { continue };
         if peak < STRONG * floor {
             continue;
         }
         // 0 means not covered
         let fall = |n: usize| saliency.get(n).copied().filter(|&value| value > 0.0 && value <= peak);
-        if let Some(value) = winner.checked_sub(1).and_then(fall) {
-            before[winner].push(value / peak);
+        if let Some(value) = sharpest_slice.checked_sub(1).and_then(fall) {
+            before[sharpest_slice].push(value / peak);
         }
-        if let Some(value) = fall(winner + 1) {
-            after[winner].push(value / peak);
+        if let Some(value) = fall(sharpest_slice + 1) {
+            after[sharpest_slice].push(value / peak);
         }
     }
     let fallen = |ratios: &mut Vec<f32>| match ratios.len() {
         ..LEAST_FOR_GAP => None,
-        _ => statistics::median(ratios),
+        _ => statistics::quantile_interpolated(ratios, 0.5),
     };
     let mut pair = |n: usize| Some((fallen(&mut after[n])? * fallen(&mut before[n + 1])?).sqrt());
     (0..slices.saturating_sub(1)).map(&mut pair).collect()
@@ -206,7 +224,7 @@ fn steps(falls: &[Option<f32>]) -> Vec<Option<f32>> {
     if known.len() < LEAST_FOR_USUAL {
         return vec![None; falls.len()];
     }
-    let usual = statistics::median(&mut known).filter(|&usual| usual > 0.0);
+    let usual = statistics::quantile_interpolated(&mut known, 0.5).filter(|&usual| usual > 0.0);
     falls.iter().map(|fall| Some(distance((*fall)?) / usual?)).collect()
 }
 

@@ -1,6 +1,6 @@
 //! Noise floor: the saliency above which a pixel is textured.
 
-use crate::quality::statistics;
+use crate::imaging::statistics;
 
 /// The floor is this many times the saliency of noise: about six standard deviations of smoothed noise above its mean.
 pub(super) const MARGIN: f32 = 2.0;
@@ -20,6 +20,6 @@ const HIGHEST: f32 = 12.0;
 /// has none, and on a plain background they are only the lower tail of the noise.)
 pub(super) fn measure(saliency: &[f32]) -> f32 {
     let mut alive: Vec<f32> = saliency.iter().copied().filter(|&value| value > DEAD).collect();
-    let quiet = statistics::nth(&mut alive, QUIET).unwrap_or(0.0);
+    let quiet = statistics::quantile_nearest(&mut alive, QUIET).unwrap_or(0.0);
     (MARGIN * quiet).clamp(LOWEST, HIGHEST)
 }

@@ -1,6 +1,6 @@
 //! The blocks in which the fused image is scored.
 
-use super::{Extent, inside};
+use super::{Extent, object_pixels};
 use crate::imaging::{Plane, Rect};
 
 /// Width and height of a block of a sampled canvas, px. Wider than high, because memory and files are read in rows.
@@ -40,7 +40,7 @@ impl Blocks {
             None => rects,
             Some(object) => {
                 let least = |rect: &Rect| (LEAST_SHARE * (rect.width * rect.height) as f64).max(1.0);
-                rects.into_iter().filter(|rect| inside(object, *rect) as f64 >= least(rect)).collect()
+                rects.into_iter().filter(|rect| object_pixels(object, *rect) as f64 >= least(rect)).collect()
             }
         };
         if (area.width * area.height) as f64 <= WHOLE * wanted {
@@ -166,7 +166,7 @@ mod tests {
         let blocks = Blocks::of(6000, 4000, Some(&object));
         assert_apart_and_inside(&blocks, 6000, 4000);
         assert!((MOST * 7 / 10..=MOST * 11 / 10).contains(&pixels(&blocks)), "{}", pixels(&blocks));
-        assert!(blocks.rects.iter().all(|rect| inside(&object, *rect) > 0));
+        assert!(blocks.rects.iter().all(|rect| object_pixels(&object, *rect) > 0));
         let tiny = Plane::from_fn(6000, 4000, |x, y| u8::from(x / 50 == 7 && y / 50 == 9));
         assert_eq!(Blocks::of(6000, 4000, Some(&tiny)).rects, [Rect { x: 350, y: 450, width: 50, height: 50 }]);
         assert_eq!(Blocks::of(6000, 4000, Some(&tiny.map(|_| 0))), Blocks::default());

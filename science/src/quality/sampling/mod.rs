@@ -13,14 +13,14 @@ use crate::imaging::{Plane, Rect};
 
 /// Bounding box and area of an object.
 #[derive(Debug, Clone, Copy)]
-struct Extent {
-    bounds: Rect,
+pub(super) struct Extent {
+    pub(super) bounds: Rect,
     pixels: usize,
 }
 
 impl Extent {
     /// None for an empty object.
-    fn of(object: &Plane<u8>) -> Option<Self> {
+    pub(super) fn of(object: &Plane<u8>) -> Option<Self> {
         let (mut top, mut bottom, mut left, mut right, mut pixels) = (None, 0, object.width, 0, 0);
         for y in 0..object.height {
             let row = object.row(y);
@@ -46,7 +46,7 @@ fn ones(part: &[u8]) -> u8 {
 }
 
 /// Number of object pixels in `rect`.
-fn inside(object: &Plane<u8>, rect: Rect) -> usize {
+pub(super) fn object_pixels(object: &Plane<u8>, rect: Rect) -> usize {
     let row = |y: usize| &object.row(y)[rect.x..rect.x + rect.width];
     (rect.y..rect.y + rect.height).flat_map(|y| row(y).chunks(128)).map(|part| usize::from(ones(part))).sum()
 }

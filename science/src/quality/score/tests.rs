@@ -126,8 +126,7 @@ fn sampled(fused: &Plane<f32>, slices: &[Plane<f32>]) -> FusionMetrics {
     assert!(pixels * 2 < fused.data.len(), "the canvas is too small to be sampled");
     let mut sums = ScoreSums::default();
     for block in blocks {
-        let cut = |p: &Plane<f32>| Plane::from_fn(block.width, block.height, |x, y| p.at(block.x + x, block.y + y));
-        sums.merge(&score(&cut(fused), &mut slices.iter().map(|slice| (cut(slice), None)), None));
+        sums.merge(&score(&fused.crop(block), &mut slices.iter().map(|slice| (slice.crop(block), None)), None));
     }
     sums.metrics()
 }

@@ -5,8 +5,8 @@
 
 use super::WarpedSlice;
 use crate::{
-    imaging::{Rect, Sample},
-    quality::{FULL, statistics},
+    imaging::{LUMA, Rect, Sample, statistics},
+    quality::FULL,
 };
 
 /// Cells over the canvas, about: cells are large compared with any blur and small compared with uneven light.
@@ -58,7 +58,7 @@ impl Brightness {
         let pairs = self.means.iter().zip(&reference.means);
         let mut ratios: Vec<f32> =
             pairs.map(|(mine, its)| ratio(mine, its)).filter(|ratio| ratio.is_finite()).collect();
-        statistics::median(&mut ratios).map(f64::from)
+        statistics::quantile_interpolated(&mut ratios, 0.5).map(f64::from)
     }
 }
 
@@ -78,7 +78,7 @@ fn mean<S: Sample>(slice: &WarpedSlice<'_, S>, gain: f64, cell: Rect) -> [f32; 4
     let samples = (rows * cell.width) as f32;
     let unit = 1.0 / (samples * scale * gain as f32);
     let [red, green, blue] = sums.map(|sum| sum as f32 * unit);
-    let luma = 0.299 * red + 0.587 * green + 0.114 * blue;
+    let luma = LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue;
     if clipped as f32 > MOST_CLIPPED * samples * channels as f32 || luma < LEAST_MEAN {
         return [f32::NAN; 4];
     }
