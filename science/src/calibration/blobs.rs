@@ -2,7 +2,7 @@
 
 use crate::imaging::Plane;
 
-use super::working_image::quantile;
+use super::statistics::quantile;
 
 /// A spot that may be a dot, in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,7 +7,7 @@
 //! - Direction: towards the object, the image shrinks with a fixed lens (the sensor approaches the lens) and grows with
 //!   a moving lens.
 
-use super::working_image::median;
+use super::statistics::median;
 use crate::types::profile::CaptureMode;
 use crate::types::report::CaptureReport;
 

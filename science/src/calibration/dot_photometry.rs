@@ -12,7 +12,8 @@
 
 use super::flat_field::{FlatField, Polarity};
 use super::phase::{self, PhaseMeasurement, Window};
-use super::working_image::{median, sample};
+use super::statistics::median;
+use super::working_image::sample;
 use crate::imaging::Plane;
 
 /// Brightness at one dot, grey levels 0..255.

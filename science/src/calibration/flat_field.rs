@@ -6,7 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::working_image::{median, quantile, sample};
+use super::statistics::{median, quantile};
+use super::working_image::sample;
 use crate::imaging::Plane;
 
 /// Polarity of the dots.

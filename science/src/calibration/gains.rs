@@ -3,8 +3,8 @@
 use super::blur;
 use super::detection::Detection;
 use super::dot_photometry::{self, DotLight};
+use super::statistics::median;
 use super::tracking::Tracked;
-use super::working_image::median;
 
 /// Blur radius of each slice in grid steps, relative to the slice with the strongest pattern; `None` where no grid was
 /// found.

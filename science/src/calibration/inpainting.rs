@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::lattice::{Label, Places};
 use super::radial_profile::{PlacedDot, RadialProfile};
-use super::working_image::median;
+use super::statistics::median;
 use crate::imaging::Plane;
 
 /// Radius within which a dot contributes contrast, in grid steps.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use super::blobs::Blob;
 use super::dlt;
-use super::working_image::median;
+use super::statistics::median;
 
 /// Column and row of a dot in the grid. The origin and the direction of the columns are arbitrary, but the same for all
 /// slices of a stack.

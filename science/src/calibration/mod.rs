@@ -41,6 +41,7 @@ mod rail_fit;
 mod report;
 mod robust;
 mod solve;
+mod statistics;
 mod target_check;
 mod tracking;
 mod transform_models;

@@ -9,7 +9,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::working_image::median;
+use super::statistics::median;
 
 /// The estimate of one slice from its own dots.
 #[derive(Debug, Clone)]

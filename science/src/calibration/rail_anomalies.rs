@@ -1,6 +1,6 @@
 //! Anomalies of the rail: missing, doubled, reversed and uneven steps, and sideways jumps of the image.
 
-use super::working_image::median;
+use super::statistics::median;
 
 /// An anomaly between or at slices (0-based).
 #[derive(Debug, Clone, Copy, PartialEq)]

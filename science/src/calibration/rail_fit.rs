@@ -5,8 +5,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::statistics::median;
 use super::transform_models::{Match, Parameters};
-use super::working_image::median;
 
 /// The three parameters with their covariance, in units (see [`super::transform_models`]).
 #[derive(Debug, Clone)]

@@ -2,7 +2,7 @@
 //! 1984). It needs no threshold and tolerates up to 50 % outliers.
 
 use super::dlt::{self, Pair};
-use super::working_image::median;
+use super::statistics::median;
 use crate::types::Homography;
 
 /// A homography and its inliers.

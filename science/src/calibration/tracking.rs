@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::coarse_registration::SimilarityMotion;
 use super::detection::{self, Detection, Expected, Target};
 use super::lattice::Places;
-use super::working_image::median;
+use super::statistics::median;
 use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};

@@ -165,7 +165,7 @@ pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
         let step = &inverse * right;
         free += &step;
         // the median length of a two-dimensional normal deviate is 1.18 sigma
-        scatter = (super::working_image::median(&mut sizes) / 1.18).max(LEAST_SCATTER);
+        scatter = (super::statistics::median(&mut sizes) / 1.18).max(LEAST_SCATTER);
         if !free.iter().all(|v| v.is_finite()) {
             return None;
         }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::imaging::{Plane, Raster, Samples};
+use crate::imaging::{LUMA, Plane, Raster, Samples};
 
 /// A grey image, 0..255, averaged over `bin` x `bin` pixels of the slice. Averaging does not move the centres of dots;
 /// it reduces noise and time.
@@ -79,7 +79,7 @@ impl WorkingImage {
 #[inline]
 fn luma<T: Copy>(pixel: &[T], value: impl Fn(T) -> f32) -> f32 {
     match pixel {
-        [r, g, b, ..] => 0.299 * value(*r) + 0.587 * value(*g) + 0.114 * value(*b),
+        [r, g, b, ..] => LUMA[0] * value(*r) + LUMA[1] * value(*g) + LUMA[2] * value(*b),
         [grey, ..] => value(*grey),
         [] => 0.0,
     }
@@ -97,20 +97,6 @@ pub(super) fn sample(plane: &Plane<f32>, p: [f64; 2]) -> Option<f32> {
     let top = plane.at(x, y) * (1.0 - fx) + plane.at(x + 1, y) * fx;
     let bottom = plane.at(x, y + 1) * (1.0 - fx) + plane.at(x + 1, y + 1) * fx;
     Some(top * (1.0 - fy) + bottom * fy)
-}
-
-/// The quantile `share` (0..1), nearest rank; 0 for an empty slice. Reorders `values`.
-pub(super) fn quantile(values: &mut [f64], share: f64) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let at = ((values.len() - 1) as f64 * share).round() as usize;
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
-}
-
-/// The median (upper of the two middle values for an even count); 0 for an empty slice. Reorders `values`.
-pub(super) fn median(values: &mut [f64]) -> f64 {
-    quantile(values, 0.5)
 }
 
 #[cfg(test)]

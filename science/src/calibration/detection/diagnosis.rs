@@ -1,6 +1,7 @@
 //! Diagnosis: why a slice shows no grid.
 
-use crate::calibration::working_image::{WorkingImage, quantile};
+use crate::calibration::statistics::quantile;
+use crate::calibration::working_image::WorkingImage;
 use crate::imaging::{Plane, Raster};
 
 /// A likely reason why no grid was found, as a phrase with what to do.

@@ -12,7 +12,8 @@ use crate::calibration::inpainting::{self, InpaintedGrid};
 use crate::calibration::lattice::{self, LEAST_DOTS, Label, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
 use crate::calibration::robust;
-use crate::calibration::working_image::{WorkingImage, median};
+use crate::calibration::statistics::median;
+use crate::calibration::working_image::WorkingImage;
 use crate::imaging::Plane;
 use crate::types::{Cancelled, Control};
 

@@ -2,7 +2,8 @@
 
 use crate::calibration::lattice::{Label, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
-use crate::calibration::working_image::{WorkingImage, median};
+use crate::calibration::statistics::median;
+use crate::calibration::working_image::WorkingImage;
 
 /// Most dots that are measured per slice; more do not improve its homography.
 const MOST: usize = 1200;
