@@ -1,8 +1,8 @@
-//! What a full-size calibration costs beside decoding its slices: 24 MP x 20 slices out of a zip, as a job reads
-//! them. `cargo bench --bench calibration_cost -- [--quick] [--slices N]`
+//! Cost of a full-size calibration compared with decoding its slices: 20 slices of 24 MP, read from a zip as in a job.
+//! `cargo bench --bench calibration_cost -- [--quick] [--slices N]`
 //!
-//! CPU seconds are those of the whole process (user and system), memory is its peak while calibrating; both come
-//! from /proc, so this runs on Linux only.
+//! CPU seconds are user and system time of the whole process. Memory is its peak during the calibration. Both come from
+//! /proc, so this runs on Linux only.
 
 use std::{fs, io::BufWriter, path::Path, time::Instant};
 
@@ -14,9 +14,9 @@ use pinstack_science::{
     types::{Interrupted, NoControl, calibration_options::CalibrationOptions},
 };
 
-/// Distances of the dots in a picture 6000 px wide.
+/// Dot pitches in an image 6000 px wide.
 const PITCHES_PX: [f64; 3] = [100.0, 150.0, 375.0];
-/// Blur radius at the ends of the stack over the pitch.
+/// Blur radius at the ends of the stack, over the pitch.
 const BLUR: f64 = 0.4;
 const QUALITY: u8 = 92;
 
@@ -30,7 +30,7 @@ fn arguments() -> Result<Arguments, String> {
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
         match argument.as_str() {
-            // what `cargo bench` adds by itself
+            // an argument that `cargo bench` adds
             "--bench" => {}
             "--quick" => found.quick = true,
             "--slices" => {
@@ -64,7 +64,7 @@ fn main() {
         "peak RSS MiB"
     );
     for pitch in PITCHES_PX {
-        // the same number of dots at any size of picture
+        // the same number of dots at every image size
         let pitch = pitch * width as f64 / 6000.0;
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let (rig, target) = set_up(width, height, slices, pitch);
@@ -80,7 +80,7 @@ fn main() {
     }
 }
 
-/// A target in focus in the middle slice that fills the picture.
+/// A rig and a target that fills the image and is in focus in the middle slice.
 fn set_up(width: usize, height: usize, slices: usize, pitch: f64) -> (Rig, DotTarget) {
     let mut rig = Rig { noise: 2.0, vignetting: 0.25, ..Rig::sized(width, height, slices) };
     let columns = (0.94 * width as f64 / pitch).floor() as usize;
@@ -106,7 +106,7 @@ struct Middle<'a> {
 }
 
 impl<'a> Middle<'a> {
-    /// `count` slices whose middle one is that of the stack.
+    /// `count` slices around the middle of the stack.
     fn of(all: &'a ArchivedSlices, count: usize) -> Self {
         Self { all, first: all.count() / 2 - count / 2, count }
     }
@@ -157,12 +157,12 @@ fn measure(rig: &Rig, pitch: f64, slices: &Middle) {
     );
 }
 
-/// User and system time of this process so far.
+/// User and system time of this process so far, s.
 fn cpu_seconds() -> f64 {
-    /// What Linux counts in since ever, on every machine.
+    /// The unit of these fields: 1/100 s on every architecture of Linux.
     const TICKS_PER_SECOND: f64 = 100.0;
     let stat = fs::read_to_string("/proc/self/stat").expect("Linux has /proc/self/stat");
-    // the name in brackets may hold blanks; utime and stime are fields 14 and 15, the 12th and 13th behind it
+    // the name in brackets may contain blanks; utime and stime are fields 14 and 15, the 12th and 13th after it
     let behind = stat.rsplit(')').next().unwrap_or("");
     let ticks: f64 = behind.split_whitespace().skip(11).take(2).filter_map(|field| field.parse::<f64>().ok()).sum();
     ticks / TICKS_PER_SECOND

@@ -1,8 +1,8 @@
-//! What a calibration is worth: many synthetic stacks of the dot target, each with its faults, judged against
-//! their truth. `cargo bench --bench calibration_sweep -- [--quick] [--cases N] [--seed S] [--csv FILE]`
+//! Accuracy of the calibration on many synthetic stacks of the dot target with known truth and various defects. `cargo
+//! bench --bench calibration_sweep -- [--quick] [--cases N] [--seed S] [--csv FILE]`
 //!
-//! One block varies each factor alone around a typical case, one draws all of them at random. Each case is one
-//! line; the tables at the end are what to compare two versions by.
+//! One block varies each factor alone around a typical case, another draws all factors at random. Each case is one
+//! line. The tables at the end serve to compare two versions.
 
 #[path = "common/sweep/mod.rs"]
 mod sweep;
@@ -26,7 +26,7 @@ fn arguments() -> Result<Arguments, String> {
     while let Some(argument) = rest.next() {
         let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
         match argument.as_str() {
-            // what `cargo bench` adds by itself
+            // an argument that `cargo bench` adds
             "--bench" => {}
             "--quick" => found.quick = true,
             "--cases" => random = Some(value()?.parse().map_err(|_| "--cases needs a number")?),
@@ -49,7 +49,7 @@ fn main() {
     let started = Instant::now();
     let mut outcomes: Vec<Outcome> = Vec::new();
     println!("{}", Outcome::HEADER);
-    // a few at a time: they are printed in their order, and only so many stacks are in memory
+    // in chunks: results are printed in order, and few stacks are in memory at a time
     for few in cases.chunks(8) {
         let done: Vec<Outcome> = few.par_iter().map(judge).collect();
         done.iter().for_each(|outcome| println!("{outcome}"));

@@ -1,4 +1,4 @@
-//! Measuring one profile: archive, dots, homographies, overlays, report.
+//! The calibration job: reads the archive of a dot target, calibrates, and writes one overlay per slice and the report.
 
 use crate::contract::JobError;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -27,17 +27,18 @@ use pinstack_science::{
     types::{Control, profile::ProfileInput},
 };
 
-/// What a calibration spends its time on.
+/// Stages of the measurement with their weights.
 const MEASURING: [Stage; 1] = [("detecting", 1.0)];
-/// Where reading ends and where writing begins, as fractions of the job.
+/// Progress, as a fraction of the job, at which reading ends and the measurement begins.
 const READ: f64 = 0.02;
+/// Progress at which the measurement ends and writing begins.
 const MEASURED: f64 = 0.7;
 
-/// Does the job. The revision that it leads to is stored with the end of the job, by the store.
+/// Runs the job. The profile revision is returned as a draft; the store saves it together with the end of the job.
 ///
 /// # Errors
-/// [`JobError::Cancelled`]; what [`calibration::calibrate`] finds wrong with the target; a fault that names the file when a
-/// slice cannot be read.
+/// [`JobError::Cancelled`]; the errors of [`calibration::calibrate`]; an error that names the file when a slice cannot be
+/// read.
 pub fn run(
     context: &JobContext,
     request: &CalibrationRequest,
@@ -74,7 +75,7 @@ pub fn run(
     warnings.extend(measured.warnings);
     let outcome = JobOutcome::Calibration(CalibrationOutcome {
         artifacts,
-        // these are the store's to say
+        // the store assigns these three
         profile_revision: 0,
         profile_digest: String::new(),
         profile_optics_digest: None,
@@ -104,7 +105,7 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
     }
 }
 
-/// One picture per slice with the dots found, at most 1600 px long, written side by side, in the order of the slices.
+/// Writes one overlay per slice, at most 1600 px long, in parallel; returns them in the order of the slices.
 fn overlays(
     slices: &ThumbnailingSlices<'_>,
     measured: &Calibration,
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_gives_the_true_homographies_and_a_picture_per_slice() {
+    fn a_target_gives_the_true_homographies_and_an_overlay_per_slice() {
         let asked = CalibrationOptions { note: Some("spring".into()), ..CalibrationOptions::default() };
         let job = TestJob::calibration(&target_zip(), asked);
         let recorder = Recorder::default();
@@ -172,14 +173,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_without_dots_is_no_target() {
+    fn slices_without_dots_are_refused() {
         let job = TestJob::calibration(&front_zip(), CalibrationOptions::default());
         let Err(JobError::Failed(fault)) = run_with(&job, &Recorder::default()) else { panic!("must fail") };
         assert_eq!(fault.code, Code::TargetNotFound);
     }
 
     #[test]
-    fn a_calibration_that_is_not_wanted_stops() {
+    fn a_cancelled_calibration_stops() {
         for stop_at in [0.0, 0.3, 0.8] {
             let job = TestJob::calibration(&target_zip(), CalibrationOptions::default());
             let recorder = Recorder { stop_at: Some(stop_at), ..Recorder::default() };

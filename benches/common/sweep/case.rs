@@ -1,36 +1,36 @@
-//! The cases: a typical one, each factor alone, and random combinations.
+//! The cases: a typical one, each factor alone, and random combinations of all factors.
 
 use pinstack_science::synth::{DotTarget, Flaws, Glare, Rig, Surround};
 
-/// How much of the picture the grid covers.
+/// How much of the image the grid covers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Extent {
-    /// All of it, and more.
+    /// All of it, and beyond.
     Beyond,
-    /// It ends inside, on a table.
+    /// It ends inside the image, on a table.
     Inside,
-    /// It covers about a third, with a black frame around it.
+    /// About a third of the image, with a black frame around it.
     Third,
 }
 
-/// One stack with its faults.
+/// A stack with its defects.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// What is special about it.
+    /// Name, for the tables.
     pub name: String,
     pub size: [usize; 2],
     pub slices: usize,
     /// Pitch in the reference slice, px.
     pub pitch: f64,
-    /// Dot diameter over the pitch.
+    /// Dot diameter over pitch.
     pub fill: f64,
-    /// Largest blur radius in the stack over the pitch.
+    /// Largest blur radius in the stack, over the pitch.
     pub blur: f64,
     pub noise: f64,
     pub vignetting: f64,
-    /// Degrees about both axes.
+    /// Tilt of the target about both axes, degrees.
     pub tilt: f64,
-    /// Drift, rotation and keystone of the rig, in those of `Rig::sized`.
+    /// Drift, rotation and keystone, as multiples of those of `Rig::sized`.
     pub motion: f64,
     pub extent: Extent,
     pub rotation: f64,
@@ -40,7 +40,7 @@ pub struct Case {
     pub glare: bool,
     pub gamma: bool,
     pub exposure_falls: bool,
-    /// Depth fraction in which the target stands; 0.5 is the reference slice's.
+    /// Depth of the target as a fraction of the stack; 0.5 is the reference slice's.
     pub focus: f64,
     pub asymmetric: bool,
     pub seed: u64,
@@ -73,7 +73,7 @@ impl Case {
         }
     }
 
-    /// All factors in few characters.
+    /// All factors in short form.
     pub fn factors(&self) -> String {
         let mut words = vec![
             format!("{}x{}x{}", self.size[0], self.size[1], self.slices),
@@ -102,7 +102,7 @@ impl Case {
         words.join(" ")
     }
 
-    /// The rig and the target that show it.
+    /// The rig and its target.
     pub fn build(&self) -> (Rig, DotTarget) {
         let plain = Rig::sized(self.size[0], self.size[1], self.slices);
         let mut rig = Rig {
@@ -126,7 +126,7 @@ impl Case {
             ..DotTarget::for_rig(&rig, 20)
         };
         target.pitch_mm *= self.pitch / target.pitch_px(&rig, rig.reference);
-        // a symmetric grid's neighbours are a pitch apart, an asymmetric one's 0.71 of it
+        // neighbours of a symmetric grid are one pitch apart, those of an asymmetric one 0.71 of it
         let room = if self.asymmetric { std::f64::consts::FRAC_1_SQRT_2 } else { 1.0 };
         target.dot_diameter_mm = self.fill * room * target.pitch_mm;
         [target.columns, target.rows] = self.grid();
@@ -153,7 +153,7 @@ impl Case {
         (rig, target)
     }
 
-    /// Columns and rows, such that the turned grid covers as much as it should in every slice.
+    /// Columns and rows such that the rotated grid covers the specified extent in every slice.
     fn grid(&self) -> [usize; 2] {
         let [width, height] = self.size.map(|side| side as f64 / self.pitch);
         let (sin, cos) = self.rotation.to_radians().sin_cos();
@@ -167,7 +167,7 @@ impl Case {
             Extent::Inside => 0.82,
             Extent::Third => 0.58,
         };
-        // the largest that fits: the sides shrink one after the other, the longer first
+        // the largest grid that fits: both sides shrink together
         let mut sides = if self.rotation.abs() > 60.0 { [height, width] } else { [width, height] };
         loop {
             let box_of = turned(sides[0], sides[1]);
@@ -178,7 +178,7 @@ impl Case {
         }
     }
 
-    /// Rows of an asymmetric grid lie half a pitch apart.
+    /// Rows of an asymmetric grid are half a pitch apart.
     fn in_dots(&self, [columns, rows]: [usize; 2]) -> [usize; 2] {
         [columns.max(4), rows.max(4) * if self.asymmetric { 2 } else { 1 }]
     }
@@ -224,7 +224,7 @@ const CHANGES: [(&str, Change); 31] = [
     }),
 ];
 
-/// `seeds` of each factor alone, then `random` combinations that follow from `seed`.
+/// `seeds` cases of each factor alone, then `random` combinations drawn from `seed`.
 pub fn cases(seeds: u64, random: usize, seed: u64) -> Vec<Case> {
     let alone = CHANGES.iter().flat_map(|(name, change)| {
         (0..seeds).map(move |k| {

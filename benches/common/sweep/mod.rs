@@ -1,4 +1,4 @@
-//! The parts of the calibration sweep: which cases, how one is judged, how all are summed up.
+//! The calibration sweep: cases, the comparison of a case with its truth, and the summary tables.
 
 mod case;
 mod outcome;

@@ -1,4 +1,4 @@
-//! One case against its truth, and all of them in tables.
+//! The comparison of a case with its truth, and the tables over all cases.
 
 use std::fmt;
 
@@ -11,24 +11,24 @@ use pinstack_science::{
 
 use super::case::Case;
 
-/// Up to this blur (radius over pitch) a slice is to be measured, beyond it may be predicted.
+/// Largest blur (radius over pitch) at which a slice should be measured; beyond it, it may be predicted.
 const MEASURABLE: f64 = 0.45;
-/// Farther from every true dot than this share of the pitch, a found dot is none.
+/// A dot farther than this share of the pitch from every true dot is false.
 const FALSE_DOT: f64 = 0.25;
 
-/// One slice against its truth.
+/// A slice compared with its truth.
 #[derive(Debug, Clone)]
 struct Judged {
-    /// The reference slice: only its dots can be wrong.
+    /// True for the reference slice: only its dots can be wrong.
     reference: bool,
-    /// Radius of the blur over the distance of neighbouring dots.
+    /// Blur radius over pitch.
     blur: f64,
     interpolated: bool,
-    /// Worst distance at the corners of the picture, px.
+    /// Largest error at the image corners, px.
     corner: f64,
-    /// What the calibration believes that to be.
+    /// Corner uncertainty reported by the calibration, px.
     sigma: Option<f64>,
-    /// Squared errors of dot centres, px^2, and how many.
+    /// Sum of the squared errors of the dot centres, px^2.
     squares: f64,
     dots: usize,
     false_dots: usize,
@@ -42,17 +42,17 @@ impl Judged {
     }
 }
 
-/// What became of a case.
+/// Result of a case.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     name: String,
     factors: String,
     result: Result<Vec<Judged>, String>,
-    /// CPU seconds are shared with other cases; this is only to see which are slow.
+    /// Wall time, s. Cases run in parallel, so it only shows which ones are slow.
     seconds: f64,
 }
 
-/// Renders the case, calibrates it, and compares.
+/// Renders a case, calibrates it, and compares the result with the truth.
 pub fn judge(case: &Case) -> Outcome {
     let (rig, target) = case.build();
     let stack = target_stack(&rig, &target);
@@ -111,18 +111,18 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// NaN when there are none.
+/// The maximum; NaN for no values.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(f64::NAN, f64::max)
 }
 
-/// RMS over the dots of several slices.
+/// RMS error of the dots of several slices.
 fn rms<'a>(slices: impl Iterator<Item = &'a Judged>) -> f64 {
     let (sum, count) = slices.fold((0.0, 0), |(sum, count), slice| (sum + slice.squares, count + slice.dots));
     (sum / count as f64).sqrt()
 }
 
-/// Share in % of slices whose corner error is at most three times what the calibration believes.
+/// Share of the slices, in %, whose corner error is at most three reported sigmas.
 fn honest<'a>(slices: impl Iterator<Item = &'a Judged>) -> f64 {
     let (mut honest, mut count) = (0_usize, 0_usize);
     for slice in slices {
@@ -133,7 +133,7 @@ fn honest<'a>(slices: impl Iterator<Item = &'a Judged>) -> f64 {
     100.0 * honest as f64 / count as f64
 }
 
-/// The numbers of one case.
+/// Summary of one case.
 struct Line {
     measured: f64,
     beyond: f64,
@@ -161,20 +161,20 @@ impl Line {
     }
 }
 
-/// A dash for what there is nothing of.
+/// The number, or a dash for NaN.
 fn number(value: f64, digits: usize) -> String {
     if value.is_nan() { "-".into() } else { format!("{value:.digits$}") }
 }
 
 impl Outcome {
-    /// Heads the lines.
+    /// Header of the lines.
     pub const HEADER: &'static str = "case              corner px: measured   beyond | centres px: sharp  to 0.4 | false | gain % | \
          honest % | predicted |     s | factors";
-    /// Heads the CSV file.
+    /// Header of the CSV file.
     pub const CSV_HEADER: &'static str = "case,factors,corner_measured_px,corner_beyond_px,centres_sharp_px,\
          centres_px,false_dots,gain_percent,honest_percent,predicted,failure";
 
-    /// Its line in the CSV file.
+    /// Line of the CSV file.
     pub fn csv(&self) -> String {
         let (name, factors) = (&self.name, &self.factors);
         match &self.result {
@@ -215,7 +215,7 @@ impl fmt::Display for Outcome {
     }
 }
 
-/// Blur classes: name, and largest radius over pitch.
+/// Blur classes: name, and largest blur radius over pitch.
 const CLASSES: [(&str, f64); 6] = [
     ("blur up to 0.1", 0.1),
     ("0.1 to 0.2", 0.2),
@@ -225,7 +225,7 @@ const CLASSES: [(&str, f64); 6] = [
     ("beyond 0.45", f64::INFINITY),
 ];
 
-/// The summary: slices by blur, cases by block, failures.
+/// The summary: slices by blur class for each block of cases, then the failures.
 pub fn tables(outcomes: &[Outcome]) -> String {
     let random = |outcome: &&Outcome| outcome.name.starts_with("random");
     let mut text = String::new();

@@ -1,29 +1,29 @@
-//! What a caller can ask of a calibration.
+//! Options of a calibration.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::profile::CaptureMode;
 
-/// Which family of maps a calibration uses.
+/// Transform model of a calibration.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelChoice {
-    /// The simplest that explains the dots.
+    /// The simplest model with a nearly minimal expected error at the image corners.
     #[default]
     Auto,
-    /// One law for the whole stack, three numbers.
+    /// The rail law: three parameters for the whole stack.
     RailLinear,
-    /// Scale, rotation and shift per slice.
+    /// Scale, rotation and shift: four parameters per slice.
     Similarity,
-    /// Six numbers per slice.
+    /// Six parameters per slice.
     Affine,
-    /// Eight numbers per slice, as in the paper.
+    /// Eight parameters per slice, as in Li and Nguyen (2019).
     Homography,
 }
 
 impl ModelChoice {
-    /// True for the default.
+    /// True for `auto`, the default.
     pub fn is_auto(&self) -> bool {
         *self == Self::Auto
     }
@@ -35,31 +35,30 @@ impl ModelChoice {
 pub struct CalibrationOptions {
     /// 0-based index of the reference slice; default: the middle one.
     pub reference_index: Option<u32>,
-    /// Distance between neighbouring dots, mm; gives the magnification.
+    /// Distance between neighbouring dots of the target, mm; with `pixel_pitch_mm` it gives the magnification.
     pub target_pitch_mm: Option<f64>,
-    /// Size of one pixel on the sensor, mm; kept in the profile.
+    /// Size of one pixel on the sensor, mm; stored in the profile.
     pub pixel_pitch_mm: Option<f64>,
-    /// Position of what moves on the rail, per slice, mm, counted towards the object, strictly rising or falling;
-    /// default: equal steps.
+    /// Rail position per slice, mm, counted towards the object, strictly increasing or decreasing; default: equal
+    /// steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rail_positions_mm: Option<Vec<f64>>,
-    /// Distance from slice to slice on the rail, mm, instead of `rail_positions_mm`; negative when it moves away from
-    /// the object.
+    /// Rail step from slice to slice, mm, instead of `rail_positions_mm`; negative for a movement away from the object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rail_step_mm: Option<f64>,
-    /// Focal length engraved on the lens, mm.
+    /// Focal length engraved on the lens, mm; used to cross-check the principal distance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal_mm: Option<f64>,
-    /// What moves between slices, as you believe: a disagreement with what the pictures show is a warning.
+    /// What moves between slices. A contradiction with the slices is reported as a warning.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capture_mode: Option<CaptureMode>,
-    /// Family of maps; default `auto`: the simplest that explains the dots.
+    /// Transform model; default `auto`.
     #[serde(skip_serializing_if = "ModelChoice::is_auto")]
     pub model: ModelChoice,
-    /// The slices may have another size than the profile that this calibration replaces; without it they are refused,
-    /// because stacks of the old size would no longer fit.
+    /// Accepts slices of another size than the profile that this calibration replaces. Without it they are refused,
+    /// because stacks of the old size would no longer fit the profile.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_new_size: bool,
-    /// Free text kept in the profile.
+    /// Free text, stored in the profile.
     pub note: Option<String>,
 }

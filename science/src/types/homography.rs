@@ -4,31 +4,31 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, de};
 use utoipa::ToSchema;
 
-/// A plane projective map, 9 numbers row-major with `[8] == 1`, from **slice pixels to reference-slice
-/// pixels**. x right, y down, the centre of the top-left pixel is (0, 0). Three rows of three are read as well; what is
-/// written is always 9 numbers.
+/// A plane projective transform from **slice pixels to reference-slice pixels**: 9 numbers, row-major, with `[8] == 1`.
+/// x to the right, y down, the centre of the top-left pixel is (0, 0). JSON with three rows of three is accepted; the
+/// output is always 9 numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 #[serde(transparent)]
 #[schema(value_type = [f64; 9])]
 pub struct Homography(pub [f64; 9]);
 
-/// How far a homography may move a corner of the image, in lengths of its longer side. A scale of 4 about a corner and a
-/// shift by the whole image stay below it.
+/// Largest movement of an image corner, in lengths of the image's longer side. A scale of 4 about a corner and a shift
+/// by the whole image stay below it.
 const MAX_MOVE: f64 = 5.0;
-/// How much more a homography may stretch the image in one direction than in the other. Lenses stay below 1.01.
+/// Largest ratio of the stretch in two directions. Lenses stay below 1.01.
 const MAX_ANISOTROPY: f64 = 4.0;
 
 impl Homography {
-    /// Every pixel stays where it is.
+    /// The identity.
     pub const IDENTITY: Self = Self([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
 
-    /// `scale * x + shift`.
+    /// The map `scale * x + shift`.
     pub fn similarity(scale: f64, shift: [f64; 2]) -> Self {
         Self([scale, 0.0, shift[0], 0.0, scale, shift[1], 0.0, 0.0, 1.0])
     }
 
-    /// From a matrix, normalised so that the last element is 1. `None` when that element is (nearly) zero
-    /// or any is not finite.
+    /// From a matrix, normalised so that the last element is 1. `None` when that element is nearly 0 or an element is
+    /// not finite.
     pub fn from_matrix(m: &Matrix3<f64>) -> Option<Self> {
         let last = m[(2, 2)];
         if last.abs() < 1e-12 || m.iter().any(|v| !v.is_finite()) {
@@ -49,37 +49,36 @@ impl Homography {
         Matrix3::from_row_slice(&self.0)
     }
 
-    /// Where `point` goes. Points on the horizon give non-finite coordinates.
+    /// The image of `point`. Points on the horizon give non-finite coordinates.
     pub fn apply(&self, point: [f64; 2]) -> [f64; 2] {
         let v = self.matrix() * Vector3::new(point[0], point[1], 1.0);
         [v.x / v.z, v.y / v.z]
     }
 
-    /// The way back. `None` when singular.
+    /// The inverse. `None` when singular.
     pub fn inverse(&self) -> Option<Self> {
         Self::from_matrix(&self.matrix().try_inverse()?)
     }
 
-    /// First `self`, then `next`. `None` when the product cannot be normalised.
+    /// Composition: first `self`, then `next`. `None` when the product cannot be normalised.
     pub fn then(&self, next: &Self) -> Option<Self> {
         Self::from_matrix(&(next.matrix() * self.matrix()))
     }
 
-    /// True when no pixel moves: the slice can be used as it is.
+    /// True when no pixel moves, so that the slice can be used without resampling.
     pub fn is_identity(&self) -> bool {
         self.0.iter().zip(Self::IDENTITY.0).all(|(a, b)| (a - b).abs() < 1e-12)
     }
 
-    /// Local magnification at `point`: square root of the determinant of the Jacobian. Negative
-    /// determinants (mirrored) give NaN.
+    /// Local scale at `point`: square root of the determinant of the Jacobian. NaN for a mirrored map.
     pub fn scale_at(&self, point: [f64; 2]) -> f64 {
         let h = &self.0;
         let w = h[6] * point[0] + h[7] * point[1] + 1.0;
         (self.matrix().determinant() / (w * w * w)).sqrt()
     }
 
-    /// How much more this stretches the image at `point` in one direction than in the other: the ratio of the singular
-    /// values of the Jacobian, 1 or more. Not finite where a direction vanishes.
+    /// Anisotropy at `point`: ratio of the singular values of the Jacobian, 1 or more. Not finite where a direction
+    /// vanishes.
     fn anisotropy_at(&self, point: [f64; 2]) -> f64 {
         let h = &self.0;
         let w = h[6] * point[0] + h[7] * point[1] + 1.0;
@@ -89,14 +88,14 @@ impl Homography {
         (turned + mirrored) / (turned - mirrored).abs()
     }
 
-    /// The four corners of a `width` x `height` image: centres of the corner pixels.
+    /// The corners of a `width` x `height` image: the centres of the corner pixels.
     pub fn corners(width: u32, height: u32) -> [[f64; 2]; 4] {
         let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
         [[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]
     }
 
-    /// The largest distance in px between where `self` and `other` send the corners of the image: the
-    /// number by which a calibration is judged.
+    /// Largest distance, px, between the images of the four image corners under `self` and under `other`. The accuracy
+    /// of a calibration is measured by it.
     pub fn corner_distance(&self, other: &Self, width: u32, height: u32) -> f64 {
         Self::corners(width, height)
             .into_iter()
@@ -107,10 +106,12 @@ impl Homography {
             .fold(0.0, f64::max)
     }
 
-    /// Why this cannot be the homography of a slice of a `width` x `height` stack, or `None` when it can:
-    /// finite, `[8] == 1`, not mirrored, the image in front of the horizon, no corner moved by more than 5 times the longer
-    /// side, a scale between 1/4 and 4, and no direction stretched 4 times more than another. All that is computed from
-    /// such a homography is finite.
+    /// Why this cannot be the homography of a slice of a `width` x `height` stack, as the predicate of a sentence;
+    /// `None` when it can.
+    ///
+    /// A valid homography is finite, has `[8] == 1`, is not mirrored, keeps the image in front of the horizon, moves no
+    /// corner by more than 5 times the longer side, scales by 1/4 to 4, and stretches no direction more than 4 times
+    /// more than another. Everything computed from it is then finite.
     pub fn objection(&self, width: u32, height: u32) -> Option<String> {
         if self.0.iter().any(|v| !v.is_finite()) {
             return Some("has a number that is not finite".into());
@@ -121,7 +122,7 @@ impl Homography {
         let corners = Self::corners(width, height);
         for corner in corners {
             if self.0[6] * corner[0] + self.0[7] * corner[1] + 1.0 < 0.1 {
-                return Some("sends a part of the image behind the camera".into());
+                return Some("maps a part of the image behind the camera".into());
             }
         }
         if self.matrix().determinant() < 0.0 {
@@ -134,23 +135,21 @@ impl Homography {
         });
         if let Some(&moved) = moved.iter().find(|moved| !(0.0..=most).contains(*moved)) {
             return Some(format!(
-                "moves a corner of the image by {moved:.3e} px, and {most:.0} px (5 times the longer side) is the most; give \
-                 it row-major, in px of the whole slice, slice pixel -> reference pixel"
+                "moves a corner of the image by {moved:.3e} px, and {most:.0} px (5 times the longer side) is the limit; \
+                 check that it is row-major, in px of the whole slice, and maps slice pixel -> reference pixel"
             ));
         }
         let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
         for point in corners.into_iter().chain([centre]) {
             let scale = self.scale_at(point);
             if !(0.25..=4.0).contains(&scale) {
-                return Some(format!(
-                    "is singular or scales the image by {scale:.4} (slices differ by less than 4 times)"
-                ));
+                return Some(format!("is singular or scales the image by {scale:.4} (the limits are 0.25 and 4)"));
             }
             let anisotropy = self.anisotropy_at(point);
             if !(0.0..=MAX_ANISOTROPY).contains(&anisotropy) {
                 return Some(format!(
                     "stretches the image {anisotropy:.3e} times more in one direction than in the other, and {MAX_ANISOTROPY} \
-                     times is the most; check the order of its numbers"
+                     times is the limit; check the order of its numbers"
                 ));
             }
         }
@@ -164,10 +163,10 @@ impl<'de> Deserialize<'de> for Homography {
     }
 }
 
-/// What a homography is read from.
+/// The accepted JSON forms.
 const FORM: &str = "9 numbers, or 3 rows of 3";
 
-/// Reads 9 numbers, or 3 rows of 3: what `tolist()` makes of a numpy matrix.
+/// Reads 9 numbers or 3 rows of 3, as `tolist()` writes a numpy matrix.
 struct Numbers;
 
 impl<'de> de::Visitor<'de> for Numbers {
@@ -258,27 +257,27 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_or_stretches_the_image_beyond_reason_is_refused() {
-        let told = |numbers| Homography(numbers).objection(64, 48).unwrap_or_default();
+    fn homographies_beyond_the_limits_are_refused() {
+        let error = |numbers| Homography(numbers).objection(64, 48).unwrap_or_default();
         assert!(
-            told([1e-308, 0.0, 0.0, 0.0, 1e308, 0.0, 0.0, 0.0, 1.0]).starts_with("moves a corner of the image by inf")
+            error([1e-308, 0.0, 0.0, 0.0, 1e308, 0.0, 0.0, 0.0, 1.0]).starts_with("moves a corner of the image by inf")
         );
-        assert!(told([1.0, 0.0, 321.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]).contains("and 320 px"));
-        assert!(told([2.5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0]).starts_with("stretches the image 5.000e0 times"));
-        assert!(told([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e308, 0.0, 1.0]).starts_with("is singular"));
+        assert!(error([1.0, 0.0, 321.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]).contains("and 320 px"));
+        assert!(error([2.5, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0]).starts_with("stretches the image 5.000e0 times"));
+        assert!(error([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e308, 0.0, 1.0]).starts_with("is singular"));
     }
 
     #[test]
-    fn what_rigs_do_is_allowed() {
+    fn homographies_of_real_rigs_are_accepted() {
         let (cos, sin) = (0.3_f64.cos(), 0.3_f64.sin());
         for numbers in [
             Homography::IDENTITY.0,
-            // a moving lens: tens of percent about the middle, and the whole image aside
+            // a moving lens: tens of percent about the centre, and the whole image shifted
             Homography::similarity(1.6, [-0.3 * 64.0, -0.3 * 48.0]).0,
             Homography::similarity(0.6, [64.0, 48.0]).0,
             Homography::similarity(3.9, [0.0, 0.0]).0,
             Homography::similarity(3.9, [-64.0, 48.0]).0,
-            // a camera that lies on its side, or on its head
+            // a camera on its side, or upside down
             [0.0, -1.0, 47.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
             [-1.0, 0.0, 63.0, 0.0, -1.0, 47.0, 0.0, 0.0, 1.0],
             [cos * 1.01, -sin, 3.0, sin, cos * 0.99, -2.0, 1e-4, -1e-4, 1.0],
@@ -290,9 +289,9 @@ mod tests {
     proptest::proptest! {
         #![proptest_config(proptest::prelude::ProptestConfig::with_cases(2000))]
 
-        /// Numbers of every size that a double can have, and numbers near those of real homographies.
+        /// Numbers of every magnitude of a double, and numbers near those of real homographies.
         #[test]
-        fn a_homography_is_refused_or_all_that_follows_from_it_is_finite_and_comes_back_from_json(
+        fn an_accepted_homography_gives_finite_results_and_survives_json(
             wild in proptest::array::uniform8(proptest::num::f64::NORMAL | proptest::num::f64::SUBNORMAL | proptest::num::f64::ZERO),
             tame in proptest::array::uniform8(-2.0..2.0_f64),
             mask: [bool; 8],
@@ -304,7 +303,7 @@ mod tests {
             for (i, number) in numbers.iter_mut().take(8).enumerate() {
                 *number = if mask[i] { *number + tame[i] * sizes[i] * 0.5 } else { wild[i] };
             }
-            // one in four keeps to numbers that may be let in
+            // a quarter of the cases keeps to values that may be accepted
             if mask[0] && mask[4] {
                 for (i, number) in numbers.iter_mut().take(8).enumerate() {
                     *number = Homography::IDENTITY.0[i] + tame[i] * sizes[i] * 0.1;
@@ -322,11 +321,11 @@ mod tests {
     }
 
     #[test]
-    fn other_shapes_are_refused_with_the_shape_that_is_wanted() {
+    fn other_shapes_are_refused_with_the_expected_shape() {
         for text in ["[1,2,3]", "[[1,0,0],[0,1,0]]", "[1,0,0,0,1,0,0,0,1,0]", "[]"] {
-            assert!(read(text).is_err_and(|told| told.contains("9 numbers, or 3 rows of 3")), "{text}");
+            assert!(read(text).is_err_and(|error| error.contains("9 numbers, or 3 rows of 3")), "{text}");
         }
-        assert!(read("[[1,0,0],[0,1,0],0,0,1]").is_err_and(|told| told.contains("mixes rows and numbers")));
+        assert!(read("[[1,0,0],[0,1,0],0,0,1]").is_err_and(|error| error.contains("mixes rows and numbers")));
         assert!(read("[[1,0],[0,1],[0,0]]").is_err());
         assert!(read("[[[1,0,0]]]").is_err());
         assert!(read(r#"["1",0,0,0,1,0,0,0,1]"#).is_err());

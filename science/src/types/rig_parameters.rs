@@ -1,9 +1,9 @@
-//! A profile computed from what is known about a rig, without a single picture.
+//! Profiles computed from rig parameters, without images.
 //!
-//! Fixed lens: the sensor moves, the image of everything is as large as the sensor is far from the lens, so one scale
-//! per slice is exact for every depth. Moving lens: the camera comes nearer, and near parts grow faster than far ones;
-//! the scale is right for a flat thing in the plane that is in focus in the reference slice, and the parallax of all
-//! other depths stays.
+//! - Fixed lens: the sensor moves. The image scale is proportional to the distance from lens to sensor, so one scale
+//!   per slice is exact for every depth.
+//! - Moving lens: the camera approaches the object, and near parts grow faster than far parts. The scale is exact for a
+//!   plane that is in focus in the reference slice; other depths keep their parallax.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -14,15 +14,15 @@ use super::{
     profile::{CaptureMode, MAX_SLICES, ProfileInput, RAIL_MM},
 };
 
-/// Where the gains come from.
+/// Source of the gains.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GainLaw {
-    /// With a fixed lens the light falls with the square of the distance from lens to sensor; with a moving lens that
-    /// distance stays, and so does the light.
+    /// From the optics. Fixed lens: light falls with the square of the distance from lens to sensor. Moving lens: that
+    /// distance is constant, and so is the light.
     #[default]
     Optics,
-    /// All 1: the camera, or a program before, made the slices equally bright.
+    /// All gains are 1: the slices are equally bright already.
     None,
 }
 
@@ -36,37 +36,36 @@ pub struct RigParameters {
     /// Height of every slice in px.
     #[schema(minimum = 16, maximum = 65535)]
     pub image_height: u32,
-    /// 0-based index of the slice that all others are mapped to; the middle one when left out.
+    /// 0-based index of the slice that all others are mapped to; default: the middle one.
     #[serde(default)]
     pub reference_index: Option<u32>,
-    /// Number of slices; may be left out when `rail_positions_mm` tells it.
+    /// Number of slices; optional with `rail_positions_mm`.
     #[serde(default)]
     #[schema(minimum = 2, maximum = 1000)]
     pub slice_count: Option<u32>,
-    /// Focal length f, mm: the one of the lens at this setting.
+    /// Focal length f of the lens at this setting, mm.
     pub focal_mm: f64,
-    /// Image size over object size of what is in focus in the reference slice.
+    /// Magnification M: image size over object size of what is in focus in the reference slice.
     pub magnification: f64,
-    /// Size of one pixel of the slices as they are sent, mm (larger than the camera's own where they were made smaller).
+    /// Size of one pixel of the uploaded slices, mm; larger than the camera's own when the slices were reduced.
     #[serde(default)]
     pub pixel_pitch_mm: Option<f64>,
-    /// Position of the rail per slice, mm, strictly rising or falling. It is counted
-    /// towards the object: it rises when the sensor comes nearer to the lens (`fixed_lens`), or when camera and lens come
-    /// nearer to the object (`moving_lens`).
+    /// Rail position per slice, mm, strictly increasing or decreasing, counted towards the object: it increases when
+    /// the sensor approaches the lens (`fixed_lens`), or when camera and lens approach the object (`moving_lens`).
     #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
-    /// Instead of the positions: the step from one slice to the next, mm, with the same sign.
+    /// Instead of the positions: the rail step from slice to slice, mm, with the same sign.
     #[serde(default)]
     pub rail_step_mm: Option<f64>,
     /// What moves between slices.
     pub capture_mode: CaptureMode,
-    /// Where the optical axis meets the reference slice, `[x, y]` px; the centre of the image when left out.
+    /// Where the optical axis meets the reference slice, `[x, y]` px; default: the centre of the image.
     #[serde(default)]
     pub principal_point_px: Option<[f64; 2]>,
-    /// How far the principal point wanders per mm of rail, `[x, y]` px: a rail that is not parallel to the axis.
+    /// Shift of the principal point per mm of rail, `[x, y]` px, for a rail that is not parallel to the optical axis.
     #[serde(default)]
     pub drift_px_per_mm: [f64; 2],
-    /// Where the gains come from.
+    /// Source of the gains.
     #[serde(default)]
     pub gains: GainLaw,
     /// Free text, at most 4,000 characters.
@@ -75,11 +74,12 @@ pub struct RigParameters {
 }
 
 impl RigParameters {
-    /// The profile that these numbers make.
+    /// Computes the profile.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidProfile`] with a place per broken rule: numbers out of range, positions and step both or neither, a
-    /// sensor that would come nearer to the lens than the focal length, a camera that would reach the object.
+    /// [`ErrorKind::InvalidProfile`] with a location for the first violated rule: values out of range, both or neither
+    /// of positions and step, a sensor that would be within the focal length of the lens, or a camera that would reach
+    /// the object.
     pub fn profile(&self) -> Result<ProfileInput, Error> {
         self.check_numbers()?;
         let rail = self.rail()?;
@@ -118,17 +118,18 @@ impl RigParameters {
         Ok(profile)
     }
 
-    /// Lens to sensor in the reference slice, mm: `d2 = f (1 + M)`.
+    /// Distance from lens to sensor in the reference slice, mm: `d2 = f (1 + M)`.
     pub fn sensor_distance(&self) -> f64 {
         self.focal_mm * (1.0 + self.magnification)
     }
 
-    /// Lens to what is in focus in the reference slice, mm: `d1 = f (1 + 1/M)`.
+    /// Distance from lens to the plane in focus in the reference slice, mm: `d1 = f (1 + 1/M)`.
     pub fn object_distance(&self) -> f64 {
         self.focal_mm * (1.0 + 1.0 / self.magnification)
     }
 
-    /// Scale slice -> reference, where the rail stands `dz` mm from where it stood for the reference slice.
+    /// Scale from a slice to the reference slice; `dz` is its rail position relative to the reference slice, mm. Fixed
+    /// lens: `d2 / (d2 - dz)`; moving lens: `(d1 - dz) / d1`.
     pub fn scale(&self, dz: f64) -> f64 {
         match self.capture_mode {
             CaptureMode::FixedLens => self.sensor_distance() / (self.sensor_distance() - dz),
@@ -136,8 +137,8 @@ impl RigParameters {
         }
     }
 
-    /// The homography of a slice `dz` mm from the reference: its principal point, wandered off by the drift, comes back to
-    /// `point`, and everything is scaled about it.
+    /// The homography of a slice at `dz` mm from the reference slice: scales about the principal point, and moves it
+    /// from its drifted position back to `point`.
     pub fn homography(&self, point: [f64; 2], dz: f64) -> Homography {
         let scale = self.scale(dz);
         let shift = |axis: usize| point[axis] - scale * (point[axis] + self.drift_px_per_mm[axis] * dz);
@@ -152,7 +153,7 @@ impl RigParameters {
             }
             (None, None, _) => Err(at(
                 "/rail_positions_mm",
-                "the rail is missing: give rail_positions_mm (one position per slice) or rail_step_mm with slice_count",
+                "the rail is missing: give rail_positions_mm (one position per slice), or rail_step_mm with slice_count",
                 None,
             )),
             (Some(positions), None, count) => {
@@ -166,11 +167,9 @@ impl RigParameters {
                 }
                 Ok(positions.clone())
             }
-            (None, Some(_), None) => Err(at(
-                "/slice_count",
-                "slice_count is missing: a step alone does not tell how many slices there are",
-                None,
-            )),
+            (None, Some(_), None) => {
+                Err(at("/slice_count", "slice_count is missing: rail_step_mm needs the number of slices", None))
+            }
             (None, Some(step), Some(count)) => {
                 if !(2..=MAX_SLICES).contains(&(count as usize)) {
                     let detail = format!("slice_count is {count}; a stack has 2 to {MAX_SLICES} slices");
@@ -200,7 +199,7 @@ impl RigParameters {
         Ok(())
     }
 
-    /// Refuses positions at which nothing could be in focus: mostly a wrong sign.
+    /// Refuses positions at which nothing can be in focus, which are mostly caused by a wrong sign.
     fn check_reach(&self, along: &[f64]) -> Result<(), Error> {
         for (i, &dz) in along.iter().enumerate() {
             let (distance, least) = match self.capture_mode {
@@ -212,8 +211,9 @@ impl RigParameters {
             }
             let detail = match self.capture_mode {
                 CaptureMode::FixedLens => format!(
-                    "in slice {i} the sensor would be {distance:.2} mm from the lens, not beyond its focal length of {least} mm, \
-                     where nothing is in focus; check the sign of the rail (positive: towards the object, so towards the lens) and the magnification"
+                    "in slice {i} the sensor would be {distance:.2} mm from the lens, within its focal length of {least} mm, \
+                     where nothing is in focus; check the sign of the rail (positive: towards the object, and so towards the \
+                     lens) and the magnification"
                 ),
                 CaptureMode::MovingLens => format!(
                     "in slice {i} the lens would have moved {dz:.2} mm towards an object that is {:.2} mm away; check the \
@@ -263,11 +263,11 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_moves_towards_the_lens_makes_the_image_smaller_so_its_slice_is_scaled_up() {
+    fn a_sensor_closer_to_the_lens_sees_a_smaller_image_and_its_slice_is_scaled_up() {
         let profile = macro_rig(CaptureMode::FixedLens).profile().expect("sound");
         let scale = |i: usize| profile.homographies[i].0[0];
         assert!(scale(0) < 1.0 && scale(2) > 1.0, "{profile:?}");
-        // d2 = 130 mm at life size
+        // d2 = 130 mm at magnification 1
         assert!((scale(2) - 130.0 / 129.5).abs() < 1e-12);
         assert_eq!(profile.principal_distance_mm, Some(130.0));
         assert_eq!(profile.principal_distance_px(), Some(32_500.0));
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_comes_nearer_makes_the_image_larger_so_its_slice_is_scaled_down() {
+    fn a_camera_closer_to_the_object_sees_a_larger_image_and_its_slice_is_scaled_down() {
         let profile = macro_rig(CaptureMode::MovingLens).profile().expect("sound");
         let scale = |i: usize| profile.homographies[i].0[0];
         assert!(scale(0) > 1.0 && scale(2) < 1.0, "{profile:?}");
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_farther_away_gets_less_light_and_its_slice_is_brightened() {
+    fn a_sensor_farther_from_the_lens_receives_less_light_and_its_slice_is_brightened() {
         let rig = macro_rig(CaptureMode::FixedLens);
         let gains = rig.profile().expect("sound").gains.expect("gains by the optics");
         assert_eq!(gains[1], 1.0);
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_what_to_do() {
+    fn impossible_parameters_are_refused_with_a_remedy() {
         let rig = macro_rig(CaptureMode::FixedLens);
         let wrong = RigParameters { rail_step_mm: None, ..rig.clone() };
         assert!(refused(&wrong).starts_with("the rail is missing: give rail_positions_mm"));
@@ -342,7 +342,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_reference_stays_and_every_principal_point_comes_home(rig in any_rig()) {
+        fn the_reference_is_the_identity_and_every_principal_point_maps_to_the_reference(rig in any_rig()) {
             let profile = rig.profile().expect("every rig of this kind is sound");
             let reference = rig.reference_index.expect("named") as usize;
             let rail = profile.rail_positions_mm.as_ref().expect("kept");
@@ -362,7 +362,7 @@ mod tests {
             let rail = profile.rail_positions_mm.as_ref().expect("kept");
             let reference = rig.reference_index.expect("named") as usize;
             for (homography, z) in profile.homographies.iter().zip(rail) {
-                // towards the object a sensor sees a smaller image, a camera a larger one
+                // towards the object the image shrinks with a fixed lens and grows with a moving one
                 let dz = z - rail[reference];
                 let larger = (dz > 0.0) == (rig.capture_mode == CaptureMode::MovingLens);
                 prop_assert!(dz == 0.0 || (homography.0[0] < 1.0) == larger);
@@ -370,17 +370,17 @@ mod tests {
         }
 
         #[test]
-        fn a_profile_for_one_reference_based_on_another_is_that_ones_with_a_fixed_lens(rig in any_rig(), other in 0..9_u32) {
+        fn with_a_fixed_lens_a_profile_rebased_on_another_slice_is_the_profile_of_that_reference(rig in any_rig(), other in 0..9_u32) {
             let rig = RigParameters { capture_mode: CaptureMode::FixedLens, drift_px_per_mm: [0.0; 2], ..rig };
             let profile = rig.profile().expect("sound");
             let reference = rig.reference_index.expect("named");
             let step = rig.rail_step_mm.expect("a step");
-            // the same lens and sensor, told from where the other slice stands
+            // the same lens and sensor, described from the other slice
             let distance = rig.sensor_distance() - (f64::from(other) - f64::from(reference)) * step;
-            let told = RigParameters { magnification: distance / rig.focal_mm - 1.0, reference_index: Some(other), ..rig };
-            let told = told.profile().expect("sound");
+            let other_rig = RigParameters { magnification: distance / rig.focal_mm - 1.0, reference_index: Some(other), ..rig };
+            let expected = other_rig.profile().expect("sound");
             let back = profile.homographies[other as usize].inverse().expect("invertible");
-            for (a, b) in profile.homographies.iter().zip(&told.homographies) {
+            for (a, b) in profile.homographies.iter().zip(&expected.homographies) {
                 let a = a.then(&back).expect("finite");
                 prop_assert!(a.corner_distance(b, 1200, 800) < 1e-6);
             }

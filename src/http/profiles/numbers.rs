@@ -131,7 +131,7 @@ impl Parameters {
         let image_width = self.image_width.ok_or_else(|| missing("image_width"))?;
         let image_height = self.image_height.ok_or_else(|| missing("image_height"))?;
         let rail_positions_mm = self.rail(given.len())?;
-        let based = matrices::based(given, self.direction, self.reference_index, image_width, image_height)?;
+        let based = matrices::rebase(given, self.direction, self.reference_index, image_width, image_height)?;
         let input = ProfileInput {
             image_width,
             image_height,
