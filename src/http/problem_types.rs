@@ -256,14 +256,14 @@ pub fn problem_type(code: Code) -> ProblemType {
             Never,
             "Archive too large",
             "The zip has too many members, or would unpack to more than the limits allow. GET /v1/info shows every limit.",
-            "the zip has 30000 members; at most 2500 are read",
+            "the zip has 30000 members; at most 2500 are allowed",
         ),
         Code::InvalidImage => row(
             S::UNPROCESSABLE_ENTITY,
             Never,
             "Invalid image",
             "A slice is not a readable image, is truncated, or declares absurd dimensions. The detail names the file.",
-            "front/img_3.jpg: the JPEG ends before the picture does (torn file); copy it again from the camera",
+            "front/img_3.jpg: the JPEG ends before the picture does (truncated file); copy it again from the camera",
         ),
         Code::SizeMismatch => row(
             S::UNPROCESSABLE_ENTITY,

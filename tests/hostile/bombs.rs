@@ -191,10 +191,15 @@ fn jpeg_scan(components: u8) -> Vec<u8> {
 #[test]
 fn jpegs_that_are_bombs_are_refused() {
     let closed = |frame: Vec<u8>, components| [frame, jpeg_scan(components), vec![0, 0xFF, 0xD9]].concat();
-    refused_picture("65,535 x 65,535 px", &closed(jpeg_frame(0xC0, 65_535, 65_535, 3), 3), MB, "megapixels are read");
+    refused_picture(
+        "65,535 x 65,535 px",
+        &closed(jpeg_frame(0xC0, 65_535, 65_535, 3), 3),
+        MB,
+        "megapixels are allowed",
+    );
     refused_picture("CMYK", &closed(jpeg_frame(0xC0, 8, 8, 4), 4), MB, "CMYK");
     refused_picture("200 components", &closed(jpeg_frame(0xC0, 8, 8, 80), 80), MB, "80 colour components");
-    refused_picture("400 MP in 60 bytes", &closed(jpeg_frame(0xC2, 20_000, 20_000, 3), 3), MB, "torn file");
+    refused_picture("400 MP in 60 bytes", &closed(jpeg_frame(0xC2, 20_000, 20_000, 3), 3), MB, "truncated file");
 
     // a sound progressive picture with its last scan a thousand times
     let sound = include_bytes!("../../science/src/imaging/codec/testdata/progressive.jpg");
@@ -230,9 +235,9 @@ fn zlib_of_zeros(megabytes: usize) -> Vec<u8> {
 #[test]
 fn pngs_that_are_bombs_are_refused() {
     let idat = || png_chunk(b"IDAT", &zlib_of_zeros(1));
-    refused_picture("65,535 x 65,535 px", &png_of(65_535, 65_535, 8, 2, &[idat()]), MB, "megapixels are read");
-    refused_picture("2^31 px wide", &png_of(u32::MAX / 2, 1, 8, 2, &[idat()]), MB, "are read");
-    refused_picture("3.2 GB in 1 kB", &png_of(20_000, 20_000, 16, 6, &[idat()]), 2 * MB, "torn file");
+    refused_picture("65,535 x 65,535 px", &png_of(65_535, 65_535, 8, 2, &[idat()]), MB, "megapixels are allowed");
+    refused_picture("2^31 px wide", &png_of(u32::MAX / 2, 1, 8, 2, &[idat()]), MB, "are allowed");
+    refused_picture("3.2 GB in 1 kB", &png_of(20_000, 20_000, 16, 6, &[idat()]), 2 * MB, "truncated file");
 
     // what may stand beside the pixels, and unpacks to a gigabyte
     let bomb = zlib_of_zeros(1_000);
@@ -293,9 +298,9 @@ fn tiffs_that_are_bombs_are_refused() {
     for is_big in [false, true] {
         codec::decode(&tiff(is_big, &[], 0), &Limits::default()).expect("without a lie it is a picture");
         let square = [(256, 4, 1, 65_535), (257, 4, 1, 65_535), (278, 4, 1, 65_535)];
-        refused_picture("65,535 x 65,535 px", &tiff(is_big, &square, 0), MB, "megapixels are read");
+        refused_picture("65,535 x 65,535 px", &tiff(is_big, &square, 0), MB, "megapixels are allowed");
         let large = [(256, 4, 1, 20_000), (257, 4, 1, 20_000), (278, 4, 1, 20_000), (279, 4, 1, 400_000_000)];
-        refused_picture("400 MP in 250 bytes", &tiff(is_big, &large, 0), MB, "torn file");
+        refused_picture("400 MP in 250 bytes", &tiff(is_big, &large, 0), MB, "truncated file");
         refused_picture("2^32 strips", &tiff(is_big, &[(273, 1, u64::from(u32::MAX), 8)], 0), MB, "a list of");
         refused_picture("more strips than rows", &tiff(is_big, &[(273, 4, 900_000, 8)], 0), 80 * MB, "");
         refused_picture("strips of no rows", &tiff(is_big, &[(278, 3, 1, 0)], 0), MB, "");

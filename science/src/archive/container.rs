@@ -1,4 +1,7 @@
-//! The zip container: the only file that names the zip crate.
+//! Reads and writes zip containers. The only module that uses the `zip` crate.
+//!
+//! Untrusted input: sizes are checked before memory is allocated, the directory is parsed within a byte budget, and
+//! entries that overlap or have equal names are refused. An I/O error of the disk is never reported as a damaged zip.
 
 use std::{
     fs::File,
@@ -19,14 +22,14 @@ use crate::{
     types::{Error, ErrorKind},
 };
 
-/// Deflate cannot make more than this of one byte; keeps a lying size from being allocated.
+/// Maximum expansion ratio of deflate. Bounds the allocation when the declared size is wrong.
 const LARGEST_RATIO: u64 = 1_100;
 
-/// Where the bytes of a zip lie.
+/// The bytes of a zip.
 enum ZipBytes {
     Disk(File),
     Memory(Vec<u8>),
-    /// A disk that fails while a test says so.
+    /// A disk that fails with EIO while the flag is set.
     #[cfg(test)]
     Failing(Vec<u8>, Arc<std::sync::atomic::AtomicBool>),
 }
@@ -68,7 +71,7 @@ impl ZipBytes {
     }
 }
 
-/// A source that many readers read at places of their own, with a budget of bytes that can be closed and opened.
+/// A reader with its own position over shared bytes. All clones share one budget of bytes; `u64::MAX` is unlimited.
 #[derive(Clone)]
 struct SharedReader {
     source: Arc<ZipBytes>,
@@ -78,7 +81,7 @@ struct SharedReader {
     failure: DiskFailure,
 }
 
-/// The last error of the disk. Libraries wrap it beyond recognition; it must not be blamed on the content of the zip.
+/// The last I/O error of the disk. Libraries wrap such errors so that they look like a damaged zip.
 #[derive(Clone, Default)]
 struct DiskFailure(Arc<Mutex<Option<io::Error>>>);
 
@@ -88,14 +91,14 @@ impl DiskFailure {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(noted);
     }
 
-    /// A fault that came of an error of the disk says so instead of what it looked like.
+    /// Replaces the error of `result` when its cause was an I/O error.
     fn explain<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
         let noted = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
         result.map_err(|fault| noted.map_or(fault, unreadable))
     }
 }
 
-/// What a read beyond the budget says, to be told from other errors.
+/// Message of a read beyond the budget. Identifies that error inside a `ZipError`.
 const BUDGET_SPENT: &str = "directory budget spent";
 
 impl Read for SharedReader {
@@ -122,7 +125,7 @@ impl Seek for SharedReader {
     }
 }
 
-/// An open zip. Cheap to clone; clones read independently of each other.
+/// An open zip. Cheap to clone; clones read independently.
 #[derive(Clone)]
 pub(super) struct Container {
     zip: ZipArchive<SharedReader>,
@@ -130,17 +133,17 @@ pub(super) struct Container {
 }
 
 impl Container {
-    /// Reads the directory of a file.
+    /// Parses the directory of the file at `path`.
     pub(super) fn open(path: &Path, limits: &ArchiveLimits) -> Result<Self, Error> {
         Self::of(ZipBytes::Disk(File::open(path).map_err(unreadable)?), limits)
     }
 
-    /// Reads the directory of a small zip that is in memory.
+    /// Parses the directory of a small zip in memory.
     pub(super) fn in_memory(bytes: Vec<u8>, limits: &ArchiveLimits) -> Result<Self, Error> {
         Self::of(ZipBytes::Memory(bytes), limits)
     }
 
-    /// Reads the directory of a zip on a disk that fails (EIO) while `fails` is set.
+    /// Parses the directory of a zip on a disk that fails with EIO while `fails` is set.
     #[cfg(test)]
     pub(super) fn on_a_failing_disk(
         bytes: Vec<u8>,
@@ -163,54 +166,53 @@ impl Container {
         let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
         let shared =
             SharedReader { source: Arc::new(source), length, at: 0, budget: budget.clone(), failure: failure.clone() };
-        let directory_fault = |error: ZipError| match error {
+        let directory_error = |error: ZipError| match &error {
             ZipError::Io(error) if error.to_string() == BUDGET_SPENT => Error::new(
                 ErrorKind::ArchiveTooLarge,
-                "the directory of the zip is too large to be one of a focus stack",
+                "the directory of the zip is too large for a focus stack; make the zip again with the slices only",
             ),
-            ZipError::UnsupportedArchive(what) => {
-                Error::new(ErrorKind::UnsupportedArchive, format!("this kind of zip is not read ({what})"))
-            }
+            ZipError::UnsupportedArchive(what) => Error::new(
+                ErrorKind::UnsupportedArchive,
+                format!("this kind of zip is not supported ({what}); make a plain zip"),
+            ),
             ZipError::InvalidArchive(what) if what.contains("Multi-disk") => Error::new(
                 ErrorKind::UnsupportedArchive,
-                "the zip is split over several files; make one zip (zip64 is read, so it may be as large as it must)",
+                "the zip is split over several files; make one zip (zip64 is supported, so it may be of any size)",
             ),
-            ZipError::InvalidArchive(what) => damaged_directory(&what),
-            other => damaged_directory(&other),
+            ZipError::InvalidArchive(what) => damaged_directory(what).caused_by(error),
+            other => damaged_directory(other).caused_by(error),
         };
-        let mut zip = ZipArchive::new(shared).map_err(directory_fault)?;
+        let mut zip = ZipArchive::new(shared).map_err(directory_error)?;
         if zip.len() > limits.max_members {
             return Err(Error::new(
                 ErrorKind::ArchiveTooLarge,
-                format!("the zip has {} members; at most {} are read", zip.len(), limits.max_members),
+                format!("the zip has {} members; at most {} are allowed", zip.len(), limits.max_members),
             ));
         }
-        // duplicates collapse to the last one without a word
+        // the crate keeps the last of several equal names silently
         if zip.has_duplicate_names() {
             return Err(Error::new(
                 ErrorKind::InvalidArchive,
-                "the zip has several members of the same name; make it again from an empty file",
+                "the zip has several members of the same name; make a new zip instead of updating an old one",
             ));
         }
-        if zip.has_overlapping_entries().map_err(directory_fault)? {
+        if zip.has_overlapping_entries().map_err(directory_error)? {
             return Err(Error::new(
                 ErrorKind::InvalidArchive,
-                "members of the zip overlap, which no honest zip program writes",
+                "members of the zip overlap, as in a zip bomb; make the zip again with an ordinary program",
             ));
         }
         budget.store(u64::MAX, Ordering::Relaxed);
         Ok(Self { zip, failure: failure.clone() })
     }
 
-    /// Every member that is a file and no rubbish of an operating system, names checked.
+    /// All members that are files, with checked names, without the files that operating systems add.
     pub(super) fn members(&self) -> Result<Vec<Member>, Error> {
         let mut members = Vec::new();
         for index in 0..self.zip.len() {
             let entry = self.zip.by_index_data(index).map_err(|error| {
-                Error::new(
-                    ErrorKind::InvalidArchive,
-                    format!("the directory of the zip is damaged{}", in_brackets(&error)),
-                )
+                let detail = format!("the directory of the zip is damaged{}; make the zip again", in_brackets(&error));
+                Error::new(ErrorKind::InvalidArchive, detail).caused_by(error)
             })?;
             let raw = match entry.name() {
                 Ok(name) => name.into_owned(),
@@ -231,9 +233,9 @@ impl Container {
         Ok(members)
     }
 
-    /// Refuses members that cannot be unpacked or are too large.
+    /// Refuses members that cannot be decompressed or are too large.
     pub(super) fn refuse_unreadable(&self, member: &Member, limits: &ArchiveLimits) -> Result<(), Error> {
-        let entry = self.zip.by_index_data(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let entry = self.zip.by_index_data(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let unsupported =
             |detail: String| Error::new(ErrorKind::UnsupportedArchive, detail).in_file(&member.name, None);
         if entry.encrypted() {
@@ -243,19 +245,19 @@ impl Container {
         if !matches!(method, CompressionMethod::Stored | CompressionMethod::Deflated | CompressionMethod::Deflate64) {
             let method = method_name(method);
             return Err(unsupported(format!(
-                "{} is compressed by {method}; make the zip with \"store\" or \"deflate\" (pictures hardly get smaller)",
+                "{} is compressed with {method}, which is not supported; make the zip with \"store\" or \"deflate\"",
                 member.name
             )));
         }
         if member.size > limits.max_member_bytes {
             let (size, most) = (member.size, limits.max_member_bytes);
-            let detail = format!("{} has {size} bytes unpacked; at most {most} are read", member.name);
+            let detail = format!("{} has {size} bytes uncompressed; at most {most} are read", member.name);
             return Err(Error::new(ErrorKind::ArchiveTooLarge, detail).in_file(&member.name, None));
         }
         Ok(())
     }
 
-    /// The member, its size and its CRC checked. What follows the end of a PNG is unpacked and not kept.
+    /// The bytes of a member. Its size and CRC are checked. Data after the end of a PNG is decompressed and discarded.
     pub(super) fn read(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
         self.failure.explain(self.read_whole(member, limits))
     }
@@ -263,84 +265,84 @@ impl Container {
     fn read_whole(&self, member: &Member, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
         self.refuse_unreadable(member, limits)?;
         let mut zip = self.zip.clone();
-        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let room = member.size.min(entry.compressed_size().saturating_mul(LARGEST_RATIO));
         let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
-        // one byte more than declared shows a member that is larger than it says
+        // one byte more than declared reveals a member that is larger than declared
         let mut entry = entry.take(member.size.saturating_add(1));
-        let unpacked =
-            png_trailer::read_without(&mut entry, &mut bytes).map_err(|error| damaged(&member.name, &error))?;
+        let unpacked = png_trailer::read_without_trailer(&mut entry, &mut bytes)
+            .map_err(|error| not_decompressed(&member.name, error))?;
         if unpacked != member.size {
-            return Err(damaged(&member.name, &"it does not have the size that the directory tells"));
+            return Err(damaged(&member.name, &"its size differs from the size in the directory"));
         }
         Ok(bytes)
     }
 
-    /// The first `most` bytes of a member (all of a shorter one), however large it says it is. Its CRC is not checked.
+    /// The first `most` bytes of a member, or all of a shorter one, whatever its declared size. The CRC is not checked.
     pub(super) fn read_start(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Vec<u8>, Error> {
         self.refuse_unreadable(member, &ArchiveLimits { max_member_bytes: u64::MAX, ..*limits })?;
         let mut zip = self.zip.clone();
-        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let mut bytes = Vec::new();
-        let read = entry.take(most).read_to_end(&mut bytes).map_err(|error| damaged(&member.name, &error));
+        let read = entry.take(most).read_to_end(&mut bytes).map_err(|error| not_decompressed(&member.name, error));
         self.failure.explain(read)?;
         Ok(bytes)
     }
 
-    /// The header of a picture; reads no more of it than it takes. Of a compressed member at most `most` bytes are
-    /// unpacked for it; `None` when the header lies behind them.
+    /// The header of a picture. At most `most` bytes of a compressed member are decompressed for it; `None` when the
+    /// header is beyond them.
     pub(super) fn probe(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Option<Header>, Error> {
         self.failure.explain(self.probe_header(member, limits, most))
     }
 
     fn probe_header(&self, member: &Member, limits: &ArchiveLimits, most: u64) -> Result<Option<Header>, Error> {
         self.refuse_unreadable(member, limits)?;
-        let picture_fault = |fault: ImageFault| fault.in_file(&member.name, None);
+        let picture_error = |fault: ImageFault| fault.in_file(&member.name, None);
         let mut zip = self.zip.clone();
         if let Ok(entry) = zip.by_index_seek(member.index) {
-            return codec::probe(BufReader::new(entry), &limits.image).map(Some).map_err(picture_fault);
+            return codec::probe(BufReader::new(entry), &limits.image).map(Some).map_err(picture_error);
         }
-        let entry = zip.by_index(member.index).map_err(|error| damaged(&member.name, &error))?;
+        let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let mut reader = BufReader::new(SeekWindow::new(entry, member.size, most));
         let header = codec::probe(&mut reader, &limits.image);
         if header.is_err() && reader.get_ref().was_stopped() {
             return Ok(None);
         }
         if header.is_err() && reader.get_ref().fell_behind() {
-            // a TIFF that jumps about in the file; rare
+            // a TIFF whose directory refers back and forth; rare
             drop(reader);
             let bytes = self.read_whole(member, limits)?;
-            return codec::probe(io::Cursor::new(bytes), &limits.image).map(Some).map_err(picture_fault);
+            return codec::probe(io::Cursor::new(bytes), &limits.image).map(Some).map_err(picture_error);
         }
-        header.map(Some).map_err(picture_fault)
+        header.map(Some).map_err(picture_error)
     }
 }
 
-/// A disk that does not give what was written to it.
+/// An I/O error of the server, not of the archive.
 fn unreadable(error: io::Error) -> Error {
     let detail = format!(
-        "the server cannot read the upload on its disk ({error}); this is no fault of the archive: try again in a moment"
+        "the server cannot read the upload from its disk ({error}); this is no fault of the archive: try again in a moment"
     );
-    Error::new(ErrorKind::ResourcesExhausted, detail)
+    Error::new(ErrorKind::ResourcesExhausted, detail).caused_by(error)
 }
 
-/// A directory that does not fit the file, which begins with `head`.
+/// A directory that does not match the file, whose first bytes are `head`.
 fn damaged_directory(why: &dyn std::fmt::Display, head: &[u8]) -> Error {
     if not_a_zip::lost_line_ends(head) {
         return Error::new(ErrorKind::InvalidArchive, not_a_zip::LOST_LINE_ENDS);
     }
     let detail =
-        format!("the zip is damaged{}; was the upload cut off? Make it again and send it again", in_brackets(why));
+        format!("the zip is damaged{}; was the upload cut off? Make the zip again and send it again", in_brackets(why));
     Error::new(ErrorKind::InvalidArchive, detail)
 }
 
-/// What a library says, in brackets; nothing when it names types of a program, which say nothing to anybody else.
+/// The message of a library in brackets. Empty when it names Rust types, which mean nothing to users.
 fn in_brackets(why: &dyn std::fmt::Display) -> String {
     let why = why.to_string();
     if why.is_empty() || why.contains("::") { String::new() } else { format!(" ({why})") }
 }
 
-/// A member whose bytes cannot be had.
+/// A member that cannot be decompressed.
 fn damaged(name: &str, why: &dyn std::fmt::Display) -> Error {
     super::invalid(
         name,
@@ -349,6 +351,11 @@ fn damaged(name: &str, why: &dyn std::fmt::Display) -> Error {
             in_brackets(why)
         ),
     )
+}
+
+/// The same, caused by an error of the zip library or of its reader.
+fn not_decompressed(name: &str, error: impl std::error::Error + Send + Sync + 'static) -> Error {
+    damaged(name, &error).caused_by(error)
 }
 
 #[allow(deprecated)]
@@ -361,7 +368,7 @@ fn method_name(method: CompressionMethod) -> String {
     }
 }
 
-/// Refuses files that are no zip, and zips that end early. Gives the first bytes.
+/// Refuses files that are not a zip and truncated zips. Returns the first bytes.
 fn refuse_other_files(file: &ZipBytes, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
     let mut head = vec![0; length.min(not_a_zip::HEAD_BYTES) as usize];
     file.read_exact_at(&mut head, 0)?;
@@ -374,11 +381,11 @@ fn refuse_other_files(file: &ZipBytes, length: u64) -> io::Result<Result<Vec<u8>
     })
 }
 
-/// Writes a zip of stored members (pictures hardly get smaller), zip64 where it must be. The same members give the
-/// same bytes: no times are kept.
+/// Writes a zip of stored members, because pictures hardly compress; zip64 where required. The same members give the
+/// same bytes: no times are stored.
 ///
 /// # Errors
-/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for a name that comes twice.
+/// Any I/O error of `out`, and [`io::ErrorKind::InvalidInput`] for a duplicate name.
 pub fn pack(out: impl Write + Seek, members: impl Iterator<Item = (String, Vec<u8>)>) -> io::Result<()> {
     let mut zip = ZipWriter::new(out);
     for (name, bytes) in members {

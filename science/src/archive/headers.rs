@@ -1,4 +1,4 @@
-//! What the headers of the slices tell together: they must be of one size and lie the same way.
+//! Compares the headers of all slices: they must agree in size and orientation.
 
 use std::collections::BTreeMap;
 
@@ -8,19 +8,19 @@ use crate::{
     types::{Error, ErrorKind, Warning, error::ErrorLocation},
 };
 
-/// What all slices have in common.
+/// Properties of the whole stack.
 pub(super) struct Common {
     pub width: u32,
     pub height: u32,
-    /// The larger, when slices differ.
+    /// The maximum, when slices differ.
     pub bit_depth: u8,
-    /// The larger, when slices differ.
+    /// The maximum, when slices differ.
     pub channels: u8,
-    /// Orientation tag of all slices, 1 without one.
+    /// EXIF orientation of all slices, 1 without a tag.
     pub orientation: u8,
 }
 
-/// A header with the slice it belongs to.
+/// A header and its slice.
 struct Found<'a> {
     name: &'a str,
     light: Light,
@@ -28,10 +28,10 @@ struct Found<'a> {
     header: Header,
 }
 
-/// Reads the headers of all slices of both lights and checks that they fit each other.
+/// Reads the headers of all slices of both lights and checks that they agree.
 ///
-/// Of compressed slices at most `most` bytes are unpacked; those whose header lies behind them are left out, but the first
-/// when it would be all of them.
+/// At most `most` bytes of a compressed slice are decompressed. Slices whose header is beyond them are skipped; if that
+/// applies to all, the first is decompressed completely.
 pub(super) fn check(
     front: &ArchivedSlices,
     back: &ArchivedSlices,
@@ -56,13 +56,13 @@ pub(super) fn check(
     let (width, height) = refuse_sizes(&found)?;
     let largest = |of: fn(&Header) -> u8| found.iter().map(|f| of(&f.header)).max().unwrap_or_default();
     let (bit_depth, channels) = (largest(|h| h.bit_depth), largest(|h| h.channels));
-    // the lights may differ from each other: grey is enough for a silhouette
+    // the two lights may differ: grey is sufficient for a silhouette
     let (front_found, back_found) = found.split_at(found.partition_point(|f| f.light == Light::Front));
     if [front_found, back_found].iter().any(|light| differ(light, |h| h.bit_depth)) {
-        warnings.push(Warning::new("mixed_bit_depth", "some slices of one light have 8 bits per sample and some 16"));
+        warnings.push(Warning::new("mixed_bit_depth", "some slices of one light have 8 bits per sample and others 16"));
     }
     if [front_found, back_found].iter().any(|light| differ(light, |h| h.channels)) {
-        warnings.push(Warning::new("mixed_colour", "some slices of one light are grey and some in colour"));
+        warnings.push(Warning::new("mixed_colour", "some slices of one light are grey and others in colour"));
     }
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
     Ok(Common { width, height, bit_depth, channels, orientation })
@@ -72,7 +72,7 @@ fn differ(found: &[Found<'_>], value: impl Fn(&Header) -> u8) -> bool {
     found.windows(2).any(|pair| value(&pair[0].header) != value(&pair[1].header))
 }
 
-/// The value that most slices have; the first of them when there are several such values.
+/// The most frequent value; of equally frequent ones the first.
 fn usual<T: Ord + Copy>(found: &[Found<'_>], value: impl Fn(&Header) -> T) -> Option<T> {
     let mut counts: BTreeMap<T, (usize, usize)> = BTreeMap::new();
     for (position, f) in found.iter().enumerate() {
@@ -82,8 +82,8 @@ fn usual<T: Ord + Copy>(found: &[Found<'_>], value: impl Fn(&Header) -> T) -> Op
     counts.into_iter().max_by_key(|(_, (count, position))| (*count, usize::MAX - position)).map(|(value, _)| value)
 }
 
-/// Orientation tags are applied; where only some slices are turned, the camera was fooled (it looks down on a
-/// specimen), and the homographies would fit none of them.
+/// Refuses slices with different orientation tags. Tags are applied on decoding. When only some slices are rotated, the
+/// orientation sensor was misled (a camera that looks down on a specimen), and the homographies would not match them.
 fn refuse_turned(found: &[Found<'_>]) -> Result<(), Error> {
     let Some(usual) = usual(found, |header| header.orientation) else { return Ok(()) };
     let odd: Vec<&Found<'_>> = found.iter().filter(|f| f.header.orientation != usual).collect();
@@ -91,14 +91,14 @@ fn refuse_turned(found: &[Found<'_>]) -> Result<(), Error> {
         return Ok(());
     }
     let detail = format!(
-        "{} of {} slices carry another orientation tag than the others: {}; switch off the automatic rotation of the \
-         camera, and remove the tag or set it alike in all slices",
+        "{} of {} slices have another orientation tag than the rest: {}; switch off the automatic rotation of the \
+         camera, and set the same tag in all slices or remove it",
         odd.len(),
         found.len(),
         listed(odd.iter().map(|f| f.name))
     );
-    let said = |f: &Found<'_>| format!("orientation {} instead of {usual}", f.header.orientation);
-    Err(places(Error::new(ErrorKind::InvalidImage, detail), &odd, said))
+    let describe = |f: &Found<'_>| format!("orientation {} instead of {usual}", f.header.orientation);
+    Err(with_locations(Error::new(ErrorKind::InvalidImage, detail), &odd, describe))
 }
 
 fn refuse_sizes(found: &[Found<'_>]) -> Result<(u32, u32), Error> {
@@ -109,22 +109,22 @@ fn refuse_sizes(found: &[Found<'_>]) -> Result<(u32, u32), Error> {
     let odd: Vec<&Found<'_>> = found.iter().filter(|f| size_of(&f.header) != (width, height)).collect();
     let Some(first) = odd.first() else { return Ok((width, height)) };
     let detail = format!(
-        "{} of {} slices are not {width} x {height} px like the others: {} ({} x {} px); take what is no slice out of the \
-         zip, and use the same settings of the camera for all slices",
+        "{} of {} slices are not {width} x {height} px like the rest: {} ({} x {} px); remove files that are not slices \
+         from the zip, and use the same camera settings for all slices",
         odd.len(),
         found.len(),
         listed(odd.iter().map(|f| f.name)),
         first.header.width,
         first.header.height
     );
-    let said = |f: &Found<'_>| format!("{} x {} px", f.header.width, f.header.height);
-    Err(places(Error::new(ErrorKind::SizeMismatch, detail), &odd, said))
+    let describe = |f: &Found<'_>| format!("{} x {} px", f.header.width, f.header.height);
+    Err(with_locations(Error::new(ErrorKind::SizeMismatch, detail), &odd, describe))
 }
 
-fn places(fault: Error, odd: &[&Found<'_>], said: impl Fn(&Found<'_>) -> String) -> Error {
-    odd.iter().fold(fault, |fault, f| {
-        fault.at(ErrorLocation {
-            detail: said(f),
+fn with_locations(error: Error, odd: &[&Found<'_>], describe: impl Fn(&Found<'_>) -> String) -> Error {
+    odd.iter().fold(error, |error, f| {
+        error.at(ErrorLocation {
+            detail: describe(f),
             pointer: None,
             file: Some(f.name.to_owned()),
             slice: u32::try_from(f.index).ok(),

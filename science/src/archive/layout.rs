@@ -1,4 +1,7 @@
-//! Which members are slices, and of which light.
+//! Finds the slices among the members of a zip and assigns each to a light.
+//!
+//! In: the directory. Out: the slices of both lights in order. The steps: check names, separate pictures from other files,
+//! strip enclosing folders, apply the manifest if there is one, otherwise sort by folder and name.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -16,7 +19,7 @@ use crate::{
     types::{Error, ErrorKind, Warning, profile::MAX_SLICES},
 };
 
-/// Finds the slices among the members, sorts them by light and puts them in order.
+/// Finds the slices, groups them by light and orders them.
 pub(super) fn sort(
     container: &Container,
     limits: &ArchiveLimits,
@@ -50,7 +53,7 @@ pub(super) fn sort(
     Ok(sorted)
 }
 
-/// A zip without pictures: most often the zip was zipped once more.
+/// The error for a zip without pictures. Most often a zip was zipped again.
 fn no_pictures(others: &[Member]) -> Error {
     let is_archive = |member: &&Member| {
         let name = member.name.to_lowercase();
@@ -58,7 +61,7 @@ fn no_pictures(others: &[Member]) -> Error {
     };
     let archives: Vec<&str> = others.iter().filter(is_archive).map(|member| member.name.as_str()).collect();
     let detail = match (&archives[..], others) {
-        ([], []) => "the zip is empty; put the slices into it".to_owned(),
+        ([], []) => "the zip is empty; add the slices".to_owned(),
         ([], _) => format!(
             "the zip holds no JPEG, PNG or TIFF pictures; it holds {}",
             listed(others.iter().map(|member| member.name.as_str()))
@@ -67,42 +70,42 @@ fn no_pictures(others: &[Member]) -> Error {
             format!("the zip holds no pictures but another zip, {one}: send that one")
         }
         (several, _) => format!(
-            "the zip holds no pictures but other archives, {}: send one zip per stack, with the pictures themselves in it",
+            "the zip holds no pictures but other archives, {}: send one zip per stack that holds the pictures themselves",
             listed(several.iter().copied())
         ),
     };
     Error::new(ErrorKind::InvalidArchive, detail)
 }
 
-/// Names in a code page that the zip does not tell.
+/// Warns of names in an unknown code page.
 fn warn_of_names(members: &[Member], warnings: &mut Vec<Warning>) {
     let unclear: Vec<&str> = members.iter().filter(|m| m.unclear_name).map(|m| m.name.as_str()).collect();
     if !unclear.is_empty() {
         warnings.push(Warning::new(
             "unclear_file_names",
             format!(
-                "{}: the zip does not tell the code page of these names, so that they may be shown with wrong \
-                 letters; digits, and so the order by number, are right; make the zip with UTF-8 names (7-Zip: -mcu=on)",
+                "{}: the zip does not specify the code page of these names, so letters may be wrong; digits, and so the \
+                 order, are correct; make the zip with UTF-8 names (7-Zip: -mcu=on)",
                 listed(unclear)
             ),
         ));
     }
 }
 
-/// Two names that are the same once cleaned, or on a computer that does not tell upper from lower case.
+/// Refuses names that are equal after cleaning or on a file system that ignores case.
 fn refuse_same_names(members: &[Member]) -> Result<(), Error> {
     let mut seen: HashMap<String, &str> = HashMap::new();
     for member in members {
         if let Some(other) = seen.insert(member.name.to_lowercase(), &member.name) {
-            let detail = format!("the zip has {other} and {}, which is the same name; rename one", member.name);
+            let detail = format!("the zip has both {other} and {}, which are the same name; rename one", member.name);
             return Err(invalid(&member.name, detail));
         }
     }
     Ok(())
 }
 
-/// Pictures, and everything else. A camera raw file beside a picture of the same name is passed over; one without is
-/// refused, and so is any picture of a kind that is not read.
+/// Separates pictures from other files. A camera raw file next to a picture of the same name is ignored, with a warning.
+/// A raw file without one is refused.
 fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<(Vec<Member>, Vec<Member>), Error> {
     let (mut pictures, mut raw, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for member in members {
@@ -123,13 +126,13 @@ fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<(Vec<Membe
         let names = listed(raw.iter().map(|(member, _)| member.name.as_str()));
         warnings.push(Warning::new(
             "raw_passed_over",
-            format!("{names}: camera raw files beside pictures of the same name were passed over"),
+            format!("{names}: camera raw files were ignored, because there are pictures of the same name"),
         ));
     }
     Ok((pictures, others))
 }
 
-/// Takes away the folders around all pictures; says which.
+/// Strips the folders that enclose all pictures. Returns the stripped prefix too.
 fn unwrapped(pictures: Vec<Member>) -> (Vec<Picture>, String) {
     let mut wrapper = String::new();
     while let Some(folder) = common_folder(&pictures, wrapper.len()) {
@@ -149,13 +152,14 @@ fn common_folder(pictures: &[Member], from: usize) -> Option<String> {
     pictures.iter().all(in_it).then(|| first.to_owned())
 }
 
-/// The same picture in two formats would be counted twice.
+/// Refuses names that differ only in their extension: one slice in two formats would count twice.
 fn refuse_twins(pictures: &[Picture]) -> Result<(), Error> {
     let mut seen: HashMap<String, &str> = HashMap::new();
     for picture in pictures {
         let name = &picture.member.name;
         if let Some(other) = seen.insert(member_names::stem(name).to_lowercase(), name) {
-            let detail = format!("{other} and {name} look like one slice in two formats; keep only one of the formats");
+            let detail =
+                format!("{other} and {name} seem to be one slice in two formats; keep only one of the formats");
             return Err(invalid(name, detail));
         }
     }
@@ -166,7 +170,9 @@ fn refuse_too_much(pictures: &[Picture], limits: &ArchiveLimits) -> Result<(), E
     let total = pictures.iter().fold(0u64, |sum, picture| sum.saturating_add(picture.member.size));
     if total > limits.max_total_bytes {
         let most = limits.max_total_bytes;
-        let detail = format!("the pictures have {total} bytes unpacked; at most {most} are read");
+        let detail = format!(
+            "the pictures have {total} bytes uncompressed; at most {most} are read; send fewer or smaller slices"
+        );
         return Err(Error::new(ErrorKind::ArchiveTooLarge, detail));
     }
     Ok(())
@@ -175,14 +181,17 @@ fn refuse_too_much(pictures: &[Picture], limits: &ArchiveLimits) -> Result<(), E
 fn warn_of_others<'a>(others: impl Iterator<Item = &'a Member>, warnings: &mut Vec<Warning>) {
     let names: Vec<&str> = others.map(|member| member.name.as_str()).collect();
     if !names.is_empty() {
-        warnings.push(Warning::new("files_passed_over", format!("{}: not pictures, passed over", listed(names))));
+        warnings.push(Warning::new(
+            "files_passed_over",
+            format!("{}: ignored, because these are not pictures", listed(names)),
+        ));
     }
 }
 
-/// Sorts by folder: `front` and `back`, or the root for front.
+/// Groups by folder: `front` (or the root) and `back`.
 fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Error> {
     let (mut root, mut front, mut back) = (Vec::new(), Vec::new(), Vec::new());
-    let mut strange: BTreeMap<String, String> = BTreeMap::new();
+    let mut unknown: BTreeMap<String, String> = BTreeMap::new();
     for picture in pictures {
         match (picture.in_light_folder(), picture.inner.split_once('/')) {
             (Some((Light::Front, _)), _) => front.push(picture),
@@ -190,17 +199,17 @@ fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Error
             (None, None) => root.push(picture),
             (None, Some((folder, _))) => {
                 let whole = picture.member.name[..picture.member.name.len() - picture.inner.len()].to_owned() + folder;
-                strange.entry(whole).or_insert(picture.member.name);
+                unknown.entry(whole).or_insert(picture.member.name);
             }
         }
     }
-    if let Some(example) = strange.values().next() {
-        return Err(invalid(example, strange_folders(&strange)));
+    if let Some(example) = unknown.values().next() {
+        return Err(invalid(example, unknown_folders(&unknown)));
     }
     if let (Some(loose), false) = (root.first(), front.is_empty()) {
         let detail = format!(
-            "there are pictures in front/ and outside of it ({}), so it is not clear which are the slices; put all \
-             front-light slices into front/",
+            "there are pictures both in front/ and outside of it ({}), so the slices are ambiguous; put all front-light \
+             slices into front/",
             loose.member.name
         );
         return Err(invalid(&loose.member.name, detail));
@@ -209,25 +218,25 @@ fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Error
     Ok((in_one_folder(root, Light::Front)?, in_one_folder(back, Light::Back)?))
 }
 
-/// Folders, and a picture in each, of which no light is known.
-fn strange_folders(strange: &BTreeMap<String, String>) -> String {
-    let folders = listed(strange.keys().map(String::as_str));
+/// The sentence for folders that stand for no light. Maps each folder to one of its pictures.
+fn unknown_folders(unknown: &BTreeMap<String, String>) -> String {
+    let folders = listed(unknown.keys().map(String::as_str));
     let looks_like_a_view = |folder: &String| member_names::base(folder).bytes().any(|byte| byte.is_ascii_digit());
-    if strange.len() > 1 && strange.keys().all(looks_like_a_view) {
+    if unknown.len() > 1 && unknown.keys().all(looks_like_a_view) {
         return format!(
-            "the pictures lie in {} folders that are neither front nor back ({folders}), like the views of a scan; \
-             one zip holds one stack: send each folder as a zip of its own",
-            strange.len()
+            "the pictures are in {} folders that are neither front nor back ({folders}), like the views of a scan; one \
+             zip holds one stack: send each folder as a zip of its own",
+            unknown.len()
         );
     }
     format!(
-        "the pictures lie in folders that are neither front nor back ({folders}); put the front-light slices into \
+        "the pictures are in folders that are neither front nor back ({folders}); put the front-light slices into \
          front/ and the back-light slices into back/ (German, French, Spanish, Italian and Dutch words are understood \
          too), one stack per zip"
     )
 }
 
-/// All slices of a light lie in one folder: two folders would mix two stacks.
+/// Refuses slices of one light in several folders: they would be two stacks.
 fn in_one_folder(pictures: Vec<Picture>, light: Light) -> Result<Vec<Member>, Error> {
     let folder_of = |picture: &Picture| picture.inner.rsplit_once('/').map(|(folder, _)| folder.to_owned());
     if let Some(first) = pictures.first().map(folder_of)
@@ -236,14 +245,14 @@ fn in_one_folder(pictures: Vec<Picture>, light: Light) -> Result<Vec<Member>, Er
         let word = light.word();
         let (a, b) = (first.unwrap_or_default(), folder_of(other).unwrap_or_default());
         let detail =
-            format!("the {word} slices lie in several folders ({a}, {b}); put all of one stack into one folder");
+            format!("the {word} slices are in several folders ({a}, {b}); put the slices of one stack into one folder");
         return Err(invalid(&other.member.name, detail));
     }
     Ok(pictures.into_iter().map(|picture| picture.member).collect())
 }
 
-/// What the directory alone tells of the number of slices; the rest waits until the headers were looked at, which may
-/// say why there are too many or too few.
+/// Checks of the number of slices that need no headers. The others come after the headers, which may show why there are
+/// too many or too few.
 fn refuse_extremes(sorted: &SortedSlices) -> Result<(), Error> {
     let (front, back) = (sorted.front.len(), sorted.back.len());
     if front == 0 {
@@ -252,7 +261,7 @@ fn refuse_extremes(sorted: &SortedSlices) -> Result<(), Error> {
     }
     if front > MAX_SLICES || back > MAX_SLICES {
         let most = front.max(back);
-        let detail = format!("the zip has {most} slices per light; at most {MAX_SLICES} are read");
+        let detail = format!("the zip has {most} slices per light; at most {MAX_SLICES} are allowed");
         return Err(Error::new(ErrorKind::ArchiveTooLarge, detail));
     }
     Ok(())

@@ -1,15 +1,15 @@
-//! Which light a folder stands for.
+//! Recognises the light of a folder by its name.
 
-/// Where the light came from.
+/// The direction of the light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Light {
-    /// On the object: the picture.
+    /// From the front: the picture.
     Front,
-    /// From behind the object: its silhouette.
+    /// From behind: the silhouette.
     Back,
 }
 
-/// Names of folders of front-light slices: English, German, French, Spanish, Italian, Dutch.
+/// Folder names of front-light slices: English, German, French, Spanish, Italian, Dutch.
 const FRONT: [&str; 34] = [
     "front",
     "frontlight",
@@ -47,7 +47,7 @@ const FRONT: [&str; 34] = [
     "zondertegenlicht",
 ];
 
-/// Names of folders of back-light slices, in the same languages.
+/// Folder names of back-light slices, in the same languages.
 const BACK: [&str; 41] = [
     "back",
     "backlight",
@@ -93,10 +93,14 @@ const BACK: [&str; 41] = [
 ];
 
 impl Light {
-    /// The light that a folder stands for by its name: `front`, `frontlight`, `frontlit`, `fg`, `without_backlight` and
-    /// `back`, `backlight`, `backlit`, `bg`, `with_backlight`, and words for both in German, French, Spanish, Italian
-    /// and Dutch (`auflicht`, `gegenlicht`, `avant`, `contre-jour`, ...). Case and accents do not matter, nor do
-    /// blanks, `_` and `-` anywhere.
+    /// The light that a folder stands for, by its name. `None` for other names.
+    ///
+    /// | light | English names | other languages (German, French, Spanish, Italian, Dutch) |
+    /// |---|---|---|
+    /// | front | `front`, `frontlight`, `frontlit`, `fg`, `without_backlight` | `auflicht`, `avant`, ... |
+    /// | back | `back`, `backlight`, `backlit`, `bg`, `with_backlight` | `gegenlicht`, `contre-jour`, ... |
+    ///
+    /// Case, accents, blanks, `_` and `-` are ignored.
     pub fn of_folder(name: &str) -> Option<Self> {
         let plain = plain(name);
         let is_in = |names: &[&str]| names.contains(&plain.as_str());
@@ -107,7 +111,7 @@ impl Light {
         }
     }
 
-    /// As it is said in sentences.
+    /// The adjective in messages.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Front => "front-light",
@@ -116,11 +120,11 @@ impl Light {
     }
 }
 
-/// A name in small letters, without separators and accents.
+/// A name in lower case, without separators and accents.
 fn plain(name: &str) -> String {
     name.chars()
         .flat_map(char::to_lowercase)
-        // macOS writes an accent as a character of its own
+        // macOS stores accents as combining characters
         .filter(|c| !matches!(c, ' ' | '_' | '-' | '\u{300}'..='\u{36F}'))
         .map(|c| match c {
             'à' | 'á' | 'â' | 'ä' => 'a',
@@ -155,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn no_word_stands_for_both_lights_and_each_is_written_as_it_is_compared() {
+    fn no_word_stands_for_both_lights_and_each_is_in_normal_form() {
         for word in FRONT.iter().chain(&BACK) {
             assert_eq!(plain(word), *word);
             assert!(!(FRONT.contains(word) && BACK.contains(word)), "{word}");

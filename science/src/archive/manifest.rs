@@ -1,4 +1,4 @@
-//! `manifest.json`: the order of the slices, told instead of guessed.
+//! `manifest.json`: the order of the slices, given explicitly.
 
 use std::collections::HashMap;
 
@@ -14,10 +14,10 @@ use super::{
 };
 use crate::types::{Error, Warning};
 
-/// Name of the file, in the root or in the folder around everything.
+/// Name of the file, in the root or in the folder that encloses everything.
 const FILE: &str = "manifest.json";
 
-/// Largest manifest that is read.
+/// Maximum size of a manifest, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// The order of the slices.
@@ -29,8 +29,8 @@ pub(super) struct Manifest {
     back: Vec<String>,
 }
 
-/// The manifest among the files that are no pictures, when there is one. A `manifest.json` that speaks of neither
-/// front nor back belongs to another program and is passed over.
+/// The manifest, if there is one among the files that are not pictures. A `manifest.json` with neither `front` nor `back`
+/// belongs to another program and is ignored, with a warning.
 pub(super) fn find(
     container: &Container,
     others: &[Member],
@@ -44,45 +44,49 @@ pub(super) fn find(
     let Some(member) = found else { return Ok(None) };
     let name = &member.name;
     if member.size > MAX_BYTES {
-        return Err(invalid(name, format!("{name} is larger than 1 MiB, so it is not a list of slices")));
+        return Err(invalid(
+            name,
+            format!("{name} is larger than 1 MiB, the maximum for a list of slices; shorten or omit it"),
+        ));
     }
     let bytes = container.read(member, limits)?;
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
-    let advice = r#"it must look like {"front": ["a.jpg", "b.jpg"], "back": []}; or leave it out"#;
+    let advice = r#"it must look like {"front": ["a.jpg", "b.jpg"], "back": []}; or omit the file"#;
     let value: serde_json::Value = serde_json::from_slice(text)
-        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")))?;
+        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")).caused_by(error))?;
     if value.get("front").is_none() && value.get("back").is_none() {
-        let detail = format!("{name} names neither front nor back slices, so it was passed over");
+        let detail = format!("{name} has neither \"front\" nor \"back\", so it was ignored");
         warnings.push(Warning::new("manifest_passed_over", detail));
         return Ok(None);
     }
-    let manifest = serde_json::from_value(value)
-        .map_err(|error| invalid(name, format!("{name} is not a list of slices ({error}); {advice}")))?;
+    let manifest = serde_json::from_value(value).map_err(|error| {
+        invalid(name, format!("{name} is not a list of slices ({error}); {advice}")).caused_by(error)
+    })?;
     Ok(Some((member.clone(), manifest)))
 }
 
 impl Manifest {
-    /// The pictures in the order of the manifest. Every picture must be named once, and every name must be there:
-    /// a slice that is left out or counted twice would shift all others against the profile.
+    /// The pictures in the order of the manifest. Every picture must be named once, and every name must exist: an omitted or
+    /// repeated slice would shift all others against the profile.
     pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<SortedSlices, Error> {
         let mut pictures = Pictures::new(pictures);
         let front = pictures.take(&self.front, Light::Front)?;
         let back = pictures.take(&self.back, Light::Back)?;
         let unnamed: Vec<&str> = pictures.left.iter().flatten().map(|picture| picture.member.name.as_str()).collect();
         if let Some(first) = unnamed.first().copied() {
-            let detail = format!("{FILE} does not name {}; name every picture of the zip", listed(unnamed));
+            let detail = format!("{FILE} omits {}; list every picture of the zip", listed(unnamed));
             return Err(invalid(first, detail));
         }
         Ok(SortedSlices { front, back })
     }
 }
 
-/// Pictures that were not named yet, and where each is to be found by its names in small letters.
+/// Pictures that are not yet named, with an index by lower-case name.
 struct Pictures {
     left: Vec<Option<Picture>>,
-    /// Whole names, and names within the folder around everything.
+    /// Full names, and names without the enclosing folders.
     by_name: HashMap<String, Vec<usize>>,
-    /// Names within the folder of a light.
+    /// Names within the folder of their light.
     by_light: HashMap<(Light, String), Vec<usize>>,
 }
 
@@ -100,12 +104,15 @@ impl Pictures {
         Self { left: pictures.into_iter().map(Some).collect(), by_name, by_light }
     }
 
-    /// Takes out the slices of one light in the order in which they are named.
+    /// Removes the slices of one light, in the order in which `named` lists them.
     fn take(&mut self, named: &[String], light: Light) -> Result<Vec<Member>, Error> {
         let mut out = Vec::new();
         for name in named {
             let Some(label) = member_names::checked(name)? else {
-                return Err(invalid(name, format!("{FILE} names {name:?}, which cannot be a slice")));
+                return Err(invalid(
+                    name,
+                    format!("{FILE} lists {name:?}, which cannot be a slice; list the pictures of the zip only"),
+                ));
             };
             let small = label.to_lowercase();
             let called = self.by_name.get(&small).into_iter().chain(self.by_light.get(&(light, small.clone())));
@@ -113,7 +120,7 @@ impl Pictures {
             let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {
                 let word = light.word();
                 let detail =
-                    format!("{FILE} names the {word} slice {label}, which is not in the zip or was named before");
+                    format!("{FILE} lists the {word} slice {label}, which is not in the zip or was listed before");
                 return Err(invalid(&label, detail));
             };
             out.push(picture.member);

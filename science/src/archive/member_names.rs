@@ -1,19 +1,23 @@
-//! Names of members: labels that are checked, never paths that are opened.
+//! Checks the names of members. They are labels for users and never opened as paths.
 
 use super::invalid;
 use crate::types::Error;
 
-/// Longest name that is shown and kept.
+/// Maximum length of a name, bytes.
 const LONGEST: usize = 1_024;
 
-/// The name with `/` between folders and without empty parts; none for folders and for rubbish of operating systems.
-/// Backslashes always separate: Windows programs write them, and nobody needs them in a file name.
+/// The name with `/` between folders and without empty parts; `None` for folders and for files that operating systems
+/// add. Backslashes are separators: Windows programs write them, and file names do not contain them.
+///
+/// # Errors
+/// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for control characters, absolute names, `..`, and names that are
+/// empty or too long.
 pub(super) fn checked(raw: &str) -> Result<Option<String>, Error> {
     let shown: String = raw.chars().take(120).map(|c| if c.is_control() { '?' } else { c }).collect();
-    // macOS keeps the icon of a folder in a file of this name
+    // macOS stores the icon of a folder under this name
     let printed = raw.strip_suffix("Icon\r").unwrap_or(raw);
     if printed.chars().any(char::is_control) {
-        return Err(invalid(&shown, format!("the name {shown:?} has control characters; rename the file")));
+        return Err(invalid(&shown, format!("the name {shown:?} contains control characters; rename the file")));
     }
     if raw.len() > LONGEST {
         return Err(invalid(&shown, format!("the name {shown}... is longer than {LONGEST} bytes; rename the file")));
@@ -23,32 +27,35 @@ pub(super) fn checked(raw: &str) -> Result<Option<String>, Error> {
     if name.starts_with('/') || drive {
         return Err(invalid(
             &shown,
-            format!("{shown} is an absolute name; make the zip from within the folder of the stack"),
+            format!("{shown} is an absolute path; make the zip from within the folder of the stack"),
         ));
     }
     let parts: Vec<&str> = name.split('/').filter(|part| !part.is_empty() && *part != ".").collect();
     if parts.contains(&"..") {
-        return Err(invalid(&shown, format!("{shown} points outside of the zip (\"..\"), which is not allowed")));
+        return Err(invalid(
+            &shown,
+            format!("{shown} points outside of the zip (\"..\"); make the zip from within the folder of the stack"),
+        ));
     }
-    if name.ends_with('/') || is_rubbish(&parts) {
+    if name.ends_with('/') || is_system_file(&parts) {
         return Ok(None);
     }
     match parts.is_empty() {
-        true => Err(invalid(&shown, format!("a member of the zip has no name ({shown:?})"))),
+        true => Err(invalid(&shown, format!("a member of the zip has no name ({shown:?}); make the zip again"))),
         false => Ok(Some(parts.join("/"))),
     }
 }
 
-/// True for bytes that are neither UTF-8 nor letters of code page 437, which zip takes for granted: Windows programs write
-/// names in the code page of their country (GBK, 932, 1252), and the zip does not say in which.
+/// True for bytes that are neither UTF-8 nor letters of code page 437, the default of zip. Windows programs write names in
+/// the local code page (GBK, 932, 1252), which the zip does not specify.
 pub(super) fn is_of_another_code_page(raw: &[u8]) -> bool {
-    // of the upper half of 437 these are letters; the others are lines of tables, Greek and mathematics
+    // the letters in the upper half of 437; the rest is box drawing, Greek and mathematics
     let is_letter = |byte: u8| matches!(byte, 0..=0xA8 | 0xE1);
     std::str::from_utf8(raw).is_err() && !raw.iter().copied().all(is_letter)
 }
 
-/// Files that operating systems leave in folders.
-fn is_rubbish(parts: &[&str]) -> bool {
+/// True for files that operating systems add to folders.
+fn is_system_file(parts: &[&str]) -> bool {
     let Some(last) = parts.last() else { return false };
     let known = [".ds_store", "thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r"];
     parts.iter().any(|part| part.eq_ignore_ascii_case("__macosx"))
@@ -56,7 +63,7 @@ fn is_rubbish(parts: &[&str]) -> bool {
         || known.contains(&last.to_ascii_lowercase().as_str())
 }
 
-/// The last part of a name.
+/// The last component of a name.
 pub(super) fn base(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
@@ -97,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn rubbish_and_folders_are_passed_over() {
+    fn system_files_and_folders_are_ignored() {
         for raw in [
             "front/",
             "front\\",

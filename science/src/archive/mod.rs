@@ -1,17 +1,22 @@
-//! From a hostile zip to ordered slices, and from a hostile numpy file to matrices ([`npy`], [`npz`]).
+//! Untrusted zip files become ordered slices, and untrusted numpy files become matrices ([`npy`], [`npz`]).
 //!
-//! A zip is never extracted: names are labels, not paths; nothing is written to disk; one member is in memory at a
-//! time, and never more of it than its declared size and [`ArchiveLimits`] allow. Everything that the directory and
-//! the headers of the pictures tell is checked by [`open`]; what only decoding shows is told by [`ArchivedSlices`].
+//! A zip is never extracted. Names are labels, not paths. Nothing is written to disk. One member is in memory at a time,
+//! and never more of it than its declared size and [`ArchiveLimits`] allow. [`open`] checks everything that the directory
+//! and the picture headers show. Errors that only decoding shows are returned by [`ArchivedSlices`].
 //!
-//! # What is understood
-//! - Front-light slices in a folder `front`, back-light slices in `back` (see [`Light`] for other spellings), or
-//!   front-light slices in the root. Folders around everything are looked through.
-//! - Order: natural order of the names (`img_2` before `img_10`, `_step_-00400_` before `_step_00000_`, case does not
-//!   matter), or the order of `manifest.json`: `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"]}`, with names
-//!   relative to the root or to the folder of that light, every picture of the zip named once.
-//! - A camera counter that rolled over within the stack (`9998, 9999, 0001`) is put right, with a warning.
-//! - Stored, deflated and deflate64 members, zip64, data descriptors, backslashes, names in UTF-8 or code page 437.
+//! # Accepted archives
+//! | aspect | accepted |
+//! |---|---|
+//! | folders | front light in `front` or in the root, back light in `back` (other spellings: [`Light`]); enclosing folders |
+//! | order | natural order of the names, or the order given by `manifest.json` |
+//! | compression | stored, deflate, deflate64 |
+//! | format | zip, zip64, data descriptors, backslashes in names, names in UTF-8 or code page 437 |
+//!
+//! Natural order compares numbers by value and ignores case: `img_2` before `img_10`, `_step_-00400_` before
+//! `_step_00000_`. A camera counter that rolls over within the stack (`9998, 9999, 0001`) is corrected, with a warning.
+//!
+//! A manifest is `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"]}`. Names are relative to the root or to the
+//! folder of that light, and every picture of the zip is named once.
 
 mod container;
 mod headers;
@@ -45,18 +50,18 @@ pub use slices::ArchivedSlices;
 
 use container::Container;
 
-/// How much an archive may hold and cost.
+/// Limits of an archive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArchiveLimits {
-    /// Most members of any kind.
+    /// Maximum number of members of any kind.
     pub max_members: usize,
-    /// Most bytes of one member, unpacked.
+    /// Maximum uncompressed size of one member, bytes.
     pub max_member_bytes: u64,
-    /// Most bytes of all pictures together, unpacked.
+    /// Maximum uncompressed size of all pictures together, bytes.
     pub max_total_bytes: u64,
-    /// Most bytes that are read to understand the directory.
+    /// Maximum number of bytes read to parse the directory.
     pub max_directory_bytes: u64,
-    /// How large a picture may be.
+    /// Limits of one picture.
     pub image: codec::Limits,
 }
 
@@ -72,7 +77,7 @@ impl Default for ArchiveLimits {
     }
 }
 
-/// A zip whose directory and picture headers were found sound, with its slices in order.
+/// A zip whose directory and picture headers are valid, with its slices in order.
 pub struct StackArchive {
     layout: StackLayout,
     warnings: Vec<Warning>,
@@ -93,46 +98,48 @@ impl StackArchive {
         &self.layout
     }
 
-    /// What the user should know although it is no reason to refuse.
+    /// Observations that the user should know and that are no reason to refuse the archive.
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// The front-light slices: at least two.
+    /// The front-light slices, at least two.
     pub fn front(&self) -> &ArchivedSlices {
         &self.front
     }
 
-    /// The back-light slices: none, or as many as front-light slices.
+    /// The back-light slices: none, or as many as there are front-light slices.
     pub fn back(&self) -> &ArchivedSlices {
         &self.back
     }
 
-    /// The file of front-light slice `index`, for its metadata.
+    /// The bytes of the file of front-light slice `index`, for its metadata.
     ///
     /// # Errors
-    /// A fault that names the file when it is damaged in the zip, and [`ErrorKind::Internal`] when there is no such slice.
+    /// As [`ArchivedSlices::bytes`].
     pub fn front_bytes(&self, index: usize) -> Result<Vec<u8>, Error> {
         self.front.bytes(index)
     }
 }
 
-/// Opens the zip at `path` and checks everything that its directory and the headers of its pictures tell.
+/// Opens the zip at `path` and checks everything that its directory and the headers of its pictures show.
 ///
 /// # Errors
-/// - [`ErrorKind::InvalidArchive`]: no zip, torn, wrong CRC; `..`, absolute, duplicate or unclear names; pictures in
-///   folders that are neither front nor back; a manifest that does not fit
-/// - [`ErrorKind::UnsupportedArchive`]: encrypted members, other compressions, split archives
-/// - [`ErrorKind::ArchiveTooLarge`]: over a limit
-/// - [`ErrorKind::InvalidImage`]: a slice that is no picture, or declares an absurd size, or lies turned
-/// - [`ErrorKind::SizeMismatch`], [`ErrorKind::SliceCountMismatch`]: slices that do not belong together
+/// | kind | cause |
+/// |---|---|
+/// | [`ErrorKind::InvalidArchive`] | not a zip, truncated, wrong CRC; names with `..`, absolute or duplicate names; pictures in folders that are neither front nor back; a manifest that does not match |
+/// | [`ErrorKind::UnsupportedArchive`] | encrypted members, other compression methods, split archives |
+/// | [`ErrorKind::ArchiveTooLarge`] | a limit is exceeded |
+/// | [`ErrorKind::InvalidImage`] | a slice is not a picture, has an implausible size, or is rotated unlike the others |
+/// | [`ErrorKind::SizeMismatch`], [`ErrorKind::SliceCountMismatch`] | slices that do not belong together |
+/// | [`ErrorKind::ResourcesExhausted`] | the disk cannot be read |
 pub fn open(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
     checked(Container::open(path, limits)?, limits, u64::MAX)
 }
 
-/// The same at a cost that a client can wait for: of compressed members at most [`NEAR_BYTES`] are unpacked. A header that
-/// lies farther on (a TIFF with its directory at the end) is left to [`open`] in the job; if that is so for all slices, the
-/// first is unpacked.
+/// Like [`open`], but fast enough for a client to wait: at most [`NEAR_BYTES`] of each compressed member are decompressed.
+/// A header beyond that (a TIFF with its directory at the end) is not checked here; the job calls [`open`]. When the
+/// headers of all slices are beyond it, the first slice is decompressed.
 ///
 /// # Errors
 /// As [`open`].
@@ -140,10 +147,10 @@ pub fn open_near(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Er
     checked(Container::open(path, limits)?, limits, NEAR_BYTES)
 }
 
-/// How far [`open_near`] looks into a compressed member.
+/// Bytes that [`open_near`] decompresses of a member.
 const NEAR_BYTES: u64 = 1 << 20;
 
-/// The same for a small zip that is in memory.
+/// Like [`open`], for a small zip in memory.
 ///
 /// # Errors
 /// As [`open`].
@@ -177,12 +184,12 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
     })
 }
 
-/// An `invalid_archive` fault about one file.
+/// An [`ErrorKind::InvalidArchive`] error about one file.
 fn invalid(name: &str, detail: impl Into<String>) -> Error {
     Error::new(ErrorKind::InvalidArchive, detail).in_file(name, None)
 }
 
-/// Names for a sentence: the first few, and how many more.
+/// Names for a sentence: the first five, and the number of the others.
 fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     const SHOWN: usize = 5;
     let names: Vec<&str> = names.into_iter().collect();

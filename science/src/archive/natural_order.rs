@@ -1,23 +1,23 @@
-//! The order in which slices were taken, read from their names.
+//! The order in which slices were taken, inferred from their names.
 
 use std::cmp::Ordering;
 
 use super::member_names;
 use crate::types::Warning;
 
-/// A piece of a name.
+/// A part of a name.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Piece<'a> {
     Text(String),
-    /// Digits, and whether a minus stands before them that is a sign.
+    /// Digits, and whether a minus sign precedes them.
     Number {
         negative: bool,
         digits: &'a str,
     },
 }
 
-/// Cuts a name into text and numbers. A minus is a sign at the start of a part of the name: after `_`, `=` or at the
-/// very start (`_step_-08000_`), not after a letter or digit (`IMG-0001`, `2024-01-02`).
+/// Splits a name into text and numbers. A minus is a sign at the start of the name and after `_`, `=` or `/`
+/// (`_step_-08000_`), not after a letter or digit (`IMG-0001`, `2024-01-02`).
 pub(super) fn pieces(name: &str) -> Vec<Piece<'_>> {
     let bytes = name.as_bytes();
     let mut out = Vec::new();
@@ -69,8 +69,8 @@ fn by_piece(a: &Piece<'_>, b: &Piece<'_>) -> Ordering {
     }
 }
 
-/// Natural order of file names: numbers count as numbers of any length, with their sign where one stands; upper and
-/// lower case are the same; the extension is looked at last. A total order: only equal names are equal.
+/// Natural order of file names. Numbers of any length compare by value, with their sign. Case is ignored. The extension is
+/// compared last. A total order: only identical names are equal.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (pieces_a, pieces_b) = (pieces(member_names::stem(a)), pieces(member_names::stem(b)));
     for (a, b) in pieces_a.iter().zip(&pieces_b) {
@@ -82,17 +82,18 @@ pub fn natural_order(a: &str, b: &str) -> Ordering {
     pieces_a.len().cmp(&pieces_b.len()).then_with(|| a.cmp(b))
 }
 
-/// A camera counts 0001 to 9999 and starts again.
+/// Cameras count from 0001 to 9999 and start again.
 const COUNTER_DIGITS: usize = 4;
 
-/// Smallest gap in the numbers of a stack that says "the counter rolled over here".
+/// Smallest gap between the low and the high numbers of a stack whose counter rolled over.
 const ROLLOVER_GAP: u32 = 5_000;
 
-/// Where the stack begins in naturally ordered `names` whose camera counter rolled over: none when it did not.
+/// The index at which the stack begins, in naturally ordered `names` whose camera counter rolled over; `None` when it did
+/// not.
 ///
-/// It did when the names differ in one four-digit number alone, the numbers fall into a low run that begins near 1
-/// and a high run that ends near 9999, and more than half of all numbers lie unused in between: no other way of
-/// counting leaves such a gap.
+/// It rolled over when the names differ only in one four-digit number, the numbers form a low run that begins near 1 and a
+/// high run that ends near 9999, and the gap between the runs is at least [`ROLLOVER_GAP`]. No other numbering leaves such
+/// a gap.
 fn rollover(names: &[&str]) -> Option<usize> {
     let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| pieces(member_names::stem(name))).collect();
     let first = cut.first()?;
@@ -112,7 +113,7 @@ fn rollover(names: &[&str]) -> Option<usize> {
             _ => None,
         })
         .collect::<Option<_>>()?;
-    // every other picture may be of another light or of another stack
+    // the pictures in between may belong to another light or another stack
     let near = (numbers.len() as u32 * 4).min(1_000);
     let (low, high) = (*numbers.first()?, *numbers.last()?);
     if low > near || high < 9_999 - near {
@@ -122,7 +123,7 @@ fn rollover(names: &[&str]) -> Option<usize> {
     Some(at)
 }
 
-/// True for names that file managers give to second copies.
+/// True for names that file managers give to copies of a file.
 fn looks_like_a_copy(name: &str) -> bool {
     let stem = member_names::base(member_names::stem(name)).to_lowercase();
     let numbered = stem
@@ -132,7 +133,7 @@ fn looks_like_a_copy(name: &str) -> bool {
     numbered || stem.ends_with(" - copy") || stem.ends_with(" - kopie") || stem.ends_with(" copy")
 }
 
-/// Orders `items` by `name_of` as they were taken, and warns about what looks odd.
+/// Orders `items` by name as they were taken. Warns of a counter that rolled over and of copied files.
 pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &mut Vec<Warning>) {
     items.sort_by(|a, b| natural_order(name_of(a), name_of(b)));
     let names: Vec<&str> = items.iter().map(&name_of).collect();
@@ -140,7 +141,7 @@ pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &
         warnings.push(Warning::new(
             "counter_rollover",
             format!(
-                "the camera's counter started again within the stack: {} is taken to follow {}",
+                "the camera's counter rolled over within the stack: {} is taken to follow {}",
                 names[0],
                 names[names.len() - 1]
             ),
@@ -151,7 +152,7 @@ pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &
     if !copies.is_empty() {
         warnings.push(Warning::new(
             "copied_file_name",
-            format!("{} look like second copies of a file; they are used as slices", super::listed(copies)),
+            format!("{} seem to be copies of other files; they are used as slices", super::listed(copies)),
         ));
     }
 }
@@ -187,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_that_rolled_over_is_put_right() {
+    fn a_counter_that_rolled_over_is_corrected() {
         let names = ["IMG_9998.JPG", "IMG_9999.JPG", "IMG_0001.JPG", "IMG_0002.JPG"];
         let (sorted, warnings) = ordered(&names);
         assert_eq!(sorted, names);
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_only_look_a_little_like_a_roll_over_stay_as_they_are() {
+    fn numbers_without_the_gap_of_a_rollover_keep_their_order() {
         for names in [
             &["s_0001.jpg", "s_4000.jpg", "s_8000.jpg", "s_9999.jpg"][..],
             &["IMG_0001.JPG", "IMG_0002.JPG", "IMG_5300.JPG"],
@@ -209,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn second_copies_are_pointed_out() {
+    fn copied_files_cause_a_warning() {
         let (_, warnings) = ordered(&["IMG_0001.JPG", "IMG_0001 (2).JPG", "IMG_0002.JPG"]);
         assert_eq!(warnings[0].code, "copied_file_name");
         assert!(warnings[0].detail.contains("IMG_0001 (2).JPG"));

@@ -1,17 +1,17 @@
-//! One numpy array (`.npy`, versions 1 to 3 of the format), as far as matrices need it.
+//! Reads matrices from a numpy array file (`.npy`, format versions 1 to 3), and writes such files.
 //!
-//! Strict on purpose: numbers of 4 or 8 bytes, a shape of whole numbers, and exactly as many bytes as the shape says.
-//! Pickled objects are never looked into.
+//! Strict on purpose: `float32` or `float64`, and exactly as many bytes as the shape requires. Pickled objects are refused
+//! and never unpickled.
 
 use crate::types::{Error, ErrorKind, profile::MAX_SLICES};
 
 /// The first bytes of every `.npy` file.
 pub const MAGIC: &[u8; 6] = b"\x93NUMPY";
 
-/// Longest header that is read; numpy's own limit is 10,000.
+/// Maximum length of a header, bytes. The limit of numpy is 10,000.
 const LONGEST_HEADER: usize = 16 << 10;
 
-/// Enough of a file to know its shape: magic, version, length and header.
+/// Bytes of a file that contain its shape: magic, version, length and header.
 pub(super) const START_BYTES: u64 = 12 + LONGEST_HEADER as u64;
 
 /// How the numbers of an array are stored.
@@ -21,14 +21,14 @@ enum Number {
     Eight,
 }
 
-/// What the header of a file tells.
+/// The content of a header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Layout {
     descr: String,
     fortran_order: bool,
     /// Elements along each axis.
     pub shape: Vec<u64>,
-    /// Where the numbers begin.
+    /// Offset of the first number, bytes.
     data_at: usize,
 }
 
@@ -47,7 +47,7 @@ impl Layout {
         }
     }
 
-    /// Number and whether the first byte is the most significant.
+    /// The type of the numbers, and whether they are big-endian.
     fn number(&self, file: &str) -> Result<(Number, bool), Error> {
         match self.descr.as_str() {
             "<f8" | "=f8" => Ok((Number::Eight, false)),
@@ -68,22 +68,26 @@ impl Layout {
     }
 }
 
-/// Reads the header of a file called `file` in sentences.
+/// Parses the header. `file` is the name for messages.
 pub(super) fn layout(bytes: &[u8], file: &str) -> Result<Layout, Error> {
-    let early = || wrong(format!("{file} ends within its header; was it cut off?"));
+    let early = || wrong(format!("{file} ends within its header; was it cut off? Save and send it again"));
     let Some(rest) = bytes.strip_prefix(MAGIC) else {
-        return Err(wrong(format!("{file} is not an array saved by numpy (.npy)")));
+        return Err(wrong(format!("{file} is not an array saved by numpy (.npy); save it with numpy.save")));
     };
     let &[major, minor, ref rest @ ..] = rest else { return Err(early()) };
     let (length, before) = match (major, rest) {
         (1, [a, b, ..]) => (usize::from(u16::from_le_bytes([*a, *b])), 10),
         (2 | 3, [a, b, c, d, ..]) => (usize::try_from(u32::from_le_bytes([*a, *b, *c, *d])).unwrap_or(usize::MAX), 12),
         (1..=3, _) => return Err(early()),
-        _ => return Err(wrong(format!("{file} is of version {major}.{minor} of the .npy format; 1 to 3 are read"))),
+        _ => {
+            return Err(wrong(format!(
+                "{file} is of version {major}.{minor} of the .npy format; versions 1 to 3 are supported"
+            )));
+        }
     };
     if length > LONGEST_HEADER {
         return Err(wrong(format!(
-            "the header of {file} has {length} bytes; that of an array of numbers has about 100"
+            "the header of {file} has {length} bytes instead of about 100; save a plain array of numbers"
         )));
     }
     let header = bytes.get(before..before + length).ok_or_else(early)?;
@@ -92,20 +96,18 @@ pub(super) fn layout(bytes: &[u8], file: &str) -> Result<Layout, Error> {
     Ok(Layout { descr, fortran_order, shape, data_at: before + length })
 }
 
-/// The matrices of an array N x 3 x 3 or N x 9, each row-major. `file` is what sentences call it.
+/// The matrices of an array of shape N x 3 x 3 or N x 9, each row-major. `file` is the name for messages.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidProfile`]: no `.npy`, objects, another kind of number, another shape, more than 1000 matrices, more or
-/// fewer bytes than the shape says.
+/// [`ErrorKind::InvalidProfile`]: not a `.npy` file, Python objects, another dtype, another shape, more than 1000 matrices, or
+/// a number of bytes that does not match the shape.
 pub fn matrices(bytes: &[u8], file: &str) -> Result<Vec<[f64; 9]>, Error> {
     let layout = layout(bytes, file)?;
-    // objects first: their shape says nothing
+    // objects first: their shape is meaningless
     let (number, big) = layout.number(file)?;
     if !layout.is_of_matrices() {
         let shape = layout.shape_text();
-        return Err(wrong(format!(
-            "{file} has the shape {shape}; a stack is N x 3 x 3 or N x 9, one matrix per slice"
-        )));
+        return Err(wrong(format!("{file} has the shape {shape} instead of N x 3 x 3 or N x 9, one matrix per slice")));
     }
     let count = layout.shape.first().copied().unwrap_or(0);
     let count = usize::try_from(count).ok().filter(|&count| count <= MAX_SLICES).ok_or_else(|| {
@@ -118,7 +120,7 @@ pub fn matrices(bytes: &[u8], file: &str) -> Result<Vec<[f64; 9]>, Error> {
     let data = bytes.get(layout.data_at..).unwrap_or_default();
     let (has, wants) = (data.len(), count * 9 * size);
     if has != wants {
-        let why = if has < wants { "was it cut off?" } else { "it is not one array" };
+        let why = if has < wants { "was it cut off?" } else { "it is not a single array" };
         let shape = layout.shape_text();
         return Err(wrong(format!("{file} has {has} bytes of numbers, its shape {shape} needs {wants}; {why}")));
     }
@@ -157,7 +159,7 @@ fn written(descr: &str, shape: &[usize], data: impl Iterator<Item = u8>) -> Vec<
         many => many.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
     };
     let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({axes}), }}");
-    // the numbers begin at a multiple of 64
+    // the format aligns the numbers to 64 bytes
     let padding = 63 - (10 + header.len()) % 64;
     header.extend(std::iter::repeat_n(' ', padding));
     header.push('\n');
@@ -176,12 +178,12 @@ pub(super) fn wrong(detail: String) -> Error {
 
 fn unclear(file: &str) -> Error {
     wrong(format!(
-        "the header of {file} is not one of an array of plain numbers; save it with numpy.save(\"h.npy\", numpy.asarray(h, \
+        "the header of {file} is not one of an array of plain numbers; save the array with numpy.save(\"h.npy\", numpy.asarray(h, \
          dtype=float))"
     ))
 }
 
-/// The Python dictionary of a header: three members of three kinds, in any order, and nothing else.
+/// Parser of the Python dictionary in a header: exactly three known keys, in any order.
 struct Dictionary<'a>(&'a str);
 
 impl<'a> Dictionary<'a> {
@@ -208,7 +210,7 @@ impl<'a> Dictionary<'a> {
         Some((descr?, fortran_order?, shape?))
     }
 
-    /// Goes past `mark`, if it comes next.
+    /// Consumes `mark` if it comes next.
     fn mark(&mut self, mark: &str) -> Option<()> {
         self.0 = self.0.trim_start().strip_prefix(mark)?;
         Some(())
@@ -230,7 +232,7 @@ impl<'a> Dictionary<'a> {
         if inside.is_empty() {
             return Some(Vec::new());
         }
-        // Python 2 wrote an L behind long numbers
+        // Python 2 wrote an L after long numbers
         inside.split(',').map(|axis| axis.trim().trim_end_matches('L').parse().ok()).collect()
     }
 }

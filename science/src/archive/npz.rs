@@ -1,4 +1,4 @@
-//! Several numpy arrays in a zip (`.npz`): the one with the matrices.
+//! Reads matrices from a zip of numpy arrays (`.npz`), and writes such files.
 
 use std::io;
 
@@ -11,36 +11,38 @@ use super::{
 };
 use crate::types::{Error, ErrorKind};
 
-/// The array that holds the matrices when nobody names another.
+/// Default name of the array of matrices.
 pub const HOMOGRAPHIES: &str = "homographies";
 
-/// Most members that are looked at: each is opened to learn its shape.
+/// Maximum number of members: each is opened to read its shape.
 const MAX_ARRAYS: usize = 200;
 
-/// Largest array that is read whole; 1000 matrices have 72 kB.
+/// Maximum size of the array, bytes. 1000 matrices have 72 kB.
 const MAX_ARRAY_BYTES: u64 = 1 << 20;
 
-/// The matrices of a numpy file, `.npy` or `.npz`, told apart by their first bytes. Of an `.npz` the array `wanted`; else
-/// `homographies`; else the only one that is N x 3 x 3 or N x 9.
+/// The matrices of a numpy file. The first bytes decide between `.npy` and `.npz`. Of an `.npz` this is the array `wanted` if
+/// given, else `homographies` if present, else the only array of shape N x 3 x 3 or N x 9.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidProfile`] with what is wrong with the file, and which arrays there are when it is not clear which one
-/// is meant.
+/// [`ErrorKind::InvalidProfile`] when the file is malformed, or when the choice of the array is ambiguous; the message lists
+/// the arrays.
 pub fn matrices(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Vec<[f64; 9]>, Error> {
     if bytes.starts_with(npy::MAGIC) {
         return match wanted {
-            Some(_) => Err(npy::wrong("the body is one array (.npy), so there is none to choose by 'array'".into())),
+            Some(_) => Err(npy::wrong(
+                "the body is one array (.npy), so there is none to choose by 'array'; omit that parameter".into(),
+            )),
             None => npy::matrices(&bytes, "the file"),
         };
     }
     if !bytes.starts_with(b"PK") {
         let detail =
-            "the body is neither an array (.npy) nor arrays in a zip (.npz), as numpy.save and numpy.savez make them";
+            "the body is neither an array (.npy) nor arrays in a zip (.npz); write it with numpy.save or numpy.savez";
         return Err(npy::wrong(detail.into()));
     }
     from_zip(bytes, wanted).map_err(|fault| match fault.kind {
         ErrorKind::Internal | ErrorKind::ResourcesExhausted => fault,
-        // whatever is wrong with the zip, it is the profile that cannot be read
+        // to the caller every other defect of the zip is a profile that cannot be read
         _ => Error { kind: ErrorKind::InvalidProfile, ..fault },
     })
 }
@@ -95,10 +97,10 @@ fn from_zip(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Vec<[f64; 9]>, Error
     npy::matrices(&container.read(member, &limits)?, &format!("the array '{name}'"))
 }
 
-/// Packs arrays (bytes of `.npy` files, by name) so that `numpy.load` reads them.
+/// Packs arrays (name, bytes of the `.npy` file) so that `numpy.load` can read them.
 ///
 /// # Errors
-/// [`io::ErrorKind::InvalidInput`] for a name that comes twice.
+/// [`io::ErrorKind::InvalidInput`] for a duplicate name.
 pub fn packed(arrays: impl IntoIterator<Item = (&'static str, Vec<u8>)>) -> io::Result<Vec<u8>> {
     let mut out = io::Cursor::new(Vec::new());
     pack(&mut out, arrays.into_iter().map(|(name, bytes)| (format!("{name}.npy"), bytes)))?;

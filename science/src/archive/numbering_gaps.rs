@@ -1,15 +1,15 @@
-//! Which slices are missing, read from the numbers in the names.
+//! Missing slices, inferred from the numbers in the file names.
 
 use super::{
     member_names,
     natural_order::{self, Piece},
 };
 
-/// Most gaps that are named.
+/// Maximum number of gaps that are listed.
 const MOST: usize = 3;
 
-/// Where the numbering of `names`, which are in order, skips a step: `after slice_05.jpg comes slice_07.jpg`. `None`
-/// when the names do not differ in one number alone, when that number has no usual step, or when it is never skipped.
+/// The gaps in the numbering of ordered `names`, as a clause: `after slice_05.jpg comes slice_07.jpg`. `None` when there
+/// are none, when the names differ in more than one number, or when that number has no step that over half of all share.
 pub fn skipped(names: &[String]) -> Option<String> {
     let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| natural_order::pieces(member_names::stem(name))).collect();
     let first = cut.first()?;
@@ -37,12 +37,12 @@ pub fn skipped(names: &[String]) -> Option<String> {
     }
 }
 
-/// Names of slices of one light that the other light lacks; empty when the two are named in different ways.
+/// Slices of one light without a counterpart of the same name in the other. Empty when the lights use different names.
 pub(super) fn unmatched<'a>(these: &'a [String], others: &[String]) -> Vec<&'a str> {
     let key = |name: &str| member_names::base(member_names::stem(name)).to_lowercase();
     let others: std::collections::HashSet<String> = others.iter().map(|name| key(name)).collect();
     let lacking: Vec<&str> = these.iter().filter(|name| !others.contains(&key(name))).map(String::as_str).collect();
-    // more than half unmatched: not the same names
+    // more than half unmatched: different naming schemes
     if lacking.len() * 2 > these.len() { Vec::new() } else { lacking }
 }
 
@@ -55,7 +55,7 @@ fn number(piece: &Piece<'_>) -> Option<i64> {
     }
 }
 
-/// The step that more than half of all have.
+/// The step that over half of all share.
 fn usual(steps: &[i64]) -> Option<i64> {
     let mut sorted = steps.to_vec();
     sorted.sort_unstable();
@@ -74,16 +74,16 @@ mod tests {
 
     #[test]
     fn a_gap_in_the_numbering_is_named() {
-        let told = of(&["front/s_03.jpg", "front/s_04.jpg", "front/s_05.jpg", "front/s_07.jpg"]);
-        assert_eq!(told.as_deref(), Some("after s_05.jpg comes s_07.jpg"));
-        let told = of(&["_step_-00800_.jpg", "_step_-00400_.jpg", "_step_00000_.jpg", "_step_01200_.jpg"]);
-        assert_eq!(told.as_deref(), Some("after _step_00000_.jpg comes _step_01200_.jpg"));
-        let told = of(&["s9.jpg", "s8.jpg", "s6.jpg", "s5.jpg"]);
-        assert_eq!(told.as_deref(), Some("after s8.jpg comes s6.jpg"));
+        let found = of(&["front/s_03.jpg", "front/s_04.jpg", "front/s_05.jpg", "front/s_07.jpg"]);
+        assert_eq!(found.as_deref(), Some("after s_05.jpg comes s_07.jpg"));
+        let found = of(&["_step_-00800_.jpg", "_step_-00400_.jpg", "_step_00000_.jpg", "_step_01200_.jpg"]);
+        assert_eq!(found.as_deref(), Some("after _step_00000_.jpg comes _step_01200_.jpg"));
+        let found = of(&["s9.jpg", "s8.jpg", "s6.jpg", "s5.jpg"]);
+        assert_eq!(found.as_deref(), Some("after s8.jpg comes s6.jpg"));
     }
 
     #[test]
-    fn where_numbers_tell_nothing_nothing_is_said() {
+    fn names_without_a_regular_numbering_have_no_gaps() {
         for names in [
             &["a.jpg", "b.jpg"][..],
             &["s1.jpg", "s2.jpg", "s3.jpg"],

@@ -1,15 +1,15 @@
-//! Reading a picture no further than its end.
+//! Reads a picture without the data that follows a PNG.
 
 use std::io::{self, Read};
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// Appends a file to `out`, and of a PNG no more than its picture: what follows its last chunk is read to the end, so
-/// that sizes and checksums of the whole are known, and is not kept. Gives the number of bytes that were read.
+/// Appends a file to `out`. Data after the last chunk of a PNG is read, so that the size and the checksum of the whole
+/// member are checked, and discarded. Returns the number of bytes read.
 ///
 /// # Errors
-/// What reading gives.
-pub(super) fn read_without(from: &mut impl Read, out: &mut Vec<u8>) -> io::Result<u64> {
+/// Any error of `from`.
+pub(super) fn read_without_trailer(from: &mut impl Read, out: &mut Vec<u8>) -> io::Result<u64> {
     if !append(from, out, PNG.len() as u64)? || out != PNG {
         from.read_to_end(out)?;
         return Ok(out.len() as u64);
@@ -32,7 +32,7 @@ pub(super) fn read_without(from: &mut impl Read, out: &mut Vec<u8>) -> io::Resul
     }
 }
 
-/// Appends so many bytes; false when there are fewer.
+/// Appends `count` bytes; false when there are fewer.
 fn append(from: &mut impl Read, out: &mut Vec<u8>, count: u64) -> io::Result<bool> {
     Ok(from.take(count).read_to_end(out)? as u64 == count)
 }
@@ -43,7 +43,7 @@ mod tests {
 
     fn kept(bytes: &[u8]) -> (usize, u64) {
         let mut out = Vec::new();
-        let read = read_without(&mut &*bytes, &mut out).unwrap();
+        let read = read_without_trailer(&mut &*bytes, &mut out).unwrap();
         assert_eq!(out, bytes[..out.len()]);
         (out.len(), read)
     }

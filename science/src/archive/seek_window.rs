@@ -1,23 +1,22 @@
-//! Seeking in what can only be read forward.
+//! Seeking within a stream that can only be read forward.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
 /// Bytes kept from the start.
 const HEAD: usize = 256 << 10;
 
-/// Bytes kept before the furthest place that was read.
+/// Bytes kept before the furthest position that was read.
 const TAIL: usize = 1 << 20;
 
-/// Bytes unpacked at a time.
+/// Bytes decompressed at a time.
 const STEP: usize = 64 << 10;
 
-/// A forward reader with the first and the latest bytes kept, so that the header of a picture can be read from a
-/// compressed member: headers lie at the start, those of TIFF files often near the end. Memory is bounded however
-/// large the member is.
+/// A forward reader that keeps the first and the latest bytes, so that the header of a picture can be read from a
+/// compressed member. Headers are at the start, those of TIFF files often near the end. Memory is bounded.
 pub(super) struct SeekWindow<R> {
     inner: R,
     length: u64,
-    /// Most bytes that are read from `inner`.
+    /// Maximum number of bytes read from `inner`.
     most: u64,
     at: u64,
     head: Vec<u8>,
@@ -29,28 +28,28 @@ pub(super) struct SeekWindow<R> {
 }
 
 impl<R: Read> SeekWindow<R> {
-    /// A window on `inner`, which declares to be `length` bytes long, and of which about `most` bytes are read.
+    /// A window on `inner`, which declares `length` bytes, and of which about `most` bytes are read.
     pub(super) fn new(inner: R, length: u64, most: u64) -> Self {
         let (head, tail) = (Vec::new(), Vec::new());
         Self { inner, length, most, at: 0, head, tail, reached: 0, fell_behind: false, stopped: false }
     }
 
-    /// True when something was wanted that lies behind the most bytes that are read.
+    /// True after a read beyond the maximum.
     pub(super) fn was_stopped(&self) -> bool {
         self.stopped
     }
 
-    /// True when something was wanted that is kept no more: the whole has to be read for that.
+    /// True after a read of bytes that are no longer kept: only reading the whole member gives them.
     pub(super) fn fell_behind(&self) -> bool {
         self.fell_behind
     }
 
-    /// Reads on until `at` is reached; false at the end.
+    /// Reads ahead until `at` is reached; false at the end.
     fn reach(&mut self) -> io::Result<bool> {
         while self.at >= self.reached {
             if self.reached >= self.most {
                 self.stopped = true;
-                return Err(io::Error::other("behind what is read"));
+                return Err(io::Error::other("beyond the bytes that may be read"));
             }
             if self.tail.len() >= 2 * TAIL {
                 self.tail.drain(..self.tail.len() - TAIL);
@@ -83,7 +82,7 @@ impl<R: Read> Read for SeekWindow<R> {
             &self.tail[(self.at - tail_start) as usize..]
         } else {
             self.fell_behind = true;
-            return Err(io::Error::other("behind the window"));
+            return Err(io::Error::other("no longer in the window"));
         };
         let count = kept.len().min(buffer.len());
         buffer[..count].copy_from_slice(&kept[..count]);
@@ -126,7 +125,7 @@ mod tests {
             assert_eq!(read_at(at).unwrap(), std::array::from_fn(|i| byte(at + i)), "at {at}");
         }
         assert!(read_at(1 << 20).is_err());
-        assert!(read_at(length).is_err(), "there is nothing behind the end");
+        assert!(read_at(length).is_err(), "there is nothing after the end");
         assert!(window.fell_behind());
         assert!(window.tail.len() <= 2 * TAIL + STEP);
     }

@@ -1,30 +1,30 @@
-//! How many slices there are and how large their files may be.
+//! Checks the number of slices and the size of their files.
 
 use super::{listed, numbering_gaps, slices::ArchivedSlices};
 use crate::types::{Error, ErrorKind, stack_layout::StackLayout};
 
-/// What the file of a slice may have beside its pixels: metadata, previews, padding.
+/// Bytes that a file may have besides its pixels: metadata, previews, padding.
 const BESIDE_PIXELS: u64 = 64 << 20;
-/// Uncompressed RGBA of 16 bits has 8 bytes per pixel; as much again for what programs keep beside it.
+/// Uncompressed 16-bit RGBA has 8 bytes per pixel; as much again for layers and masks that programs store.
 const BYTES_PER_PIXEL: u64 = 16;
 
-/// Refuses files that are larger than any picture of so many pixels, because a job holds files in memory. Gives the
-/// size of the largest.
+/// Refuses files that are larger than any picture of `pixels` pixels needs, because a job holds files in memory. Returns
+/// the size of the largest file, bytes.
 pub(super) fn refuse_large(lights: [&ArchivedSlices; 2], pixels: u64) -> Result<u64, Error> {
     let most = BESIDE_PIXELS.saturating_add(pixels.saturating_mul(BYTES_PER_PIXEL));
     let largest = lights.into_iter().filter_map(ArchivedSlices::largest).max_by_key(|(_, size)| *size);
     let Some((name, size)) = largest else { return Ok(0) };
     if size > most {
         let detail = format!(
-            "{name} has {size} bytes unpacked; at most {most} are read of a picture of {pixels} pixels (64 MiB and 16 \
-             bytes per pixel): save it again without layers, previews and comments"
+            "{name} has {size} bytes uncompressed; a file with {pixels} pixels may have {most} (64 MiB and 16 bytes per \
+             pixel): save it again without layers, previews and comments"
         );
         return Err(Error::new(ErrorKind::ArchiveTooLarge, detail).in_file(name, None));
     }
     Ok(size)
 }
 
-/// Refuses a single slice, and lights of different numbers of slices.
+/// Refuses a stack of one slice, and lights with different numbers of slices.
 pub(super) fn refuse(layout: &StackLayout) -> Result<(), Error> {
     let (front, back) = (layout.front.len(), layout.back.len());
     let mismatch = |detail: String| Err(Error::new(ErrorKind::SliceCountMismatch, detail));
@@ -38,14 +38,14 @@ pub(super) fn refuse(layout: &StackLayout) -> Result<(), Error> {
         return mismatch(format!(
             "the zip has {front} front-light slices and {back} back-light slices; both must be taken at the same rail \
              positions{}",
-            odd_ones(layout)
+            missing_slices(layout)
         ));
     }
     Ok(())
 }
 
-/// Which slices have no counterpart in the other light, or where the numbering skips one, as far as names tell.
-fn odd_ones(layout: &StackLayout) -> String {
+/// Which slices have no counterpart in the other light, or where the numbering has a gap, judged by the names.
+fn missing_slices(layout: &StackLayout) -> String {
     let lights = [(&layout.front, &layout.back, "back"), (&layout.back, &layout.front, "front")];
     for (these, others, lacking) in lights {
         let alone = numbering_gaps::unmatched(these, others);

@@ -1,4 +1,4 @@
-//! Slices that are loaded from the zip when they are wanted.
+//! Slices that are loaded from the zip on demand.
 
 use super::{ArchiveLimits, container::Container, members::Member};
 use crate::{
@@ -9,13 +9,13 @@ use crate::{
     types::{Error, ErrorKind},
 };
 
-/// The slices of one light. Each [`Slices::load`] reads one member with readers of its own, so several threads can
-/// load at once; nothing is kept.
+/// The slices of one light. Each [`Slices::load`] opens its own reader, so several threads can load in parallel. Nothing is
+/// cached.
 pub struct ArchivedSlices {
     container: Container,
     members: Vec<Member>,
     limits: ArchiveLimits,
-    /// Width and height that every slice has.
+    /// Width and height of every slice, px.
     size: Option<(usize, usize)>,
 }
 
@@ -24,22 +24,22 @@ impl ArchivedSlices {
         Self { container, members, limits, size: None }
     }
 
-    /// The same, with the size that every slice was found to declare.
+    /// The same, with the size that all headers declare.
     pub(super) fn sized(self, width: u32, height: u32) -> Self {
         Self { size: Some((width as usize, height as usize)), ..self }
     }
 
-    /// Names in order.
+    /// The names in order.
     pub(super) fn names(&self) -> Vec<String> {
         self.members.iter().map(|member| member.name.clone()).collect()
     }
 
-    /// The header of slice `index`; `None` when it lies behind the first `most` bytes of a compressed member.
+    /// The header of slice `index`; `None` when it is beyond the first `most` bytes of a compressed member.
     pub(super) fn header(&self, index: usize, most: u64) -> Result<Option<Header>, Error> {
-        self.container.probe(self.member(index)?, &self.limits, most).map_err(|fault| at_slice(fault, index))
+        self.container.probe(self.member(index)?, &self.limits, most).map_err(|error| at_slice(error, index))
     }
 
-    /// The slice whose file is the largest unpacked, with its size; the first of several.
+    /// The name and uncompressed size of the largest file; of several the first.
     pub(super) fn largest(&self) -> Option<(&str, u64)> {
         let sizes = self.members.iter().map(|member| (member.name.as_str(), member.size));
         sizes.fold(None, |best, next| if best.is_none_or(|(_, size)| next.1 > size) { Some(next) } else { best })
@@ -51,12 +51,13 @@ impl ArchivedSlices {
         self
     }
 
-    /// The file of slice `index` as it is in the zip, its CRC checked.
+    /// The bytes of the file of slice `index`. The CRC is checked.
     ///
     /// # Errors
-    /// A fault that names the file when it is damaged in the zip, and [`ErrorKind::Internal`] when there is no such slice.
+    /// [`ErrorKind::InvalidArchive`] with the file name when the member is damaged; [`ErrorKind::ResourcesExhausted`] when
+    /// the disk cannot be read; [`ErrorKind::Internal`] when there is no such slice.
     pub fn bytes(&self, index: usize) -> Result<Vec<u8>, Error> {
-        self.container.read(self.member(index)?, &self.limits).map_err(|fault| at_slice(fault, index))
+        self.container.read(self.member(index)?, &self.limits).map_err(|error| at_slice(error, index))
     }
 
     fn member(&self, index: usize) -> Result<&Member, Error> {
@@ -80,7 +81,8 @@ impl Slices for ArchivedSlices {
         let raster = codec::decode(&bytes, &self.limits.image).map_err(|fault| fault.in_file(name, slice(index)))?;
         let size = (raster.width, raster.height);
         if self.size.is_some_and(|expected| expected != size) {
-            let detail = format!("{name} is {} x {} px, which is not what its header says", size.0, size.1);
+            let detail =
+                format!("{name} is {} x {} px, but its header declares another size; save it again", size.0, size.1);
             return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(name, slice(index)));
         }
         Ok(raster)
@@ -91,10 +93,10 @@ fn slice(index: usize) -> Option<u32> {
     u32::try_from(index).ok()
 }
 
-/// The fault with the number of the slice filled in.
-fn at_slice(mut fault: Error, index: usize) -> Error {
-    for place in &mut fault.locations {
-        place.slice = slice(index);
+/// The error with the slice index filled in.
+fn at_slice(mut error: Error, index: usize) -> Error {
+    for location in &mut error.locations {
+        location.slice = slice(index);
     }
-    fault
+    error
 }

@@ -1,36 +1,38 @@
-//! Why a file cannot be used as a picture.
+//! The reasons why a file cannot be used as a picture.
 
 use std::io;
 
 use super::{Format, Limits};
 use crate::types::{Error, ErrorKind};
 
-/// Why a file cannot be used as a picture: a clause that follows the name of the file (`img_1.jpg: ...`).
+/// Why a file cannot be used as a picture. The message is a clause that follows the file name (`img_1.jpg: ...`).
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ImageFault {
-    /// Nothing in it.
-    #[error("the file is empty (0 bytes): a copy or a tethered capture was interrupted; copy it again from the camera")]
+    /// The file has no bytes.
+    #[error("the file is empty (0 bytes); a copy or a tethered capture was interrupted: copy it again from the camera")]
     Empty,
-    /// Camera raw.
-    #[error("camera raw files ({0}) are not read; convert all slices alike to 16-bit TIFF or to JPEG")]
+    /// A camera raw file.
+    #[error(
+        "camera raw files ({0}) are not supported; convert all slices, with the same settings, to 16-bit TIFF or JPEG"
+    )]
     Raw(&'static str),
-    /// A picture of a kind that is not read.
-    #[error("{0} pictures are not read; save the slices as JPEG, PNG or TIFF")]
+    /// A picture in a format that is not supported.
+    #[error("{0} pictures are not supported; save the slices as JPEG, PNG or TIFF")]
     OtherFormat(&'static str),
-    /// No picture at all.
-    #[error("this is not a JPEG, PNG or TIFF picture")]
+    /// Not a picture.
+    #[error("this is not a JPEG, PNG or TIFF picture; save the slices in one of these formats")]
     Unknown,
-    /// Width or height of zero.
-    #[error("it declares {width} x {height} px, so it has no pixels")]
+    /// The width or the height is zero.
+    #[error("its header declares {width} x {height} px, which is no picture; save it again")]
     NoPixels {
         /// Columns as declared.
         width: u32,
         /// Rows as declared.
         height: u32,
     },
-    /// Over the limits.
+    /// The size exceeds the limits.
     #[error(
-        "it declares {width} x {height} px; at most {} x {} px and {} megapixels are read",
+        "its header declares {width} x {height} px; at most {} x {} px and {} megapixels are allowed",
         limits.max_width, limits.max_height, limits.max_pixels / 1_000_000
     )]
     TooLarge {
@@ -38,40 +40,40 @@ pub enum ImageFault {
         width: u32,
         /// Rows as declared.
         height: u32,
-        /// What is allowed.
+        /// The limits.
         limits: Limits,
     },
-    /// The file ends before the picture does.
-    #[error("the {0} ends before the picture does (torn file); copy it again from the camera")]
+    /// The file is truncated.
+    #[error("the {0} ends before the picture does (truncated file); copy it again from the camera")]
     Torn(Format),
-    /// The file breaks its own format.
+    /// The file violates its format.
     #[error("the {format} is damaged ({why}); copy it again from the camera")]
     Damaged {
         /// Kind of file.
         format: Format,
-        /// What the decoder said.
+        /// The message of the decoder.
         why: String,
     },
-    /// A sound file that says its colours in a way that is not read.
+    /// A valid file with a feature that is not supported.
     #[error("{what}; {advice}")]
     Unsupported {
-        /// What it is.
+        /// The feature.
         what: String,
         /// What to do.
         advice: &'static str,
     },
-    /// The bytes could not be had at all: not the picture's fault.
-    #[error("it could not be read ({0})")]
+    /// The bytes could not be read, so nothing is known about the picture.
+    #[error("it could not be read ({0}); send the zip again")]
     Unreadable(String),
 }
 
-/// What to do with pictures in colours that are not read.
+/// The advice for pictures in a colour format that is not supported.
 pub(super) const SAVE_PLAIN: &str = "save all slices as 8 or 16-bit grey or RGB (JPEG, PNG or TIFF)";
 
-/// Longest clause of a decoder, in characters.
+/// Maximum length of a decoder message, characters.
 const MAX_CLAUSE: usize = 160;
 
-/// The beginning of what a decoder says: some copy whole lists out of the file into their sentences.
+/// The start of a decoder message: some decoders quote whole lists of the file.
 fn shortened(clause: &str) -> String {
     match clause.char_indices().nth(MAX_CLAUSE) {
         Some((end, _)) => format!("{}...", &clause[..end]),
@@ -80,26 +82,26 @@ fn shortened(clause: &str) -> String {
 }
 
 impl ImageFault {
-    /// The fault of the file `name` (slice `slice`, 0-based).
+    /// The error for the file `name` (slice `slice`, 0-based), with this fault as its source.
     pub fn in_file(&self, name: &str, slice: Option<u32>) -> Error {
-        let code = match self {
+        let kind = match self {
             Self::Unreadable(_) => ErrorKind::InvalidArchive,
             _ => ErrorKind::InvalidImage,
         };
-        Error::new(code, format!("{name}: {self}")).in_file(name, slice)
+        Error::new(kind, format!("{name}: {self}")).in_file(name, slice).caused_by(self.clone())
     }
 
-    /// A picture in colours that are not read.
+    /// A colour format or coding that is not supported.
     pub(super) fn unsupported(what: impl Into<String>) -> Self {
         Self::Unsupported { what: shortened(&what.into()), advice: SAVE_PLAIN }
     }
 
-    /// A file that breaks its own format.
+    /// A file that violates its format.
     pub(super) fn damaged(format: Format, why: impl ToString) -> Self {
         Self::Damaged { format, why: shortened(&why.to_string()) }
     }
 
-    /// What a failed read means: an early end is a torn file, anything else is not the picture's fault.
+    /// The fault for a failed read: an early end is a truncated file, any other error concerns the reader.
     pub(super) fn from_io(format: Format, error: &io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::UnexpectedEof => Self::Torn(format),
