@@ -1,23 +1,25 @@
 //! The disk budget: one ledger per process of the bytes that uploads, jobs and conversions may still write.
 //!
-//! In: the free bytes of the disk, as the blob store measures them, and the bytes that must stay free
-//! (`min_free_bytes`). Out: reservations. For every reservation that is granted, at the moment of its grant:
+//! In: the free bytes of the disk, and the bytes that must stay free (`min_free_bytes`). Out: reservations. The disk is that
+//! of the blobs, which local blobs share with the workspace; where the blob store is unbounded, it is that of the
+//! workspace. For every reservation that is granted, at the moment of its grant:
 //!
 //! ```text
 //! sum of all reservations + min_free_bytes <= free bytes
 //! ```
 //!
-//! A holder tells its reservation what it has written ([`Reservation::written`]): these bytes are missing from the free
-//! bytes already and must not be counted twice. Other processes on the same disk have budgets of their own; what they
-//! write is seen as soon as it is written.
+//! A holder reports what it has written ([`Reservation::written`]): the free bytes already exclude these bytes, so they must
+//! not be counted twice. Other processes on the same disk have budgets of their own; what they write counts once it is
+//! written.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::store::{StoreResult, blobs::Blobs};
+use crate::store::{BlobStore, Store, StoreResult, Workspace, blobs::Capacity};
 
 /// The budget of one process. Uploads, jobs and conversions share it.
 pub struct DiskBudget {
-    blobs: Arc<dyn Blobs>,
+    blobs: Arc<dyn BlobStore>,
+    workspace: Arc<Workspace>,
     min_free_bytes: u64,
     ledger: Mutex<Ledger>,
 }
@@ -33,13 +35,13 @@ struct Ledger {
 /// The figures of the budget at one moment, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DiskState {
-    /// Can still be written.
+    /// Bytes that can still be written.
     pub free: u64,
-    /// The size of the disk.
+    /// Size of the disk.
     pub total: u64,
-    /// Reserved and not written yet.
+    /// Bytes reserved and not written yet.
     pub reserved: u64,
-    /// Must stay free.
+    /// Bytes that must stay free.
     pub min_free: u64,
 }
 
@@ -51,9 +53,17 @@ impl DiskState {
 }
 
 impl DiskBudget {
-    /// The budget of the disk that `blobs` lie on, of which `min_free_bytes` must stay free.
-    pub fn new(blobs: Arc<dyn Blobs>, min_free_bytes: u64) -> Arc<Self> {
-        Arc::new(Self { blobs, min_free_bytes, ledger: Mutex::default() })
+    /// The budget of the disk that `store` is on, of which `min_free_bytes` must stay free.
+    pub fn new(store: &Store, min_free_bytes: u64) -> Arc<Self> {
+        let (blobs, workspace) = (Arc::clone(&store.blobs), Arc::clone(&store.workspace));
+        Arc::new(Self { blobs, workspace, min_free_bytes, ledger: Mutex::default() })
+    }
+
+    async fn measure(&self) -> StoreResult<Capacity> {
+        match self.blobs.capacity().await? {
+            Some(capacity) => Ok(capacity),
+            None => self.workspace.capacity().await,
+        }
     }
 
     /// The figures now.
@@ -62,12 +72,12 @@ impl DiskBudget {
     /// When the disk cannot be measured.
     pub async fn state(&self) -> StoreResult<DiskState> {
         let returned = self.ledger().returned;
-        let room = self.blobs.room().await?;
+        let disk = self.measure().await?;
         let reserved = self.ledger().granted.wrapping_sub(returned);
-        Ok(DiskState { free: room.free, total: room.total, reserved, min_free: self.min_free_bytes })
+        Ok(DiskState { free: disk.free, total: disk.total, reserved, min_free: self.min_free_bytes })
     }
 
-    /// Reserves `bytes`, or says with which figures they do not fit.
+    /// Reserves `bytes`. `Err` with the figures when they do not fit.
     ///
     /// # Errors
     /// When the disk cannot be measured.
@@ -75,7 +85,7 @@ impl DiskBudget {
         self.reserve_beside(bytes, 0).await
     }
 
-    /// Reserves `bytes` if `beside` more would fit too: bytes that will be needed, and are reserved later.
+    /// Reserves `bytes` if `beside` more would fit as well: bytes that will be needed and are reserved later.
     ///
     /// # Errors
     /// When the disk cannot be measured.
@@ -86,10 +96,10 @@ impl DiskBudget {
     ) -> StoreResult<Result<Reservation, DiskState>> {
         // before the disk is measured: see `Ledger`
         let returned = self.ledger().returned;
-        let room = self.blobs.room().await?;
+        let disk = self.measure().await?;
         let mut ledger = self.ledger();
         let reserved = ledger.granted.wrapping_sub(returned);
-        let state = DiskState { free: room.free, total: room.total, reserved, min_free: self.min_free_bytes };
+        let state = DiskState { free: disk.free, total: disk.total, reserved, min_free: self.min_free_bytes };
         if bytes.checked_add(beside).is_none_or(|needed| needed > state.available()) {
             return Ok(Err(state));
         }
@@ -108,7 +118,7 @@ impl DiskBudget {
     }
 }
 
-/// Bytes of the disk that its holder may write. What was not written goes back when this is dropped.
+/// Bytes of the disk that the holder may write. The bytes that were not written are returned when this is dropped.
 pub struct Reservation {
     budget: Arc<DiskBudget>,
     bytes: u64,
@@ -126,7 +136,7 @@ impl Reservation {
         self.bytes
     }
 
-    /// `bytes` of it have been written: the disk counts them from now on. More than the reservation has is all of it.
+    /// Reports that `bytes` have been written: the disk counts them from now on. Capped at the size of the reservation.
     pub fn written(&mut self, bytes: u64) {
         let bytes = bytes.min(self.bytes);
         self.bytes -= bytes;
@@ -134,7 +144,7 @@ impl Reservation {
         ledger.returned = ledger.returned.wrapping_add(bytes);
     }
 
-    /// Adds another reservation of the same budget to this one.
+    /// Merges another reservation of the same budget into this one.
     pub fn absorb(&mut self, mut other: Self) {
         debug_assert!(Arc::ptr_eq(&self.budget, &other.budget), "reservations of two budgets");
         self.bytes += std::mem::take(&mut other.bytes);

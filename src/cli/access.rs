@@ -37,7 +37,7 @@ pub enum Asked {
 ///
 /// # Errors
 /// When other machines could reach it and nobody was told who may use it.
-pub async fn asks_for_tokens(auth: Auth, address: IpAddr, rows: &dyn Tokens) -> anyhow::Result<Asked> {
+pub async fn asks_for_tokens(auth: Auth, address: IpAddr, tokens: &dyn Tokens) -> anyhow::Result<Asked> {
     match auth {
         Auth::Tokens => Ok(Asked::Always),
         Auth::None => {
@@ -48,7 +48,7 @@ pub async fn asks_for_tokens(auth: Auth, address: IpAddr, rows: &dyn Tokens) -> 
         }
         Auth::Auto => {
             // a revoked one counts too: somebody wanted the door closed, and revoking the last one must not open it
-            let tokens = rows.tokens().await?;
+            let tokens = tokens.tokens().await?;
             if !tokens.is_empty() && tokens.iter().all(|token| token.revoked_at.is_some()) {
                 tracing::warn!(
                     "every token is revoked, so no request is let in; make one (pinstack token add NAME --scope admin), or \

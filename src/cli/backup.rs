@@ -1,4 +1,4 @@
-//! `pinstack backup` and `pinstack restore`: a copy of everything, and the way back.
+//! `pinstack backup` and `pinstack restore`.
 
 use std::path::PathBuf;
 
@@ -7,94 +7,95 @@ use clap::Args;
 
 use super::store::Place;
 use crate::store::{
-    MetadataStore,
-    backup::{Copied, DATABASE, copy, forget_copy},
-    blobs::local::LocalBlobs,
-    sqlite::SqliteMetadata,
+    self,
+    backup::{Copied, copy, remove_mark},
+    data_folder,
     verify::{Depth, Report, verify},
 };
 
-/// Copy rows and files into a folder, also while a server runs. What the folder has already is not copied again. The
-/// copy is a data folder itself; uploads that are still arriving are not in it.
+/// Back up the database and all files into a folder; a server may run meanwhile. Files that an earlier backup in the folder has
+/// are not copied again. A backup is a data folder itself; uploads that are still arriving are not in it.
 #[derive(Debug, Args)]
 pub struct Backup {
     #[command(flatten)]
     place: Place,
-    /// Folder of the copy: a new one, an empty one, or that of the copy before
+    /// Folder of the backup: a new one, an empty one, or that of an earlier backup
     #[arg(long, value_name = "DIR")]
     to: PathBuf,
 }
 
-/// Make a data folder of a copy. The data folder must have no database yet; every file is compared with its digest at the end.
+/// Restore a backup into a data folder, which must have no database yet; at the end, every file is compared with its digest.
 #[derive(Debug, Args)]
 pub struct Restore {
     #[command(flatten)]
     place: Place,
-    /// Folder of the copy
+    /// Folder of the backup
     #[arg(long, value_name = "DIR")]
     from: PathBuf,
 }
 
 impl Backup {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
-    /// When a file is missing, or either side cannot be read or written. The copy before is still whole then.
+    /// When a file is missing, or either side cannot be read or written. An earlier backup is still complete then.
     pub fn run(self) -> anyhow::Result<()> {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let store = self.place.open().await?;
-            let copied = copy(&store.rows, &store.blobs, &self.to).await?;
-            store.rows.close().await;
-            tell(copied);
+            let (_, store) = self.place.open().await?;
+            let copied = copy(&store, &self.to).await?;
+            store.metadata.close().await;
+            print(copied);
             Ok(())
         })
     }
 }
 
 impl Restore {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
-    /// When there is a database already, the copy cannot be read, or something in it is missing or has changed.
+    /// When there is a database already, the backup cannot be read, or something in it is missing or has changed.
     pub fn run(self) -> anyhow::Result<()> {
         let to = self.place.config()?.data_dir;
-        if to.join(DATABASE).exists() {
-            bail!("{} has a database; name a new folder with --data-dir, or move the old one away", to.display());
+        if data_folder::exists(&to) {
+            bail!("{} has a database; specify a new folder with --data-dir, or move the old one away", to.display());
         }
-        let database = self.from.join(DATABASE);
-        if !database.is_file() {
-            bail!("there is no {}; say with --from where the copy is", database.display());
+        if !data_folder::exists(&self.from) {
+            bail!("there is no database in {}; specify the folder of the backup with --from", self.from.display());
         }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let (rows, blobs) = (SqliteMetadata::open(&database).await?, LocalBlobs::open(&self.from)?);
-            let copied = copy(&rows, &blobs, &to).await.context("the copy could not be restored")?;
-            rows.close().await;
-            tell(copied);
-            let (rows, blobs) = (SqliteMetadata::open(to.join(DATABASE)).await?, LocalBlobs::open(&to)?);
-            forget_copy(&to)?;
-            let report = verify(&rows, &blobs, Depth::Digests).await?;
-            rows.close().await;
-            told_well(&report)
+            let backup = store::open(&self.from).await?;
+            let copied = copy(&backup, &to).await.context("the backup could not be restored")?;
+            backup.metadata.close().await;
+            print(copied);
+            let restored = store::open(&to).await?;
+            remove_mark(&to)?;
+            let report = verify(&restored, Depth::Digests).await?;
+            restored.metadata.close().await;
+            require_complete(&report)
         })
     }
 }
 
-fn tell(copied: Copied) {
+fn print(copied: Copied) {
     let Copied { jobs, files, bytes, kept, unreadable } = copied;
     println!("{jobs} jobs; {files} files copied ({bytes} bytes), {kept} were there already");
     if unreadable > 0 {
-        println!("{unreadable} jobs cannot be read; they are copied as they are, and 'pinstack verify' names them");
+        println!("{unreadable} jobs cannot be read; they are copied unchanged, and 'pinstack verify' lists them");
     }
 }
 
-fn told_well(report: &Report) -> anyhow::Result<()> {
+fn require_complete(report: &Report) -> anyhow::Result<()> {
     for line in report.faults.iter().chain(&report.unreadable) {
         println!("{line}");
     }
     if report.faults.is_empty() {
         return Ok(());
     }
-    bail!("{} faults: what is listed above was lost or changed in the copy; the rest is restored", report.faults.len())
+    bail!(
+        "{} faults: the files listed above are missing or changed in the backup; everything else is restored",
+        report.faults.len()
+    )
 }

@@ -1,21 +1,19 @@
-//! `pinstack gc`: the clean-up that a server does every hour, now.
+//! `pinstack gc`: the garbage collection that a server runs every hour.
 
 use std::time::Duration;
 
 use clap::Args;
 
 use super::store::Place;
-use crate::store::{
-    Expiry, MetadataStore,
-    gc::{GRACE, collect},
-};
+use crate::store::gc::{GRACE, collect};
 
-/// Remove what is over its time and files that no row names, now; a server does the same every hour. Also while a server runs.
+/// Remove expired stacks and uploads, and files that no row refers to, now; a server does this every hour. A server may run
+/// meanwhile.
 #[derive(Debug, Args)]
 pub struct Gc {
     #[command(flatten)]
     place: Place,
-    /// Leave files alone that are younger, seconds: an upload lies on the disk before its row does. 0 only while no server runs
+    /// Keep files that are younger, seconds: an upload is stored before its row is written. 0 only while no server runs
     #[arg(long, value_name = "SECONDS", default_value_t = GRACE.as_secs())]
     grace_s: u64,
     /// Confirm that the clock is right, after it jumped or after no server ran for more than a day: what has expired by this
@@ -25,22 +23,21 @@ pub struct Gc {
 }
 
 impl Gc {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
-    /// When rows or files cannot be read or removed.
+    /// When metadata or files cannot be read or removed.
     pub fn run(self) -> anyhow::Result<()> {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let store = self.place.open().await?;
+            let (config, store) = self.place.open().await?;
             if self.clock_is_right {
-                store.rows.confirm_clock().await?;
+                store.metadata.confirm_clock().await?;
             }
-            let collected = collect(&store.rows, &store.blobs, Duration::from_secs(self.grace_s), &store.config.retention()).await?;
-            store.rows.close().await;
+            let collected = collect(&store, Duration::from_secs(self.grace_s), &config.retention()).await?;
+            store.metadata.close().await;
             println!(
-                "removed: {} jobs over their time, {} zips of jobs over theirs, {} uploads that nobody went on with, files of \
-                 {} jobs that no row names",
+                "removed: {} expired jobs, {} expired zips of jobs, {} expired uploads, files of {} jobs without a row",
                 collected.expired, collected.uploads, collected.given_up, collected.orphans
             );
             Ok(())

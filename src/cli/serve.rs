@@ -20,13 +20,7 @@ use super::{
 use crate::{
     http::{self, App, Policy},
     jobs::ScienceRunner,
-    store::{
-        MetadataStore,
-        backup::{DATABASE, forget_copy},
-        blobs::{Blobs, local::LocalBlobs},
-        folder,
-        sqlite::SqliteMetadata,
-    },
+    store::{self, backup::remove_mark, folder},
     telemetry,
     worker::{self, Deps, Pool, maintenance},
 };
@@ -88,27 +82,26 @@ impl Service {
         // before anything happens that counts
         telemetry::recorder().map_err(anyhow::Error::msg)?;
         let data_dir = &config.data_dir;
-        folder::make(data_dir).with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
-        forget_copy(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        let rows: Arc<dyn MetadataStore> = Arc::new(SqliteMetadata::open(data_dir.join(DATABASE)).await?);
-        let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data_dir)?);
+        folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
+        remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
+        let store = store::open(data_dir).await?;
         let listener = TcpListener::bind(&config.listen)
             .await
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
         let address = listener.local_addr()?;
 
-        let asked = asks_for_tokens(config.auth, address.ip(), &*rows).await?;
+        let asked = asks_for_tokens(config.auth, address.ip(), &*store.metadata).await?;
         let policy = Policy {
             auth_required: asked == Asked::Always,
             auth_once_there_are_tokens: asked == Asked::OnceThereAreTokens,
             listen: Some(address.ip()),
             ..policy(config)
         };
-        let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
+        let app = App::new(store.clone(), policy);
         let shutdown = app.shutdown.clone();
         let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
         let (disk, runner) = (Arc::clone(&app.disk), Arc::new(science));
-        let deps = Deps { rows: Arc::clone(&rows), blobs: Arc::clone(&blobs), disk, runner };
+        let deps = Deps { store: store.clone(), disk, runner };
         let workers = worker::Config {
             workers: config.workers,
             memory_budget: config.memory_mb << 20,
@@ -117,7 +110,7 @@ impl Service {
             ..worker::Config::default()
         };
         let pool = Pool::start(deps, workers);
-        let maintenance = maintenance::start(rows, blobs, maintenance::EVERY, config.retention());
+        let maintenance = maintenance::start(store, maintenance::EVERY, config.retention());
         let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
     }

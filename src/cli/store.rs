@@ -1,4 +1,4 @@
-//! The data folder, for the commands that work on it beside a server or without one.
+//! The store, for commands that work on it beside a running server or without one.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use clap::Args;
 use rustix::fs::Mode;
 
 use super::config::{Flags, ServeConfig};
-use crate::store::{backup::DATABASE, blobs::local::LocalBlobs, folder, sqlite::SqliteMetadata};
+use crate::store::{self, Store, data_folder, folder};
 
 /// Where the data is.
 #[derive(Debug, Args)]
@@ -20,43 +20,32 @@ pub struct Place {
     config: Option<PathBuf>,
 }
 
-/// From here on, what this process makes is for its own account alone: database, uploads, results, copies.
+/// Makes every file that this process creates private to its account: database, uploads, results, backups.
 pub fn make_files_private() {
     rustix::process::umask(Mode::from_raw_mode(!folder::FILE & 0o077));
-}
-
-/// An open data folder.
-pub struct Store {
-    /// The settings that a server on it would have.
-    pub config: ServeConfig,
-    /// The rows.
-    pub rows: SqliteMetadata,
-    /// The blobs.
-    pub blobs: LocalBlobs,
 }
 
 impl Place {
     /// The settings that a server would have.
     ///
     /// # Errors
-    /// When they are bad.
+    /// When they are invalid.
     pub fn config(self) -> anyhow::Result<ServeConfig> {
         make_files_private();
         ServeConfig::load(&Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() })
     }
 
-    /// Opens the folder, which must hold a database: these commands make no new one where somebody mistyped a name.
+    /// Opens an existing store: these commands do not create one where the name of a folder is mistyped. Returns the
+    /// settings as well.
     ///
     /// # Errors
-    /// When there is none, or it cannot be used.
-    pub async fn open(self) -> anyhow::Result<Store> {
+    /// When there is no store, or it cannot be used.
+    pub async fn open(self) -> anyhow::Result<(ServeConfig, Store)> {
         let config = self.config()?;
-        let database = config.data_dir.join(DATABASE);
-        if !database.is_file() {
-            bail!("there is no {}; say with --data-dir where the data is", database.display());
+        if !data_folder::exists(&config.data_dir) {
+            bail!("there is no database in {}; specify the data folder with --data-dir", config.data_dir.display());
         }
-        let rows = SqliteMetadata::open(&database).await?;
-        let blobs = LocalBlobs::open(&config.data_dir)?;
-        Ok(Store { config, rows, blobs })
+        let store = store::open(&config.data_dir).await?;
+        Ok((config, store))
     }
 }

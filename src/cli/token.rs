@@ -1,4 +1,4 @@
-//! `pinstack token`: who may do what.
+//! `pinstack token`: creates, lists and revokes access tokens.
 
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
@@ -10,10 +10,7 @@ use super::{
 use crate::{
     contract::Name,
     store::{
-        MetadataStore, Tokens,
-        backup::DATABASE,
-        folder,
-        sqlite::SqliteMetadata,
+        MetadataStore, folder, open_metadata,
         tokens::{NewToken, Scope, mint, names},
     },
 };
@@ -21,7 +18,7 @@ use crate::{
 /// Bytes in a GB.
 const GB: u64 = 1_000_000_000;
 
-/// Who may do what: make, list and revoke tokens. Works on the data folder, also while a server runs on it.
+/// Create, list and revoke access tokens. A server may run meanwhile.
 #[derive(Debug, Args)]
 pub struct Token {
     #[command(subcommand)]
@@ -36,20 +33,20 @@ pub struct Token {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a token and print it, once
+    /// Create a token and print it, once
     Add {
-        /// Name that people know it by: 1 to 64 of A-Z a-z 0-9 . _ -
+        /// Name of the token: 1 to 64 of A-Z a-z 0-9 . _ -
         name: String,
-        /// What it allows: profiles:write, stacks:write, read, admin; may be given several times
+        /// What it allows: profiles:write, stacks:write, read, admin; may be repeated
         #[arg(long = "scope", value_name = "SCOPE", required = true)]
         scopes: Vec<Scope>,
-        /// Most that its stacks and uploads may take on the disk together, GB (10^9 bytes) [default: no limit]
+        /// Disk space that its stacks and uploads may use together, GB (10^9 bytes) [default: no limit]
         #[arg(long, value_name = "GB")]
         quota_gb: Option<u64>,
     },
     /// List the tokens, without their secrets
     List,
-    /// Make a token worthless at once
+    /// Revoke a token at once
     Revoke {
         /// Its name
         name: String,
@@ -57,47 +54,53 @@ enum Command {
 }
 
 impl Token {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
-    /// When the name breaks the rule or is taken, or the database cannot be used.
+    /// When the name is invalid or taken, or the database cannot be used.
     pub fn run(self) -> anyhow::Result<()> {
         let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
         let data_dir = ServeConfig::load(&flags)?.data_dir;
         make_files_private();
-        folder::make(&data_dir).with_context(|| format!("data_dir: cannot make the folder {}", data_dir.display()))?;
+        folder::make(&data_dir)
+            .with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
-            let rows = SqliteMetadata::open(data_dir.join(DATABASE)).await?;
+            let metadata = open_metadata(&data_dir).await?;
             let done = match self.command {
-                Command::Add { name, scopes, quota_gb } => add(&rows, name, scopes, quota_gb).await,
-                Command::List => list(&rows).await,
-                Command::Revoke { name } => revoke(&rows, name).await,
+                Command::Add { name, scopes, quota_gb } => add(&*metadata, name, scopes, quota_gb).await,
+                Command::List => list(&*metadata).await,
+                Command::Revoke { name } => revoke(&*metadata, name).await,
             };
-            rows.close().await;
+            metadata.close().await;
             done
         })
     }
 }
 
-async fn add(rows: &SqliteMetadata, name: String, scopes: Vec<Scope>, quota_gb: Option<u64>) -> anyhow::Result<()> {
+async fn add(
+    metadata: &dyn MetadataStore,
+    name: String,
+    scopes: Vec<Scope>,
+    quota_gb: Option<u64>,
+) -> anyhow::Result<()> {
     let name = Name::new(name)?;
-    let (id, secret, text) = mint().context("the system has no random bytes")?;
+    let (id, secret, text) = mint().context("the operating system provides no random bytes")?;
     let quota_bytes = quota_gb.map(|gb| gb.saturating_mul(GB));
     let token = NewToken { id, name, digest: secret.digest(), scopes, quota_bytes };
-    if !rows.add_token(&token).await? {
-        bail!("there is, or was, a token '{}'; take another name", token.name);
+    if !metadata.add_token(&token).await? {
+        bail!("a token '{}' exists or existed; choose another name", token.name);
     }
-    eprintln!("A server on this folder asks for tokens from its next request on, unless auth is none.");
-    eprintln!("This is the only time that the token is shown; the service keeps a digest of it.");
+    eprintln!("A server on this folder requires tokens from its next request on, unless auth is none.");
+    eprintln!("The token is shown only this once; the service stores a digest of it.");
     println!("{text}");
     Ok(())
 }
 
-async fn list(rows: &SqliteMetadata) -> anyhow::Result<()> {
-    for token in rows.tokens().await? {
+async fn list(metadata: &dyn MetadataStore) -> anyhow::Result<()> {
+    for token in metadata.tokens().await? {
         let state = token.revoked_at.map(|at| format!("revoked {at:.0}")).unwrap_or_else(|| "valid".to_owned());
-        let used = rows.used_bytes(token.id).await? as f64 / GB as f64;
+        let used = metadata.used_bytes(token.id).await? as f64 / GB as f64;
         let quota = token.quota_bytes.map(|bytes| format!(" of {} GB", bytes / GB)).unwrap_or_else(|| " GB".to_owned());
         let (name, scopes, made) = (&token.name, names(&token.scopes, ","), token.created_at);
         println!("{name}\t{scopes}\tmade {made:.0}\t{state}\t{used:.1}{quota} used");
@@ -105,10 +108,10 @@ async fn list(rows: &SqliteMetadata) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(rows: &SqliteMetadata, name: String) -> anyhow::Result<()> {
+async fn revoke(metadata: &dyn MetadataStore, name: String) -> anyhow::Result<()> {
     let name = Name::new(name)?;
-    if !rows.revoke_token(&name).await? {
-        bail!("there is no valid token '{name}'; 'pinstack token list' shows them");
+    if !metadata.revoke_token(&name).await? {
+        bail!("there is no valid token '{name}'; list the tokens with 'pinstack token list'");
     }
     Ok(())
 }

@@ -1,26 +1,24 @@
-//! `pinstack verify`: whether everything that the database names is there and unchanged.
+//! `pinstack verify`: whether every file that the database refers to exists and is unchanged.
 
 use anyhow::bail;
 use clap::Args;
 
 use super::store::Place;
-use crate::store::{
-    MetadataStore,
-    verify::{Depth, verify},
-};
+use crate::store::verify::{Depth, verify};
 
-/// Look whether everything that the database names is there and unchanged; the exit code tells. Also while a server runs.
+/// Verify that every file that the database refers to exists and is unchanged; the exit code is 0 if so. A server may run
+/// meanwhile.
 #[derive(Debug, Args)]
 pub struct Verify {
     #[command(flatten)]
     place: Place,
-    /// Compare sizes only, do not read every byte
+    /// Compare sizes only, without reading the files
     #[arg(long)]
     quick: bool,
 }
 
 impl Verify {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
     /// When something is missing or changed, or the data cannot be read.
@@ -28,9 +26,9 @@ impl Verify {
         let depth = if self.quick { Depth::Sizes } else { Depth::Digests };
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let store = self.place.open().await?;
-            let report = verify(&store.rows, &store.blobs, depth).await?;
-            store.rows.close().await;
+            let (_, store) = self.place.open().await?;
+            let report = verify(&store, depth).await?;
+            store.metadata.close().await;
             println!(
                 "{} jobs, {} files ({} bytes), {} profile revisions, {} open uploads; {} jobs' files that no row names",
                 report.jobs, report.files, report.bytes, report.revisions, report.open_uploads, report.orphans
@@ -41,12 +39,12 @@ impl Verify {
             if !report.unreadable.is_empty() {
                 let (count, faults) = (report.unreadable.len(), report.faults.len());
                 bail!(
-                    "{count} rows cannot be read, and {faults} other faults; delete such a stack or profile (DELETE works), or \
-                     run the version that wrote it"
+                    "{count} rows cannot be read, and there are {faults} other faults; delete such a stack or profile (DELETE \
+                     works), or run the version that wrote it"
                 );
             }
             if !report.faults.is_empty() {
-                bail!("{} faults; what is listed above is lost or changed", report.faults.len());
+                bail!("{} faults; the files listed above are missing or changed", report.faults.len());
             }
             Ok(())
         })

@@ -7,15 +7,16 @@ use tokio::task::JoinSet;
 
 use super::*;
 use crate::store::{
-    blobs::local::LocalBlobs,
     conformance::disk::{SmallDisk, TOTAL},
+    open,
 };
 
-fn budget(min_free: u64) -> (TempDir, Arc<SmallDisk>, Arc<DiskBudget>) {
+async fn budget(min_free: u64) -> (TempDir, Arc<SmallDisk>, Arc<DiskBudget>) {
     let folder = tempfile::tempdir().expect("a folder");
-    let blobs = Arc::new(LocalBlobs::open(folder.path()).expect("blobs"));
-    let disk = Arc::new(SmallDisk::over(blobs, TOTAL));
-    (folder, Arc::clone(&disk), DiskBudget::new(disk, min_free))
+    let store = open(folder.path()).await.expect("a store");
+    let disk = Arc::new(SmallDisk::over(Arc::clone(&store.blobs), TOTAL));
+    let store = Store { blobs: disk.clone(), ..store };
+    (folder, disk, DiskBudget::new(&store, min_free))
 }
 
 /// Pseudo-random numbers; the same at each run.
@@ -29,8 +30,8 @@ impl Dice {
 }
 
 #[tokio::test]
-async fn what_does_not_fit_is_refused_with_the_figures() {
-    let (_folder, disk, budget) = budget(100);
+async fn a_reservation_that_does_not_fit_is_refused_with_the_figures() {
+    let (_folder, disk, budget) = budget(100).await;
     let held = budget.reserve(600).await.expect("measured").expect("it fits");
     let figures = budget.reserve(301).await.expect("measured").expect_err("300 are available");
     assert_eq!(figures, DiskState { free: TOTAL, total: TOTAL, reserved: 600, min_free: 100 });
@@ -46,7 +47,7 @@ async fn what_does_not_fit_is_refused_with_the_figures() {
 
 #[tokio::test]
 async fn written_bytes_are_counted_by_the_disk_and_no_longer_by_the_reservation() {
-    let (_folder, disk, budget) = budget(0);
+    let (_folder, disk, budget) = budget(0).await;
     let mut held = budget.reserve(600).await.expect("measured").expect("it fits");
     disk.free.fetch_sub(400, Ordering::SeqCst);
     held.written(400);
@@ -61,7 +62,7 @@ async fn written_bytes_are_counted_by_the_disk_and_no_longer_by_the_reservation(
 
 #[tokio::test]
 async fn reservations_never_exceed_what_is_free() {
-    let (_folder, disk, budget) = budget(50);
+    let (_folder, disk, budget) = budget(50).await;
     for seed in 0..20 {
         let mut dice = Dice(seed);
         let mut held: Vec<Reservation> = Vec::new();
@@ -96,7 +97,7 @@ async fn reservations_never_exceed_what_is_free() {
 /// The measurement of the disk is older than the grant: writers that finish between the two must not be missed.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn writers_at_the_same_time_never_fill_what_must_stay_free() {
-    let (_folder, disk, budget) = budget(50);
+    let (_folder, disk, budget) = budget(50).await;
     let mut writers = JoinSet::new();
     for seed in 0..8 {
         let (disk, budget) = (Arc::clone(&disk), Arc::clone(&budget));

@@ -91,7 +91,7 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
         return Err(refused());
     }
     let (id, secret) = parse(text.trim()).ok_or_else(refused)?;
-    let token = app.rows.token(id).await?.filter(|token| token.is_opened_by(&secret)).ok_or_else(refused)?;
+    let token = app.store.metadata.token(id).await?.filter(|token| token.is_opened_by(&secret)).ok_or_else(refused)?;
     Ok(Caller(Some(token)))
 }
 

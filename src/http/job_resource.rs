@@ -44,7 +44,7 @@ pub async fn events(app: &App, id: Uuid, kind: JobKind, headers: &HeaderMap) -> 
 /// `not_found`; `conflict` when the job succeeded or failed before.
 pub async fn cancel(app: &App, id: Uuid, kind: JobKind) -> ApiResult<(StatusCode, Json<JobDocument>)> {
     load(app, id, kind).await?;
-    if let Some(CancelRequest::AlreadyEnded(state)) = app.rows.cancel(id).await?
+    if let Some(CancelRequest::AlreadyEnded(state)) = app.store.metadata.cancel(id).await?
         && state != JobState::Cancelled
     {
         let detail = format!("the {} has already ended: it is {}", kind.as_str(), state.as_str());
@@ -60,12 +60,12 @@ pub async fn cancel(app: &App, id: Uuid, kind: JobKind) -> ApiResult<(StatusCode
 /// `not_found`.
 pub async fn delete(app: &App, id: Uuid, kind: JobKind) -> ApiResult<StatusCode> {
     require(app, id, kind).await?;
-    app.rows.delete_job(id).await?;
+    app.store.metadata.delete_job(id).await?;
     // the worker of a running job removes its blobs; what remains here is left to garbage collection
-    if let Err(error) = gc_job(&*app.rows, &*app.blobs, id).await {
+    if let Err(error) = gc_job(&app.store, id).await {
         tracing::warn!(%error, %id, "blobs of a deleted job are left to garbage collection");
     }
-    app.conversions.forget_deleted();
+    app.conversions.forget_deleted(app).await;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -74,7 +74,7 @@ pub async fn delete(app: &App, id: Uuid, kind: JobKind) -> ApiResult<StatusCode>
 /// # Errors
 /// `not_found` when there is no job of this kind with this id.
 pub async fn load(app: &App, id: Uuid, kind: JobKind) -> ApiResult<Job> {
-    let job = app.rows.job(id).await?.filter(|job| job.request.kind() == kind);
+    let job = app.store.metadata.job(id).await?.filter(|job| job.request.kind() == kind);
     let job = job.ok_or_else(|| not_found(id, kind))?;
     log::note("rig", &job.rig);
     log::note("lens", &job.lens);
@@ -83,7 +83,7 @@ pub async fn load(app: &App, id: Uuid, kind: JobKind) -> ApiResult<Job> {
 
 /// Checks that the job exists without parsing its row, so that a damaged row can be deleted.
 async fn require(app: &App, id: Uuid, kind: JobKind) -> ApiResult<()> {
-    let found = app.rows.job_kind(id).await?.filter(|of| *of == kind);
+    let found = app.store.metadata.job_kind(id).await?.filter(|of| *of == kind);
     found.map(|_| ()).ok_or_else(|| not_found(id, kind))
 }
 

@@ -42,8 +42,13 @@ pub fn answer(app: &App, headers: &HeaderMap, job: Job) -> Response {
         return StatusCode::NO_CONTENT.into_response();
     }
     let last_sent = is_current.then_some(LastSent { version: job.version, state: job.state, progress: job.progress });
-    let events =
-        EventStream { app: app.clone(), id: job.id, changes: app.rows.changes(), last_sent, queue: Vec::new() };
+    let events = EventStream {
+        app: app.clone(),
+        id: job.id,
+        changes: app.store.metadata.changes(),
+        last_sent,
+        queue: Vec::new(),
+    };
     let sse = Sse::new(events.into_stream()).keep_alive(KeepAlive::new().interval(KEEP_ALIVE));
     // nginx would buffer the events
     ([("x-accel-buffering", "no")], sse).into_response()
@@ -85,7 +90,7 @@ impl EventStream {
             return false;
         }
         // a failed read ends the stream: the client reconnects with Last-Event-ID
-        let Ok(Some(job)) = self.app.rows.job(self.id).await else { return false };
+        let Ok(Some(job)) = self.app.store.metadata.job(self.id).await else { return false };
         if self.last_sent.as_ref().is_some_and(|sent| sent.version == job.version) {
             tokio::select! {
                 () = changed(&mut self.changes, self.id, self.app.policy.poll_interval) => {}

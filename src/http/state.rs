@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     disk_budget::DiskBudget,
-    store::{MetadataStore, StoreResult, blobs::Blobs},
+    store::{Store, StoreResult},
 };
 use pinstack_science::archive::ArchiveLimits;
 
@@ -114,10 +114,8 @@ impl Policy {
 /// What every handler can reach. Cheap to clone.
 #[derive(Clone)]
 pub struct App {
-    /// The rows.
-    pub rows: Arc<dyn MetadataStore>,
-    /// The blobs.
-    pub blobs: Arc<dyn Blobs>,
+    /// Metadata, blobs, upload parts and workspace.
+    pub store: Store,
     /// How much the service takes on.
     pub policy: Arc<Policy>,
     /// Fires when the server goes down: event streams and waiting requests end.
@@ -142,11 +140,10 @@ pub struct App {
 
 impl App {
     /// An application over a store.
-    pub fn new(rows: Arc<dyn MetadataStore>, blobs: Arc<dyn Blobs>, policy: Policy) -> Self {
-        let disk = DiskBudget::new(Arc::clone(&blobs), policy.min_free_bytes);
+    pub fn new(store: Store, policy: Policy) -> Self {
+        let disk = DiskBudget::new(&store, policy.min_free_bytes);
         Self {
-            rows,
-            blobs,
+            store,
             disk,
             shares: Shares::default(),
             claims: Claims::default(),
@@ -169,7 +166,7 @@ impl App {
         if self.policy.auth_required || self.has_tokens.load(Ordering::Relaxed) {
             return Ok(true);
         }
-        let asks = self.policy.auth_once_there_are_tokens && self.rows.any_token().await?;
+        let asks = self.policy.auth_once_there_are_tokens && self.store.metadata.any_token().await?;
         if asks && !self.has_tokens.swap(true, Ordering::Relaxed) {
             tracing::warn!("a token was made: from here on every request must bring one");
         }

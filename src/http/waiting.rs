@@ -28,9 +28,9 @@ pub async fn until_final(app: &App, id: Uuid, longest: Duration) -> StoreResult<
 }
 
 async fn final_row(app: &App, id: Uuid, deadline: Instant) -> StoreResult<Option<Job>> {
-    let mut changes = app.rows.changes();
+    let mut changes = app.store.metadata.changes();
     loop {
-        let job = app.rows.job(id).await?;
+        let job = app.store.metadata.job(id).await?;
         let is_over = job.as_ref().is_none_or(|job| job.state.is_final());
         if is_over || Instant::now() >= deadline || app.shutdown.is_cancelled() {
             return Ok(job);

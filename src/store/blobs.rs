@@ -1,97 +1,157 @@
-//! Blobs: uploads and results, by key. A key is `uploads/{job}.zip` or `results/{job}/{lease}/{file}`, made by us,
-//! never from a client's name.
-
-pub mod local;
-mod partial;
-mod probe;
+//! The blob store: uploads and results by key.
+//!
+//! | key | blob |
+//! |---|---|
+//! | `uploads/{job}.zip` | the upload of a job |
+//! | `results/{job}/{lease}/{file}` | a result, written under one lease |
+//!
+//! The interface is that of an object store, not of a file system: a blob is written as a whole, is never changed, and is
+//! read by range. Code that needs a local file (the zip reader, which seeks) asks for one with [`BlobStore::fetch`], and
+//! keeps the returned guard as long as it uses the file.
 
 use std::{
+    io,
+    ops::Range,
     path::{Path, PathBuf},
-    time::Duration,
+    time::SystemTime,
 };
 
 use async_trait::async_trait;
 use bytes::Bytes;
+use futures::stream::BoxStream;
+use tempfile::TempPath;
 use uuid::Uuid;
 
-use super::StoreResult;
+use super::{SpoolFile, StoreResult, Workspace};
 
-/// Where blobs live. One narrow seam with one conformance suite that runs on every engine.
+/// The bytes of a blob, in chunks.
+pub type ByteStream = BoxStream<'static, io::Result<Bytes>>;
+
+/// Stores blobs. Keys are made by the service, never taken from a client.
 #[async_trait]
-pub trait Blobs: Send + Sync + 'static {
-    /// A folder for files in the making: uploads that arrive, scratch of the workers, artifacts before they are published.
-    /// It belongs to this process alone; what dead processes left is removed at the start. On the same file system as the blobs when they are local.
-    fn spool_dir(&self) -> &Path;
-    /// Makes the file at `path` (in the spool folder) the blob `key`: fsync file, rename, fsync folder.
-    /// On return it survives a crash; the file at `path` is gone.
-    async fn publish(&self, path: &Path, key: &str) -> StoreResult<()>;
-    /// Makes the blob `key` a file of the spool folder too, at `path`, where nothing is yet; it can be published under
-    /// another key. The bytes are shared, not copied, where the blob store can do that, and they stay until both are
-    /// gone. False when there is no such blob.
-    async fn share(&self, key: &str, path: &Path) -> StoreResult<bool>;
-    /// A readable, seekable local file with the blob's bytes; `None` when there is no such blob.
-    async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>>;
-    /// Removes every blob of a job (`uploads/{id}.zip`, `results/{id}/`).
-    async fn delete_job(&self, id: Uuid) -> StoreResult<()>;
-    /// Removes the upload of a job, and nothing else of it.
-    async fn delete_upload(&self, id: Uuid) -> StoreResult<()>;
-    /// Removes the results of leases older than `first_kept`. Newer ones stay: a worker may have claimed the job again
-    /// since the caller looked.
-    async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()>;
-    /// The jobs that have blobs.
-    async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>>;
-    /// Writes a file and moves it to where blobs lie, as every upload does: an error when that cannot be done.
+pub trait BlobStore: Send + Sync + 'static {
+    /// Stores a file as the blob `key`. On return the blob is durable and the file at its path is gone. On an error the
+    /// file is still there, or is removed with its guard.
+    async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()>;
+    /// A new spool file with the bytes of a blob, which can be stored under another key. The bytes are shared, not copied,
+    /// where the engine supports it. `None` when there is no such blob.
+    async fn share(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<SpoolFile>>;
+    /// Size and age of a blob; `None` when there is no such blob.
+    async fn head(&self, key: &str) -> StoreResult<Option<BlobMeta>>;
+    /// Bytes of a blob. The stream can be read to its end even if the blob is removed meanwhile. `None` when there is no
+    /// such blob.
+    async fn read(&self, key: &str, range: Range<u64>) -> StoreResult<Option<ByteStream>>;
+    /// A local file with the bytes of a blob, for code that seeks: the blob itself if it is local, otherwise a copy in
+    /// `workspace`. `None` when there is no such blob.
+    async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>>;
+    /// Removes a blob, if it exists.
+    async fn delete(&self, key: &str) -> StoreResult<()>;
+    /// Removes every blob whose key begins with `prefix`, which ends with `/`.
+    async fn delete_prefix(&self, prefix: &str) -> StoreResult<()>;
+    /// All blobs whose key begins with `prefix`, which is empty or ends with `/`, in any order.
+    fn list(&self, prefix: &str) -> BoxStream<'static, StoreResult<BlobMeta>>;
+    /// Removes what the engine itself may have left behind: empty folders, uploads that were not finished.
+    async fn remove_leftovers(&self) -> StoreResult<()>;
+    /// Free and total bytes; `None` when the store is not bounded by a disk.
+    async fn capacity(&self) -> StoreResult<Option<Capacity>>;
+    /// Checks that a blob could be stored.
+    ///
+    /// # Errors
+    /// When it could not.
     async fn probe(&self) -> StoreResult<()>;
-    /// Bytes that can still be written, and how many could be if nothing were stored.
-    async fn room(&self) -> StoreResult<Room>;
-
-    /// The file of an upload that arrives in pieces, for this caller alone until it is dropped, however the process ends.
-    /// `None` when somebody else has it, in this process or another.
-    async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>>;
-    /// Removes the file of an upload, if there is one.
-    async fn remove_partial(&self, id: Uuid) -> StoreResult<()>;
-    /// The uploads that have a file, or had one.
-    async fn partials(&self) -> StoreResult<Vec<Uuid>>;
 }
 
-/// The file of an upload that arrives in pieces.
-#[async_trait]
-pub trait Partial: Send {
-    /// Goes on behind the first `offset` bytes; what lies behind them goes. False when there are not so many.
-    async fn start_at(&mut self, offset: u64) -> StoreResult<bool>;
-    /// Writes what comes next.
-    async fn write(&mut self, bytes: Bytes) -> StoreResult<()>;
-    /// On return, what was written survives a crash.
-    async fn sync(&mut self) -> StoreResult<()>;
-    /// Where it lies: on the same file system as the spool folder, so that it can be published.
-    fn path(&self) -> &Path;
+/// A blob as lists show it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BlobMeta {
+    /// Its key.
+    pub key: String,
+    /// Its size, bytes.
+    pub size: u64,
+    /// When it was stored.
+    pub last_modified: SystemTime,
 }
 
-/// What a disk has.
+/// Free space of a store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Room {
+pub struct Capacity {
     /// Bytes that can still be written.
     pub free: u64,
-    /// Bytes that it has in all.
+    /// Size in bytes.
     pub total: u64,
 }
 
-/// A job that has blobs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct JobBlobs {
-    /// The job.
-    pub id: Uuid,
-    /// Time since the youngest of its blobs was published (or a folder of it was changed). An upload is published before
-    /// its row is written, so a young blob without a row is no garbage yet.
-    pub untouched_for: Duration,
+/// A local file with the bytes of a blob, valid while this is held. It must not be changed.
+#[derive(Debug)]
+pub struct LocalBlob(Place);
+
+#[derive(Debug)]
+enum Place {
+    InPlace(PathBuf),
+    Copy(TempPath),
 }
+
+impl LocalBlob {
+    /// The blob itself.
+    pub fn in_place(path: PathBuf) -> Self {
+        Self(Place::InPlace(path))
+    }
+
+    /// A copy that is removed when this is dropped.
+    pub fn copy(path: TempPath) -> Self {
+        Self(Place::Copy(path))
+    }
+
+    /// The path of the file.
+    pub fn path(&self) -> &Path {
+        match &self.0 {
+            Place::InPlace(path) => path,
+            Place::Copy(path) => path,
+        }
+    }
+}
+
+/// Prefix of the keys of uploads.
+pub const UPLOADS: &str = "uploads/";
+/// Prefix of the keys of results.
+pub const RESULTS: &str = "results/";
 
 /// Key of the upload of a job.
 pub fn upload_key(job: Uuid) -> String {
-    format!("uploads/{job}.zip")
+    format!("{UPLOADS}{job}.zip")
 }
 
-/// Key of a result of a job, made under one lease.
+/// Prefix of the keys of all results of a job.
+pub fn results_prefix(job: Uuid) -> String {
+    format!("{RESULTS}{job}/")
+}
+
+/// Key of a result of a job, written under one lease.
 pub fn result_key(job: Uuid, lease_token: i64, file: &str) -> String {
-    format!("results/{job}/{lease_token}/{file}")
+    format!("{RESULTS}{job}/{lease_token}/{file}")
+}
+
+/// The job that the key of a blob belongs to.
+pub fn job_of_key(key: &str) -> Option<Uuid> {
+    let id = match key.strip_prefix(UPLOADS) {
+        Some(file) => file.strip_suffix(".zip")?,
+        None => key.strip_prefix(RESULTS)?.split('/').next()?,
+    };
+    Uuid::try_parse(id).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_job_of_a_key_is_found() {
+        let id = Uuid::now_v7();
+        assert_eq!(job_of_key(&upload_key(id)), Some(id));
+        assert_eq!(job_of_key(&result_key(id, 3, "image.png")), Some(id));
+        assert_eq!(job_of_key(&results_prefix(id)), Some(id));
+        for other in ["uploads/probe", "results/probe", "x", ""] {
+            assert_eq!(job_of_key(other), None, "{other}");
+        }
+    }
 }

@@ -1,12 +1,18 @@
-//! The digest of a profile: what results name, so that anyone can tell which numbers made them.
+//! Digests: of profiles, which results record, and of files.
+
+use std::{
+    fs::File,
+    io::{self, Read},
+    path::Path,
+};
 
 use sha2::{Digest, Sha256};
 
 use pinstack_science::types::profile::{CaptureMode, ProfileInput};
 
-/// SHA-256 (hex) of what defines the geometry and the gains of a profile: image size, reference slice, and for each
-/// slice the nine numbers of its homography and its gain (1 where none is given). Note, rail positions and where the
-/// numbers come from do not enter: two profiles with one digest give the same picture.
+/// SHA-256 (hex) of what determines the pixels of a result: image size, reference slice, and for each slice the nine elements
+/// of its homography and its gain (1 if absent). Note, rail positions and origin are not included: profiles with the same
+/// digest give the same image.
 pub fn profile_digest(input: &ProfileInput) -> String {
     let mut hash = Sha256::new();
     hash.update(b"pinstack profile 1\0");
@@ -16,16 +22,16 @@ pub fn profile_digest(input: &ProfileInput) -> String {
     for (index, homography) in input.homographies.iter().enumerate() {
         let gain = input.gain(index);
         for number in homography.0.into_iter().chain([gain]) {
-            // adding zero turns -0.0 into 0.0: they are the same number
+            // -0.0 + 0.0 = 0.0: both zeros get the same digest
             hash.update((number + 0.0).to_le_bytes());
         }
     }
     hex(&hash.finalize())
 }
 
-/// SHA-256 (hex) of what a profile says about the camera and not about pixels: principal distance, principal point, pixel
-/// pitch, magnification, capture mode and rail positions. EXIF, intrinsics and scales in mm are made from these. Together
-/// with [`profile_digest`] it covers every number of a profile.
+/// SHA-256 (hex) of what a profile specifies about the camera: principal distance, principal point, pixel pitch,
+/// magnification, capture mode and rail positions. EXIF, intrinsics and scales in mm follow from these. Together with
+/// [`profile_digest`] it covers every number of a profile.
 pub fn optics_digest(input: &ProfileInput) -> String {
     let mut hash = Sha256::new();
     hash.update(b"pinstack optics 1\0");
@@ -62,6 +68,32 @@ pub fn hex(bytes: &[u8]) -> String {
     })
 }
 
+/// Size and SHA-256 (hex) of a file.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn sha256_of_file(path: &Path) -> io::Result<(u64, String)> {
+    sha256_of(File::open(path)?)
+}
+
+/// Number and SHA-256 (hex) of the bytes that a reader returns.
+///
+/// # Errors
+/// When the reader fails.
+pub fn sha256_of(mut reader: impl Read) -> io::Result<(u64, String)> {
+    let mut hash = Sha256::new();
+    let mut block = vec![0; 1 << 20];
+    let mut bytes = 0;
+    loop {
+        let read = reader.read(&mut block)?;
+        if read == 0 {
+            return Ok((bytes, hex(&hash.finalize())));
+        }
+        hash.update(block.get(..read).unwrap_or_default());
+        bytes += read as u64;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -79,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn the_digest_changes_with_the_numbers_and_not_with_the_note() {
+    fn the_digest_depends_on_the_geometry_and_not_on_the_note() {
         let base = profile_digest(&input());
         assert_eq!(base.len(), 64);
         assert_eq!(base, profile_digest(&ProfileInput { note: Some("of Tuesday".into()), ..input() }));
@@ -92,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn the_optics_digest_changes_with_each_number_of_the_camera_and_with_no_pixel() {
+    fn the_optics_digest_depends_on_every_camera_parameter_and_not_on_the_geometry() {
         let base = optics_digest(&input());
         let mut moved = input();
         moved.homographies[1].0[2] = 0.75;

@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use super::{backup::DATABASE, blobs::local::sync_folder, failpoint::step};
+use super::{data_folder::DATABASE, failpoint::step, local::sync_folder};
 
 /// Mode of a folder of a store.
 pub const FOLDER: u32 = 0o700;

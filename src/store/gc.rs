@@ -12,14 +12,21 @@
 //! | open: waits for bytes or for its job | kept until it expires |
 //! | complete, refused, expired or deleted | removed |
 //!
-//! Safe beside running servers and other collections: the rows are read before each removal, a row is written after its
-//! blob and removed before it.
+//! Safe beside running servers and other collections: a row is written after its blobs and removed before them, and it is
+//! read directly before its blobs are removed.
 
-use std::time::Duration;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::{Duration, SystemTime},
+};
 
+use futures::TryStreamExt;
 use uuid::Uuid;
 
-use super::{BlobOwner, MetadataStore, Retention, StoreResult, blobs::Blobs};
+use super::{
+    BlobOwner, BlobStore, Retention, Store, StoreResult,
+    blobs::{RESULTS, UPLOADS, job_of_key, results_prefix, upload_key},
+};
 use crate::contract::JobState;
 
 /// Minimum age of blobs without a row before they are removed: an upload is stored before its row is written.
@@ -42,56 +49,81 @@ pub struct Collected {
 /// never published.
 ///
 /// # Errors
-/// When rows or blobs cannot be read or removed. What was removed until then stays removed; the next collection continues.
-pub async fn collect(
-    rows: &dyn MetadataStore,
-    blobs: &dyn Blobs,
-    grace: Duration,
-    keep: &Retention,
-) -> StoreResult<Collected> {
+/// When metadata or blobs cannot be read or removed. What was removed until then stays removed; the next collection
+/// continues.
+pub async fn collect(store: &Store, grace: Duration, keep: &Retention) -> StoreResult<Collected> {
+    let Store { metadata, blobs, parts, .. } = store;
     let mut collected = Collected::default();
-    for id in rows.delete_expired_jobs(keep).await? {
-        blobs.delete_job(id).await?;
+    for id in metadata.delete_expired_jobs(keep).await? {
+        delete_blobs(&**blobs, id).await?;
         collected.expired += 1;
     }
-    for id in rows.expire_job_uploads(keep).await? {
-        blobs.delete_upload(id).await?;
+    for id in metadata.expire_job_uploads(keep).await? {
+        blobs.delete(&upload_key(id)).await?;
         collected.uploads += 1;
     }
-    for id in rows.delete_expired_uploads().await? {
-        gc_upload(rows, blobs, id).await?;
+    for id in metadata.delete_expired_uploads().await? {
+        gc_upload(store, id).await?;
         collected.given_up += 1;
     }
-    for id in blobs.partials().await? {
-        gc_upload(rows, blobs, id).await?;
+    for id in parts.list().await? {
+        gc_upload(store, id).await?;
     }
-    for job in blobs.jobs_with_blobs().await? {
-        if rows.upload_is_open(job.id).await? {
+    let now = SystemTime::now();
+    for (id, last_modified) in jobs_with_blobs(&**blobs).await? {
+        if metadata.upload_is_open(id).await? {
             // complete, and its job is about to be created
             continue;
         }
-        if rows.blob_owner(job.id).await?.is_some() {
-            gc_job(rows, blobs, job.id).await?;
-        } else if job.untouched_for >= grace {
-            blobs.delete_job(job.id).await?;
+        if metadata.blob_owner(id).await?.is_some() {
+            gc_job(store, id).await?;
+        } else if now.duration_since(last_modified).unwrap_or_default() >= grace {
+            delete_blobs(&**blobs, id).await?;
             collected.orphans += 1;
         }
     }
+    blobs.remove_leftovers().await?;
     Ok(collected)
+}
+
+/// The jobs that have blobs, each with the time at which the latest of them was stored.
+///
+/// # Errors
+/// When the blobs cannot be listed.
+pub async fn jobs_with_blobs(blobs: &dyn BlobStore) -> StoreResult<BTreeMap<Uuid, SystemTime>> {
+    let mut jobs = BTreeMap::new();
+    for prefix in [UPLOADS, RESULTS] {
+        let mut listed = blobs.list(prefix);
+        while let Some(blob) = listed.try_next().await? {
+            let Some(id) = job_of_key(&blob.key) else { continue };
+            let latest = jobs.entry(id).or_insert(blob.last_modified);
+            *latest = blob.last_modified.max(*latest);
+        }
+    }
+    Ok(jobs)
+}
+
+/// Removes every blob of a job.
+///
+/// # Errors
+/// When a blob cannot be removed.
+pub async fn delete_blobs(blobs: &dyn BlobStore, id: Uuid) -> StoreResult<()> {
+    blobs.delete_prefix(&results_prefix(id)).await?;
+    blobs.delete(&upload_key(id)).await
 }
 
 /// Removes the bytes of a resumable upload that is not open any more. No grace is needed, because its row is written
 /// before its bytes. The blobs of the job that it became are kept.
 ///
 /// # Errors
-/// When rows or blobs cannot be read or removed.
-pub async fn gc_upload(rows: &dyn MetadataStore, blobs: &dyn Blobs, id: Uuid) -> StoreResult<()> {
-    if rows.upload_is_open(id).await? {
+/// When metadata or blobs cannot be read or removed.
+pub async fn gc_upload(store: &Store, id: Uuid) -> StoreResult<()> {
+    if store.metadata.upload_is_open(id).await? {
         return Ok(());
     }
-    blobs.remove_partial(id).await?;
-    if rows.blob_owner(id).await?.is_none() {
-        blobs.delete_job(id).await?;
+    store.parts.remove(id).await?;
+    if store.metadata.blob_owner(id).await?.is_none() {
+        delete_blobs(&*store.blobs, id).await?;
     }
     Ok(())
 }
@@ -100,18 +132,40 @@ pub async fn gc_upload(rows: &dyn MetadataStore, blobs: &dyn Blobs, id: Uuid) ->
 /// job whose row is still to be written.
 ///
 /// # Errors
-/// When rows or blobs cannot be read or removed.
-pub async fn gc_job(rows: &dyn MetadataStore, blobs: &dyn Blobs, id: Uuid) -> StoreResult<()> {
-    let Some(BlobOwner { state, lease_token, upload_removed }) = rows.blob_owner(id).await? else {
-        return blobs.delete_job(id).await;
+/// When metadata or blobs cannot be read or removed.
+pub async fn gc_job(store: &Store, id: Uuid) -> StoreResult<()> {
+    let blobs = &*store.blobs;
+    let Some(BlobOwner { state, lease_token, upload_removed }) = store.metadata.blob_owner(id).await? else {
+        return delete_blobs(blobs, id).await;
     };
     if upload_removed {
-        blobs.delete_upload(id).await?;
+        blobs.delete(&upload_key(id)).await?;
     }
     let first_kept = match state {
         // the results of this lease are published, or may still be
         JobState::Succeeded | JobState::Running => lease_token,
         JobState::Queued | JobState::Failed | JobState::Cancelled => lease_token.saturating_add(1),
     };
-    blobs.delete_stale_results(id, first_kept).await
+    delete_stale_results(blobs, id, first_kept).await
+}
+
+/// Removes the results of leases before `first_kept`. Those of later leases stay: a worker may have claimed the job since
+/// the caller read its row.
+///
+/// # Errors
+/// When the blobs cannot be listed or removed.
+pub(crate) async fn delete_stale_results(blobs: &dyn BlobStore, id: Uuid, first_kept: i64) -> StoreResult<()> {
+    let prefix = results_prefix(id);
+    let mut stale = BTreeSet::new();
+    let mut listed = blobs.list(&prefix);
+    while let Some(blob) = listed.try_next().await? {
+        let lease = blob.key.strip_prefix(&prefix).and_then(|rest| rest.split('/').next()).unwrap_or_default();
+        if lease.parse::<i64>().is_ok_and(|lease| lease < first_kept) {
+            stale.insert(lease.to_owned());
+        }
+    }
+    for lease in stale {
+        blobs.delete_prefix(&format!("{prefix}{lease}/")).await?;
+    }
+    Ok(())
 }

@@ -1,9 +1,14 @@
 //! Durable state of the service: metadata (rows of a database) and blobs (uploads and results).
 //!
-//! | part | trait | engine |
+//! | part of [`Store`] | trait | engine |
 //! |---|---|---|
 //! | profiles, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`] |
-//! | uploads and results by key | [`blobs::Blobs`] | [`blobs::local`] |
+//! | uploads and results by key | [`BlobStore`] | [`local`] |
+//! | bytes of resumable uploads while they arrive | [`UploadParts`] | [`local`] |
+//! | scratch of this process | [`Workspace`], not a trait | |
+//!
+//! [`open`] is the only place that names an engine. Each trait has a conformance suite in `store::conformance` that runs on
+//! every engine.
 //!
 //! Whatever is acknowledged to a client has been made durable in this order: write bytes, fsync the file, rename it,
 //! fsync the folder, commit the row.
@@ -11,6 +16,7 @@
 pub mod backup;
 pub mod blobs;
 pub mod clock;
+pub mod data_folder;
 pub mod digest;
 pub mod error;
 pub mod expiry;
@@ -20,26 +26,48 @@ pub mod gc;
 pub mod jobs;
 pub mod json;
 pub mod leases;
+pub mod local;
 pub mod metadata;
 pub mod page;
+pub mod parts;
 pub mod profiles;
 pub mod sqlite;
 pub mod tokens;
 pub mod totals;
 pub mod uploads;
 pub mod verify;
+pub mod workspace;
 
-#[cfg(test)]
-pub(crate) mod conformance;
+#[cfg(any(test, feature = "testing"))]
+pub mod conformance;
 
+pub use blobs::BlobStore;
 pub use clock::{Clock, ManualClock, SystemClock};
+pub use data_folder::{open, open_metadata, open_with_clock};
 pub use error::{StoreError, StoreResult, is_full};
 pub use expiry::{Expiry, Retention};
 pub use jobs::{BlobOwner, CancelRequest, Enqueue, Job, JobCounts, JobFilter, JobQueue, NewJob, OverQuota};
 pub use leases::{Attempt, Finish, Heartbeat, Leases};
 pub use metadata::MetadataStore;
 pub use page::{Page, PageRequest, Skipped};
+pub use parts::UploadParts;
 pub use profiles::{Precondition, ProfileDraft, ProfileStore, PutProfile};
 pub use tokens::Tokens;
 pub use totals::Totals;
 pub use uploads::UploadRecords;
+pub use workspace::{SpoolFile, Workspace};
+
+use std::sync::Arc;
+
+/// The store of the service: one handle per part. Cheap to clone.
+#[derive(Clone)]
+pub struct Store {
+    /// Profiles, jobs, uploads, tokens.
+    pub metadata: Arc<dyn MetadataStore>,
+    /// Uploads and results.
+    pub blobs: Arc<dyn BlobStore>,
+    /// Bytes of resumable uploads while they arrive.
+    pub parts: Arc<dyn UploadParts>,
+    /// Scratch of this process.
+    pub workspace: Arc<Workspace>,
+}

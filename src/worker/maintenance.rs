@@ -1,22 +1,21 @@
-//! The clean-up that runs beside the workers.
+//! Periodic garbage collection.
 
-use std::{sync::Arc, time::Duration};
+use std::time::Duration;
 
 use tokio::task::JoinHandle;
 
 use crate::{
     store::{
-        MetadataStore, Retention,
-        blobs::Blobs,
+        Retention, Store,
         gc::{GRACE, collect},
     },
     telemetry::events,
 };
 
-/// Time between two sweeps.
+/// Time between two collections.
 pub const EVERY: Duration = Duration::from_secs(60 * 60);
 
-/// A running clean-up; it ends when this is dropped.
+/// The running task; it ends when this is dropped.
 pub struct Maintenance(JoinHandle<()>);
 
 impl Drop for Maintenance {
@@ -25,14 +24,14 @@ impl Drop for Maintenance {
     }
 }
 
-/// Sweeps now and then again after each `every`.
-pub fn start(rows: Arc<dyn MetadataStore>, blobs: Arc<dyn Blobs>, every: Duration, keep: Retention) -> Maintenance {
+/// Collects garbage now, and again after each `every`.
+pub fn start(store: Store, every: Duration, keep: Retention) -> Maintenance {
     Maintenance(tokio::spawn(async move {
         let mut clock = tokio::time::interval(every);
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             clock.tick().await;
-            match collect(&*rows, &*blobs, GRACE, &keep).await {
+            match collect(&store, GRACE, &keep).await {
                 Ok(collected) => {
                     events::sweep_ended(true);
                     events::swept(collected.expired, collected.uploads, collected.given_up, collected.orphans);
@@ -41,12 +40,12 @@ pub fn start(rows: Arc<dyn MetadataStore>, blobs: Arc<dyn Blobs>, every: Duratio
                         uploads = collected.uploads,
                         orphans = collected.orphans,
                         given_up = collected.given_up,
-                        "swept"
+                        "garbage collected"
                     );
                 }
                 Err(error) => {
                     events::sweep_ended(false);
-                    tracing::error!(?error, "the sweep failed; the next one goes on");
+                    tracing::error!(?error, "garbage collection failed; the next one continues");
                 }
             }
         }

@@ -1,62 +1,65 @@
-//! Workers: claim a job, keep its lease alive, have it done, make its end visible. They know jobs, not images.
+//! Workers: claim a job, keep its lease, run it, publish its results. They know jobs, not images.
+//!
+//! | module | task |
+//! |---|---|
+//! | [`pool`] | the workers of one process; each claims one job at a time |
+//! | `executor` | one claimed job: admission, run, publication, end |
+//! | `lease_keeper` | heartbeats, progress and cancellation of a running job |
+//! | `disk_admission` | reserves disk space before a job starts |
+//! | [`maintenance`] | hourly garbage collection |
 
-mod attend;
-mod lifeline;
+mod disk_admission;
+mod executor;
+mod lease_keeper;
 pub mod maintenance;
-mod pool;
-mod room;
+pub mod pool;
 mod stages;
 
 pub use pool::Pool;
 
 use std::{sync::Arc, time::Duration};
 
-use crate::{
-    disk_budget::DiskBudget,
-    jobs::JobRunner,
-    store::{MetadataStore, blobs::Blobs},
-};
+use crate::{disk_budget::DiskBudget, jobs::JobRunner, store::Store};
 
-/// Beats in the length of a lease: a few may be late before anybody takes a worker for dead.
+/// Heartbeats per lease: several may be late before the lease expires.
 pub const BEATS_PER_LEASE: u32 = 15;
 
-/// What workers work with.
+/// What workers need.
 #[derive(Clone)]
 pub struct Deps {
-    /// Jobs and profiles.
-    pub rows: Arc<dyn MetadataStore>,
-    /// Uploads and results.
-    pub blobs: Arc<dyn Blobs>,
-    /// The room that jobs share with uploads.
+    /// Jobs, profiles, uploads and results.
+    pub store: Store,
+    /// The disk budget that jobs share with uploads.
     pub disk: Arc<DiskBudget>,
-    /// What is done with a job.
+    /// Runs the jobs.
     pub runner: Arc<dyn JobRunner>,
 }
 
-/// How workers work.
+/// Settings of the workers.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// Jobs at a time.
+    /// Number of jobs that run at a time.
     pub workers: usize,
-    /// How long a job belongs to a worker that is not heard of. Short, so that a restart goes on soon.
+    /// Time without a heartbeat until another worker may claim the job. Short, so that a restart continues soon.
     pub lease: Duration,
-    /// Time between heartbeats when there is no news; a cancel by another process is seen within it.
+    /// Time between heartbeats without progress; a cancellation by another process is observed within it.
     pub beat: Duration,
-    /// Least time between heartbeats that bring progress.
+    /// Minimum time between heartbeats with progress.
     pub progress_gap: Duration,
-    /// How often the queue is looked at without being told: other processes accept jobs and lose leases too.
+    /// How often the queue is polled: other processes accept jobs and lose leases too.
     pub poll: Duration,
-    /// Claims of a job whose worker dies each time.
+    /// Number of claims of a job whose worker dies each time.
     pub max_attempts: u32,
-    /// Time before a job is claimed again that met an error of the machine at its first attempt; longer after each.
+    /// Time until the next claim of a job whose first attempt failed with an error of the machine; longer after each
+    /// attempt.
     pub retry_pause: Duration,
-    /// Memory for all running jobs together, bytes. A job that needs more than all of it runs alone.
+    /// Memory for all running jobs together, bytes. A job that needs more than that runs alone.
     pub memory_budget: u64,
 }
 
 impl Default for Config {
-    /// One worker, 15 s lease, a beat a second, five times a second with news, 3 attempts, 10 s
-    /// before the second, 2 GiB of memory.
+    /// One worker, a lease of 15 s, a heartbeat per second, five per second with progress, 3 attempts, 10 s until the second,
+    /// 2 GiB of memory.
     fn default() -> Self {
         Self {
             workers: 1,

@@ -9,17 +9,17 @@ use tokio::{
 };
 use tokio_util::sync::CancellationToken;
 
-use super::{Config, Deps, attend::Shared};
+use super::{Config, Deps, executor::Executor};
 use crate::{store::Job, telemetry::events};
 
-/// How long jobs that were told to stop may take to see it.
-const LET_GO: Duration = Duration::from_secs(10);
+/// Time that jobs may take to stop when they are asked to.
+const STOP_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Running workers. Dropping it stops them at once, as a crash would; [`Pool::shutdown`] is the polite way.
+/// Running workers. Dropping the pool aborts them at once, like a crash; [`Pool::shutdown`] ends them gracefully.
 pub struct Pool {
     tasks: JoinSet<()>,
     stop: CancellationToken,
-    shared: Arc<Shared>,
+    executor: Arc<Executor>,
 }
 
 impl Pool {
@@ -28,27 +28,27 @@ impl Pool {
         let stop = CancellationToken::new();
         let workers = config.workers;
         events::pool_started(workers, config.memory_budget);
-        let mut shared =
-            Shared { deps, config, memory: Arc::new(Semaphore::new(0)), abandon: CancellationToken::new() };
-        shared.memory = Arc::new(Semaphore::new(shared.whole_budget() as usize));
-        let shared = Arc::new(shared);
+        let mut executor =
+            Executor { deps, config, memory: Arc::new(Semaphore::new(0)), abandon: CancellationToken::new() };
+        executor.memory = Arc::new(Semaphore::new(executor.whole_budget() as usize));
+        let executor = Arc::new(executor);
         let gate = Arc::new(Mutex::new(()));
         let mut tasks = JoinSet::new();
         for _ in 0..workers {
-            tasks.spawn(work(Arc::clone(&shared), Arc::clone(&gate), stop.clone()));
+            tasks.spawn(work(Arc::clone(&executor), Arc::clone(&gate), stop.clone()));
         }
-        Self { tasks, stop, shared }
+        Self { tasks, stop, executor }
     }
 
-    /// Takes no new jobs, lets running ones end within `grace`, and gives the rest back to the queue.
+    /// Claims no more jobs, waits up to `grace` for running jobs, and returns the others to the queue.
     pub async fn shutdown(mut self, grace: Duration) {
         self.stop.cancel();
         if timeout(grace, drain(&mut self.tasks)).await.is_ok() {
             return;
         }
-        self.shared.abandon.cancel();
-        if timeout(LET_GO, drain(&mut self.tasks)).await.is_err() {
-            tracing::warn!("jobs did not let go in time; they are done again once their leases have run out");
+        self.executor.abandon.cancel();
+        if timeout(STOP_TIMEOUT, drain(&mut self.tasks)).await.is_err() {
+            tracing::warn!("jobs did not stop in time; they run again once their leases have expired");
         }
     }
 }
@@ -56,12 +56,12 @@ impl Pool {
 async fn drain(tasks: &mut JoinSet<()>) {
     while let Some(ended) = tasks.join_next().await {
         if let Err(error) = ended {
-            tracing::error!(%error, "a worker died");
+            tracing::error!(%error, "a worker panicked");
         }
     }
 }
 
-/// Tells how long a job waited for its first attempt, or that it is not the first.
+/// Counts the start of a job: the time that it waited for its first attempt, or a retry.
 fn count_start(job: &Job) {
     let kind = job.request.kind();
     match job.started_at {
@@ -73,27 +73,27 @@ fn count_start(job: &Job) {
     }
 }
 
-/// One worker. Whoever holds the gate looks for a job; the others work or wait for the gate.
-async fn work(shared: Arc<Shared>, gate: Arc<Mutex<()>>, stop: CancellationToken) {
-    let Shared { deps, config, .. } = &*shared;
+/// One worker. The worker that holds the gate claims a job; the others run jobs or wait for the gate.
+async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationToken) {
+    let Executor { deps, config, .. } = &*executor;
     loop {
         let gate = tokio::select! {
             biased;
             () = stop.cancelled() => return,
             gate = Arc::clone(&gate).lock_owned() => gate,
         };
-        // subscribed before the look, so that no job slips in between
-        let mut changes = deps.rows.changes();
-        let claimed = deps.rows.claim(config.lease, config.max_attempts).await;
+        // subscribed before the claim, so that no new job is missed between the two
+        let mut changes = deps.store.metadata.changes();
+        let claimed = deps.store.metadata.claim(config.lease, config.max_attempts).await;
         match claimed {
             Ok(Some(job)) => {
                 tracing::info!(job = %job.id, kind = ?job.request.kind(), attempt = job.attempt, "job claimed");
                 count_start(&job);
-                shared.attend(job, gate).await;
+                executor.run_claimed_job(job, gate).await;
                 continue;
             }
             Ok(None) => {}
-            Err(error) => tracing::error!(?error, "cannot look for a job"),
+            Err(error) => tracing::error!(?error, "cannot claim a job"),
         }
         tokio::select! {
             () = stop.cancelled() => return,

@@ -1,4 +1,4 @@
-//! How long a job spends in each of its stages, as its reports of progress tell.
+//! Time that a job spends in each stage, measured from its progress reports.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ pub(super) struct StageTimes {
 }
 
 impl StageTimes {
-    /// The job reports that it is in `stage` at `now`. Cheap when it was there before.
+    /// The job is in `stage` at `now`. Cheap when the stage has not changed.
     pub(super) fn enter(&mut self, stage: &str, now: Instant) {
         let label = stage_label(stage);
         if self.current.is_none_or(|(before, _)| before != label) {
@@ -21,8 +21,8 @@ impl StageTimes {
         }
     }
 
-    /// The job ended at `now`: its stages in the order in which it entered them first. A stage that was entered several
-    /// times is there once, with the sum.
+    /// The job ended at `now`. Returns its stages in the order in which they were first entered. A stage that was entered
+    /// several times appears once, with the sum.
     pub(super) fn end(&mut self, now: Instant) -> Vec<(&'static str, Duration)> {
         self.leave(now);
         std::mem::take(&mut self.spent)
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stage_that_is_entered_twice_counts_once_with_its_sum() {
+    fn a_stage_that_is_entered_twice_is_listed_once_with_the_sum() {
         let (mut times, begin) = (StageTimes::default(), Instant::now());
         let at = |seconds| begin + Duration::from_secs(seconds);
         for (stage, seconds) in [("reading", 0), ("reading", 1), ("fusing", 2), ("masking", 5), ("fusing", 6)] {

@@ -1,20 +1,21 @@
-//! Workers on a real store with jobs that the test holds in its hand: they wait for a message, never for time.
+//! Workers on a real store with scripted jobs: they wait for messages of the test, never for time.
 
-mod puppet;
-mod stage;
+mod fixture;
+mod scripted;
 
 use super::*;
 use crate::{
     contract::{Code, JobState},
     store::{
-        Job, JobQueue, Leases,
+        Job,
         blobs::result_key,
         conformance::{self, LEASE},
-        sqlite::SqliteMetadata,
+        gc::{delete_blobs, jobs_with_blobs},
+        open_with_clock,
     },
 };
-use puppet::Order;
-use stage::{config, stage, stage_with_need, stage_with_needs};
+use fixture::{config, stage, stage_with_need, stage_with_needs};
+use scripted::Order;
 
 macro_rules! worker_test {
     (async fn $name:ident() $body:block) => {
@@ -33,7 +34,7 @@ mod machine;
 mod science;
 
 worker_test! {
-    async fn a_job_is_done_and_its_files_are_published() {
+    async fn a_job_runs_and_its_files_are_published() {
         let stage = stage().await;
         let pool = Pool::start(stage.deps.clone(), config(2));
         let id = stage.accept().await;
@@ -42,12 +43,12 @@ worker_test! {
         assert_eq!((job.state, job.attempt), (JobState::Succeeded, 1));
         assert_eq!(stage.results_of(&job).await.as_deref(), Some(&b"the archive"[..]));
         pool.shutdown(Duration::from_secs(10)).await;
-        assert_eq!(stage.benches(), 0, "nothing is left in the spool");
+        assert_eq!(stage.scratch_folders(), 0, "nothing is left in the workspace");
     }
 }
 
 worker_test! {
-    async fn progress_is_seen_while_the_job_runs() {
+    async fn progress_is_stored_while_the_job_runs() {
         let stage = stage().await;
         let _pool = Pool::start(stage.deps.clone(), config(1));
         let id = stage.accept().await;
@@ -86,10 +87,10 @@ worker_test! {
         let _pool = Pool::start(stage.deps.clone(), config(2));
         let (first, second) = (stage.accept().await, stage.accept().await);
         assert_eq!(stage.began.recv().await, Some(first));
-        // the second is claimed and beats, but has no memory yet: its cancel must be seen all the same
+        // the second is claimed and sends heartbeats, but has no memory yet: its cancellation must be observed all the same
         stage.until(second, |job| job.state == JobState::Running).await;
         assert!(stage.began.try_recv().is_err());
-        stage.deps.rows.cancel(second).await.unwrap();
+        stage.deps.store.metadata.cancel(second).await.unwrap();
         assert_eq!(stage.ended(second).await.state, JobState::Cancelled);
         let third = stage.accept().await;
         stage.order(Order::Succeed);
@@ -119,17 +120,17 @@ worker_test! {
 }
 
 worker_test! {
-    async fn a_job_that_lost_a_worker_before_runs_alone() {
+    async fn a_job_that_lost_a_worker_runs_alone() {
         let mut stage = stage().await;
         let (suspect, innocent) = (stage.accept().await, stage.accept().await);
         // a worker takes the first job and dies
-        conformance::claim(&*stage.deps.rows).await.expect("the suspect");
+        conformance::claim(&*stage.deps.store.metadata).await.expect("the suspect");
         stage.clock.advance(LEASE);
         let _pool = Pool::start(stage.deps.clone(), config(2));
         assert_eq!(stage.began.recv().await, Some(suspect));
         stage.order(Order::Report(0.5));
         stage.until(suspect, |job| job.progress.fraction == 0.5).await;
-        assert_eq!(conformance::job(&*stage.deps.rows, innocent).await.state, JobState::Queued);
+        assert_eq!(conformance::job(&*stage.deps.store.metadata, innocent).await.state, JobState::Queued);
         stage.order(Order::Succeed);
         assert_eq!(stage.ended(suspect).await.attempt, 2);
         assert_eq!(stage.began.recv().await, Some(innocent));
@@ -139,10 +140,10 @@ worker_test! {
 }
 
 worker_test! {
-    async fn a_job_whose_upload_is_gone_fails_with_a_sentence() {
+    async fn a_job_whose_upload_is_missing_fails_with_an_explanation() {
         let stage = stage().await;
         let id = stage.accept().await;
-        stage.deps.blobs.delete_job(id).await.unwrap();
+        delete_blobs(&*stage.deps.store.blobs, id).await.unwrap();
         let _pool = Pool::start(stage.deps.clone(), config(1));
         let job = stage.ended(id).await;
         assert_eq!(job.state, JobState::Failed);

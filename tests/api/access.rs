@@ -25,7 +25,7 @@ async fn token_with_quota(app: &TestApp, name: &str, scopes: &[Scope], quota_byt
     let (id, secret, text) = mint().unwrap();
     let new =
         NewToken { id, name: Name::new(name).unwrap(), digest: secret.digest(), scopes: scopes.to_vec(), quota_bytes };
-    assert!(app.rows.add_token(&new).await.unwrap());
+    assert!(app.store.metadata.add_token(&new).await.unwrap());
     text
 }
 
@@ -124,7 +124,7 @@ async fn a_token_is_worth_nothing_with_another_secret_or_once_revoked() {
     }
     let basic = app.get("/v1/stacks").header("authorization", format!("Basic {good}")).send().await.unwrap();
     problem(basic, 401, "unauthorized").await;
-    assert!(app.rows.revoke_token(&Name::new("rig-pc").unwrap()).await.unwrap());
+    assert!(app.store.metadata.revoke_token(&Name::new("rig-pc").unwrap()).await.unwrap());
     problem(app.get("/v1/stacks").bearer_auth(&good).send().await.unwrap(), 401, "unauthorized").await;
     assert_eq!(status(app.get("/v1/stacks"), &other).await, 200);
 }
@@ -443,7 +443,7 @@ async fn a_quota_holds_however_many_requests_come_at_once() {
     let zip = stack_zip(2, 0);
     let length = zip.len() as u64;
     let small = token_with_quota(&app, "small", &[Scope::StacksWrite], Some(length * 5 / 2)).await;
-    let small_id = app.rows.tokens().await.unwrap().iter().find(|t| t.name.as_str() == "small").unwrap().id;
+    let small_id = app.store.metadata.tokens().await.unwrap().iter().find(|t| t.name.as_str() == "small").unwrap().id;
     let posts = (0..30).map(|i| {
         let (app, zip, small) = (&app, zip.clone(), &small);
         async move {
@@ -465,7 +465,7 @@ async fn a_quota_holds_however_many_requests_come_at_once() {
     let accepted = told.iter().filter(|status| **status != 507).count();
     assert!((1..=2).contains(&accepted), "{told:?}");
     assert!(told.iter().all(|status| [201, 202, 507].contains(status)), "{told:?}");
-    let used = app.rows.used_bytes(small_id).await.unwrap();
+    let used = app.store.metadata.used_bytes(small_id).await.unwrap();
     assert_eq!(used, accepted as u64 * length);
     assert_eq!(app.spooled(), 0);
 

@@ -10,11 +10,7 @@ use pinstack::{
     },
     disk_budget::Reservation,
     http::{self, App, Policy},
-    store::{
-        Finish, Job, MetadataStore,
-        blobs::{Blobs, local::LocalBlobs, result_key},
-        sqlite::SqliteMetadata,
-    },
+    store::{self, Finish, Job, MetadataStore, SpoolFile, Store, blobs::result_key, gc},
 };
 use pinstack_science::{
     imaging::{Raster, codec},
@@ -36,8 +32,7 @@ const LEASE: Duration = Duration::from_secs(600);
 pub struct TestApp {
     pub base: String,
     pub client: Client,
-    pub rows: Arc<dyn MetadataStore>,
-    pub blobs: Arc<dyn Blobs>,
+    pub store: Store,
     pub app: App,
     data: TempDir,
 }
@@ -55,17 +50,15 @@ impl TestApp {
 
     pub async fn start_with(change: impl FnOnce(&mut Policy)) -> Self {
         let data = TempDir::new().expect("a folder");
-        let rows: Arc<dyn MetadataStore> =
-            Arc::new(SqliteMetadata::open(data.path().join("rows.sqlite")).await.expect("rows"));
-        let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
+        let store = store::open(data.path()).await.expect("a store");
         let mut policy = Policy { min_free_bytes: 0, ..Policy::default() };
         change(&mut policy);
-        let app = App::new(Arc::clone(&rows), Arc::clone(&blobs), policy);
+        let app = App::new(store.clone(), policy);
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
         let base = format!("http://{}", listener.local_addr().expect("an address"));
         tokio::spawn(http::serve(app.clone(), listener));
         let client = Client::builder().no_proxy().build().expect("a client");
-        Self { base, client, rows, blobs, app, data }
+        Self { base, client, store, app, data }
     }
 
     /// The base URL of a second server on the same store that asks for tokens.
@@ -79,9 +72,27 @@ impl TestApp {
         base
     }
 
-    /// The rows as another process on the same machine has them open: its changes are not announced to this one.
-    pub async fn rows_of_another_process(&self) -> SqliteMetadata {
-        SqliteMetadata::open(self.data.path().join("rows.sqlite")).await.expect("rows")
+    /// The metadata as another process on the same machine has opened it: its changes are not announced to this one.
+    pub async fn metadata_of_another_process(&self) -> Arc<dyn MetadataStore> {
+        store::open_metadata(self.data.path()).await.expect("the metadata")
+    }
+
+    /// The bytes of a blob; `None` when it does not exist.
+    pub async fn blob(&self, key: &str) -> Option<Vec<u8>> {
+        let blob = self.store.blobs.fetch(key, &self.store.workspace).await.expect("fetched")?;
+        Some(std::fs::read(blob.path()).expect("the file can be read"))
+    }
+
+    /// Stores bytes as a blob.
+    pub async fn put_blob(&self, key: &str, bytes: &[u8]) {
+        let path = self.store.workspace.new_path("test").expect("a path");
+        std::fs::write(&path, bytes).expect("the workspace can be written");
+        self.store.blobs.put(key, SpoolFile::temporary(path)).await.expect("stored");
+    }
+
+    /// The jobs that have blobs.
+    pub async fn jobs_with_blobs(&self) -> Vec<Uuid> {
+        gc::jobs_with_blobs(&*self.store.blobs).await.expect("listed").into_keys().collect()
     }
 
     pub fn get(&self, path: &str) -> RequestBuilder {
@@ -117,7 +128,7 @@ impl TestApp {
 
     /// What a worker does first.
     pub async fn claim(&self) -> Job {
-        self.rows.claim(LEASE, 3).await.expect("the rows answer").expect("a job waits")
+        self.store.metadata.claim(LEASE, 3).await.expect("the rows answer").expect("a job waits")
     }
 
     /// What a worker does last, with made-up results.
@@ -142,12 +153,14 @@ impl TestApp {
             }),
         };
         let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: None };
-        assert!(self.rows.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
+        assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
     }
 
     /// What a worker does when the work cannot be done.
     pub async fn fail(&self, job: &Job, fault: Fault) {
-        assert!(self.rows.finish(job.id, job.lease_token, &Finish::Failed(fault)).await.expect("the rows answer"));
+        assert!(
+            self.store.metadata.finish(job.id, job.lease_token, &Finish::Failed(fault)).await.expect("the rows answer")
+        );
     }
 
     async fn stack_outcome(&self, job: &Job, has_back_light: bool) -> StackOutcome {
@@ -166,9 +179,7 @@ impl TestApp {
 
     async fn artifact(&self, job: &Job, name: &str, bytes: Vec<u8>) -> Artifact {
         let key = result_key(job.id, job.lease_token, &format!("{name}.png"));
-        let path = self.blobs.spool_dir().join(format!("{name}-{}", job.id));
-        std::fs::write(&path, &bytes).expect("the spool can be written");
-        self.blobs.publish(&path, &key).await.expect("published");
+        self.put_blob(&key, &bytes).await;
         let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
         Artifact { name: name.into(), key, media_type: "image/png".into(), bytes: bytes.len() as u64, sha256 }
     }
@@ -192,7 +203,7 @@ impl TestApp {
 
     /// Files in the spool folder.
     pub fn spooled(&self) -> usize {
-        std::fs::read_dir(self.blobs.spool_dir()).expect("the spool can be read").count()
+        std::fs::read_dir(self.store.workspace.path()).expect("the spool can be read").count()
     }
 }
 

@@ -15,7 +15,7 @@ const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 async fn refused(app: &TestApp, url: &str, body: Vec<u8>, status: u16, code: &str) -> String {
     let told = problem(app.post(url).body(body).send().await.unwrap(), status, code).await;
     assert_eq!(app.spooled(), 0, "{told}");
-    assert!(app.blobs.jobs_with_blobs().await.unwrap().is_empty(), "{told}");
+    assert!(app.jobs_with_blobs().await.is_empty(), "{told}");
     told["detail"].as_str().unwrap().to_owned()
 }
 
@@ -170,5 +170,5 @@ async fn an_upload_that_breaks_off_leaves_nothing() {
     let rest = String::from_utf8_lossy(&rest);
     assert!(rest.is_empty() || rest.contains("upload_incomplete"), "{rest}");
     assert_eq!(app.spooled(), 0);
-    assert_eq!(app.rows.counts().await.unwrap().queued, 0);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 0);
 }

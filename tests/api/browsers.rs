@@ -132,7 +132,7 @@ async fn bodies_that_any_page_may_send_are_taken_neither_for_json_nor_for_a_zip(
             assert_eq!(detail.contains("-T"), kind.contains("urlencoded"), "curl's users hear what to do: {told}");
         }
     }
-    assert_eq!(app.rows.counts().await.unwrap().queued, 0);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 0);
 }
 
 #[tokio::test]

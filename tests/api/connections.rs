@@ -176,7 +176,7 @@ async fn one_token_has_a_share_of_the_requests_in_progress() {
         let (id, secret, text) = mint().unwrap();
         let scopes = vec![Scope::Read];
         let new = NewToken { id, name: Name::new(name).unwrap(), digest: secret.digest(), scopes, quota_bytes: None };
-        assert!(app.rows.add_token(&new).await.unwrap());
+        assert!(app.store.metadata.add_token(&new).await.unwrap());
         tokens.push(text);
     }
     let events = format!("{guarded}/v1/stacks/{}/events", id(&stack));

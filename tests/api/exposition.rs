@@ -139,8 +139,8 @@ fn the_documented_series_are_those_of_the_program() {
 async fn every_series_exists_with_its_labels_and_none_of_them_is_a_clients() {
     let app = TestApp::start().await;
     pinstack::telemetry::recorder().expect("the recorder of this process");
-    let (rows, blobs, disk) = (Arc::clone(&app.rows), Arc::clone(&app.blobs), Arc::clone(&app.app.disk));
-    let deps = Deps { rows, blobs, disk, runner: Arc::new(ScienceRunner::default()) };
+    let (store, disk) = (app.store.clone(), Arc::clone(&app.app.disk));
+    let deps = Deps { store, disk, runner: Arc::new(ScienceRunner::default()) };
     let pool = Pool::start(deps, Config::default());
     app.with_profile(2).await;
     let send = async |path: &str, body: Vec<u8>| {

@@ -69,7 +69,7 @@ async fn what_is_wrong_in_a_form_is_told() {
     let calibrations = "/v1/profiles/rig/lens/calibrations";
     problem(send(&app, calibrations, &[("rig", b"other"), ("stack", &zip)]).await, 400, "invalid_request").await;
     assert_eq!(app.spooled(), 0);
-    assert_eq!(app.rows.counts().await.unwrap().queued, 0);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 0);
 }
 
 #[tokio::test]

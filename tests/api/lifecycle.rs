@@ -96,8 +96,8 @@ async fn a_deleted_stack_takes_upload_and_results_with_it() {
     assert_eq!(app.delete(&url).send().await.unwrap().status(), StatusCode::NO_CONTENT);
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;
     problem(app.delete(&url).send().await.unwrap(), 404, "not_found").await;
-    assert_eq!(app.blobs.local_path(&job.request.upload().key).await.unwrap(), None);
-    assert!(app.blobs.jobs_with_blobs().await.unwrap().is_empty());
+    assert_eq!(app.blob(&job.request.upload().key).await, None);
+    assert!(app.jobs_with_blobs().await.is_empty());
 }
 
 #[tokio::test]
@@ -116,9 +116,9 @@ async fn a_repeat_with_the_same_key_answers_the_first_stack() {
     assert_eq!(id(&again.json().await.unwrap()), id(&first));
     problem(send("&r1=20", stack_zip(2, 2)).await.unwrap(), 422, "idempotency_key_reused").await;
     problem(send("", stack_zip(2, 0)).await.unwrap(), 422, "idempotency_key_reused").await;
-    assert_eq!(app.rows.counts().await.unwrap().queued, 1);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 1);
     assert_eq!(app.spooled(), 0);
-    assert_eq!(app.blobs.jobs_with_blobs().await.unwrap().len(), 1);
+    assert_eq!(app.jobs_with_blobs().await.len(), 1);
 }
 
 #[tokio::test]

@@ -74,9 +74,7 @@ fn report(shift: f64) -> CalibrationReport {
 async fn kept(app: &TestApp, job: &Job, report: &CalibrationReport) -> Artifact {
     let bytes = serde_json::to_vec(report).unwrap();
     let key = result_key(job.id, job.lease_token, "report.json");
-    let path = app.blobs.spool_dir().join(format!("report-{}", job.id));
-    std::fs::write(&path, &bytes).unwrap();
-    app.blobs.publish(&path, &key).await.unwrap();
+    app.put_blob(&key, &bytes).await;
     let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
     Artifact { name: "report".into(), key, media_type: "application/json".into(), bytes: bytes.len() as u64, sha256 }
 }
@@ -117,7 +115,7 @@ async fn calibrated(app: &TestApp, shift: f64) -> String {
         verdict: "good".into(),
     });
     let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: Some(Box::new(draft)) };
-    assert!(app.rows.finish(job.id, job.lease_token, &finish).await.unwrap());
+    assert!(app.store.metadata.finish(job.id, job.lease_token, &finish).await.unwrap());
     url
 }
 

@@ -38,8 +38,8 @@ async fn upload_of(app: &TestApp, stack: &Value) -> Response {
 
 /// The clean-up leaves no garbage and takes nothing that is named.
 async fn cleaned(app: &TestApp) {
-    collect(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
-    let report = verify(&*app.rows, &*app.blobs, Depth::Digests).await.unwrap();
+    collect(&app.store, Duration::ZERO, &Retention::default()).await.unwrap();
+    let report = verify(&app.store, Depth::Digests).await.unwrap();
     assert_eq!((report.faults, report.orphans), (Vec::new(), 0));
     assert_eq!(app.spooled(), 0);
 }
@@ -69,8 +69,8 @@ async fn a_rerun_is_another_stack_of_the_same_zip_with_other_options() {
     cleaned(&app).await;
     let job = app.claim().await;
     assert_eq!(job.id, id(&again));
-    let path = app.blobs.local_path(&job.request.upload().key).await.unwrap().expect("the worker finds the zip");
-    assert_eq!(std::fs::read(path).unwrap(), zip);
+    let found = app.blob(&job.request.upload().key).await.expect("the worker finds the zip");
+    assert_eq!(found, zip);
     app.finish(&job).await;
     assert_eq!(upload_of(&app, &again).await.bytes().await.unwrap(), zip);
     let third = accepted(rerun(&app, &again, json!({})).await).await;
@@ -125,7 +125,7 @@ async fn a_rerun_is_refused_as_a_stack_would_be() {
     assert_eq!(put.status(), StatusCode::OK);
     problem(rerun(&app, &stack, json!({ "profile_revision": 2 })).await, 422, "slice_count_mismatch").await;
     problem(rerun(&app, &stack, json!({ "profile_revision": null })).await, 422, "slice_count_mismatch").await;
-    assert_eq!(app.rows.counts().await.unwrap().queued, 1);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 1);
     cleaned(&app).await;
 
     accepted(rerun(&app, &stack, json!({})).await).await;
@@ -163,7 +163,7 @@ async fn a_repeated_rerun_answers_the_first_new_stack() {
     // another call with the same effect is another request
     let posted = app.post(&format!("{POST}&r1=9&profile_revision=1")).header("idempotency-key", "again").body(zip);
     problem(posted.send().await.unwrap(), 422, "idempotency_key_reused").await;
-    assert_eq!(app.rows.counts().await.unwrap().queued, 2);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 2);
     cleaned(&app).await;
 }
 
@@ -175,7 +175,7 @@ async fn without_its_zip_a_stack_is_not_made_again() {
     // made before the zip is over its time: it keeps its own
     let again = accepted(rerun(&app, &stack, json!({})).await).await;
     let over = Retention { uploads: Some(Duration::ZERO), ..Retention::default() };
-    let swept = collect(&*app.rows, &*app.blobs, Duration::ZERO, &over).await.unwrap();
+    let swept = collect(&app.store, Duration::ZERO, &over).await.unwrap();
     assert_eq!(swept.uploads, 1);
     let url = format!("/v1/stacks/{}", id(&stack));
     let told = problem(rerun(&app, &stack, json!({})).await, 410, "upload_removed").await;

@@ -179,7 +179,8 @@ async fn a_stored_result_that_changed_on_the_disk_is_not_sent() {
         let job = app.claim().await;
         app.finish(&job).await;
         let key = pinstack::store::blobs::result_key(job.id, job.lease_token, "image.png");
-        let path = app.blobs.local_path(&key).await.unwrap().expect("the file");
+        let stored = app.store.blobs.fetch(&key, &app.store.workspace).await.unwrap().expect("the file");
+        let path = stored.path();
         match cut {
             true => std::fs::File::options().write(true).open(path).unwrap().set_len(100).unwrap(),
             false => std::fs::remove_file(path).unwrap(),

@@ -57,8 +57,8 @@ async fn a_zip_in_pieces_becomes_a_stack_like_one_in_a_single_request() {
         stack["upload"],
         json!({ "bytes": zip.len(), "sha256": sha256, "filename": "bee 01.zip", "removed": false })
     );
-    assert_eq!(std::fs::read(app.blobs.local_path(&upload_key(id_of(&url))).await.unwrap().unwrap()).unwrap(), zip);
-    assert!(app.blobs.partials().await.unwrap().is_empty(), "nothing is left of the pieces");
+    assert_eq!(app.blob(&upload_key(id_of(&url))).await.unwrap(), zip);
+    assert!(app.store.parts.list().await.unwrap().is_empty(), "nothing is left of the pieces");
 
     // a client that did not hear the answer asks again, in any way
     let again = head(&app, &url).await;
@@ -67,7 +67,7 @@ async fn a_zip_in_pieces_becomes_a_stack_like_one_in_a_single_request() {
     assert_eq!((again.status(), header(&again, "pinstack-job")), (StatusCode::NO_CONTENT, job.as_str()));
     let complete = shown(&app, &url).await;
     assert_eq!((&complete["state"], &complete["job"]), (&json!("complete"), &json!(job)));
-    assert_eq!(app.rows.counts().await.unwrap().queued, 1);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 1);
     let ended = app.claim().await;
     app.finish(&ended).await;
     assert_eq!(shown(&app, &job).await["state"], "succeeded");
@@ -114,9 +114,9 @@ async fn an_upload_that_is_ended_is_gone_and_its_job_is_not() {
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
     piece(&app, &url, 0, &[1; 10]).send().await.unwrap();
-    assert_eq!(app.blobs.partials().await.unwrap(), [id_of(&url)]);
+    assert_eq!(app.store.parts.list().await.unwrap(), [id_of(&url)]);
     assert_eq!(request(&app, Method::DELETE, &url).send().await.unwrap().status(), StatusCode::NO_CONTENT);
-    assert!(app.blobs.partials().await.unwrap().is_empty());
+    assert!(app.store.parts.list().await.unwrap().is_empty());
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;
     problem(request(&app, Method::DELETE, &url).send().await.unwrap(), 404, "not_found").await;
 
@@ -125,7 +125,7 @@ async fn an_upload_that_is_ended_is_gone_and_its_job_is_not() {
     let job = header(&piece(&app, &url, 0, &zip).send().await.unwrap(), "pinstack-job").to_owned();
     request(&app, Method::DELETE, &url).send().await.unwrap();
     assert_eq!(shown(&app, &job).await["state"], "queued");
-    assert!(app.blobs.local_path(&upload_key(id_of(&url))).await.unwrap().is_some());
+    assert!(app.blob(&upload_key(id_of(&url))).await.is_some());
 }
 
 #[tokio::test]

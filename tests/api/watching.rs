@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use pinstack::{contract::Progress, store::JobQueue};
+use pinstack::contract::Progress;
 use reqwest::StatusCode;
 use serde_json::Value;
 
@@ -43,7 +43,7 @@ async fn events_tell_the_state_now_every_progress_and_the_end() {
     let job = app.claim().await;
     hear("\"state\":\"running\"").await;
     let progress = Progress { stage: "fusing".into(), completed: 1, total: 2, fraction: 0.5 };
-    app.rows.heartbeat(job.id, job.lease_token, Duration::from_secs(60), &progress).await.unwrap();
+    app.store.metadata.heartbeat(job.id, job.lease_token, Duration::from_secs(60), &progress).await.unwrap();
     hear("\"fraction\":0.5").await;
     app.finish(&job).await;
     hear("\"state\":\"succeeded\"").await;
@@ -69,7 +69,7 @@ async fn a_change_by_another_process_is_seen_too() {
     let app = TestApp::start_with(|policy| policy.poll_interval = Duration::from_millis(20)).await;
     let stack = app.with_stack("").await;
     let stream = app.get(&format!("/v1/stacks/{}/events", id(&stack))).send().await.unwrap();
-    app.rows_of_another_process().await.cancel(id(&stack)).await.unwrap();
+    app.metadata_of_another_process().await.cancel(id(&stack)).await.unwrap();
     assert!(stream.text().await.unwrap().contains("\"state\":\"cancelled\""));
 }
 
@@ -80,7 +80,7 @@ async fn a_client_that_prefers_to_wait_gets_the_finished_stack() {
     let post = |wait: &'static str| {
         app.post("/v1/stacks?rig=rig&lens=lens").header("prefer", wait).body(stack_zip(2, 0)).send()
     };
-    let mut changes = app.rows.changes();
+    let mut changes = app.store.metadata.changes();
     let worker = async {
         changes.recv().await.unwrap();
         let job = app.claim().await;

@@ -122,11 +122,11 @@ async fn a_folder_with_something_else_in_it_is_not_taken_for_a_copy() {
     let folder = TempDir::new().expect("a folder");
     fs::write(folder.path().join("thesis.tex"), "x").expect("written");
     let done = command(&story.data(), &["backup", "--to", folder.path().to_str().expect("UTF-8")]);
-    assert!(!done.status.success() && text(&done).contains("no copy"), "{}", text(&done));
+    assert!(!done.status.success() && text(&done).contains("not a backup"), "{}", text(&done));
     // least of all the store itself, or another one that is at work
     let data = story.data();
     let onto_itself = command(&data, &["backup", "--to", data.to_str().expect("UTF-8")]);
-    assert!(!onto_itself.status.success() && text(&onto_itself).contains("no copy"), "{}", text(&onto_itself));
+    assert!(!onto_itself.status.success() && text(&onto_itself).contains("not a backup"), "{}", text(&onto_itself));
     let nowhere = command(&folder.path().join("mistyped"), &["verify"]);
     assert!(!nowhere.status.success() && text(&nowhere).contains("--data-dir"), "{}", text(&nowhere));
 }
@@ -152,7 +152,7 @@ async fn what_is_missing_or_changed_is_named() {
         assert!(said.contains(part), "{part}: {said}");
     }
     let quick = command(&data, &["verify", "--quick"]);
-    assert!(!text(&quick).contains("have changed") && text(&quick).contains("is not there"), "{}", text(&quick));
+    assert!(!text(&quick).contains("have changed") && text(&quick).contains("is missing"), "{}", text(&quick));
     let copied = command(&data, &["backup", "--to", data.with_extension("copy").to_str().expect("UTF-8")]);
     assert!(!copied.status.success() && text(&copied).contains(&id(&second)), "{}", text(&copied));
 }

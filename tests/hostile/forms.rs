@@ -1,18 +1,12 @@
 //! Forms that never make sense, and the memory that they take.
 
-use std::sync::Arc;
-
 use axum::{
     body::{Body, Bytes},
     http::{Request, StatusCode, header},
 };
 use pinstack::{
     http::{App, Policy, router},
-    store::{
-        MetadataStore,
-        blobs::{Blobs, local::LocalBlobs},
-        sqlite::SqliteMetadata,
-    },
+    store,
 };
 use tower::ServiceExt;
 
@@ -31,10 +25,8 @@ fn a_form_that_never_makes_sense_takes_little_memory_and_is_refused() {
     let data = tempfile::tempdir().expect("a folder");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let service = runtime.block_on(async {
-        let rows: Arc<dyn MetadataStore> =
-            Arc::new(SqliteMetadata::open(data.path().join("rows.sqlite")).await.expect("rows"));
-        let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
-        router::service(App::new(rows, blobs, Policy { min_free_bytes: 0, ..Policy::default() }))
+        let store = store::open(data.path()).await.expect("a store");
+        router::service(App::new(store, Policy { min_free_bytes: 0, ..Policy::default() }))
     });
     let part = "--XBX\r\nContent-Disposition: form-data; name=\"";
     for (what, first) in [

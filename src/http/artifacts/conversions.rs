@@ -7,13 +7,13 @@
 //! wait for. A conversion that no request waits for when its turn comes is dropped. A converted file is kept, because a
 //! browser that reloads asks again.
 //!
-//! Cached files are in the spool folder. They are removed when their picture is deleted, when [`KEEP_BYTES`] or
+//! Cached files are in the workspace. They are removed when their picture is deleted, when [`KEEP_BYTES`] or
 //! [`KEEP_FILES`] is exceeded (least recently used first), and when the process ends. Disk space is reserved before a file
 //! is written; what is written counts as used while a client still reads it.
 
 use std::{
     collections::HashMap,
-    path::{Path, PathBuf},
+    path::Path,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicUsize, Ordering},
@@ -31,7 +31,7 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    store::failpoint::step,
+    store::{failpoint::step, is_full},
 };
 
 /// Most bytes of cached files.
@@ -43,7 +43,8 @@ const KEEP_FILES: usize = 64;
 #[derive(Debug)]
 pub struct Converted {
     file: NamedTempFile,
-    source: PathBuf,
+    /// Key of the stored picture.
+    source: String,
     /// Its size, bytes.
     pub length: u64,
 }
@@ -85,14 +86,14 @@ impl Default for Conversions {
 }
 
 impl Conversions {
-    /// The picture with this digest, stored at `source`, in `format`. Made when it is not cached.
+    /// The picture with this digest, stored under the key `source`, in `format`. Made when it is not cached.
     ///
     /// # Errors
     /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read.
     pub async fn get(
         self: &Arc<Self>,
         app: &App,
-        source: PathBuf,
+        source: &str,
         digest: &str,
         format: FileFormat,
     ) -> ApiResult<Arc<Converted>> {
@@ -111,7 +112,7 @@ impl Conversions {
                 _ => {
                     let (result, waiting) = watch::channel(None);
                     map.insert(key.clone(), Entry::Making(waiting.clone()));
-                    let (this, app) = (Arc::clone(self), app.clone());
+                    let (this, app, source) = (Arc::clone(self), app.clone(), source.to_owned());
                     background::spawn(async move { this.make(&app, source, key, result).await });
                     waiting
                 }
@@ -135,8 +136,17 @@ impl Conversions {
     }
 
     /// Drops the files whose picture was deleted.
-    pub fn forget_deleted(&self) {
-        drop_deleted(&mut self.entries().0);
+    pub async fn forget_deleted(&self, app: &App) {
+        let kept: Vec<(Key, String)> = self.entries().0.iter().filter_map(kept_source).collect();
+        for (key, source) in kept {
+            // an error does not mean that it was deleted
+            if matches!(app.store.blobs.head(&source).await, Ok(None)) {
+                let mut entries = self.entries();
+                if matches!(entries.0.get(&key), Some(Entry::Kept(file, _)) if file.source == source) {
+                    entries.0.remove(&key);
+                }
+            }
+        }
     }
 
     /// Number of conversions begun since the start of the process.
@@ -144,7 +154,7 @@ impl Conversions {
         self.begun.load(Ordering::Relaxed)
     }
 
-    async fn make(&self, app: &App, source: PathBuf, key: Key, result: watch::Sender<Option<Outcome>>) {
+    async fn make(&self, app: &App, source: String, key: Key, result: watch::Sender<Option<Outcome>>) {
         let Ok(_turn) = self.turn.acquire().await else { return };
         {
             let mut entries = self.entries();
@@ -156,17 +166,20 @@ impl Conversions {
         }
         self.begun.fetch_add(1, Ordering::Relaxed);
         let outcome = made(app, source, key.1).await;
-        let mut entries = self.entries();
-        match &outcome {
-            Ok(file) => {
-                entries.1 += 1;
-                let now = entries.1;
-                entries.0.insert(key, Entry::Kept(Arc::clone(file), now));
-                evict(&mut entries.0);
+        {
+            let mut entries = self.entries();
+            match &outcome {
+                Ok(file) => {
+                    entries.1 += 1;
+                    let now = entries.1;
+                    entries.0.insert(key, Entry::Kept(Arc::clone(file), now));
+                }
+                Err(_) => _ = entries.0.remove(&key),
             }
-            Err(_) => _ = entries.0.remove(&key),
+            result.send_replace(Some(outcome));
         }
-        result.send_replace(Some(outcome));
+        self.forget_deleted(app).await;
+        evict(&mut self.entries().0);
     }
 
     fn entries(&self) -> MutexGuard<'_, (HashMap<Key, Entry>, u64)> {
@@ -174,17 +187,16 @@ impl Conversions {
     }
 }
 
-/// Drops the files whose picture was deleted.
-fn drop_deleted(map: &mut HashMap<Key, Entry>) {
-    map.retain(|_, entry| match entry {
-        Entry::Kept(file, _) => file.source.exists(),
-        Entry::Making(_) => true,
-    });
+/// The key of the stored picture that a cached file was made of.
+fn kept_source((key, entry): (&Key, &Entry)) -> Option<(Key, String)> {
+    match entry {
+        Entry::Kept(file, _) => Some((key.clone(), file.source.clone())),
+        Entry::Making(_) => None,
+    }
 }
 
-/// Drops the files whose picture was deleted, then the least recently used ones until the limits hold. At least one stays.
+/// Drops the least recently used files until the limits hold. At least one stays.
 fn evict(map: &mut HashMap<Key, Entry>) {
-    drop_deleted(map);
     loop {
         let kept = map.iter().filter_map(|(key, entry)| match entry {
             Entry::Kept(file, used) => Some((*used, file.length, key)),
@@ -199,16 +211,19 @@ fn evict(map: &mut HashMap<Key, Entry>) {
     }
 }
 
-async fn made(app: &App, source: PathBuf, format: FileFormat) -> Outcome {
-    let path = source.clone();
-    let most = blocking(move || most_bytes(&path)).await?;
+async fn made(app: &App, source: String, format: FileFormat) -> Outcome {
+    let store = &app.store;
+    let picture = store.blobs.fetch(&source, &store.workspace).await.map_err(|e| ApiError::from(e).fault().clone())?;
+    let picture = Arc::new(picture.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))?);
+    let stored = Arc::clone(&picture);
+    let most = blocking(move || most_bytes(stored.path())).await?;
     let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
     let Ok(mut space) = reserved else { return Err(disk_full()) };
-    let spool = app.blobs.spool_dir().to_owned();
+    let spool = store.workspace.path().to_owned();
     blocking(move || {
         step("convert.make")?;
         let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = convert(&source, file.as_file(), format)?;
+        let length = convert(picture.path(), file.as_file(), format)?;
         space.written(length);
         Ok(Arc::new(Converted { file, source, length }))
     })
@@ -221,8 +236,6 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> anyhow::Result<T> + 
 }
 
 fn cannot(error: &anyhow::Error) -> Fault {
-    use std::io::ErrorKind::{QuotaExceeded, StorageFull};
-    let is_full = |cause: &std::io::Error| matches!(cause.kind(), StorageFull | QuotaExceeded);
     match error.chain().filter_map(|cause| cause.downcast_ref()).any(is_full) {
         true => disk_full(),
         false => internal(error),

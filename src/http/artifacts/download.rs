@@ -1,6 +1,6 @@
-//! Sends a file: streamed from the disk, with `ETag`, `Range` and a file name.
+//! Sends a file: streamed from the blob store, with `ETag`, `Range` and a file name.
 
-use std::{convert::Infallible, io::SeekFrom, path::PathBuf};
+use std::{convert::Infallible, io::SeekFrom, sync::Arc};
 
 use axum::{
     body::Body,
@@ -25,14 +25,13 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
-    store::Job,
+    store::{BlobStore, Job},
 };
 
 /// Bytes read from the disk at a time.
 const CHUNK: usize = 128 << 10;
 
 /// A file that can be sent.
-#[derive(Debug)]
 pub struct Download {
     /// Its bytes; `None` for a conversion that is not made because its bytes are not needed.
     pub content: Option<Content>,
@@ -44,13 +43,47 @@ pub struct Download {
     pub name: String,
 }
 
-/// An open file. It can be sent completely even if it is deleted meanwhile.
-#[derive(Debug)]
+/// The bytes of a download.
 pub struct Content {
-    /// The file.
-    pub file: File,
-    /// Its size, bytes.
+    /// Where they are.
+    pub source: Source,
+    /// How many there are.
     pub length: u64,
+}
+
+impl Content {
+    /// All bytes at once, for small files.
+    ///
+    /// # Errors
+    /// `not_found` when the blob was deleted meanwhile; `internal` when it cannot be read.
+    pub async fn bytes(self) -> ApiResult<Bytes> {
+        let body = self.source.body(0, self.length).await?;
+        axum::body::to_bytes(body, usize::MAX).await.map_err(ApiError::internal)
+    }
+}
+
+/// Where the bytes of a download are.
+pub enum Source {
+    /// In the blob store, under this key.
+    Blob(Arc<dyn BlobStore>, String),
+    /// In an open file.
+    File(File),
+}
+
+impl Source {
+    /// A part of the bytes. It can be sent completely even if the blob is deleted meanwhile.
+    async fn body(self, first: u64, length: u64) -> ApiResult<Body> {
+        match self {
+            Self::Blob(blobs, key) => {
+                let deleted = || ApiError::new(Code::NotFound, "the file was deleted");
+                Ok(Body::from_stream(blobs.read(&key, first..first + length).await?.ok_or_else(deleted)?))
+            }
+            Self::File(mut file) => {
+                file.seek(SeekFrom::Start(first)).await.map_err(ApiError::internal)?;
+                Ok(Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK)))
+            }
+        }
+    }
 }
 
 /// A file as the job stored it.
@@ -58,29 +91,18 @@ pub struct Content {
 /// # Errors
 /// `not_found` when the job was deleted meanwhile; `internal` when the file is missing or its size differs from its row.
 pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> ApiResult<Download> {
-    let Some((file, length)) = open(app, &artifact.key).await? else { return Err(missing(app, job, artifact).await) };
-    if length != artifact.bytes {
-        let found = format!("has {length} bytes instead of the {} in its row", artifact.bytes);
+    let Some(content) = content(app, &artifact.key).await? else { return Err(missing(app, job, artifact).await) };
+    if content.length != artifact.bytes {
+        let found = format!("has {} bytes instead of the {} in its row", content.length, artifact.bytes);
         return Err(damaged(artifact, &found));
     }
     let (tag, media_type) = (artifact.sha256.clone(), artifact.media_type.clone());
-    Ok(Download { content: Some(Content { file, length }), tag, media_type, name })
-}
-
-/// The path of a file of a job. Its size is not checked.
-///
-/// # Errors
-/// `not_found` when the job was deleted meanwhile; `internal` when the file is missing.
-pub async fn stored_path(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<PathBuf> {
-    match app.blobs.local_path(&artifact.key).await? {
-        Some(path) => Ok(path),
-        None => Err(missing(app, job, artifact).await),
-    }
+    Ok(Download { content: Some(content), tag, media_type, name })
 }
 
 /// The error for a missing file: the job was deleted since the row was read, or the file was lost.
 async fn missing(app: &App, job: &Job, artifact: &Artifact) -> ApiError {
-    match app.rows.job(job.id).await {
+    match app.store.metadata.job(job.id).await {
         Ok(Some(row)) if row.outcome.as_ref().is_some_and(|o| o.artifacts().contains(artifact)) => {
             damaged(artifact, "is missing")
         }
@@ -99,20 +121,13 @@ fn damaged(artifact: &Artifact, found: &str) -> ApiError {
     ApiError::new(Code::Internal, detail)
 }
 
-/// A blob and its size in bytes; `None` when it does not exist.
+/// The content of a blob; `None` when it does not exist.
 ///
 /// # Errors
-/// When it cannot be read.
-pub async fn open(app: &App, key: &str) -> ApiResult<Option<(File, u64)>> {
-    let Some(path) = app.blobs.local_path(key).await? else { return Ok(None) };
-    match File::open(path).await {
-        Ok(file) => {
-            let length = file.metadata().await.map_err(ApiError::internal)?.len();
-            Ok(Some((file, length)))
-        }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(ApiError::internal(format!("blob {key}: {error}"))),
-    }
+/// When the blob store cannot be read.
+pub async fn content(app: &App, key: &str) -> ApiResult<Option<Content>> {
+    let Some(blob) = app.store.blobs.head(key).await? else { return Ok(None) };
+    Ok(Some(Content { source: Source::Blob(Arc::clone(&app.store.blobs), key.to_owned()), length: blob.size }))
 }
 
 impl Download {
@@ -130,7 +145,7 @@ impl Download {
         if let Ok(kind) = HeaderValue::from_str(&self.media_type) {
             out.insert(header::CONTENT_TYPE, kind);
         }
-        let Some(Content { mut file, length: total }) = self.content else {
+        let Some(Content { source, length: total }) = self.content else {
             // a stream: an empty body would be sent with Content-Length: 0
             let nothing = futures::stream::empty::<Result<Bytes, Infallible>>();
             return Ok((StatusCode::OK, out, Body::from_stream(nothing)).into_response());
@@ -150,8 +165,7 @@ impl Download {
         {
             out.insert(header::CONTENT_RANGE, range);
         }
-        file.seek(SeekFrom::Start(first)).await.map_err(ApiError::internal)?;
-        let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK));
+        let body = source.body(first, length).await?;
         Ok((status, out, body).into_response())
     }
 

@@ -7,7 +7,7 @@ use axum::{
 
 use super::{
     accept,
-    download::{self, Content, Download},
+    download::{self, Content, Download, Source},
     name, outcome,
 };
 use crate::{
@@ -67,13 +67,12 @@ async fn converted(
     } else {
         // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
-        let path = download::stored_path(app, job, artifact).await?;
-        Some(app.conversions.get(app, path, &artifact.sha256, format).await?)
+        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, format).await?)
     };
     let content = match file {
         Some(converted) => {
             let file = tokio::fs::File::open(converted.path()).await.map_err(ApiError::internal)?;
-            Some(Content { file, length: converted.length })
+            Some(Content { source: Source::File(file), length: converted.length })
         }
         None => None,
     };

@@ -37,5 +37,5 @@ pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<Calibratio
     let mut pairs = params::pairs(&uri)?;
     let page = PageQuery::take(&mut pairs)?;
     let filter: JobFilter = params::job_filter(JobKind::Calibration, &pairs)?;
-    Ok(Json(app.rows.jobs(&filter, &page).await?.into()))
+    Ok(Json(app.store.metadata.jobs(&filter, &page).await?.into()))
 }

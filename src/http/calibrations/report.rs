@@ -9,9 +9,9 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use base64::{Engine, prelude::BASE64_STANDARD};
+use bytes::Bytes;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
-use tokio::io::AsyncReadExt;
 
 use crate::{
     contract::{
@@ -117,17 +117,16 @@ fn kept(job: &Job) -> ApiResult<(&Artifact, u32)> {
     Ok((artifact.ok_or_else(none)?, revision))
 }
 
-async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Vec<u8>> {
-    let mut bytes = Vec::new();
-    if let Some(mut content) = download::stored(app, job, artifact, String::new()).await?.content {
-        content.file.read_to_end(&mut bytes).await.map_err(ApiError::internal)?;
+async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
+    match download::stored(app, job, artifact, String::new()).await?.content {
+        Some(content) => content.bytes().await,
+        None => Ok(Bytes::new()),
     }
-    Ok(bytes)
 }
 
 /// How far the rig moved between the revision before and the one that the job made, deleted since or not.
 async fn since_before(app: &App, job: &Job, revision: u32) -> ApiResult<Option<Drift>> {
-    let Some(own) = app.rows.profile_of_job(&job.rig, &job.lens, revision).await? else { return Ok(None) };
+    let Some(own) = app.store.metadata.profile_of_job(&job.rig, &job.lens, revision).await? else { return Ok(None) };
     let before = drift::before(app, &job.rig, &job.lens, revision).await?;
     Ok(before.map(|before| drift::between(&before, &own)))
 }

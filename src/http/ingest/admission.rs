@@ -54,7 +54,7 @@ pub async fn require_admissible(app: &App, caller: &Caller, bytes: u64, job_byte
 }
 
 async fn require_queue_place(app: &App) -> ApiResult<()> {
-    let waiting = app.rows.counts().await?.queued;
+    let waiting = app.store.metadata.counts().await?.queued;
     if waiting >= app.policy.queue_limit { Err(queue_full(waiting)) } else { Ok(()) }
 }
 

@@ -41,7 +41,7 @@ impl IdempotencyKey {
     pub async fn of_request(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Self> {
         let stored = parse(headers)?.map(|key| of_owner(key, caller.sees_only(app)));
         let is_repeat = match &stored {
-            Some(key) => app.rows.by_idempotency_key(key).await?.is_some(),
+            Some(key) => app.store.metadata.by_idempotency_key(key).await?.is_some(),
             None => false,
         };
         Ok(Self { stored, is_repeat })
@@ -81,7 +81,7 @@ pub fn fingerprint(submission: &Submission, sha256: &str) -> String {
 /// # Errors
 /// `idempotency_key_reused` when the key came with another request.
 pub async fn earlier(app: &App, key: &str, fingerprint: &str) -> ApiResult<Option<Job>> {
-    match app.rows.by_idempotency_key(key).await? {
+    match app.store.metadata.by_idempotency_key(key).await? {
         None => Ok(None),
         Some((job, first)) if first == fingerprint => Ok(Some(job)),
         Some(_) => Err(reused(key)),

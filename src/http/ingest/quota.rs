@@ -76,14 +76,14 @@ impl QuotaClaim {
         if bytes <= claimed.bytes {
             return Ok(());
         }
-        let used = claimed.app.rows.used_bytes(claimed.token).await?;
+        let used = claimed.app.store.metadata.used_bytes(claimed.token).await?;
         // more arrived than was first claimed, so the length is unknown
         let ahead = if claimed.bytes > 0 { AHEAD_OF_UNKNOWN } else { 0 };
         let Err(used) = claimed.take(used, bytes.saturating_add(ahead)).or_else(|_| claimed.take(used, bytes)) else {
             return Ok(());
         };
         if let Some(key) = &claimed.key
-            && claimed.app.rows.by_idempotency_key(key).await?.is_some()
+            && claimed.app.store.metadata.by_idempotency_key(key).await?.is_some()
         {
             // an equal request has made the job meanwhile: this one is a repeat and needs no quota
             self.0 = None;

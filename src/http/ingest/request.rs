@@ -20,7 +20,7 @@ use super::{
     receive::receive,
     spool::SpooledZip,
     submission::Submission,
-    submit::{IncomingZip, Origin, Submitted, submit},
+    submit::{IncomingZip, Origin, Submitted, ZipFile, submit},
 };
 use crate::{
     contract::JobKind,
@@ -122,15 +122,15 @@ async fn accept(
     {
         return Ok(Submitted { job, replayed: true });
     }
+    // the quota is claimed until the store counts the bytes
+    let SpooledZip { file, bytes, sha256, filename, quota: _quota } = zip;
     let incoming = IncomingZip {
         id: uuid::Uuid::now_v7(),
-        file: zip.path().to_owned(),
-        is_published: false,
-        bytes: zip.bytes,
-        sha256: zip.sha256.clone(),
-        filename: zip.filename.clone(),
+        file: ZipFile::Spooled(file),
+        bytes,
+        sha256,
+        filename,
         origin: Origin::Request { owner: caller.id(), idempotency: key.map(|key| (key, fingerprint)) },
     };
-    // dropping `zip` removes the spool file, unless it has become a blob
     submit(app, submission, incoming).await
 }

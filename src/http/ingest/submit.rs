@@ -7,7 +7,7 @@
 //!
 //! A crash between 2 and 3 leaves a blob without a job, which garbage collection removes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use uuid::Uuid;
 
@@ -20,7 +20,11 @@ use crate::{
         state::App,
         uploads::lock::not_found,
     },
-    store::{Enqueue, Job, NewJob, blobs::upload_key},
+    store::{
+        Enqueue, Job, NewJob, SpoolFile,
+        blobs::{LocalBlob, upload_key},
+        gc::delete_blobs,
+    },
 };
 use pinstack_science::{
     archive,
@@ -32,10 +36,8 @@ use pinstack_science::{
 pub struct IncomingZip {
     /// Id of the job, UUIDv7.
     pub id: Uuid,
-    /// The zip, on the file system of the blobs. Publishing it moves it.
-    pub file: PathBuf,
-    /// True when `file` is the blob of this job already.
-    pub is_published: bool,
+    /// The zip.
+    pub file: ZipFile,
     /// Size, bytes.
     pub bytes: u64,
     /// SHA-256, hex.
@@ -44,6 +46,24 @@ pub struct IncomingZip {
     pub filename: Option<String>,
     /// How it arrived.
     pub origin: Origin,
+}
+
+/// Where a zip is.
+#[derive(Debug)]
+pub enum ZipFile {
+    /// In a spool file, which is to become the blob of the job.
+    Spooled(SpoolFile),
+    /// It is the blob of the job already.
+    Stored(LocalBlob),
+}
+
+impl ZipFile {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Spooled(file) => file.path(),
+            Self::Stored(blob) => blob.path(),
+        }
+    }
 }
 
 /// How a zip arrived.
@@ -76,14 +96,14 @@ pub struct Submitted {
 /// What is wrong with the zip, or that it does not match the submission; `queue_full`; `idempotency_key_reused`;
 /// `insufficient_storage`; `not_found` when a resumable upload was deleted meanwhile.
 pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> ApiResult<Submitted> {
-    let IncomingZip { id, file, is_published, bytes, sha256, filename, origin } = zip;
-    let (layout, mut warnings) = inspect(app, file.clone()).await?;
+    let IncomingZip { id, file, bytes, sha256, filename, origin } = zip;
+    let (layout, mut warnings) = inspect(app, file.path().to_owned()).await?;
     let key = upload_key(id);
     let upload = Upload { key: key.clone(), bytes, sha256, filename };
     let (request, more_warnings) = submission.to_request(upload, layout)?;
     warnings.extend(more_warnings);
-    if !is_published {
-        app.blobs.publish(&file, &key).await?;
+    if let ZipFile::Spooled(file) = file {
+        app.store.blobs.put(&key, file).await?;
     }
     let (rig, lens) = submission.profile_key();
     let (owner, idempotency) = match &origin {
@@ -93,8 +113,8 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
     let job = NewJob { id, rig: rig.clone(), lens: lens.clone(), request, warnings, idempotency, owner };
     // an error here does not say whether the row was stored: garbage collection decides about the blob
     let stored = match &origin {
-        Origin::Request { .. } => Some(app.rows.enqueue(&job, app.policy.queue_limit).await?),
-        Origin::ResumableUpload => app.rows.complete_upload(&job, app.policy.queue_limit).await?,
+        Origin::Request { .. } => Some(app.store.metadata.enqueue(&job, app.policy.queue_limit).await?),
+        Origin::ResumableUpload => app.store.metadata.complete_upload(&job, app.policy.queue_limit).await?,
     };
     let outcome = match stored {
         Some(Enqueue::Accepted(job)) => return Ok(Submitted { job: *job, replayed: false }),
@@ -108,7 +128,7 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
     };
     match origin {
         Origin::Request { .. } => {
-            if let Err(error) = app.blobs.delete_job(id).await {
+            if let Err(error) = delete_blobs(&*app.store.blobs, id).await {
                 tracing::warn!(%error, %id, "a blob without a job is left to garbage collection");
             }
         }

@@ -49,7 +49,7 @@ async fn authorise(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InPr
     }
     caller.require(scopes)?;
     if let (Some(own), Some(id)) = (caller.sees_only(app), owned_id(path))
-        && app.rows.owner(id).await?.is_some_and(|owner| owner != own)
+        && app.store.metadata.owner(id).await?.is_some_and(|owner| owner != own)
     {
         return Err(ApiError::new(Code::NotFound, format!("there is nothing with the id {id}")));
     }

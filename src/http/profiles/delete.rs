@@ -30,7 +30,7 @@ use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
 )]
 pub async fn delete(State(app): State<App>, key: ProfileKey, headers: HeaderMap) -> ApiResult<StatusCode> {
     let condition = precondition(&app, &key, &headers).await?;
-    match app.rows.delete_profile(&key.rig, &key.lens, condition).await? {
+    match app.store.metadata.delete_profile(&key.rig, &key.lens, condition).await? {
         Ok(true) => Ok(StatusCode::NO_CONTENT),
         Ok(false) => Err(not_found(&app, &key.rig, &key.lens, None).await),
         Err(current) => Err(lost_race(&key, current, &header::IF_MATCH)),

@@ -48,7 +48,7 @@ pub async fn drift(State(app): State<App>, key: ProfileKey, uri: Uri) -> ApiResu
     let Parameters { from, to } = params::from_uri(&uri)?;
     let ProfileKey { rig, lens } = &key;
     let load = async |revision: Option<u32>| -> ApiResult<Profile> {
-        match app.rows.profile(rig, lens, revision).await? {
+        match app.store.metadata.profile(rig, lens, revision).await? {
             Some(profile) => Ok(profile),
             None => Err(not_found(&app, rig, lens, revision).await),
         }
@@ -73,7 +73,7 @@ pub fn between(older: &Profile, newer: &Profile) -> Drift {
 /// When the rows do not answer.
 pub async fn before(app: &App, rig: &Name, lens: &Name, revision: u32) -> ApiResult<Option<Profile>> {
     for earlier in (1..revision).rev().take(TRIED) {
-        if let Some(profile) = app.rows.profile(rig, lens, Some(earlier)).await? {
+        if let Some(profile) = app.store.metadata.profile(rig, lens, Some(earlier)).await? {
             return Ok(Some(profile));
         }
     }

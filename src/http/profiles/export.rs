@@ -69,7 +69,7 @@ struct Parameters {
 )]
 pub async fn export(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
     let Parameters { revision, format } = params::from_uri(&uri)?;
-    let profile = app.rows.profile(&key.rig, &key.lens, revision).await?;
+    let profile = app.store.metadata.profile(&key.rig, &key.lens, revision).await?;
     let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
     let tag = profile.revision.to_string();
     let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];

@@ -46,7 +46,7 @@ struct Parameters {
 )]
 pub async fn get(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
     let Parameters { revision } = params::from_uri(&uri)?;
-    let profile = app.rows.profile(&key.rig, &key.lens, revision).await?;
+    let profile = app.store.metadata.profile(&key.rig, &key.lens, revision).await?;
     let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
     Ok(shown(&headers, &profile))
 }

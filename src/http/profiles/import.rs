@@ -58,7 +58,7 @@ pub async fn import(
     params::refuse_rest(&params::pairs(&uri)?, "none, everything is in the file")?;
     let condition = precondition(&app, &key, &headers).await?;
     let draft = ProfileFile::read(&json::read(&app, &headers, body).await?)?.draft();
-    if let Some(current) = app.rows.profile(&key.rig, &key.lens, None).await?
+    if let Some(current) = app.store.metadata.profile(&key.rig, &key.lens, None).await?
         && says_the_same(&current, &draft)
     {
         return match condition.holds(Some(current.revision)) {

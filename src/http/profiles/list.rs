@@ -34,6 +34,6 @@ pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<ProfileLis
     let rig = params::take(&mut pairs, "rig").map(|text| name("rig", text)).transpose()?;
     let lens = params::take(&mut pairs, "lens").map(|text| name("lens", text)).transpose()?;
     params::refuse_rest(&pairs, "rig, lens, limit, cursor")?;
-    let page = app.rows.profiles(rig.as_ref(), lens.as_ref(), &page).await?;
+    let page = app.store.metadata.profiles(rig.as_ref(), lens.as_ref(), &page).await?;
     Ok::<_, ApiError>(Json(page.into()))
 }

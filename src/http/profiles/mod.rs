@@ -41,7 +41,7 @@ pub async fn not_found(app: &App, rig: &Name, lens: &Name, revision: Option<u32>
     let detail = match revision {
         None => {
             // the answer is the same without them
-            let keys = app.rows.profile_keys(LOOKED_THROUGH).await.unwrap_or_default();
+            let keys = app.store.metadata.profile_keys(LOOKED_THROUGH).await.unwrap_or_default();
             let near = near::sentence(&near::near(rig, lens, &keys));
             format!(
                 "there is no profile for rig '{rig}' and lens '{lens}'{near}; calibrate it or PUT /v1/profiles/{rig}/{lens} \
@@ -74,7 +74,7 @@ async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiRe
         Some(Tags::Any) => return Ok(Precondition::Present),
         Some(list) => list,
     };
-    let current = app.rows.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision);
+    let current = app.store.metadata.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision);
     match current {
         Some(revision) if list.contains_strong(&revision.to_string()) => Ok(Precondition::Revision(revision)),
         _ => Err(lost_race(key, current, &header::IF_MATCH)),

@@ -35,7 +35,7 @@ pub async fn revisions(State(app): State<App>, key: ProfileKey, uri: Uri) -> Api
     let page = PageQuery::take(&mut pairs)?;
     params::refuse_rest(&pairs, "limit, cursor")?;
     let is_first_page = page.cursor.is_none();
-    let page = app.rows.revisions(&key.rig, &key.lens, &page).await?;
+    let page = app.store.metadata.revisions(&key.rig, &key.lens, &page).await?;
     if page.items.is_empty() && page.skipped.is_empty() && is_first_page {
         return Err(not_found(&app, &key.rig, &key.lens, None).await);
     }

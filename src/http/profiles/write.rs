@@ -44,7 +44,7 @@ pub(super) async fn store(
     draft: &ProfileDraft,
     condition: Precondition,
 ) -> ApiResult<Response> {
-    let (status, profile) = match app.rows.put_profile(&key.rig, &key.lens, draft, condition).await? {
+    let (status, profile) = match app.store.metadata.put_profile(&key.rig, &key.lens, draft, condition).await? {
         PutProfile::Created(profile) => (StatusCode::CREATED, profile),
         PutProfile::Updated(profile) => (StatusCode::OK, profile),
         PutProfile::PreconditionFailed(current) => return Err(lost_race(key, current, &demanding(condition))),

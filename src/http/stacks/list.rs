@@ -39,5 +39,5 @@ pub async fn list(State(app): State<App>, caller: Caller, uri: Uri) -> ApiResult
     let mut pairs = params::pairs(&uri)?;
     let page = PageQuery::take(&mut pairs)?;
     let filter = JobFilter { owner: caller.sees_only(&app), ..params::job_filter(JobKind::Stack, &pairs)? };
-    Ok(Json(app.rows.jobs(&filter, &page).await?.into()))
+    Ok(Json(app.store.metadata.jobs(&filter, &page).await?.into()))
 }

@@ -136,8 +136,10 @@ async fn changed(
     let Job { rig, lens, .. } = first;
     let profile = match options.profile_revision {
         // the revision of the first stack may be used again even if it was deleted meanwhile
-        Some(revision) if revision == request.profile_revision => app.rows.profile_of_job(rig, lens, revision).await?,
-        revision => app.rows.profile(rig, lens, revision).await?,
+        Some(revision) if revision == request.profile_revision => {
+            app.store.metadata.profile_of_job(rig, lens, revision).await?
+        }
+        revision => app.store.metadata.profile(rig, lens, revision).await?,
     };
     let Some(profile) = profile else {
         return Err(profiles::not_found(app, rig, lens, options.profile_revision).await);

@@ -11,7 +11,7 @@ use crate::{
     contract::{Code, JobKind},
     http::{
         artifacts::{
-            download::{Content, Download, open},
+            download::{Download, content},
             name,
         },
         extract::JobId,
@@ -58,15 +58,11 @@ pub async fn upload(State(app): State<App>, JobId(id): JobId, headers: HeaderMap
         return Err(removed());
     }
     let gone = || ApiError::new(Code::NotFound, "the stack was deleted");
-    let (file, length) = open(&app, &stored.key).await?.ok_or_else(gone)?;
+    let content = content(&app, &stored.key).await?.ok_or_else(gone)?;
     let name = name::of_upload(&job);
     let tag = stored.sha256.clone();
-    let download = Download {
-        content: Some(Content { file, length }),
-        tag,
-        media_type: "application/zip".to_owned(),
-        name: name.clone(),
-    };
+    let download =
+        Download { content: Some(content), tag, media_type: "application/zip".to_owned(), name: name.clone() };
     let mut response = download.answer(&headers).await?;
     let out = response.headers_mut();
     if out.contains_key(header::CONTENT_DISPOSITION) {

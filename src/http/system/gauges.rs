@@ -23,10 +23,10 @@ const HIGH: f64 = 0.8;
 /// When the rows cannot be read. A disk that cannot be measured is left out.
 pub(super) async fn measure(app: &App, started: Instant) -> StoreResult<String> {
     let mut text = Exposition::default();
-    let totals = app.rows.totals().await?;
+    let totals = app.store.metadata.totals().await?;
     jobs(&mut text, &totals.jobs);
     stored(&mut text, &totals);
-    text.value(&UPLOAD_AWAITED_BYTES, app.rows.reserved_bytes().await? as f64);
+    text.value(&UPLOAD_AWAITED_BYTES, app.store.metadata.reserved_bytes().await? as f64);
     quotas(&mut text, &totals.quotas);
     if let Ok(disk) = app.disk.state().await {
         text.value(&DISK_SIZE_BYTES, disk.total as f64);

@@ -92,7 +92,7 @@ pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
 async fn look(app: &App) -> Look {
     let disk = app.disk.state().await.ok();
     Look {
-        database: app.rows.healthy().await,
+        database: app.store.metadata.healthy().await,
         blobs: is_writable(app).await,
         has_room: disk.is_some_and(|disk| disk.available() > 0),
         free_bytes: disk.map(|disk| disk.free),
@@ -100,5 +100,5 @@ async fn look(app: &App) -> Look {
 }
 
 async fn is_writable(app: &App) -> bool {
-    app.blobs.probe().await.inspect_err(|error| tracing::error!(?error, "files cannot be stored")).is_ok()
+    app.store.blobs.probe().await.inspect_err(|error| tracing::error!(?error, "files cannot be stored")).is_ok()
 }

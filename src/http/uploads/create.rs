@@ -121,7 +121,7 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
         owner: caller.id(),
     };
     let limits = OpenUploadLimits { all: app.policy.queue_limit, of_owner: app.policy.max_open_uploads };
-    match app.rows.create_upload(&new, limits).await? {
+    match app.store.metadata.create_upload(&new, limits).await? {
         CreateUpload::Created(upload) => Ok(upload),
         CreateUpload::OverQuota(over) => Err(over_quota(length, &over)),
         CreateUpload::TooMany { of_owner } => {

@@ -39,8 +39,8 @@ pub async fn delete(State(app): State<App>, UploadId(id): UploadId, headers: Hea
     require_version(&headers)?;
     let deleting = background::spawn(async move {
         let (_lock, _) = lock(&app, id).await?;
-        app.rows.delete_upload(id).await?;
-        if let Err(error) = gc_upload(&*app.rows, &*app.blobs, id).await {
+        app.store.metadata.delete_upload(id).await?;
+        if let Err(error) = gc_upload(&app.store, id).await {
             tracing::warn!(?error, %id, "files of an upload are left to garbage collection");
         }
         ApiResult::Ok(StatusCode::NO_CONTENT)

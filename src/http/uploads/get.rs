@@ -104,6 +104,6 @@ impl ResumableUpload {
     )
 )]
 pub async fn get(State(app): State<App>, UploadId(id): UploadId) -> ApiResult<Json<ResumableUpload>> {
-    let upload = app.rows.upload(id).await?.ok_or_else(|| not_found(id))?;
+    let upload = app.store.metadata.upload(id).await?.ok_or_else(|| not_found(id))?;
     Ok(Json(ResumableUpload::of(&upload)?))
 }

@@ -103,7 +103,7 @@ pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<OpenUpload
     let mut pairs = params::pairs(&uri)?;
     let page = PageQuery::take(&mut pairs)?;
     params::refuse_rest(&pairs, "limit, cursor")?;
-    let page = app.rows.list_open_uploads(&page).await?;
+    let page = app.store.metadata.list_open_uploads(&page).await?;
     let items = page.items.into_iter().map(OpenUpload::of).collect::<ApiResult<_>>()?;
     Ok(Json(OpenUploadList { items, next_cursor: page.next_cursor, skipped: page.skipped }))
 }

@@ -18,7 +18,7 @@ use crate::{
         state::App,
     },
     store::{
-        blobs::Partial,
+        parts::LockedUpload,
         uploads::{PartialUpload, UploadState},
     },
 };
@@ -32,8 +32,8 @@ const RETRY: Duration = Duration::from_millis(20);
 pub struct UploadLock {
     /// Its row, read under the lock.
     pub upload: PartialUpload,
-    /// Its file.
-    pub partial: Box<dyn Partial>,
+    /// Its bytes.
+    pub parts: Box<dyn LockedUpload>,
 }
 
 /// Locks an upload, taking it over from an older request if necessary. The [`Takeover`] reports when a newer request
@@ -43,19 +43,19 @@ pub struct UploadLock {
 /// `not_found` when there is no such upload; `locked` when the older request does not release it in time.
 pub async fn lock(app: &App, id: Uuid) -> ApiResult<(UploadLock, Takeover)> {
     // subscribe first, so that no change from here on is missed
-    let changes = app.rows.changes();
-    let ours = app.rows.take_over_upload(id).await?.ok_or_else(|| not_found(id))?;
+    let changes = app.store.metadata.changes();
+    let ours = app.store.metadata.take_over_upload(id).await?.ok_or_else(|| not_found(id))?;
     let deadline = Instant::now() + HANDOVER;
     loop {
-        if let Some(partial) = app.blobs.hold_partial(id).await? {
-            let upload = app.rows.upload(id).await?;
+        if let Some(parts) = app.store.parts.lock(id).await? {
+            let upload = app.store.metadata.upload(id).await?;
             if upload.as_ref().is_none_or(|upload| upload.state != UploadState::Receiving) {
                 // nothing will be written to it any more: remove its lock file
-                app.blobs.remove_partial(id).await?;
+                app.store.parts.remove(id).await?;
             }
             let upload = upload.ok_or_else(|| not_found(id))?;
             let takeover = Takeover { app: app.clone(), id, ours, changes };
-            return Ok((UploadLock { upload, partial }, takeover));
+            return Ok((UploadLock { upload, parts }, takeover));
         }
         if Instant::now() >= deadline {
             let detail =
@@ -116,7 +116,7 @@ impl Takeover {
     }
 
     async fn is_ours(&self) -> bool {
-        match self.app.rows.upload(self.id).await {
+        match self.app.store.metadata.upload(self.id).await {
             Ok(Some(upload)) => upload.generation == self.ours,
             Ok(None) => false,
             Err(error) => {

@@ -54,7 +54,7 @@ pub async fn receive(
 ) -> ApiResult<()> {
     let mut takeover = pin!(takeover.requested());
     let offset = locked.upload.offset;
-    if !locked.partial.start_at(offset).await? {
+    if !locked.parts.resume_at(offset).await? {
         return Err(ApiError::internal(format!(
             "the file of upload {} is shorter than its row says",
             locked.upload.id
@@ -108,7 +108,7 @@ impl Appending<'_> {
             return Err(beyond(self.locked.upload.length));
         }
         self.digest.update(&chunk);
-        self.locked.partial.write(chunk).await?;
+        self.locked.parts.append(chunk).await?;
         self.written = after;
         self.reservation.written(length);
         Ok(())
@@ -125,14 +125,14 @@ impl Appending<'_> {
         if self.written == upload.offset {
             return Ok(());
         }
-        self.locked.partial.sync().await?;
+        self.locked.parts.sync().await?;
         let advance = Advance {
             from: upload.offset,
             to: self.written,
             digest: self.digest.state(),
             keep: self.app.policy.upload_keep,
         };
-        if !self.app.rows.advance_upload(upload.id, &advance).await? {
+        if !self.app.store.metadata.advance_upload(upload.id, &advance).await? {
             return Err(not_found(upload.id));
         }
         (upload.offset, upload.digest) = (advance.to, advance.digest);

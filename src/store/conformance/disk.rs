@@ -1,85 +1,92 @@
-//! Blobs on a disk that has as much room as a test says.
+//! A blob store on a disk whose free space the test sets.
 
 use std::{
-    path::{Path, PathBuf},
+    ops::Range,
     sync::{
         Arc,
         atomic::{AtomicU64, Ordering},
     },
 };
 
-use uuid::Uuid;
+use async_trait::async_trait;
+use futures::stream::BoxStream;
 
 use crate::store::{
-    StoreError, StoreResult,
-    blobs::{Blobs, JobBlobs, Partial, Room},
+    BlobStore, SpoolFile, StoreError, StoreResult, Workspace,
+    blobs::{BlobMeta, ByteStream, Capacity, LocalBlob},
 };
 
 /// Size of the disk, bytes.
-pub(crate) const TOTAL: u64 = 1000;
+pub const TOTAL: u64 = 1000;
 
-/// Everything but the measured room is that of `blobs`.
-pub(crate) struct SmallDisk {
-    pub(crate) blobs: Arc<dyn Blobs>,
-    pub(crate) free: AtomicU64,
-    /// So many times a blob cannot be opened: too many open files.
-    pub(crate) failures: AtomicU64,
+/// Passes everything but its capacity on to `blobs`.
+pub struct SmallDisk {
+    /// The blobs.
+    pub blobs: Arc<dyn BlobStore>,
+    /// Free bytes.
+    pub free: AtomicU64,
+    /// Number of fetches that fail (too many open files) before the first that succeeds.
+    pub failures: AtomicU64,
 }
 
 impl SmallDisk {
-    pub(crate) fn over(blobs: Arc<dyn Blobs>, free: u64) -> Self {
+    /// A disk with `free` bytes.
+    pub fn over(blobs: Arc<dyn BlobStore>, free: u64) -> Self {
         Self { blobs, free: AtomicU64::new(free), failures: AtomicU64::default() }
     }
 }
 
-#[async_trait::async_trait]
-impl Blobs for SmallDisk {
+#[async_trait]
+impl BlobStore for SmallDisk {
     /// Lets others write between the measurement and the answer.
-    async fn room(&self) -> StoreResult<Room> {
+    async fn capacity(&self) -> StoreResult<Option<Capacity>> {
         tokio::task::yield_now().await;
         let free = self.free.load(Ordering::SeqCst);
         tokio::task::yield_now().await;
-        Ok(Room { free, total: TOTAL })
-    }
-    async fn probe(&self) -> StoreResult<()> {
-        self.blobs.probe().await
+        Ok(Some(Capacity { free, total: TOTAL }))
     }
 
-    fn spool_dir(&self) -> &Path {
-        self.blobs.spool_dir()
-    }
-    async fn publish(&self, path: &Path, key: &str) -> StoreResult<()> {
-        self.blobs.publish(path, key).await
-    }
-    async fn share(&self, key: &str, path: &Path) -> StoreResult<bool> {
-        self.blobs.share(key, path).await
-    }
-    async fn local_path(&self, key: &str) -> StoreResult<Option<PathBuf>> {
+    async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {
         let fails = self.failures.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
         if fails.is_ok() {
             return Err(StoreError::of_io(std::io::Error::from_raw_os_error(24), "cannot open a blob".into()));
         }
-        self.blobs.local_path(key).await
+        self.blobs.fetch(key, workspace).await
     }
-    async fn delete_job(&self, id: Uuid) -> StoreResult<()> {
-        self.blobs.delete_job(id).await
+
+    async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()> {
+        self.blobs.put(key, file).await
     }
-    async fn delete_upload(&self, id: Uuid) -> StoreResult<()> {
-        self.blobs.delete_upload(id).await
+
+    async fn share(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<SpoolFile>> {
+        self.blobs.share(key, workspace).await
     }
-    async fn delete_stale_results(&self, id: Uuid, first_kept: i64) -> StoreResult<()> {
-        self.blobs.delete_stale_results(id, first_kept).await
+
+    async fn head(&self, key: &str) -> StoreResult<Option<BlobMeta>> {
+        self.blobs.head(key).await
     }
-    async fn jobs_with_blobs(&self) -> StoreResult<Vec<JobBlobs>> {
-        self.blobs.jobs_with_blobs().await
+
+    async fn read(&self, key: &str, range: Range<u64>) -> StoreResult<Option<ByteStream>> {
+        self.blobs.read(key, range).await
     }
-    async fn hold_partial(&self, id: Uuid) -> StoreResult<Option<Box<dyn Partial>>> {
-        self.blobs.hold_partial(id).await
+
+    async fn delete(&self, key: &str) -> StoreResult<()> {
+        self.blobs.delete(key).await
     }
-    async fn remove_partial(&self, id: Uuid) -> StoreResult<()> {
-        self.blobs.remove_partial(id).await
+
+    async fn delete_prefix(&self, prefix: &str) -> StoreResult<()> {
+        self.blobs.delete_prefix(prefix).await
     }
-    async fn partials(&self) -> StoreResult<Vec<Uuid>> {
-        self.blobs.partials().await
+
+    fn list(&self, prefix: &str) -> BoxStream<'static, StoreResult<BlobMeta>> {
+        self.blobs.list(prefix)
+    }
+
+    async fn remove_leftovers(&self) -> StoreResult<()> {
+        self.blobs.remove_leftovers().await
+    }
+
+    async fn probe(&self) -> StoreResult<()> {
+        self.blobs.probe().await
     }
 }

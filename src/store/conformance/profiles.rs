@@ -6,16 +6,16 @@ use crate::{
     store::digest::{optics_digest, profile_digest},
 };
 
-pub(crate) async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
-    let put = put(&*store.rows, "rig", "lens", 1.25).await;
+pub async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
+    let put = put(&*store.metadata, "rig", "lens", 1.25).await;
     assert_eq!(put.revision, 1);
     assert_eq!(put.slice_count, 2);
     assert_eq!((&put.digest, &put.optics_digest), (&profile_digest(&put.input), &optics_digest(&put.input)));
-    let got = store.rows.profile(&name("rig"), &name("lens"), None).await.unwrap();
+    let got = store.metadata.profile(&name("rig"), &name("lens"), None).await.unwrap();
     assert_eq!(got, Some(put));
 }
 
-pub(crate) async fn an_imported_profile_remembers_its_origin_and_its_warnings(store: Fresh) {
+pub async fn an_imported_profile_remembers_its_origin_and_its_warnings(store: Fresh) {
     let origin = ProfileOrigin {
         rig: name("there"),
         lens: name("macro"),
@@ -28,77 +28,77 @@ pub(crate) async fn an_imported_profile_remembers_its_origin_and_its_warnings(st
     let mut draft = ProfileDraft { origin: Some(origin.clone()), warnings: warnings.clone(), ..draft(1.5) };
     (draft.input.principal_distance_mm, draft.input.pixel_pitch_mm) = (Some(130.0), Some(0.5));
     let (rig, lens) = (name("rig"), name("lens"));
-    store.rows.put_profile(&rig, &lens, &draft, Precondition::Any).await.unwrap();
-    let got = store.rows.profile(&rig, &lens, None).await.unwrap().expect("it was stored");
+    store.metadata.put_profile(&rig, &lens, &draft, Precondition::Any).await.unwrap();
+    let got = store.metadata.profile(&rig, &lens, None).await.unwrap().expect("it was stored");
     assert_eq!((got.origin, got.warnings, got.principal_distance_px), (Some(origin), warnings, Some(260.0)));
 }
 
-pub(crate) async fn every_write_is_a_new_revision_and_old_ones_never_change(store: Fresh) {
-    let rows = &*store.rows;
-    let first = put(rows, "rig", "lens", 1.25).await;
+pub async fn every_write_is_a_new_revision_and_old_ones_never_change(store: Fresh) {
+    let metadata = &*store.metadata;
+    let first = put(metadata, "rig", "lens", 1.25).await;
     store.clock.advance(Duration::from_secs(60));
-    let second = put(rows, "rig", "lens", 1.5).await;
+    let second = put(metadata, "rig", "lens", 1.5).await;
     assert_eq!((first.revision, second.revision), (1, 2));
     assert!(second.created_at > first.created_at);
     let (rig, lens) = (name("rig"), name("lens"));
-    assert_eq!(rows.profile(&rig, &lens, Some(1)).await.unwrap(), Some(first.clone()));
-    assert_eq!(rows.profile(&rig, &lens, None).await.unwrap(), Some(second.clone()));
-    assert_eq!(rows.profile(&rig, &lens, Some(3)).await.unwrap(), None);
-    let all = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
+    assert_eq!(metadata.profile(&rig, &lens, Some(1)).await.unwrap(), Some(first.clone()));
+    assert_eq!(metadata.profile(&rig, &lens, None).await.unwrap(), Some(second.clone()));
+    assert_eq!(metadata.profile(&rig, &lens, Some(3)).await.unwrap(), None);
+    let all = metadata.revisions(&rig, &lens, &page(10, None)).await.unwrap();
     let summaries = [&second, &first].map(ProfileSummary::from);
     assert_eq!((all.items, all.next_cursor), (summaries.to_vec(), None));
-    let stored = rows.all_revisions(&page(10, None)).await.unwrap();
+    let stored = metadata.all_revisions(&page(10, None)).await.unwrap();
     assert_eq!((stored.items, stored.skipped), (vec![second, first], vec![]));
 }
 
-pub(crate) async fn preconditions_decide_a_race(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn preconditions_decide_a_race(store: Fresh) {
+    let metadata = &*store.metadata;
     let (rig, lens) = (name("rig"), name("lens"));
-    let try_put = async |condition| rows.put_profile(&rig, &lens, &draft(1.5), condition).await.unwrap();
+    let try_put = async |condition| metadata.put_profile(&rig, &lens, &draft(1.5), condition).await.unwrap();
     assert_eq!(try_put(Precondition::Present).await, PutProfile::PreconditionFailed(None));
     assert_eq!(try_put(Precondition::Revision(1)).await, PutProfile::PreconditionFailed(None));
     assert!(matches!(try_put(Precondition::Absent).await, PutProfile::Created(p) if p.revision == 1));
     assert_eq!(try_put(Precondition::Absent).await, PutProfile::PreconditionFailed(Some(1)));
     assert!(matches!(try_put(Precondition::Revision(1)).await, PutProfile::Updated(p) if p.revision == 2));
     assert_eq!(try_put(Precondition::Revision(1)).await, PutProfile::PreconditionFailed(Some(2)));
-    let refused = rows.delete_profile(&rig, &lens, Precondition::Revision(1)).await.unwrap();
+    let refused = metadata.delete_profile(&rig, &lens, Precondition::Revision(1)).await.unwrap();
     assert_eq!(refused, Err(Some(2)));
-    assert!(rows.profile(&rig, &lens, None).await.unwrap().is_some());
+    assert!(metadata.profile(&rig, &lens, None).await.unwrap().is_some());
 }
 
-pub(crate) async fn a_delete_hides_the_profile_and_keeps_the_numbering(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn a_delete_hides_the_profile_and_keeps_the_numbering(store: Fresh) {
+    let metadata = &*store.metadata;
     let (rig, lens) = (name("rig"), name("lens"));
-    put(rows, "rig", "lens", 1.25).await;
-    let second = put(rows, "rig", "lens", 1.5).await;
-    assert_eq!(rows.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(true));
-    assert_eq!(rows.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(false));
-    assert_eq!(rows.profile(&rig, &lens, None).await.unwrap(), None);
-    assert_eq!(rows.profile(&rig, &lens, Some(2)).await.unwrap(), None);
-    assert!(rows.revisions(&rig, &lens, &page(10, None)).await.unwrap().items.is_empty());
-    assert!(rows.profiles(None, None, &page(10, None)).await.unwrap().items.is_empty());
-    // stacks already made can still say what they used
-    assert_eq!(rows.profile_of_job(&rig, &lens, 2).await.unwrap(), Some(second));
-    assert_eq!(rows.all_revisions(&page(10, None)).await.unwrap().items.len(), 2);
-    assert!(rows.profile_keys(10).await.unwrap().is_empty());
-    let third = rows.put_profile(&rig, &lens, &draft(1.5), Precondition::Absent).await.unwrap();
+    put(metadata, "rig", "lens", 1.25).await;
+    let second = put(metadata, "rig", "lens", 1.5).await;
+    assert_eq!(metadata.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(true));
+    assert_eq!(metadata.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(false));
+    assert_eq!(metadata.profile(&rig, &lens, None).await.unwrap(), None);
+    assert_eq!(metadata.profile(&rig, &lens, Some(2)).await.unwrap(), None);
+    assert!(metadata.revisions(&rig, &lens, &page(10, None)).await.unwrap().items.is_empty());
+    assert!(metadata.profiles(None, None, &page(10, None)).await.unwrap().items.is_empty());
+    // existing stacks still refer to it
+    assert_eq!(metadata.profile_of_job(&rig, &lens, 2).await.unwrap(), Some(second));
+    assert_eq!(metadata.all_revisions(&page(10, None)).await.unwrap().items.len(), 2);
+    assert!(metadata.profile_keys(10).await.unwrap().is_empty());
+    let third = metadata.put_profile(&rig, &lens, &draft(1.5), Precondition::Absent).await.unwrap();
     assert!(matches!(third, PutProfile::Created(p) if p.revision == 3));
-    let visible = rows.revisions(&rig, &lens, &page(10, None)).await.unwrap();
+    let visible = metadata.revisions(&rig, &lens, &page(10, None)).await.unwrap();
     assert_eq!(visible.items.iter().map(|p| p.revision).collect::<Vec<_>>(), [3]);
 }
 
-pub(crate) async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
+    let metadata = &*store.metadata;
     for lens in ["a", "b", "c", "d", "e"] {
-        put(rows, "one", lens, 1.25).await;
+        put(metadata, "one", lens, 1.25).await;
     }
-    put(rows, "two", "a", 1.25).await;
-    put(rows, "one", "b", 1.5).await;
+    put(metadata, "two", "a", 1.25).await;
+    put(metadata, "one", "b", 1.5).await;
     let key = |p: &ProfileSummary| format!("{}/{}@{}", p.rig, p.lens, p.revision);
     let mut seen = Vec::new();
     let mut cursor = None;
     loop {
-        let found = rows.profiles(None, None, &page(2, cursor)).await.unwrap();
+        let found = metadata.profiles(None, None, &page(2, cursor)).await.unwrap();
         assert!((1..=2).contains(&found.items.len()));
         seen.extend(found.items.iter().map(key));
         cursor = found.next_cursor;
@@ -107,47 +107,47 @@ pub(crate) async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
         }
     }
     assert_eq!(seen, ["one/b@2", "two/a@1", "one/e@1", "one/d@1", "one/c@1", "one/a@1"]);
-    let of_two = rows.profiles(Some(&name("two")), None, &page(10, None)).await.unwrap();
+    let of_two = metadata.profiles(Some(&name("two")), None, &page(10, None)).await.unwrap();
     assert_eq!(of_two.items.iter().map(key).collect::<Vec<_>>(), ["two/a@1"]);
-    let a = rows.profiles(None, Some(&name("a")), &page(10, None)).await.unwrap();
+    let a = metadata.profiles(None, Some(&name("a")), &page(10, None)).await.unwrap();
     assert_eq!(a.items.iter().map(key).collect::<Vec<_>>(), ["two/a@1", "one/a@1"]);
 }
 
-pub(crate) async fn the_keys_of_profiles_are_listed(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn the_keys_of_profiles_are_listed(store: Fresh) {
+    let metadata = &*store.metadata;
     for lens in ["b", "a", "b"] {
-        put(rows, "rig", lens, 1.25).await;
+        put(metadata, "rig", lens, 1.25).await;
     }
     let keys = [(name("rig"), name("a")), (name("rig"), name("b"))];
-    assert_eq!(rows.profile_keys(10).await.unwrap(), keys);
-    assert_eq!(rows.profile_keys(1).await.unwrap(), keys[..1]);
+    assert_eq!(metadata.profile_keys(10).await.unwrap(), keys);
+    assert_eq!(metadata.profile_keys(1).await.unwrap(), keys[..1]);
 }
 
-pub(crate) async fn a_profile_that_could_not_be_read_again_is_not_stored(store: Fresh) {
-    let rows = &*store.rows;
-    let first = put(rows, "rig", "lens", 1.25).await;
+pub async fn a_profile_that_could_not_be_read_again_is_not_stored(store: Fresh) {
+    let metadata = &*store.metadata;
+    let first = put(metadata, "rig", "lens", 1.25).await;
     let mut draft = draft(1.5);
     draft.slices[1].shift_px[0] = f64::INFINITY;
-    let refused = rows.put_profile(&first.rig, &first.lens, &draft, Precondition::Any).await;
+    let refused = metadata.put_profile(&first.rig, &first.lens, &draft, Precondition::Any).await;
     assert!(refused.is_err_and(|error| crate::store::json::is_not_storable(&error)));
-    assert_eq!(rows.profile(&first.rig, &first.lens, None).await.unwrap().as_ref(), Some(&first));
-    assert_eq!(put(rows, "rig", "lens", 1.5).await.revision, 2, "and its number was not used");
+    assert_eq!(metadata.profile(&first.rig, &first.lens, None).await.unwrap().as_ref(), Some(&first));
+    assert_eq!(put(metadata, "rig", "lens", 1.5).await.revision, 2, "and its number was not used");
 }
 
-pub(crate) async fn a_foreign_cursor_is_refused(store: Fresh) {
+pub async fn a_foreign_cursor_is_refused(store: Fresh) {
     for cursor in ["", "nonsense", "-1", "0", "fffffffffffffffff"] {
         let asked = page(10, Some(cursor.into()));
-        let profiles = store.rows.profiles(None, None, &asked).await;
+        let profiles = store.metadata.profiles(None, None, &asked).await;
         assert!(matches!(profiles, Err(crate::store::StoreError::InvalidCursor)), "{cursor}");
-        let jobs = store.rows.jobs(&Default::default(), &asked).await;
+        let jobs = store.metadata.jobs(&Default::default(), &asked).await;
         assert!(matches!(jobs, Err(crate::store::StoreError::InvalidCursor)), "{cursor}");
     }
 }
 
-pub(crate) async fn concurrent_writes_each_get_a_revision_of_their_own(store: Fresh) {
+pub async fn concurrent_writes_each_get_a_revision_of_their_own(store: Fresh) {
     let writes = (0..12).map(|i| {
-        let rows = Arc::clone(&store.rows);
-        async move { put(&*rows, "rig", "lens", 1.0 + f64::from(i) / 64.0).await.revision }
+        let metadata = Arc::clone(&store.metadata);
+        async move { put(&*metadata, "rig", "lens", 1.0 + f64::from(i) / 64.0).await.revision }
     });
     let mut revisions = futures::future::join_all(writes).await;
     revisions.sort_unstable();

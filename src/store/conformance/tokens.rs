@@ -11,41 +11,43 @@ use crate::store::{
     uploads::{CreateUpload, NewUpload},
 };
 
-pub(crate) async fn a_token_comes_back_as_it_was_added_until_it_is_revoked(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn a_token_comes_back_as_it_was_added_until_it_is_revoked(store: Fresh) {
+    let metadata = &*store.metadata;
     let (id, secret, _) = mint().unwrap();
     let scopes = [Scope::Read, Scope::ProfilesWrite];
     let add = async |id, text, digest, scopes: &[Scope], quota_bytes| {
         let token = NewToken { id, name: name(text), digest, scopes: scopes.to_vec(), quota_bytes };
-        rows.add_token(&token).await.unwrap()
+        metadata.add_token(&token).await.unwrap()
     };
     assert!(add(id, "ann", secret.digest(), &scopes, Some(7)).await);
-    let token = rows.token(id).await.unwrap().expect("it was added");
+    let token = metadata.token(id).await.unwrap().expect("it was added");
     assert_eq!((token.name.as_str(), token.scopes.as_slice(), token.revoked_at), ("ann", &scopes[..], None));
     assert!(token.is_opened_by(&secret));
     assert_eq!(token.quota_bytes, Some(7));
     assert!(!add(Uuid::now_v7(), "ann", [0; 32], &scopes, None).await, "the name is taken");
     assert!(add(Uuid::now_v7(), "ben", [1; 32], &[Scope::Admin], None).await);
-    assert!(rows.revoke_token(&name("ann")).await.unwrap());
-    assert!(!rows.revoke_token(&name("ann")).await.unwrap() && !rows.revoke_token(&name("nobody")).await.unwrap());
-    assert!(!rows.token(id).await.unwrap().expect("it is remembered").is_opened_by(&secret));
+    assert!(metadata.revoke_token(&name("ann")).await.unwrap());
+    assert!(
+        !metadata.revoke_token(&name("ann")).await.unwrap() && !metadata.revoke_token(&name("nobody")).await.unwrap()
+    );
+    assert!(!metadata.token(id).await.unwrap().expect("it is remembered").is_opened_by(&secret));
     assert!(!add(Uuid::now_v7(), "ann", [0; 32], &scopes, None).await, "and so is its name");
-    let listed: Vec<String> = rows.tokens().await.unwrap().iter().map(|token| token.name.to_string()).collect();
+    let listed: Vec<String> = metadata.tokens().await.unwrap().iter().map(|token| token.name.to_string()).collect();
     assert_eq!(listed, ["ann", "ben"]);
-    assert_eq!(rows.token(Uuid::now_v7()).await.unwrap(), None);
+    assert_eq!(metadata.token(Uuid::now_v7()).await.unwrap(), None);
 }
 
-pub(crate) async fn a_list_can_be_kept_to_what_one_token_sent(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn a_list_can_be_restricted_to_the_jobs_of_one_token(store: Fresh) {
+    let metadata = &*store.metadata;
     let (ann, ben) = (Uuid::now_v7(), Uuid::now_v7());
-    let sent = async |owner| accept(rows, &NewJob { owner, ..stack() }).await.id;
+    let sent = async |owner| accept(metadata, &NewJob { owner, ..stack() }).await.id;
     let (of_ann, of_ben, of_nobody) = (sent(Some(ann)).await, sent(Some(ben)).await, sent(None).await);
-    assert_eq!(rows.owner(of_ann).await.unwrap(), Some(ann));
-    assert_eq!(rows.owner(of_nobody).await.unwrap(), None);
-    assert_eq!(rows.owner(Uuid::now_v7()).await.unwrap(), None);
+    assert_eq!(metadata.owner(of_ann).await.unwrap(), Some(ann));
+    assert_eq!(metadata.owner(of_nobody).await.unwrap(), None);
+    assert_eq!(metadata.owner(Uuid::now_v7()).await.unwrap(), None);
     let page = PageRequest { limit: 10, cursor: None };
     let listed = async |owner| {
-        let found = rows.jobs(&JobFilter { owner, ..JobFilter::default() }, &page).await.unwrap();
+        let found = metadata.jobs(&JobFilter { owner, ..JobFilter::default() }, &page).await.unwrap();
         found.items.iter().map(|job| job.id).collect::<Vec<_>>()
     };
     assert_eq!(listed(Some(ann)).await, [of_nobody, of_ann]);
@@ -53,16 +55,16 @@ pub(crate) async fn a_list_can_be_kept_to_what_one_token_sent(store: Fresh) {
     assert_eq!(listed(None).await, [of_nobody, of_ben, of_ann]);
 }
 
-pub(crate) async fn what_a_token_takes_is_counted_until_it_is_gone(store: Fresh) {
+pub async fn the_bytes_of_a_token_are_counted_until_they_are_removed(store: Fresh) {
     const DAY: Duration = Duration::from_secs(24 * 60 * 60);
-    let rows = &*store.rows;
+    let metadata = &*store.metadata;
     let (ann, ben) = (Uuid::now_v7(), Uuid::now_v7());
-    let id = accept(rows, &NewJob { owner: Some(ann), ..stack() }).await.id;
-    // as the requests and outcomes of these tests say
+    let id = accept(metadata, &NewJob { owner: Some(ann), ..stack() }).await.id;
+    // as in the requests and outcomes of these tests
     let (upload, results) = (12, 3);
-    assert_eq!((rows.used_bytes(ann).await.unwrap(), rows.used_bytes(ben).await.unwrap()), (upload, 0));
-    assert!(rows.finish(claim(rows).await.unwrap().id, 1, &success()).await.unwrap());
-    assert_eq!(rows.used_bytes(ann).await.unwrap(), upload + results);
+    assert_eq!((metadata.used_bytes(ann).await.unwrap(), metadata.used_bytes(ben).await.unwrap()), (upload, 0));
+    assert!(metadata.finish(claim(metadata).await.unwrap().id, 1, &success()).await.unwrap());
+    assert_eq!(metadata.used_bytes(ann).await.unwrap(), upload + results);
     let arriving = NewUpload {
         id: Uuid::now_v7(),
         length: 1000,
@@ -71,12 +73,12 @@ pub(crate) async fn what_a_token_takes_is_counted_until_it_is_gone(store: Fresh)
         keep: DAY,
         owner: Some(ann),
     };
-    assert!(matches!(rows.create_upload(&arriving, MANY).await.unwrap(), CreateUpload::Created(_)));
-    assert_eq!(rows.used_bytes(ann).await.unwrap(), 1000 + upload + results, "what is to come is counted whole");
+    assert!(matches!(metadata.create_upload(&arriving, MANY).await.unwrap(), CreateUpload::Created(_)));
+    assert_eq!(metadata.used_bytes(ann).await.unwrap(), 1000 + upload + results, "what is to come is counted whole");
     store.clock.advance(DAY);
     let keep = Retention { uploads: Some(DAY), ..Retention::default() };
-    assert_eq!(rows.expire_job_uploads(&keep).await.unwrap(), [id]);
-    assert_eq!(rows.used_bytes(ann).await.unwrap(), results);
-    rows.delete_job(id).await.unwrap();
-    assert_eq!(rows.used_bytes(ann).await.unwrap(), 0);
+    assert_eq!(metadata.expire_job_uploads(&keep).await.unwrap(), [id]);
+    assert_eq!(metadata.used_bytes(ann).await.unwrap(), results);
+    metadata.delete_job(id).await.unwrap();
+    assert_eq!(metadata.used_bytes(ann).await.unwrap(), 0);
 }

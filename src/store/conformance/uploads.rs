@@ -1,4 +1,4 @@
-//! Uploads that arrive in pieces.
+//! Resumable uploads.
 
 use std::time::Duration;
 
@@ -15,19 +15,21 @@ use crate::{
 };
 
 const KEEP: Duration = Duration::from_secs(3600);
-/// Enough for every test.
-pub(crate) const MANY: OpenUploadLimits = OpenUploadLimits { all: 1000, of_owner: 1000 };
+/// More than any test needs.
+pub const MANY: OpenUploadLimits = OpenUploadLimits { all: 1000, of_owner: 1000 };
 
-pub(crate) async fn begun(rows: &dyn UploadRecords, length: u64) -> Uuid {
+pub async fn begun(metadata: &dyn UploadRecords, length: u64) -> Uuid {
     let new =
         NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: "rig cmln".into(), keep: KEEP, owner: None };
-    let CreateUpload::Created(upload) = rows.create_upload(&new, MANY).await.unwrap() else { panic!("there is room") };
+    let CreateUpload::Created(upload) = metadata.create_upload(&new, MANY).await.unwrap() else {
+        panic!("there is room")
+    };
     assert_eq!((upload.id, upload.length, upload.offset, upload.state), (new.id, length, 0, UploadState::Receiving));
     assert_eq!((upload.digest, upload.metadata.as_str()), (vec![0], "rig cmln"));
     new.id
 }
 
-pub(crate) fn advance(from: u64, to: u64) -> Advance {
+pub fn advance(from: u64, to: u64) -> Advance {
     Advance { from, to, digest: to.to_le_bytes().to_vec(), keep: KEEP }
 }
 
@@ -35,135 +37,138 @@ fn job(id: Uuid) -> NewJob {
     NewJob { id, ..stack() }
 }
 
-pub(crate) async fn an_upload_grows_only_from_where_it_is(store: Fresh) {
-    let rows = &*store.rows;
-    let id = begun(rows, 100).await;
-    assert!(rows.advance_upload(id, &advance(0, 60)).await.unwrap());
-    assert!(!rows.advance_upload(id, &advance(0, 70)).await.unwrap(), "it is at 60");
-    assert!(!rows.advance_upload(Uuid::now_v7(), &advance(0, 70)).await.unwrap());
-    assert!(rows.advance_upload(id, &advance(60, 101)).await.is_err(), "it has 100 bytes");
-    let upload = rows.upload(id).await.unwrap().unwrap();
+pub async fn an_upload_advances_only_from_its_offset(store: Fresh) {
+    let metadata = &*store.metadata;
+    let id = begun(metadata, 100).await;
+    assert!(metadata.advance_upload(id, &advance(0, 60)).await.unwrap());
+    assert!(!metadata.advance_upload(id, &advance(0, 70)).await.unwrap(), "it is at 60");
+    assert!(!metadata.advance_upload(Uuid::now_v7(), &advance(0, 70)).await.unwrap());
+    assert!(metadata.advance_upload(id, &advance(60, 101)).await.is_err(), "it has 100 bytes");
+    let upload = metadata.upload(id).await.unwrap().unwrap();
     assert_eq!((upload.offset, upload.digest), (60, 60_u64.to_le_bytes().to_vec()));
 }
 
-pub(crate) async fn a_newer_wish_has_a_larger_number_and_is_announced(store: Fresh) {
-    let rows = &*store.rows;
-    let id = begun(rows, 100).await;
-    let mut changes = rows.changes();
-    let first = rows.take_over_upload(id).await.unwrap().unwrap();
+pub async fn a_takeover_increments_the_generation_and_is_announced(store: Fresh) {
+    let metadata = &*store.metadata;
+    let id = begun(metadata, 100).await;
+    let mut changes = metadata.changes();
+    let first = metadata.take_over_upload(id).await.unwrap().unwrap();
     assert_eq!(changes.recv().await.unwrap(), id);
-    let second = rows.take_over_upload(id).await.unwrap().unwrap();
+    let second = metadata.take_over_upload(id).await.unwrap().unwrap();
     assert!(second > first);
-    assert_eq!(rows.upload(id).await.unwrap().unwrap().generation, second);
-    assert_eq!(rows.take_over_upload(Uuid::now_v7()).await.unwrap(), None);
+    assert_eq!(metadata.upload(id).await.unwrap().unwrap().generation, second);
+    assert_eq!(metadata.take_over_upload(Uuid::now_v7()).await.unwrap(), None);
 }
 
-pub(crate) async fn a_whole_upload_becomes_one_job_and_a_torn_one_none(store: Fresh) {
-    let rows = &*store.rows;
-    let id = begun(rows, 100).await;
-    rows.advance_upload(id, &advance(0, 99)).await.unwrap();
-    assert_eq!(rows.complete_upload(&job(id), 10).await.unwrap(), None);
-    rows.advance_upload(id, &advance(99, 100)).await.unwrap();
-    assert_eq!(rows.complete_upload(&job(id), 0).await.unwrap(), Some(Enqueue::QueueFull { waiting: 0 }));
-    assert!(rows.upload_is_open(id).await.unwrap());
-    let made = rows.complete_upload(&job(id), 10).await.unwrap();
+pub async fn a_complete_upload_becomes_one_job_and_an_incomplete_one_none(store: Fresh) {
+    let metadata = &*store.metadata;
+    let id = begun(metadata, 100).await;
+    metadata.advance_upload(id, &advance(0, 99)).await.unwrap();
+    assert_eq!(metadata.complete_upload(&job(id), 10).await.unwrap(), None);
+    metadata.advance_upload(id, &advance(99, 100)).await.unwrap();
+    assert_eq!(metadata.complete_upload(&job(id), 0).await.unwrap(), Some(Enqueue::QueueFull { waiting: 0 }));
+    assert!(metadata.upload_is_open(id).await.unwrap());
+    let made = metadata.complete_upload(&job(id), 10).await.unwrap();
     let Some(Enqueue::Accepted(first)) = made else { panic!("{made:?}") };
-    assert_eq!(rows.complete_upload(&job(id), 10).await.unwrap(), Some(Enqueue::Repeated(first.clone())));
-    assert_eq!(rows.job(id).await.unwrap(), Some(*first));
-    assert_eq!(rows.upload(id).await.unwrap().unwrap().state, UploadState::Complete(JobKind::Stack));
-    assert!(!rows.upload_is_open(id).await.unwrap());
-    assert!(!rows.refuse_upload(id, &Fault::new(Code::InvalidArchive, "no")).await.unwrap());
-    assert!(rows.delete_upload(id).await.unwrap());
-    assert!(rows.job(id).await.unwrap().is_some(), "the job stays");
+    assert_eq!(metadata.complete_upload(&job(id), 10).await.unwrap(), Some(Enqueue::Repeated(first.clone())));
+    assert_eq!(metadata.job(id).await.unwrap(), Some(*first));
+    assert_eq!(metadata.upload(id).await.unwrap().unwrap().state, UploadState::Complete(JobKind::Stack));
+    assert!(!metadata.upload_is_open(id).await.unwrap());
+    assert!(!metadata.refuse_upload(id, &Fault::new(Code::InvalidArchive, "no")).await.unwrap());
+    assert!(metadata.delete_upload(id).await.unwrap());
+    assert!(metadata.job(id).await.unwrap().is_some(), "the job stays");
 }
 
-pub(crate) async fn a_refused_upload_becomes_no_job(store: Fresh) {
-    let rows = &*store.rows;
-    let id = begun(rows, 100).await;
-    rows.advance_upload(id, &advance(0, 100)).await.unwrap();
+pub async fn a_refused_upload_becomes_no_job(store: Fresh) {
+    let metadata = &*store.metadata;
+    let id = begun(metadata, 100).await;
+    metadata.advance_upload(id, &advance(0, 100)).await.unwrap();
     let fault = Fault::new(Code::InvalidArchive, "no zip");
-    assert!(rows.refuse_upload(id, &fault).await.unwrap());
-    assert_eq!(rows.upload(id).await.unwrap().unwrap().state, UploadState::Refused(Box::new(fault)));
-    assert_eq!(rows.complete_upload(&job(id), 10).await.unwrap(), None);
-    assert!(!rows.upload_is_open(id).await.unwrap());
-    assert_eq!(rows.job(id).await.unwrap(), None);
+    assert!(metadata.refuse_upload(id, &fault).await.unwrap());
+    assert_eq!(metadata.upload(id).await.unwrap().unwrap().state, UploadState::Refused(Box::new(fault)));
+    assert_eq!(metadata.complete_upload(&job(id), 10).await.unwrap(), None);
+    assert!(!metadata.upload_is_open(id).await.unwrap());
+    assert_eq!(metadata.job(id).await.unwrap(), None);
 }
 
-pub(crate) async fn an_upload_goes_when_its_time_is_over_and_each_piece_gives_it_more(store: Fresh) {
-    let rows = &*store.rows;
-    let (kept, left) = (begun(rows, 100).await, begun(rows, 100).await);
+pub async fn an_upload_expires_unless_more_bytes_arrive(store: Fresh) {
+    let metadata = &*store.metadata;
+    let (kept, left) = (begun(metadata, 100).await, begun(metadata, 100).await);
     store.clock.advance(KEEP - Duration::from_secs(1));
-    assert!(rows.delete_expired_uploads().await.unwrap().is_empty());
-    assert!(rows.advance_upload(kept, &advance(0, 1)).await.unwrap());
+    assert!(metadata.delete_expired_uploads().await.unwrap().is_empty());
+    assert!(metadata.advance_upload(kept, &advance(0, 1)).await.unwrap());
     store.clock.advance(Duration::from_secs(1));
-    assert_eq!(rows.upload(left).await.unwrap(), None, "it is gone before anybody swept");
-    assert_eq!(rows.take_over_upload(left).await.unwrap(), None);
-    assert_eq!(rows.delete_expired_uploads().await.unwrap(), [left]);
-    assert!(rows.upload(kept).await.unwrap().is_some());
+    assert_eq!(metadata.upload(left).await.unwrap(), None, "it is gone before anybody swept");
+    assert_eq!(metadata.take_over_upload(left).await.unwrap(), None);
+    assert_eq!(metadata.delete_expired_uploads().await.unwrap(), [left]);
+    assert!(metadata.upload(kept).await.unwrap().is_some());
 }
 
-pub(crate) async fn only_open_uploads_are_counted(store: Fresh) {
-    let rows = &*store.rows;
-    let (open, whole, refused) = (begun(rows, 100).await, begun(rows, 10).await, begun(rows, 1000).await);
-    rows.advance_upload(open, &advance(0, 30)).await.unwrap();
-    assert_eq!(rows.reserved_bytes().await.unwrap(), 70 + 10 + 1000);
-    rows.advance_upload(whole, &advance(0, 10)).await.unwrap();
-    rows.complete_upload(&job(whole), 10).await.unwrap();
-    rows.refuse_upload(refused, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
-    assert_eq!(rows.reserved_bytes().await.unwrap(), 70);
+pub async fn only_open_uploads_are_counted(store: Fresh) {
+    let metadata = &*store.metadata;
+    let (open, whole, refused) = (begun(metadata, 100).await, begun(metadata, 10).await, begun(metadata, 1000).await);
+    metadata.advance_upload(open, &advance(0, 30)).await.unwrap();
+    assert_eq!(metadata.reserved_bytes().await.unwrap(), 70 + 10 + 1000);
+    metadata.advance_upload(whole, &advance(0, 10)).await.unwrap();
+    metadata.complete_upload(&job(whole), 10).await.unwrap();
+    metadata.refuse_upload(refused, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
+    assert_eq!(metadata.reserved_bytes().await.unwrap(), 70);
     let new =
         NewUpload { id: Uuid::now_v7(), length: 1, digest: vec![0], metadata: String::new(), keep: KEEP, owner: None };
     let at_most = |all| OpenUploadLimits { all, of_owner: 1000 };
-    assert_eq!(rows.create_upload(&new, at_most(1)).await.unwrap(), CreateUpload::TooMany { of_owner: false });
-    assert!(matches!(rows.create_upload(&new, at_most(2)).await.unwrap(), CreateUpload::Created(_)));
+    assert_eq!(metadata.create_upload(&new, at_most(1)).await.unwrap(), CreateUpload::TooMany { of_owner: false });
+    assert!(matches!(metadata.create_upload(&new, at_most(2)).await.unwrap(), CreateUpload::Created(_)));
     let few = OpenUploadLimits { all: 1000, of_owner: 1 };
     let by = |owner| NewUpload { id: Uuid::now_v7(), owner, ..new.clone() };
     let (ann, ben) = (Some(Uuid::now_v7()), Some(Uuid::now_v7()));
     for owner in [None, ann, ben] {
-        assert!(matches!(rows.create_upload(&by(owner), few).await.unwrap(), CreateUpload::Created(_)), "{owner:?}");
+        assert!(
+            matches!(metadata.create_upload(&by(owner), few).await.unwrap(), CreateUpload::Created(_)),
+            "{owner:?}"
+        );
     }
-    assert_eq!(rows.create_upload(&by(ann), few).await.unwrap(), CreateUpload::TooMany { of_owner: true });
-    assert!(matches!(rows.create_upload(&by(None), few).await.unwrap(), CreateUpload::Created(_)));
+    assert_eq!(metadata.create_upload(&by(ann), few).await.unwrap(), CreateUpload::TooMany { of_owner: true });
+    assert!(matches!(metadata.create_upload(&by(None), few).await.unwrap(), CreateUpload::Created(_)));
     store.clock.advance(KEEP);
-    assert_eq!(rows.reserved_bytes().await.unwrap(), 0);
+    assert_eq!(metadata.reserved_bytes().await.unwrap(), 0);
 }
 
-pub(crate) async fn open_uploads_are_listed_newest_first_with_their_tokens(store: Fresh) {
-    let rows = &*store.rows;
+pub async fn open_uploads_are_listed_newest_first_with_their_tokens(store: Fresh) {
+    let metadata = &*store.metadata;
     let ann = Uuid::now_v7();
-    assert!(rows.add_token(&token(ann, None)).await.unwrap());
+    assert!(metadata.add_token(&token(ann, None)).await.unwrap());
     let of_ann = NewUpload { id: Uuid::now_v7(), owner: Some(ann), ..new(7) };
-    assert!(matches!(rows.create_upload(&of_ann, MANY).await.unwrap(), CreateUpload::Created(_)));
-    let (second, whole, third) = (begun(rows, 100).await, begun(rows, 10).await, begun(rows, 1000).await);
-    rows.refuse_upload(whole, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
-    rows.advance_upload(second, &advance(0, 30)).await.unwrap();
-    let first = rows.list_open_uploads(&page(2, None)).await.unwrap();
+    assert!(matches!(metadata.create_upload(&of_ann, MANY).await.unwrap(), CreateUpload::Created(_)));
+    let (second, whole, third) = (begun(metadata, 100).await, begun(metadata, 10).await, begun(metadata, 1000).await);
+    metadata.refuse_upload(whole, &Fault::new(Code::InvalidArchive, "no zip")).await.unwrap();
+    metadata.advance_upload(second, &advance(0, 30)).await.unwrap();
+    let first = metadata.list_open_uploads(&page(2, None)).await.unwrap();
     let shown =
         |open: &OpenUpload| (open.upload.id, open.token.clone(), open.upload.offset, open.last_byte_at.is_some());
     assert_eq!(first.items.iter().map(shown).collect::<Vec<_>>(), [(third, None, 0, false), (second, None, 30, true)]);
-    let last = rows.list_open_uploads(&page(2, first.next_cursor)).await.unwrap();
+    let last = metadata.list_open_uploads(&page(2, first.next_cursor)).await.unwrap();
     assert_eq!(last.items.iter().map(shown).collect::<Vec<_>>(), [(of_ann.id, Some("ann".into()), 0, false)]);
     assert_eq!(last.next_cursor, None);
-    let foreign = rows.list_open_uploads(&page(2, Some("x".into()))).await;
+    let foreign = metadata.list_open_uploads(&page(2, Some("x".into()))).await;
     assert!(matches!(foreign, Err(StoreError::InvalidCursor)), "{foreign:?}");
     store.clock.advance(KEEP);
-    assert!(rows.list_open_uploads(&page(2, None)).await.unwrap().items.is_empty());
+    assert!(metadata.list_open_uploads(&page(2, None)).await.unwrap().items.is_empty());
 }
 
-pub(crate) async fn a_quota_holds_however_many_ask_at_once(store: Fresh) {
+pub async fn a_quota_holds_under_concurrent_requests(store: Fresh) {
     let ann = Uuid::now_v7();
-    // as the requests of these tests say, an upload of a stack has 12 bytes
-    assert!(store.rows.add_token(&token(ann, Some(100))).await.unwrap());
+    // in these tests, the upload of a stack has 12 bytes
+    assert!(store.metadata.add_token(&token(ann, Some(100))).await.unwrap());
     let mut asking = tokio::task::JoinSet::new();
     for i in 0..30 {
-        let rows = std::sync::Arc::clone(&store.rows);
+        let metadata = std::sync::Arc::clone(&store.metadata);
         asking.spawn(async move {
             if i % 2 == 0 {
                 let upload = NewUpload { owner: Some(ann), ..new(40) };
-                matches!(rows.create_upload(&upload, MANY).await.unwrap(), CreateUpload::Created(_))
+                matches!(metadata.create_upload(&upload, MANY).await.unwrap(), CreateUpload::Created(_))
             } else {
                 let job = NewJob { owner: Some(ann), ..stack() };
-                matches!(rows.enqueue(&job, 1000).await.unwrap(), Enqueue::Accepted(_))
+                matches!(metadata.enqueue(&job, 1000).await.unwrap(), Enqueue::Accepted(_))
             }
         });
     }
@@ -171,25 +176,25 @@ pub(crate) async fn a_quota_holds_however_many_ask_at_once(store: Fresh) {
     while let Some(ended) = asking.join_next().await {
         accepted += u32::from(ended.unwrap());
     }
-    let used = store.rows.used_bytes(ann).await.unwrap();
+    let used = store.metadata.used_bytes(ann).await.unwrap();
     assert!(accepted > 0 && (100 - 11..=100).contains(&used), "{accepted} were accepted, {used} bytes are used");
     let over = OverQuota { token: "ann".into(), used, quota: 100 };
-    let refused = store.rows.create_upload(&NewUpload { owner: Some(ann), ..new(u64::MAX) }, MANY).await.unwrap();
+    let refused = store.metadata.create_upload(&NewUpload { owner: Some(ann), ..new(u64::MAX) }, MANY).await.unwrap();
     assert_eq!(refused, CreateUpload::OverQuota(over.clone()));
     let job = NewJob { owner: Some(ann), ..stack() };
-    assert_eq!(store.rows.enqueue(&job, 1000).await.unwrap(), Enqueue::OverQuota(over));
+    assert_eq!(store.metadata.enqueue(&job, 1000).await.unwrap(), Enqueue::OverQuota(over));
     let others = NewJob { owner: Some(Uuid::now_v7()), ..stack() };
-    assert!(matches!(store.rows.enqueue(&others, 1000).await.unwrap(), Enqueue::Accepted(_)));
+    assert!(matches!(store.metadata.enqueue(&others, 1000).await.unwrap(), Enqueue::Accepted(_)));
 }
 
-pub(crate) async fn repeats_of_a_key_at_once_make_one_job_though_the_quota_has_room_for_one(store: Fresh) {
+pub async fn concurrent_repeats_of_a_key_make_one_job_within_a_quota_for_one(store: Fresh) {
     let ann = Uuid::now_v7();
-    assert!(store.rows.add_token(&token(ann, Some(12))).await.unwrap());
+    assert!(store.metadata.add_token(&token(ann, Some(12))).await.unwrap());
     let mut asking = tokio::task::JoinSet::new();
     for _ in 0..30 {
-        let rows = std::sync::Arc::clone(&store.rows);
+        let metadata = std::sync::Arc::clone(&store.metadata);
         let job = NewJob { owner: Some(ann), idempotency: Some(("key".into(), "same".into())), ..stack() };
-        asking.spawn(async move { rows.enqueue(&job, 1000).await.unwrap() });
+        asking.spawn(async move { metadata.enqueue(&job, 1000).await.unwrap() });
     }
     let mut ids = std::collections::BTreeSet::new();
     while let Some(ended) = asking.join_next().await {

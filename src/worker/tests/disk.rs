@@ -1,12 +1,15 @@
-//! Workers when the disk is full, or was.
+//! Workers on a full disk.
 
 use std::sync::atomic::Ordering;
 
 use super::*;
-use crate::{disk_budget::DiskBudget, store::conformance::disk::SmallDisk};
+use crate::{
+    disk_budget::DiskBudget,
+    store::{Store, conformance::disk::SmallDisk},
+};
 
 worker_test! {
-    async fn a_job_under_which_the_disk_becomes_full_is_tried_again_and_not_for_ever() {
+    async fn a_job_that_fills_the_disk_is_retried_a_limited_number_of_times() {
         let stage = stage().await;
         let _pool = Pool::start(stage.deps.clone(), config(1));
         let id = stage.accept().await;
@@ -36,15 +39,16 @@ worker_test! {
 }
 
 worker_test! {
-    async fn a_job_waits_for_room_on_the_disk_and_can_be_cancelled_meanwhile() {
+    async fn a_job_waits_for_disk_space_and_can_be_cancelled_meanwhile() {
         let stage = stage_with_needs(1, 1).await;
-        let full = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.blobs), 0));
-        let deps = Deps { disk: DiskBudget::new(full.clone(), 0), ..stage.deps.clone() };
+        let full = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.store.blobs), 0));
+        let small = Store { blobs: full.clone(), ..stage.deps.store.clone() };
+        let deps = Deps { disk: DiskBudget::new(&small, 0), ..stage.deps.clone() };
         let _pool = Pool::start(deps, config(1));
         let (cancelled, waiting) = (stage.accept().await, stage.accept().await);
         let waits = |job: &Job| job.state == JobState::Running && job.progress.stage.contains("room on the disk");
         stage.until(cancelled, waits).await;
-        stage.deps.rows.cancel(cancelled).await.unwrap();
+        stage.deps.store.metadata.cancel(cancelled).await.unwrap();
         assert_eq!(stage.ended(cancelled).await.state, JobState::Cancelled);
         stage.until(waiting, waits).await;
         full.free.store(1, Ordering::SeqCst);
@@ -55,10 +59,11 @@ worker_test! {
 }
 
 worker_test! {
-    async fn a_job_waits_for_room_that_an_upload_reserved() {
+    async fn a_job_waits_for_disk_space_that_an_upload_reserved() {
         let stage = stage_with_needs(1, 600).await;
-        let disk = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.blobs), 1000));
-        let deps = Deps { disk: DiskBudget::new(disk, 0), ..stage.deps.clone() };
+        let disk = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.store.blobs), 1000));
+        let small = Store { blobs: disk, ..stage.deps.store.clone() };
+        let deps = Deps { disk: DiskBudget::new(&small, 0), ..stage.deps.clone() };
         let upload = deps.disk.reserve(500).await.unwrap().expect("an upload is first");
         let _pool = Pool::start(deps.clone(), config(1));
         let id = stage.accept().await;

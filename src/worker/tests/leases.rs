@@ -1,33 +1,32 @@
-//! Workers that lose the right to a job: to a cancel, to another worker, to the end of the process.
+//! Workers that lose a job: to a cancellation, to another worker, to a shutdown.
 
 use super::*;
 
 worker_test! {
     async fn a_cancel_stops_a_running_job() {
         let mut stage = stage().await;
-        // a beat an hour: the cancel must come by the notice within the process
+        // one heartbeat per hour: the cancellation must arrive by the notification within the process
         let hourly = Duration::from_secs(3600);
         let pool = Pool::start(stage.deps.clone(), Config { beat: hourly, ..config(1) });
         let id = stage.accept().await;
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
-        stage.deps.rows.cancel(id).await.unwrap();
+        stage.deps.store.metadata.cancel(id).await.unwrap();
         let job = stage.ended(id).await;
         assert_eq!((job.state, job.outcome.is_none()), (JobState::Cancelled, true));
         pool.shutdown(Duration::from_secs(10)).await;
-        assert_eq!(stage.benches(), 0);
+        assert_eq!(stage.scratch_folders(), 0);
     }
 }
 
 worker_test! {
-    async fn a_cancel_by_another_process_is_seen_with_the_next_beat() {
+    async fn a_cancel_by_another_process_is_observed_with_the_next_heartbeat() {
         let mut stage = stage().await;
         let _pool = Pool::start(stage.deps.clone(), config(1));
         let id = stage.accept().await;
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
-        let path = stage.folder.path().join("rows.db");
-        let other = SqliteMetadata::open_with_clock(path, stage.clock.clone()).await.unwrap();
+        let other = open_with_clock(stage.folder.path(), stage.clock.clone()).await.unwrap().metadata;
         other.cancel(id).await.unwrap();
         assert_eq!(stage.ended(id).await.state, JobState::Cancelled);
     }
@@ -40,66 +39,64 @@ worker_test! {
         let id = stage.accept().await;
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
-        assert!(stage.deps.rows.delete_job(id).await.unwrap());
+        assert!(stage.deps.store.metadata.delete_job(id).await.unwrap());
         pool.shutdown(Duration::from_secs(30)).await;
-        assert_eq!(stage.deps.rows.blob_owner(id).await.unwrap(), None);
-        assert!(stage.deps.blobs.jobs_with_blobs().await.unwrap().is_empty());
+        assert_eq!(stage.deps.store.metadata.blob_owner(id).await.unwrap(), None);
+        assert!(jobs_with_blobs(&*stage.deps.store.blobs).await.unwrap().is_empty());
     }
 }
 
 worker_test! {
     async fn a_worker_that_lost_its_lease_stops_and_publishes_nothing() {
         let mut stage = stage().await;
-        // it beats once at the start and then sleeps, like a process that was stopped
+        // one heartbeat at the start, then none, like a process that was stopped
         let asleep = Duration::from_secs(3600);
         let pool = Pool::start(stage.deps.clone(), Config { beat: asleep, poll: asleep, ..config(1) });
         let id = stage.accept().await;
         assert_eq!(stage.began.recv().await, Some(id));
-        // another process takes the job over when the lease has run out, and ends it
-        let path = stage.folder.path().join("rows.db");
-        let other = SqliteMetadata::open_with_clock(path, stage.clock.clone()).await.unwrap();
-        let taken = conformance::claim_from_the_dead(&other, &stage.clock).await;
+        // another process claims the job when the lease has expired, and ends it
+        let other = open_with_clock(stage.folder.path(), stage.clock.clone()).await.unwrap().metadata;
+        let taken = conformance::claim_from_the_dead(&*other, &stage.clock).await;
         assert_eq!((taken.id, taken.lease_token), (id, 2));
-        stage.order(Order::Succeed); // the sleeper wakes up and has a result
+        stage.order(Order::Succeed); // the first worker continues and has a result
         pool.shutdown(Duration::from_secs(30)).await;
-        assert_eq!(conformance::job(&other, id).await, taken, "nothing of it is to be seen");
-        let stale = stage.deps.blobs.local_path(&result_key(id, 1, "image.png")).await.unwrap();
-        assert_eq!(stale, None, "and its files are gone");
+        assert_eq!(conformance::job(&*other, id).await, taken, "it published nothing");
+        let stale = stage.deps.store.blobs.head(&result_key(id, 1, "image.png")).await.unwrap();
+        assert_eq!(stale, None, "and its files are removed");
         assert!(other.finish(id, 2, &conformance::success()).await.unwrap());
     }
 }
 
 worker_test! {
-    async fn a_lost_lease_stops_the_job_with_the_next_beat() {
+    async fn a_lost_lease_stops_the_job_with_the_next_heartbeat() {
         let mut stage = stage().await;
         let pool = Pool::start(stage.deps.clone(), Config { workers: 1, ..config(1) });
         let id = stage.accept().await;
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
-        let path = stage.folder.path().join("rows.db");
-        let other = SqliteMetadata::open_with_clock(path, stage.clock.clone()).await.unwrap();
-        // beats come between, so the lease must run out and be taken before the next one
+        let other = open_with_clock(stage.folder.path(), stage.clock.clone()).await.unwrap().metadata;
+        // the lease must expire and be claimed between two heartbeats
         let taken = loop {
-            // seen by the other, and then silent for a whole lease
+            // observed by the other process, then unchanged for a whole lease
             if let Some(taken) = other.claim(LEASE, 1000).await.unwrap() {
                 break taken;
             }
             stage.clock.advance(LEASE);
         };
         pool.shutdown(Duration::from_secs(30)).await;
-        assert_eq!(conformance::job(&other, id).await.lease_token, taken.lease_token);
+        assert_eq!(conformance::job(&*other, id).await.lease_token, taken.lease_token);
     }
 }
 
 worker_test! {
-    async fn a_shutdown_gives_unfinished_jobs_back_without_counting_the_attempt() {
+    async fn a_shutdown_returns_unfinished_jobs_without_counting_the_attempt() {
         let mut stage = stage().await;
         let pool = Pool::start(stage.deps.clone(), config(1));
         let id = stage.accept().await;
         assert_eq!(stage.began.recv().await, Some(id));
         stage.order(Order::WaitForStop);
         pool.shutdown(Duration::ZERO).await;
-        let job = conformance::job(&*stage.deps.rows, id).await;
+        let job = conformance::job(&*stage.deps.store.metadata, id).await;
         assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
         let _pool = Pool::start(stage.deps.clone(), config(1));
         stage.order(Order::Succeed);
@@ -116,7 +113,7 @@ worker_test! {
         let shutdown = tokio::spawn(pool.shutdown(Duration::from_secs(60)));
         stage.order(Order::Succeed);
         shutdown.await.unwrap();
-        assert_eq!(conformance::job(&*stage.deps.rows, running).await.state, JobState::Succeeded);
-        assert_eq!(conformance::job(&*stage.deps.rows, waiting).await.state, JobState::Queued);
+        assert_eq!(conformance::job(&*stage.deps.store.metadata, running).await.state, JobState::Succeeded);
+        assert_eq!(conformance::job(&*stage.deps.store.metadata, waiting).await.state, JobState::Queued);
     }
 }

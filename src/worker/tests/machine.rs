@@ -1,14 +1,17 @@
-//! Workers on a machine that fails for a while.
+//! Workers on a machine with temporary failures.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
-use crate::store::conformance::disk::{SmallDisk, TOTAL};
+use crate::store::{
+    Store,
+    conformance::disk::{SmallDisk, TOTAL},
+};
 
 const PAUSE: Duration = Duration::from_secs(60);
 
 worker_test! {
-    async fn an_error_of_the_machine_is_tried_again_after_a_pause() {
+    async fn an_error_of_the_machine_is_retried_after_a_pause() {
         let stage = stage().await;
         let pool = Pool::start(stage.deps.clone(), Config { retry_pause: PAUSE, ..config(1) });
         let id = stage.accept().await;
@@ -16,7 +19,7 @@ worker_test! {
         let job = stage.until(id, |job| job.state == JobState::Queued && job.attempt == 1).await;
         assert_eq!(job.error, None);
         pool.shutdown(Duration::from_secs(10)).await;
-        assert_eq!(conformance::claim(&*stage.deps.rows).await, None, "not at once");
+        assert_eq!(conformance::claim(&*stage.deps.store.metadata).await, None, "not at once");
         stage.clock.advance(PAUSE);
         let _pool = Pool::start(stage.deps.clone(), config(1));
         stage.order(Order::Succeed);
@@ -26,7 +29,7 @@ worker_test! {
 }
 
 worker_test! {
-    async fn an_error_of_the_machine_that_stays_ends_the_job_at_its_last_attempt() {
+    async fn a_persistent_error_of_the_machine_fails_the_job_at_its_last_attempt() {
         let stage = stage().await;
         let _pool = Pool::start(stage.deps.clone(), config(1));
         let id = stage.accept().await;
@@ -40,11 +43,12 @@ worker_test! {
 }
 
 worker_test! {
-    async fn a_store_that_fails_under_a_job_does_not_end_it() {
+    async fn a_temporary_failure_of_the_store_does_not_fail_the_job() {
         let stage = stage().await;
-        let disk = SmallDisk { failures: AtomicU64::new(2), ..SmallDisk::over(Arc::clone(&stage.deps.blobs), TOTAL) };
+        let disk = SmallDisk { failures: AtomicU64::new(2), ..SmallDisk::over(Arc::clone(&stage.deps.store.blobs), TOTAL) };
         let disk = Arc::new(disk);
-        let deps = Deps { blobs: disk.clone(), ..stage.deps.clone() };
+        let store = Store { blobs: disk.clone(), ..stage.deps.store.clone() };
+        let deps = Deps { store, ..stage.deps.clone() };
         let _pool = Pool::start(deps, config(1));
         let id = stage.accept().await;
         stage.order(Order::Succeed);

@@ -1,4 +1,4 @@
-//! Workers with the real work to do.
+//! Workers with the job runner of the service.
 
 use sha2::{Digest, Sha256};
 use uuid::Uuid;
@@ -10,23 +10,31 @@ use crate::{
         request::{CalibrationRequest, JobRequest, StackRequest, Upload},
     },
     jobs::{ScienceRunner, testkit},
-    store::{NewJob, blobs::upload_key, conformance::accept, digest::hex},
+    store::{
+        NewJob,
+        blobs::upload_key,
+        conformance::{
+            accept,
+            blobs::{bytes_of_blob, put_blob},
+        },
+        digest::hex,
+    },
 };
 use pinstack_science::{
     archive::{self, ArchiveLimits},
     types::stack_layout::StackLayout,
 };
 
-/// Publishes an archive as the upload of a new job and accepts the job.
+/// Stores an archive as the upload of a new job and accepts the job.
 async fn accept_archive(deps: &Deps, archive: &[u8], request: impl FnOnce(Upload, StackLayout) -> JobRequest) -> Uuid {
     let id = Uuid::now_v7();
-    let spooled = deps.blobs.spool_dir().join(id.to_string());
-    std::fs::write(&spooled, archive).unwrap();
-    let layout = archive::open(&spooled, &ArchiveLimits::default()).unwrap().layout().clone();
-    let upload = Upload { key: upload_key(id), bytes: archive.len() as u64, sha256: String::new(), filename: None };
-    deps.blobs.publish(&spooled, &upload.key).await.unwrap();
+    let key = upload_key(id);
+    put_blob(&deps.store, &key, archive).await;
+    let stored = deps.store.blobs.fetch(&key, &deps.store.workspace).await.unwrap().expect("it is stored");
+    let layout = archive::open(stored.path(), &ArchiveLimits::default()).unwrap().layout().clone();
+    let upload = Upload { key, bytes: archive.len() as u64, sha256: String::new(), filename: None };
     let job = NewJob { id, request: request(upload, layout), ..conformance::stack() };
-    accept(&*deps.rows, &job).await.id
+    accept(&*deps.store.metadata, &job).await.id
 }
 
 worker_test! {
@@ -43,7 +51,7 @@ worker_test! {
         // the stage put revision 1
         // five overlays and the report
         assert_eq!((outcome.profile_revision, outcome.artifacts.len()), (2, 6));
-        let profile = stage.deps.rows.profile(&ended.rig, &ended.lens, None).await.unwrap().unwrap();
+        let profile = stage.deps.store.metadata.profile(&ended.rig, &ended.lens, None).await.unwrap().unwrap();
         assert_eq!((profile.digest.as_str(), profile.calibration_id), (outcome.profile_digest.as_str(), Some(ended.id)));
 
         let stack = accept_archive(&stage.deps, &testkit::both_zip(), |upload, layout| {
@@ -63,8 +71,7 @@ worker_test! {
         let Some(JobOutcome::Stack(outcome)) = ended.outcome else { panic!("{:?}", ended.error) };
         assert_eq!(outcome.artifacts.len(), 5);
         for artifact in outcome.artifacts {
-            let path = stage.deps.blobs.local_path(&artifact.key).await.unwrap().expect("it is published");
-            let bytes = std::fs::read(path).unwrap();
+            let bytes = bytes_of_blob(&stage.deps.store, &artifact.key).await.expect("it is published");
             assert_eq!((hex(&Sha256::digest(&bytes)), bytes.len() as u64), (artifact.sha256, artifact.bytes));
         }
     }

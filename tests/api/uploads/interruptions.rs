@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use pinstack::store::{
-    Retention, UploadRecords,
+    Retention,
     gc::{GRACE, collect},
 };
 
@@ -48,7 +48,7 @@ async fn a_request_to_another_process_takes_an_upload_over_too() {
     let mut hanging = hanging_piece(&app, &url, 1000, &[1; 200]).await;
     until_written(&app, &url, 200).await;
     // its rows are not those that announce changes to this process
-    app.rows_of_another_process().await.take_over_upload(id_of(&url)).await.unwrap();
+    app.metadata_of_another_process().await.take_over_upload(id_of(&url)).await.unwrap();
     assert_eq!(status_line(&mut hanging).await, "HTTP/1.1 409");
     assert_eq!(offset(&head(&app, &url).await), 200);
 }
@@ -66,7 +66,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
     problem(refused, 503, "queue_full").await;
     assert_eq!(head(&app, &url).await.status(), StatusCode::SERVICE_UNAVAILABLE);
     // nothing is lost meanwhile, whatever is cleaned up
-    collect(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
+    collect(&app.store, Duration::ZERO, &Retention::default()).await.unwrap();
     assert_eq!(shown(&app, &url).await["offset"], json!(zip.len()));
 
     app.claim().await;
@@ -75,9 +75,9 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
         assert_eq!((answer.status(), offset(answer)), (StatusCode::OK, zip.len()));
         assert_eq!(header(answer, "pinstack-job"), format!("/v1/stacks/{}", id_of(&url)));
     }
-    assert_eq!(app.rows.counts().await.unwrap().queued, 1, "one job, however often it is asked for");
-    collect(&*app.rows, &*app.blobs, Duration::ZERO, &Retention::default()).await.unwrap();
-    assert_eq!(std::fs::read(app.blobs.local_path(&upload_key(id_of(&url))).await.unwrap().unwrap()).unwrap(), zip);
+    assert_eq!(app.store.metadata.counts().await.unwrap().queued, 1, "one job, however often it is asked for");
+    collect(&app.store, Duration::ZERO, &Retention::default()).await.unwrap();
+    assert_eq!(app.blob(&upload_key(id_of(&url))).await.unwrap(), zip);
 }
 
 #[tokio::test]
@@ -85,14 +85,14 @@ async fn an_upload_that_nobody_goes_on_with_goes() {
     let app = TestApp::start_with(|policy| policy.upload_keep = Duration::ZERO).await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
-    let mut partial = app.blobs.hold_partial(id_of(&url)).await.unwrap().expect("nobody has it");
-    assert!(partial.start_at(0).await.unwrap());
+    let mut partial = app.store.parts.lock(id_of(&url)).await.unwrap().expect("nobody has it");
+    assert!(partial.resume_at(0).await.unwrap());
     drop(partial);
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;
-    assert_eq!(app.rows.reserved_bytes().await.unwrap(), 0, "its room is free again");
-    assert_eq!(collect(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 1);
-    assert!(app.blobs.partials().await.unwrap().is_empty());
-    assert_eq!(collect(&*app.rows, &*app.blobs, GRACE, &Retention::default()).await.unwrap().given_up, 0);
+    assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0, "its room is free again");
+    assert_eq!(collect(&app.store, GRACE, &Retention::default()).await.unwrap().given_up, 1);
+    assert!(app.store.parts.list().await.unwrap().is_empty());
+    assert_eq!(collect(&app.store, GRACE, &Retention::default()).await.unwrap().given_up, 0);
 }
 
 #[tokio::test]
@@ -104,5 +104,5 @@ async fn a_server_that_goes_down_keeps_what_arrived() {
     until_written(&app, &url, 200).await;
     app.app.shutdown.cancel();
     assert_eq!(status_line(&mut hanging).await, "HTTP/1.1 503");
-    assert_eq!(app.rows.upload(id_of(&url)).await.unwrap().expect("it is there").offset, 200);
+    assert_eq!(app.store.metadata.upload(id_of(&url)).await.unwrap().expect("it is there").offset, 200);
 }

@@ -27,7 +27,7 @@ async fn what_can_be_known_is_refused_at_the_creation() {
     let unversioned = app.post("/v1/uploads").header("upload-length", "10").send().await.unwrap();
     assert_eq!(header(&unversioned, "tus-version"), "1.0.0");
     problem(unversioned, 412, "precondition_failed").await;
-    assert_eq!(app.rows.reserved_bytes().await.unwrap(), 0);
+    assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0);
 }
 
 #[tokio::test]
@@ -36,11 +36,11 @@ async fn open_uploads_are_not_endless_and_one_without_room_is_refused() {
     app.with_profile(2).await;
     begun(&app, 4_000_000).await;
     let second = begun(&app, 1_000_000).await;
-    assert_eq!(app.rows.reserved_bytes().await.unwrap(), 5_000_000);
+    assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 5_000_000);
     problem(creation(&app, 10, &of_rig()).send().await.unwrap(), 503, "queue_full").await;
     request(&app, Method::DELETE, &second).send().await.unwrap();
     begun(&app, 10).await;
-    assert_eq!(app.rows.reserved_bytes().await.unwrap(), 4_000_010);
+    assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 4_000_010);
 
     let full = TestApp::start_with(|policy| policy.min_free_bytes = 1 << 60).await;
     full.with_profile(2).await;
@@ -106,7 +106,7 @@ async fn a_zip_that_is_refused_at_the_end_is_gone_and_says_why() {
     assert_eq!((&told["state"], &told["error"]["code"]), (&json!("refused"), &json!("invalid_image")));
     assert_eq!(head(&app, &url).await.status(), StatusCode::UNPROCESSABLE_ENTITY);
     problem(piece(&app, &url, zip.len(), b"").send().await.unwrap(), 422, "invalid_image").await;
-    assert!(app.blobs.partials().await.unwrap().is_empty());
-    assert!(app.blobs.jobs_with_blobs().await.unwrap().is_empty());
-    assert_eq!(app.rows.reserved_bytes().await.unwrap(), 0);
+    assert!(app.store.parts.list().await.unwrap().is_empty());
+    assert!(app.jobs_with_blobs().await.is_empty());
+    assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0);
 }

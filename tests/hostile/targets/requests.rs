@@ -2,7 +2,7 @@
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
-    sync::{Arc, Mutex, OnceLock, PoisonError},
+    sync::{Mutex, OnceLock, PoisonError},
 };
 
 use axum::{
@@ -14,11 +14,7 @@ use http_body_util::BodyExt;
 use pinstack::{
     contract::{Code, Problem},
     http::{App, Policy, problem, router},
-    store::{
-        MetadataStore,
-        blobs::{Blobs, local::LocalBlobs},
-        sqlite::SqliteMetadata,
-    },
+    store,
 };
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
@@ -61,12 +57,10 @@ impl Service {
         let data = TempDir::new_in("/dev/shm").or_else(|_| TempDir::new()).expect("a folder");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let router = runtime.block_on(async {
-            let rows: Arc<dyn MetadataStore> =
-                Arc::new(SqliteMetadata::open(data.path().join("rows.sqlite")).await.expect("rows"));
-            let blobs: Arc<dyn Blobs> = Arc::new(LocalBlobs::open(data.path()).expect("blobs"));
+            let store = store::open(data.path()).await.expect("a store");
             let policy =
                 Policy { min_free_bytes: 0, max_upload_bytes: MAX_UPLOAD, archive: limits(), ..Policy::default() };
-            router::service(App::new(rows, blobs, policy))
+            router::service(App::new(store, policy))
         });
         let service = Self { runtime, router, _data: data };
         let profile = r#"{"image_width": 24, "image_height": 18, "reference_index": 0,

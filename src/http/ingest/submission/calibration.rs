@@ -34,7 +34,7 @@ impl CalibrationSubmission {
         let (rig, lens) = (named("rig")?, named("lens")?);
         let options: CalibrationOptions = fields.options()?;
         check_calibration(&options)?;
-        let current = app.rows.profile(&rig, &lens, None).await?;
+        let current = app.store.metadata.profile(&rig, &lens, None).await?;
         let current =
             current.map(|p| CurrentProfile { size: (p.input.image_width, p.input.image_height), revision: p.revision });
         Ok(Self { rig, lens, options, current })

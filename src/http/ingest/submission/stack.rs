@@ -52,7 +52,7 @@ impl StackSubmission {
         let options: StackOptions = fields.options()?;
         // before the profile is looked up: errors of the request itself are reported first
         options.check()?;
-        let profile = app.rows.profile(&rig, &lens, options.profile_revision).await?;
+        let profile = app.store.metadata.profile(&rig, &lens, options.profile_revision).await?;
         let Some(profile) = profile else { return Err(not_found(app, &rig, &lens, options.profile_revision).await) };
         Self::new(profile, options, None)
     }

@@ -1,4 +1,4 @@
-//! A store on which workers act, and what a test needs to watch them.
+//! A store, scripted jobs, and what a test needs to observe workers.
 
 use std::{
     sync::{Arc, Mutex, mpsc},
@@ -9,20 +9,20 @@ use tempfile::TempDir;
 use tokio::sync::mpsc as async_mpsc;
 use uuid::Uuid;
 
-use super::puppet::{Order, Puppet};
+use super::scripted::{Order, ScriptedRunner};
 use crate::{
     contract::request::JobRequest,
     disk_budget::DiskBudget,
     store::{
         Job, ManualClock, NewJob,
-        blobs::{local::LocalBlobs, result_key, upload_key},
-        conformance::{self, LEASE, accept},
-        sqlite::SqliteMetadata,
+        blobs::{result_key, upload_key},
+        conformance::{self, LEASE, accept, blobs::put_blob},
+        open_with_clock,
     },
     worker::{Config, Deps},
 };
 
-/// A store, its clock, and the strings of the puppets.
+/// A store, its clock, and the channels to the scripted jobs.
 pub(super) struct Stage {
     pub folder: TempDir,
     pub clock: Arc<ManualClock>,
@@ -31,7 +31,7 @@ pub(super) struct Stage {
     pub orders: mpsc::Sender<Order>,
 }
 
-/// Beats often, so that what a beat must see is seen soon.
+/// Frequent heartbeats, so that tests need not wait for them.
 pub(super) fn config(workers: usize) -> Config {
     let often = Duration::from_millis(5);
     Config {
@@ -52,15 +52,13 @@ pub(super) async fn stage_with_need(need: u64) -> Stage {
 pub(super) async fn stage_with_needs(need: u64, disk_need: u64) -> Stage {
     let folder = tempfile::tempdir().unwrap();
     let clock = Arc::new(ManualClock::default());
-    let rows = SqliteMetadata::open_with_clock(folder.path().join("rows.db"), clock.clone()).await.unwrap();
-    let blobs = LocalBlobs::open(folder.path()).unwrap();
+    let store = open_with_clock(folder.path(), clock.clone()).await.unwrap();
     let (began_here, began) = async_mpsc::unbounded_channel();
-    let (orders, to_puppet) = mpsc::channel();
-    let runner = Puppet { began: began_here, orders: Mutex::new(to_puppet), need, disk_need };
-    let blobs = Arc::new(blobs);
-    let disk = DiskBudget::new(blobs.clone(), 0);
-    let deps = Deps { rows: Arc::new(rows), blobs, disk, runner: Arc::new(runner) };
-    conformance::put(&*deps.rows, "rig", "lens", 1.5).await;
+    let (orders, received) = mpsc::channel();
+    let runner = ScriptedRunner { began: began_here, orders: Mutex::new(received), need, disk_need };
+    let disk = DiskBudget::new(&store, 0);
+    let deps = Deps { store, disk, runner: Arc::new(runner) };
+    conformance::put(&*deps.store.metadata, "rig", "lens", 1.5).await;
     Stage { folder, clock, deps, began, orders }
 }
 
@@ -75,21 +73,19 @@ impl Stage {
         if let JobRequest::Stack(request) = &mut job.request {
             request.upload.key = key.clone();
         }
-        let spooled = self.deps.blobs.spool_dir().join(job.id.to_string());
-        std::fs::write(&spooled, "the archive").unwrap();
-        self.deps.blobs.publish(&spooled, &key).await.unwrap();
-        accept(&*self.deps.rows, &job).await.id
+        put_blob(&self.deps.store, &key, b"the archive").await;
+        accept(&*self.deps.store.metadata, &job).await.id
     }
 
     pub(super) fn order(&self, order: Order) {
-        self.orders.send(order).expect("the puppets listen");
+        self.orders.send(order).expect("the jobs listen");
     }
 
-    /// Waits for the row to be as it should.
+    /// Waits until the condition holds for the row.
     pub(super) async fn until(&self, id: Uuid, holds: impl Fn(&Job) -> bool) -> Job {
-        let mut changes = self.deps.rows.changes();
+        let mut changes = self.deps.store.metadata.changes();
         loop {
-            let job = conformance::job(&*self.deps.rows, id).await;
+            let job = conformance::job(&*self.deps.store.metadata, id).await;
             if holds(&job) {
                 return job;
             }
@@ -103,11 +99,11 @@ impl Stage {
 
     pub(super) async fn results_of(&self, job: &Job) -> Option<Vec<u8>> {
         let key = result_key(job.id, job.lease_token, "image.png");
-        self.deps.blobs.local_path(&key).await.unwrap().map(|path| std::fs::read(path).unwrap())
+        conformance::blobs::bytes_of_blob(&self.deps.store, &key).await
     }
 
-    /// The folders that running jobs have in the spool.
-    pub(super) fn benches(&self) -> usize {
-        std::fs::read_dir(self.deps.blobs.spool_dir()).unwrap().count()
+    /// Number of scratch folders in the workspace.
+    pub(super) fn scratch_folders(&self) -> usize {
+        std::fs::read_dir(self.deps.store.workspace.path()).unwrap().count()
     }
 }

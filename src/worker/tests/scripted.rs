@@ -1,42 +1,41 @@
-//! Jobs that do what a test tells them.
+//! A job runner that a test scripts.
 
 use std::sync::{Mutex, mpsc};
 
 use tokio::sync::mpsc as async_mpsc;
 use uuid::Uuid;
 
-use crate::contract::JobError;
 use crate::{
-    contract::{Code, Fault, Progress, request::JobRequest},
+    contract::{Code, Fault, JobError, Progress, request::JobRequest},
     jobs::{JobContext, JobOutput, OutputFile, ProgressSink},
     store::{blobs::result_key, conformance},
     worker::JobRunner,
 };
 
-/// What a job in a test is told to do next.
+/// The next action of a scripted job.
 pub(super) enum Order {
     /// Report this fraction.
     Report(f64),
-    /// Wait until it is not wanted any more, and stop.
+    /// Wait until it is cancelled, and stop.
     WaitForStop,
     Succeed,
     Fail,
-    /// The disk became full under it.
+    /// Fail with a full disk.
     Full,
-    /// The machine fails under it.
+    /// Fail with an error of the machine.
     Unavailable,
     Panic,
 }
 
-/// Work that says that it began and then does what it is ordered to.
-pub(super) struct Puppet {
+/// Announces each job that starts, then follows the orders of the test.
+pub(super) struct ScriptedRunner {
     pub began: async_mpsc::UnboundedSender<Uuid>,
     pub orders: Mutex<mpsc::Receiver<Order>>,
     pub need: u64,
     pub disk_need: u64,
 }
 
-impl JobRunner for Puppet {
+impl JobRunner for ScriptedRunner {
     fn memory_need(&self, _request: &JobRequest) -> u64 {
         self.need
     }

@@ -1,15 +1,15 @@
-//! Whether a file can be written and moved into place: what every upload and every result needs. `blobs` may be a link or a
-//! mount that lies on another file system, where nothing can be moved to.
+//! Checks that a file can be written and renamed into place, as for every upload and every result. `blobs` may be a link or
+//! a mount on another file system, where a rename fails.
 
 use std::{fs, io, os::unix::fs::MetadataExt, path::Path};
 
-/// Name of the probe in the folder that it is moved to; no blob has such a name.
+/// Name of the probe in the target folder; no blob has such a name.
 const NAME: &str = "probe";
 
-/// Writes a file into the spool folder and moves it into each of `to`.
+/// Writes a file into the workspace and renames it into each of `to`.
 ///
 /// # Errors
-/// When it cannot be written or not be moved; the message says which and what to do.
+/// When it cannot be written or renamed.
 pub(super) fn probe(spool: &Path, to: &[&Path]) -> io::Result<()> {
     for to in to {
         let (file, moved) = (spool.join(format!("{NAME}-{}", uuid::Uuid::now_v7())), to.join(NAME));
@@ -20,7 +20,7 @@ pub(super) fn probe(spool: &Path, to: &[&Path]) -> io::Result<()> {
             _ => error,
         })?;
         match removed {
-            // another process looked at the same moment
+            // another process probed at the same time
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             other => other?,
         }
@@ -28,10 +28,10 @@ pub(super) fn probe(spool: &Path, to: &[&Path]) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether these folders lie on one file system.
+/// Requires that these folders are on one file system.
 ///
 /// # Errors
-/// When they do not, with what to do; when they cannot be looked at.
+/// When they are not, with what to do; when they cannot be queried.
 pub(super) fn same_file_system(first: &Path, others: &[&Path]) -> io::Result<()> {
     let device = fs::metadata(first)?.dev();
     for other in others {
@@ -44,8 +44,8 @@ pub(super) fn same_file_system(first: &Path, others: &[&Path]) -> io::Result<()>
 
 fn elsewhere(from: &Path, to: &Path) -> io::Error {
     let why = format!(
-        "{} lies on another file system than {}, so no file can be moved there; put the whole data folder on one file \
-         system, and make the data folder itself the link or the mount",
+        "{} is on another file system than {}, so files cannot be renamed into it; keep the data folder on one file system: \
+         make the data folder itself the link or the mount",
         to.display(),
         from.display()
     );

@@ -1,9 +1,8 @@
-//! The file of an upload that arrives in pieces: `{data_dir}/partial/{id}.part`, held by whoever has the lock on
-//! `{id}.lock`. The lock is a file of its own, because the upload itself moves away when it is published.
+//! The bytes of a resumable upload as one file: `{data_dir}/partial/{id}.part`, protected by a lock on `{id}.lock`. The lock
+//! is on a file of its own, because the bytes move away when they become a blob.
 //!
-//! Whatever touches the file runs on a blocking thread that shares the lock. So the lock is not released before the
-//! last write has ended, also when the request that started it was cancelled: no late write of one request lands in
-//! what the next one writes.
+//! File operations run on a blocking thread that shares the lock. So the lock is not released before the last write has
+//! ended, even when the request that started it was cancelled: no late write of one request corrupts the bytes of the next.
 
 use std::{
     fs::{self, File, TryLockError},
@@ -20,33 +19,79 @@ use async_trait::async_trait;
 use bytes::Bytes;
 use uuid::Uuid;
 
-use super::{
-    Partial,
-    local::{blocking, remove, sync_folder},
+use super::{blocking, make_private, remove, sync_folder};
+use crate::store::{
+    SpoolFile, StoreError, StoreResult, Workspace,
+    failpoint::step,
+    parts::{LockedUpload, UploadParts},
 };
-use crate::store::{StoreError, StoreResult, failpoint::step};
 
-/// A held upload.
-pub(super) struct LocalPartial {
+/// The parts of uploads in a folder of this machine.
+#[derive(Debug)]
+pub struct LocalUploadParts {
+    folder: PathBuf,
+}
+
+impl LocalUploadParts {
+    /// Opens (or creates) the folder.
+    pub(super) fn open(data_dir: &Path) -> io::Result<Self> {
+        let folder = data_dir.join("partial");
+        make_private(&folder)?;
+        Ok(Self { folder })
+    }
+
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
+    }
+}
+
+#[async_trait]
+impl UploadParts for LocalUploadParts {
+    async fn lock(&self, id: Uuid) -> StoreResult<Option<Box<dyn LockedUpload>>> {
+        let folder = self.folder.clone();
+        let locked = blocking(move || {
+            LockedFile::lock(&folder, id).map_err(|e| StoreError::of_io(e, format!("cannot lock upload {id}")))
+        });
+        Ok(locked.await?.map(|locked| Box::new(locked) as Box<dyn LockedUpload>))
+    }
+
+    async fn remove(&self, id: Uuid) -> StoreResult<()> {
+        let folder = self.folder.clone();
+        blocking(move || {
+            let removed = remove(&folder.join(format!("{id}.part")));
+            let removed = removed.and_then(|()| remove(&folder.join(format!("{id}.lock"))));
+            removed.map_err(|e| StoreError::of_io(e, format!("cannot remove upload {id}")))
+        })
+        .await
+    }
+
+    async fn list(&self) -> StoreResult<Vec<Uuid>> {
+        let folder = self.folder.clone();
+        blocking(move || list(&folder).map_err(|e| StoreError::of_io(e, "cannot list the uploads".into()))).await
+    }
+}
+
+/// A locked upload.
+struct LockedFile {
     path: PathBuf,
     lock: Arc<File>,
-    /// `None` before [`Partial::start_at`].
+    /// `None` before [`LockedUpload::resume_at`].
     open: Option<Arc<OpenFile>>,
 }
 
-/// The open file, with the lock that protects it.
+/// An open file and the lock that protects it.
 struct OpenFile {
     file: File,
-    /// Where the next byte goes.
+    /// Offset of the next byte.
     at: AtomicU64,
-    /// Set when a write failed: where the file ends is unknown then.
+    /// Set when a write failed: the length of the file is unknown then.
     broken: OnceLock<()>,
     _lock: Arc<File>,
 }
 
-impl LocalPartial {
-    /// Takes the lock, if nobody has it.
-    pub(super) fn hold(folder: &Path, id: Uuid) -> io::Result<Option<Self>> {
+impl LockedFile {
+    /// Takes the lock, unless it is held.
+    fn lock(folder: &Path, id: Uuid) -> io::Result<Option<Self>> {
         step("partial.lock")?;
         let lock = File::options().create(true).truncate(false).write(true).open(folder.join(format!("{id}.lock")))?;
         match lock.try_lock() {
@@ -56,14 +101,14 @@ impl LocalPartial {
         }
     }
 
-    /// Runs `work` on the open file where it may block.
+    /// Runs `work` on the open file, on a blocking thread.
     async fn on_file(
         &self,
         what: &'static str,
         work: impl FnOnce(&OpenFile) -> io::Result<()> + Send + 'static,
     ) -> StoreResult<()> {
         let open = self.open.clone();
-        let open = open.ok_or_else(|| anyhow::anyhow!("an upload was written before it was opened"))?;
+        let open = open.ok_or_else(|| anyhow::anyhow!("an upload was written before its offset was set"))?;
         blocking(move || work(&open).map_err(cannot(what))).await
     }
 }
@@ -72,7 +117,7 @@ impl OpenFile {
     fn write(&self, bytes: &[u8]) -> io::Result<()> {
         step("partial.write")?;
         if self.broken.get().is_some() {
-            return Err(io::Error::other("a write before this one failed"));
+            return Err(io::Error::other("an earlier write failed"));
         }
         let at = self.at.load(Ordering::Relaxed);
         self.file.write_all_at(bytes, at).inspect_err(|_| _ = self.broken.set(()))?;
@@ -92,8 +137,18 @@ fn cannot(what: &str) -> impl FnOnce(io::Error) -> StoreError {
 }
 
 #[async_trait]
-impl Partial for LocalPartial {
-    async fn start_at(&mut self, offset: u64) -> StoreResult<bool> {
+impl LockedUpload for LockedFile {
+    async fn length(&self) -> StoreResult<u64> {
+        let path = self.path.clone();
+        blocking(move || match fs::metadata(&path) {
+            Ok(metadata) => Ok(metadata.len()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
+            Err(error) => Err(cannot("measure")(error)),
+        })
+        .await
+    }
+
+    async fn resume_at(&mut self, offset: u64) -> StoreResult<bool> {
         self.open = None;
         let (path, lock) = (self.path.clone(), Arc::clone(&self.lock));
         let opened = blocking(move || {
@@ -105,7 +160,7 @@ impl Partial for LocalPartial {
         Ok(self.open.is_some())
     }
 
-    async fn write(&mut self, bytes: Bytes) -> StoreResult<()> {
+    async fn append(&mut self, bytes: Bytes) -> StoreResult<()> {
         self.on_file("write", move |open| open.write(&bytes)).await
     }
 
@@ -113,12 +168,12 @@ impl Partial for LocalPartial {
         self.on_file("sync", OpenFile::sync).await
     }
 
-    fn path(&self) -> &Path {
-        &self.path
+    async fn assemble(&mut self, length: u64, _workspace: &Workspace) -> StoreResult<Option<SpoolFile>> {
+        Ok(self.resume_at(length).await?.then(|| SpoolFile::persistent(self.path.clone())))
     }
 }
 
-/// The file with `offset` bytes; it is made (and its name made durable) when none are wanted.
+/// Opens the file and truncates it to `offset` bytes. Offset 0 creates it, with a durable name. `None` when it is shorter.
 fn open(path: &Path, offset: u64) -> io::Result<Option<File>> {
     let opened = if offset == 0 {
         step("partial.make")?;
@@ -141,14 +196,8 @@ fn open(path: &Path, offset: u64) -> io::Result<Option<File>> {
     Ok(Some(opened))
 }
 
-/// Removes file and lock.
-pub(super) fn delete(folder: &Path, id: Uuid) -> io::Result<()> {
-    remove(&folder.join(format!("{id}.part")))?;
-    remove(&folder.join(format!("{id}.lock")))
-}
-
-/// The uploads that have a file or a lock here, each once.
-pub(super) fn list(folder: &Path) -> io::Result<Vec<Uuid>> {
+/// The uploads that have a file or a lock, each once.
+fn list(folder: &Path) -> io::Result<Vec<Uuid>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
@@ -172,13 +221,13 @@ mod tests {
     }
 
     #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-    async fn the_lock_is_held_until_the_last_write_has_ended_though_its_request_is_gone() {
+    async fn the_lock_is_held_until_the_last_write_has_ended_even_if_its_request_was_cancelled() {
         let folder = tempfile::tempdir().expect("a folder");
         let id = Uuid::now_v7();
-        let hold = || LocalPartial::hold(folder.path(), id).expect("the lock can be tried");
-        let mut first = hold().expect("nobody has it");
-        assert!(first.start_at(0).await.expect("opened"));
-        // a write that is on its way to the disk when its request is cancelled
+        let lock = || LockedFile::lock(folder.path(), id).expect("the lock can be tried");
+        let mut first = lock().expect("it is free");
+        assert!(first.resume_at(0).await.expect("opened"));
+        // a write that has not ended when its request is cancelled
         let (at_disk, arrived) = std::sync::mpsc::channel();
         let (go_on, told) = std::sync::mpsc::channel::<()>();
         let late = async move {
@@ -193,18 +242,18 @@ mod tests {
         until(|| arrived.try_recv().is_ok()).await;
         request.abort();
         assert!(request.await.expect_err("aborted").is_cancelled());
-        assert!(hold().is_none(), "the write has not ended");
+        assert!(lock().is_none(), "the write has not ended");
         go_on.send(()).expect("the write waits");
         let mut second = None;
         until(|| {
-            second = hold();
+            second = lock();
             second.is_some()
         })
         .await;
-        let mut second = second.expect("held");
-        assert!(second.start_at(2).await.expect("opened"), "what was written late is there and can be cut");
-        second.write(Bytes::from_static(b"xyz")).await.expect("written");
+        let mut second = second.expect("locked");
+        assert!(second.resume_at(2).await.expect("opened"), "the late write is there and can be truncated");
+        second.append(Bytes::from_static(b"xyz")).await.expect("written");
         second.sync().await.expect("synced");
-        assert_eq!(fs::read(second.path()).expect("the file"), b"laxyz");
+        assert_eq!(fs::read(&second.path).expect("the file"), b"laxyz");
     }
 }

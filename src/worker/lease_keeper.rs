@@ -1,4 +1,5 @@
-//! The line between a job on its thread and the heartbeat that speaks for it.
+//! Keeps the lease of one running job: sends heartbeats with the progress that the job reports, and stops the job when it
+//! is cancelled, when its lease is lost, or at shutdown.
 
 use std::{
     sync::{
@@ -22,29 +23,29 @@ use crate::{
 };
 use pinstack_science::types::Cancelled;
 
-/// Why a job is told to stop.
+/// Why a job must stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Why {
-    /// A client asked for it.
+pub(super) enum StopReason {
+    /// A client cancelled or deleted it.
     Cancelled,
-    /// The lease is another worker's.
+    /// Another worker has the lease.
     Lost,
-    /// The process goes down; the job goes back to the queue.
+    /// The process shuts down; the job returns to the queue.
     ShuttingDown,
 }
 
-/// One per claimed job.
+/// The state that the thread of the job and its heartbeats share.
 #[derive(Default)]
-pub(super) struct Lifeline {
+pub(super) struct LeaseKeeper {
     progress: Mutex<Progress>,
     stages: Mutex<StageTimes>,
     has_news: AtomicBool,
     news: Notify,
-    why: OnceLock<Why>,
+    reason: OnceLock<StopReason>,
     stopped: CancellationToken,
 }
 
-impl ProgressSink for Lifeline {
+impl ProgressSink for LeaseKeeper {
     fn report(&self, progress: Progress) {
         self.stages().enter(&progress.stage, std::time::Instant::now());
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
@@ -57,33 +58,33 @@ impl ProgressSink for Lifeline {
     }
 }
 
-impl Lifeline {
+impl LeaseKeeper {
     pub(super) fn starting_at(progress: Progress) -> Self {
         Self { progress: Mutex::new(progress), ..Self::default() }
     }
 
-    /// Tells the job to stop; the first reason stays.
-    pub(super) fn stop(&self, why: Why) {
-        let _ = self.why.set(why);
+    /// Asks the job to stop; the first reason counts.
+    pub(super) fn stop(&self, reason: StopReason) {
+        let _ = self.reason.set(reason);
         self.stopped.cancel();
     }
 
-    /// Tells the job to stop when the guard goes.
+    /// Asks the job to stop when the guard is dropped.
     pub(super) fn stop_on_drop(&self) -> DropGuard {
         self.stopped.clone().drop_guard()
     }
 
-    /// Why the job was told to stop, when it was.
-    pub(super) fn why(&self) -> Option<Why> {
-        self.why.get().copied()
+    /// Why the job was asked to stop, if it was.
+    pub(super) fn stop_reason(&self) -> Option<StopReason> {
+        self.reason.get().copied()
     }
 
-    /// Waits until the job is told to stop.
+    /// Waits until the job is asked to stop.
     pub(super) async fn stopped(&self) {
         self.stopped.cancelled().await;
     }
 
-    /// The stages of the job and the time spent in each; for the end of the job.
+    /// Ends the current stage, and returns the time spent in each.
     pub(super) fn stage_times(&self) -> Vec<(&'static str, Duration)> {
         self.stages().end(std::time::Instant::now())
     }
@@ -96,13 +97,13 @@ impl Lifeline {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Renews the lease and brings the progress, until it is dropped: never returns by itself. Sees a cancel at once when
-    /// this process was asked for it, within a beat when another was.
-    pub(super) async fn beat(&self, deps: &Deps, config: &Config, job: &Job, abandon: &CancellationToken) {
-        let mut changes = deps.rows.changes();
+    /// Renews the lease and stores the progress until it is dropped: it never returns. A cancellation by this process is
+    /// observed at once, one by another process with the next heartbeat.
+    pub(super) async fn keep(&self, deps: &Deps, config: &Config, job: &Job, abandon: &CancellationToken) {
+        let mut changes = deps.store.metadata.changes();
         let mut last = Instant::now();
-        // a cancel may have come between the claim and the subscription
-        self.look(deps, job).await;
+        // the job may have been cancelled between the claim and the subscription
+        self.check_row(deps, job).await;
         loop {
             let gap = if self.has_news.load(Ordering::Acquire) { config.progress_gap } else { config.beat };
             tokio::select! {
@@ -113,35 +114,36 @@ impl Lifeline {
                 () = self.news.notified() => {}
                 changed = changes.recv() => match changed {
                     Ok(id) if id != job.id => {}
-                    Ok(_) | Err(RecvError::Lagged(_)) => self.look(deps, job).await,
-                    // the store went away: the clock above still beats
-                    Err(RecvError::Closed) => changes = deps.rows.changes(),
+                    Ok(_) | Err(RecvError::Lagged(_)) => self.check_row(deps, job).await,
+                    // the channel was closed: the timer above still fires
+                    Err(RecvError::Closed) => changes = deps.store.metadata.changes(),
                 },
-                () = abandon.cancelled(), if self.why().is_none() => self.stop(Why::ShuttingDown),
+                () = abandon.cancelled(), if self.stop_reason().is_none() => self.stop(StopReason::ShuttingDown),
             }
         }
     }
 
-    /// Looks at the row without touching it.
-    async fn look(&self, deps: &Deps, job: &Job) {
-        match deps.rows.job(job.id).await {
-            Ok(Some(row)) if row.lease_token != job.lease_token => self.stop(Why::Lost),
-            Ok(Some(row)) if row.cancel_requested => self.stop(Why::Cancelled),
+    /// Reads the row without renewing the lease.
+    async fn check_row(&self, deps: &Deps, job: &Job) {
+        match deps.store.metadata.job(job.id).await {
+            Ok(Some(row)) if row.lease_token != job.lease_token => self.stop(StopReason::Lost),
+            Ok(Some(row)) if row.cancel_requested => self.stop(StopReason::Cancelled),
             Ok(Some(_)) => {}
             // deleted by a client
-            Ok(None) => self.stop(Why::Cancelled),
-            Err(error) => tracing::warn!(job = %job.id, error = ?error, "cannot look at a running job"),
+            Ok(None) => self.stop(StopReason::Cancelled),
+            Err(error) => tracing::warn!(job = %job.id, error = ?error, "cannot read the row of a running job"),
         }
     }
 
     async fn beat_once(&self, deps: &Deps, lease: Duration, job: &Job) {
         self.has_news.store(false, Ordering::Release);
-        let beat: StoreResult<Heartbeat> = deps.rows.heartbeat(job.id, job.lease_token, lease, &self.progress()).await;
+        let beat: StoreResult<Heartbeat> =
+            deps.store.metadata.heartbeat(job.id, job.lease_token, lease, &self.progress()).await;
         match beat {
             Ok(Heartbeat::Alive) => {}
-            Ok(Heartbeat::CancelRequested) => self.stop(Why::Cancelled),
-            Ok(Heartbeat::Lost) => self.stop(Why::Lost),
-            // The job goes on: if the lease is lost meanwhile, the fence stops its result.
+            Ok(Heartbeat::CancelRequested) => self.stop(StopReason::Cancelled),
+            Ok(Heartbeat::Lost) => self.stop(StopReason::Lost),
+            // the job continues: if the lease is lost meanwhile, the fencing token prevents publication
             Err(error) => tracing::warn!(job = %job.id, error = ?error, "a heartbeat failed"),
         }
     }

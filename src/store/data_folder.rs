@@ -1,0 +1,95 @@
+//! The data folder: a store in one folder of this machine. The only place that names the engines.
+//!
+//! ```text
+//! {data_dir}/pinstack.sqlite      metadata, in SQLite
+//! {data_dir}/blobs, partial, spool    see `store::local`
+//! ```
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use super::{
+    Clock, MetadataStore, Store, StoreResult, SystemClock,
+    failpoint::step,
+    local::{self, remove, sync_folder},
+    sqlite::SqliteMetadata,
+};
+
+/// Name of the database.
+pub const DATABASE: &str = "pinstack.sqlite";
+
+/// Opens the store in `data_dir`, creates what is missing, and migrates the schema.
+///
+/// # Errors
+/// When the folder or the database cannot be used, or a newer version of the program wrote the database.
+pub async fn open(data_dir: &Path) -> StoreResult<Store> {
+    open_with_clock(data_dir, Arc::new(SystemClock)).await
+}
+
+/// The same with another clock, for tests.
+///
+/// # Errors
+/// As [`open`].
+pub async fn open_with_clock(data_dir: &Path, clock: Arc<dyn Clock>) -> StoreResult<Store> {
+    let metadata = SqliteMetadata::open_with_clock(data_dir.join(DATABASE), clock).await?;
+    Store::new(Arc::new(metadata), data_dir)
+}
+
+/// Opens the metadata alone, for commands that need no blobs.
+///
+/// # Errors
+/// As [`open`].
+pub async fn open_metadata(data_dir: &Path) -> StoreResult<Arc<dyn MetadataStore>> {
+    open_database(&data_dir.join(DATABASE)).await
+}
+
+/// True when the folder has a database.
+pub fn exists(data_dir: &Path) -> bool {
+    data_dir.join(DATABASE).is_file()
+}
+
+impl Store {
+    /// Joins metadata with the blobs, parts and workspace in `data_dir`.
+    pub(super) fn new(metadata: Arc<dyn MetadataStore>, data_dir: &Path) -> StoreResult<Self> {
+        let (blobs, parts, workspace) = local::open(data_dir)?;
+        Ok(Self { metadata, blobs: Arc::new(blobs), parts: Arc::new(parts), workspace: Arc::new(workspace) })
+    }
+}
+
+/// Opens a database file.
+pub(super) async fn open_database(file: &Path) -> StoreResult<Arc<dyn MetadataStore>> {
+    Ok(Arc::new(SqliteMetadata::open(file).await?))
+}
+
+/// Removes a database file and its journal.
+pub(super) fn remove_database(file: &Path) -> io::Result<()> {
+    [file, &beside(file, "-wal"), &beside(file, "-shm")].into_iter().try_for_each(remove)
+}
+
+/// Durably replaces the database of a data folder with the file `new`, which is closed.
+pub(super) async fn replace_database(new: &Path, data_dir: &Path) -> StoreResult<()> {
+    let database = data_dir.join(DATABASE);
+    if database.exists() {
+        // the journal of a database that was not closed must not be applied to the new file
+        open_database(&database).await?.close().await;
+    }
+    let replaced = rename_durably(new, &database, data_dir);
+    replaced.map_err(|error| super::StoreError::of_io(error, format!("cannot replace {}", database.display())))
+}
+
+fn rename_durably(new: &Path, database: &Path, folder: &Path) -> io::Result<()> {
+    step("backup.sync")?;
+    fs::File::options().write(true).open(new)?.sync_all()?;
+    step("backup.rename")?;
+    fs::rename(new, database)?;
+    sync_folder(folder)
+}
+
+fn beside(file: &Path, ending: &str) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(ending);
+    name.into()
+}

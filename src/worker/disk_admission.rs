@@ -1,0 +1,62 @@
+//! Admission of jobs to the disk: a job starts when everything that it may write is reserved. Until then it waits; its
+//! upload is kept.
+
+use tokio::time::sleep;
+
+use super::{
+    executor::{Executor, internal},
+    lease_keeper::LeaseKeeper,
+};
+use crate::{
+    contract::{Code, Fault, JobError, Progress},
+    disk_budget::{DiskState, Reservation},
+    jobs::ProgressSink,
+    store::Job,
+};
+use pinstack_science::types::Cancelled;
+
+/// Stage of a job that waits for disk space, as clients see it.
+const STAGE: &str = "waiting for room on the disk";
+
+impl Executor {
+    /// Waits until what the job may write fits into the disk budget. The job holds the whole reservation until it ends: what
+    /// it has written is counted twice, so that another job or an upload waits rather than that this job fails.
+    ///
+    /// # Errors
+    /// When the job must stop meanwhile. The inner error: it would not fit if the disk were empty.
+    pub(super) async fn reserve_disk(
+        &self,
+        job: &Job,
+        keeper: &LeaseKeeper,
+    ) -> Result<Result<Reservation, Fault>, JobError> {
+        let bytes = self.deps.runner.disk_need(&job.request);
+        let mut waits = false;
+        loop {
+            let state = match self.deps.disk.reserve(bytes).await.map_err(internal)? {
+                Ok(reservation) => return Ok(Ok(reservation)),
+                Err(state) => state,
+            };
+            if bytes.saturating_add(state.min_free) > state.total {
+                return Ok(Err(never_fits(bytes, &state)));
+            }
+            if !waits {
+                tracing::warn!(job = %job.id, needs = bytes, ?state, "a job waits for disk space");
+                keeper.report(Progress { stage: STAGE.into(), ..Progress::default() });
+                waits = true;
+            }
+            tokio::select! {
+                () = sleep(self.config.poll) => {}
+                () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled)),
+            }
+        }
+    }
+}
+
+fn never_fits(bytes: u64, state: &DiskState) -> Fault {
+    let DiskState { total, min_free, .. } = state;
+    let detail = format!(
+        "the job may write {bytes} bytes and {min_free} must stay free, but the size of the disk is {total}; move the data \
+         folder to a larger disk, or send fewer or smaller slices"
+    );
+    Fault::new(Code::InsufficientStorage, detail)
+}

@@ -1,0 +1,275 @@
+//! Runs one claimed job: admission to memory and disk, the work itself on a blocking thread, publication of the results,
+//! and the transition that ends the job.
+
+use std::{sync::Arc, time::Duration, time::Instant};
+
+use tokio::sync::{OwnedMutexGuard, Semaphore};
+use tokio_util::sync::CancellationToken;
+use tracing::field;
+
+use super::{
+    Config, Deps,
+    lease_keeper::{LeaseKeeper, StopReason},
+};
+use crate::{
+    contract::{Code, Fault, JobError, one_line, profile::Profile, request::JobRequest},
+    jobs::{JobContext, JobOutput},
+    store::{Attempt, Finish, Job, SpoolFile, StoreError, StoreResult, blobs::LocalBlob, failpoint::step, gc::gc_job},
+    telemetry::events,
+};
+use pinstack_science::types::Cancelled;
+
+/// Unit of the memory budget.
+pub(super) const MB: u64 = 1 << 20;
+/// Attempts to write the end of a job. When all fail, the lease expires and the job runs again.
+const END_ATTEMPTS: u32 = 5;
+
+/// State that all workers of a pool share.
+pub(super) struct Executor {
+    pub(super) deps: Deps,
+    pub(super) config: Config,
+    /// The memory budget; one permit per megabyte.
+    pub(super) memory: Arc<Semaphore>,
+    /// Cancelled at shutdown: running jobs return to the queue.
+    pub(super) abandon: CancellationToken,
+}
+
+impl Executor {
+    /// Number of permits of the whole memory budget.
+    pub(super) fn whole_budget(&self) -> u32 {
+        u32::try_from(self.config.memory_budget.div_ceil(MB))
+            .unwrap_or(u32::MAX)
+            .clamp(1, Semaphore::MAX_PERMITS as u32)
+    }
+
+    /// Runs a claimed job to its end. `gate` prevents other workers from claiming. It is released when the job has its memory;
+    /// if a worker died on this job before, when the job has ended. So a job that kills the process does not cost other
+    /// jobs an attempt.
+    pub(super) async fn run_claimed_job(&self, job: Job, gate: OwnedMutexGuard<()>) {
+        let started = Instant::now();
+        let _busy = events::busy();
+        let keeper = Arc::new(LeaseKeeper::starting_at(job.progress.clone()));
+        // when this future is dropped, the thread of the job must stop
+        let _stop = keeper.stop_on_drop();
+        let result = tokio::select! {
+            result = self.run(&job, &keeper, gate) => result,
+            () = keeper.keep(&self.deps, &self.config, &job, &self.abandon) => Err(JobError::Cancelled(Cancelled)),
+        };
+        let kind = job.request.kind();
+        let may_retry = job.attempt < self.config.max_attempts;
+        let ending = Ending::of(result, keeper.stop_reason(), may_retry, |code| self.pause(code, job.attempt));
+        let (code, detail) = ending.fault().map(|fault| (fault.code.name(), one_line(&fault.detail))).unzip();
+        let (rig, lens) = (&job.rig, &job.lens);
+        tracing::info!(
+            job = %job.id, ?kind, %rig, %lens, attempt = job.attempt, ending = ending.name(),
+            code = code.map(field::display), detail, "job leaves its worker"
+        );
+        events::left(kind, ending.event(), started.elapsed());
+        for (stage, time) in keeper.stage_times() {
+            events::stage_done(kind, stage, time);
+        }
+        match self.write_end(&job, &ending).await {
+            Ok(true) => {
+                if let Ending::Finished(Finish::Failed(fault)) = &ending {
+                    events::failed(kind, fault.code);
+                }
+            }
+            Ok(false) => events::lease_lost(kind),
+            Err(error) => {
+                tracing::error!(job = %job.id, ?error, "the end of a job cannot be written; it will run again");
+            }
+        }
+        if let Err(error) = gc_job(&self.deps.store, job.id).await {
+            tracing::warn!(job = %job.id, ?error, "the blobs that a job left cannot be removed; the next garbage collection retries");
+        }
+    }
+
+    async fn run(&self, job: &Job, keeper: &Arc<LeaseKeeper>, gate: OwnedMutexGuard<()>) -> Result<Finish, JobError> {
+        let started = Instant::now();
+        let suspect = job.attempt > 1;
+        let whole = self.whole_budget();
+        let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
+        let permits = if suspect { whole } else { need.min(whole) };
+        let _memory = tokio::select! {
+            permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is shutting down"))?,
+            () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled)),
+        };
+        let _reserved = events::memory_reserved(u64::from(permits) * MB);
+        let _gate = suspect.then_some(gate);
+        let _disk = match self.reserve_disk(job, keeper).await? {
+            Ok(reservation) => reservation,
+            Err(fault) => return Ok(Finish::Failed(fault)),
+        };
+
+        let profile = self.profile_of(job).await.map_err(internal)??;
+        let archive = self.archive_of(job).await.map_err(internal)??;
+        step("scratch.make")
+            .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
+        let scratch = tempfile::Builder::new()
+            .prefix("job-")
+            .tempdir_in(self.deps.store.workspace.path())
+            .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
+        let context = JobContext {
+            job: job.clone(),
+            profile,
+            archive: archive.path().to_owned(),
+            scratch: scratch.path().to_owned(),
+            started,
+        };
+        let output = self.on_a_thread(context, Arc::clone(keeper)).await?;
+        for file in &output.files {
+            let written = SpoolFile::persistent(file.path.clone());
+            self.deps.store.blobs.put(&file.key, written).await.map_err(internal)?;
+        }
+        let mut warnings = job.warnings.clone();
+        warnings.extend(output.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
+        Ok(Finish::Succeeded { outcome: Box::new(output.outcome), warnings, profile: output.profile })
+    }
+
+    /// Runs the job on a blocking thread, and converts a panic into a fault: a bug in one job must not kill the worker.
+    async fn on_a_thread(&self, context: JobContext, keeper: Arc<LeaseKeeper>) -> Result<JobOutput, JobError> {
+        let (runner, id) = (Arc::clone(&self.deps.runner), context.job.id);
+        match tokio::task::spawn_blocking(move || runner.run(&context, &*keeper)).await {
+            Ok(result) => result,
+            Err(error) => {
+                tracing::error!(job = %id, %error, "a job panicked");
+                let detail = "this job hit a bug of the service; its log has the details under the id of the job";
+                Err(Fault::new(Code::Internal, detail).into())
+            }
+        }
+    }
+
+    async fn profile_of(&self, job: &Job) -> StoreResult<Result<Option<Profile>, Fault>> {
+        let JobRequest::Stack(request) = &job.request else { return Ok(Ok(None)) };
+        let found = self.deps.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+        let missing = || {
+            let (rig, lens, revision) = (&job.rig, &job.lens, request.profile_revision);
+            Fault::new(
+                Code::ProfileNotFound,
+                format!("revision {revision} of profile {rig}/{lens} does not exist any more"),
+            )
+        };
+        Ok(found.map(Some).ok_or_else(missing))
+    }
+
+    async fn archive_of(&self, job: &Job) -> StoreResult<Result<LocalBlob, Fault>> {
+        let store = &self.deps.store;
+        let found = store.blobs.fetch(&job.request.upload().key, &store.workspace).await?;
+        Ok(found
+            .ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again")))
+    }
+
+    /// Time until the next claim of a job that failed with an error of the machine: 6 times longer after each attempt, and
+    /// short when the disk became full, because the next attempt waits for disk space anyway.
+    fn pause(&self, code: Code, attempt: u32) -> Duration {
+        let pause = self.config.retry_pause.saturating_mul(6_u32.saturating_pow(attempt.saturating_sub(1)));
+        if code == Code::InsufficientStorage { pause / 10 } else { pause }
+    }
+
+    /// Writes the end of the job, with retries. False when the lease was lost.
+    async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
+        let mut pause = Duration::from_millis(100);
+        let mut attempts = 1;
+        loop {
+            match self.write_end_once(job, ending).await {
+                Ok(true) => return Ok(true),
+                Ok(false) => {
+                    tracing::warn!(job = %job.id, "the lease was lost before the end; nothing was published");
+                    return Ok(false);
+                }
+                Err(error) if attempts == END_ATTEMPTS => return Err(error),
+                Err(error) => {
+                    tracing::warn!(job = %job.id, ?error, attempts, "cannot write the end of a job; trying again")
+                }
+            }
+            tokio::time::sleep(pause).await;
+            pause *= 2;
+            attempts += 1;
+        }
+    }
+
+    /// False when the lease was lost.
+    async fn write_end_once(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
+        step("worker.end").map_err(|error| StoreError::of_io(error, "cannot write the end of a job".into()))?;
+        match ending {
+            Ending::Finished(finish) => self.deps.store.metadata.finish(job.id, job.lease_token, finish).await,
+            Ending::Released(attempt) => self.deps.store.metadata.release(job.id, job.lease_token, *attempt).await,
+            Ending::Lost => Ok(false),
+        }
+    }
+}
+
+/// How the run of a job ended.
+enum Ending {
+    /// The job ends.
+    Finished(Finish),
+    /// The job returns to the queue.
+    Released(Attempt),
+    /// Another worker has the job.
+    Lost,
+}
+
+impl Ending {
+    /// A job that succeeded or failed keeps that result even if it was stopped meanwhile: the store decides which was
+    /// first.
+    fn of(
+        result: Result<Finish, JobError>,
+        reason: Option<StopReason>,
+        may_retry: bool,
+        pause: impl FnOnce(Code) -> Duration,
+    ) -> Self {
+        match (result, reason) {
+            (Ok(finish), _) => Self::Finished(finish),
+            // not caused by the upload: another attempt may succeed
+            (Err(JobError::Failed(fault)), _) if fault.code.is_of_the_machine() && may_retry => {
+                tracing::warn!(?fault, "a job failed with an error of the machine; it returns to the queue");
+                Self::Released(Attempt::Counted { pause: pause(fault.code) })
+            }
+            (Err(JobError::Failed(fault)), _) => Self::Finished(Finish::Failed(fault)),
+            (Err(JobError::Cancelled(_)), Some(StopReason::Lost)) => Self::Lost,
+            (Err(JobError::Cancelled(_)), Some(StopReason::ShuttingDown)) => Self::Released(Attempt::NotCounted),
+            (Err(JobError::Cancelled(_)), Some(StopReason::Cancelled)) => Self::Finished(Finish::Cancelled),
+            (Err(JobError::Cancelled(_)), None) => {
+                let detail = "the job stopped without being asked to; this is a bug of the service";
+                Self::Finished(Finish::Failed(Fault::new(Code::Internal, detail)))
+            }
+        }
+    }
+
+    /// Why a job failed.
+    fn fault(&self) -> Option<&Fault> {
+        match self {
+            Self::Finished(Finish::Failed(fault)) => Some(fault),
+            _ => None,
+        }
+    }
+
+    fn event(&self) -> events::Ending {
+        match self {
+            Self::Finished(Finish::Succeeded { .. }) => events::Ending::Succeeded,
+            Self::Finished(Finish::Failed(_)) => events::Ending::Failed,
+            Self::Finished(Finish::Cancelled) => events::Ending::Cancelled,
+            Self::Released(_) => events::Ending::Released,
+            Self::Lost => events::Ending::Lost,
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        self.event().as_str()
+    }
+}
+
+/// The error that clients see when the store fails during a job.
+pub(super) fn internal(error: StoreError) -> JobError {
+    tracing::error!(?error, "the store failed during a job");
+    let fault = match error {
+        StoreError::DiskFull(_) => Fault::new(
+            Code::InsufficientStorage,
+            "the disk of the service is full, so the results could not be stored; free disk space and send the stack again",
+        ),
+        StoreError::InvalidCursor | StoreError::Other(_) => {
+            Fault::new(Code::Unavailable, "the service could not reach its own storage; its log has the details")
+        }
+    };
+    fault.into()
+}
