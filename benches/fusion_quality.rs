@@ -1,7 +1,9 @@
-//! Fusion quality: synthetic stacks with known truth, fused by every method and by the other programs that are installed.
+//! Fusion quality: synthetic stacks with known truth, fused by every method and by the other programs that are
+//! installed.
 //!
-//! `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--blur TIMES] [--crops FOLDER]` prints
-//! tables of PSNR; `-- --edges FILE ...` prints the softness of the edges of the scenes and of image files instead.
+//! `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--blur TIMES] [--crops FOLDER]`
+//! prints tables of PSNR; `-- --edges FILE ...` prints the softness of the edges of the scenes and of image files
+//! instead.
 //!
 //! The other programs are `enfuse`, if it is on the path, and shinestacker, if the environment variable
 //! PINSTACK_SHINESTACKER names a Python interpreter that can import it. All get the same slices, warped by the true
@@ -22,8 +24,8 @@ use pinstack_science::{
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
 
-/// Softness of the lens (standard deviation of a Gaussian), px: the sharpest edges of the scenes are then as sharp as the
-/// sharpest hundredth of the edges in photographs.
+/// Softness of the lens (standard deviation of a Gaussian), px: the sharpest edges of the scenes are then as sharp as
+/// the sharpest hundredth of the edges in photographs.
 const SOFTNESS: f64 = 0.7;
 
 struct Arguments {
@@ -71,7 +73,8 @@ fn arguments() -> Result<Arguments, String> {
     Ok(found)
 }
 
-/// Seven stacks of a scene: three seeds in two sizes, and one small stack with more blur. With `--quick` the first alone.
+/// Seven stacks of a scene: three seeds in two sizes, and one small stack with more blur. With `--quick` the first
+/// alone.
 fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack_science::synth::Scene) -> Vec<Case> {
     let case =
         |seed, size, blur| Case { scene, make, seed, size, blur: blur * arguments.blur, softness: arguments.softness };

@@ -82,8 +82,8 @@ impl Stack {
         covered
     }
 
-    /// The slices as other programs get them: warped by the true homographies, with equal brightness. Uncovered pixels are
-    /// filled from the nearest covered pixel, which suits these programs better than black.
+    /// The slices as other programs get them: warped by the true homographies, with equal brightness. Uncovered pixels
+    /// are filled from the nearest covered pixel, which suits these programs better than black.
     pub fn warped(&self) -> Vec<Raster> {
         let size = (self.rig.width, self.rig.height);
         (0..self.slices.len())

@@ -1,4 +1,5 @@
-//! Parts of the bench of fusion quality: stacks with their truth, other programs, scores and tables, crops, edge softness.
+//! Parts of the bench of fusion quality: stacks with their truth, other programs, scores and tables, crops, edge
+//! softness.
 
 mod case;
 mod crops;

@@ -18,7 +18,8 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// Edges are the pixels near a depth step of more than one slice, or near the silhouette. Only `covered` pixels count.
+    /// Edges are the pixels near a depth step of more than one slice, or near the silhouette. Only `covered` pixels
+    /// count.
     pub fn of(truth: &Truth, covered: Vec<bool>) -> Self {
         let (depth, width, height) = (&truth.slice, truth.slice.width, truth.slice.height);
         let step = |a: f32, b: f32| a.is_nan() != b.is_nan() || (a - b).abs() > 1.0;
@@ -101,7 +102,8 @@ impl Table {
         }
     }
 
-    /// Prints the means as a Markdown table, with the distance of each own method from the best other program per column.
+    /// Prints the means as a Markdown table, with the distance of each own method from the best other program per
+    /// column.
     pub fn print(&self, title: &str) {
         println!("\n### {title}\n\n| PSNR, dB | {} |\n|---{}|", COLUMNS.join(" | "), "|---:".repeat(COLUMNS.len()));
         let means: Vec<(&str, bool, [f64; COLUMNS.len()])> =

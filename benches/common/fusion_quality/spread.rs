@@ -12,8 +12,8 @@ const CONTRAST: f32 = 40.0;
 /// Tolerance for noise in a monotonic edge, grey levels.
 const NOISE: f32 = 3.0;
 
-/// The spread of each edge along rows and columns of the green (or grey) channel, px, ascending: the standard deviation of
-/// the Gaussian that blurs a step to such an edge, `contrast / (sqrt(2 pi) * largest slope)`.
+/// The spread of each edge along rows and columns of the green (or grey) channel, px, ascending: the standard deviation
+/// of the Gaussian that blurs a step to such an edge, `contrast / (sqrt(2 pi) * largest slope)`.
 pub fn spreads(picture: &Raster) -> Vec<f32> {
     let Samples::Eight(samples) = &picture.samples else { return Vec::new() };
     let (width, height) = (picture.width, picture.height);

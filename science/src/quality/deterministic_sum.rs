@@ -1,7 +1,7 @@
 //! Deterministic sums of many floats: the same result on every machine.
 //!
-//! Floating-point addition is not associative, so the order is fixed: eight partial sums, element `i` into sum `i mod 8`,
-//! which the compiler turns into vector additions; the remainder is added at the end.
+//! Floating-point addition is not associative, so the order is fixed: eight partial sums, with element `i` in sum
+//! `i mod 8`, which the compiler turns into vector additions; the remainder is added at the end.
 
 /// The sum of `values`.
 pub(super) fn sum(values: &[f32]) -> f64 {

@@ -1,7 +1,7 @@
 //! Flicker: brightness of a slice relative to what the surrounding slices predict.
 //!
-//! The prediction is a Theil-Sen line through the surrounding slices: it follows a steady drift, also at the ends of the
-//! stack, and is not moved by a single flash.
+//! The prediction is a Theil-Sen line through the surrounding slices: it follows a steady drift, also at the ends of
+//! the stack, and is not moved by a single flash.
 
 use crate::imaging::statistics::median_midpoint;
 
@@ -10,8 +10,8 @@ const SIDE: usize = 3;
 /// With fewer surrounding slices no trend is fitted: one bright slice among them would tilt it.
 const FEWEST: usize = 5;
 
-/// Per slice: its brightness over the predicted one; 1 for a steady drift. None where a slice has no brightness, or fewer
-/// than two surrounding slices have one.
+/// Per slice: its brightness over the predicted one; 1 for a steady drift. None where a slice has no brightness, or
+/// fewer than two surrounding slices have one.
 pub(super) fn ratios(brightness: &[Option<f64>]) -> Vec<Option<f64>> {
     let ratio = |(n, own): (usize, &Option<f64>)| {
         let expected = expected(brightness, n).filter(|expected| *expected > 0.0)?;

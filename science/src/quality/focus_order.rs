@@ -1,12 +1,13 @@
 //! Focus order: whether the slices come in the order of focus.
 //!
-//! In the right order the saliency of every part of the object rises to one peak and falls again. A misplaced slice makes a
-//! dent or a spike in most of these curves at once. With `l(n)` the logarithm of the saliency of a cell in slice `n`, the
-//! excess variation of an order is the mean over the cells of
+//! In the right order the saliency of every part of the object rises to one peak and falls again. A misplaced slice
+//! makes a dent or a spike in most of these curves at once. With `l(n)` the logarithm of the saliency of a cell in
+//! slice `n`, the excess variation of an order is the mean over the cells of
 //!
 //! `sum |l(n + 1) - l(n)| - (2 max l - l(first) - l(last))`,
 //!
-//! which is 0 for curves with one peak. A slice is misplaced if moving it alone removes a considerable part of the excess.
+//! which is 0 for curves with one peak. A slice is misplaced if moving it alone removes a considerable part of the
+//! excess.
 
 /// Cells in each direction over the canvas: coarse, because misplaced slices were also warped by a wrong homography.
 const GRID: usize = 20;
@@ -32,7 +33,8 @@ pub(super) struct FocusCurves {
 }
 
 impl FocusCurves {
-    /// From textured pixels: the position of each and its saliency in every slice (0: unknown). `slices` is their number.
+    /// From textured pixels: the position of each and its saliency in every slice (0: unknown). `slices` is their
+    /// number.
     pub(super) fn of<'a>(
         textured: impl Iterator<Item = ((usize, usize), &'a [f32])>,
         (width, height): (usize, usize),

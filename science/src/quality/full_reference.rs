@@ -1,7 +1,7 @@
 //! Full-reference metrics: comparison with a known true image.
 //!
-//! The service does not use them, because a real stack has no truth. Users: the tests of fusion, which render stacks with
-//! known truth, and anyone who calls this crate on synthetic data.
+//! The service does not use them, because a real stack has no truth. Users: the tests of fusion, which render stacks
+//! with known truth, and anyone who calls this crate on synthetic data.
 
 use super::score::same_shape;
 use crate::imaging::Plane;
@@ -22,8 +22,8 @@ pub fn psnr(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) 
     (count > 0).then(|| 10.0 * (255.0 * 255.0 * count as f64 / squares).log10())
 }
 
-/// Structural similarity (Wang et al., IEEE TIP 13(4), 2004) of luma planes 0..255: the mean over the 8x8 uniform windows
-/// whose pixels all count. 1 for equal planes; none if sizes differ or no window counts.
+/// Structural similarity (Wang et al., IEEE TIP 13(4), 2004) of luma planes 0..255: the mean over the 8x8 uniform
+/// windows whose pixels all count. 1 for equal planes; none if sizes differ or no window counts.
 pub fn ssim(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) -> Option<f64> {
     const SIDE: usize = 8;
     const C1: f64 = (0.01 * 255.0) * (0.01 * 255.0);

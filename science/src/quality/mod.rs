@@ -1,6 +1,7 @@
 //! Quality metrics of a fused stack. Definitions and how to read them: `docs/METRICS.md`.
 //!
-//! The metrics are pure functions over planes and keep no plane per slice. Fusion calls each part where its data passes:
+//! The metrics are pure functions over planes and keep no plane per slice. Fusion calls each part where its data
+//! passes:
 //!
 //! | part | called | input | output |
 //! |---|---|---|---|
@@ -9,8 +10,8 @@
 //! | [`score::Scorer`] | once per block | the fused image and the slices in a block | [`score::ScoreSums`] |
 //! | [`finish`] | once, at the end | all of these and the [`DecisionMap`] | [`StackQuality`] |
 //!
-//! [`sampling`] defines which pixels of a large canvas are measured. It depends on the canvas and the mask alone, so that
-//! the numbers do not depend on the number of threads.
+//! [`sampling`] defines which pixels of a large canvas are measured. It depends on the canvas and the mask alone, so
+//! that the numbers do not depend on the number of threads.
 //!
 //! [`full_reference`] and [`two_source`] are not part of a stack's metrics: they compare with a known truth, and with
 //! published tables, in tests and benches.
@@ -68,9 +69,9 @@ const ZERO: f32 = 0.5;
 pub struct DecisionMap<'a> {
     /// 0-based index of the slice; `u16::MAX` where no slice covers the pixel.
     pub index: &'a Plane<u16>,
-    /// Whether the labels are final decisions: true when fusion corrected doubtful labels from their surroundings, false
-    /// when each label is the slice with the highest focus measure at that pixel alone. Defocus spread of near parts
-    /// puts more wrong labels into a map that is not settled, so thresholds on it are higher.
+    /// Whether the labels are final decisions: true when fusion corrected doubtful labels from their surroundings,
+    /// false when each label is the slice with the highest focus measure at that pixel alone. Defocus spread of near
+    /// parts puts more wrong labels into a map that is not settled, so thresholds on it are higher.
     pub settled: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Universal image quality index of one window (Wang and Bovik 2002), as used by Piella and Heijmans (ICIP 2003).
 //!
-//! `Q = (2 ma mb + c) / (ma^2 + mb^2 + c) * (2 cov + c) / (va + vb + c)` with means `ma`, `mb`, variances `va`, `vb`, the
-//! covariance `cov` and the stabiliser `c`.
+//! `Q = (2 ma mb + c) / (ma^2 + mb^2 + c) * (2 cov + c) / (va + vb + c)` with means `ma`, `mb`, variances `va`, `vb`,
+//! the covariance `cov` and the stabiliser `c`.
 
 /// Stabiliser against division by zero in flat windows: (1e-6 * 255)^2.
 pub const STABILISER: f64 = 2.55e-4 * 2.55e-4;

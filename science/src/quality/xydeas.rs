@@ -1,7 +1,7 @@
 //! Gradient preservation of Xydeas and Petrovic (Electronics Letters 36(4), 2000).
 //!
-//! With the strengths `g_A`, `g_F` and orientations `a_A`, `a_F` of two Sobel gradients, `G = min(g_A, g_F) / max(g_A, g_F)`
-//! and `D = 1 - |a_A - a_F| / (pi / 2)`:
+//! With the strengths `g_A`, `g_F` and orientations `a_A`, `a_F` of two Sobel gradients,
+//! `G = min(g_A, g_F) / max(g_A, g_F)` and `D = 1 - |a_A - a_F| / (pi / 2)`:
 //!
 //! `Q = 0.9994 / (1 + exp(-15 (G - 0.5))) * 0.9879 / (1 + exp(-22 (D - 0.8)))`.
 //!
@@ -51,8 +51,8 @@ pub fn preservation(source: (f32, f32), fused: (f32, f32)) -> f32 {
     STRENGTH.at(ratio) * ORIENTATION.at(1.0 - angle / FRAC_PI_2)
 }
 
-/// [`preservation`] of many gradients, `(gx, gy)` each, to within 1e-5; without branches and calls, so that the compiler
-/// vectorises it.
+/// [`preservation`] of many gradients, `(gx, gy)` each, to within 1e-5; without branches and calls, so that the
+/// compiler vectorises it.
 pub fn preservations(source: (&[f32], &[f32]), fused: (&[f32], &[f32]), out: &mut [f32]) {
     let count = out.len();
     let (ax, ay, fx, fy) = (&source.0[..count], &source.1[..count], &fused.0[..count], &fused.1[..count]);

@@ -51,18 +51,18 @@ pub enum Severity {
     Note,
 }
 
-/// Quality of the fused image, measured on luma 0..255 (16-bit slices are scaled) over valid pixels, and over the object
-/// alone when there is a mask.
+/// Quality of the fused image, measured on luma 0..255 (16-bit slices are scaled) over valid pixels, and over the
+/// object alone when there is a mask.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FusionMetrics {
-    /// Gradient preservation (Xydeas and Petrovic 2000) against the slice with the strongest gradient at each pixel; upper
-    /// bound 0.9748.
+    /// Gradient preservation (Xydeas and Petrovic 2000) against the slice with the strongest gradient at each pixel;
+    /// upper bound 0.9748.
     pub q_g_top: Option<f64>,
-    /// Quality index (Piella and Heijmans 2003) against the slice with the largest variance in each 8x8 window; upper bound
-    /// 1.
+    /// Quality index (Piella and Heijmans 2003) against the slice with the largest variance in each 8x8 window; upper
+    /// bound 1.
     pub q_w_top: Option<f64>,
-    /// Gradient energy of the fused image relative to that of the sharpest slice at each pixel. Above 1.02: ringing. Far
-    /// below 1: lost detail or misaligned slices.
+    /// Gradient energy of the fused image relative to that of the sharpest slice at each pixel. Above 1.02: ringing.
+    /// Far below 1: lost detail or misaligned slices.
     pub sharpness_retention: Option<f64>,
     /// Square root of the sum of the mean squared differences to the right and to the lower neighbour.
     pub spatial_frequency: Option<f64>,
@@ -104,7 +104,8 @@ pub struct FocusMetrics {
     /// Share of the textured pixels that are sharpest in the last slice and less sharp in each of the two before it.
     #[serde(default)]
     pub peak_at_last_fraction: Option<f64>,
-    /// Share of the textured pixels whose label in the decision map is not the most frequent one of their 5x5 neighbourhood.
+    /// Share of the textured pixels whose label in the decision map is not the most frequent one of their 5x5
+    /// neighbourhood.
     #[serde(default)]
     pub label_noise: Option<f64>,
     /// Median lead of the sharpest slice over the second sharpest, as a share of its focus measure: 0 (none) to 1.
@@ -168,7 +169,8 @@ pub struct SliceMetrics {
 pub struct AlignmentMetrics {
     /// Median length of all shifts, px.
     pub residual_p50_px: Option<f64>,
-    /// 95th percentile of the length of all shifts, px. Above 0.5: see `similarity`, which decides whether the profile fits.
+    /// 95th percentile of the length of all shifts, px. Above 0.5: see `similarity`, which decides whether the profile
+    /// fits.
     pub residual_p95_px: Option<f64>,
     /// Residual scale from a slice to the next. Not 1: the profile belongs to another lens or rail position.
     pub residual_scale: Option<f64>,
@@ -212,8 +214,8 @@ pub struct MaskMetrics {
     pub components: u32,
     /// Number of holes in the object.
     pub holes: u32,
-    /// Fall of the back light from the brightest to the dimmest part of the background, 0 to 1. Null if a threshold was given
-    /// or too little background is visible.
+    /// Fall of the back light from the brightest to the dimmest part of the background, 0 to 1. Null if a threshold was
+    /// given or too little background is visible.
     #[serde(default)]
     pub light_falloff: Option<f64>,
     /// Share of the object that the back light shines through. It belongs to the mask.

@@ -1,7 +1,7 @@
 //! The pairs of neighbouring slices that show a window near its focus.
 //!
-//! Far from focus, the blur of nearer and farther parts spreads differently in two slices and shifts the remaining texture,
-//! although the profile is exact. Near focus the texture is strong and does not shift.
+//! Far from focus, the blur of nearer and farther parts spreads differently in two slices and shifts the remaining
+//! texture, although the profile is exact. Near focus the texture is strong and does not shift.
 
 use rayon::prelude::*;
 
@@ -67,8 +67,8 @@ fn strips(window: Rect) -> [Rect; 3] {
     })
 }
 
-/// Mean squared difference of pixels two apart, in both directions, over the valid pixels; 0 without any. At a distance of
-/// two, texture outweighs noise more than at a distance of one.
+/// Mean squared difference of pixels two apart, in both directions, over the valid pixels; 0 without any. At a distance
+/// of two, texture outweighs noise more than at a distance of one.
 fn fine_texture(luma: &Plane<f32>, valid: &Plane<u8>) -> f64 {
     let samples = luma.width * luma.height;
     if luma.data.len() != samples || valid.data.len() != samples {

@@ -1,10 +1,11 @@
-//! Alignment: residual shifts between neighbouring warped slices, which show whether the calibration profile fits the stack.
+//! Alignment: residual shifts between neighbouring warped slices, which show whether the calibration profile fits the
+//! stack.
 //!
 //! 1. Up to 5 x 5 windows are spread over the canvas, or over the object.
 //! 2. Each window is compared in the pairs of slices nearest to its focus ([`in_focus_pairs`]), by phase correlation
 //!    ([`phase_correlation`]).
-//! 3. One similarity per step is fitted to all shifts ([`similarity`]). A single window may move through defocus; a common
-//!    similarity is the fault of the profile.
+//! 3. One similarity per step is fitted to all shifts ([`similarity`]). A single window may move through defocus; a
+//!    common similarity is the fault of the profile.
 //! 4. [`reversal`] compares it with what the profile leaves in a stack of the opposite order.
 
 mod in_focus_pairs;
@@ -54,8 +55,8 @@ pub struct Alignment {
 }
 
 impl Alignment {
-    /// Sets [`Alignment::reversed`]: compares the residual similarity with that which the profile (`homographies`, for a
-    /// canvas of `size` (width, height)) leaves in a stack whose slices come in the opposite order.
+    /// Sets [`Alignment::reversed`]: compares the residual similarity with that which the profile (`homographies`, for
+    /// a canvas of `size` (width, height)) leaves in a stack whose slices come in the opposite order.
     pub fn detect_reversal(&mut self, homographies: &[Homography], size: (usize, usize)) {
         let residual = self.metrics.similarity.as_ref();
         self.reversed = residual.is_some_and(|residual| reversal::fits_reversed_stack(residual, homographies, size));
@@ -88,8 +89,8 @@ impl Shift {
 /// Measures the residual shifts between each of `slices` warped slices and the previous one, in windows spread over the
 /// `width` x `height` canvas, or over the bounding box of `object` (255 inside, 0 outside).
 ///
-/// A window counts in the pairs of slices that are both near its focus. A window without common texture gives no shift. A
-/// number with fewer than three shifts is none. `read` is called from several threads; the result does not depend on
+/// A window counts in the pairs of slices that are both near its focus. A window without common texture gives no shift.
+/// A number with fewer than three shifts is none. `read` is called from several threads; the result does not depend on
 /// their number.
 pub fn measure(
     slices: usize,

@@ -1,13 +1,14 @@
 //! Phase correlation of two windows with different defocus.
 //!
-//! Defocus damps frequencies but does not change their phase, until it inverts their sign. So the phases of the frequencies
-//! that both windows still contain give the shift. With the spectra `A` and `B` of the windows, frequency `k` votes with
+//! Defocus damps frequencies but does not change their phase, until it inverts their sign. So the phases of the
+//! frequencies that both windows still contain give the shift. With the spectra `A` and `B` of the windows, frequency
+//! `k` votes with
 //!
 //! `V_k = conj(A_k) B_k / (|A_k B_k| + WEAK mean |A B|)`,
 //!
-//! and the shift is the maximum of `sum Re(V_k exp(i k . x))`. It counts only if no other maximum is nearly as high and most
-//! votes agree with it. The standard method (Kuglin and Hines 1975) whitens all frequencies alike; here weak ones, which
-//! are noise in one of the windows, have little weight.
+//! and the shift is the maximum of `sum Re(V_k exp(i k . x))`. It counts only if no other maximum is nearly as high and
+//! most votes agree with it. The standard method (Kuglin and Hines 1975) whitens all frequencies alike; here weak ones,
+//! which are noise in one of the windows, have little weight.
 
 use std::{f32::consts::TAU, sync::Arc};
 
@@ -25,10 +26,11 @@ const APART: f32 = 6.0;
 const LEAST_CONTRAST: f32 = 1.0;
 /// Frequencies weaker than about this share of the mean lose weight.
 const WEAK: f32 = 0.3;
-/// Frequencies used, cycles per px: lower ones contain uneven light and vignetting, higher ones noise and the resampling.
+/// Frequencies used, cycles per px: lower ones contain uneven light and vignetting, higher ones noise and the
+/// resampling.
 const BAND: (f32, f32) = (0.04, 0.25);
-/// Least amplitude of one window relative to the other, normalised to the low end of the band. Where blur leaves less, its
-/// transfer function may soon change sign, and with it the phase.
+/// Least amplitude of one window relative to the other, normalised to the low end of the band. Where blur leaves less,
+/// its transfer function may soon change sign, and with it the phase.
 const DAMPED: f32 = 0.3;
 /// Both windows must have common texture up to this frequency, cycles per px: coarser shapes are shifted by the blur of
 /// out-of-focus parts.
@@ -76,8 +78,8 @@ impl Correlator {
         Self { side, taper, frequencies: frequencies(side), forward, backward }
     }
 
-    /// Shift of the content from window `a` to window `b`, px (x, y), from the `valid` pixels; none if the windows have no
-    /// common texture.
+    /// Shift of the content from window `a` to window `b`, px (x, y), from the `valid` pixels; none if the windows have
+    /// no common texture.
     pub(super) fn shift(&self, a: &[f32], b: &[f32], valid: &[bool]) -> Option<(f64, f64)> {
         let (a, b) = (self.prepared(a, valid)?, self.prepared(b, valid)?);
         let both: Vec<Complex32> = a.iter().zip(&b).map(|(&re, &im)| Complex32::new(re, im)).collect();
@@ -86,7 +88,8 @@ impl Correlator {
         if total <= 0.0 || !total.is_finite() {
             return None;
         }
-        // inverse transform at every other pixel: the band has no finer detail. Columns are stored as rows and come first.
+        // inverse transform at every other pixel: the band has no finer detail. Columns are stored as rows and come
+        // first.
         self.backward.process(&mut surface);
         transpose(&mut surface, self.side / 2);
         self.backward.process(&mut surface);
@@ -115,8 +118,9 @@ impl Correlator {
         (contrast.is_finite() && contrast >= f64::from(LEAST_CONTRAST)).then_some(tapered)
     }
 
-    /// The votes of a half plane, and their spectrum over the whole plane without the upper half of the frequencies in each
-    /// direction, which the band does not use. Both windows are real, so one transform of `a + i b` contains both spectra.
+    /// The votes of a half plane, and their spectrum over the whole plane without the upper half of the frequencies in
+    /// each direction, which the band does not use. Both windows are real, so one transform of `a + i b` contains both
+    /// spectra.
     fn cross_spectrum(&self, mut both: Vec<Complex32>) -> (Vec<Vote>, Vec<Complex32>) {
         self.forward.process(&mut both);
         transpose(&mut both, self.side);

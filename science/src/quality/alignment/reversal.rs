@@ -10,9 +10,9 @@ const UNEXPLAINED: f64 = 0.35;
 
 /// Whether the residual similarity between neighbours is the one that the profile leaves in a reversed stack.
 ///
-/// With the homographies `H_0` to `H_(N-1)`, slice `n` of a reversed stack was taken at the position of slice `N-1-n`. From
-/// slice `n` to slice `n+1` its content moves by `H_(n+1) H_(N-2-n)^-1 H_(N-1-n) H_n^-1`. No disturbed rig does this by
-/// chance: the scale changes by twice the step of the profile, in the opposite direction.
+/// With the homographies `H_0` to `H_(N-1)`, slice `n` of a reversed stack was taken at the position of slice `N-1-n`.
+/// From slice `n` to slice `n+1` its content moves by `H_(n+1) H_(N-2-n)^-1 H_(N-1-n) H_n^-1`. No disturbed rig does
+/// this by chance: the residual scale is twice the step of the profile.
 pub(super) fn fits_reversed_stack(
     residual: &ResidualSimilarity,
     homographies: &[Homography],

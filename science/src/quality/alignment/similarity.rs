@@ -1,7 +1,7 @@
 //! The similarity (shift, scale, rotation) that all steps from slice to slice have in common, with its uncertainty.
 //!
-//! About the centre of the windows a shift is `dx = a x - b y + tx`, `dy = b x + a y + ty`. The fit is least squares over all
-//! windows of all pairs; windows more than three standard deviations off are removed, four times.
+//! About the centre of the windows a shift is `dx = a x - b y + tx`, `dy = b x + a y + ty`. The fit is least squares
+//! over all windows of all pairs; windows more than three standard deviations off are removed, four times.
 
 use super::Shift;
 use crate::imaging::statistics;
@@ -16,7 +16,8 @@ const LEAST_SIGMA: f64 = 0.05;
 /// independent shifts than shifts.
 const REPEATED: f64 = 2.0;
 
-/// `dx = a x - b y + tx`, `dy = b x + a y + ty` about `centre`, with standard deviations from the scatter of the shifts.
+/// `dx = a x - b y + tx`, `dy = b x + a y + ty` about `centre`, with standard deviations from the scatter of the
+/// shifts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Similarity {
     centre: (f64, f64),
@@ -97,8 +98,8 @@ impl Similarity {
     }
 }
 
-/// Median shift of the windows of one pair beyond the `common` similarity, px, with its standard deviation; none with fewer
-/// than `least` shifts.
+/// Median shift of the windows of one pair beyond the `common` similarity, px, with its standard deviation; none with
+/// fewer than `least` shifts.
 pub(super) fn own_shift(shifts: &[Shift], common: Option<&Similarity>, least: usize) -> Option<((f64, f64), f64)> {
     if shifts.len() < least {
         return None;

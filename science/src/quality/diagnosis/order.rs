@@ -8,7 +8,7 @@ impl Diagnoser<'_> {
         let duplicates = self.quality.slices.iter().filter_map(|slice| Some((slice.index, slice.duplicate_of?)));
         let findings = duplicates.map(|(slice, original)| {
             let detail = format!(
-                "slice {} is the same image as slice {}: one file was uploaded twice, or copied over another; replace it by \
+                "slice {} is the same image as slice {}: one file was uploaded twice, or copied over another; replace it with \
                  the right file and send the stack again",
                 self.name(slice),
                 self.name(original)

@@ -2,8 +2,8 @@
 
 /// A peak farther before the end slice than this, in steps between slices, is outside the range.
 const OUTSIDE: f32 = 0.75;
-/// Where saliency sinks into the noise within two slices, the peak is outside if the fall from the end slice to the next is
-/// by less than this factor: the flank of a peak is steep only near the peak.
+/// Where saliency sinks into the noise within two slices, the peak is outside if the fall from the end slice to the
+/// next is by less than this factor: the flank of a peak is steep only near the peak.
 const STEEP: f32 = 1.5;
 
 /// Whether a pixel is in focus before the end of the stack, so that the stack misses it. `saliency` is that of the end

@@ -1,7 +1,7 @@
 //! Coverage in depth: whether the slices sample the whole depth of the object densely enough.
 //!
-//! Input: the focus measure (saliency) of every slice at a sparse grid of points, and the decision map. A point is textured
-//! if its saliency exceeds the [`noise_floor`] in some slice; only textured points say anything about depth.
+//! Input: the focus measure (saliency) of every slice at a sparse grid of points, and the decision map. A point is
+//! textured if its saliency exceeds the [`noise_floor`] in some slice; only textured points say anything about depth.
 //!
 //! All conclusions use one model: with defocus `z`, saliency falls about as `s(z) = s0 / (1 + (z / w)^2)`.
 
@@ -23,8 +23,9 @@ const LEAST_TEXTURED: usize = 200;
 const REDUNDANT: f64 = 0.002;
 /// ... and, in long stacks, than this part of the mean contribution of a slice.
 const REDUNDANT_OF_MEAN: f64 = 0.1;
-/// Gap: saliency of texture that is sharp in one slice falls below this share in the next, and the other way round. By the
-/// model, texture halfway between them is then less than 0.7 as sharp as in focus: 1 / (1 + (1 / 0.37 - 1) / 4) = 0.70.
+/// Gap: saliency of texture that is sharp in one slice falls below this share in the next, and the other way round. By
+/// the model, texture halfway between them is then less than 0.7 as sharp as in focus: 1 / (1 + (1 / 0.37 - 1) / 4) =
+/// 0.70.
 const GAP: f32 = 0.37;
 /// A step is uneven if it is this many times the median step ...
 const UNEVEN: f32 = 1.7;
@@ -84,8 +85,8 @@ impl Samples {
     }
 }
 
-/// Measures the coverage in depth. `measurements` are in the order of the slices; `masked` says that the points are those
-/// of the object alone.
+/// Measures the coverage in depth. `measurements` are in the order of the slices; `masked` says that the points are
+/// those of the object alone.
 pub(super) fn measure(
     measurements: &[SliceMeasurements],
     points: &Points,
@@ -186,8 +187,8 @@ fn redundant(contribution: &[f64]) -> Vec<u32> {
     inner.filter(|&n| contribution[n] < least).map(|n| n as u32).collect()
 }
 
-/// Per pair of neighbours: the share to which the saliency of strong texture falls from the slice of its peak to the other
-/// slice; geometric mean of both directions, each the median over the texture.
+/// Per pair of neighbours: the share to which the saliency of strong texture falls from the slice of its peak to the
+/// other slice; geometric mean of both directions, each the median over the texture.
 fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<f32>> {
     // per slice: the shares to which texture that peaks there has fallen in the slice before and in the slice after
     let mut before = vec![Vec::new(); slices];

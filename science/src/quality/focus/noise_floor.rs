@@ -15,9 +15,9 @@ const HIGHEST: f32 = 12.0;
 
 /// The noise floor of `saliency` (of luma 0..255), the values of all samples in all slices.
 ///
-/// In most slices a pixel is out of focus and shows noise alone. So the lowest tenth of all samples in all slices is noise,
-/// even if the object is textured everywhere. (The quietest pixels, by their sharpest slice, would not do: a textured object
-/// has none, and on a plain background they are only the lower tail of the noise.)
+/// In most slices a pixel is out of focus and shows noise alone. So the lowest tenth of all samples in all slices is
+/// noise, even if the object is textured everywhere. (The quietest pixels, by their sharpest slice, would not do: a
+/// textured object has none, and on a plain background they are only the lower tail of the noise.)
 pub(super) fn measure(saliency: &[f32]) -> f32 {
     let mut alive: Vec<f32> = saliency.iter().copied().filter(|&value| value > DEAD).collect();
     let quiet = statistics::quantile_nearest(&mut alive, QUIET).unwrap_or(0.0);

@@ -4,21 +4,22 @@ use super::curve;
 
 /// The object extends beyond an end if more than this share of the textured pixels peak outside, judged one by one, ...
 const BEYOND: f64 = 0.01;
-/// ... and more than this share lie in cells whose mean peaks outside. The limit is higher for a decision map that is not
-/// settled: the defocus spread beside near parts then puts more pixels into the end slice.
+/// ... and more than this share lie in cells whose mean peaks outside. The limit is higher for a decision map that is
+/// not settled: the defocus spread beside near parts then puts more pixels into the end slice.
 const IN_CELLS: f64 = 0.012;
 const IN_CELLS_UNSETTLED: f64 = 0.015;
 /// Cells in each direction over the canvas, and the fewest points of a cell.
 const GRID: usize = 20;
 const LEAST_POINTS: usize = 6;
 
-/// Whether a considerable part of the object is in focus beyond an end of the stack. `curves` are the textured pixels that
-/// are labelled with the end slice: position, and saliency in the end slice and in the two slices next to it. `textured` is
-/// the number of all textured pixels, `noise` the saliency of noise, `settled` as in [`super::DecisionMap`].
+/// Whether a considerable part of the object is in focus beyond an end of the stack. `curves` are the textured pixels
+/// that are labelled with the end slice: position, and saliency in the end slice and in the two slices next to it.
+/// `textured` is the number of all textured pixels, `noise` the saliency of noise, `settled` as in
+/// [`super::DecisionMap`].
 ///
-/// Two tests must agree. A single pixel is unreliable: noise and defocus spread change its three values, and where a large
-/// part lies just inside the end, as a plate may, some of its pixels seem to lie outside. Means over a cell are reliable,
-/// but a cell also counts the pixels of other parts beside a thin part that extends outside.
+/// Two tests must agree. A single pixel is unreliable: noise and defocus spread change its three values, and where a
+/// large part lies just inside the end, as a plate may, some of its pixels seem to lie outside. Means over a cell are
+/// reliable, but a cell also counts the pixels of other parts beside a thin part that extends outside.
 pub(super) fn extends_beyond(
     curves: impl Iterator<Item = ((usize, usize), [f32; 3])>,
     textured: usize,

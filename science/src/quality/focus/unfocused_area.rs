@@ -2,8 +2,8 @@
 
 use crate::{quality::sampling::Points, types::metrics::UnfocusedArea};
 
-/// The largest 4-connected area of points that are not textured, with its bounding box; none if all are textured. `at` are
-/// the positions of the points that count, `textured` has one entry for each of them.
+/// The largest 4-connected area of points that are not textured, with its bounding box; none if all are textured. `at`
+/// are the positions of the points that count, `textured` has one entry for each of them.
 pub(super) fn largest(points: &Points, at: &[(usize, usize)], textured: &[bool]) -> Option<UnfocusedArea> {
     let step = points.step();
     let cell = |(x, y): (usize, usize)| (x / step, y / step);

@@ -26,8 +26,8 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// The blocks of a `width` x `height` canvas; with `object` (non-zero inside, of the size of the canvas) those that show
-    /// some of it.
+    /// The blocks of a `width` x `height` canvas; with `object` (non-zero inside, of the size of the canvas) those that
+    /// show some of it.
     pub fn of(width: usize, height: usize, object: Option<&Plane<u8>>) -> Self {
         let canvas = Rect::whole(width, height);
         let (area, share) = match object.map(Extent::of) {

@@ -1,7 +1,8 @@
-//! Sampling: the blocks in which the fused image is scored, and the points at which the focus measure of every slice is kept.
+//! Sampling: the blocks in which the fused image is scored, and the points at which the focus measure of every slice is
+//! kept.
 //!
-//! Both depend on the size of the canvas and on the mask alone, so that the metrics depend neither on the number of threads
-//! nor on the tiles of the fusion.
+//! Both depend on the size of the canvas and on the mask alone, so that the metrics depend neither on the number of
+//! threads nor on the tiles of the fusion.
 
 mod blocks;
 mod points;

@@ -18,8 +18,8 @@ pub struct Points {
 }
 
 impl Points {
-    /// The points on a `width` x `height` canvas; with `object` (non-zero inside, of the size of the canvas) those of the
-    /// object.
+    /// The points on a `width` x `height` canvas; with `object` (non-zero inside, of the size of the canvas) those of
+    /// the object.
     pub fn of(width: usize, height: usize, object: Option<&Plane<u8>>) -> Self {
         let none = Self { step: 1, rows: Vec::new(), columns: Vec::new() };
         let area = match object {
@@ -69,8 +69,8 @@ impl Points {
         self.rows.iter().flat_map(|(y, range)| self.columns[range.clone()].iter().map(|&x| (x as usize, *y)))
     }
 
-    /// Appends the values at the points of row `y` to `out`; NaN outside the `known` columns. Call it in ascending order of
-    /// rows.
+    /// Appends the values at the points of row `y` to `out`; NaN outside the `known` columns. Call it in ascending
+    /// order of rows.
     pub fn pick(&self, y: usize, values: &[f32], known: &Range<usize>, out: &mut Vec<f32>) {
         let Ok(found) = self.rows.binary_search_by_key(&y, |(row, _)| *row) else { return };
         let value = |&x: &u32| {

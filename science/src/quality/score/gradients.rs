@@ -50,8 +50,8 @@ impl Gradients {
         Self { inner, energy: vec![-1.0; pixels], gx: vec![0.0; pixels], gy: vec![0.0; pixels], row: Row::new(inner.0) }
     }
 
-    /// Adds the next slice; `holes` is its validity if it does not cover the whole block. Of equally strong gradients the
-    /// first is kept.
+    /// Adds the next slice; `holes` is its validity if it does not cover the whole block. Of equally strong gradients
+    /// the first is kept.
     pub(super) fn slice(&mut self, luma: &Plane<f32>, holes: Option<&Plane<u8>>) {
         if self.energy.is_empty() {
             return;

@@ -140,8 +140,8 @@ pub struct Scorer<'a> {
 }
 
 impl<'a> Scorer<'a> {
-    /// A scorer for one block. `fused` is the luma (0..255) of the fused image as it is written; `object` (255 inside, 0
-    /// outside) restricts the score to the object and is ignored if it has another size.
+    /// A scorer for one block. `fused` is the luma (0..255) of the fused image as it is written; `object` (255 inside,
+    /// 0 outside) restricts the score to the object and is ignored if it has another size.
     pub fn new(fused: &'a Plane<f32>, object: Option<&'a Plane<u8>>) -> Self {
         let object = object.filter(|object| same_shape(object, fused));
         let pixels = fused.data.len();
@@ -155,8 +155,8 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// Adds the next slice, in ascending order: its warped luma (0..255) and validity (255 valid; none if the slice covers
-    /// the whole block). Planes of another size than `fused` are ignored.
+    /// Adds the next slice, in ascending order: its warped luma (0..255) and validity (255 valid; none if the slice
+    /// covers the whole block). Planes of another size than `fused` are ignored.
     pub fn slice(&mut self, luma: &Plane<f32>, valid: Option<&Plane<u8>>) {
         if !same_shape(luma, self.fused) || valid.is_some_and(|valid| !same_shape(valid, self.fused)) {
             return;

@@ -1,7 +1,8 @@
 use super::*;
 use crate::quality::{piella, sampling::Blocks, two_source, xydeas};
 
-/// A textured picture, and slices of it as an inclined plane: each is in focus at one column and more blurred farther away.
+/// A textured picture, and slices of it as an inclined plane: each is in focus at one column and more blurred farther
+/// away.
 mod ramp {
     use super::Plane;
 

@@ -10,8 +10,8 @@ use crate::{
 const SIDE: usize = 8;
 const SAMPLES: f32 = (SIDE * SIDE) as f32;
 
-/// Statistics per window of a block: of the fused image, and of the slice with the largest variance so far. The mean of the
-/// block is subtracted from every luma, so that squares stay small; variances do not change.
+/// Statistics per window of a block: of the fused image, and of the slice with the largest variance so far. The mean of
+/// the block is subtracted from every luma, so that squares stay small; variances do not change.
 #[derive(Debug)]
 pub(super) struct Windows {
     across: usize,
@@ -145,8 +145,8 @@ fn product(out: &mut [f32], a: &[f32], b: &[f32]) {
     }
 }
 
-/// Sums over all 8x8 windows of a plane, by doubling: sums of 2 neighbours, of 2 such sums, and of 2 of those. Unlike running
-/// sums they accumulate no rounding errors, and every step is an addition of rows.
+/// Sums over all 8x8 windows of a plane, by doubling: sums of 2 neighbours, of 2 such sums, and of 2 of those. Unlike
+/// running sums they accumulate no rounding errors, and every step is an addition of rows.
 #[derive(Debug)]
 struct BoxSums {
     width: usize,

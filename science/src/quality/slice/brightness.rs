@@ -1,7 +1,7 @@
 //! Brightness and colour of a slice relative to the reference slice.
 //!
-//! The canvas is cut into square cells, and each slice keeps the mean of every cell. Two slices are compared by the median
-//! ratio over the cells that both cover, which neither defocus nor a few changed cells can move.
+//! The canvas is cut into square cells, and each slice keeps the mean of every cell. Two slices are compared by the
+//! median ratio over the cells that both cover, which neither defocus nor a few changed cells can move.
 
 use super::WarpedSlice;
 use crate::{
@@ -20,8 +20,8 @@ const LEAST_MEAN: f32 = 4.0;
 /// Cells with a larger share of clipped samples are skipped.
 const MOST_CLIPPED: f32 = 0.01;
 
-/// Mean brightness before the gain, per cell: luma, red, green, blue. NaN where the slice does not cover the whole cell, or
-/// the cell is too dark or clipped.
+/// Mean brightness before the gain, per cell: luma, red, green, blue. NaN where the slice does not cover the whole
+/// cell, or the cell is too dark or clipped.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Brightness {
     means: Vec<[f32; 4]>,

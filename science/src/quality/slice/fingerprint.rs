@@ -1,14 +1,14 @@
 //! Fingerprint of an image: reveals whether two files hold the same image, possibly encoded twice.
 //!
-//! It samples second differences at a grid of points. These contain the sensor noise, which differs between two exposures
-//! of one scene, so only copies of one exposure correlate almost fully.
+//! It samples second differences at a grid of points. These contain the sensor noise, which differs between two
+//! exposures of one scene, so only copies of one exposure correlate almost fully.
 
 use crate::imaging::Sample;
 
 /// Sample points in each direction.
 const GRID: usize = 96;
-/// Two fingerprints that correlate more than this are of the same image. Two exposures of one scene differ in noise, which
-/// is as strong as fine texture, and correlate clearly less.
+/// Two fingerprints that correlate more than this are of the same image. Two exposures of one scene differ in noise,
+/// which is as strong as fine texture, and correlate clearly less.
 const SAME: f64 = 0.9999;
 /// Mean squared difference below which there is too little texture to compare, grey levels squared.
 const LEAST_ENERGY: f64 = 0.25;
@@ -20,8 +20,8 @@ pub struct Fingerprint {
 }
 
 impl Fingerprint {
-    /// The fingerprint of a `width` x `height` image of interleaved samples with 1 or 3 `channels`; empty if the image is
-    /// smaller than 4 x 4 px.
+    /// The fingerprint of a `width` x `height` image of interleaved samples with 1 or 3 `channels`; empty if the image
+    /// is smaller than 4 x 4 px.
     pub fn of<S: Sample>(samples: &[S], channels: usize, width: usize, height: usize) -> Self {
         if width < 4 || height < 4 || samples.len() != width * height * channels {
             return Self::default();

@@ -72,8 +72,8 @@ struct BlockSums {
 
 impl<'a> SliceMeter<'a> {
     /// A meter for `slices` warped slices on a canvas of `width` x `height` px. Exposures are relative to slice
-    /// `reference` (clamped to the last slice). `object` (255 inside, 0 outside) restricts all measurements but brightness
-    /// and coverage to the object; a plane of another size is ignored.
+    /// `reference` (clamped to the last slice). `object` (255 inside, 0 outside) restricts all measurements but
+    /// brightness and coverage to the object; a plane of another size is ignored.
     pub fn new(width: usize, height: usize, slices: usize, reference: usize, object: Option<&'a Plane<u8>>) -> Self {
         let object = object.filter(|object| object.width == width && object.height == height);
         let (blocks, points) = (Blocks::of(width, height, object), Points::of(width, height, object));
@@ -95,8 +95,9 @@ impl<'a> SliceMeter<'a> {
         &self.blocks
     }
 
-    /// Measures warped slice `index`. `saliency` is the focus measure at the points, from [`Points::pick`], NaN where it is
-    /// unknown; `fingerprint` is that of the slice before warping. Samples that do not fit the canvas give no numbers.
+    /// Measures warped slice `index`. `saliency` is the focus measure at the points, from [`Points::pick`], NaN where
+    /// it is unknown; `fingerprint` is that of the slice before warping. Samples that do not fit the canvas give no
+    /// numbers.
     pub fn measure<S: Sample>(
         &self,
         index: usize,

@@ -43,8 +43,8 @@ fn average(a: &Raster, b: &Raster) -> Raster {
     Raster::eight(a.width, a.height, 3, one.iter().zip(two).map(mean).collect())
 }
 
-// For the fusion by the reference program these functions give .7493, .9284, .9429 and 19.384; published are .7498, .9284,
-// .943 and 19.38. This test pins the same functions on the plain average, which needs no fusion.
+// For the fusion by the reference program these functions give .7493, .9284, .9429 and 19.384; published are .7498,
+// .9284, .943 and 19.38. This test pins the same functions on the plain average, which needs no fusion.
 #[test]
 fn the_plain_average_of_the_lytro_pairs_keeps_its_scores() {
     let Some(found) = over_lytro(|_, a, b| average(a, b)) else { return };

@@ -1,5 +1,5 @@
-//! Visual information fidelity for fusion (Han, Cai, Cao and Xu, Information Fusion 14(2), 2013), from the formulas of the
-//! paper.
+//! Visual information fidelity for fusion (Han, Cai, Cao and Xu, Information Fusion 14(2), 2013), from the formulas of
+//! the paper.
 
 use crate::{imaging::Plane, quality::score::same_shape};
 
@@ -10,9 +10,9 @@ const LEAST_VARIANCE: f64 = 1e-10;
 /// Weights of the four scales, from fine to coarse.
 const SCALES: [f64; 4] = [1.0, 0.0, 0.15, 1.0];
 
-/// VIFF of a fusion of any number of sources: 1 if the fused image has the information of the sharpest source everywhere,
-/// more if it is over-sharpened. Luma planes 0..255 of one size; none if the sizes differ, there is no source, or the planes
-/// are too small (below about 40 px).
+/// VIFF of a fusion of any number of sources: 1 if the fused image has the information of the sharpest source
+/// everywhere, more if it is over-sharpened. Luma planes 0..255 of one size; none if the sizes differ, there is no
+/// source, or the planes are too small (below about 40 px).
 pub fn viff(sources: &[&Plane<f32>], fused: &Plane<f32>) -> Option<f64> {
     if sources.is_empty() || sources.iter().any(|source| !same_shape(*source, fused)) {
         return None;
