@@ -1,7 +1,7 @@
-//! Fusion of real pictures against the published reference of guided filtering fusion.
+//! Guided filtering fusion of real image pairs, against the figures of the published implementation.
 //!
-//! The pictures are not part of the project: they are looked for in `../shared/data` or under
-//! `PINSTACK_SHARED`, and the tests say so when they are not there.
+//! The images are not part of the project. They are read from `data` in the folder `PINSTACK_SHARED`, by default `../shared`;
+//! without them the test prints that it is skipped.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use pinstack_science::{
     types::NoControl,
 };
 
-/// The folder with the real stacks, when there is one.
+/// The folder with the real stacks, if it exists.
 fn shared_data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
     let shared = std::env::var_os("PINSTACK_SHARED").map_or(beside, PathBuf::from);
@@ -20,8 +20,8 @@ fn shared_data() -> Option<PathBuf> {
     data.is_dir().then_some(data)
 }
 
-fn picture(path: &Path) -> Raster {
-    let rgb = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
+fn image(path: &Path) -> Raster {
+    let rgb = ::image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
     Raster::eight(rgb.width() as usize, rgb.height() as usize, 3, rgb.into_raw())
 }
 
@@ -31,7 +31,7 @@ fn fuse_aligned(slices: &[Raster]) -> Fused {
 }
 
 #[test]
-fn the_ten_lytro_pairs_reach_the_figures_of_the_reference() {
+fn the_ten_lytro_pairs_score_as_the_published_implementation() {
     let Some(data) = shared_data() else {
         println!("skipped: no shared data beside the project, and PINSTACK_SHARED is not set");
         return;
@@ -41,7 +41,7 @@ fn the_ten_lytro_pairs_reach_the_figures_of_the_reference() {
         ([0.7498, 0.9284, 0.943, 19.38], [0.003, 0.003, 0.003, 0.005 * 19.38]);
     let mut means = [0.0; 4];
     for pair in 1..=10 {
-        let slices = ["A", "B"].map(|side| picture(&data.join(format!("lytro10/lytro-{pair}-{side}.jpg"))));
+        let slices = ["A", "B"].map(|side| image(&data.join(format!("lytro10/lytro-{pair}-{side}.jpg"))));
         let [a, b] = [slices[0].luma(), slices[1].luma()];
         let fused = fuse_aligned(&slices).image.luma();
         let metrics = [
@@ -51,7 +51,7 @@ fn the_ten_lytro_pairs_reach_the_figures_of_the_reference() {
             two_source::spatial_frequency(&fused),
         ];
         for (mean, metric) in means.iter_mut().zip(metrics) {
-            *mean += metric.expect("a metric of two pictures of one size") / 10.0;
+            *mean += metric.expect("a metric of two images of one size") / 10.0;
         }
     }
     println!("Q_G, Q_W, VIFF, SF: {means:.4?}");

@@ -172,3 +172,51 @@ pub struct Fused {
     /// What the user should know about the result.
     pub warnings: Vec<Warning>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A profile of three slices whose scales are `scale`, 1 and `1 / scale`.
+    fn profile(capture_mode: Option<CaptureMode>, scale: f64) -> ProfileInput {
+        let slice = |scale: f64| Homography::similarity(scale, [3.0, -2.0]);
+        ProfileInput {
+            image_width: 60,
+            image_height: 40,
+            reference_index: 1,
+            homographies: vec![slice(scale), Homography::IDENTITY, slice(1.0 / scale)],
+            gains: Some(vec![0.9, 1.0, 1.1]),
+            rail_positions_mm: Some(vec![0.0, 0.5, 1.0]),
+            capture_mode,
+            ..ProfileInput::default()
+        }
+    }
+
+    #[test]
+    fn the_near_end_follows_from_the_capture_mode_and_the_scales() {
+        let (fixed, moving) = (Some(CaptureMode::FixedLens), Some(CaptureMode::MovingLens));
+        for (mode, scale, expected) in [
+            (fixed, 0.98, Some(true)),
+            (fixed, 1.02, Some(false)),
+            (moving, 0.98, Some(false)),
+            (moving, 1.02, Some(true)),
+            (fixed, 1.0004, None),
+            (None, 0.98, None),
+        ] {
+            assert_eq!(near_first(&profile(mode, scale)), expected, "{mode:?}, {scale}");
+        }
+    }
+
+    #[test]
+    fn a_plan_has_the_gain_and_the_rail_position_of_each_slice_of_the_profile() {
+        let profile = profile(None, 1.1);
+        let plan = Plan::from_profile(&profile, Method::Pyramid, GuidedParams::default());
+        let gains: Vec<f64> = plan.slices.iter().map(|slice| slice.gain).collect();
+        assert_eq!((gains, plan.rail_mm()), (vec![0.9, 1.0, 1.1], Some(vec![0.0, 0.5, 1.0])));
+        assert_eq!(plan.check(3), Ok(()));
+        let unknown = ProfileInput { gains: None, rail_positions_mm: None, ..profile };
+        let plan = Plan::from_profile(&unknown, Method::Pyramid, GuidedParams::default());
+        assert!(plan.slices.iter().all(|slice| slice.gain == 1.0));
+        assert_eq!(plan.rail_mm(), None);
+    }
+}

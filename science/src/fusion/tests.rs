@@ -1,4 +1,4 @@
-//! Fusion as a whole: on truth, by property, and against its definition.
+//! Tests of fusion as a whole: against images with known truth, by property, and against the definition of the method.
 
 mod halo_corrected;
 mod oracle;
@@ -35,8 +35,8 @@ fn noise(x: usize, y: usize, seed: usize) -> f64 {
     (v % 10_007) as f64 / 10_007.0
 }
 
-/// A picture in colour, 0..1: texture in one of `slices` vertical strips, faint everywhere else.
-fn stripe(width: usize, height: usize, slices: usize, slice: usize) -> Vec<f64> {
+/// An RGB image, 0..1, with strong texture in strip `slice` of `slices` vertical strips and faint texture in the others.
+fn strip(width: usize, height: usize, slices: usize, slice: usize) -> Vec<f64> {
     let mut out = Vec::with_capacity(width * height * 3);
     for y in 0..height {
         for x in 0..width {
@@ -59,12 +59,13 @@ fn sixteen(width: usize, height: usize, values: &[f64]) -> Raster {
     Raster::sixteen(width, height, 3, values.iter().map(|v| (v * 65_535.0).round() as u16).collect())
 }
 
-fn stripes(width: usize, height: usize, slices: usize) -> Vec<Raster> {
-    (0..slices).map(|slice| eight(width, height, &stripe(width, height, slices, slice))).collect()
+/// A stack in which slice `i` is sharp in strip `i`.
+fn strips(width: usize, height: usize, slices: usize) -> Vec<Raster> {
+    (0..slices).map(|slice| eight(width, height, &strip(width, height, slices, slice))).collect()
 }
 
-/// A stack whose slices must be moved, turned and brightened, and leave parts of the canvas uncovered.
-fn moved(width: usize, height: usize, slices: usize) -> (Vec<Raster>, Plan) {
+/// A stack whose slices must be shifted, rotated, scaled and brightened, and leave parts of the canvas uncovered.
+fn unaligned(width: usize, height: usize, slices: usize) -> (Vec<Raster>, Plan) {
     let mut plan = Plan::aligned(width, height, slices);
     for slice in 0..slices {
         let away = slice as f64 - plan.reference as f64;
@@ -81,7 +82,7 @@ fn moved(width: usize, height: usize, slices: usize) -> (Vec<Raster>, Plan) {
         ]);
         plan.slices[slice] = SlicePlan { homography, gain: 1.0 + 0.03 * away, rail_mm: None };
     }
-    (stripes(width, height, slices), plan)
+    (strips(width, height, slices), plan)
 }
 
 fn fused(slices: &[Raster], plan: &Plan) -> Fused {
@@ -102,11 +103,11 @@ fn values(raster: &Raster) -> Vec<f64> {
 }
 
 #[test]
-fn each_strip_comes_from_the_slice_that_shows_it_sharp() {
+fn each_strip_is_taken_from_the_slice_that_shows_it_sharp() {
     let (width, height, count) = (180, 90, 3);
-    let slices = stripes(width, height, count);
+    let slices = strips(width, height, count);
     let result = fused(&slices, &Plan::aligned(width, height, count));
-    let (picture, mut worst) = (values(&result.image), 0.0f64);
+    let (image, mut worst) = (values(&result.image), 0.0f64);
     let sources: Vec<Vec<f64>> = slices.iter().map(values).collect();
     for y in 0..height {
         for x in 0..width {
@@ -118,7 +119,7 @@ fn each_strip_comes_from_the_slice_that_shows_it_sharp() {
             assert_eq!(usize::from(result.index.at(x, y)), truth, "at {x}, {y}");
             for c in 0..3 {
                 let at = (y * width + x) * 3 + c;
-                worst = worst.max((picture[at] - sources[truth][at]).abs());
+                worst = worst.max((image[at] - sources[truth][at]).abs());
             }
         }
     }
@@ -126,8 +127,8 @@ fn each_strip_comes_from_the_slice_that_shows_it_sharp() {
 }
 
 #[test]
-fn a_stack_of_one_slice_over_and_over_comes_back_bit_by_bit() {
-    let one = eight(70, 60, &stripe(70, 60, 2, 0));
+fn identical_slices_are_returned_unchanged() {
+    let one = eight(70, 60, &strip(70, 60, 2, 0));
     let result = fused(&[one.clone(), one.clone(), one.clone()], &Plan::aligned(70, 60, 3));
     assert_eq!(result.image, one);
     assert!(result.index.data.iter().all(|&slice| slice == 0 || slice == 1));
@@ -136,7 +137,7 @@ fn a_stack_of_one_slice_over_and_over_comes_back_bit_by_bit() {
 }
 
 #[test]
-fn where_nothing_is_sharp_the_reference_slice_is_chosen() {
+fn where_no_slice_has_detail_the_reference_slice_is_chosen() {
     let flat = |value: u8| Raster::eight(40, 30, 1, vec![value; 40 * 30]);
     let result = fused(&[flat(90), flat(120), flat(200)], &Plan::aligned(40, 30, 3));
     assert!(result.index.data.iter().all(|&slice| slice == 1));
@@ -144,24 +145,24 @@ fn where_nothing_is_sharp_the_reference_slice_is_chosen() {
 }
 
 #[test]
-fn a_single_slice_is_its_own_fusion() {
-    let (slices, plan) = (stripes(50, 40, 1), Plan::aligned(50, 40, 1));
+fn a_single_slice_is_returned_unchanged() {
+    let (slices, plan) = (strips(50, 40, 1), Plan::aligned(50, 40, 1));
     assert_eq!(fused(&slices, &plan).image, slices[0]);
 }
 
 #[test]
-fn the_result_is_the_definition_computed_on_whole_planes_in_double_precision() {
-    let (slices, plan) = moved(90, 60, 3);
+fn the_result_agrees_with_the_definition_in_double_precision() {
+    let (slices, plan) = unaligned(90, 60, 3);
     oracle::assert_agrees(&slices, &plan, 1.0);
-    let (slices, mut plan) = moved(70, 80, 2);
+    let (slices, mut plan) = unaligned(70, 80, 2);
     plan.params = GuidedParams { r1: 20, eps1: 0.1, r2: 4, eps2: 1e-4, average: 15, r_g: 3, sigma_g: 2.0 };
     oracle::assert_agrees(&slices, &plan, 1.0);
 }
 
 #[test]
-fn sixteen_bits_and_grey_follow_the_definition_too() {
-    let (_, plan) = moved(60, 50, 3);
-    let deep: Vec<Raster> = (0..3).map(|slice| sixteen(60, 50, &stripe(60, 50, 3, slice))).collect();
+fn results_of_16_bits_and_of_grey_slices_agree_with_the_definition() {
+    let (_, plan) = unaligned(60, 50, 3);
+    let deep: Vec<Raster> = (0..3).map(|slice| sixteen(60, 50, &strip(60, 50, 3, slice))).collect();
     oracle::assert_agrees(&deep, &plan, 6.0);
     let grey: Vec<Raster> = deep
         .iter()
@@ -171,8 +172,8 @@ fn sixteen_bits_and_grey_follow_the_definition_too() {
 }
 
 #[test]
-fn the_size_of_the_tiles_does_not_change_a_bit() {
-    let (slices, mut plan) = moved(170, 140, 4);
+fn the_size_of_the_tiles_does_not_affect_the_result() {
+    let (slices, mut plan) = unaligned(170, 140, 4);
     plan.params.r1 = 12;
     let whole = fused_in_tiles(&slices, &plan, 1000);
     for tile in [33, 64, 100] {
@@ -181,8 +182,8 @@ fn the_size_of_the_tiles_does_not_change_a_bit() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_change_a_bit() {
-    let (slices, plan) = moved(150, 200, 5);
+fn the_number_of_threads_does_not_affect_the_result() {
+    let (slices, plan) = unaligned(150, 200, 5);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| fused_in_tiles(&slices, &plan, 64))
@@ -193,64 +194,64 @@ fn the_number_of_threads_does_not_change_a_bit() {
 }
 
 #[test]
-fn what_no_slice_covers_is_uncovered_black_and_told() {
-    let slices = stripes(90, 60, 2);
+fn pixels_that_no_slice_covers_are_black_and_invalid_with_a_warning() {
+    let slices = strips(90, 60, 2);
     let mut plan = Plan::aligned(90, 60, 2);
     plan.slices[0].homography = Homography::similarity(1.0, [7.0, 0.0]);
     plan.slices[1].homography = Homography::similarity(1.0, [9.0, 0.0]);
     let result = fused(&slices, &plan);
-    let picture = values(&result.image);
+    let image = values(&result.image);
     for y in 0..60 {
         for x in 0..90 {
             let covered = x >= 7;
             assert_eq!(result.valid.at(x, y) == 255, covered);
             assert_eq!(result.index.at(x, y) == UNCOVERED, !covered);
-            assert_eq!(picture[(y * 90 + x) * 3..][..3].iter().any(|&v| v > 0.0), covered);
+            assert_eq!(image[(y * 90 + x) * 3..][..3].iter().any(|&v| v > 0.0), covered);
         }
     }
     assert_eq!(result.warnings.iter().map(|w| w.code.as_str()).collect::<Vec<_>>(), ["canvas_not_covered"]);
 }
 
 #[test]
-fn a_pixel_that_the_sharp_slice_does_not_cover_comes_from_another() {
+fn where_the_sharp_slice_covers_nothing_another_slice_is_used() {
     let (width, height) = (120, 80);
-    let sharp = eight(width, height, &stripe(width, height, 1, 0));
-    let faint = eight(width, height, &stripe(width, height, 1, 1));
+    let sharp = eight(width, height, &strip(width, height, 1, 0));
+    let faint = eight(width, height, &strip(width, height, 1, 1));
     let mut plan = Plan::aligned(width, height, 2);
     plan.slices[0].homography = Homography::similarity(1.0, [40.0, 0.0]);
     let result = fused(&[sharp, faint.clone()], &plan);
-    let (picture, other) = (values(&result.image), values(&faint));
+    let (image, other) = (values(&result.image), values(&faint));
     for y in 0..height {
         assert!(result.index.row(y)[..46].iter().all(|&slice| slice == 1), "row {y}");
         assert!(result.index.row(y)[46..].iter().all(|&slice| slice == 0), "row {y}");
-        // not covered by the sharp slice: nothing of it may be seen, however wide the filters are
+        // the sharp slice does not cover these pixels: it has no effect there, however wide the filters are
         let row = y * width * 3..(y * width + 40) * 3;
-        assert_eq!(picture[row.clone()], other[row]);
+        assert_eq!(image[row.clone()], other[row]);
     }
 }
 
 #[test]
-fn a_slice_of_another_size_is_refused_by_name() {
-    let slices = [stripes(60, 40, 1)[0].clone(), stripes(60, 41, 1)[0].clone()];
+fn a_slice_of_another_size_is_refused_and_named() {
+    let slices = [strips(60, 40, 1)[0].clone(), strips(60, 41, 1)[0].clone()];
     let stop =
         fuse(&&slices[..], &Plan::aligned(60, 40, 2), &MetricsRequest::default(), &std::env::temp_dir(), &NoControl);
-    let Err(Interrupted::Failed(fault)) = stop else { panic!("{stop:?}") };
-    assert_eq!(fault.kind, ErrorKind::SizeMismatch);
-    assert_eq!(fault.locations[0].slice, Some(1));
-    assert!(fault.detail.contains("60 x 41"), "{}", fault.detail);
+    let Err(Interrupted::Failed(error)) = stop else { panic!("{stop:?}") };
+    assert_eq!(error.kind, ErrorKind::SizeMismatch);
+    assert_eq!(error.locations[0].slice, Some(1));
+    assert!(error.detail.contains("60 x 41"), "{}", error.detail);
 }
 
 #[test]
-fn a_profile_of_another_length_is_refused() {
-    let slices = stripes(60, 40, 2);
+fn a_profile_for_another_number_of_slices_is_refused() {
+    let slices = strips(60, 40, 2);
     let stop =
         fuse(&&slices[..], &Plan::aligned(60, 40, 3), &MetricsRequest::default(), &std::env::temp_dir(), &NoControl);
     assert!(matches!(stop, Err(Interrupted::Failed(Error { kind: ErrorKind::SliceCountMismatch, .. }))));
 }
 
 #[test]
-fn grey_slices_among_coloured_ones_are_taken_and_the_other_way_round_is_refused() {
-    let colour = stripes(60, 40, 1)[0].clone();
+fn grey_slices_in_a_stack_in_colour_are_accepted_and_the_reverse_is_refused() {
+    let colour = strips(60, 40, 1)[0].clone();
     let grey = Raster::eight(60, 40, 1, values(&colour).chunks(3).map(|p| p[0] as u8).collect());
     let mixed = fused(&[colour.clone(), grey.clone()], &Plan::aligned(60, 40, 2));
     assert_eq!(mixed.image.channels, 3);
@@ -261,51 +262,51 @@ fn grey_slices_among_coloured_ones_are_taken_and_the_other_way_round_is_refused(
         &std::env::temp_dir(),
         &NoControl,
     );
-    let Err(Interrupted::Failed(fault)) = stop else { panic!("{stop:?}") };
-    assert_eq!((fault.kind, fault.locations[0].slice), (ErrorKind::InvalidImage, Some(1)));
+    let Err(Interrupted::Failed(error)) = stop else { panic!("{stop:?}") };
+    assert_eq!((error.kind, error.locations[0].slice), (ErrorKind::InvalidImage, Some(1)));
 }
 
-/// Says stop after some questions, and notes the progress.
-struct Impatient {
-    patience: usize,
-    asked: AtomicUsize,
+/// Cancels after a number of checks, and records the progress.
+struct CancelAfter {
+    checks: usize,
+    done: AtomicUsize,
     steps: Mutex<Vec<(&'static str, usize, usize)>>,
 }
 
-impl Impatient {
-    fn new(patience: usize) -> Self {
-        Self { patience, asked: AtomicUsize::new(0), steps: Mutex::new(Vec::new()) }
+impl CancelAfter {
+    fn new(checks: usize) -> Self {
+        Self { checks, done: AtomicUsize::new(0), steps: Mutex::new(Vec::new()) }
     }
 }
 
-impl Control for Impatient {
+impl Control for CancelAfter {
     fn progress(&self, stage: &'static str, completed: usize, total: usize) {
         locked(&self.steps).push((stage, completed, total));
     }
 
     fn check(&self) -> Result<(), Cancelled> {
-        if self.asked.fetch_add(1, Ordering::Relaxed) < self.patience { Ok(()) } else { Err(Cancelled) }
+        if self.done.fetch_add(1, Ordering::Relaxed) < self.checks { Ok(()) } else { Err(Cancelled) }
     }
 }
 
 #[test]
-fn work_that_is_cancelled_stops_at_any_point() {
-    let (slices, plan) = moved(120, 90, 3);
-    let patient = Impatient::new(usize::MAX);
-    let done =
-        |control: &Impatient| fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), control);
-    assert!(done(&patient).is_ok());
-    let questions = patient.asked.load(Ordering::Relaxed);
-    assert!(questions > 10, "only {questions} questions");
-    for patience in (0..questions).step_by(3) {
-        assert!(matches!(done(&Impatient::new(patience)), Err(Interrupted::Cancelled(_))));
+fn a_cancel_stops_the_fusion_at_any_check() {
+    let (slices, plan) = unaligned(120, 90, 3);
+    let never = CancelAfter::new(usize::MAX);
+    let fused =
+        |control: &CancelAfter| fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), control);
+    assert!(fused(&never).is_ok());
+    let total = never.done.load(Ordering::Relaxed);
+    assert!(total > 10, "only {total} checks");
+    for checks in (0..total).step_by(3) {
+        assert!(matches!(fused(&CancelAfter::new(checks)), Err(Interrupted::Cancelled(_))));
     }
 }
 
 #[test]
-fn progress_grows_to_the_end_of_each_stage() {
-    let (slices, plan) = moved(120, 90, 4);
-    let control = Impatient::new(usize::MAX);
+fn progress_increases_to_the_end_of_each_stage() {
+    let (slices, plan) = unaligned(120, 90, 4);
+    let control = CancelAfter::new(usize::MAX);
     fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), &control).unwrap();
     let steps = unlocked(control.steps);
     let aligning: Vec<_> = steps.iter().filter(|step| step.0 == "aligning").map(|step| step.1).collect();
@@ -317,7 +318,7 @@ fn progress_grows_to_the_end_of_each_stage() {
 
 #[test]
 fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() {
-    let (slices, plan) = moved(600, 140, 3);
+    let (slices, plan) = unaligned(600, 140, 3);
     let object = Plane::from_fn(600, 140, |x, _| if x < 300 { 255u8 } else { 0 });
     let measured = |threads: usize, object: Option<&Plane<u8>>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -333,13 +334,13 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
     let of_object = measured(2, Some(&object)).quality.unwrap();
     assert_ne!(of_object.fusion.q_g_top, Some(q_g));
     assert_eq!(fused(&slices, &plan).quality, None);
-    // the slice whose strip is not in the object adds nothing to it
+    // the strip of this slice is not in the object
     assert!(of_object.slices[2].contribution.unwrap() < 0.05, "{:?}", of_object.slices[2]);
 }
 
 #[test]
-fn a_mask_of_another_size_is_refused() {
-    let slices = stripes(60, 40, 2);
+fn a_silhouette_of_another_size_is_refused() {
+    let slices = strips(60, 40, 2);
     let object = Plane::filled(61, 40, 255u8);
     let request = MetricsRequest { enabled: true, object: Some(&object) };
     let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &request, &std::env::temp_dir(), &NoControl);
@@ -347,16 +348,16 @@ fn a_mask_of_another_size_is_refused() {
 }
 
 #[test]
-fn a_scratch_folder_that_is_not_there_is_told() {
-    let slices = stripes(60, 40, 2);
+fn a_missing_scratch_folder_is_an_error() {
+    let slices = strips(60, 40, 2);
     let nowhere = Path::new("/nowhere/at/all");
     let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &MetricsRequest::default(), nowhere, &NoControl);
-    let Err(Interrupted::Failed(fault)) = stop else { panic!("{stop:?}") };
-    assert!(fault.detail.contains("scratch file"), "{}", fault.detail);
+    let Err(Interrupted::Failed(error)) = stop else { panic!("{stop:?}") };
+    assert!(error.detail.contains("scratch file"), "{}", error.detail);
 }
 
 #[test]
-fn extreme_pictures_give_no_nan_and_stay_in_range() {
+fn extreme_images_give_no_nan_and_stay_in_range() {
     let (width, height) = (80, 60);
     let checker = |odd: usize| {
         let at = |i: usize| if (i / width + i % width) % 2 == odd { 65_535u16 } else { 0 };
@@ -366,7 +367,7 @@ fn extreme_pictures_give_no_nan_and_stay_in_range() {
     plan.params.eps1 = 1e-9;
     plan.params.eps2 = 1e-9;
     let result = fused(&[checker(0), checker(1)], &plan);
-    // equal saliency everywhere: the first slice
+    // equal saliency everywhere: the first slice is chosen
     assert_eq!(result.image, checker(0));
     let black_and_white = [Raster::eight(9, 3, 1, vec![0; 27]), Raster::eight(9, 3, 1, vec![255; 27])];
     assert_eq!(fused(&black_and_white, &Plan::aligned(9, 3, 2)).image, black_and_white[1]);

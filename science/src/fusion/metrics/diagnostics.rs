@@ -1,4 +1,5 @@
-//! Each fault of a stack is made, and must be named, it alone; on the stack without it nothing may be.
+//! Findings of the metrics: each fault of a stack is simulated, and must be the only finding. A stack without a fault must have
+//! none.
 
 use rayon::prelude::*;
 
@@ -19,7 +20,7 @@ use crate::{
     },
 };
 
-/// A stack with its profile, as it was taken or with a fault.
+/// A rendered stack with its plan, possibly with a fault.
 #[derive(Clone)]
 struct Stack {
     slices: Vec<Raster>,
@@ -30,7 +31,7 @@ struct Stack {
 impl Stack {
     fn of(rig: &Rig, scene: &Scene) -> Self {
         let Rendered { slices, plan, truth } = rendered(rig, scene, Light::Front);
-        // as the job does it
+        // the method of a job by default
         Self { slices, plan: Plan { method: Method::HaloCorrected, ..plan }, object: truth.mask }
     }
 
@@ -47,7 +48,7 @@ impl Stack {
         self.fused(masked).quality.unwrap().findings
     }
 
-    /// The same with these slices alone, and a profile of them alone.
+    /// Only the slices for which `keep` is true, and their part of the plan.
     fn only(mut self, keep: impl Fn(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.count()).filter(|&n| keep(n)).collect();
         let pick = |n: &usize| self.slices[*n].clone();
@@ -67,8 +68,8 @@ impl Stack {
         self
     }
 
-    /// Samples of a slice multiplied, by channel.
-    fn lit(mut self, slice: usize, by: [f32; 3]) -> Self {
+    /// The samples of a slice multiplied by a factor per channel.
+    fn scaled(mut self, slice: usize, by: [f32; 3]) -> Self {
         let Samples::Eight(samples) = &mut self.slices[slice].samples else { panic!("8 bits expected") };
         for pixel in samples.chunks_exact_mut(3) {
             pixel
@@ -79,8 +80,8 @@ impl Stack {
         self
     }
 
-    /// Each slice's homography followed by a similarity about the middle of the picture.
-    fn profiled(mut self, left: impl Fn(f64) -> (f64, [f64; 2])) -> Self {
+    /// Each homography followed by a similarity (scale, shift) about the centre of the image.
+    fn with_profile_error(mut self, left: impl Fn(f64) -> (f64, [f64; 2])) -> Self {
         let middle = [(self.plan.width as f64 - 1.0) / 2.0, (self.plan.height as f64 - 1.0) / 2.0];
         for n in 0..self.count() {
             let (scale, shift) = left(n as f64);
@@ -122,42 +123,42 @@ const FAULTS: [Error; 15] = [
     }),
     ("exposure_flicker", |stack| {
         let n = stack.count();
-        stack.lit(n / 2 + 1, [0.93; 3])
+        stack.scaled(n / 2 + 1, [0.93; 3])
     }),
     ("white_balance_drift", |stack| {
         let n = stack.count();
-        stack.lit(n / 2 - 1, [1.04, 0.985, 1.0])
+        stack.scaled(n / 2 - 1, [1.04, 0.985, 1.0])
     }),
     ("exposure_drift", |stack| {
         let n = stack.count();
-        (0..n).fold(stack, |s, i| s.lit(i, [1.0 - 0.2 * i as f32 / n as f32; 3]))
+        (0..n).fold(stack, |s, i| s.scaled(i, [1.0 - 0.2 * i as f32 / n as f32; 3]))
     }),
     ("slice_misaligned", |stack| {
         let n = stack.count() / 2;
-        stack.profiled(|i| (1.0, if i == n as f64 { [2.0, -1.0] } else { [0.0; 2] }))
+        stack.with_profile_error(|i| (1.0, if i == n as f64 { [2.0, -1.0] } else { [0.0; 2] }))
     }),
     ("picture_jumps", |stack| {
         let n = stack.count() / 2;
-        stack.profiled(|i| (1.0, if i >= n as f64 { [2.0, -1.0] } else { [0.0; 2] }))
+        stack.with_profile_error(|i| (1.0, if i >= n as f64 { [2.0, -1.0] } else { [0.0; 2] }))
     }),
     ("profile_misfit", |stack| {
         let n = stack.count() as f64;
-        stack.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2]))
+        stack.with_profile_error(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2]))
     }),
     ("slices_reversed", |mut stack| {
         stack.slices.reverse();
         stack
     }),
-    ("clipped", |stack| (0..stack.count()).fold(stack, |s, i| s.lit(i, [3.0; 3]))),
+    ("clipped", |stack| (0..stack.count()).fold(stack, |s, i| s.scaled(i, [3.0; 3]))),
 ];
 
-/// Codes of the warnings of a stack.
-fn warned(stack: &Stack, masked: bool) -> Vec<String> {
+/// Codes of the findings with severity warning.
+fn warning_codes(stack: &Stack, masked: bool) -> Vec<String> {
     let findings = stack.findings(masked).into_iter();
     findings.filter(|finding| finding.severity == Severity::Warning).map(|finding| finding.code).collect()
 }
 
-/// `but` are faults that this scene cannot show.
+/// `but` are the faults that this scene cannot show.
 fn each_fault_alone(rig: &Rig, scene: &Scene, but: &[&str]) {
     let clean = Stack::of(rig, scene);
     let wrong: Vec<String> = FAULTS
@@ -165,38 +166,38 @@ fn each_fault_alone(rig: &Rig, scene: &Scene, but: &[&str]) {
         .filter(|(fault, _)| !but.contains(fault))
         .filter_map(|(fault, make)| {
             let expected: Vec<&str> = if fault.is_empty() { Vec::new() } else { vec![fault] };
-            let found = warned(&make(clean.clone()), true);
-            let as_good = AS_GOOD.iter().any(|(name, other)| name == fault && found == [*other]);
-            (found != expected && !as_good).then(|| format!("{expected:?} was told as {found:?}"))
+            let found = warning_codes(&make(clean.clone()), true);
+            let also_correct = ALSO_CORRECT.iter().any(|(name, other)| name == fault && found == [*other]);
+            (found != expected && !also_correct).then(|| format!("{expected:?} was reported as {found:?}"))
         })
         .collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
 #[test]
-fn each_fault_is_named_alone_on_an_insect() {
-    // one slice of so fine a step may be missing without loss
+fn each_fault_is_the_only_warning_on_an_insect() {
+    // the step is so fine that a missing slice loses nothing
     each_fault_alone(&Rig::sized(480, 360, 11), &Scene::insect(1), &["uneven_step"]);
-    // and little of this one is bright in all colours
+    // in the second scene few pixels are bright in all channels
     let but = ["uneven_step", "clipped"];
     each_fault_alone(&Rig { seed: 2, ..Rig::sized(640, 440, 9) }, &Scene::insect(2), &but);
 }
 
 #[test]
-fn each_fault_is_named_alone_on_a_flower() {
-    // little of it lies near, and none of it is bright
+fn each_fault_is_the_only_warning_on_a_flower() {
+    // few parts of the scene are near, and none is bright
     let but = ["uneven_step", "range_too_short_near", "clipped"];
     each_fault_alone(&Rig::sized(480, 360, 11), &Scene::flower(1), &but);
 }
 
 #[test]
-fn a_clean_stack_of_any_scene_is_told_nothing() {
+fn a_stack_without_faults_has_no_warning() {
     let mut wrong = Vec::new();
     for (name, scene) in SCENES {
         for (width, height, count) in [(480, 360, 11), (360, 240, 9)] {
             for seed in 1..=3 {
                 let stack = Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
-                let found = warned(&stack, true);
+                let found = warning_codes(&stack, true);
                 println!("{name} {width} x {height}, seed {seed}: {found:?}");
                 if !found.is_empty() {
                     wrong.push(format!("{name} {width} x {height}, seed {seed}: {found:?}"));
@@ -207,33 +208,33 @@ fn a_clean_stack_of_any_scene_is_told_nothing() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// Faults that a scene cannot show: one slice of so fine a step is missing without loss, or too little of it is bright.
+/// Faults that a scene cannot show: its step is so fine that a missing slice loses nothing, or too few pixels are bright.
 const CANNOT_SHOW: [&[&str]; 5] =
     [&["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"]];
 
-/// What is as good a name: a gap that is just not lost is a step that is too long, and where a slice shows too little to
-/// be compared with the next one, nobody can say whether the picture came back.
-const AS_GOOD: [(&str, &str); 2] = [("coverage_gap", "uneven_step"), ("slice_misaligned", "picture_jumps")];
+/// Pairs of a fault and another code that is correct too. A gap without lost detail is only a long step. If a slice shows too
+/// little to be compared with the next one, a misaligned slice cannot be reported from a jump.
+const ALSO_CORRECT: [(&str, &str); 2] = [("coverage_gap", "uneven_step"), ("slice_misaligned", "picture_jumps")];
 
 #[test]
-fn each_fault_is_named_on_all_scenes_that_can_show_it() {
+fn each_fault_is_reported_on_all_scenes_that_can_show_it() {
     let mut wrong = Vec::new();
     for ((name, scene), but) in SCENES.into_iter().zip(CANNOT_SHOW) {
         let clean = Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4));
         for (fault, make) in FAULTS.iter().filter(|(fault, _)| !fault.is_empty()) {
-            let found = warned(&make(clean.clone()), true);
+            let found = warning_codes(&make(clean.clone()), true);
             println!("{name} [{fault}]: {found:?}");
-            let is_named = |code: &String| code == fault || AS_GOOD.contains(&(fault, code.as_str()));
+            let is_named = |code: &String| code == fault || ALSO_CORRECT.contains(&(fault, code.as_str()));
             if !but.contains(fault) && !found.iter().any(is_named) {
-                wrong.push(format!("{fault} on {name} was told as {found:?}"));
+                wrong.push(format!("{fault} on {name} was reported as {found:?}"));
             }
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The same scene with nothing in the middle of the range: near parts come nearer, far ones go farther.
-fn parted(mut scene: Scene) -> Scene {
+/// The scene without parts in the middle of the depth range: near parts are moved nearer, far parts farther.
+fn with_empty_middle(mut scene: Scene) -> Scene {
     let away = |depth: f64| if depth < 0.5 { 0.5 * depth } else { 0.5 + 0.5 * depth };
     for part in &mut scene.parts {
         match &mut part.relief {
@@ -252,26 +253,26 @@ fn parted(mut scene: Scene) -> Scene {
 }
 
 #[test]
-fn slices_of_depths_where_nothing_lies_are_noted() {
+fn slices_of_empty_depths_are_reported_as_redundant() {
     for &(name, scene) in &SCENES[..4] {
-        let stack = Stack::of(&Rig { seed: 6, ..Rig::sized(480, 360, 15) }, &parted(scene(6)));
+        let stack = Stack::of(&Rig { seed: 6, ..Rig::sized(480, 360, 15) }, &with_empty_middle(scene(6)));
         let findings = stack.findings(true);
-        let noted = findings.iter().find(|finding| finding.code == "redundant_slices");
-        println!("{name}: {noted:?}, {:?}", warned(&stack, true));
-        // (the reference slice, 7, gets what is sharp nowhere)
-        let slices = noted.map(|finding| finding.slices.clone()).unwrap_or_default();
+        let redundant = findings.iter().find(|finding| finding.code == "redundant_slices");
+        println!("{name}: {redundant:?}, {:?}", warning_codes(&stack, true));
+        // not the reference slice, 7: it has the pixels that are sharp in no slice
+        let slices = redundant.map(|finding| finding.slices.clone()).unwrap_or_default();
         assert!(slices.contains(&6) && slices.iter().all(|slice| (3..=11).contains(slice)), "{name}: {findings:?}");
     }
 }
 
 #[test]
-fn a_profile_that_does_not_fit_is_named_though_slices_are_clipped() {
+fn a_profile_that_does_not_fit_is_reported_for_clipped_slices_too() {
     for (name, scene) in [SCENES[0], SCENES[2], SCENES[4]] {
         let clean = Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4));
-        let clipped = (0..clean.count()).fold(clean, |stack, slice| stack.lit(slice, [2.0; 3]));
-        let right = warned(&clipped, true);
+        let clipped = (0..clean.count()).fold(clean, |stack, slice| stack.scaled(slice, [2.0; 3]));
+        let right = warning_codes(&clipped, true);
         let n = clipped.count() as f64;
-        let wrong = warned(&clipped.profiled(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2])), true);
+        let wrong = warning_codes(&clipped.with_profile_error(|i| (1.0 + 0.012 * (i / n - 0.5), [0.0; 2])), true);
         println!("{name}: {right:?}, {wrong:?}");
         assert!(right.iter().all(|code| code != "profile_misfit"), "{name}: {right:?}");
         assert!(wrong.iter().any(|code| code == "profile_misfit"), "{name}: {wrong:?}");
@@ -281,43 +282,44 @@ fn a_profile_that_does_not_fit_is_named_though_slices_are_clipped() {
 /// A stack whose brightness drifts by `share` from the first slice to the last.
 fn drifting(clean: &Stack, share: f32) -> Stack {
     let last = (clean.count() - 1) as f32;
-    (0..clean.count()).fold(clean.clone(), |stack, slice| stack.lit(slice, [1.0 - share * slice as f32 / last; 3]))
+    (0..clean.count()).fold(clean.clone(), |stack, slice| stack.scaled(slice, [1.0 - share * slice as f32 / last; 3]))
 }
 
 #[test]
-fn a_drift_of_brightness_is_named_when_the_ends_are_off_by_more_than_three_per_cent() {
+fn a_drift_of_brightness_of_more_than_three_per_cent_is_reported() {
     for (name, scene) in SCENES {
         let clean = Stack::of(&Rig { seed: 5, ..Rig::sized(360, 240, 9) }, &scene(5));
-        // against the reference slice in the middle it is about half of this
-        for (share, told) in [(0.0, false), (0.02, false), (0.04, false), (0.08, true), (0.15, true)] {
-            let found = warned(&drifting(&clean, share), true);
+        // relative to the reference slice, in the middle, the drift is about half of this
+        for (share, reported) in [(0.0, false), (0.02, false), (0.04, false), (0.08, true), (0.15, true)] {
+            let found = warning_codes(&drifting(&clean, share), true);
             println!("{name} {share}: {found:?}");
-            assert_eq!(found.iter().any(|code| code == "exposure_drift"), told, "{name} {share}: {found:?}");
+            assert_eq!(found.iter().any(|code| code == "exposure_drift"), reported, "{name} {share}: {found:?}");
         }
     }
 }
 
-/// For `docs/METRICS.md`: from which drift on `exposure_drift` is told.
+/// Prints how often `exposure_drift` is reported, by scene and drift: the figures for that finding in `docs/METRICS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
-fn which_drift_is_named() {
+fn table_of_exposure_drift() {
     for (name, scene) in SCENES {
         for (width, height, count) in [(480, 360, 11), (720, 480, 13)] {
             let of_seed = |seed: u64| Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
             let stacks: Vec<Stack> = (1..=3).map(of_seed).collect();
             for share in [0.0, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.15, 0.2] {
-                let told = |stack: &Stack| warned(&drifting(stack, share), true).contains(&"exposure_drift".to_owned());
-                let count = stacks.iter().filter(|stack| told(stack)).count();
+                let reported =
+                    |stack: &Stack| warning_codes(&drifting(stack, share), true).contains(&"exposure_drift".to_owned());
+                let count = stacks.iter().filter(|stack| reported(stack)).count();
                 println!("{name} {width} x {height}, {:.0} %: {count} of 3", 100.0 * share);
             }
         }
     }
 }
 
-/// For `docs/METRICS.md`: what is named on which stack.
+/// Prints the findings and the main metrics of stacks with each fault: the figures on findings in `docs/METRICS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
-fn what_is_named_on_many_stacks() {
+fn table_of_findings_by_fault() {
     let cases: Vec<(usize, usize, usize, u64, usize)> = vec![
         (480, 360, 11, 1, 0),
         (480, 360, 11, 1, 1),
@@ -347,10 +349,10 @@ fn what_is_named_on_many_stacks() {
     });
 }
 
-/// Real stacks beside the repository, as far as they are there: what is said of them.
+/// Prints the findings and metrics of real stacks, as far as they are beside the repository.
 #[test]
-#[ignore = "needs pictures that are not in the repository: --ignored --nocapture"]
-fn what_is_said_of_real_stacks() {
+#[ignore = "needs images that are not in the repository: --ignored --nocapture"]
+fn table_of_findings_on_real_stacks() {
     let shared = std::env::var_os("PINSTACK_SHARED").map_or_else(
         || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
         std::path::PathBuf::from,
@@ -365,8 +367,8 @@ fn what_is_said_of_real_stacks() {
         let slices: Vec<Raster> = files
             .iter()
             .map(|file| {
-                let picture = image::open(file).unwrap().into_rgb8();
-                Raster::eight(picture.width() as usize, picture.height() as usize, 3, picture.into_raw())
+                let image = image::open(file).unwrap().into_rgb8();
+                Raster::eight(image.width() as usize, image.height() as usize, 3, image.into_raw())
             })
             .collect();
         let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());

@@ -1,4 +1,4 @@
-//! The sampled numbers against those of every pixel.
+//! The error of scores that are measured in sampled blocks, against scores of every pixel.
 
 use super::*;
 use crate::{
@@ -11,7 +11,7 @@ use crate::{
     types::{NoControl, metrics::FusionMetrics},
 };
 
-/// A stack of `scene` fused, and scored in the blocks that would be taken, and everywhere.
+/// Scores of a fused stack of `scene`: in the sampled blocks, and in all blocks.
 fn sampled_and_whole(rig: &Rig, scene: &Scene, masked: bool) -> [FusionMetrics; 2] {
     let stage = Stage::new(rig, scene);
     let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
@@ -45,7 +45,7 @@ fn sampled_and_whole(rig: &Rig, scene: &Scene, masked: bool) -> [FusionMetrics; 
     [few, all].map(|blocks| score::<u8, 3>(&run, &aligned, &blocks, &fused).unwrap().metrics())
 }
 
-/// Differences of the sampled numbers: of the two qualities as they are, of the others relative to the number.
+/// Errors of the sampled scores: absolute for `q_g_top`, `q_w_top` and `overshoot_fraction`, relative for the others.
 fn errors([sampled, whole]: &[FusionMetrics; 2]) -> [f64; 6] {
     let numbers = |m: &FusionMetrics| {
         [m.q_g_top, m.q_w_top, m.sharpness_retention, m.spatial_frequency, m.tenengrad, m.overshoot_fraction]
@@ -59,17 +59,18 @@ fn errors([sampled, whole]: &[FusionMetrics; 2]) -> [f64; 6] {
 }
 
 #[test]
-fn sampled_scores_are_those_of_every_pixel_within_what_is_promised() {
+fn sampled_scores_are_within_the_documented_error() {
     let rig = Rig::sized(900, 600, 4);
     let errors = errors(&sampled_and_whole(&rig, &Scene::insect(2), true));
-    let promised = [0.02, 0.01, 0.03, 0.15, 0.3, 0.01];
-    assert!(errors.iter().zip(promised).all(|(error, most)| error.abs() < most), "{errors:?}");
+    let documented = [0.02, 0.01, 0.03, 0.15, 0.3, 0.01];
+    assert!(errors.iter().zip(documented).all(|(error, most)| error.abs() < most), "{errors:?}");
 }
 
-/// For `docs/METRICS.md`: what sampling costs in truth, over scenes and seeds.
+/// Prints the error of sampled scores by scene and seed, and its root mean square: the figures on sampling in
+/// `docs/METRICS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
-fn sampling_error_over_scenes() {
+fn table_of_sampling_errors() {
     println!("   scene  seed  mask    q_g     q_w  retention  sf      tenengrad  overshoot");
     let mut squares = ([[0.0; 6]; 2], 0.0);
     for seed in 1..=4 {

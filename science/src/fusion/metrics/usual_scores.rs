@@ -1,4 +1,4 @@
-//! What the scores of fusion usually are: for the limits that `docs/METRICS.md` gives.
+//! Usual scores of fused stacks, from which the limits in `docs/METRICS.md` are taken.
 
 use super::*;
 use crate::{
@@ -11,7 +11,7 @@ use crate::{
     types::{NoControl, fusion_options::Method, metrics::FusionMetrics},
 };
 
-/// Scores of the fused picture and of the true one, which no method can beat, on the object alone.
+/// Scores of the fused image and of the true image, which no method can exceed, within the object.
 fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
     let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
     let truth = stage.truth();
@@ -31,16 +31,17 @@ fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
     };
     let aligned = align::align::<u8, 3>(&run, focus_measure(&plan), None).unwrap();
     let blocks = Blocks::of(rig.width, rig.height, request.object);
-    [&fused.image, &truth.sharp].map(|picture| {
-        let Samples::Eight(samples) = &picture.samples else { panic!("8 bits") };
+    [&fused.image, &truth.sharp].map(|image| {
+        let Samples::Eight(samples) = &image.samples else { panic!("8 bits") };
         score::<u8, 3>(&run, &aligned, &blocks, samples).unwrap().metrics()
     })
 }
 
-/// For `docs/METRICS.md`: scores of all scenes by all methods, with lenses of two kinds and with noise and without.
+/// Prints the scores of all scenes by all methods, with two lenses, with and without noise: the figures on usual scores in
+/// `docs/METRICS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
-fn usual_scores_over_scenes() {
+fn table_of_usual_scores() {
     println!("   scene seed soft noise    method     q_g    q_w retention | truth q_g    q_w retention");
     for (name, make) in SCENES {
         for (seed, softness_px, noise) in [(1, 0.0, 1.0), (2, 0.0, 1.0), (1, 0.7, 1.0), (2, 0.7, 1.0), (1, 0.7, 0.0)] {

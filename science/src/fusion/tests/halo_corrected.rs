@@ -124,7 +124,7 @@ fn a_stack_taken_from_far_to_near_gives_the_same_picture() {
 
 #[test]
 fn the_decision_map_names_the_slice_that_shows_each_strip_sharp() {
-    let slices = stripes(160, 60, 4);
+    let slices = strips(160, 60, 4);
     let fused = fused(&slices, &halo_corrected(Plan::aligned(160, 60, 4)));
     for y in 8..52 {
         for x in (0..160).filter(|x| (8..32).contains(&(x % 40))) {
@@ -135,7 +135,7 @@ fn the_decision_map_names_the_slice_that_shows_each_strip_sharp() {
 
 #[test]
 fn equal_slices_give_that_slice_bit_by_bit_in_every_sample_format() {
-    let values = stripe(90, 50, 3, 1);
+    let values = strip(90, 50, 3, 1);
     for slice in [eight(90, 50, &values), sixteen(90, 50, &values)] {
         for count in [1, 2, 70] {
             let slices = vec![slice.clone(); count];
@@ -161,7 +161,7 @@ fn the_number_of_threads_does_not_change_the_bytes_of_halo_corrected_fusion() {
 
 #[test]
 fn uncovered_parts_of_a_slice_leave_no_trace() {
-    let (slices, plan) = moved(120, 80, 5);
+    let (slices, plan) = unaligned(120, 80, 5);
     let bright: Vec<Raster> = slices
         .iter()
         .map(|slice| eight(120, 80, &values(slice).iter().map(|v| 0.4 + 0.6 * v).collect::<Vec<_>>()))
@@ -176,7 +176,7 @@ fn uncovered_parts_of_a_slice_leave_no_trace() {
 
 #[test]
 fn a_hot_pixel_in_one_slice_spreads_by_at_most_two_pixels() {
-    let mut slices = vec![eight(80, 60, &stripe(80, 60, 1, 0)); 5];
+    let mut slices = vec![eight(80, 60, &strip(80, 60, 1, 0)); 5];
     let clean = slices[0].clone();
     if let Samples::Eight(samples) = &mut slices[3].samples {
         samples[(30 * 80 + 40) * 3..][..3].fill(255);

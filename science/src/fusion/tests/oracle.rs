@@ -1,5 +1,5 @@
-//! The definition of guided filtering fusion on valid pixels, on whole planes, in double precision, without
-//! any of the tricks of the real thing.
+//! The definition of guided filtering fusion, written out: whole planes, double precision, no shortcuts. The implementation is
+//! compared with it.
 
 use super::*;
 use crate::imaging::{Samples, warp::Warp};
@@ -10,13 +10,13 @@ struct Slice {
     valid: Plane<bool>,
 }
 
-/// Fuses and compares: no sample may be further than `tolerance` levels from the definition. Pixels whose
-/// two largest saliencies differ by less than single precision can tell, are taken as the real thing chose.
+/// Asserts that no sample of the result is farther than `tolerance` levels from the definition. Where the two largest
+/// saliencies are equal within single precision, the definition uses the choice of the implementation.
 pub(super) fn assert_agrees(slices: &[Raster], plan: &Plan, tolerance: f64) {
     let result = fused(slices, plan);
     let warped: Vec<Slice> = slices.iter().enumerate().map(|(i, raster)| warp(raster, plan, i)).collect();
-    let index = winners(&warped, plan, &result.index);
-    assert_eq!(result.index, index, "another slice was chosen");
+    let index = sharpest(&warped, plan, &result.index);
+    assert_eq!(result.index, index, "the chosen slices differ");
 
     let (channels, full) = (slices[0].channels, f64::from(slices[0].depth().max()));
     let expected = blend(&warped, &index, channels, &plan.params);
@@ -51,7 +51,7 @@ fn clamped(value: i64, length: usize) -> usize {
     value.clamp(0, length as i64 - 1) as usize
 }
 
-/// Saliency of one slice, -1 where any tap is not covered, -2 where the pixel itself is not.
+/// Saliency of one slice; -1 where its window is not wholly covered, -2 where the pixel is not covered.
 fn saliency(slice: &Slice, params: &GuidedParams) -> Plane<f64> {
     let (width, height) = (slice.grey.width, slice.grey.height);
     let radius = i64::from(params.r_g);
@@ -81,7 +81,8 @@ fn saliency(slice: &Slice, params: &GuidedParams) -> Plane<f64> {
     })
 }
 
-fn winners(slices: &[Slice], plan: &Plan, chosen: &Plane<u16>) -> Plane<u16> {
+/// The sharpest slice per pixel.
+fn sharpest(slices: &[Slice], plan: &Plan, chosen: &Plane<u16>) -> Plane<u16> {
     let saliencies: Vec<Plane<f64>> = slices.iter().map(|slice| saliency(slice, &plan.params)).collect();
     Plane::from_fn(plan.width, plan.height, |x, y| {
         let of = |slice: usize| saliencies[slice].at(x, y);
@@ -98,7 +99,7 @@ fn winners(slices: &[Slice], plan: &Plan, chosen: &Plane<u16>) -> Plane<u16> {
     })
 }
 
-/// Sum of `value` and number of pixels over the window around (x, y): valid ones inside the picture.
+/// Calls `each` with the index of every valid pixel in the window around (x, y).
 fn window(valid: &Plane<bool>, x: usize, y: usize, radius: usize, mut each: impl FnMut(usize)) {
     for v in y.saturating_sub(radius)..(y + radius + 1).min(valid.height) {
         for u in x.saturating_sub(radius)..(x + radius + 1).min(valid.width) {
@@ -109,6 +110,7 @@ fn window(valid: &Plane<bool>, x: usize, y: usize, radius: usize, mut each: impl
     }
 }
 
+/// The guided filter of `map`, guided by the luma of a slice.
 fn guided(slice: &Slice, map: &[f64], radius: usize, eps: f64) -> Vec<f64> {
     let (width, height) = (slice.grey.width, slice.grey.height);
     let grey = &slice.grey.data;
@@ -139,6 +141,7 @@ fn guided(slice: &Slice, map: &[f64], radius: usize, eps: f64) -> Vec<f64> {
     Plane::from_fn(width, height, mean).data
 }
 
+/// The base layer of a slice.
 fn base(slice: &Slice, channels: usize, side: usize) -> Vec<f64> {
     let (width, height, radius) = (slice.grey.width, slice.grey.height, side as i64 / 2);
     let mut out = vec![0.0; slice.pixels.len()];
@@ -161,12 +164,13 @@ fn base(slice: &Slice, channels: usize, side: usize) -> Vec<f64> {
     out
 }
 
+/// The fused samples.
 fn blend(slices: &[Slice], index: &Plane<u16>, channels: usize, params: &GuidedParams) -> Vec<f64> {
     let pixels = index.data.len();
     let (mut bases, mut details) = (vec![0.0; pixels * channels], vec![0.0; pixels * channels]);
     let mut totals = vec![[1e-12, 1e-12]; pixels];
     for (n, slice) in slices.iter().enumerate() {
-        let map: Vec<f64> = index.data.iter().map(|&winner| f64::from(u8::from(usize::from(winner) == n))).collect();
+        let map: Vec<f64> = index.data.iter().map(|&slice| f64::from(u8::from(usize::from(slice) == n))).collect();
         let coarse = guided(slice, &map, params.r1 as usize, params.eps1);
         let fine = guided(slice, &map, params.r2 as usize, params.eps2);
         let base = base(slice, channels, params.average as usize);

@@ -1,4 +1,4 @@
-//! Fusion by pyramids: against its definition, and by property.
+//! Tests of pyramid fusion: against its definition, and by property.
 
 use super::*;
 use crate::imaging::Coverage;
@@ -7,12 +7,12 @@ fn plan(plan: Plan) -> Plan {
     Plan { method: Method::Pyramid, ..plan }
 }
 
-/// One channel of one level in double precision, all of it.
+/// A channel of a level, whole, in double precision.
 type Level = Plane<f64>;
 
 const KERNEL: [f64; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 
-/// Sum of `kernel(dx) kernel(dy) value`, and of the weights, over what of the surroundings lies in the plane.
+/// Sum of `kernel(dx) kernel(dy) value`, and of the kernel, over the neighbours that lie in the plane.
 fn around(plane: &Level, x: usize, y: usize, kernel: &[f64]) -> [f64; 2] {
     let reach = (kernel.len() / 2) as i64;
     let mut sums = [0.0; 2];
@@ -29,7 +29,7 @@ fn around(plane: &Level, x: usize, y: usize, kernel: &[f64]) -> [f64; 2] {
     sums
 }
 
-/// Weighted mean of the coarse pixels that the kernel reaches from a fine one.
+/// The weighted mean of the coarse pixels within the kernel around each fine pixel.
 fn expanded(coarse: &Level, width: usize, height: usize) -> Level {
     Plane::from_fn(width, height, |x, y| {
         let (mut sum, mut total) = (0.0, 0.0);
@@ -47,7 +47,7 @@ fn expanded(coarse: &Level, width: usize, height: usize) -> Level {
     })
 }
 
-/// Energy smoothed by `kernel`, over three channels.
+/// Energy of three channels, smoothed by `kernel`.
 fn energy(detail: &[Level; 3], kernel: &[f64]) -> Level {
     let (width, height) = (detail[0].width, detail[0].height);
     let own = Plane::from_fn(width, height, |x, y| {
@@ -57,15 +57,15 @@ fn energy(detail: &[Level; 3], kernel: &[f64]) -> Level {
     Plane::from_fn(width, height, |x, y| around(&own, x, y, kernel)[0])
 }
 
-/// The definition, for slices that cover everything: colour of every pixel, before it is clamped.
-fn defined(slices: &[Raster]) -> Vec<f64> {
+/// The definition for slices that cover the whole canvas: interleaved samples before they are clamped.
+fn definition(slices: &[Raster]) -> Vec<f64> {
     let (width, height) = (slices[0].width, slices[0].height);
     let channel = |slice: &Raster, c: usize| {
         let values = values(slice);
         Plane::from_fn(width, height, |x, y| values[(y * width + x) * 3 + c])
     };
     let mut current: Vec<[Level; 3]> = slices.iter().map(|slice| std::array::from_fn(|c| channel(slice, c))).collect();
-    // sums of the levels with their normalisation carried along, as for slices with holes
+    // levels carry their normalisation, as for slices that do not cover the canvas
     let mut weights = Plane::filled(width, height, 1.0);
     let twice: Vec<f64> = [1.0, 8.0, 28.0, 56.0, 70.0, 56.0, 28.0, 8.0, 1.0].map(|v| v / 256.0).to_vec();
     let mut fused: Vec<[Level; 3]> = Vec::new();
@@ -128,11 +128,11 @@ fn defined(slices: &[Raster]) -> Vec<f64> {
 }
 
 #[test]
-fn the_result_is_the_definition_clamped_to_what_the_slices_show_around_a_pixel() {
+fn the_result_agrees_with_the_definition_clamped_to_the_range_of_the_slices() {
     let (width, height) = (77, 58);
-    let slices = stripes(width, height, 3);
+    let slices = strips(width, height, 3);
     let found = values(&fused(&slices, &plan(Plan::aligned(width, height, 3))).image);
-    let expected = defined(&slices);
+    let expected = definition(&slices);
     let sources: Vec<Vec<f64>> = slices.iter().map(values).collect();
     for y in 0..height {
         for x in 0..width {
@@ -155,16 +155,16 @@ fn the_result_is_the_definition_clamped_to_what_the_slices_show_around_a_pixel()
 }
 
 #[test]
-fn each_strip_shows_the_texture_of_the_slice_that_shows_it_sharp() {
+fn each_strip_has_the_texture_of_the_slice_that_shows_it_sharp() {
     let (width, height, count) = (180, 90, 3);
-    let slices = stripes(width, height, count);
-    let picture = values(&fused(&slices, &plan(Plan::aligned(width, height, count))).image);
+    let slices = strips(width, height, count);
+    let image = values(&fused(&slices, &plan(Plan::aligned(width, height, count))).image);
     let sources: Vec<Vec<f64>> = slices.iter().map(values).collect();
     for y in 0..height {
         for x in (0..width).filter(|x| (16..44).contains(&(x % 60))) {
             for c in 0..3 {
                 let at = (y * width + x) * 3 + c;
-                let away = picture[at] - sources[x * count / width][at];
+                let away = image[at] - sources[x * count / width][at];
                 assert!(away.abs() < 12.0, "{away} levels from the sharp slice at {x}, {y}");
             }
         }
@@ -172,13 +172,13 @@ fn each_strip_shows_the_texture_of_the_slice_that_shows_it_sharp() {
 }
 
 #[test]
-fn one_slice_over_and_over_comes_back_whatever_its_depth_and_channels() {
+fn identical_slices_are_returned_unchanged_in_every_sample_format() {
     let (width, height) = (70, 61);
-    let picture = stripe(width, height, 2, 0);
-    let grey = picture.iter().step_by(3).map(|v| (v * 255.0).round() as u8).collect();
+    let image = strip(width, height, 2, 0);
+    let grey = image.iter().step_by(3).map(|v| (v * 255.0).round() as u8).collect();
     for (one, slack) in [
-        (eight(width, height, &picture), 0.0),
-        (sixteen(width, height, &picture), 1.0),
+        (eight(width, height, &image), 0.0),
+        (sixteen(width, height, &image), 1.0),
         (Raster::eight(width, height, 1, grey), 0.0),
     ] {
         let stack = [one.clone(), one.clone(), one.clone()];
@@ -193,7 +193,7 @@ fn one_slice_over_and_over_comes_back_whatever_its_depth_and_channels() {
 
 #[test]
 fn the_order_of_the_slices_does_not_matter() {
-    let (slices, given) = moved(120, 80, 4);
+    let (slices, given) = unaligned(120, 80, 4);
     let turned =
         Plan { slices: given.slices.iter().rev().copied().collect(), reference: 3 - given.reference, ..given.clone() };
     let backwards: Vec<Raster> = slices.iter().rev().cloned().collect();
@@ -203,8 +203,8 @@ fn the_order_of_the_slices_does_not_matter() {
 }
 
 #[test]
-fn the_same_bytes_come_whatever_the_tiles_and_the_threads_are() {
-    let (slices, given) = moved(203, 141, 3);
+fn tiles_and_threads_do_not_affect_the_result() {
+    let (slices, given) = unaligned(203, 141, 3);
     let given = plan(given);
     let whole = fused_in_tiles(&slices, &given, 1000);
     for tile in [31, 64, 101] {
@@ -217,10 +217,10 @@ fn the_same_bytes_come_whatever_the_tiles_and_the_threads_are() {
 }
 
 #[test]
-fn what_a_slice_does_not_cover_leaves_no_trace() {
-    // the same even colour everywhere, of slices that end inside the canvas: their rims must not show
+fn borders_of_slices_inside_the_canvas_do_not_show() {
+    // slices of one uniform colour that end inside the canvas
     let (width, height) = (150, 110);
-    let (_, given) = moved(width, height, 5);
+    let (_, given) = unaligned(width, height, 5);
     let even = eight(width, height, &vec![0.6; width * height * 3]);
     let stack = vec![even.clone(); 5];
     let mut given = plan(given);
@@ -236,9 +236,9 @@ fn what_a_slice_does_not_cover_leaves_no_trace() {
 }
 
 #[test]
-fn a_pixel_that_one_slice_alone_covers_shows_that_slice() {
+fn a_pixel_that_only_one_slice_covers_is_taken_from_it() {
     let (width, height) = (120, 90);
-    let slices = stripes(width, height, 2);
+    let slices = strips(width, height, 2);
     let mut given = plan(Plan::aligned(width, height, 2));
     // the other slice covers the left half only
     given.reference = 0;
@@ -256,7 +256,7 @@ fn a_pixel_that_one_slice_alone_covers_shows_that_slice() {
 }
 
 #[test]
-fn where_slices_show_noise_only_the_result_is_less_noisy_than_each_of_them() {
+fn noise_is_averaged_where_slices_show_nothing_else() {
     let (width, height, count) = (96, 80, 9);
     let noisy = |slice: usize| {
         let level = |i: usize| 0.5 + 0.02 * (noise(i % width, i / width, 77 + slice) - 0.5);

@@ -1,4 +1,4 @@
-//! What cameras and users really send: each flaw alone, through every method.
+//! Flaws of real stacks (exposure, gaps, hot pixels, dust, JPEG, clipping, noise): each alone, by every method.
 
 use std::sync::OnceLock;
 
@@ -29,7 +29,7 @@ impl Rendered {
         Plan { method, ..self.plan.clone() }
     }
 
-    /// PSNR of the luma against the truth, without the rim that few slices cover, dB.
+    /// PSNR of the luma against the truth, without the border that few slices cover, dB.
     fn score(&self, image: &Raster) -> f64 {
         let (width, height) = (self.plan.width, self.plan.height);
         let inside = Plane::from_fn(width, height, |x, y| {
@@ -55,7 +55,7 @@ fn differing(a: &Raster, b: &Raster, levels: f64) -> Vec<(usize, usize)> {
 }
 
 #[test]
-fn slices_of_different_exposure_give_the_same_picture_when_the_gains_are_known() {
+fn gains_compensate_slices_of_different_exposure() {
     let case = beetle();
     let exposure = |i: usize| [0.8, 1.0, 0.9, 1.0, 0.75, 1.0, 0.85][i];
     let slices: Vec<Raster> =
@@ -76,7 +76,7 @@ fn slices_of_different_exposure_give_the_same_picture_when_the_gains_are_known()
 }
 
 #[test]
-fn a_flickering_light_that_no_gain_knows_leaves_no_pixel_outside_of_what_the_slices_show() {
+fn flicker_without_gains_leaves_few_pixels_outside_the_range_of_the_slices() {
     let case = beetle();
     let slices: Vec<Raster> = case
         .slices
@@ -96,7 +96,7 @@ fn a_flickering_light_that_no_gain_knows_leaves_no_pixel_outside_of_what_the_sli
 }
 
 #[test]
-fn a_stack_with_a_gap_is_fused_from_what_is_there() {
+fn a_missing_slice_costs_little_quality() {
     let case = front(&Rig { seed: 12, ..Rig::sized(360, 240, 13) }, &Scene::insect(12));
     for method in METHODS {
         let whole = fused(&case.slices, &case.by(method));
@@ -108,13 +108,13 @@ fn a_stack_with_a_gap_is_fused_from_what_is_there() {
         let (before, after) = (case.score(&whole.image), case.score(&gapped.image));
         println!("{method:?}: {before:.2} dB, {after:.2} without a slice");
         assert!(after > before - 1.5, "{method:?}: {before:.2} became {after:.2}");
-        // the slices are numbered as they came
+        // the index counts the slices of this stack
         assert!(gapped.index.data.iter().all(|&slice| slice < 12 || slice == UNCOVERED));
     }
 }
 
 #[test]
-fn a_hot_pixel_of_the_sensor_stays_a_few_pixels_beside_its_track() {
+fn a_hot_pixel_has_an_effect_only_near_its_track() {
     let case = beetle();
     let hot = [(90usize, 60usize), (200, 150), (300, 100)];
     let is_hot = |i: usize| hot.contains(&(i / 3 % 360, i / 1080));
@@ -140,7 +140,7 @@ fn a_hot_pixel_of_the_sensor_stays_a_few_pixels_beside_its_track() {
 }
 
 #[test]
-fn dust_on_the_sensor_stays_where_it_is() {
+fn dust_on_the_sensor_has_an_effect_only_near_its_track() {
     let case = beetle();
     let specks = [(100.0f64, 80.0f64), (240.0, 120.0)];
     let slices: Vec<Raster> = case
@@ -167,12 +167,12 @@ fn dust_on_the_sensor_stays_where_it_is() {
 }
 
 #[test]
-fn blocks_of_jpeg_cost_little_and_are_not_taken_for_detail() {
+fn jpeg_blocks_are_not_fused_as_detail() {
     let case = beetle();
     for quality in [92, 75] {
         let slices: Vec<Raster> =
             case.slices.iter().map(|slice| decode(&encode_jpeg(slice, quality), &Limits::default()).unwrap()).collect();
-        // what the compression itself costs the best that there is
+        // the compressed true image: the best possible result
         let truth = decode(&encode_jpeg(&case.truth.sharp, quality), &Limits::default()).unwrap();
         let limit = case.score(&truth);
         for method in METHODS {
@@ -187,7 +187,7 @@ fn blocks_of_jpeg_cost_little_and_are_not_taken_for_detail() {
 }
 
 #[test]
-fn sixteen_bits_and_grey_give_the_picture_of_eight_bits_in_colour() {
+fn sixteen_bits_and_grey_give_the_same_image_as_eight_bits_in_colour() {
     let case = beetle();
     let rig = Rig { seed: 11, ..Rig::sized(360, 240, 7) };
     let deep = front(&Rig { depth: Depth::Sixteen, ..rig.clone() }, &Scene::insect(11));
@@ -207,7 +207,7 @@ fn sixteen_bits_and_grey_give_the_picture_of_eight_bits_in_colour() {
 }
 
 #[test]
-fn two_slices_and_two_hundred_are_fused_alike_well() {
+fn stacks_of_2_and_of_200_slices_are_fused_well() {
     for count in [2, 200] {
         let case = front(&Rig { seed: 5, ..Rig::sized(180, 120, count) }, &Scene::plates(5));
         let best = case.slices.iter().map(|slice| case.score(slice)).fold(0.0, f64::max);
@@ -221,8 +221,8 @@ fn two_slices_and_two_hundred_are_fused_alike_well() {
 }
 
 #[test]
-fn a_highlight_at_full_scale_stays_white_without_ring_or_fringe() {
-    // a white disc that clips, more and more out of focus, before grey grain
+fn a_clipped_highlight_stays_white_without_ring_or_fringe() {
+    // a clipped white disc, with more defocus in each slice, in front of grey grain
     let (width, height, count) = (160, 120, 6);
     let slice = |i: usize| {
         let blur = 1.0 + 3.0 * i as f64;
@@ -260,7 +260,7 @@ fn a_highlight_at_full_scale_stays_white_without_ring_or_fringe() {
 }
 
 #[test]
-fn colours_are_those_of_the_truth() {
+fn colours_agree_with_the_truth() {
     for scene in [Scene::flower(6), Scene::plates(6), Scene::insect(6)] {
         let case = front(&Rig { seed: 6, ..Rig::sized(360, 240, 9) }, &scene);
         let truth = values(&case.truth.sharp);
@@ -285,7 +285,7 @@ fn hairs_and_holes_keep_their_contrast() {
     for (scene, seed) in [(Scene::plates(7), 7), (Scene::wing(7), 8), (Scene::insect(7), 9)] {
         let case = front(&Rig { seed, ..Rig::sized(480, 320, 11) }, &scene);
         let truth = case.truth.sharp.luma();
-        // detail of a few pixels: the truth less its mean over 7 x 7
+        // detail: the truth minus its mean over 7 x 7 px
         let detail = |plane: &Plane<f32>, x: usize, y: usize| {
             let around = (y - 3..=y + 3).flat_map(|v| (x - 3..=x + 3).map(move |u| (u, v)));
             f64::from(plane.at(x, y)) - around.map(|(u, v)| f64::from(plane.at(u, v))).sum::<f64>() / 49.0
@@ -311,8 +311,8 @@ fn hairs_and_holes_keep_their_contrast() {
 }
 
 #[test]
-fn noise_is_averaged_where_slices_agree() {
-    // smooth shading, the same in all slices, and noise of its own in each
+fn every_method_averages_noise_where_slices_agree() {
+    // the same smooth shading in all slices, and independent noise in each
     let (width, height, count) = (120, 90, 9);
     let clean = |at: usize| 0.5 + 0.2 * ((at % width) as f64 * 0.03).sin();
     let slices: Vec<Raster> = (0..count)
@@ -338,7 +338,7 @@ fn noise_is_averaged_where_slices_agree() {
 }
 
 #[test]
-fn borders_of_tiles_leave_no_trace_with_any_method() {
+fn tiles_do_not_affect_the_result_of_any_method() {
     let case = beetle();
     for method in METHODS {
         let plan = case.by(method);

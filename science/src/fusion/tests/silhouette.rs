@@ -106,10 +106,11 @@ fn a_wide_defocused_edge_is_not_translucent() {
     }
 }
 
-/// For `docs/METHOD.md`: what the mask reaches.
+/// Prints the accuracy of hard and soft masks by scene and illumination: the figures in the section on silhouettes of
+/// `docs/METHOD.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
-fn what_the_mask_reaches() {
+fn table_of_mask_accuracy() {
     for (name, scene) in SCENES {
         for (width, height, seed) in
             [(1800, 1200, 1), (1200, 800, 1), (1200, 800, 2), (1200, 800, 3), (600, 400, 1), (600, 400, 2)]
