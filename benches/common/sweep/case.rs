@@ -127,11 +127,11 @@ impl Case {
         };
         target.pitch_mm *= self.pitch / target.pitch_px(&rig, rig.reference);
         // neighbours of a symmetric grid are one pitch apart, those of an asymmetric one 0.71 of it
-        let room = if self.asymmetric { std::f64::consts::FRAC_1_SQRT_2 } else { 1.0 };
-        target.dot_diameter_mm = self.fill * room * target.pitch_mm;
+        let spacing = if self.asymmetric { std::f64::consts::FRAC_1_SQRT_2 } else { 1.0 };
+        target.dot_diameter_mm = self.fill * spacing * target.pitch_mm;
         [target.columns, target.rows] = self.grid();
         let largest = [0, self.slices - 1].map(|i| target.blur_radius_px(&rig, i) / target.pitch_px(&rig, i));
-        rig.f_number *= largest[0].max(largest[1]) / (self.blur * room);
+        rig.f_number *= largest[0].max(largest[1]) / (self.blur * spacing);
         if self.missing > 0.0 {
             target = target.without(self.missing, self.seed);
         }

@@ -69,7 +69,7 @@ pub fn judge(case: &Case) -> Outcome {
 }
 
 fn judge_slices(case: &Case, rig: &Rig, target: &DotTarget, found: &Calibration, stack: &[Raster]) -> Vec<Judged> {
-    let room = if case.asymmetric { std::f64::consts::FRAC_1_SQRT_2 } else { 1.0 };
+    let spacing = if case.asymmetric { std::f64::consts::FRAC_1_SQRT_2 } else { 1.0 };
     let (width, height) = (rig.width as u32, rig.height as u32);
     let reference = target.dots(rig, rig.reference);
     let seen = |px: [f64; 2]| px[0] >= 0.0 && px[1] >= 0.0 && px[0] < rig.width as f64 && px[1] < rig.height as f64;
@@ -78,7 +78,7 @@ fn judge_slices(case: &Case, rig: &Rig, target: &DotTarget, found: &Calibration,
         let truth = target.dots(rig, i);
         let printed: Vec<[f64; 2]> =
             truth.iter().enumerate().filter(|(dot, _)| !target.missing.contains(dot)).map(|(_, at)| *at).collect();
-        let pitch = room * target.pitch_px(rig, i);
+        let pitch = spacing * target.pitch_px(rig, i);
         let used = found.dots[i].iter().filter(|dot| dot.used != DotUse::Outlier);
         let distances: Vec<f64> = used.map(|dot| nearest(dot.at, &printed)).collect();
         let (good, bad): (Vec<f64>, Vec<f64>) = distances.into_iter().partition(|&error| error < FALSE_DOT * pitch);

@@ -14,7 +14,7 @@ pub(super) struct Blob {
 }
 
 /// Least contrast of a dot against its surroundings.
-const LEAST_CONTRAST: f64 = 0.03;
+const MIN_CONTRAST: f64 = 0.03;
 
 /// Round spots of `contrast` that stand out from the mean over `(2 radius + 1)^2` px around them. Spots that touch the
 /// border are left out: their centres are not those of the dots.
@@ -29,7 +29,7 @@ pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
     let stride = (standing.len() / 50_000).max(1) | 1;
     let mut heights: Vec<f64> = standing.iter().step_by(stride).map(|&v| f64::from(v)).collect();
     let contrast = quantile(&mut heights, 0.985);
-    if contrast < LEAST_CONTRAST {
+    if contrast < MIN_CONTRAST {
         return Vec::new();
     }
     let threshold = (0.35 * contrast) as f32;

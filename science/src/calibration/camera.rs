@@ -20,7 +20,7 @@ pub(super) struct Known {
 }
 
 /// Largest relative difference at which the two principal distances agree.
-const AGREES: f64 = 0.02;
+const MAX_DIFFERENCE: f64 = 0.02;
 
 /// The camera from the options and the measured quantities.
 pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport {
@@ -70,7 +70,7 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
     }
 }
 
-/// True when the two principal distances of a report differ by more than [`AGREES`].
+/// True when the two principal distances of a report differ by more than [`MAX_DIFFERENCE`].
 pub(super) fn is_contradictory(report: &CameraReport) -> bool {
     let both = report.principal_distance_mm.zip(report.cross_check_mm);
     both.is_some_and(|(rail, pitch)| !agree(rail, pitch))
@@ -78,7 +78,7 @@ pub(super) fn is_contradictory(report: &CameraReport) -> bool {
 
 /// True when two principal distances agree.
 fn agree(rail: f64, pitch: f64) -> bool {
-    (100.0 * (rail / pitch - 1.0)).abs() <= 100.0 * AGREES
+    (100.0 * (rail / pitch - 1.0)).abs() <= 100.0 * MAX_DIFFERENCE
 }
 
 #[cfg(test)]

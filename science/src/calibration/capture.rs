@@ -25,15 +25,15 @@ pub(super) struct ScaleSample {
 /// Decides the capture mode from the scales. `positions_given`: positions came from the user, so the direction
 /// criterion applies. `even`: steps are known to be equal, so the law criterion applies. `given`: the mode that the
 /// user specified.
-pub(super) fn judge(
+pub(super) fn decide(
     slices: &[ScaleSample],
     positions_given: bool,
     even: bool,
     given: Option<CaptureMode>,
 ) -> CaptureReport {
     let by_law = if even { by_law(slices) } else { None };
-    let by_sign = if positions_given { by_sign(slices) } else { None };
-    let (found, detail) = match (by_law, by_sign) {
+    let by_direction = if positions_given { by_direction(slices) } else { None };
+    let (found, detail) = match (by_law, by_direction) {
         (Some(law), Some(sign)) if law != sign => (
             None,
             "the law of the scales and the direction of the rail disagree: check that rail positions are counted towards \
@@ -76,7 +76,7 @@ fn by_law(slices: &[ScaleSample]) -> Option<CaptureMode> {
     }
 }
 
-fn by_sign(slices: &[ScaleSample]) -> Option<CaptureMode> {
+fn by_direction(slices: &[ScaleSample]) -> Option<CaptureMode> {
     let mut slopes = Vec::new();
     for (k, a) in slices.iter().enumerate() {
         slopes.extend(slices[k + 1..].iter().map(|b| (b.scale - a.scale) / (b.position - a.position)));
@@ -113,21 +113,21 @@ mod tests {
     #[test]
     fn the_law_of_the_scales_decides_the_capture_mode_only_when_it_is_unambiguous() {
         let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
-        assert_eq!(judge(&fixed, false, true, None).found, Some(CaptureMode::FixedLens));
-        assert_eq!(judge(&stack(|dz| 1.0 - dz / 47.0), false, true, None).found, Some(CaptureMode::MovingLens));
-        assert_eq!(judge(&stack(|dz| 1.0 - dz / 1e6), false, true, None).found, None);
-        assert_eq!(judge(&stack(|dz| 1.0 + 0.01 * (dz * 2.0).sin()), false, true, None).found, None);
-        assert_eq!(judge(&fixed, false, false, None).found, None);
+        assert_eq!(decide(&fixed, false, true, None).found, Some(CaptureMode::FixedLens));
+        assert_eq!(decide(&stack(|dz| 1.0 - dz / 47.0), false, true, None).found, Some(CaptureMode::MovingLens));
+        assert_eq!(decide(&stack(|dz| 1.0 - dz / 1e6), false, true, None).found, None);
+        assert_eq!(decide(&stack(|dz| 1.0 + 0.01 * (dz * 2.0).sin()), false, true, None).found, None);
+        assert_eq!(decide(&fixed, false, false, None).found, None);
     }
 
     #[test]
     fn the_direction_of_the_rail_decides_too_and_a_contradiction_is_reported() {
         let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
-        assert_eq!(judge(&fixed, true, false, None).found, Some(CaptureMode::FixedLens));
+        assert_eq!(decide(&fixed, true, false, None).found, Some(CaptureMode::FixedLens));
         let moving = stack(|dz| 1.0 - dz / 47.0);
-        assert_eq!(judge(&moving, true, false, None).found, Some(CaptureMode::MovingLens));
+        assert_eq!(decide(&moving, true, false, None).found, Some(CaptureMode::MovingLens));
         let turned = stack(|dz| 141.0 / (141.0 + 3.0 * dz));
-        let report = judge(&turned, true, true, None);
+        let report = decide(&turned, true, true, None);
         assert_eq!(report.found, None);
         assert!(report.detail.contains("counted towards the object"), "{}", report.detail);
     }

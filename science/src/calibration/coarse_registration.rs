@@ -50,7 +50,7 @@ pub(super) struct CoarseRegistration<'a> {
 }
 
 /// Most dots that are sampled; more only cost time.
-const MOST_DOTS: usize = 400;
+const MAX_DOTS: usize = 400;
 
 impl CoarseRegistration<'_> {
     /// The motion with the largest difference between the predicted dots and the gaps between them (with `sign` -1,
@@ -105,13 +105,13 @@ impl CoarseRegistration<'_> {
         });
         // a row more or less at the border changes the depth by a few percent; a whole step must win by more than that
         let judged = |m: &SimilarityMotion| {
-            self.depth(middle, m).map_or(0.0, |d| d.mean) * (1.0 - 0.15 * self.away(m, &around).powi(2))
+            self.depth(middle, m).map_or(0.0, |d| d.mean) * (1.0 - 0.15 * self.shift_distance(m, &around).powi(2))
         };
         shifted.max_by(|a, b| judged(a).total_cmp(&judged(b))).unwrap_or(best)
     }
 
     /// Distance of the shift from the expected one, grid steps.
-    fn away(&self, motion: &SimilarityMotion, around: &SimilarityMotion) -> f64 {
+    fn shift_distance(&self, motion: &SimilarityMotion, around: &SimilarityMotion) -> f64 {
         (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1]) / self.pitch
     }
 
@@ -123,13 +123,13 @@ impl CoarseRegistration<'_> {
     /// The objective: depth, weighted by the visible share of the dots, with a small penalty on the shift.
     fn score(&self, middle: [f64; 2], motion: &SimilarityMotion, around: &SimilarityMotion, sign: f64) -> f64 {
         let Some(depth) = self.depth(middle, motion) else { return f64::NEG_INFINITY };
-        let away = self.away(motion, around);
+        let away = self.shift_distance(motion, around);
         sign * depth.mean * depth.visible.sqrt() * (1.0 - 0.1 * away * away)
     }
 
     /// Mean and standard error of (dot - gap). `None` when too few predicted dots lie in the image.
     fn depth(&self, middle: [f64; 2], motion: &SimilarityMotion) -> Option<Depth> {
-        let stride = self.dots.len().div_ceil(MOST_DOTS).max(1);
+        let stride = self.dots.len().div_ceil(MAX_DOTS).max(1);
         let [u, v] = self.steps.map(|s| s.map(|c| 0.5 * motion.scale * c));
         let (mut n, mut sum, mut squares, mut sampled) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         for dot in self.dots.iter().step_by(stride) {

@@ -33,22 +33,23 @@ pub(super) const MAX_SIGMA: f64 = 0.005;
 /// Largest share of a dot's window that may be synthetic or at full scale when brightness is compared.
 const MAX_INVALID: f64 = 0.02;
 /// Uncertainty of the camera's response curve, as a share of the difference between the linear and the sRGB result.
-const ODD_CURVE: f64 = 0.1;
+const CURVE_DOUBT: f64 = 0.1;
 
 /// One gain per slice; 1 for the reference. An uncertain gain is replaced by the line through the other slices' gains,
 /// `ln(gain) = a + b z`, when the line is more certain.
 pub(super) fn of(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Gain> {
     let measured = measured(tracked, reference, positions);
-    let sure: Vec<(f64, f64)> = (0..measured.len())
+    let certain: Vec<(f64, f64)> = (0..measured.len())
         .filter_map(|i| measured[i].filter(|g| g.sigma <= MAX_SIGMA).map(|g| (positions[i], g.value.ln())))
         .collect();
-    let through = |z: f64| line_at(&sure, z);
-    let scatter =
-        (sure.iter().map(|(z, v)| (v - through(*z)).powi(2)).sum::<f64>() / (sure.len() as f64 - 2.0).max(1.0)).sqrt();
+    let through = |z: f64| line_at(&certain, z);
+    let scatter = (certain.iter().map(|(z, v)| (v - through(*z)).powi(2)).sum::<f64>()
+        / (certain.len() as f64 - 2.0).max(1.0))
+    .sqrt();
     let line = |i: usize| Gain {
         value: through(positions[i]).exp(),
         // a line through two points or fewer has no known uncertainty
-        sigma: if sure.len() < 3 { f64::INFINITY } else { 2.0 * scatter.max(5e-4) },
+        sigma: if certain.len() < 3 { f64::INFINITY } else { 2.0 * scatter.max(5e-4) },
     };
     let settle = |i: usize| {
         let gain = match measured[i] {
@@ -86,24 +87,24 @@ fn measured(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Optio
         let (Some(slice), Some(anchor), Some(known)) = (detection(i), detection(nearest), gains[nearest]) else {
             continue;
         };
-        let [straight, bent] = [false, true].map(|curved| by_mean(slice, anchor, curved));
-        let (taken, other, doubt) = match curve {
-            Curve::Linear => (straight, bent, ODD_CURVE),
-            Curve::Srgb => (bent, straight, ODD_CURVE),
-            Curve::Unknown => (straight, bent, 0.5),
+        let [linear, srgb] = [false, true].map(|as_srgb| by_mean(slice, anchor, as_srgb));
+        let (taken, other, share) = match curve {
+            Curve::Linear => (linear, srgb, CURVE_DOUBT),
+            Curve::Srgb => (srgb, linear, CURVE_DOUBT),
+            Curve::Unknown => (linear, srgb, 0.5),
         };
         gains[i] = taken.map(|gain| {
             let between = other.map_or(0.0, |o| (o.value / gain.value).ln().abs());
-            Gain { value: gain.value * known.value, sigma: gain.sigma.hypot(known.sigma).hypot(doubt * between) }
+            Gain { value: gain.value * known.value, sigma: gain.sigma.hypot(known.sigma).hypot(share * between) }
         });
     }
     gains
 }
 
 /// The gain of `slice` relative to `anchor` from the mean over whole grid steps, which blur does not change; in sRGB
-/// when `curved`.
-fn by_mean(slice: &Detection, anchor: &Detection, curved: bool) -> Option<Gain> {
-    if !curved {
+/// when `as_srgb`.
+fn by_mean(slice: &Detection, anchor: &Detection, as_srgb: bool) -> Option<Gain> {
+    if !as_srgb {
         return against(slice, anchor, |l| Some(l.mean));
     }
     let light = against(slice, anchor, |l| l.linear_mean.map(|m| 255.0 * m))?;
@@ -131,16 +132,16 @@ enum Curve {
 }
 
 /// Deviations below this do not decide the response curve.
-const TELLING: f64 = 2e-3;
+const MIN_DIFFERENCE: f64 = 2e-3;
 
 /// Decides between a linear and an sRGB response. Two tests, the first that decides: (1) with the right curve,
 /// ln(light) over the rail is a straight line; with the wrong one blur changes it, most at the ends of the stack; (2)
 /// mean over bright level is the same in all slices whose bright level is free of blur.
 fn curve(tracked: &Tracked, anchors: &[usize], reference: usize, positions: &[f64]) -> Curve {
-    let off_line = |curved: bool| -> Option<f64> {
+    let off_line = |as_srgb: bool| -> Option<f64> {
         let base = tracked.detections[reference].as_ref()?;
         let points: Vec<(f64, f64)> = (0..positions.len())
-            .filter_map(|i| Some((positions[i], by_mean(tracked.detections[i].as_ref()?, base, curved)?.value.ln())))
+            .filter_map(|i| Some((positions[i], by_mean(tracked.detections[i].as_ref()?, base, as_srgb)?.value.ln())))
             .collect();
         let square = points.iter().map(|(z, v)| (v - line_at(&points, *z)).powi(2)).sum::<f64>();
         (points.len() >= 5).then(|| (square / (points.len() as f64 - 2.0)).sqrt())
@@ -154,14 +155,14 @@ fn curve(tracked: &Tracked, anchors: &[usize], reference: usize, positions: &[f6
         let values: Vec<f64> = per_slice.collect();
         values.iter().fold(f64::MIN, |m, v| m.max(*v)) - values.iter().fold(f64::MAX, |m, v| m.min(*v))
     };
-    let straight = shares(&|l| l.bright.filter(|b| *b > 1.0 && l.linear_mean.is_some()).map(|b| l.mean / b));
-    let bent = shares(&|l| Some(l.linear_mean? / l.bright.filter(|b| *b > 1.0).map(dot_photometry::to_light)?));
+    let linear = shares(&|l| l.bright.filter(|b| *b > 1.0 && l.linear_mean.is_some()).map(|b| l.mean / b));
+    let srgb = shares(&|l| Some(l.linear_mean? / l.bright.filter(|b| *b > 1.0).map(dot_photometry::to_light)?));
     let lines = off_line(false).zip(off_line(true));
-    for (straight, bent) in lines.into_iter().chain([(straight, bent)]) {
-        if straight > TELLING && bent < 0.6 * straight {
+    for (linear, srgb) in lines.into_iter().chain([(linear, srgb)]) {
+        if linear > MIN_DIFFERENCE && srgb < 0.6 * linear {
             return Curve::Srgb;
         }
-        if bent > TELLING && straight < 0.6 * bent {
+        if srgb > MIN_DIFFERENCE && linear < 0.6 * srgb {
             return Curve::Linear;
         }
     }
@@ -171,16 +172,16 @@ fn curve(tracked: &Tracked, anchors: &[usize], reference: usize, positions: &[f6
 /// Median over the shared dots of brightness in `base` over brightness in `slice`. Uses dots with valid windows in both
 /// slices when there are enough of them.
 fn against(slice: &Detection, base: &Detection, measure: impl Fn(&DotLight) -> Option<f64>) -> Option<Gain> {
-    let ratio = |most: f64| {
+    let ratio = |max_invalid: f64| {
         let shared = slice.dots.iter().filter_map(|(label, d)| base.dots.get(label).map(|b| (d, b)));
-        let clean = shared.filter(|(d, b)| d.invalid.max(b.invalid) < most);
+        let clean = shared.filter(|(d, b)| d.invalid.max(b.invalid) < max_invalid);
         dot_photometry::ratio(clean.map(|(d, b)| (measure(&d.light), measure(&b.light))))
     };
     let clean = ratio(MAX_INVALID);
     // synthetic and full-scale samples carry no information about brightness
-    let doubt = if clean.is_some() { 0.0 } else { MAX_SIGMA };
+    let extra = if clean.is_some() { 0.0 } else { MAX_SIGMA };
     let (value, sigma) = clean.or_else(|| ratio(10.0 * MAX_INVALID)).or_else(|| ratio(f64::INFINITY))?;
-    Some(Gain { value, sigma: sigma.hypot(doubt) })
+    Some(Gain { value, sigma: sigma.hypot(extra) })
 }
 
 /// The least-squares line through `points` at `z`; the mean when all are at one z.

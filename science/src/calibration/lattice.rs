@@ -37,7 +37,7 @@ impl Lattice {
 }
 
 /// Fewest dots that make a grid.
-pub(super) const LEAST_DOTS: usize = 12;
+pub(super) const MIN_DOTS: usize = 12;
 
 /// Largest distance of a spot from its predicted position, grid steps.
 const REACH: f64 = 0.25;
@@ -48,7 +48,7 @@ pub(super) const STEPS: [Label; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
 /// The grid that most of the spots form, or `None`. Spots that do not fit (dust, lettering) are left out; gaps are
 /// allowed.
 pub(super) fn index(blobs: &[Blob]) -> Option<Lattice> {
-    if blobs.len() < LEAST_DOTS {
+    if blobs.len() < MIN_DOTS {
         return None;
     }
     let near = Nearby::new(blobs)?;
@@ -60,7 +60,7 @@ pub(super) fn index(blobs: &[Blob]) -> Option<Lattice> {
             best = Some(places);
         }
     }
-    let places = best.filter(|p| p.len() >= LEAST_DOTS && is_regular(p))?;
+    let places = best.filter(|p| p.len() >= MIN_DOTS && is_regular(p))?;
     let pitch = pitch_of(&places);
     Some(Lattice { places, pitch })
 }
@@ -115,12 +115,12 @@ fn evened(places: &Places, ring: Places) -> Places {
     // inner dots, where there are enough: the outermost depend on what is drawn in beside them
     let is_inner = |l: &Label| STEPS.iter().all(|[i, j]| places.contains_key(&[l[0] + i, l[1] + j]));
     let mut inner: Places = places.iter().filter(|(l, _)| is_inner(l)).map(|(l, p)| (*l, *p)).collect();
-    if inner.len() < LEAST_DOTS {
+    if inner.len() < MIN_DOTS {
         inner.clone_from(places);
     }
     let every = inner.len().div_ceil(MAPPED).max(1);
     let pairs: Vec<dlt::Pair> = inner.iter().step_by(every).map(|(l, p)| (unit(l), *p)).collect();
-    let Some(grid) = (pairs.len() >= LEAST_DOTS).then(|| dlt::fit(&pairs)).flatten() else { return ring };
+    let Some(grid) = (pairs.len() >= MIN_DOTS).then(|| dlt::fit(&pairs)).flatten() else { return ring };
     let even = |label: Label| {
         let around = (-2..=2).flat_map(|i| (-2..=2).map(move |j| [label[0] + i, label[1] + j]));
         let (mut off, mut count) = ([0.0, 0.0], 0.0_f64);
@@ -238,7 +238,7 @@ fn basis(blobs: &[Blob], near: &Nearby) -> Option<([f64; 2], [f64; 2])> {
         sine > 0.75 && (0.6..1.7).contains(&(lc / lu.max(1e-9)))
     };
     let second = ranked.iter().find(|(_, c)| across(c))?;
-    let least = (blobs.len() / 4).max(LEAST_DOTS / 3);
+    let least = (blobs.len() / 4).max(MIN_DOTS / 3);
     (second.0 >= least).then(|| (u, refined(second.1)))
 }
 

@@ -51,7 +51,7 @@ impl StackModel {
 }
 
 /// A simpler model is kept up to this factor above the least expected squared error.
-const CLEARLY: f64 = 1.2;
+const TOLERANCE: f64 = 1.2;
 /// Residuals below this explain nothing, px.
 const FLOOR: f64 = 0.01;
 
@@ -82,11 +82,11 @@ pub(super) fn bias(corners: &[Corner]) -> (f64, f64) {
     (observed, (observed + noise * (2.0 / count).sqrt()).max(0.5 * apart))
 }
 
-/// Scores every model by its `corners` and selects one. `away`: rail positions relative to the reference slice; `half`:
+/// Scores every model by its `corners` and selects one. `offsets`: rail positions relative to the reference slice; `half`:
 /// px per unit; `requested`: the user's choice.
 pub(super) fn select_model(
     evidence: &[Evidence],
-    away: &[f64],
+    offsets: &[f64],
     half: f64,
     corners: &dyn Fn(StackModel) -> Vec<Corner>,
     requested: ModelChoice,
@@ -100,18 +100,18 @@ pub(super) fn select_model(
     let rail_fit = || {
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
         let maps =
-            RailFit::fit(&all, away).map(|j| measured.iter().map(|&i| j.parameters(away[i])).collect::<Vec<_>>());
+            RailFit::fit(&all, offsets).map(|j| measured.iter().map(|&i| j.parameters(offsets[i])).collect::<Vec<_>>());
         let halves = [0, 1].map(|part| {
             let some: Vec<Vec<Match>> = evidence.iter().map(|e| block(e, part)).collect();
-            RailFit::fit(&some, away)
+            RailFit::fit(&some, offsets)
         });
         let held = match halves {
             [Some(even), Some(odd)] => Some(
                 measured
                     .iter()
                     .map(|&i| {
-                        squares(&even.parameters(away[i]), &block(&evidence[i], 1))
-                            .chain(squares(&odd.parameters(away[i]), &block(&evidence[i], 0)))
+                        squares(&even.parameters(offsets[i]), &block(&evidence[i], 1))
+                            .chain(squares(&odd.parameters(offsets[i]), &block(&evidence[i], 0)))
                             .collect()
                     })
                     .collect::<Vec<_>>(),
@@ -164,14 +164,14 @@ pub(super) fn select_model(
     let risks: Vec<(f64, StackModel)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
     let least = risks.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
     // simplest first: it wins unless another is clearly better
-    let best = risks.iter().find(|r| r.0 <= CLEARLY * least + FLOOR * FLOOR).map(|r| r.1);
+    let best = risks.iter().find(|r| r.0 <= TOLERANCE * least + FLOOR * FLOOR).map(|r| r.1);
     let model = wanted.or(best).unwrap_or(StackModel::PerSlice(TransformModel::Similarity));
     let reason = match (wanted, best) {
         (Some(_), Some(best)) if best != model => {
-            format!("{} was requested; the dots favour {}", words(model), words(best))
+            format!("{} was requested; the dots favour {}", phrase(model), phrase(best))
         }
-        (Some(_), _) => format!("{} was requested", words(model)),
-        (None, _) => format!("{} has the least expected error at the image corners", words(model)),
+        (Some(_), _) => format!("{} was requested", phrase(model)),
+        (None, _) => format!("{} has the least expected error at the image corners", phrase(model)),
     };
     for (candidate, judged) in &mut judged {
         judged.chosen = *candidate == model;
@@ -180,7 +180,7 @@ pub(super) fn select_model(
 }
 
 /// The model as a phrase for sentences.
-fn words(model: StackModel) -> &'static str {
+fn phrase(model: StackModel) -> &'static str {
     match model {
         StackModel::RailLinear => "the rail law for the whole stack",
         StackModel::PerSlice(TransformModel::Similarity) => "scale, rotation and shift per slice",
@@ -235,8 +235,8 @@ mod tests {
     /// Nine slices of 150 dots whose transforms are `map(dz)`.
     fn stack(map: impl Fn(f64) -> Parameters, seed: u64) -> (Vec<Evidence>, Vec<f64>) {
         let mut noise = Noise(seed);
-        let away: Vec<f64> = (-4..=4).map(f64::from).collect();
-        let evidence = away
+        let offsets: Vec<f64> = (-4..=4).map(f64::from).collect();
+        let evidence = offsets
             .iter()
             .map(|dz| {
                 let labels: Vec<Label> = (0..150).map(|k| [k % 15, k / 15]).collect();
@@ -249,28 +249,28 @@ mod tests {
                 Evidence { labels, matches, overlap: 2.25 }
             })
             .collect();
-        (evidence, away)
+        (evidence, offsets)
     }
 
     /// Corner errors from the fits of the models.
-    fn corners(evidence: &[Evidence], away: &[f64], model: StackModel) -> Vec<Corner> {
+    fn corners(evidence: &[Evidence], offsets: &[f64], model: StackModel) -> Vec<Corner> {
         let frame = transform_models::Frame { centre: [400.0, 300.0], half: 500.0 };
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
-        let rail_fit = RailFit::fit(&all, away).expect("a law");
+        let rail_fit = RailFit::fit(&all, offsets).expect("a law");
         let at = |family: TransformModel, e: &Evidence| {
             let fit = transform_models::fit(family, &e.matches).expect("a fit");
             let sigma = transform_models::corner_sigma(family, &fit.free, &fit.covariance, &frame, 801, 601);
             (frame.homography(&family.parameters(&fit.free)).expect("regular"), sigma)
         };
-        let measured = (0..away.len()).filter(|&i| !evidence[i].matches.is_empty());
+        let measured = (0..offsets.len()).filter(|&i| !evidence[i].matches.is_empty());
         measured
             .map(|i| {
                 let (full, full_sigma) = at(TransformModel::Homography, &evidence[i]);
                 let (own, sigma) = match model {
                     StackModel::PerSlice(family) => at(family, &evidence[i]),
                     StackModel::RailLinear => (
-                        frame.homography(&rail_fit.parameters(away[i])).expect("regular"),
-                        500.0 * rail_fit.corner_sigma(away[i]),
+                        frame.homography(&rail_fit.parameters(offsets[i])).expect("regular"),
+                        500.0 * rail_fit.corner_sigma(offsets[i]),
                     ),
                 };
                 Corner { sigma, full_sigma, apart: own.corner_distance(&full, 801, 601) }
@@ -279,9 +279,9 @@ mod tests {
     }
 
     fn chosen(map: impl Fn(f64) -> Parameters) -> HomographyModel {
-        let (evidence, away) = stack(map, 3);
+        let (evidence, offsets) = stack(map, 3);
         let (model, candidates, _) =
-            select_model(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Auto);
+            select_model(&evidence, &offsets, 500.0, &|m| corners(&evidence, &offsets, m), ModelChoice::Auto);
         assert_eq!(candidates.iter().filter(|c| c.chosen).count(), 1);
         assert!(candidates.iter().all(|c| c.held_out_px.is_some() && c.bic.is_some()));
         model.name()
@@ -301,9 +301,9 @@ mod tests {
 
     #[test]
     fn a_requested_model_is_used_and_the_better_one_is_named() {
-        let (evidence, away) = stack(|z| [0.007 * z, 0.0, 0.0, 0.0, 0.007 * z, 0.0, 8e-4 * z, 0.0], 4);
+        let (evidence, offsets) = stack(|z| [0.007 * z, 0.0, 0.0, 0.0, 0.007 * z, 0.0, 8e-4 * z, 0.0], 4);
         let (model, _, reason) =
-            select_model(&evidence, &away, 500.0, &|m| corners(&evidence, &away, m), ModelChoice::Similarity);
+            select_model(&evidence, &offsets, 500.0, &|m| corners(&evidence, &offsets, m), ModelChoice::Similarity);
         assert_eq!(model.name(), HomographyModel::Similarity);
         assert!(reason.contains("the dots favour a homography"), "{reason}");
     }

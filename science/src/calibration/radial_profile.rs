@@ -177,8 +177,8 @@ impl RadialProfile {
             // In a grid that fills the image, a wide tail and a darker ground cannot be separated: this prior prefers
             // the smaller tail.
             let tail = (2.5 * (k as f64 / count as f64 - 0.6)).clamp(0.0, 1.0);
-            let doubt = if k < count { 1e-6 + 1e-2 * tail * tail } else { 1e-6 };
-            normal[(k, k)] += doubt * weight;
+            let prior = if k < count { 1e-6 + 1e-2 * tail * tail } else { 1e-6 };
+            normal[(k, k)] += prior * weight;
         }
         for k in 1..count - 1 {
             // a small penalty on curvature, for values that few pixels determine

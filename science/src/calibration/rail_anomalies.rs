@@ -58,8 +58,8 @@ pub(super) fn step_anomalies(by_scale: &[Option<(f64, f64)>], expected: &[f64]) 
     let mut anomalies = Vec::new();
     for (after, length, sigma) in lengths {
         let steps = length / usual;
-        let doubt = 5.0 * (sigma / usual.abs()).hypot(wobble);
-        if !steps.is_finite() || (steps - 1.0).abs() < UNEVEN.max(doubt) {
+        let limit = 5.0 * (sigma / usual.abs()).hypot(wobble);
+        if !steps.is_finite() || (steps - 1.0).abs() < UNEVEN.max(limit) {
             continue;
         }
         anomalies.push(match steps {

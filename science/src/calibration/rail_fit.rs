@@ -20,16 +20,16 @@ pub(super) struct RailFit {
 const HUBER: f64 = 1.5;
 
 impl RailFit {
-    /// Iteratively reweighted least squares over all dots. `matches` per slice; `away`: rail positions relative to the
+    /// Iteratively reweighted least squares over all dots. `matches` per slice; `offsets`: rail positions relative to the
     /// reference slice.
-    pub(super) fn fit(matches: &[Vec<Match>], away: &[f64]) -> Option<Self> {
+    pub(super) fn fit(matches: &[Vec<Match>], offsets: &[f64]) -> Option<Self> {
         let mut found = Vector3::zeros();
         let mut scatter = f64::INFINITY;
         let mut covariance = Matrix3::identity();
         for _ in 0..8 {
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
             let (mut square, mut sizes) = (0.0, Vec::new());
-            for (dots, dz) in matches.iter().zip(away) {
+            for (dots, dz) in matches.iter().zip(offsets) {
                 for m in dots {
                     let rows = [0, 1].map(|a| {
                         let mut row = Vector3::new(m.base[a], 0.0, 0.0);
@@ -77,8 +77,8 @@ mod tests {
     #[test]
     fn the_fit_to_all_dots_recovers_the_three_parameters() {
         let mut noise = Noise(5);
-        let away: Vec<f64> = (-4..=4).map(f64::from).collect();
-        let matches: Vec<Vec<Match>> = away
+        let offsets: Vec<f64> = (-4..=4).map(f64::from).collect();
+        let matches: Vec<Vec<Match>> = offsets
             .iter()
             .map(|dz| {
                 (0..60)
@@ -91,7 +91,7 @@ mod tests {
                     .collect()
             })
             .collect();
-        let fit = RailFit::fit(&matches, &away).expect("a law");
+        let fit = RailFit::fit(&matches, &offsets).expect("a law");
         let p = fit.parameters(2.0);
         assert!((p[0] - 0.02).abs() < 1e-5 && (p[2] - 0.002).abs() < 2e-5 && (p[5] + 0.004).abs() < 2e-5, "{p:?}");
         assert!((1e-6..1e-4).contains(&fit.corner_sigma(2.0)), "{}", fit.corner_sigma(2.0));

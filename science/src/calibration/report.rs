@@ -15,7 +15,7 @@ use crate::types::profile::ProfileSlice;
 use crate::types::report::{CalibrationReport, DotReport, Grade, RailReport, SliceReport, TargetReport};
 
 /// Most dots per slice that a report keeps.
-const MOST_DOTS: usize = 2000;
+const MAX_DOTS: usize = 2000;
 /// Largest advised blur radius over pitch (the pitch is 2.5 times the largest blur radius).
 const ADVISED: f64 = 0.4;
 
@@ -60,7 +60,7 @@ pub(super) fn report(
             })
         })
         .collect();
-    let capture = capture::judge(&scaled, in_mm, in_mm || solution.anomalies.is_empty(), options.capture_mode);
+    let capture = capture::decide(&scaled, in_mm, in_mm || solution.anomalies.is_empty(), options.capture_mode);
     let rail = rail(&solution, in_mm, width, height);
     let known = Known {
         magnification,
@@ -164,7 +164,7 @@ fn slice_report(
     let law = solved.by_law.map(|h| ProfileSlice::given(0, h, 1.0, width, height));
     let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
     let base = tracked.detections[solution.reference].as_ref();
-    let every = solved.dots.len().div_ceil(MOST_DOTS).max(1);
+    let every = solved.dots.len().div_ceil(MAX_DOTS).max(1);
     let dot = |d: &Dot| DotReport {
         at: d.at,
         residual: base.and_then(|b| b.dots.get(&d.label)).map(|b| {

@@ -9,7 +9,7 @@ use crate::{
 /// Longer side of the reduced copy that is searched, px.
 const SIDE: usize = 1_200;
 /// Least number of dots.
-const LEAST_DOTS: usize = 60;
+const MIN_DOTS: usize = 60;
 /// Least share of the grid positions spanned by the dots that must hold a dot.
 const FILLED: f64 = 0.7;
 /// Least share of the image that the dots must span.
@@ -32,7 +32,7 @@ pub fn dot_target(picture: &Raster, control: &dyn Control) -> Result<Option<usiz
     let extent = [0, 1].map(|axis| span(&mut places.values().map(|place| place[axis])));
     let is_filled = places.len() as f64 >= FILLED * cells[0] * cells[1];
     let is_wide = extent[0] * extent[1] >= SPANNED * (picture.width * picture.height) as f64;
-    Ok((places.len() >= LEAST_DOTS && is_filled && is_wide).then_some(places.len()))
+    Ok((places.len() >= MIN_DOTS && is_filled && is_wide).then_some(places.len()))
 }
 
 #[cfg(test)]

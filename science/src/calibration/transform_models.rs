@@ -134,7 +134,7 @@ pub(super) struct Fit {
 /// Huber limit, in standard deviations: larger residuals get less weight.
 const HUBER: f64 = 1.5;
 /// Smallest scatter that is accepted, relative to the expected noise.
-const LEAST_SCATTER: f64 = 0.3;
+const MIN_SCATTER: f64 = 0.3;
 
 /// Iteratively reweighted Gauss-Newton with Huber weights. `None` when the dots do not determine the parameters.
 pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
@@ -165,13 +165,13 @@ pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
         let step = &inverse * right;
         free += &step;
         // the median length of a two-dimensional normal deviate is 1.18 sigma
-        scatter = (super::statistics::median(&mut sizes) / 1.18).max(LEAST_SCATTER);
+        scatter = (super::statistics::median(&mut sizes) / 1.18).max(MIN_SCATTER);
         if !free.iter().all(|v| v.is_finite()) {
             return None;
         }
         if (round >= 4 && step.amax() < 1e-9) || round == 24 {
             let freedom = (2.0 * matches.len() as f64 - size as f64).max(1.0);
-            let covariance = &inverse * (square / freedom).max(LEAST_SCATTER * LEAST_SCATTER);
+            let covariance = &inverse * (square / freedom).max(MIN_SCATTER * MIN_SCATTER);
             let block_covariance = block_jackknife(model, matches, &free, HUBER * scatter);
             return Some(Fit { free, covariance, block_covariance });
         }

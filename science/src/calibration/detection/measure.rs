@@ -9,7 +9,7 @@ use crate::calibration::dlt;
 use crate::calibration::dot_photometry;
 use crate::calibration::flat_field::{FlatField, Polarity};
 use crate::calibration::inpainting::{self, InpaintedGrid};
-use crate::calibration::lattice::{self, LEAST_DOTS, Label, Places};
+use crate::calibration::lattice::{self, Label, MIN_DOTS, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
 use crate::calibration::robust;
 use crate::calibration::statistics::median;
@@ -64,7 +64,7 @@ pub(super) fn measure(
         let windows = windows_at(&labels, &places, 1.0, steps);
         let phases = phase::measure(&inpainted.contrast, Some(&inpainted.valid), &windows);
         let is_plausible = plausible(&windows, &phases, sign);
-        if is_plausible.iter().filter(|p| **p).count() < LEAST_DOTS {
+        if is_plausible.iter().filter(|p| **p).count() < MIN_DOTS {
             return Ok(None);
         }
         // positions that were not measured follow the consensus homography
@@ -73,7 +73,7 @@ pub(super) fn measure(
             .zip(&phases)
             .zip(&is_plausible)
             .filter_map(|((window, phase), ok)| {
-                phase.filter(|_| *ok).map(|l| (window.at, dot_position(window, &l, sign)))
+                phase.filter(|_| *ok).map(|p| (window.at, dot_position(window, &p, sign)))
             })
             .collect();
         let Some(shared) = robust::consensus(&pairs, 0.01 * pitch, 0.1 * pitch) else { return Ok(None) };
@@ -91,9 +91,9 @@ pub(super) fn measure(
             measured.insert(*label, (at, phase));
         }
         let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(image, p)).copied().collect();
-        let light = field.refine(plane, &inpainted.rendered, &inpainted.ground, &near, 0.8 * pitch, 2 + round.min(2));
+        let refined = field.refine(plane, &inpainted.rendered, &inpainted.ground, &near, 0.8 * pitch, 2 + round.min(2));
         last = Some((measured, inpainted, windows.len()));
-        field = if round + 1 < ROUNDS { light } else { field };
+        field = if round + 1 < ROUNDS { refined } else { field };
     }
     Ok(last.and_then(|(measured, inpainted, windows)| {
         let counted = places.values().filter(|p| in_picture(image, p)).count().max(1);
@@ -106,7 +106,7 @@ pub(super) fn measure(
 fn drop_near_foreign(labels: &mut Vec<Label>, foreign: &[Label]) {
     let near = |l: &Label| foreign.iter().any(|f| (f[0] - l[0]).abs() <= 1 && (f[1] - l[1]).abs() <= 1);
     let kept: Vec<Label> = labels.iter().filter(|l| !near(l)).copied().collect();
-    if kept.len() >= 2 * LEAST_DOTS {
+    if kept.len() >= 2 * MIN_DOTS {
         *labels = kept;
     }
 }
@@ -120,26 +120,26 @@ fn detection(
     sign: f64,
     density: f64,
 ) -> Option<Detection> {
-    if measured.len() < LEAST_DOTS {
+    if measured.len() < MIN_DOTS {
         return None;
     }
     let bin = image.bin as f64;
     let pitch = lattice::pitch_of(places);
     let steps = grid_steps(places);
     let noise = noise_of(&inpainted.contrast);
-    let amplitude = |l: &PhaseMeasurement| 0.5 * (l.harmonics[0].amplitude(sign) + l.harmonics[1].amplitude(sign));
+    let amplitude = |p: &PhaseMeasurement| 0.5 * (p.harmonics[0].amplitude(sign) + p.harmonics[1].amplitude(sign));
     let mut modulations: Vec<f64> = Vec::new();
     let mut dots = BTreeMap::new();
     let windows: Vec<Window> = measured.values().map(|(at, _)| Window { at: *at, steps }).collect();
     let synthetic = phase::measure(&inpainted.synthetic, None, &windows);
     let full = image.full.as_ref().map(|full| phase::measure(full, None, &windows));
     for (k, (label, (at, phase))) in measured.iter().enumerate() {
-        let synthetic = synthetic[k].map_or(0.0, |l| l.mean);
+        let synthetic = synthetic[k].map_or(0.0, |p| p.mean);
         let full = full.as_ref().and_then(|f| f[k]);
         // full-scale samples on one side of a dot clip its pattern on that side
-        let cut = full.map_or(0.0, |f| f.harmonics[0].sine.hypot(f.harmonics[1].sine));
+        let clipped = full.map_or(0.0, |f| f.harmonics[0].sine.hypot(f.harmonics[1].sine));
         let shared_sigma =
-            pitch * (SYNTHETIC_SIGMA * synthetic * (1.0 + 10.0 * synthetic)).hypot(CLIPPED_SIGMA * cut) * bin;
+            pitch * (SYNTHETIC_SIGMA * synthetic * (1.0 + 10.0 * synthetic)).hypot(CLIPPED_SIGMA * clipped) * bin;
         let light = dot_photometry::measure_light(&image.plane, field, &inpainted.filled, *at, steps, phase);
         let sigma = pitch * phase::shift_sigma(noise, amplitude(phase), steps) * bin;
         // modulation = amplitude / mean level; for dark dots the mean contrast is the missing light, whatever the
@@ -194,13 +194,13 @@ fn noise_of(plane: &Plane<f32>) -> f64 {
 /// Per window: true when its amplitude is close to the median and its shift is small.
 fn plausible(windows: &[Window], phase: &[Option<PhaseMeasurement>], sign: f64) -> Vec<bool> {
     let usual = [0, 1].map(|k| {
-        median(&mut phase.iter().flatten().map(|l| l.harmonics[k].amplitude(sign)).collect::<Vec<_>>()).max(1e-6)
+        median(&mut phase.iter().flatten().map(|p| p.harmonics[k].amplitude(sign)).collect::<Vec<_>>()).max(1e-6)
     });
     let good = |(_, phase): (&Window, &Option<PhaseMeasurement>)| {
-        phase.is_some_and(|l| {
+        phase.is_some_and(|p| {
             (0..2).all(|k| {
-                let strong = (0.3..1.8).contains(&(l.harmonics[k].amplitude(sign) / usual[k]));
-                strong && l.harmonics[k].shift(sign).abs() < MAX_SHIFT
+                let strong = (0.3..1.8).contains(&(p.harmonics[k].amplitude(sign) / usual[k]));
+                strong && p.harmonics[k].shift(sign).abs() < MAX_SHIFT
             })
         })
     };

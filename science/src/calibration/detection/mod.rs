@@ -18,7 +18,7 @@ use super::coarse_registration::{CoarseRegistration, RegisteredMotion, Similarit
 use super::dlt;
 use super::dot_photometry::DotLight;
 use super::flat_field::{FlatField, Polarity};
-use super::lattice::{self, LEAST_DOTS, Label, Lattice, Places};
+use super::lattice::{self, Label, Lattice, MIN_DOTS, Places};
 use super::phase;
 use super::robust;
 use super::working_image::WorkingImage;
@@ -216,7 +216,7 @@ pub(super) fn relocate_grid(
         .filter_map(|(window, phase)| phase.map(|p| (window.at, dot_position(window, &p, sign))))
         .filter(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < MAX_SHIFT * pitch)
         .collect();
-    if pairs.len() < LEAST_DOTS || 2 * pairs.len() < windows.len() {
+    if pairs.len() < MIN_DOTS || 2 * pairs.len() < windows.len() {
         return Ok(None);
     }
     let Some(shared) = robust::consensus(&pairs, 0.02 * pitch, 0.15 * pitch) else { return Ok(None) };

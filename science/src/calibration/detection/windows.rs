@@ -6,14 +6,14 @@ use crate::calibration::statistics::median;
 use crate::calibration::working_image::WorkingImage;
 
 /// Most dots that are measured per slice; more do not improve its homography.
-const MOST: usize = 1200;
+const MAX_DOTS: usize = 1200;
 
 /// The dots whose windows lie in the image; an even selection when there are very many.
 pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Label> {
     let steps = grid_steps(places);
     let fits = |p: &[f64; 2]| phase::inside(&Window { at: *p, steps }, image.plane.width, image.plane.height);
     let all: Vec<Label> = places.iter().filter(|(_, p)| fits(p)).map(|(label, _)| *label).collect();
-    let every = ((all.len() as f64 / MOST as f64).sqrt().ceil() as i32).max(1);
+    let every = ((all.len() as f64 / MAX_DOTS as f64).sqrt().ceil() as i32).max(1);
     all.into_iter().filter(|[i, j]| i.rem_euclid(every) == 0 && j.rem_euclid(every) == 0).collect()
 }
 

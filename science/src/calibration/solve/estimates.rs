@@ -12,7 +12,7 @@ use crate::calibration::transform_models::{self, Frame, Match, Parameters, Trans
 use crate::types::Homography;
 
 /// Corner uncertainty, px, from which a slice counts as predicted when the rail law halves it.
-const FAINT: f64 = 0.4;
+const MAX_OWN_SIGMA: f64 = 0.4;
 
 /// Common input of all estimates.
 pub(super) struct Setting<'a> {
@@ -21,7 +21,7 @@ pub(super) struct Setting<'a> {
     pub(super) height: u32,
     pub(super) reference: usize,
     pub(super) positions: &'a [f64],
-    pub(super) away: &'a [f64],
+    pub(super) offsets: &'a [f64],
     pub(super) jump: Option<usize>,
     pub(super) floors: &'a [f64],
 }
@@ -89,7 +89,8 @@ fn per_slice_estimates(family: TransformModel, inliers: &[Inliers], s: &Setting)
                 transform_models::corner_sigma(family, &o.free, &o.covariance, s.frame, s.width, s.height)
             });
             // the dots contributed too little for the slice to count as measured
-            let source = if by_itself > FAINT && sigma < 0.5 * by_itself { EstimateSource::Law } else { source };
+            let source =
+                if by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself { EstimateSource::Law } else { source };
             Some(Estimate {
                 homography: map(&settled.free)?,
                 by_law,
@@ -104,24 +105,24 @@ fn per_slice_estimates(family: TransformModel, inliers: &[Inliers], s: &Setting)
 fn rail_linear_estimates(inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
     let matches: Vec<Vec<Match>> = inliers.iter().map(|a| a.evidence.matches.clone()).collect();
     let overlap = inliers.iter().map(|a| a.evidence.overlap).fold(1.0, f64::max);
-    let Some(fit) = RailFit::fit(&matches, s.away) else { return inliers.iter().map(|_| None).collect() };
+    let Some(fit) = RailFit::fit(&matches, s.offsets) else { return inliers.iter().map(|_| None).collect() };
     let own = own_estimates(TransformModel::Homography, inliers, s.reference, s.frame, [s.width, s.height]);
     let map = |p: &Parameters| s.frame.homography(p);
     let off = |index: usize| {
         let mine = own[index].as_ref().and_then(|o| map(&TransformModel::Homography.parameters(&o.free)))?;
-        Some(mine.corner_distance(&map(&fit.parameters(s.away[index]))?, s.width, s.height))
+        Some(mine.corner_distance(&map(&fit.parameters(s.offsets[index]))?, s.width, s.height))
     };
     (0..inliers.len())
         .map(|index| {
-            let homography = map(&fit.parameters(s.away[index]))?;
+            let homography = map(&fit.parameters(s.offsets[index]))?;
             // scatter that the dots of a slice share is not noise of single dots
-            let similar = transform_models::fit(TransformModel::Similarity, &inliers[index].evidence.matches)
+            let shared = transform_models::fit(TransformModel::Similarity, &inliers[index].evidence.matches)
                 .and_then(|fit| map(&TransformModel::Similarity.parameters(&fit.free)))
                 .map_or(0.0, |h| h.corner_distance(&homography, s.width, s.height));
-            let sigma = s.frame.half * fit.corner_sigma(s.away[index]) * overlap.sqrt();
+            let sigma = s.frame.half * fit.corner_sigma(s.offsets[index]) * overlap.sqrt();
             let source =
                 if inliers[index].evidence.matches.is_empty() { EstimateSource::Law } else { EstimateSource::Dots };
-            let sigma = sigma.hypot(s.floors[index]).hypot(0.5 * similar);
+            let sigma = sigma.hypot(s.floors[index]).hypot(0.5 * shared);
             Some(Estimate { homography, by_law: Some(homography), off_law: off(index), sigma, source })
         })
         .collect()

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use super::MISTAKEN;
 use crate::calibration::detection::Detection;
 use crate::calibration::dlt::Pair;
-use crate::calibration::lattice::{LEAST_DOTS, Label};
+use crate::calibration::lattice::{Label, MIN_DOTS};
 use crate::calibration::model_selection::Evidence;
 use crate::calibration::phase::WINDOW_OVERLAP;
 use crate::calibration::rail::{Law, OwnEstimate};
@@ -16,7 +16,7 @@ use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, TransformModel};
 
 /// Largest inlier limit, px; 0.02 of the pitch where that is more.
-const MOST: f64 = 1.0;
+const MAX_RESIDUAL: f64 = 1.0;
 /// Uncertainty that no number of dots reduces (lens distortion, print, pixel shape): px, and as a share of the pitch.
 pub(super) const FLOOR: (f64, f64) = (0.006, 4e-4);
 /// Approximate number of neighbouring dots that share an error.
@@ -41,12 +41,12 @@ pub(super) fn find_inliers(detection: &Detection, base: &Detection, frame: &Fram
         })
         .collect();
     let pairs: Vec<Pair> = shared.iter().map(|s| s.1).collect();
-    if pairs.len() < LEAST_DOTS {
+    if pairs.len() < MIN_DOTS {
         return None;
     }
-    let consensus = robust::consensus(&pairs, 0.15, MOST.max(0.02 * base.pitch))?;
+    let consensus = robust::consensus(&pairs, 0.15, MAX_RESIDUAL.max(0.02 * base.pitch))?;
     let count = consensus.is_inlier.iter().filter(|a| **a).count();
-    if count < LEAST_DOTS || 2 * count < pairs.len() {
+    if count < MIN_DOTS || 2 * count < pairs.len() {
         return None;
     }
     let floor = FLOOR.0;
@@ -60,9 +60,9 @@ pub(super) fn find_inliers(detection: &Detection, base: &Detection, frame: &Fram
         })
         .collect();
     // errors that neighbours share (light beyond the target, glare) do not average out among them
-    let (weights, alike) = kept.clone().fold((0.0, 0.0), |(weights, alike), ((_, _, [sigma, doubt]), _)| {
+    let (weights, alike) = kept.clone().fold((0.0, 0.0), |(weights, alike), ((_, _, [sigma, shared_sigma]), _)| {
         let weight = 1.0 / (sigma * sigma + floor * floor);
-        (weights + weight, alike + weight * weight * doubt * doubt)
+        (weights + weight, alike + weight * weight * shared_sigma * shared_sigma)
     });
     let alike = 1.0 + (NEIGHBOURS - 1.0) * alike / weights.max(1e-30);
     let labels = kept.map(|(s, _)| s.0).collect();

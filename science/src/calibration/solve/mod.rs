@@ -125,11 +125,19 @@ pub(super) fn solve(
     let jump = anomalies.iter().find_map(|a| if let RailAnomaly::Bumped { from, .. } = a { Some(*from) } else { None });
     let slopes = Law::fit(&own, &positions, jump).map(|law| std::array::from_fn(|n| law.slopes()[n]));
 
-    let away: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
+    let offsets: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
     let evidence: Vec<Evidence> = inliers.iter().map(|a| a.evidence.clone()).collect();
     let floors = floors(tracked, base.pitch);
-    let setting =
-        Setting { frame: &frame, width, height, reference, positions: &positions, away: &away, jump, floors: &floors };
+    let setting = Setting {
+        frame: &frame,
+        width,
+        height,
+        reference,
+        positions: &positions,
+        offsets: &offsets,
+        jump,
+        floors: &floors,
+    };
     let by_model: Vec<(StackModel, Vec<Option<Estimate>>)> = [StackModel::RailLinear]
         .into_iter()
         .chain(transform_models::ALL.map(StackModel::PerSlice))
@@ -140,7 +148,7 @@ pub(super) fn solve(
         corner_errors(of(model), of(StackModel::PerSlice(TransformModel::Homography)), &inliers, &setting)
     };
     let (model, mut candidates, reason) =
-        model_selection::select_model(&evidence, &away, frame.half, &corner_errors, requested);
+        model_selection::select_model(&evidence, &offsets, frame.half, &corner_errors, requested);
     let (_, hidden) = model_selection::bias(&corner_errors(model));
     for candidate in &mut candidates {
         let Some((_, solution)) = by_model.iter().find(|(m, _)| m.name() == candidate.model) else { continue };
@@ -150,8 +158,8 @@ pub(super) fn solve(
     }
     let mut solution = by_model.into_iter().find(|e| e.0 == model).map(|e| e.1).unwrap_or_default();
     // the hidden bias grows with the distance on the rail, as the transforms do
-    let mean_away = away.iter().map(|z| z * z).sum::<f64>() / count as f64;
-    for (estimate, z) in solution.iter_mut().zip(&away) {
+    let mean_away = offsets.iter().map(|z| z * z).sum::<f64>() / count as f64;
+    for (estimate, z) in solution.iter_mut().zip(&offsets) {
         let share = 0.2 + 0.8 * z * z / mean_away.max(1e-30);
         estimate.iter_mut().for_each(|m| m.sigma = m.sigma.hypot((hidden * share).sqrt()));
     }

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use super::super::testkit::{Noise, Shot, render};
 use super::super::*;
-use super::{Stack, show, stack, worst_corner};
+use super::{Stack, print, stack, worst_corner};
 use crate::imaging::{Raster, Samples};
 use crate::types::{Cancelled, Homography, NoControl};
 
@@ -137,7 +137,7 @@ fn a_drift_of_a_third_of_the_pitch_with_six_percent_of_scale_is_followed() {
         })
         .collect();
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl).expect("a calibration");
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.1);
 }
 
@@ -161,7 +161,7 @@ fn dust_and_a_scratch_cost_no_accuracy() {
         }
     }
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl).expect("a calibration");
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.15, "{}", worst_corner(&calibration, &truths));
     assert!(calibration.slices.iter().all(|s| s.inliers.is_some_and(|n| n >= 90)));
 }
@@ -238,6 +238,6 @@ fn sharp_dots_far_larger_than_needed_are_measured_at_a_lower_resolution() {
     });
     let rasters = shots.map(|shot| render(&shot));
     let calibration = calibrate(&Stack(&rasters), &CalibrationOptions::default(), &NoControl).expect("a calibration");
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.2);
 }

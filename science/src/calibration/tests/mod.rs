@@ -61,7 +61,7 @@ fn worst_rms(calibration: &Calibration) -> f64 {
     calibration.slices.iter().filter_map(|s| s.rms_px).fold(0.0, f64::max)
 }
 
-pub(super) fn show(calibration: &Calibration, truths: &[Homography]) {
+pub(super) fn print(calibration: &Calibration, truths: &[Homography]) {
     for ((s, t), r) in calibration.slices.iter().zip(truths).zip(&calibration.report.slices) {
         println!(
             "{} blur {:.3} contrast {:.3} scale {:.5} gain {:.4} dots {:?}/{:?} rms {:.4} p95 {:.4} sigma {:.4} error {:.4}",
@@ -109,7 +109,7 @@ fn a_stack_with_drift_rotation_keystone_and_blur_is_measured_to_a_tenth_of_a_pix
         // blur radius up to 0.3 of the pitch
         let (rasters, truths) = stack(&Shot::default(), 5, 4.1, seed, 0.08);
         let calibration = measured(&rasters);
-        show(&calibration, &truths);
+        print(&calibration, &truths);
         assert!(worst_corner(&calibration, &truths) < 0.3);
         assert!(worst_rms(&calibration) < 0.1);
         for (index, slice) in calibration.slices.iter().enumerate() {
@@ -126,7 +126,7 @@ fn bright_dots_on_black_are_measured_too() {
     let shot = Shot { inverted: true, ..Shot::default() };
     let (rasters, truths) = stack(&shot, 5, 2.0, 4, 0.08);
     let calibration = measured(&rasters);
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.3);
     for (index, slice) in calibration.slices.iter().enumerate() {
         let truth = (1.0 + 0.02 * (index as f64 - 2.0)).powi(2);
@@ -139,7 +139,7 @@ fn a_grid_larger_than_the_picture_is_measured_with_its_cut_dots_left_out() {
     let shot = Shot { grid: [23, 17], ..Shot::default() };
     let (rasters, truths) = stack(&shot, 5, 2.0, 5, 0.08);
     let calibration = measured(&rasters);
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.15);
 }
 
@@ -169,7 +169,7 @@ fn the_turntable_target_is_measured_to_a_tenth_of_a_pixel() {
             Homography::similarity(s, [404.5 * (1.0 - s) - s * 0.6 * dz, 269.5 * (1.0 - s) - s * 0.35 * dz])
         })
         .collect();
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     assert!(worst_corner(&calibration, &truths) < 0.3);
     assert!(worst_rms(&calibration) < 0.1);
     assert!(calibration.slices.iter().all(|s| s.inliers == Some(165) && (s.gain - 1.0).abs() < 0.01));
@@ -191,7 +191,7 @@ fn on_rig(rig: &Rig, columns: usize) -> (Calibration, Vec<Homography>) {
     let truths: Vec<Homography> = (0..rig.slices()).map(|i| rig.homography(i)).collect();
     let pitch = target.pitch_px(rig, rig.reference);
     println!("blur {:.2} of the pitch {pitch:.1}", target.blur_radius_px(rig, 0) / pitch);
-    show(&calibration, &truths);
+    print(&calibration, &truths);
     (calibration, truths)
 }
 
