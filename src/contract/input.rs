@@ -1,26 +1,26 @@
-//! How the slices of a stack are to be read.
+//! How the slices of a stack are read.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use pinstack_science::types::text_or_number::TextOrNumber;
 
-/// Order of the slices against the profile.
+/// Order of the slices relative to the profile.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SliceOrder {
     /// Natural order of the names, or the order of `manifest.json`.
     #[default]
     Name,
-    /// The opposite: the rail ran the other way than at the calibration.
+    /// The reverse order: the rail moved in the opposite direction to the calibration.
     Reverse,
 }
 
-/// Bits that the camera puts into 16-bit files: `auto`, `10`, `12`, `14` or `16`.
+/// Significant bits of the samples in 16-bit files: `auto`, `10`, `12`, `14` or `16`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "TextOrNumber", into = "String")]
 pub enum InputBits {
-    /// Samples are used as they are; a warning says when they look like fewer bits.
+    /// Samples are used unchanged; a warning is given when they look like fewer bits.
     #[default]
     Auto,
     /// 0 to 1023 is the full scale.
@@ -29,12 +29,12 @@ pub enum InputBits {
     Twelve,
     /// 0 to 16383 is the full scale.
     Fourteen,
-    /// 0 to 65535 is the full scale: samples are used as they are, and no warning is given.
+    /// 0 to 65535 is the full scale: samples are used unchanged, without a warning.
     Sixteen,
 }
 
 impl InputBits {
-    /// The number of bits; none for [`InputBits::Auto`].
+    /// The number of bits; `None` for [`InputBits::Auto`].
     pub fn bits(self) -> Option<u32> {
         match self {
             Self::Auto => None,

@@ -1,23 +1,23 @@
-//! The life of a job.
+//! Kind, state and progress of a job.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What a job does.
+/// Kind of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobKind {
     /// Fuse a stack.
     Stack,
-    /// Measure a profile from a dot-target stack.
+    /// Calibrate a profile from a dot-target stack.
     Calibration,
 }
 
 impl JobKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 2] = [Self::Stack, Self::Calibration];
 
-    /// As the contract spells it.
+    /// Its name in the API.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Stack => "stack",
@@ -26,33 +26,33 @@ impl JobKind {
     }
 }
 
-/// Where a job is in its life. `queued -> running -> one of the other three`, and back from `running` to
-/// `queued` only when its worker died.
+/// State of a job: `queued`, then `running`, then one of `succeeded`, `failed` and `cancelled`. A running job returns to
+/// `queued` only when its worker died or was shut down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobState {
-    /// Waits for a worker.
+    /// Waiting for a worker.
     Queued,
-    /// A worker has it.
+    /// A worker is executing it.
     Running,
     /// Ended with results.
     Succeeded,
     /// Ended with an error.
     Failed,
-    /// Ended because it was cancelled.
+    /// Cancelled by a client.
     Cancelled,
 }
 
 impl JobState {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled];
 
-    /// True once nothing changes any more.
+    /// True for the states in which a job has ended.
     pub fn is_final(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
     }
 
-    /// As the contract spells it.
+    /// Its name in the API.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Queued => "queued",
@@ -64,16 +64,16 @@ impl JobState {
     }
 }
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
     /// What is being done: `waiting`, `reading`, `aligning`, `fusing`, `masking`, `writing`, `detecting`, ...;
     /// `waiting for room on the disk` when a worker has it and the disk is too full to begin.
     pub stage: String,
-    /// Steps of this stage that are done.
+    /// Completed steps of this stage.
     pub completed: u32,
     /// Steps of this stage in all.
     pub total: u32,
-    /// Share of the whole job that is done, 0 to 1; never goes back within one attempt.
+    /// Completed fraction of the whole job, 0 to 1. It never decreases within one attempt.
     pub fraction: f64,
 }

@@ -7,10 +7,10 @@ use super::Fault;
 /// Why a job ended without results.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum JobError {
-    /// It was stopped: a client cancelled it, its lease was lost, or the process ends.
+    /// It was stopped: a client cancelled it, its lease was lost, or the process is shutting down.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// It cannot be done, and a person can be told why.
+    /// It failed, for a reason that is shown to the client.
     #[error(transparent)]
     Failed(#[from] Fault),
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// 1 to 64 of `A-Z a-z 0-9 . _ -`, not beginning with a dot: safe in a URL and as a part of a file name.
+/// A name: 1 to 64 characters of `A-Z a-z 0-9 . _ -`, not beginning with a dot. Safe in URLs and file names.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schema(value_type = String, min_length = 1, max_length = 64, pattern = "^[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}$")]
@@ -11,7 +11,7 @@ pub struct Name(String);
 
 /// Why a name is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{given}' is not a name: 1 to 64 of A-Z a-z 0-9 . _ -, not beginning with a dot{}", suggested(.suggestion))]
+#[error("'{given}' is not a valid name: use 1 to 64 characters of A-Z a-z 0-9 . _ -, not beginning with a dot{}", suggested(.suggestion))]
 pub struct InvalidName {
     given: String,
     suggestion: Option<Name>,
@@ -21,7 +21,7 @@ fn suggested(suggestion: &Option<Name>) -> String {
     suggestion.as_ref().map(|name| format!("; '{name}' would be one")).unwrap_or_default()
 }
 
-/// The name nearest to a text that breaks the rule: a slash becomes a hyphen, what else is not allowed an underscore.
+/// The valid name nearest to a text: slashes and colons become hyphens, other forbidden characters underscores.
 fn nearest(text: &str) -> Option<Name> {
     let mut name = String::new();
     for c in text.trim().chars().take(64) {
@@ -41,10 +41,10 @@ fn nearest(text: &str) -> Option<Name> {
 }
 
 impl Name {
-    /// Checks the rule.
+    /// Validates a name.
     ///
     /// # Errors
-    /// [`InvalidName`] with the name (its first 80 characters) and the rule.
+    /// [`InvalidName`] with the first 80 characters of the text, the rule, and a suggestion.
     pub fn new(name: impl Into<String>) -> Result<Self, InvalidName> {
         let name = name.into();
         let fits = (1..=64).contains(&name.len())
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_that_breaks_the_rule_is_answered_with_one_that_does_not() {
+    fn an_invalid_name_is_refused_with_a_suggestion() {
         for (text, name) in [
             ("MP-E 65mm f/2.8", Some("MP-E_65mm_f-2.8")),
             (" .hidden ", Some("hidden")),

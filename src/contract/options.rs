@@ -23,12 +23,12 @@ use super::{
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaskMode {
-    /// When there is a back-light stack.
+    /// If there is a back-light stack.
     #[default]
     Auto,
     /// Never.
     None,
-    /// Always; a stack without a back light is refused.
+    /// Always. A stack without a back light is refused.
     Required,
 }
 
@@ -282,7 +282,7 @@ impl StackOptions {
     pub fn check(&self) -> Result<(), Fault> {
         let mut violations = ranges::violations(self, &ranges::STACK);
         if self.format == ImageFormat::Jpeg && self.bit_depth == BitDepth::Sixteen {
-            let rule = "is 16, and a JPEG has 8 bits: send bit_depth=8, or format=png or tiff";
+            let rule = "is 16, but a JPEG has 8 bits: send bit_depth=8, or format=png or tiff";
             violations.push(ranges::violation("bit_depth", rule));
         }
         refuse(violations)

@@ -1,4 +1,4 @@
-//! Stored calibration profiles: the numbers of a profile under a rig, a lens and a revision.
+//! Stored calibration profiles: the data of a profile under a rig, a lens and a revision.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -12,31 +12,31 @@ use pinstack_science::types::{
 
 use super::Name;
 
-/// Where a profile comes from.
+/// How a profile was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ProfileSource {
-    /// Homographies measured elsewhere, sent by PUT.
+    /// Homographies from elsewhere, sent by a client.
     Upload,
-    /// Measured here from a dot target.
+    /// Calibrated by this service from a dot target.
     Calibration,
 }
 
-/// The profile that an imported one is a copy of.
+/// The profile of another server, or of another name, that was exported and imported here.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileOrigin {
-    /// The rig's name there.
+    /// Name of the rig there.
     pub rig: Name,
-    /// The lens's name there.
+    /// Name of the lens there.
     pub lens: Name,
-    /// Its revision there.
+    /// Number of the revision there.
     pub revision: u32,
-    /// Its digest.
+    /// Digest of geometry and gains.
     pub digest: String,
     /// When it was stored there.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// The calibration that measured it there, when one did.
+    /// The calibration there that measured it; null otherwise.
     #[serde(default)]
     pub calibration_id: Option<Uuid>,
 }
@@ -44,41 +44,41 @@ pub struct ProfileOrigin {
 /// A calibration profile at one revision. A revision never changes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Profile {
-    /// The rig's name.
+    /// Name of the rig.
     pub rig: Name,
-    /// The lens's name (one per setting of a zoom or variable macro lens).
+    /// Name of the lens; one name per setting of a zoom or macro lens.
     pub lens: Name,
-    /// 1 for the first; every write makes the next.
+    /// Number of the revision: 1 for the first; each write makes the next.
     pub revision: u32,
-    /// SHA-256 of what defines the geometry and the gains, hex; results name it.
+    /// SHA-256 of geometry and gains, hex. Results name it.
     pub digest: String,
-    /// SHA-256 of what describes the camera and not the pixels, hex: principal distance, principal point, pixel pitch,
-    /// magnification, capture mode, rail positions. EXIF and intrinsics are made from these; results name it too.
+    /// SHA-256 of the camera data, hex: principal distance, principal point, pixel pitch, magnification, capture mode, rail
+    /// positions. EXIF and intrinsics are derived from these. Results name it.
     #[serde(default)]
     pub optics_digest: String,
     /// When this revision was stored.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// Uploaded or measured.
+    /// How the revision was made.
     pub source: ProfileSource,
-    /// The calibration that measured it, when one did on this server.
+    /// The calibration on this server that measured it; null otherwise.
     pub calibration_id: Option<Uuid>,
-    /// The profile that this one was imported from.
+    /// The exported profile that it was imported from; null otherwise.
     #[serde(default)]
     pub origin: Option<ProfileOrigin>,
-    /// Family of maps the homographies belong to.
+    /// Transform model of the homographies.
     pub model: HomographyModel,
-    /// What was done to the numbers on their way in, and what else whoever uses them should know.
+    /// Changes made to the data when it was stored, and limits of its use.
     #[serde(default)]
     pub warnings: Vec<Warning>,
-    /// `principal_distance_mm` in px, what photogrammetry calls the focal length; only where `pixel_pitch_mm` is known.
+    /// `principal_distance_mm` in px, called focal length in photogrammetry; null unless `pixel_pitch_mm` is known.
     #[serde(default)]
     pub principal_distance_px: Option<f64>,
     /// Number of slices.
     pub slice_count: u32,
-    /// What was given or measured, in the form in which it can be sent again.
+    /// The data as given or measured, in the form accepted by `PUT`.
     #[serde(flatten)]
     pub input: ProfileInput,
-    /// The same per slice, with what is known about each.
+    /// The same data per slice, with measurements of each slice.
     pub slices: Vec<ProfileSlice>,
 }

@@ -1,4 +1,4 @@
-//! What lists show of a profile: everything but the numbers per slice.
+//! A profile as lists show it: without the data per slice.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -15,33 +15,33 @@ use super::{
     profile::{Profile, ProfileOrigin, ProfileSource},
 };
 
-/// A calibration profile at one revision, without its numbers per slice (`homographies`, `gains`, `rail_positions_mm` and
-/// `slices`): `GET /v1/profiles/{rig}/{lens}?revision=N` has them.
+/// A calibration profile at one revision, without its data per slice (`homographies`, `gains`, `rail_positions_mm` and
+/// `slices`). `GET /v1/profiles/{rig}/{lens}?revision=N` returns those.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileSummary {
-    /// The rig's name.
+    /// Name of the rig.
     pub rig: Name,
-    /// The lens's name (one per setting of a zoom or variable macro lens).
+    /// Name of the lens; one name per setting of a zoom or macro lens.
     pub lens: Name,
-    /// 1 for the first; every write makes the next.
+    /// Number of the revision: 1 for the first; each write makes the next.
     pub revision: u32,
-    /// SHA-256 of what defines the geometry and the gains, hex; results name it.
+    /// SHA-256 of geometry and gains, hex. Results name it.
     pub digest: String,
-    /// SHA-256 of what describes the camera, hex; results name it too.
+    /// SHA-256 of the camera data, hex. Results name it.
     #[serde(default)]
     pub optics_digest: String,
     /// When this revision was stored.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// Uploaded or measured.
+    /// How the revision was made.
     pub source: ProfileSource,
-    /// The calibration that measured it, when one did on this server.
+    /// The calibration on this server that measured it; null otherwise.
     pub calibration_id: Option<Uuid>,
-    /// The profile that this one was imported from.
+    /// The exported profile that it was imported from; null otherwise.
     pub origin: Option<ProfileOrigin>,
-    /// Family of maps the homographies belong to.
+    /// Transform model of the homographies.
     pub model: HomographyModel,
-    /// What was done to the numbers on their way in.
+    /// Changes made to the data when it was stored, and limits of its use.
     #[serde(default)]
     pub warnings: Vec<Warning>,
     /// Number of slices.
@@ -50,7 +50,7 @@ pub struct ProfileSummary {
     pub image_width: u32,
     /// Height of every slice, px.
     pub image_height: u32,
-    /// 0-based index of the slice that all others are mapped to.
+    /// 0-based index of the reference slice.
     pub reference_index: u32,
     /// Size of one pixel on the sensor, mm.
     pub pixel_pitch_mm: Option<f64>,
@@ -58,11 +58,11 @@ pub struct ProfileSummary {
     pub capture_mode: Option<CaptureMode>,
     /// Distance from the lens to the sensor in the reference slice, mm.
     pub principal_distance_mm: Option<f64>,
-    /// The same in px, what photogrammetry calls the focal length; only where `pixel_pitch_mm` is known.
+    /// The same in px, called focal length in photogrammetry; null unless `pixel_pitch_mm` is known.
     pub principal_distance_px: Option<f64>,
     /// Where the optical axis meets the reference slice, `[x, y]` px.
     pub principal_point_px: Option<[f64; 2]>,
-    /// Image size over object size of what is in focus in the reference slice.
+    /// Magnification (image size / object size) in the plane of focus of the reference slice.
     pub magnification: Option<f64>,
     /// Free text.
     pub note: Option<String>,

@@ -1,4 +1,4 @@
-//! What a job was asked to do, as its row keeps it.
+//! The request of a job, as its row keeps it.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -8,64 +8,64 @@ use pinstack_science::types::{calibration_options::CalibrationOptions, stack_lay
 
 use super::{Name, options::StackOptions};
 
-/// A stored upload.
+/// A stored zip.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Upload {
     /// Key in the blob store.
     #[serde(skip_serializing_if = "String::is_empty", default)]
     pub key: String,
-    /// Size.
+    /// Size, bytes.
     pub bytes: u64,
     /// SHA-256, hex.
     pub sha256: String,
-    /// Name that the client gave, when it gave one.
+    /// File name that the client gave.
     pub filename: Option<String>,
 }
 
-/// What `POST /v1/stacks` asked for.
+/// The request of a stack.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StackRequest {
-    /// Every option, defaults filled in.
+    /// All options, with defaults filled in.
     pub options: StackOptions,
-    /// Revision of the profile that is used, fixed at the POST.
+    /// Revision of the profile, fixed when the stack is accepted.
     pub profile_revision: u32,
-    /// Its digest.
+    /// SHA-256 of its geometry and gains, hex.
     pub profile_digest: String,
-    /// The digest of its optics; `None` in rows of before there was one.
+    /// SHA-256 of its camera data, hex; `None` in rows older than this member.
     #[serde(default)]
     pub profile_optics_digest: Option<String>,
     /// The zip.
     pub upload: Upload,
-    /// What is in it.
+    /// The contents of the zip.
     pub layout: StackLayout,
-    /// The stack whose zip is used again; `None` when the zip was sent for this stack.
+    /// For a rerun: the stack whose zip is used again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rerun_of: Option<Uuid>,
 }
 
-/// What `POST /v1/profiles/{rig}/{lens}/calibrations` asked for.
+/// The request of a calibration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationRequest {
-    /// Every option.
+    /// All options.
     pub options: CalibrationOptions,
     /// The zip.
     pub upload: Upload,
-    /// What is in it (`back` is empty).
+    /// The contents of the zip; `back` is empty.
     pub layout: StackLayout,
 }
 
-/// What a job was asked to do.
+/// The request of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobRequest {
     /// Fuse a stack.
     Stack(StackRequest),
-    /// Measure a profile.
+    /// Calibrate a profile.
     Calibration(CalibrationRequest),
 }
 
 impl JobRequest {
-    /// The kind, as the row's column has it.
+    /// The kind of the job.
     pub fn kind(&self) -> super::JobKind {
         match self {
             Self::Stack(_) => super::JobKind::Stack,
@@ -81,7 +81,7 @@ impl JobRequest {
         }
     }
 
-    /// What is in the zip.
+    /// The contents of the zip.
     pub fn layout(&self) -> &StackLayout {
         match self {
             Self::Stack(request) => &request.layout,
@@ -89,7 +89,7 @@ impl JobRequest {
         }
     }
 
-    /// The scan that the stack belongs to.
+    /// The scan that the stack belongs to; `None` for a calibration.
     pub fn scan(&self) -> Option<&Name> {
         match self {
             Self::Stack(request) => request.options.scan.as_ref(),

@@ -109,9 +109,9 @@ async fn a_file_that_was_changed_is_refused_whatever_was_changed() {
     let cases = [
         (changed("/homographies/1/2", json!(0.5)), "homographies, gains, size or reference slice"),
         (changed("/gains/2", json!(1.0)), "homographies, gains, size or reference slice"),
-        (changed("/note", json!("mine")), "something beside the homographies and gains"),
-        (changed("/rail_positions_mm/2", json!(1.5)), "what it says about the camera"),
-        (changed("/slices/1/gain", json!(2.0)), "something beside the homographies and gains"),
+        (changed("/note", json!("mine")), "a value other than the homographies and gains"),
+        (changed("/rail_positions_mm/2", json!(1.5)), "its camera data"),
+        (changed("/slices/1/gain", json!(2.0)), "a value other than the homographies and gains"),
     ];
     for (file, part) in cases {
         let told = problem(import(&app, &file).await, 422, "invalid_profile").await;

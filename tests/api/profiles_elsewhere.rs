@@ -181,7 +181,7 @@ async fn parameters_that_matrices_need_are_asked_for_and_checked() {
         (format!("{SIZED}&rail_step_mm=0"), "rail_step_mm is 0"),
         (format!("{SIZED}&rail_step_mm=NaN"), "rail_step_mm is NaN"),
         (format!("{SIZED}&rail_step_mm=1&rail_positions_mm=1,2,3,4"), "both given"),
-        (format!("{SIZED}&rail_positions_mm=1,2,x,4"), "must be numbers with commas between"),
+        (format!("{SIZED}&rail_positions_mm=1,2,x,4"), "must be numbers separated by commas"),
     ];
     for (url, sentence) in cases {
         let request = app.put(&url).header("content-type", "application/x-npy").body(npy_of(&stack()));

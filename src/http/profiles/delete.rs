@@ -5,12 +5,13 @@ use axum::{
     http::{HeaderMap, StatusCode, header},
 };
 
-use super::{lost_race, not_found, precondition};
+use super::{not_found, precondition, precondition_failed};
 use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
 
 /// Delete a profile
 ///
-/// Stacks already made keep their own copy of what they used; stacks that wait still use the revision they name.
+/// Finished stacks are not affected: they keep a copy of what they used. Waiting stacks are still fused with the revision
+/// they name.
 #[utoipa::path(
     delete,
     path = "/v1/profiles/{rig}/{lens}",
@@ -19,13 +20,13 @@ use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
     params(
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
-        ("If-Match" = Option<String>, Header, description = "Only when this is the current revision"),
+        ("If-Match" = Option<String>, Header, description = "Only if this is the current revision"),
     ),
     responses(
-        (status = 204, description = "It is gone"),
-        (status = 400, description = "`invalid_request`: a name that breaks its rule"),
+        (status = 204, description = "The profile is deleted"),
+        (status = 400, description = "`invalid_request`: an invalid name"),
         (status = 404, description = "`profile_not_found`"),
-        (status = 412, description = "`precondition_failed`: somebody else was faster"),
+        (status = 412, description = "`precondition_failed`: the profile was changed in the meantime; read it again and retry"),
     )
 )]
 pub async fn delete(State(app): State<App>, key: ProfileKey, headers: HeaderMap) -> ApiResult<StatusCode> {
@@ -33,6 +34,6 @@ pub async fn delete(State(app): State<App>, key: ProfileKey, headers: HeaderMap)
     match app.store.metadata.delete_profile(&key.rig, &key.lens, condition).await? {
         Ok(true) => Ok(StatusCode::NO_CONTENT),
         Ok(false) => Err(not_found(&app, &key.rig, &key.lens, None).await),
-        Err(current) => Err(lost_race(&key, current, &header::IF_MATCH)),
+        Err(current) => Err(precondition_failed(&key, current, &header::IF_MATCH)),
     }
 }

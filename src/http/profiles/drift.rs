@@ -1,4 +1,4 @@
-//! `GET /v1/profiles/{rig}/{lens}/drift`, and how the revision before is found.
+//! `GET /v1/profiles/{rig}/{lens}/drift`, and how the previous revision is found.
 
 use axum::{Json, extract::State, http::Uri};
 use serde::Deserialize;
@@ -14,8 +14,8 @@ use crate::{
 };
 use pinstack_science::{calibration, types::report::Drift};
 
-/// Revisions that are tried, one after the other, when the one before is not there.
-const TRIED: usize = 64;
+/// Most earlier revisions that are tried when the previous one was deleted.
+const MAX_TRIED: usize = 64;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -24,9 +24,10 @@ struct Parameters {
     to: Option<u32>,
 }
 
-/// How far a rig moved between two revisions
+/// Get the drift of a rig between two revisions
 ///
-/// Per slice, how far the image corners and the gains moved. The older of the two revisions is `from`.
+/// For each slice, how far the image corners moved (px) and how the gain changed. `from` and `to` may be given in either
+/// order; the response runs from the older to the newer.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/drift",
@@ -35,12 +36,12 @@ struct Parameters {
     params(
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
-        ("from" = Option<u32>, Query, description = "The older revision, by default the one before `to`"),
-        ("to" = Option<u32>, Query, description = "The newer revision, by default the current one"),
+        ("from" = Option<u32>, Query, description = "The older revision; default: the one before `to`"),
+        ("to" = Option<u32>, Query, description = "The newer revision; default: the current one"),
     ),
     responses(
-        (status = 200, description = "How far it moved; distances are null where the two cannot be compared, and `detail` says why", body = Drift),
-        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+        (status = 200, description = "The drift. Distances are null where the two revisions cannot be compared; `detail` states the reason", body = Drift),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter"),
         (status = 404, description = "`profile_not_found`: no such profile or revision, or none before it"),
     )
 )]
@@ -62,17 +63,17 @@ pub async fn drift(State(app): State<App>, key: ProfileKey, uri: Uri) -> ApiResu
     Ok(Json(between(older, newer)))
 }
 
-/// How far the rig moved from the older of two revisions to the newer.
+/// The drift from the older of two revisions to the newer.
 pub fn between(older: &Profile, newer: &Profile) -> Drift {
     calibration::drift((older.revision, &older.input), (newer.revision, &newer.input))
 }
 
-/// The revision before another one, or the nearest one before that when that one is gone.
+/// The nearest revision before `revision` that exists.
 ///
 /// # Errors
-/// When the rows do not answer.
+/// When the store cannot be read.
 pub async fn before(app: &App, rig: &Name, lens: &Name, revision: u32) -> ApiResult<Option<Profile>> {
-    for earlier in (1..revision).rev().take(TRIED) {
+    for earlier in (1..revision).rev().take(MAX_TRIED) {
         if let Some(profile) = app.store.metadata.profile(rig, lens, Some(earlier)).await? {
             return Ok(Some(profile));
         }
@@ -83,7 +84,7 @@ pub async fn before(app: &App, rig: &Name, lens: &Name, revision: u32) -> ApiRes
 fn nothing_before(ProfileKey { rig, lens }: &ProfileKey, revision: u32) -> ApiError {
     let detail = format!(
         "the profile of rig '{rig}' and lens '{lens}' has no revision before {revision} to compare with; calibrate it again, \
-         or name one with from"
+         or name a revision with the parameter from"
     );
     ApiError::new(Code::ProfileNotFound, detail)
 }

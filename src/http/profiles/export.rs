@@ -23,14 +23,14 @@ use crate::{
 };
 use pinstack_science::archive::{npy, npz};
 
-/// The form of the file.
+/// Format of the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
-    /// Everything, for `.../import`.
+    /// The complete profile, for `.../import`.
     #[default]
     Json,
-    /// The numbers, for numpy.
+    /// The arrays, for numpy.
     Npz,
 }
 
@@ -44,9 +44,9 @@ struct Parameters {
 
 /// Export a profile
 ///
-/// As a file to keep or to import on another server (`json`: everything, with a checksum), or for numpy (`npz`: arrays
-/// `homographies` (N, 3, 3), `gains` (N), `image_size` (width, height), `reference_index`, and `rail_positions_mm` (N) where
-/// they are known).
+/// `json`: the complete profile with a checksum, to archive or to import on another server. `npz`: arrays for numpy, namely
+/// `homographies` (N, 3, 3), `gains` (N), `image_size` (width, height), `reference_index`, and `rail_positions_mm` (N) if
+/// they are known.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/export",
@@ -55,15 +55,15 @@ struct Parameters {
     params(
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
-        ("revision" = Option<u32>, Query, description = "An older revision"),
+        ("revision" = Option<u32>, Query, description = "Revision; default: the current one"),
         ("format" = inline(Option<ExportFormat>), Query, description = "`json` (default) or `npz`"),
-        ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
+        ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
     ),
     responses(
         (status = 200, description = "The file", content((ProfileFile = "application/json"), (Vec<u8> = "application/x-npz")), headers(
-            ("ETag" = String, description = "The revision"), ("Content-Disposition" = String, description = "A sensible name"))),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+            ("ETag" = String, description = "The revision number"), ("Content-Disposition" = String, description = "A file name made from rig, lens and revision"))),
+        (status = 304, description = "The copy of the client is current"),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter"),
         (status = 404, description = "`profile_not_found`"),
     )
 )]
@@ -81,7 +81,7 @@ pub async fn export(State(app): State<App>, key: ProfileKey, uri: Uri, headers: 
         ExportFormat::Json => ("json", "application/json", as_json(profile)?),
         ExportFormat::Npz => ("npz", "application/x-npz", as_npz(&profile)?),
     };
-    // a name has no character that would need quoting
+    // names contain no characters that need escaping
     let disposition = format!("attachment; filename=\"{name}.{extension}\"");
     let kind = [(header::CONTENT_TYPE, media_type.to_owned()), (header::CONTENT_DISPOSITION, disposition)];
     Ok((common, kind, bytes).into_response())

@@ -1,4 +1,4 @@
-//! A whole profile as a file that another server can read.
+//! A complete profile as a file that another server can import.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -18,20 +18,20 @@ use crate::{
 };
 use pinstack_science::types::{Warning, error::ErrorLocation};
 
-/// `format` of every such file.
+/// The member `format` of every such file.
 const FORMAT: &str = "pinstack-profile";
 
-/// `version` of the files that are written and read.
+/// The version that is written and read.
 const VERSION: u64 = 1;
 
-/// An exported profile: everything that the server knows about one revision.
+/// An exported profile: all that the server knows about one revision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileFile {
-    /// `pinstack-profile`.
+    /// Always `pinstack-profile`.
     pub format: String,
-    /// 1.
+    /// Version of the file format: 1.
     pub version: u64,
-    /// SHA-256 (hex) of everything else in the file, however it is spaced and ordered.
+    /// SHA-256 (hex) of all other members, independent of whitespace and order.
     pub checksum: String,
     /// The profile.
     #[serde(flatten)]
@@ -39,29 +39,29 @@ pub struct ProfileFile {
 }
 
 impl ProfileFile {
-    /// A file of this profile.
+    /// Makes the file of a profile.
     ///
     /// # Errors
-    /// When the profile cannot be written as JSON.
+    /// When the profile cannot be serialised.
     pub fn of(profile: Profile) -> serde_json::Result<Self> {
         let mut file = Self { format: FORMAT.into(), version: VERSION, checksum: String::new(), profile };
         file.checksum = checksum(&serde_json::to_value(&file)?);
         Ok(file)
     }
 
-    /// Reads a file and checks that nobody changed it.
+    /// Reads a file and checks that it is unchanged.
     ///
     /// # Errors
-    /// `invalid_request` for what is no JSON; `invalid_profile` for another kind of file, another version, a file that
-    /// was changed after it was exported, and one that says things that cannot be.
+    /// `invalid_request` for a file that is not JSON; `invalid_profile` for another format or version, for a file that was
+    /// changed after its export, and for inconsistent or impossible values.
     pub fn read(bytes: &[u8]) -> Result<Self, Fault> {
         let value: Value = json::parse(bytes, Code::InvalidProfile)?;
         if value["format"] != FORMAT {
             return Err(at(
                 "/format",
                 format!(
-                    "this is not an exported profile: its 'format' is {}, not '{FORMAT}'; send what .../export gave, or PUT \
-                     homographies made elsewhere",
+                    "this is not an exported profile: its 'format' is {}, not '{FORMAT}'; send a file from .../export, or PUT \
+                     homographies from elsewhere",
                     shown(&value["format"])
                 ),
             ));
@@ -80,23 +80,23 @@ impl ProfileFile {
         if digest != file.profile.digest {
             return Err(at(
                 "/digest",
-                "the file was changed after it was exported: its homographies, gains, size or reference slice are not those of its digest; \
+                "the file was changed after it was exported: its homographies, gains, size or reference slice do not match its digest; \
                  export it again, or PUT changed numbers as a profile of your own",
             ));
         }
-        // files of before there was this digest have none
+        // files of older versions do not have this digest
         let optics = &file.profile.optics_digest;
         if !optics.is_empty() && *optics != optics_digest(&file.profile.input) {
             return Err(at(
                 "/optics_digest",
-                "the file was changed after it was exported: what it says about the camera does not match its optics_digest; \
+                "the file was changed after it was exported: its camera data does not match its optics_digest; \
                  export it again, or PUT changed numbers as a profile of your own",
             ));
         }
         if checksum(&value) != file.checksum {
             return Err(at(
                 "/checksum",
-                "the file was changed after it was exported: something beside the homographies and gains is not what it was; export it \
+                "the file was changed after it was exported: a value other than the homographies and gains differs; export it \
                  again, or PUT changed numbers as a profile of your own",
             ));
         }
@@ -106,13 +106,13 @@ impl ProfileFile {
         Ok(file)
     }
 
-    /// What becomes of it here.
+    /// The revision to store here.
     pub fn draft(self) -> ProfileDraft {
         let Profile { rig, lens, revision, digest, created_at, calibration_id, .. } = self.profile;
         ProfileDraft {
             input: self.profile.input,
             source: self.profile.source,
-            // that calibration is a job of another server
+            // the calibration is a job of the other server
             calibration_id: None,
             model: self.profile.model,
             slices: self.profile.slices,
@@ -121,27 +121,31 @@ impl ProfileFile {
         }
     }
 
-    /// Lists of profiles show the warnings: they must not be longer than what this service writes.
+    /// Checks the size of the warnings, which are shown in lists: at most what this service writes.
     fn check_warnings(&self) -> Result<(), Fault> {
         let warnings = &self.profile.warnings;
         let is_long = |w: &Warning| w.code.len() > 64 || w.detail.chars().count() > 2000;
         if warnings.len() > 100 || warnings.iter().any(is_long) {
-            return Err(at("/warnings", "the file has more than 100 warnings, or one of more than 2,000 characters"));
+            return Err(at(
+                "/warnings",
+                "the file has more than 100 warnings, or a warning of more than 2,000 characters",
+            ));
         }
         Ok(())
     }
 
-    /// The list per slice must say the same as the lists of numbers: results are made with the one and shown by the other.
+    /// Checks that the list of slices agrees with the lists of numbers: results are computed from one and shown from the
+    /// other.
     fn check_slices(&self) -> Result<(), Fault> {
         let Profile { input, slices, .. } = &self.profile;
         let count = input.homographies.len();
         if slices.len() != count || self.profile.slice_count as usize != count {
-            let detail = format!("the file has {count} homographies and tells of {} slices", slices.len());
+            let detail = format!("the file has {count} homographies but {} slices", slices.len());
             return Err(at("/slices", detail));
         }
         for (i, (slice, homography)) in slices.iter().zip(&input.homographies).enumerate() {
             if slice.index as usize != i || slice.homography != *homography || slice.gain != input.gain(i) {
-                let detail = format!("what the file tells of slice {i} is not what its homographies and gains say");
+                let detail = format!("slice {i} does not agree with the homographies and gains of the file");
                 return Err(at(&format!("/slices/{i}"), detail));
             }
         }
@@ -155,7 +159,7 @@ fn at(pointer: &str, detail: impl Into<String>) -> Fault {
     Fault::new(Code::InvalidProfile, detail).at(place)
 }
 
-/// A value for a sentence.
+/// A JSON value for an error message, at most 80 characters.
 fn shown(value: &Value) -> String {
     match value {
         Value::Null => "missing".into(),
@@ -164,8 +168,8 @@ fn shown(value: &Value) -> String {
     }
 }
 
-/// SHA-256 (hex) of everything in the file but `checksum`. Spaces, the order of members and the spelling of numbers do not
-/// enter: programs that copy JSON change them.
+/// SHA-256 (hex) of all members except `checksum`. Whitespace, the order of members and the notation of numbers do not
+/// matter, because programs that copy JSON change them.
 fn checksum(file: &Value) -> String {
     let mut hash = Sha256::new();
     hash.update(b"pinstack profile file 1\0");
@@ -182,7 +186,7 @@ fn hash_value(hash: &mut Sha256, value: &Value) {
         Value::Bool(yes) => hash.update([b'b', u8::from(*yes)]),
         Value::Number(number) => {
             hash.update(b"d");
-            // adding zero turns -0.0 into 0.0: they are the same number
+            // adding zero turns -0.0 into 0.0, which is the same number
             hash.update((number.as_f64().unwrap_or(f64::NAN) + 0.0).to_le_bytes());
         }
         Value::String(text) => hash_text(hash, text),

@@ -7,7 +7,7 @@ use axum::{
 };
 use serde::Deserialize;
 
-use super::{not_found, shown};
+use super::{not_found, response};
 use crate::{
     contract::profile::Profile,
     http::{
@@ -23,7 +23,7 @@ struct Parameters {
     revision: Option<u32>,
 }
 
-/// Read a profile
+/// Get a profile
 ///
 /// The current revision, or an older one with `?revision=N`. The `ETag` is the revision number.
 #[utoipa::path(
@@ -34,13 +34,13 @@ struct Parameters {
     params(
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens (one per setting)"),
-        ("revision" = Option<u32>, Query, description = "An older revision"),
-        ("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has"),
+        ("revision" = Option<u32>, Query, description = "Revision; default: the current one"),
+        ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
     ),
     responses(
-        (status = 200, description = "The profile", body = Profile, headers(("ETag" = String, description = "The revision"))),
-        (status = 304, description = "The client has it already"),
-        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+        (status = 200, description = "The profile", body = Profile, headers(("ETag" = String, description = "The revision number"))),
+        (status = 304, description = "The copy of the client is current"),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter"),
         (status = 404, description = "`profile_not_found`"),
     )
 )]
@@ -48,5 +48,5 @@ pub async fn get(State(app): State<App>, key: ProfileKey, uri: Uri, headers: Hea
     let Parameters { revision } = params::from_uri(&uri)?;
     let profile = app.store.metadata.profile(&key.rig, &key.lens, revision).await?;
     let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
-    Ok(shown(&headers, &profile))
+    Ok(response(&headers, &profile))
 }

@@ -7,7 +7,7 @@ use axum::{
     response::Response,
 };
 
-use super::{file::ProfileFile, lost_race, precondition, write};
+use super::{file::ProfileFile, precondition, precondition_failed, write};
 use crate::{
     contract::profile::Profile,
     http::{
@@ -20,9 +20,10 @@ use crate::{
 
 /// Import a profile
 ///
-/// Takes a file that `.../export` gave, of this server or another. It becomes the next revision, under the names of this
-/// URL, with everything that was known about it; `origin` says where it comes from. A file that was changed is refused.
-/// When the current revision says the same already, that one is the answer and none is made. PUT (`curl -T`) works too.
+/// Stores a file from `.../export`, of this server or another, as the next revision under the rig and lens of this URL. All
+/// data of the exported revision is kept, and `origin` records where it comes from. A file that was changed after its export
+/// is refused. If the current revision is identical, it is returned and no revision is stored. `PUT` is equivalent, for
+/// `curl -T`.
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/import",
@@ -31,20 +32,20 @@ use crate::{
     params(
         ("rig" = String, Path, description = "Name of the rig here"),
         ("lens" = String, Path, description = "Name of the lens here"),
-        ("If-Match" = Option<String>, Header, description = "`ETag` of the revision that this one replaces"),
-        ("If-None-Match" = Option<String>, Header, description = "`*`: only when there is no profile yet"),
+        ("If-Match" = Option<String>, Header, description = "`ETag` of the current revision; the request fails if the profile has changed"),
+        ("If-None-Match" = Option<String>, Header, description = "`*`: only if the profile does not exist yet"),
     ),
     request_body(content = ProfileFile, content_type = "application/json"),
     responses(
-        (status = 200, description = "A new revision, or the current one when it says the same already", body = Profile, headers(
-            ("ETag" = String, description = "The revision"))),
-        (status = 201, description = "The first revision", body = Profile, headers(
-            ("ETag" = String, description = "The revision"), ("Location" = String, description = "The profile"))),
-        (status = 400, description = "`invalid_request`: a name that breaks its rule, or a body that is not JSON; `upload_incomplete`"),
-        (status = 412, description = "`precondition_failed`: somebody else was faster"),
-        (status = 413, description = "`upload_too_large`: over 4 MiB"),
+        (status = 200, description = "A new revision, or the current one if it is identical", body = Profile, headers(
+            ("ETag" = String, description = "The revision number"))),
+        (status = 201, description = "The profile was created, at revision 1", body = Profile, headers(
+            ("ETag" = String, description = "The revision number"), ("Location" = String, description = "URL of the profile"))),
+        (status = 400, description = "`invalid_request`: an invalid name, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out"),
+        (status = 412, description = "`precondition_failed`: the profile was changed in the meantime; read it again and retry"),
+        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
-        (status = 422, description = "`invalid_profile`: no exported profile, one of another version, or one that was changed after it was exported"),
+        (status = 422, description = "`invalid_profile`: not an exported profile, another version of the format, or a file that was changed after its export"),
     )
 )]
 pub async fn import(
@@ -55,23 +56,23 @@ pub async fn import(
     body: Body,
 ) -> ApiResult<Response> {
     json::require_json(&headers)?;
-    params::refuse_rest(&params::pairs(&uri)?, "none, everything is in the file")?;
+    params::refuse_rest(&params::pairs(&uri)?, "none; the file contains all data")?;
     let condition = precondition(&app, &key, &headers).await?;
     let draft = ProfileFile::read(&json::read(&app, &headers, body).await?)?.draft();
     if let Some(current) = app.store.metadata.profile(&key.rig, &key.lens, None).await?
-        && says_the_same(&current, &draft)
+        && is_identical(&current, &draft)
     {
         return match condition.holds(Some(current.revision)) {
             true => Ok(write::written(&key, StatusCode::OK, &current)),
-            false => Err(lost_race(&key, Some(current.revision), &write::demanding(condition))),
+            false => Err(precondition_failed(&key, Some(current.revision), &write::header_of(condition))),
         };
     }
     write::store(&app, &key, &draft, condition).await
 }
 
-/// True when a new revision would tell nothing new. More than the digest counts: a note or rail positions may have been
-/// added to the same homographies.
-fn says_the_same(current: &Profile, draft: &ProfileDraft) -> bool {
+/// True when a new revision would add nothing. The digest is not enough: a note or rail positions may have been added to
+/// the same homographies.
+fn is_identical(current: &Profile, draft: &ProfileDraft) -> bool {
     current.input == draft.input
         && current.slices == draft.slices
         && current.source == draft.source

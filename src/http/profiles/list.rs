@@ -11,21 +11,21 @@ use crate::http::{
 
 /// List profiles
 ///
-/// The current revision of every profile, the one written last first, without the numbers per slice.
+/// The current revision of every profile, most recently written first, without the data per slice.
 #[utoipa::path(
     get,
     path = "/v1/profiles",
     operation_id = "list_profiles",
     tag = "profiles",
     params(
-        ("rig" = Option<String>, Query, description = "Only this rig"),
-        ("lens" = Option<String>, Query, description = "Only this lens"),
-        ("limit" = Option<u32>, Query, description = "Items on a page, 1 to 500, default 50"),
-        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before"),
+        ("rig" = Option<String>, Query, description = "Only profiles of this rig"),
+        ("lens" = Option<String>, Query, description = "Only profiles of this lens"),
+        ("limit" = Option<u32>, Query, description = "Items per page, 1 to 500, default 50"),
+        ("cursor" = Option<String>, Query, description = "`next_cursor` from the previous page"),
     ),
     responses(
         (status = 200, description = "A page of profiles", body = ProfileList),
-        (status = 400, description = "`invalid_request`: a parameter that breaks its rule"),
+        (status = 400, description = "`invalid_request`: an unknown parameter, or a value outside its range"),
     )
 )]
 pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<ProfileList>> {

@@ -33,28 +33,30 @@ use crate::{
     store::Precondition,
 };
 
-/// Profiles that are looked through for names near to one that is not there.
-const LOOKED_THROUGH: u32 = 10_000;
+/// Most profiles that are searched for similar names.
+const MAX_SEARCHED: u32 = 10_000;
 
-/// No profile under this key; names those that may be meant.
+/// The error for a profile or revision that does not exist. It suggests profiles with similar names.
 pub async fn not_found(app: &App, rig: &Name, lens: &Name, revision: Option<u32>) -> ApiError {
     let detail = match revision {
         None => {
-            // the answer is the same without them
-            let keys = app.store.metadata.profile_keys(LOOKED_THROUGH).await.unwrap_or_default();
+            // without them the error is still complete
+            let keys = app.store.metadata.profile_keys(MAX_SEARCHED).await.unwrap_or_default();
             let near = near::sentence(&near::near(rig, lens, &keys));
             format!(
-                "there is no profile for rig '{rig}' and lens '{lens}'{near}; calibrate it or PUT /v1/profiles/{rig}/{lens} \
+                "there is no profile for rig '{rig}' and lens '{lens}'{near}; calibrate it, or PUT /v1/profiles/{rig}/{lens} \
                  first"
             )
         }
-        Some(revision) => format!("the profile of rig '{rig}' and lens '{lens}' has no revision {revision}"),
+        Some(revision) => format!(
+            "the profile of rig '{rig}' and lens '{lens}' has no revision {revision}; GET /v1/profiles/{rig}/{lens}/revisions lists them"
+        ),
     };
     ApiError::new(Code::ProfileNotFound, detail)
 }
 
-/// A profile with its `ETag`, or 304 when the client has it.
-fn shown(headers: &HeaderMap, profile: &Profile) -> Response {
+/// The response with a profile and its `ETag`, or 304 when the copy of the client is current.
+fn response(headers: &HeaderMap, profile: &Profile) -> Response {
     let tag = profile.revision.to_string();
     let headers_out = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
     if not_modified(headers, &tag) {
@@ -63,8 +65,8 @@ fn shown(headers: &HeaderMap, profile: &Profile) -> Response {
     (headers_out, Json(profile)).into_response()
 }
 
-/// What `If-Match` and `If-None-Match` of a write demand. Of several tags in `If-Match`, the one of the current
-/// revision counts.
+/// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the current
+/// revision.
 async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiResult<Precondition> {
     if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
         return Ok(Precondition::Absent);
@@ -77,19 +79,20 @@ async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiRe
     let current = app.store.metadata.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision);
     match current {
         Some(revision) if list.contains_strong(&revision.to_string()) => Ok(Precondition::Revision(revision)),
-        _ => Err(lost_race(key, current, &header::IF_MATCH)),
+        _ => Err(precondition_failed(key, current, &header::IF_MATCH)),
     }
 }
 
-/// The precondition does not hold.
-fn lost_race(key: &ProfileKey, current: Option<u32>, header: &HeaderName) -> ApiError {
+/// The error for a condition that does not hold.
+fn precondition_failed(key: &ProfileKey, current: Option<u32>, header: &HeaderName) -> ApiError {
     let ProfileKey { rig, lens } = key;
     let now = match current {
         Some(revision) => format!("is at revision {revision}"),
         None => "does not exist".to_owned(),
     };
     let detail = format!(
-        "the profile of rig '{rig}' and lens '{lens}' {now}, which is not what {header} demands; read it again"
+        "the profile of rig '{rig}' and lens '{lens}' {now}, which does not satisfy {header}; read the profile again and \
+         retry"
     );
     ApiError::new(Code::PreconditionFailed, detail)
 }

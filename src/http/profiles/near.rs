@@ -1,12 +1,12 @@
-//! Names near to one that is not there: a capital letter, a missing hyphen, the other setting of the lens.
+//! Suggests profiles with similar names: another capital letter, a missing hyphen, another setting of the lens.
 
 use crate::contract::Name;
 
-/// Most names in a sentence.
-const MOST: usize = 3;
+/// Most suggestions.
+const MAX_SUGGESTIONS: usize = 3;
 
-/// The profiles that somebody may have meant, the nearest first: both names differ by at most a third of their letters,
-/// capital letters and separators aside; else the lenses of that rig.
+/// The profiles with the most similar names, nearest first: both names differ in at most a third of their letters (edit
+/// distance, ignoring case and separators). After them, other lenses of the same rig.
 pub(super) fn near<'a>(rig: &Name, lens: &Name, keys: &'a [(Name, Name)]) -> Vec<&'a (Name, Name)> {
     let (rig_folded, lens_folded) = (folded(rig), folded(lens));
     let mut found: Vec<(usize, &(Name, Name))> = Vec::new();
@@ -15,16 +15,16 @@ pub(super) fn near<'a>(rig: &Name, lens: &Name, keys: &'a [(Name, Name)]) -> Vec
         let of_lens = distance(&lens_folded, &folded(&key.1));
         match (of_rig, of_lens) {
             (Some(of_rig), Some(of_lens)) => found.push((of_rig + of_lens, key)),
-            // behind all that are near in both
+            // after all that are similar in both
             (Some(0), None) => found.push((usize::MAX, key)),
             _ => {}
         }
     }
     found.sort_by_key(|(distance, _)| *distance);
-    found.into_iter().take(MOST).map(|(_, key)| key).collect()
+    found.into_iter().take(MAX_SUGGESTIONS).map(|(_, key)| key).collect()
 }
 
-/// The names for the middle of a sentence; nothing when there are none.
+/// The names as a part of an error message; empty when there are none.
 pub(super) fn sentence(near: &[&(Name, Name)]) -> String {
     let named: Vec<String> = near.iter().map(|(rig, lens)| format!("rig '{rig}' with lens '{lens}'")).collect();
     match named.as_slice() {
@@ -37,7 +37,7 @@ fn folded(name: &Name) -> String {
     name.as_str().chars().filter(|c| !"._-".contains(*c)).map(|c| c.to_ascii_lowercase()).collect()
 }
 
-/// The number of letters that differ, if they are few.
+/// The edit distance, if it is small enough.
 fn distance(a: &str, b: &str) -> Option<usize> {
     let most = (a.len().max(b.len()) / 3).max(1);
     // names have at most 64 letters
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn near_names_come_first_and_far_ones_not_at_all() {
+    fn similar_names_come_first_and_others_are_not_suggested() {
         let keys =
             [key("bench", "mpe65-2x"), key("bench", "mpe65-1x"), key("tower", "mpe65-1x"), key("bench", "other")];
         let told = |rig, lens| {

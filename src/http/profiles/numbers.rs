@@ -1,5 +1,5 @@
-//! Bodies of `PUT /v1/profiles/{rig}/{lens}`: a JSON object, or matrices (numpy files, a bare JSON list) with query
-//! parameters for what matrices do not say.
+//! Bodies of `PUT /v1/profiles/{rig}/{lens}`: a JSON object, or matrices (a numpy file or a bare JSON list) with query
+//! parameters for the rest.
 
 use axum::http::{HeaderMap, Uri, header};
 use serde::Deserialize;
@@ -20,23 +20,23 @@ use pinstack_science::{
     },
 };
 
-/// What the `Content-Type` says about the body.
+/// The kind of body according to `Content-Type`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// JSON.
     Json,
     /// An `.npy` or `.npz`.
     Numpy,
-    /// Bytes: the first ones tell.
+    /// `application/octet-stream`: JSON if it begins like JSON, otherwise numpy.
     Bytes,
-    /// Nothing: the first bytes tell, else it is JSON.
+    /// No `Content-Type`: numpy if it begins like a numpy file, otherwise JSON.
     Unsaid,
 }
 
-/// The kind of body by its `Content-Type`.
+/// The kind of body according to `Content-Type`.
 ///
 /// # Errors
-/// `unsupported_media_type` with the kinds that are understood.
+/// `unsupported_media_type` with the supported media types.
 pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
     let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(Kind::Unsaid) };
     let text = value.to_str().unwrap_or_default();
@@ -47,7 +47,7 @@ pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
         json::FORM => Err(ApiError::new(
             Code::UnsupportedMediaType,
             format!(
-                "the body is '{}', as curl says when nobody tells it; send the file with -T, or add \
+                "the body is '{}', the default of curl; send the file with -T, or add \
                  -H 'Content-Type: application/json' (or application/octet-stream for a numpy file)",
                 json::FORM
             ),
@@ -63,11 +63,11 @@ pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
     }
 }
 
-/// Reads the body, and the query where the body is matrices.
+/// Parses the body and, if the body is matrices, the query.
 ///
 /// # Errors
-/// `invalid_profile` for numbers that cannot be a profile, `invalid_request` for parameters that break their rules or do
-/// not belong to this body, and for what is no JSON.
+/// `invalid_profile` for numbers that cannot be a profile; `invalid_request` for parameters that are invalid or do not apply
+/// to this kind of body, and for invalid JSON.
 pub fn read(kind: Kind, bytes: Vec<u8>, uri: &Uri) -> ApiResult<(ProfileInput, Vec<Warning>)> {
     let first = bytes.iter().find(|byte| !byte.is_ascii_whitespace()).copied();
     let is_numpy = bytes.starts_with(npy::MAGIC) || bytes.starts_with(b"PK");
@@ -78,21 +78,24 @@ pub fn read(kind: Kind, bytes: Vec<u8>, uri: &Uri) -> ApiResult<(ProfileInput, V
         Kind::Unsaid => is_numpy,
     };
     let (input, warnings) = if as_numpy {
-        let told: Parameters = params::from_uri(uri)?;
-        let matrices = npz::matrices(bytes, told.array.as_deref())?;
-        told.profile(&matrices)?
+        let parameters: Parameters = params::from_uri(uri)?;
+        let matrices = npz::matrices(bytes, parameters.array.as_deref())?;
+        parameters.profile(&matrices)?
     } else if first == Some(b'[') {
-        let told: Parameters = params::from_uri(uri)?;
-        if told.array.is_some() {
-            return Err(ApiError::new(Code::InvalidRequest, "'array' chooses in an .npz; the body is a JSON list"));
+        let parameters: Parameters = params::from_uri(uri)?;
+        if parameters.array.is_some() {
+            return Err(ApiError::new(
+                Code::InvalidRequest,
+                "the parameter 'array' applies to .npz files only, but the body is a JSON list; omit it",
+            ));
         }
         let matrices: Vec<Homography> = json::parse(&bytes, Code::InvalidProfile)?;
-        told.profile(&matrices.iter().map(|h| h.0).collect::<Vec<_>>())?
+        parameters.profile(&matrices.iter().map(|h| h.0).collect::<Vec<_>>())?
     } else {
         if let Some((name, _)) = params::pairs(uri)?.first() {
             let name: String = name.chars().take(80).collect();
             let detail =
-                format!("the parameter '{name}' is for bodies that are matrices; a JSON object says it itself");
+                format!("the parameter '{name}' is for bodies that are matrices; put it into the JSON object instead");
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
         (json::parse(&bytes, Code::InvalidProfile)?, Vec::new())
@@ -101,7 +104,7 @@ pub fn read(kind: Kind, bytes: Vec<u8>, uri: &Uri) -> ApiResult<(ProfileInput, V
     Ok((input, warnings))
 }
 
-/// What matrices do not say by themselves.
+/// What matrices do not contain.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Parameters {
@@ -124,7 +127,7 @@ impl Parameters {
             ApiError::new(
                 Code::InvalidRequest,
                 format!(
-                    "{name} is missing: matrices do not tell how large the slices are; add ?image_width=...&image_height=..."
+                    "{name} is missing: matrices do not contain the size of the slices; add ?image_width=...&image_height=..."
                 ),
             )
         };
@@ -150,7 +153,7 @@ impl Parameters {
         let invalid = |detail: String| Err(ApiError::new(Code::InvalidRequest, detail));
         match (&self.rail_positions_mm, self.rail_step_mm) {
             (None, None) => Ok(None),
-            (Some(_), Some(_)) => invalid("rail_positions_mm and rail_step_mm are both given; give one of them".into()),
+            (Some(_), Some(_)) => invalid("rail_positions_mm and rail_step_mm are both given; send one of them".into()),
             (None, Some(step)) if step != 0.0 && (-1000.0..=1000.0).contains(&step) => {
                 Ok(Some((0_u32..).take(count).map(|i| f64::from(i) * step).collect()))
             }
@@ -158,7 +161,7 @@ impl Parameters {
             (Some(text), None) => match text.split(',').map(|position| position.trim().parse()).collect() {
                 Ok(positions) => Ok(Some(positions)),
                 Err(_) => {
-                    invalid("rail_positions_mm must be numbers with commas between, one per slice: 0,0.5,1".into())
+                    invalid("rail_positions_mm must be numbers separated by commas, one per slice: 0,0.5,1".into())
                 }
             },
         }

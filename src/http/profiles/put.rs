@@ -23,34 +23,36 @@ use pinstack_science::types::{
 
 /// Store homographies measured elsewhere
 ///
-/// Every write makes a new revision. With `If-Match` only when the current revision is that one, with
-/// `If-None-Match: *` only when there is none.
+/// Each write makes a new revision. With `If-Match`, only if that is the current revision; with `If-None-Match: *`, only if
+/// the profile does not exist yet.
 ///
-/// The body is a JSON object, or matrices alone: an array N x 3 x 3 or N x 9 saved by numpy (`.npy`; `.npz` with the array
-/// `homographies`, or only one array of that shape, or the one that `array` names), or the same as a bare JSON list. Query
-/// parameters then say what matrices do not. Matrices are divided by their last element, turned round where they map from
-/// the reference to the slice, and based on the reference slice when its matrix is not the identity (the profile's
-/// `warnings` says so). Gains, `principal_distance_mm`, `principal_point_px` and `magnification` only come in a JSON object.
+/// The body is a JSON object, or matrices only: an array of shape (N, 3, 3) or (N, 9) saved by numpy, or the same as a bare
+/// JSON list. In an `.npz`, the array is `homographies`, or the only array of that shape, or the one that `array` names.
+/// Query parameters then supply the rest.
+///
+/// Matrices are normalised: divided by their last element, inverted if they map from the reference to the slice, and
+/// multiplied so that the matrix of the reference slice is the identity (recorded in `warnings`). Gains,
+/// `principal_distance_mm`, `principal_point_px` and `magnification` can only be sent in a JSON object.
 #[utoipa::path(
     put,
     path = "/v1/profiles/{rig}/{lens}",
     operation_id = "put_profile",
     tag = "profiles",
     params(
-        ("rig" = String, Path, description = "Name of the rig: 1 to 64 of `A-Z a-z 0-9 . _ -`, not beginning with a dot"),
-        ("lens" = String, Path, description = "Name of the lens, one per setting of a zoom or macro lens; the same rule"),
-        ("image_width" = Option<u32>, Query, description = "Matrices only, and then required: width of the slices, px"),
-        ("image_height" = Option<u32>, Query, description = "Matrices only, and then required: height of the slices, px"),
-        ("reference_index" = Option<u32>, Query, description = "Matrices only: the reference slice; else the one whose matrix is the identity, else the middle one"),
-        ("direction" = inline(Option<Direction>), Query, description = "Matrices only: which way they map; default `slice_to_reference`"),
-        ("array" = Option<String>, Query, description = "`.npz` only: the array with the matrices"),
-        ("pixel_pitch_mm" = Option<f64>, Query, description = "Matrices only: size of one pixel, mm"),
+        ("rig" = String, Path, description = "Name of the rig: 1 to 64 characters of `A-Z a-z 0-9 . _ -`, not beginning with a dot"),
+        ("lens" = String, Path, description = "Name of the lens, by the same rule; use one name per setting of a zoom or macro lens"),
+        ("image_width" = Option<u32>, Query, description = "Matrices only, required: width of the slices, px"),
+        ("image_height" = Option<u32>, Query, description = "Matrices only, required: height of the slices, px"),
+        ("reference_index" = Option<u32>, Query, description = "Matrices only: 0-based index of the reference slice; default: the slice whose matrix is the identity, otherwise the middle one"),
+        ("direction" = inline(Option<Direction>), Query, description = "Matrices only: direction of the mapping; default `slice_to_reference`"),
+        ("array" = Option<String>, Query, description = "`.npz` only: name of the array with the matrices"),
+        ("pixel_pitch_mm" = Option<f64>, Query, description = "Matrices only: size of one pixel on the sensor, mm"),
         ("capture_mode" = inline(Option<CaptureMode>), Query, description = "Matrices only: what moves between slices"),
-        ("rail_positions_mm" = Option<String>, Query, description = "Matrices only: position of the rail per slice, mm, with commas between"),
-        ("rail_step_mm" = Option<f64>, Query, description = "Matrices only, instead: from one slice to the next, mm"),
+        ("rail_positions_mm" = Option<String>, Query, description = "Matrices only: rail position of each slice, mm, separated by commas"),
+        ("rail_step_mm" = Option<f64>, Query, description = "Matrices only, instead of `rail_positions_mm`: distance from one slice to the next, mm"),
         ("note" = Option<String>, Query, description = "Matrices only: free text"),
-        ("If-Match" = Option<String>, Header, description = "`ETag` of the revision that this one replaces"),
-        ("If-None-Match" = Option<String>, Header, description = "`*`: only when there is no profile yet"),
+        ("If-Match" = Option<String>, Header, description = "`ETag` of the current revision; the request fails if the profile has changed"),
+        ("If-None-Match" = Option<String>, Header, description = "`*`: only if the profile does not exist yet"),
     ),
     request_body(content(
         (ProfileInput = "application/json", example = json!({
@@ -63,14 +65,14 @@ use pinstack_science::types::{
         (Vec<u8> = "application/octet-stream"),
     )),
     responses(
-        (status = 200, description = "A new revision", body = Profile, headers(("ETag" = String, description = "The revision"))),
-        (status = 201, description = "The first revision", body = Profile, headers(
-            ("ETag" = String, description = "The revision"), ("Location" = String, description = "The profile"))),
-        (status = 400, description = "`invalid_request`: a name that breaks its rule, a parameter that breaks its rule or is missing, or a body that is not JSON; `upload_incomplete`"),
-        (status = 412, description = "`precondition_failed`: somebody else was faster"),
-        (status = 413, description = "`upload_too_large`: over 4 MiB"),
+        (status = 200, description = "A new revision", body = Profile, headers(("ETag" = String, description = "The revision number"))),
+        (status = 201, description = "The profile was created, at revision 1", body = Profile, headers(
+            ("ETag" = String, description = "The revision number"), ("Location" = String, description = "URL of the profile"))),
+        (status = 400, description = "`invalid_request`: an invalid name, an invalid or missing parameter, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out"),
+        (status = 412, description = "`precondition_failed`: the profile was changed in the meantime; read it again and retry"),
+        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
         (status = 415, description = "`unsupported_media_type`: neither JSON nor a numpy file"),
-        (status = 422, description = "`invalid_profile`: singular, mirrored, not finite, zeros, wrong counts, or no numpy file of matrices; `errors` names every place"),
+        (status = 422, description = "`invalid_profile`: matrices that are singular, mirrored, not finite or zero; wrong counts; or not a numpy file of matrices. `errors` lists every location"),
     )
 )]
 pub async fn put(

@@ -12,7 +12,8 @@ use crate::http::{
 
 /// List the revisions of a profile
 ///
-/// Newest first, without the numbers per slice: `?revision=N` of the profile has them. A revision never changes; stacks name the one that they used.
+/// Newest first, without the data per slice; `GET` of the profile with `?revision=N` returns it. A revision never changes.
+/// Each stack names the revision that it used.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/revisions",
@@ -21,12 +22,12 @@ use crate::http::{
     params(
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
-        ("limit" = Option<u32>, Query, description = "Items on a page, 1 to 500, default 50"),
-        ("cursor" = Option<String>, Query, description = "`next_cursor` of the page before"),
+        ("limit" = Option<u32>, Query, description = "Items per page, 1 to 500, default 50"),
+        ("cursor" = Option<String>, Query, description = "`next_cursor` from the previous page"),
     ),
     responses(
         (status = 200, description = "A page of revisions", body = ProfileList),
-        (status = 400, description = "`invalid_request`: a name or parameter that breaks its rule"),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter"),
         (status = 404, description = "`profile_not_found`"),
     )
 )]

@@ -1,4 +1,4 @@
-//! How a profile becomes a revision, whatever it was made from.
+//! Stores a profile as the next revision, whatever it was made from.
 
 use axum::{
     Json,
@@ -6,7 +6,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::lost_race;
+use super::precondition_failed;
 use crate::{
     contract::profile::{Profile, ProfileSource},
     http::{
@@ -21,7 +21,7 @@ use pinstack_science::types::{
     profile::{HomographyModel, ProfileInput, ProfileSlice},
 };
 
-/// What follows from numbers that were not measured here.
+/// The revision to store for numbers that were not measured by this service.
 pub(super) fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<Warning>) -> ProfileDraft {
     ProfileDraft {
         source: ProfileSource::Upload,
@@ -34,10 +34,10 @@ pub(super) fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<W
     }
 }
 
-/// Stores the next revision and shows it: 201 for the first, 200 after.
+/// Stores the next revision and returns it: 201 for the first revision, 200 for later ones.
 ///
 /// # Errors
-/// `precondition_failed` when the condition does not hold any more.
+/// `precondition_failed` when the condition no longer holds.
 pub(super) async fn store(
     app: &App,
     key: &ProfileKey,
@@ -47,12 +47,14 @@ pub(super) async fn store(
     let (status, profile) = match app.store.metadata.put_profile(&key.rig, &key.lens, draft, condition).await? {
         PutProfile::Created(profile) => (StatusCode::CREATED, profile),
         PutProfile::Updated(profile) => (StatusCode::OK, profile),
-        PutProfile::PreconditionFailed(current) => return Err(lost_race(key, current, &demanding(condition))),
+        PutProfile::PreconditionFailed(current) => {
+            return Err(precondition_failed(key, current, &header_of(condition)));
+        }
     };
     Ok(written(key, status, &profile))
 }
 
-/// The answer to a write.
+/// The response to a write.
 pub(super) fn written(key: &ProfileKey, status: StatusCode, profile: &Profile) -> Response {
     let tag = etag(&profile.revision.to_string());
     let mut response = (status, [(header::ETAG, tag)], Json(profile)).into_response();
@@ -64,7 +66,7 @@ pub(super) fn written(key: &ProfileKey, status: StatusCode, profile: &Profile) -
     response
 }
 
-/// The header that makes this demand.
-pub(super) fn demanding(condition: Precondition) -> header::HeaderName {
+/// The header that states this condition.
+pub(super) fn header_of(condition: Precondition) -> header::HeaderName {
     if condition == Precondition::Absent { header::IF_NONE_MATCH } else { header::IF_MATCH }
 }
