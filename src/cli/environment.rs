@@ -1,21 +1,21 @@
-//! Variables called `PINSTACK_...` that are no setting: a misspelt one is refused, not passed over.
+//! Checks the environment variables with the prefix `PINSTACK_`: a misspelt setting is refused, not ignored.
 
 use anyhow::bail;
 
-/// What every setting's variable begins with.
+/// Prefix of the variables of all settings.
 pub const PREFIX: &str = "PINSTACK_";
 
-/// Read elsewhere: by other commands, and by this project's tests, fuzzers and benches.
+/// Variables that are not settings of the server: of other commands, tests, fuzzers and benches.
 const ELSEWHERE: [&str; 7] = ["CONFIG", "TOKEN", "URL", "SERVER", "SHARED", "SOAK", "SHINESTACKER"];
 const ELSEWHERE_PREFIXES: [&str; 2] = ["TEST_", "FUZZ_"];
 
-/// Most letters that a name may be wrong in for another to be meant.
+/// Largest edit distance at which an error message suggests a setting.
 const NEAR: usize = 3;
 
-/// Refuses names (of environment variables) that are no setting. `settings` as the file spells them.
+/// Refuses environment variables that are not settings. `settings` are the keys as in the file.
 ///
 /// # Errors
-/// With the name, and the one that is probably meant.
+/// With the name of the variable, and the most similar setting.
 pub fn check(names: impl Iterator<Item = String>, settings: &[&str]) -> anyhow::Result<()> {
     for name in names {
         let Some(key) = name.strip_prefix(PREFIX) else { continue };
@@ -26,9 +26,9 @@ pub fn check(names: impl Iterator<Item = String>, settings: &[&str]) -> anyhow::
         let nearest = settings.iter().min_by_key(|setting| strsim::damerau_levenshtein(setting, &key));
         match nearest {
             Some(nearest) if strsim::damerau_levenshtein(nearest, &key) <= NEAR => {
-                bail!("{name} is no setting; did you mean {PREFIX}{}?", nearest.to_uppercase())
+                bail!("{name} is not a setting; did you mean {PREFIX}{}?", nearest.to_uppercase())
             }
-            _ => bail!("{name} is no setting; unset it ('pinstack serve --help' lists the settings)"),
+            _ => bail!("{name} is not a setting; unset it ('pinstack serve --help' lists the settings)"),
         }
     }
     Ok(())
@@ -41,7 +41,7 @@ fn is_known(key: &str, settings: &[&str]) -> bool {
         || is_of_a_service(key)
 }
 
-/// What Kubernetes sets in every container when a service is called `pinstack` (or `pinstack-...`): `PINSTACK_SERVICE_HOST`,
+/// True for the variables that Kubernetes sets in every container for a service called `pinstack` (or `pinstack-...`): `PINSTACK_SERVICE_HOST`,
 /// `PINSTACK_PORT`, `PINSTACK_PORT_8080_TCP_ADDR`, `PINSTACK_WEB_SERVICE_HOST`, ...
 fn is_of_a_service(key: &str) -> bool {
     let ends = ["SERVICE_HOST", "SERVICE_PORT", "PORT"];
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_misspelt_variable_is_refused_with_the_name_that_is_meant() {
+    fn a_misspelt_variable_is_refused_with_a_suggestion() {
         for (name, meant) in [
             ("PINSTACK_AUTHH", "did you mean PINSTACK_AUTH?"),
             ("PINSTACK_ISOLATE_TOKEN", "did you mean PINSTACK_ISOLATE_TOKENS?"),
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_and_what_others_set_are_let_through() {
+    fn settings_and_foreign_variables_are_accepted() {
         for name in [
             "PATH",
             "PINSTACK_AUTH",

@@ -1,13 +1,13 @@
-//! How many files and sockets the process may have open.
+//! The limit of open files and sockets of the process.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// A connection and the file that it sends or receives.
+/// File descriptors per connection: its socket, and the file that it sends or receives.
 const PER_CONNECTION: u64 = 2;
-/// What the database, the jobs and the connections without a slot may have open beside.
-const BESIDE: u64 = 256;
+/// File descriptors for the database, the jobs and the connections without a slot.
+const OTHERS: u64 = 256;
 
-/// Raises the soft limit to the hard one, and says how many files may be open then; `None`: as many as one likes.
+/// Raises the soft limit to the hard limit and returns it; `None`: unlimited.
 pub fn raise_limit() -> Option<u64> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     if current == maximum {
@@ -16,17 +16,18 @@ pub fn raise_limit() -> Option<u64> {
     match setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }) {
         Ok(()) => maximum,
         Err(error) => {
-            tracing::warn!(%error, ?current, ?maximum, "the limit of open files cannot be raised");
+            tracing::warn!(%error, ?current, ?maximum, "cannot raise the limit of open files");
             current
         }
     }
 }
 
-/// The most connections, up to `wanted`, that fit into a limit of open files. Of a small limit half is kept for the rest.
+/// The number of connections, at most `wanted`, that a limit of open files allows. At most half of the limit is kept for
+/// everything else.
 pub fn fitting(wanted: usize, limit: Option<u64>) -> usize {
     let Some(limit) = limit else { return wanted };
-    let beside = BESIDE.min(limit / 2);
-    let fit = (limit - beside) / PER_CONNECTION;
+    let others = OTHERS.min(limit / 2);
+    let fit = (limit - others) / PER_CONNECTION;
     wanted.min(usize::try_from(fit).unwrap_or(usize::MAX)).max(1)
 }
 

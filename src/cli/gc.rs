@@ -37,7 +37,7 @@ impl Gc {
             let collected = collect(&store, Duration::from_secs(self.grace_s), &config.retention()).await?;
             store.metadata.close().await;
             println!(
-                "removed: {} expired jobs, {} expired zips of jobs, {} expired uploads, files of {} jobs without a row",
+                "removed: {} expired jobs, {} expired zips of jobs, {} expired uploads, {} jobs' files without a row",
                 collected.expired, collected.uploads, collected.given_up, collected.orphans
             );
             Ok(())

@@ -34,9 +34,9 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Serve the API and work on jobs (the default)
+    /// Serve the API and run jobs (the default)
     Serve(Box<config::Flags>),
-    /// Run the main job end to end on a synthetic stack, and compare with the truth
+    /// Calibrate and fuse a synthetic stack through the service, and compare the results with the truth
     Demo(demo::Demo),
     /// Print the OpenAPI document
     Openapi,
@@ -45,11 +45,11 @@ enum Command {
     Verify(verify::Verify),
     Backup(backup::Backup),
     Restore(backup::Restore),
-    /// Ask a running server whether it is ready; the exit code tells
+    /// Check whether a running server is ready; the exit code is 0 if it is
     Health(health::Flags),
 }
 
-/// Runs the command that the arguments name.
+/// Parses the arguments and runs the command.
 pub fn main() -> ExitCode {
     crate::store::failpoint::arm();
     let arguments = Arguments::parse();

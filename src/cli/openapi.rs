@@ -1,4 +1,4 @@
-//! `pinstack openapi`
+//! `pinstack openapi`: prints the OpenAPI document.
 
 use std::io::Write;
 

@@ -1,4 +1,4 @@
-//! `pinstack serve`: the API, and workers beside it.
+//! `pinstack serve`: the API and the workers.
 
 use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
 
@@ -25,16 +25,16 @@ use crate::{
     worker::{self, Deps, Pool, maintenance},
 };
 
-/// How long running jobs may take to end once the server goes down; then they are given back to the queue.
+/// How long running jobs may take to end after the shutdown begins. Then they return to the queue.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Exit code when a second signal ends the process before requests and jobs have ended: that of a process that SIGTERM ended.
+/// Exit code when a second signal ends the process at once: that of a process killed by SIGTERM.
 const ENDED_BY_SIGNAL: i32 = 143;
 
-/// Runs until SIGTERM or SIGINT; a second one ends at once.
+/// Runs until SIGTERM or SIGINT; a second signal ends the process at once.
 ///
 /// # Errors
-/// When the configuration is bad, the data folder cannot be used, or the address is taken.
+/// When the configuration is invalid, the data folder cannot be used, or the address is in use.
 pub fn run(flags: Flags) -> anyhow::Result<()> {
     let config = ServeConfig::load(&flags)?;
     logging::start(&config.log, config.log_format)?;
@@ -53,14 +53,14 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         tokio::select! {
             stopped = service.stop() => stopped,
             () = asked.next() => {
-                tracing::warn!("ended at once; jobs that were running are taken up again by the next process");
+                tracing::warn!("ended at once; the next process resumes the jobs that were running");
                 std::process::exit(ENDED_BY_SIGNAL)
             }
         }
     })
 }
 
-/// A running service: server, workers, clean-up.
+/// A running service: server, workers, maintenance.
 pub struct Service {
     address: SocketAddr,
     shutdown: CancellationToken,
@@ -73,13 +73,13 @@ impl Service {
     /// Opens the store, starts the workers, and listens.
     ///
     /// # Errors
-    /// When the data folder cannot be used or the address is taken.
+    /// When the data folder cannot be used or the address is in use.
     pub async fn start(config: &ServeConfig) -> anyhow::Result<Self> {
         let tls = match (&config.tls_cert, &config.tls_key) {
             (Some(certificate), Some(key)) => Some(tls::acceptor(certificate, key)?),
             _ => None,
         };
-        // before anything happens that counts
+        // before anything that is counted
         telemetry::recorder().map_err(anyhow::Error::msg)?;
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
@@ -115,15 +115,15 @@ impl Service {
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
     }
 
-    /// Where it listens.
+    /// The address that it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Takes nothing new, lets requests and jobs end or gives them back, then returns.
+    /// Shuts down: accepts nothing new, waits for requests and jobs, and returns unfinished jobs to the queue.
     ///
     /// # Errors
-    /// When the socket failed meanwhile.
+    /// When the server failed.
     pub async fn stop(self) -> anyhow::Result<()> {
         self.shutdown.cancel();
         let (served, ()) = tokio::join!(self.server, self.pool.shutdown(GRACE));
@@ -152,7 +152,7 @@ fn policy(config: &ServeConfig) -> Policy {
     }
 }
 
-/// As many connections as are wanted, as long as there may be enough open files.
+/// `max_connections`, lowered to what the limit of open files allows.
 fn connections(config: &ServeConfig) -> usize {
     let limit = files::raise_limit();
     let fit = files::fitting(config.max_connections, limit);
@@ -168,13 +168,13 @@ fn connections(config: &ServeConfig) -> usize {
     fit
 }
 
-/// Names that are the service's own: those of the setting, and the one that is listened on.
+/// The host names of the service: those of the setting, and the one in `listen`.
 fn hosts(config: &ServeConfig) -> Vec<String> {
     let listened = config.listen.rsplit_once(':').map(|(host, _)| host.to_owned());
     config.hosts.iter().cloned().chain(listened).collect()
 }
 
-/// Whoever watches the file never sees half an address.
+/// Writes the address atomically, so that no reader sees half of it.
 fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
     let new = file.with_extension("new");
     std::fs::write(&new, format!("{address}\n"))
@@ -193,7 +193,7 @@ impl AskedToStop {
         Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
     }
 
-    /// Waits for the next one.
+    /// Waits for the next signal.
     async fn next(&mut self) {
         tokio::select! {
             _ = self.terminate.recv() => {}

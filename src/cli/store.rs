@@ -9,7 +9,7 @@ use rustix::fs::Mode;
 use super::config::{Flags, ServeConfig};
 use crate::store::{self, Store, data_folder, folder};
 
-/// Where the data is.
+/// The location of the data.
 #[derive(Debug, Args)]
 pub struct Place {
     /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]

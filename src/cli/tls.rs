@@ -1,4 +1,4 @@
-//! TLS from a certificate and a key in PEM files, and the health check through it.
+//! TLS: the acceptor of the server, from PEM files, and the connector of the health check.
 
 use std::{path::Path, sync::Arc};
 
@@ -17,10 +17,10 @@ fn provider() -> Arc<CryptoProvider> {
     Arc::new(ring::default_provider())
 }
 
-/// What speaks TLS with clients.
+/// The TLS acceptor of the server.
 ///
 /// # Errors
-/// When a file cannot be read or holds something else, or the key does not belong to the certificate.
+/// When a file cannot be read or parsed, or the key does not match the certificate.
 pub fn acceptor(certificate: &Path, key: &Path) -> anyhow::Result<TlsAcceptor> {
     let chain = chain(certificate)?;
     let key_der = PrivateKeyDer::from_pem_file(key)
@@ -29,16 +29,18 @@ pub fn acceptor(certificate: &Path, key: &Path) -> anyhow::Result<TlsAcceptor> {
         .with_safe_default_protocol_versions()?
         .with_no_client_auth()
         .with_single_cert(chain, key_der)
-        .with_context(|| format!("tls_key: {} does not fit {}", key.display(), certificate.display()))?;
+        .with_context(|| {
+            format!("tls_key: {} does not match the certificate {}", key.display(), certificate.display())
+        })?;
     config.alpn_protocols = vec![b"http/1.1".to_vec()];
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// What asks a server that shows exactly this certificate, whatever name is in it and whoever signed it: the health
-/// check of a machine asks that machine.
+/// A connector that accepts exactly this certificate, whatever its name and issuer. The health check knows the certificate of
+/// its own machine.
 ///
 /// # Errors
-/// When the file cannot be read or holds something else.
+/// When the file cannot be read or parsed.
 pub fn pinned_connector(certificate: &Path) -> anyhow::Result<TlsConnector> {
     let chain = chain(certificate)?;
     let pin = Pin { expected: chain.into_iter().next().context("tls_cert: no certificate")?, provider: provider() };
@@ -60,7 +62,7 @@ fn chain(certificate: &Path) -> anyhow::Result<Vec<CertificateDer<'static>>> {
     Ok(chain)
 }
 
-/// Takes one certificate and no other.
+/// Accepts one certificate and no other.
 #[derive(Debug)]
 struct Pin {
     expected: CertificateDer<'static>,

@@ -37,7 +37,7 @@ enum Command {
     Add {
         /// Name of the token: 1 to 64 of A-Z a-z 0-9 . _ -
         name: String,
-        /// What it allows: profiles:write, stacks:write, read, admin; may be repeated
+        /// What the token allows: profiles:write, stacks:write, read, admin; may be repeated
         #[arg(long = "scope", value_name = "SCOPE", required = true)]
         scopes: Vec<Scope>,
         /// Disk space that its stacks and uploads may use together, GB (10^9 bytes) [default: no limit]
@@ -48,7 +48,7 @@ enum Command {
     List,
     /// Revoke a token at once
     Revoke {
-        /// Its name
+        /// Name of the token
         name: String,
     },
 }

@@ -278,7 +278,7 @@ async fn tokens_are_made_shown_once_listed_and_revoked_and_their_secrets_are_wri
     let (went_well, token, _) = said(folder, &add);
     assert!(went_well && token.starts_with("pinstack_") && !token.contains(char::is_whitespace), "{token}");
     let secret = secret_of(&token).to_owned();
-    assert!(said(folder, &add).2.contains("take another name"));
+    assert!(said(folder, &add).2.contains("choose another name"));
     assert!(said(folder, &["token", "add", "x", "--scope", "everything"]).2.contains("profiles:write"));
     assert!(said(folder, &["token", "add", "../x", "--scope", "read"]).2.contains("A-Z"));
     let (_, listed, _) = said(folder, &["token", "list"]);

@@ -41,7 +41,7 @@ fn a_value_of_the_wrong_kind_and_an_unknown_key_are_refused() {
 fn a_variable_that_is_no_setting_is_refused_with_the_one_that_is_meant() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let told = refusal(folder.path(), &[], &[("PINSTACK_AUTHH", "tokens")]);
-    assert!(told.contains("PINSTACK_AUTHH is no setting; did you mean PINSTACK_AUTH?"), "{told}");
+    assert!(told.contains("PINSTACK_AUTHH is not a setting; did you mean PINSTACK_AUTH?"), "{told}");
 }
 
 #[test]

@@ -114,7 +114,7 @@ fn a_certificate_that_cannot_be_used_is_refused_with_its_file() {
     assert!(serve("missing.pem", "own.key").contains("missing.pem"));
     assert!(serve("empty.pem", "own.key").contains("no certificate in empty.pem"));
     assert!(serve("own.pem", "own.pem").contains("private key in PEM from own.pem"));
-    assert!(serve("own.pem", "other.key").contains("other.key does not fit own.pem"));
+    assert!(serve("own.pem", "other.key").contains("other.key does not match the certificate own.pem"));
     let told = refusal(folder, &["serve", "--tls-cert", "own.pem"]);
     assert!(told.contains("belong together"), "{told}");
 }

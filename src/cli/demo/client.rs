@@ -1,4 +1,4 @@
-//! A small client of the service: what a script does with curl.
+//! A small HTTP client of the service.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use tokio_util::io::ReaderStream;
 
-/// Speaks to one server.
+/// A client of one server.
 pub(super) struct Client {
     base: String,
     http: reqwest::Client,
@@ -18,11 +18,11 @@ impl Client {
         Self { base, http: reqwest::Client::new() }
     }
 
-    /// Streams a zip to `path` and waits for the job to end, telling `seen` each stage and its share of the job.
+    /// Uploads a zip to `path` and waits for the job to end. Calls `report` with each stage and the fraction of the job.
     ///
     /// # Errors
-    /// When the server refuses the upload or the job fails: with its own sentence.
-    pub(super) async fn run_job(&self, path: &str, zip: &Path, mut seen: impl FnMut(&str, f64)) -> Result<Value> {
+    /// When the server refuses the upload or the job fails, with the detail of the problem.
+    pub(super) async fn run_job(&self, path: &str, zip: &Path, mut report: impl FnMut(&str, f64)) -> Result<Value> {
         let file = tokio::fs::File::open(zip).await.with_context(|| format!("cannot read {}", zip.display()))?;
         let length = file.metadata().await?.len();
         let answer = self
@@ -36,12 +36,12 @@ impl Client {
             .with_context(|| format!("POST {path}"))?;
         let location = answer.headers().get("location").and_then(|l| l.to_str().ok()).map(str::to_owned);
         json(answer).await?;
-        let location = location.context("the server accepted the upload without saying where the job is")?;
-        self.follow(&location, &mut seen).await
+        let location = location.context("the server accepted the upload without a Location header")?;
+        self.follow(&location, &mut report).await
     }
 
-    /// Reads the events of a job until it ends, then the job itself.
-    async fn follow(&self, location: &str, seen: &mut impl FnMut(&str, f64)) -> Result<Value> {
+    /// Follows the events of a job until it ends, then fetches the job.
+    async fn follow(&self, location: &str, report: &mut impl FnMut(&str, f64)) -> Result<Value> {
         let mut events = self.http.get(format!("{}{location}/events", self.base)).send().await?.error_for_status()?;
         let mut text = String::new();
         while let Some(chunk) = events.chunk().await? {
@@ -52,7 +52,7 @@ impl Client {
                 let Ok(event) = serde_json::from_str::<Value>(data.trim()) else { continue };
                 let progress = event.get("progress").unwrap_or(&event);
                 if let (Some(stage), Some(fraction)) = (progress["stage"].as_str(), progress["fraction"].as_f64()) {
-                    seen(stage, fraction);
+                    report(stage, fraction);
                 }
             }
         }
@@ -67,7 +67,7 @@ impl Client {
     /// GETs JSON.
     ///
     /// # Errors
-    /// When the server does not answer with 2xx: with its own sentence.
+    /// When the server does not answer with 2xx, with the detail of the problem.
     pub(super) async fn get_json(&self, path: &str) -> Result<Value> {
         json(self.http.get(format!("{}{path}", self.base)).send().await?).await
     }
@@ -82,7 +82,7 @@ impl Client {
     }
 }
 
-/// The JSON of an answer; an error's own sentence when it is one.
+/// The JSON of an answer; the detail of the problem if it is an error.
 async fn json(answer: reqwest::Response) -> Result<Value> {
     let (status, url) = (answer.status(), answer.url().path().to_owned());
     let body: Value = answer.json().await.with_context(|| format!("{url} did not answer with JSON"))?;

@@ -1,4 +1,5 @@
-//! `pinstack demo`: the main job from end to end, over real HTTP, with a result whose truth is known.
+//! `pinstack demo`: calibrates and fuses a synthetic stack through the service over HTTP, and compares the results with the
+//! truth of the renderer.
 
 mod client;
 mod compare;
@@ -29,31 +30,31 @@ use pinstack_science::{
     synth::{DotTarget, Rig, Scene, Stage},
 };
 
-// as in README.md, so that both tell one story
+// the names used in README.md
 const RIG: &str = "bench-1";
 const LENS: &str = "macro65-1x";
 /// Dots of the target from left to right.
 const TARGET_COLUMNS: usize = 19;
 
-/// Size of the insect: small enough that its legs and antennae end inside the picture, as they should in a real one.
+/// Scale of the insect. Its legs and antennae must end inside the picture, as those of a real object should.
 const SCENE_SCALE: f64 = 0.9;
 
-/// Make a synthetic dot target and focus stack, send them through the service, and compare with the truth.
+/// Render a dot target and a focus stack, send them through the service, and compare the results with the truth.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Demo {
-    /// Folder for the results, the zips and the service's data.
+    /// Folder of the results, the zips and the data of the service.
     #[arg(long, default_value = "demo-out")]
     out: PathBuf,
-    /// Leave the service running afterwards and print calls to try.
+    /// Keep the service running afterwards and print requests to try.
     #[arg(long)]
     keep: bool,
-    /// Seed of everything that looks random.
+    /// Seed of the random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Width of a slice, px; the height is two thirds of it.
     #[arg(long, default_value_t = 1200, value_parser = clap::value_parser!(u32).range(240..=6000))]
     width: u32,
-    /// Slices of the stack.
+    /// Number of slices.
     #[arg(long, default_value_t = 13, value_parser = clap::value_parser!(u32).range(3..=100))]
     slices: u32,
 }
@@ -62,12 +63,12 @@ impl Demo {
     /// Runs the demo.
     ///
     /// # Errors
-    /// When a file cannot be written, or a call or a job fails.
+    /// When a file cannot be written, or a request or a job fails.
     pub fn run(self) -> Result<()> {
-        tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(self.tell())
+        tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(self.run_steps())
     }
 
-    async fn tell(self) -> Result<()> {
+    async fn run_steps(self) -> Result<()> {
         let begin = Instant::now();
         let data = self.out.join("data");
         std::fs::create_dir_all(&data).with_context(|| format!("cannot make the folder {}", data.display()))?;
@@ -147,16 +148,16 @@ impl Demo {
     }
 }
 
-/// Starts the service on the usual port, or on a free one when that is taken.
+/// Starts the service on its default port, or on a free port if that is in use.
 async fn start_service(data_dir: PathBuf) -> Result<Service> {
-    let usual = ServeConfig { data_dir, ..ServeConfig::default() };
-    match Service::start(&usual).await {
+    let config = ServeConfig { data_dir, ..ServeConfig::default() };
+    match Service::start(&config).await {
         Ok(service) => Ok(service),
-        Err(_) => Service::start(&ServeConfig { listen: "127.0.0.1:0".into(), ..usual }).await,
+        Err(_) => Service::start(&ServeConfig { listen: "127.0.0.1:0".into(), ..config }).await,
     }
 }
 
-/// What came back from the service.
+/// The results from the service.
 struct Results {
     profile: Value,
     image: Raster,
@@ -167,7 +168,7 @@ struct Results {
 }
 
 impl Results {
-    /// Fetches every result and leaves it as a file in `out`.
+    /// Fetches every result and writes it to a file in `out`.
     async fn fetch(client: &Client, calibration: &Value, stack: &Value, reference: usize, out: &Path) -> Result<Self> {
         let stack_path = format!("/v1/stacks/{}", stack["id"].as_str().context("a stack has an id")?);
         let calibration_path =
@@ -236,7 +237,7 @@ fn show(bar: &ProgressBar, job: &str, stage: &str, share: f64) {
 
 fn print_calls(url: &str, stack: &Value, zip: &Path) {
     let id = stack["id"].as_str().unwrap_or_default();
-    println!("\nThe service is still there; Ctrl-C ends it. Try:\n");
+    println!("\nThe service is still running; Ctrl-C stops it. Try:\n");
     println!("  curl {url}/v1/profiles/{RIG}/{LENS}");
     println!("  curl {url}/v1/stacks/{id}");
     println!("  curl {url}/v1/stacks/{id}/metrics");

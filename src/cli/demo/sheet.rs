@@ -1,4 +1,4 @@
-//! The contact sheet: everything that the demo made on one picture.
+//! The contact sheet: all results of the demo on one picture.
 
 use font8x8::UnicodeFonts;
 
@@ -14,7 +14,7 @@ const INK: [u8; 3] = [40, 40, 44];
 
 /// A captioned picture.
 pub(super) struct Cell<'a> {
-    /// Under the picture.
+    /// Text below the picture.
     pub caption: String,
     /// 8 or 16 bits; alpha is shown over a checkerboard.
     pub picture: &'a Raster,
@@ -46,7 +46,7 @@ impl Sheet {
         }
     }
 
-    /// Scales the picture into the cell at (x, y), each pixel the mean of what it covers.
+    /// Scales the picture into the cell at (x, y) by area averaging.
     fn picture(&mut self, x: usize, y: usize, picture: &Raster) {
         let scale = (picture.width as f64 / CELL.0 as f64).max(picture.height as f64 / CELL.1 as f64);
         let (wide, high) = ((picture.width as f64 / scale) as usize, (picture.height as f64 / scale) as usize);
@@ -63,7 +63,7 @@ impl Sheet {
         for (i, letter) in text.chars().take(CELL.0 / 9).enumerate() {
             let Some(glyph) = font8x8::BASIC_FONTS.get(letter) else { continue };
             for (row, bits) in glyph.into_iter().enumerate() {
-                // Twice as high as wide: 8x16, readable at 1:1.
+                // each row twice: 8 x 16 px, readable at 1:1
                 for (column, line) in (0..8).flat_map(|column| [(column, 0), (column, 1)]) {
                     if bits >> column & 1 == 1 {
                         self.set(x + i * 9 + column, y + row * 2 + line, INK);
@@ -94,7 +94,7 @@ fn mean(picture: &Raster, column: usize, row: usize, scale: f64) -> [u8; 3] {
     sum.map(|s| (s / count).round() as u8)
 }
 
-/// The colour of one pixel, 0..255, over a grey where it is transparent.
+/// The colour of one pixel, 0..255, composited over a grey.
 fn over_checks(picture: &Raster, x: usize, y: usize, grey: f32) -> [f32; 3] {
     let n = picture.channels;
     let at = (y * picture.width + x) * n;
@@ -112,7 +112,7 @@ fn over_checks(picture: &Raster, x: usize, y: usize, grey: f32) -> [f32; 3] {
     }
 }
 
-/// Slice indices as colours: from violet (first slice) over green to yellow (last); black where there is none.
+/// Slice indices as colours, from violet (first slice) over green to yellow (last); black where no slice covers the pixel.
 pub(super) fn depth_colours(index: &Raster, slices: usize) -> Raster {
     let value = |i: usize| match &index.samples {
         Samples::Eight(s) => usize::from(s[i]),
@@ -126,7 +126,7 @@ pub(super) fn depth_colours(index: &Raster, slices: usize) -> Raster {
     Raster::eight(index.width, index.height, 3, pixels.collect())
 }
 
-/// A perceptually even ramp (five supports of viridis).
+/// A perceptually uniform colour ramp: viridis at five points, interpolated.
 fn ramp(t: f32) -> [u8; 3] {
     const SUPPORTS: [[f32; 3]; 5] =
         [[68., 1., 84.], [59., 82., 139.], [33., 145., 140.], [94., 201., 98.], [253., 231., 37.]];

@@ -1,4 +1,4 @@
-//! The zips that the demo sends, rendered with known truth.
+//! Renders the zips that the demo uploads.
 
 use std::{fs::File, io::BufWriter, path::Path};
 
@@ -11,10 +11,10 @@ use pinstack_science::{
     synth::{DotTarget, Light, Rig, Stage, render_target},
 };
 
-/// JPEG quality of the slices: what cameras call "fine".
+/// JPEG quality of the slices, that of the setting "fine" of cameras.
 const QUALITY: u8 = 95;
 
-/// Photographs the dot target at every rail position and zips it.
+/// Renders the dot target at every rail position into a zip.
 ///
 /// # Errors
 /// When the zip cannot be written.
@@ -26,7 +26,7 @@ pub(super) fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result
     write_zip(slices.collect(), path)
 }
 
-/// Photographs the scene at every rail position, lit from the front and from the back, and zips both.
+/// Renders the scene at every rail position with front and back light into a zip.
 ///
 /// # Errors
 /// When the zip cannot be written.

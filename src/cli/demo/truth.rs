@@ -1,4 +1,4 @@
-//! What is known about the demo's stack, and how far the results are from it.
+//! The truth of the demo's stack, and the comparison of the results with it.
 
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -10,31 +10,31 @@ use pinstack_science::{
     types::Homography,
 };
 
-/// Everything that the demo was rendered from.
+/// What the demo is rendered from.
 pub(super) struct Known {
     /// The camera on its rail.
     pub rig: Rig,
-    /// The object before it.
+    /// The scene with the object.
     pub stage: Stage,
 }
 
-/// How far the results are from the truth.
+/// The comparison of the results with the truth.
 pub(super) struct Score {
     worst_corner_px: f64,
     worst_rms_px: f64,
-    /// Of the fused image on the object, dB.
+    /// PSNR of the fused image on the object, dB.
     pub psnr_fused: f64,
     psnr_single: f64,
     best_single: usize,
-    /// Of the mask.
+    /// Intersection over union of the mask.
     pub iou: f64,
-    /// For the contact sheet.
+    /// The first slice, for the contact sheet.
     pub first_slice: Raster,
-    /// For the contact sheet.
+    /// The last slice, for the contact sheet.
     pub last_slice: Raster,
-    /// Everything in focus.
+    /// The all-in-focus truth.
     pub truth: Raster,
-    /// Four times the absolute difference.
+    /// Four times the absolute difference from the truth.
     pub difference: Raster,
 }
 
@@ -42,7 +42,7 @@ impl Known {
     /// Compares a profile, a fused image and a mask with the truth.
     ///
     /// # Errors
-    /// When the profile is not what the contract says.
+    /// When the profile lacks its homographies.
     pub(super) fn score(&self, profile: &Value, image: &Raster, mask: &Raster) -> Result<Score> {
         let Truth { sharp, mask: true_mask, .. } = self.stage.truth();
         let measured: Vec<Homography> =
@@ -78,7 +78,7 @@ impl Known {
 }
 
 impl Score {
-    /// The numbers, for the terminal.
+    /// The numbers as text for the terminal.
     pub(super) fn table(&self) -> String {
         [
             format!(
