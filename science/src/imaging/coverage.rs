@@ -1,22 +1,22 @@
-//! Which pixels of a canvas a warped slice covers.
+//! Coverage: the pixels of the canvas that a warped slice covers.
 
 use std::ops::Range;
 
 use super::{Plane, Rect};
 use crate::types::Homography;
 
-/// How far outside the outermost pixel centres of a slice a point may lie and still count as inside, px:
-/// room for rounding, so that a homography that is the identity but for its last digits loses no border.
+/// Tolerance for points outside the outermost pixel centres of a slice, px. A homography that equals the identity up to
+/// rounding must not lose the border.
 const TOLERANCE: f64 = 1e-6;
 
 /// The pixels of a canvas that a warped slice covers, as one span per row.
 ///
-/// A homography sends the rectangle of a slice to a convex quadrilateral, so that the covered pixels of a row
-/// are always one run: two numbers per row say what a mask of the whole canvas would.
+/// A homography maps the rectangle of a slice to a convex quadrilateral, so the covered pixels of a row are contiguous: two
+/// numbers per row replace a mask.
 ///
-/// A pixel is covered when it comes from a point between the outermost pixel centres of the slice,
-/// `[0, w-1] x [0, h-1]`. Interpolation beside the slice's border repeats the border; the saliency keeps away
-/// from such pixels by [`Coverage::eroded`].
+/// A pixel is covered when its source position is between the outermost pixel centres of the slice, `[0, w-1] x [0, h-1]`.
+/// Interpolation near the border of the slice repeats the border pixels; focus measures exclude such pixels with
+/// [`Coverage::eroded`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Coverage {
     width: usize,
@@ -24,13 +24,13 @@ pub struct Coverage {
 }
 
 impl Coverage {
-    /// Everything is covered.
+    /// Full coverage.
     pub fn full(width: usize, height: usize) -> Self {
         Self { width, spans: vec![0..width; height] }
     }
 
-    /// What a slice of `slice` (width, height) px covers of a `width` x `height` canvas, where
-    /// `to_slice` maps canvas pixels to slice pixels.
+    /// The coverage of a `width` x `height` canvas by a slice of `slice` = (width, height) px. `to_slice` maps canvas pixels
+    /// to slice pixels.
     pub fn of(to_slice: &Homography, slice: (usize, usize), width: usize, height: usize) -> Self {
         let h = to_slice.0;
         let limit = [slice.0 as f64 - 1.0 + TOLERANCE, slice.1 as f64 - 1.0 + TOLERANCE];
@@ -74,8 +74,8 @@ impl Coverage {
         self.spans.iter().map(ExactSizeIterator::len).sum()
     }
 
-    /// The pixels whose whole surrounding of `radius` px is covered. The canvas ends without harm: beyond
-    /// its border the border pixel is repeated, so only uncovered pixels inside the canvas count.
+    /// The pixels whose complete neighbourhood of `radius` px is covered. Positions beyond the canvas do not count as
+    /// uncovered, because filters repeat the border there.
     #[must_use]
     pub fn eroded(&self, radius: usize) -> Self {
         let height = self.spans.len();
@@ -92,7 +92,7 @@ impl Coverage {
         Self { width: self.width, spans }
     }
 
-    /// What both cover.
+    /// The pixels that both cover.
     #[must_use]
     pub fn intersection(&self, other: &Self) -> Self {
         let both = |(a, b): (&Range<usize>, &Range<usize>)| {
@@ -116,7 +116,7 @@ impl Coverage {
             .all(|span| span.is_empty() || span.end <= rect.x || span.start >= rect.x + rect.width)
     }
 
-    /// The spans of `rect`, in its own columns.
+    /// The spans of the rows of `rect`, in columns relative to it.
     pub fn spans_in(&self, rect: Rect) -> impl Iterator<Item = Range<usize>> + '_ {
         self.spans[rect.y..rect.y + rect.height].iter().map(move |span| {
             let start = span.start.clamp(rect.x, rect.x + rect.width) - rect.x;

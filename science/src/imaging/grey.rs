@@ -1,5 +1,4 @@
-//! Grey values of interleaved pixels, Rec. 601, row by row: as floats for focus measures, as integers where
-//! sums must be exact.
+//! Luma (Rec. 601) of interleaved pixels, row by row: as floats for focus measures, as integers where sums must be exact.
 
 use super::{
     sample::Sample,
@@ -9,7 +8,7 @@ use super::{
 /// Rec. 601 weights of red, green and blue in the luma.
 pub const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
 
-/// Pixels whose channels are taken apart at a time.
+/// Pixels that are split into channels at a time.
 const BLOCK: usize = 64;
 
 /// Luma 0..255 of a row of pixels of `channels` interleaved samples: 1 grey, 3 RGB, 4 RGBA (alpha is ignored).
@@ -31,8 +30,8 @@ pub fn luma_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [f32]) {
     );
 }
 
-/// The same luma as an integer, 0..65535 for either depth: the guide of the guided filter, whose window
-/// sums must be exact. Its rounding (variance 2e-11 of full scale squared) is far below the smallest `eps`.
+/// The same luma as an integer, 0..=65535 at either depth. This is the guide of the guided filter, whose window sums must be
+/// exact. The rounding (variance 2e-11 of full scale squared) is far below the smallest `eps`.
 pub fn guide_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [u16]) {
     simd::run(
         Avx2::detect(),
@@ -53,8 +52,8 @@ pub fn guide_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [u16]) {
     );
 }
 
-/// `grey` of each pixel. Channels are taken apart first, a block at a time: the compiler finds vector instructions for
-/// that and for the rest, and not for both at once.
+/// Applies `grey` to each pixel. Channels are split first, a block at a time: the compiler vectorises the splitting and the
+/// arithmetic separately, but not together.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
 fn in_blocks<S: Sample, T>(pixels: &[S], channels: usize, out: &mut [T], grey: impl Fn(S, S, S) -> T) {
@@ -105,7 +104,7 @@ mod tests {
         let (mut guides, mut guide) = ([0; 200], [0; 1]);
         luma_row(&samples, 3, &mut row);
         guide_row(&samples, 3, &mut guides);
-        // one pixel alone is no block
+        // a single pixel is shorter than a block
         for ((samples, row), guides) in samples.chunks(3).zip(row).zip(guides) {
             luma_row(samples, 3, &mut pixel);
             guide_row(samples, 3, &mut guide);
@@ -114,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn white_is_full_scale_in_every_form() {
+    fn white_is_full_scale_in_every_format() {
         let mut guide = [0u16; 1];
         guide_row(&[255u8; 3], 3, &mut guide);
         assert_eq!(guide, [65_535]);

@@ -1,4 +1,14 @@
-//! Pictures: planes, codecs, warp, and the filters that everything above is made of.
+//! Images: rasters and planes, file formats, warping, filters, and small tools that the modules above share.
+//!
+//! | module | content |
+//! |---|---|
+//! | [`raster`], [`sample`] | image types, 8 and 16 bits |
+//! | [`codec`] | JPEG, PNG and TIFF, with ICC profile and EXIF |
+//! | [`slices`] | the source of the slices of a stack |
+//! | [`warp`], [`coverage`] | resampling to the reference slice, and which pixels a slice covers |
+//! | [`filter`] | mean, guided filter, focus measures, blur by a disc |
+//! | [`grey`], [`statistics`], [`thumbnail`], [`compositing`] | luma, medians and quantiles, small copies, RGBA output |
+//! | [`simd`] | vector instructions, with the same bits as portable code |
 
 pub mod codec;
 pub mod compositing;

@@ -1,4 +1,4 @@
-//! How pixels lie in memory.
+//! Image types: [`Plane`] (one channel of any type), [`Raster`] (interleaved 8 or 16-bit samples) and [`Rect`].
 
 use super::grey;
 
@@ -14,12 +14,12 @@ pub struct Plane<T> {
 }
 
 impl<T: Copy> Plane<T> {
-    /// A plane of one value.
+    /// A plane with the same value everywhere.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self { width, height, data: vec![value; width * height] }
     }
 
-    /// A plane from a function of (x, y).
+    /// A plane with the values of a function of (x, y).
     pub fn from_fn(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> T) -> Self {
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {
@@ -46,7 +46,7 @@ impl<T: Copy> Plane<T> {
         &self.data[y * self.width..(y + 1) * self.width]
     }
 
-    /// Row `y`, to be written.
+    /// Row `y`, mutable.
     #[inline]
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.width..(y + 1) * self.width]
@@ -61,13 +61,13 @@ impl<T: Copy> Plane<T> {
         Self { width: rect.width, height: rect.height, data }
     }
 
-    /// The same plane with another value per sample.
+    /// A plane of the same size with `value` applied to each sample.
     pub fn map<U>(&self, value: impl FnMut(T) -> U) -> Plane<U> {
         Plane { width: self.width, height: self.height, data: self.data.iter().copied().map(value).collect() }
     }
 }
 
-/// A rectangle of pixels: `x..x + width`, `y..y + height`.
+/// A rectangle of pixels: columns `x..x + width`, rows `y..y + height`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rect {
     /// Left column.
@@ -81,12 +81,12 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The whole of a `width` x `height` image.
+    /// All of a `width` x `height` image.
     pub fn whole(width: usize, height: usize) -> Self {
         Self { x: 0, y: 0, width, height }
     }
 
-    /// Grown by `margin` on every side, and cut at the borders of a `width` x `height` image.
+    /// Extended by `margin` px on every side, and clipped to a `width` x `height` image.
     #[must_use]
     pub fn grown(self, margin: usize, width: usize, height: usize) -> Self {
         let (x, y) = (self.x.saturating_sub(margin), self.y.saturating_sub(margin));
@@ -135,7 +135,7 @@ pub enum Samples {
     Sixteen(Vec<u16>),
 }
 
-/// A picture as files hold it: interleaved samples, gamma-encoded, sample `c` of pixel (x, y) at
+/// An image as stored in files: interleaved, gamma-encoded samples. Sample `c` of pixel (x, y) is at
 /// `(y * width + x) * channels + c`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
@@ -153,18 +153,18 @@ impl Raster {
     /// A raster of 8-bit samples.
     ///
     /// # Panics
-    /// When the number of samples does not fit the shape.
+    /// When the number of samples differs from `width * height * channels`.
     pub fn eight(width: usize, height: usize, channels: usize, samples: Vec<u8>) -> Self {
-        assert_eq!(samples.len(), width * height * channels, "samples do not fit the shape");
+        assert_eq!(samples.len(), width * height * channels, "the number of samples does not match the shape");
         Self { width, height, channels, samples: Samples::Eight(samples) }
     }
 
     /// A raster of 16-bit samples.
     ///
     /// # Panics
-    /// When the number of samples does not fit the shape.
+    /// When the number of samples differs from `width * height * channels`.
     pub fn sixteen(width: usize, height: usize, channels: usize, samples: Vec<u16>) -> Self {
-        assert_eq!(samples.len(), width * height * channels, "samples do not fit the shape");
+        assert_eq!(samples.len(), width * height * channels, "the number of samples does not match the shape");
         Self { width, height, channels, samples: Samples::Sixteen(samples) }
     }
 

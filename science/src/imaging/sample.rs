@@ -1,4 +1,4 @@
-//! The two kinds of sample a raster holds, so that a kernel is written once.
+//! The sample types of a raster, as a trait, so that a kernel is written once for both.
 
 use super::{Depth, Samples};
 
@@ -11,8 +11,8 @@ mod sealed {
 
 /// An integer sample, `u8` or `u16`. Kernels compute in `f32` or in exact integers and round once at the end.
 ///
-/// The trait is sealed. Vector code relies on samples that have no padding and of which every bit pattern is a value, so
-/// that no other crate may add a type:
+/// The trait is sealed: vector code relies on samples without padding for which every bit pattern is valid. No other crate
+/// can implement it:
 ///
 /// ```compile_fail,E0277
 /// # use pinstack_science::imaging::{Depth, Sample, Samples};
@@ -35,7 +35,7 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
     const DEPTH: Depth;
     /// Bytes per sample.
     const BYTES: usize;
-    /// What stretches this sample to the full scale of 16 bits: 257 or 1.
+    /// The factor from this full scale to that of 16 bits: 257 or 1.
     const TO_SIXTEEN: u32;
 
     /// The sample as a float, 0 to full scale.
@@ -44,16 +44,16 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
     /// The sample as an integer, 0 to full scale.
     fn integer(self) -> u32;
 
-    /// The nearest sample (halves go up), clamped to 0 and full scale; NaN gives 0.
+    /// The nearest sample (halves round up), clamped to 0 and full scale; NaN gives 0.
     fn rounded(value: f32) -> Self;
 
-    /// The samples of a raster, when they are of this kind.
+    /// The samples of a raster, if they have this type.
     fn of(samples: &Samples) -> Option<&[Self]>;
 
     /// The samples of a raster without a copy, when they are of this kind.
     fn from_samples(samples: Samples) -> Option<Vec<Self>>;
 
-    /// Samples of this kind as a raster holds them.
+    /// Samples of this type as those of a raster.
     fn wrap(samples: Vec<Self>) -> Samples;
 }
 

@@ -1,4 +1,4 @@
-//! Where slices come from: an archive, a renderer, a test.
+//! The source of the slices of a stack: an archive, a renderer, a test.
 
 use super::Raster;
 use crate::types::Error;
@@ -6,23 +6,23 @@ use crate::types::Error;
 /// A slice that could not be had, as a fault that names its file.
 pub type SliceError = Error;
 
-/// The ordered slices of one light of a stack. Slices are loaded one by one, possibly from several threads
-/// at once, possibly more than once; nothing is kept between calls.
+/// The ordered slices of one light of a stack. Slices are loaded one by one, possibly by several threads in parallel and
+/// possibly more than once. Nothing is cached between calls.
 pub trait Slices: Sync {
     /// Number of slices.
     fn count(&self) -> usize;
 
-    /// Name of slice `index` as the user knows it (its file name in the archive).
+    /// Name of slice `index` for the user: its file name in the archive.
     fn name(&self, index: usize) -> &str;
 
-    /// Decodes slice `index`: 1 or 3 channels (alpha is dropped), all slices of one stack of one size.
+    /// Decodes slice `index` to 1 or 3 channels (alpha is dropped). All slices of a stack have the same size.
     ///
     /// # Errors
-    /// A fault that names the file when it cannot be read or is no image.
+    /// An error that names the file when it cannot be read or decoded.
     fn load(&self, index: usize) -> Result<Raster, SliceError>;
 }
 
-/// Slices that are in memory already.
+/// Slices in memory.
 impl Slices for [Raster] {
     fn count(&self) -> usize {
         self.len()
@@ -37,7 +37,7 @@ impl Slices for [Raster] {
     }
 }
 
-/// Borrowed slices: `&&pictures[..]` is a `&dyn Slices`, which an unsized `[Raster]` alone cannot be.
+/// Borrowed slices: a `&&[Raster]` coerces to `&dyn Slices`, which an unsized `[Raster]` does not.
 impl<T: Slices + ?Sized> Slices for &T {
     fn count(&self) -> usize {
         (**self).count()

@@ -1,27 +1,31 @@
-//! Blur by a disc: what a lens does to what is out of focus.
+//! Blur by a disc: the defocus of a thin lens with a round aperture.
+//!
+//! The blurred value is a sum of chords, each the difference of two column sums, so the cost grows with the radius and not
+//! with its square. `synth/disc.rs` implements the same blur independently on purpose: the rendered truth must not share
+//! code with the method that it judges.
 
 use crate::imaging::{
     Plane, Rect,
     simd::{self, Avx2},
 };
 
-/// From this radius on, px, a picture is blurred at half its size, from twice as much at a quarter, and so on:
-/// what is left of it has no detail that this would lose.
+/// From this radius on, px, the image is blurred at half its size, from twice this radius at a quarter, and so on: a blurred
+/// image has no detail that the smaller size would lose.
 const COARSE_FROM: f32 = 12.0;
 
-/// A disc of a radius.
+/// A disc of given radius.
 #[derive(Debug, Clone)]
 pub struct Disc {
-    /// Half of the chord in each column of pixels, averaged over the width of the column.
+    /// Half of the chord in each pixel column, averaged over the width of the column.
     half_chords: Vec<f32>,
     inverse_area: f32,
-    /// How often the picture is halved first.
+    /// How many times the image is halved first.
     halvings: usize,
     simd: Option<Avx2>,
 }
 
 impl Disc {
-    /// A disc of `radius` px; under half a pixel it does nothing.
+    /// A disc of `radius` px. Up to half a pixel it has no effect.
     pub fn new(radius: f32) -> Self {
         let halvings = (0..5).find(|&k| radius / ((1u32 << k) as f32) < COARSE_FROM).unwrap_or(5);
         let radius = radius / (1u32 << halvings) as f32;
@@ -29,7 +33,7 @@ impl Disc {
         if radius <= 0.5 {
             return Self { half_chords: vec![0.5], inverse_area: 1.0, halvings: 0, simd };
         }
-        // summing whole pixels spreads a disc by the second moment of a pixel (1/12 per axis, a disc's is r^2 / 4)
+        // summing whole pixels widens the disc by the second moment of a pixel: 1/12 per axis; that of a disc is r^2 / 4
         let radius = f64::from((radius * radius - 1.0 / 3.0).max(0.3).sqrt());
         let reach = (radius - 0.5).ceil() as i64;
         // area under the circle's upper arc from 0 to y
@@ -43,17 +47,17 @@ impl Disc {
         Self { half_chords, inverse_area, halvings, simd }
     }
 
-    /// How far from a pixel its blurred value looks, px.
+    /// Radius of the support of a blurred value, px.
     pub fn reach(&self) -> usize {
         (self.half_chords.len() / 2 + 2) << self.halvings
     }
 
-    /// The blurred plane, of the same size; beyond its border it is repeated.
+    /// The blurred plane, of the same size. Beyond the border the border pixel is repeated.
     pub fn blurred(&self, plane: &Plane<f32>) -> Plane<f32> {
         self.blurred_in(plane, Rect::whole(plane.width, plane.height))
     }
 
-    /// The part `rect` of the blurred plane.
+    /// The rectangle `rect` of the blurred plane.
     pub fn blurred_in(&self, plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
         if self.half_chords.len() == 1 || plane.data.is_empty() {
             return plane.crop(rect);
@@ -74,7 +78,7 @@ impl Disc {
         enlarged(&blurred, 1 << self.halvings, (plane.width, plane.height), rect)
     }
 
-    /// The part `rect`, of a plane that is not halved.
+    /// The blurred rectangle `rect`, without halving.
     fn at_full_size(&self, plane: &Plane<f32>, rect: Rect) -> Plane<f32> {
         let reach = self.half_chords.len() / 2;
         let pad = reach + 2;
@@ -87,7 +91,7 @@ impl Disc {
         for y in rect.y..rect.y + rect.height {
             chords.clear();
             for (k, &half) in self.half_chords.iter().enumerate() {
-                // a chord begins as far before the middle of its pixel as it ends after it
+                // a chord is centred on its pixel
                 let below = pad as f32 + 0.5 + half;
                 let last = below.floor() as usize;
                 let first = 2 * pad - last;
@@ -107,9 +111,9 @@ impl Disc {
         out
     }
 
-    /// Sums of all pixels above, per column: every chord is the difference of two of them. The border is repeated: `reach`
-    /// columns to both sides, `pad` rows above and below. They are sums of what lies above the column's first pixel, so that
-    /// they stay small; what these pixels add to the chords comes with them.
+    /// Column sums: a chord is the difference of two of them. The border is repeated, `reach` columns on both sides and `pad`
+    /// rows above and below. To keep the sums small, the first pixel of a column is subtracted from each value; the second
+    /// result holds what those pixels add to the chords.
     fn sum_up(&self, plane: &Plane<f32>, reach: usize, pad: usize) -> (Vec<f32>, Vec<f32>) {
         let (width, height) = (plane.width, plane.height);
         let stride = width + 2 * reach;
@@ -123,7 +127,7 @@ impl Disc {
         repeated(plane.row(0), &mut first);
         let rows = height + 2 * pad + 1;
         let mut sums = vec![0.0f32; stride * rows];
-        // above the second row there is nothing but the first one
+        // rows up to here repeat the first one, so their sums are zero
         for y in pad + 1..rows - 1 {
             repeated(plane.row((y - pad).min(height - 1)), &mut line);
             let (above, below) = sums.split_at_mut((y + 1) * stride);
@@ -147,15 +151,15 @@ impl Disc {
     }
 }
 
-/// One column of pixels within a disc, as sums down to its first and down to its last border between pixels: those just
-/// within it and those just beyond it, of which the latter get `share`.
+/// One pixel column of a disc, as column sums at its two ends: `inner` for the whole pixels within it, `outer` for one more
+/// pixel at either end. The outer pixels count with the weight `share`.
 struct Chord<'a> {
     inner: [&'a [f32]; 2],
     outer: [&'a [f32]; 2],
     share: f32,
 }
 
-/// Pixels whose sums are held in registers.
+/// Pixels whose sums are kept in registers.
 const PART: usize = 16;
 
 #[inline(always)]
@@ -168,13 +172,13 @@ fn add_chords(chords: &[Chord<'_>], bases: &[f32], share: f32, out: &mut [f32]) 
         return;
     }
     for x in (0..count).step_by(PART) {
-        // the last part begins within the one before it: rows are often short, and pixels one by one are slow
+        // the last block overlaps the one before: rows are often short, and single pixels are slow
         let x = x.min(count - PART);
         out[x..x + PART].copy_from_slice(&chords_of::<PART>(chords, bases, share, x));
     }
 }
 
-/// The blurred pixels from `x` on.
+/// The blurred pixels starting at `x`.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
 fn chords_of<const N: usize>(chords: &[Chord<'_>], bases: &[f32], share: f32, x: usize) -> [f32; N] {
@@ -201,8 +205,8 @@ fn halved(plane: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// The part `rect` of a plane of `width` x `height` px, of which `small` has the means of `side` x `side` pixels, interpolated
-/// between their centres.
+/// The rectangle `rect` of a `width` x `height` plane, interpolated bilinearly from `small`, which holds the means of its
+/// `side` x `side` blocks.
 fn enlarged(small: &Plane<f32>, side: usize, (width, height): (usize, usize), rect: Rect) -> Plane<f32> {
     let taps = |length: usize, part: std::ops::Range<usize>, count: usize| -> Vec<(usize, usize, f32)> {
         debug_assert!(part.end <= length);
@@ -269,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_blurred_as_the_whole_is() {
+    fn a_rectangle_is_blurred_like_the_whole_plane() {
         let speckle = Plane::from_fn(90, 70, |x, y| ((x * 7919 + y * 104_729 + x * y * 31) % 251) as f32);
         for radius in [0.4f32, 1.7, 6.0, 14.0, 27.0] {
             let disc = Disc::new(radius);

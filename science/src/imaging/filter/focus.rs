@@ -1,18 +1,19 @@
-//! A focus measure that noise does not fool: the energy of the Laplacian of a slightly smoothed picture.
+//! A focus measure that is robust to noise: the local energy of the Laplacian of Gaussian,
+//! `E = G(sigma_2) * (L (G(sigma_1) * I))^2`.
 //!
-//! Smoothing by a Gaussian before the Laplacian leaves out the highest frequencies, where noise is strongest and
-//! where resampling weakens it differently in each slice: without it the reference slice, which alone is not
-//! resampled, wins wherever there is little texture.
+//! The first Gaussian suppresses the highest frequencies. There noise is strongest, and resampling attenuates it differently
+//! in each slice: without the Gaussian the reference slice, the only one that is not resampled, would win wherever there is
+//! little texture.
 
 use crate::imaging::{
     Plane,
     simd::{self, Avx2},
 };
 
-/// Taps of half a kernel of the first Gaussian (radius 3).
+/// Taps of half of the first Gaussian kernel, centre included (radius 3).
 const BEFORE: usize = 4;
 
-/// Squared Laplacian of Gaussian, averaged by another Gaussian.
+/// The focus energy at two given scales.
 #[derive(Debug, Clone)]
 pub struct FocusEnergy {
     before: [f32; BEFORE],
@@ -20,41 +21,41 @@ pub struct FocusEnergy {
     simd: Option<Avx2>,
 }
 
-/// The second Gaussian: half a kernel.
+/// Half of the second Gaussian kernel.
 #[derive(Debug, Clone)]
 enum After {
     Near([f32; 4]),
     Wide([f32; 7]),
 }
 
-/// Rows that are looked at more than once, for [`FocusEnergy::rows`] to use again and again.
+/// Buffers of [`FocusEnergy::rows`]: rows that several output rows need.
 #[derive(Debug, Default)]
 pub struct Rows {
     /// One row of luma, with its border repeated.
     luma: Vec<f32>,
-    /// Luma smoothed along x, a ring.
+    /// Luma smoothed along x, a ring buffer.
     across: Vec<f32>,
-    /// Smoothed luma, a ring of three.
+    /// Smoothed luma, a ring buffer of three rows.
     smooth: Vec<f32>,
     /// One row of the squared Laplacian, with its border repeated.
     squared: Vec<f32>,
-    /// The same averaged along x, a ring.
+    /// The same averaged along x, a ring buffer.
     averaged: Vec<f32>,
     out: Vec<f32>,
 }
 
 impl FocusEnergy {
-    /// Labels of pixels: a Gaussian of 1 px before the Laplacian and one of 2 px after it.
+    /// The measure of the decision map: `sigma_1` = 1 px, `sigma_2` = 2 px. Robust to noise.
     pub fn for_decision_map() -> Self {
         Self { before: half(1.0), after: After::Wide(half(2.0)), simd: Avx2::detect() }
     }
 
-    /// Places of edges: Gaussians of 0.7 px and of 1 px.
+    /// The measure that localises edges: `sigma_1` = 0.7 px, `sigma_2` = 1 px.
     pub fn for_edges() -> Self {
         Self { before: half(0.7), after: After::Near(half(1.0)), simd: Avx2::detect() }
     }
 
-    /// How far from a pixel its energy looks.
+    /// Radius of the support of the energy, px.
     pub fn reach(&self) -> usize {
         let after = match &self.after {
             After::Near(half) => half.len(),
@@ -63,9 +64,9 @@ impl FocusEnergy {
         BEFORE + after - 1
     }
 
-    /// Energy of the rows `rows` of a `width` x `height` picture, in squared grey levels. `luma(y, out)` fills `out`
-    /// with row `y` of its luma; `emit(y, energy)` gets the rows in ascending order. Beyond the picture its
-    /// border is repeated. A row's result does not depend on the range it is computed in.
+    /// The energy of the rows `rows` of a `width` x `height` image, in squared grey levels. `luma(y, out)` fills `out` with row
+    /// `y` of the luma; `emit(y, energy)` receives the rows in ascending order. Beyond the image its border is repeated. The
+    /// result of a row does not depend on `rows`.
     pub fn rows(
         &self,
         size: (usize, usize),
@@ -80,7 +81,7 @@ impl FocusEnergy {
         }
     }
 
-    /// Energy of a whole plane of luma (or of a difference of two).
+    /// The energy of a plane of luma, or of the difference of two.
     pub fn plane(&self, luma: &Plane<f32>, buffers: &mut Rows) -> Plane<f32> {
         let mut out = Plane::filled(luma.width, luma.height, 0.0);
         let size = (luma.width, luma.height);
@@ -109,7 +110,7 @@ impl FocusEnergy {
         for (ring, length) in [(&mut *across, acrosses), (smooth, 3), (averaged, averages), (out, 1)] {
             ring.resize(length * width, 0.0);
         }
-        // rings: row y lies in place y modulo their length
+        // ring buffers: row y is at index y modulo their length
         let place = |y: usize, length: usize| y % length * width..y % length * width + width;
         let reach = |d: usize| d - 1;
         let mut next_averaged = rows.start.saturating_sub(reach(N));
@@ -158,11 +159,11 @@ impl FocusEnergy {
     }
 }
 
-/// Pixels whose sums are held in registers.
+/// Pixels whose sums are kept in registers.
 const PART: usize = 16;
 
-/// Sums of rows in pairs. Part by part, so that nothing is written before all is read and the compiler need not prove
-/// that `out` is none of the many rows.
+/// Weighted sum of pairs of rows, block by block: everything is read before anything is written, so the compiler need not
+/// prove that `out` does not alias the rows.
 #[inline(always)]
 fn weigh<const N: usize>(half: &[f32; N], taps: [[&[f32]; 2]; N], out: &mut [f32]) {
     let (half, count) = (*half, out.len());
@@ -173,7 +174,7 @@ fn weigh<const N: usize>(half: &[f32; N], taps: [[&[f32]; 2]; N], out: &mut [f32
         return;
     }
     for x in (0..count).step_by(PART) {
-        // the last part begins within the one before it: rows are often short, and pixels one by one are slow
+        // the last block overlaps the one before: rows are often short, and single pixels are slow
         let x = x.min(count - PART);
         out[x..x + PART].copy_from_slice(&weigh_part::<N, PART>(&half, &taps, x));
     }
@@ -214,7 +215,7 @@ fn repeat_border(row: &mut [f32], inner: std::ops::Range<usize>) {
     row[inner.end..].fill(right);
 }
 
-/// The squared Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) of the middle row, its border repeated.
+/// The squared Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) of the middle row, with repeated border.
 #[inline(always)]
 fn squared_laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
     let width = middle.len();

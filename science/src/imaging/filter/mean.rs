@@ -1,4 +1,7 @@
-//! The mean filter that makes the base layer: square windows, valid pixels alone, border repeated.
+//! The mean filter of the base layer: square windows, only valid pixels, border repeated.
+//!
+//! Box sums by sliding column sums. The filter has its own kernel: it counts valid pixels per window and adds samples of
+//! either depth directly, which a box sum over a plane of integers would have to copy first.
 
 use std::ops::Range;
 
@@ -7,12 +10,12 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// A mean filter and its buffers.
+/// A mean filter with its buffers.
 #[derive(Debug)]
 pub struct MeanFilter {
     simd: Option<Avx2>,
     radius: usize,
-    /// Sums per column, for the columns of `inner` and the radius around them.
+    /// Column sums, for the columns of `inner` and `radius` more on both sides.
     columns: Vec<u32>,
     running: Vec<u32>,
     counts: Vec<u32>,
@@ -21,16 +24,16 @@ pub struct MeanFilter {
     shares: Vec<f32>,
 }
 
-/// Which columns of a picture the sums are of.
+/// The columns that the sums cover.
 #[derive(Debug, Clone, Copy)]
 struct Columns {
-    /// First one that is in the picture.
+    /// First column inside the image.
     first: usize,
-    /// How many are.
+    /// Number of columns inside the image.
     count: usize,
-    /// How many the border stands for, to the left of the first.
+    /// Number of repeated border columns to the left.
     left: usize,
-    /// Columns with those that the border stands for.
+    /// Number of columns including the repeated ones.
     length: usize,
 }
 
@@ -45,15 +48,16 @@ impl MeanFilter {
         Self { simd, radius: side / 2, columns, running, counts, running_counts, shares: Vec::new() }
     }
 
-    /// How far from a pixel its mean looks.
+    /// Radius of the window, px.
     pub fn reach(&self) -> usize {
         self.radius
     }
 
-    /// Means of `pixels` (rows of `width` pixels of `C` interleaved samples, as many as `valid` has spans) at
-    /// the pixels of `inner`, interleaved, row-major. Beyond the edges of `pixels` the border pixel is
-    /// repeated (and is as valid as that pixel): give [`MeanFilter::reach`] px around `inner` wherever the
-    /// picture goes on. Sums are exact; a window without any valid pixel gives 0.
+    /// The means at the pixels of `inner`, interleaved, row-major.
+    ///
+    /// `pixels` holds `valid.len()` rows of `width` pixels of `C` interleaved samples; `valid` are the valid columns of each
+    /// row. Beyond the edges of `pixels` the border pixel is repeated, with its validity: where the image continues, pass
+    /// [`MeanFilter::reach`] px more around `inner`. Sums are exact. A window without valid pixels gives 0.
     pub fn apply<S: Sample, const C: usize>(
         &mut self,
         pixels: &[S],
@@ -68,7 +72,7 @@ impl MeanFilter {
         }
     }
 
-    /// The same row by row, for who works on while they are in the cache.
+    /// The same row by row, for callers that process each row while it is in the cache.
     pub fn rows<'a, S: Sample, const C: usize>(
         &'a mut self,
         pixels: &'a [S],
@@ -94,7 +98,7 @@ impl MeanFilter {
         MeanRows { filter: self, picture, columns, whole, next: inner.y, held: false, end: inner.y + inner.height }
     }
 
-    /// Adds a row to the column sums, and takes one out.
+    /// Adds a row to the column sums and removes another.
     fn exchange<S: Sample, const C: usize>(
         &mut self,
         picture: &Picture<'_, S>,
@@ -115,7 +119,7 @@ impl MeanFilter {
             (to, samples)
         };
         match (enters.map(&mut row), leaves.map(&mut row)) {
-            // the counts stay as they are
+            // the counts do not change
             (Some((to, enters)), Some((from, leaves))) if to == from => {
                 let sums = &mut self.columns[to.start * C..to.end * C];
                 simd::run(
@@ -139,7 +143,7 @@ impl MeanFilter {
         }
     }
 
-    /// Lets the columns beyond the picture be as the outermost ones in it.
+    /// Copies the outermost columns of the image to the columns beyond it.
     fn repeat_border<const C: usize>(&mut self, Columns { count, left, length, .. }: Columns) {
         for x in (0..left).chain(left + count..length) {
             let of = x.clamp(left, left + count - 1);
@@ -149,7 +153,7 @@ impl MeanFilter {
     }
 }
 
-/// The means of a picture, from the top row down.
+/// Iterator-like source of the rows of means, from the top down.
 #[derive(Debug)]
 pub struct MeanRows<'a, S, const C: usize> {
     filter: &'a mut MeanFilter,
@@ -157,16 +161,16 @@ pub struct MeanRows<'a, S, const C: usize> {
     columns: Columns,
     whole: bool,
     next: usize,
-    /// Whether the sums are those of the row before.
+    /// True when the column sums are those of the previous row.
     held: bool,
     end: usize,
 }
 
 impl<S: Sample, const C: usize> MeanRows<'_, S, C> {
-    /// Puts the next row into `out`; after the last one it leaves `out` as it is.
+    /// Writes the next row to `out`. After the last row `out` is unchanged.
     ///
     /// # Panics
-    /// When `out` is not a row of the rectangle that is filtered.
+    /// When the length of `out` is not that of a row of `inner`.
     pub fn next(&mut self, out: &mut [f32]) {
         if self.next == self.end || out.is_empty() {
             return;
@@ -275,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_gets_the_same_bits_as_the_whole() {
+    fn a_rectangle_gets_the_same_bits_as_the_whole_image() {
         let (pixels, valid) = case();
         let mut whole = vec![0.0; 24 * 18 * 3];
         MeanFilter::new(5).apply::<u16, 3>(&pixels, 24, &valid, Rect::whole(24, 18), &mut whole);

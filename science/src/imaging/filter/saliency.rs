@@ -2,22 +2,22 @@
 
 use crate::imaging::simd::{self, Avx2};
 
-/// Shape of the Gaussian that smooths `|Laplacian|`.
+/// The saliency with a given Gaussian.
 #[derive(Debug, Clone)]
 pub struct Saliency {
-    /// Half of the symmetric kernel: `weights[d]` is the weight at distance `d`.
+    /// Half of the symmetric kernel: `weights[d]` is the weight at distance `d` px.
     weights: Vec<f32>,
     simd: Option<Avx2>,
 }
 
-/// Rows that are looked at more than once, for [`Saliency::rows`] to use again and again.
+/// Buffers of [`Saliency::rows`]: rows that several output rows need.
 #[derive(Debug, Default)]
 pub struct Rows {
-    /// Luma, as many rows as the Laplacian sees and the ones whose saliency is still to come.
+    /// Luma: the rows that the Laplacian needs, and those whose saliency is pending.
     grey: Vec<f32>,
     /// One row of the Laplacian, with its border repeated.
     padded: Vec<f32>,
-    /// Laplacian smoothed along x, as many rows as the Gaussian sees.
+    /// Laplacian smoothed along x: the rows that the Gaussian needs.
     blurred: Vec<f32>,
     out: Vec<f32>,
 }
@@ -30,16 +30,16 @@ impl Saliency {
         Self { weights: half.iter().map(|w| (w / sum) as f32).collect(), simd: Avx2::detect() }
     }
 
-    /// How far from a pixel its saliency looks: the Gaussian and one pixel of the Laplacian.
+    /// Radius of the support: that of the Gaussian and one pixel for the Laplacian.
     pub fn reach(&self) -> usize {
         self.weights.len()
     }
 
-    /// Saliency of the rows `rows` of a `width` x `height` picture. `luma(y, out)` fills `out` with row `y` of
-    /// its luma; `emit(y, luma, saliency)` gets the rows in ascending order. Beyond the picture its border is
-    /// repeated, both for the Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) and for the Gaussian.
+    /// The saliency of the rows `rows` of a `width` x `height` image. `luma(y, out)` fills `out` with row `y` of the luma;
+    /// `emit(y, luma, saliency)` receives the rows in ascending order. Beyond the image its border is repeated, for the
+    /// Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) and for the Gaussian.
     ///
-    /// A row's result does not depend on the range it is computed in.
+    /// The result of a row does not depend on `rows`.
     pub fn rows(
         &self,
         (width, height): (usize, usize),
@@ -53,7 +53,7 @@ impl Saliency {
         }
         let (radius, last) = (self.weights.len() - 1, height - 1);
         let Rows { grey, padded, blurred, out } = buffers;
-        // rings: row y lies in place y modulo their length
+        // ring buffers: row y is at index y modulo their length
         let (greys, blurs) = (radius + 3, 2 * radius + 1);
         grey.resize(greys * width, 0.0);
         blurred.resize(blurs * width, 0.0);
@@ -130,7 +130,7 @@ fn laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
     }
 }
 
-/// The usual kernel of 11 taps in one go. The order of the additions is that of any other kernel.
+/// The default kernel of 11 taps, unrolled. The order of the additions is the same as for other kernels.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
 fn smooth_by_six(weights: &[f32; 6], taps: [[&[f32]; 2]; 6], out: &mut [f32]) {

@@ -1,4 +1,4 @@
-//! Samples as the bytes they are.
+//! Samples viewed as bytes.
 
 use crate::imaging::Sample;
 
@@ -9,7 +9,7 @@ pub fn bytes_of<S: Sample>(samples: &[S]) -> &[u8] {
     bytes
 }
 
-/// The same, to be written.
+/// The same, mutable.
 pub fn bytes_of_mut<S: Sample>(samples: &mut [S]) -> &mut [u8] {
     // SAFETY: samples are `u8` or `u16` (the trait is sealed), which have no padding and of which any byte pattern is one.
     let (_, bytes, _) = unsafe { samples.align_to_mut::<u8>() };

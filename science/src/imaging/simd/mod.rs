@@ -1,8 +1,8 @@
-//! Vector instructions that not every CPU has, found out when the program runs.
+//! Vector instructions, detected at run time.
 //!
-//! Most kernels are plain loops over slices. [`run`] compiles such a loop a second time for AVX2, which needs no second
-//! source and gives the same bits, because Rust never contracts a multiplication and an addition into one rounding.
-//! What a compiler does not find by itself is written by hand beside a portable form, and tests hold the two equal.
+//! Most kernels are plain loops over slices. [`run`] compiles such a loop a second time for AVX2. That needs no second source
+//! and gives the same bits, because Rust never fuses a multiplication and an addition. Kernels that the compiler does not
+//! vectorise are written by hand next to a portable form, and tests compare the bits of both.
 
 mod lanes;
 mod scan;
@@ -10,7 +10,7 @@ mod scan;
 pub use lanes::{bytes_of, bytes_of_mut};
 pub use scan::{prefix, prefix_u32, prefix_u64};
 
-/// Proof that the CPU has AVX2: there is none without it.
+/// Proof that the CPU has AVX2: a value exists only in that case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Avx2(());
 
@@ -26,8 +26,8 @@ impl Avx2 {
     }
 }
 
-/// Does `work`, compiled for AVX2 where there is proof that the CPU has it. `work` is a closure marked
-/// `#[inline(always)]`, whose loops the compiler turns into vector code.
+/// Runs `work`, compiled for AVX2 if there is proof that the CPU has it. `work` is a closure marked `#[inline(always)]`, whose
+/// loops the compiler vectorises.
 #[inline(always)]
 pub fn run<R>(simd: Option<Avx2>, work: impl FnOnce() -> R) -> R {
     #[cfg(target_arch = "x86_64")]

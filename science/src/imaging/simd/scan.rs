@@ -1,13 +1,13 @@
-//! Running sums of a row, from which sums over windows of any width are differences. All sums wrap: as long as the
-//! sum over a window fits, the difference of two wrapped running sums is exact.
+//! Prefix sums of a row. The sum over a window is the difference of two of them. All sums wrap: if the window sum fits, the
+//! difference of two wrapped prefix sums is exact.
 
 use super::Avx2;
 
-/// Running sums of each of `C` interleaved channels: `out[i]` is the sum of `values[i % C]`, `values[i % C + C]`, ...
+/// Prefix sums of each of `C` interleaved channels: `out[i]` is the sum of `values[i % C]`, `values[i % C + C]`, ...
 /// before `values[i]`, for `i` up to `values.len() + C`.
 ///
 /// # Panics
-/// When `out` is not `C` longer than `values`, or `C` does not divide them.
+/// When `out` is not `C` longer than `values`, or `C` does not divide their length.
 #[inline]
 pub fn prefix<const C: usize>(simd: Option<Avx2>, values: &[u32], out: &mut [u32]) {
     assert!(out.len() == values.len() + C && values.len().is_multiple_of(C), "running sums of another length");
@@ -24,7 +24,7 @@ pub fn prefix<const C: usize>(simd: Option<Avx2>, values: &[u32], out: &mut [u32
     portable_by::<C>([0; C], values, out);
 }
 
-/// The same of one channel.
+/// The same for one channel.
 ///
 /// # Panics
 /// When `out` is not one longer than `values`.
@@ -100,7 +100,7 @@ mod avx2 {
         super::portable_by([total], rest, &mut out[done..]);
     }
 
-    /// Four sums at a time, of which the fourth is of no use and is overwritten by the next three.
+    /// Four sums at a time. The fourth is meaningless, and overwritten by the next three.
     ///
     /// # Panics
     /// When `out` is not three longer than `values`.

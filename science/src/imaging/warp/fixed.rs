@@ -1,29 +1,28 @@
-//! Weighted sums in whole numbers: for samples of 8 bits.
+//! Fixed-point weighted sums, for 8-bit samples.
 //!
-//! Along x the weights are in units of 2^-13, the sums of two neighbours are cut to units of 2^-6; along y the weights
-//! hold the gain as well and are as fine as 16 bits allow. The result is at most 0.04 levels from that of floats before
-//! it is rounded, whole-pixel positions are exact, and so is a constant picture.
+//! Along x the weights are in units of 2^-13, and the sums are truncated to units of 2^-6. Along y the weights include the
+//! gain and are as fine as 16 bits allow. Before rounding, the result differs by at most 0.04 levels from floating point.
+//! Integer positions and constant images are exact.
 
 use super::{PHASES, Source, kernel};
 use crate::imaging::simd::Avx2;
 
 const X_BITS: u32 = 13;
-/// Vector instructions multiply bytes: a weight along x is 2^7 times its upper part and its lower part, which may be
-/// negative too.
+/// Vector instructions multiply bytes, so a weight along x is split into 2^7 times a high part and a signed low part.
 const LOWER_BITS: u32 = 7;
-/// Bits after the point that are left of the sums along x.
+/// Fractional bits that remain of the sums along x.
 const LEFT_BITS: u32 = 6;
-/// Most bits after the point of the weights along y.
+/// Maximum number of fractional bits of the weights along y.
 const MOST_Y_BITS: i32 = 14;
-/// Least of them: for larger gains there are the floats.
+/// Minimum number of them: larger gains use floating point.
 const LEAST_Y_BITS: i32 = 11;
 
-/// Weights for each phase, as often as vector instructions want them side by side.
+/// Weights for each phase, repeated as vector instructions need them.
 pub(super) struct Fixed {
     x: Box<[AlongX; PHASES]>,
     /// The weight of each of the four rows, eight times.
     y: Box<[[[i16; 8]; 4]; PHASES]>,
-    /// What makes the cut of the result a rounding: half a level, and what the cuts along x lost on average.
+    /// Added before the final truncation, to round: half a level, and the mean loss of the truncations along x.
     half: i32,
     shift: u32,
     simd: Option<Avx2>,
@@ -71,7 +70,7 @@ impl Fixed {
         Some(Self { x, y, half: (1 << (shift - 1)) + whole, shift, simd })
     }
 
-    /// The pixels of `out`, which come from the positions `us`, `vs`.
+    /// Computes the pixels of `out` from the source positions `us`, `vs`.
     pub(super) fn weigh<const C: usize>(&self, source: &Source<'_, u8, C>, (us, vs): (&[i32], &[i32]), out: &mut [u8]) {
         let mut done = 0..0;
         #[cfg(target_arch = "x86_64")]
@@ -130,11 +129,11 @@ impl Fixed {
     }
 }
 
-/// Whole-numbered weights whose sum is exactly `whole`.
+/// Integer weights whose sum is exactly `whole`.
 fn quantised(weights: [f64; 4], whole: i32) -> [i16; 4] {
     let mut out = weights.map(|weight| (weight * f64::from(whole)).round() as i32);
     let rest = whole - out.iter().sum::<i32>();
-    // the larger of the two in the middle hides it best
+    // the larger middle weight absorbs the remainder best
     let middle = if out[1] >= out[2] { 1 } else { 2 };
     out[middle] += rest;
     out.map(|weight| weight as i16)

@@ -1,4 +1,4 @@
-//! Weighted sums in floats: for samples of 16 bits, and for any gain.
+//! Floating-point weighted sums, for 16-bit samples and for any gain.
 
 use super::{PHASES, Source, kernel};
 use crate::imaging::{
@@ -6,7 +6,7 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// Four weights for each phase; the gain comes last.
+/// Four weights for each phase. The gain is applied last.
 pub(super) struct Float {
     weights: Box<[[f32; 4]; PHASES]>,
     gain: f32,
@@ -22,7 +22,7 @@ impl Float {
         Self { weights, gain: gain as f32, simd }
     }
 
-    /// The pixels of `out`, which come from the positions `us`, `vs`.
+    /// Computes the pixels of `out` from the source positions `us`, `vs`.
     pub(super) fn weigh<S: Sample, const C: usize>(
         &self,
         source: &Source<'_, S, C>,
@@ -58,7 +58,7 @@ impl Float {
         let (weights_x, weights_y) =
             (&self.weights[u as usize & (PHASES - 1)], &self.weights[v as usize & (PHASES - 1)]);
         let ([x, y], inside) = source.corner(u, v);
-        // Columns first: the 4 x C samples of a row lie side by side. There is room for up to three channels.
+        // columns first: the 4 x C samples of a row are contiguous; the array holds up to three channels
         let mut columns = [0.0f32; 12];
         for (j, &weight) in weights_y.iter().enumerate() {
             if inside {

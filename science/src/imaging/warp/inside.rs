@@ -1,4 +1,4 @@
-//! Which positions of a row lie so deep in the slice that their surroundings can be read without looking.
+//! The positions of a row whose neighbourhood is inside the slice, so that it can be read without bounds checks.
 
 use std::ops::Range;
 

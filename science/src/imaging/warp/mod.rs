@@ -1,12 +1,13 @@
-//! Resampling a slice onto the canvas of the reference slice.
+//! Resampling of a slice to the canvas of the reference slice.
 //!
-//! Cubic convolution with a = -1/2 (Keys 1981, also called Catmull-Rom): exact for quadratics, third-order
-//! accurate, and much less blur than bilinear, which would make every warped slice look less sharp than the
-//! reference slice and so bias the choice of the sharpest one. The position is projected exactly per pixel
-//! and rounded to 1/1024 px (at most 0.0005 px wrong). Brightness is corrected in the same pass, so that a
-//! sample is rounded once.
+//! In: the samples of a slice, its homography to the canvas, its gain. Out: the warped samples, and their [`Coverage`].
 //!
-//! Samples of 8 bits are weighted in whole numbers ([`fixed`]), those of 16 bits in floats ([`float`]).
+//! The kernel is cubic convolution with a = -1/2 (Keys 1981, also called Catmull-Rom). It is exact for quadratics and
+//! third-order accurate. Bilinear interpolation blurs much more: every warped slice would look less sharp than the reference
+//! slice, which biases the choice of the sharpest slice. The source position is projected exactly per pixel and rounded to
+//! 1/1024 px (error at most 0.0005 px). The gain is applied in the same pass, so each sample is rounded once.
+//!
+//! 8-bit samples are weighted in fixed point ([`fixed`]), 16-bit samples in floating point ([`float`]).
 
 mod fixed;
 #[cfg(target_arch = "x86_64")]
@@ -32,12 +33,12 @@ use float::Float;
 
 const PHASE_BITS: u32 = 10;
 const PHASES: usize = 1 << PHASE_BITS;
-/// Pixels whose positions are projected in one go.
+/// Pixels whose positions are projected at a time.
 const BLOCK: usize = 64;
-/// Rows that one thread takes at a time.
+/// Rows per task of a thread.
 const BAND: usize = 16;
 
-/// How one slice comes onto the canvas.
+/// The mapping of one slice to the canvas.
 #[derive(Debug, Clone)]
 pub struct Warp {
     to_slice: [f64; 9],
@@ -49,8 +50,9 @@ pub struct Warp {
 }
 
 impl Warp {
-    /// A slice of `slice` (width, height) px, sent by `to_canvas` onto a `width` x `height` canvas, its
-    /// samples multiplied by `gain`. `None` when the homography is singular, or the gain is not above 0 and finite.
+    /// The warp of a slice of `slice` = (width, height) px to a `width` x `height` canvas by `to_canvas` (slice pixels to
+    /// canvas pixels), with its samples multiplied by `gain`. `None` when the homography is singular, or the gain is not
+    /// positive and finite.
     pub fn new(
         to_canvas: &Homography,
         gain: f64,
@@ -68,7 +70,7 @@ impl Warp {
         Some(Self { to_slice: to_slice.0, gain, identity: stays && gain == 1.0, slice, coverage, simd: Avx2::detect() })
     }
 
-    /// The same warp without vector instructions, whatever the CPU has. It gives the same bits; tests compare the two.
+    /// The same warp without vector instructions. It gives the same bits; tests compare the two.
     #[must_use]
     pub fn portable(self) -> Self {
         Self { simd: None, ..self }
@@ -79,11 +81,11 @@ impl Warp {
         &self.coverage
     }
 
-    /// The warped samples, `channels` (1 or 3) interleaved; 0 where the slice does not cover the canvas.
-    /// The identity with gain 1 gives the samples back untouched.
+    /// The warped samples, with `channels` (1 or 3) interleaved, and 0 where the slice does not cover the canvas. The identity
+    /// with gain 1 returns the samples unchanged.
     ///
     /// # Panics
-    /// When `samples` is not a slice of the size given to [`Warp::new`].
+    /// When the number of samples does not match the slice size of [`Warp::new`].
     pub fn apply<S: Sample>(&self, samples: Vec<S>, channels: usize) -> Vec<S> {
         match self.resample_cancellable(samples, channels, Vec::new(), || Ok::<(), std::convert::Infallible>(())) {
             Ok(warped) => warped,
@@ -91,11 +93,11 @@ impl Warp {
         }
     }
 
-    /// The same, into `buffer` if anything has to be computed, asking `check` every few rows whether the work is still
-    /// wanted.
+    /// Like [`Warp::apply`], but calls `check` every few rows and stops at its first error. The result reuses `buffer`, unless
+    /// the samples are returned unchanged.
     ///
     /// # Errors
-    /// What `check` says.
+    /// The error of `check`.
     ///
     /// # Panics
     /// As [`Warp::apply`].
@@ -106,7 +108,11 @@ impl Warp {
         buffer: Vec<S>,
         check: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<Vec<S>, E> {
-        assert_eq!(samples.len(), self.slice.0 * self.slice.1 * channels, "samples do not fit the slice");
+        assert_eq!(
+            samples.len(),
+            self.slice.0 * self.slice.1 * channels,
+            "the number of samples does not match the slice"
+        );
         if self.identity {
             return Ok(samples);
         }
@@ -163,25 +169,25 @@ impl Warp {
     }
 }
 
-/// Where the pixels from (`x`, `y`) on come from, in 1/1024 px.
+/// The source positions of the pixels starting at (`x`, `y`), in 1/1024 px.
 #[inline(always)]
 fn positions(h: &[f64; 9], x: usize, y: usize, us: &mut [i32; BLOCK], vs: &mut [i32; BLOCK]) {
-    /// 2^52: a number below 2^31 added to it is rounded to a whole number, which its low bits hold.
+    /// 2^52. Adding this to a number below 2^31 rounds it to an integer, which is in the low bits of the sum.
     const ROUNDER: f64 = 4_503_599_627_370_496.0;
-    /// Far beyond any slice; beyond the span there may be anything.
+    /// Limit far beyond any slice: positions outside the span may be arbitrary.
     const FAR: f64 = 2_147_483_000.0;
-    /// How much the scale may change within a block for the faster way: it errs by 2^-36 of the position.
+    /// Maximum change of the scale within a block for the fast path, whose error is 2^-36 of the position.
     const NEARLY_EVEN: f64 = 1.0 / 256.0;
     let (x, y) = (x as f64, y as f64);
     let (row_u, row_v, row_w) = (h[1] * y + h[2], h[4] * y + h[5], h[7] * y + h[8]);
-    // Within the span positions are not below -1e-6 px.
+    // within the span no position is below -1e-6 px
     let limited = |v: f64| {
         let v = if v > 0.0 { v } else { 0.0 };
         if v < FAR { v } else { FAR }
     };
     let middle = 1.0 / (h[6] * (x + 0.5 * BLOCK as f64) + row_w);
     if (h[6] * BLOCK as f64 * middle).abs() < NEARLY_EVEN {
-        // Newton's method for the reciprocals: each of the two steps squares an error that is below 2^-9
+        // two Newton steps for the reciprocal: each squares an error that is below 2^-9
         for (i, (u, v)) in us.iter_mut().zip(vs.iter_mut()).enumerate() {
             let x = x + f64::from(i as u32);
             let w = h[6] * x + row_w;
@@ -200,18 +206,18 @@ fn positions(h: &[f64; 9], x: usize, y: usize, us: &mut [i32; BLOCK], vs: &mut [
     }
 }
 
-/// A slice to be sampled.
+/// The slice that is sampled.
 struct Source<'a, S, const C: usize> {
     samples: &'a [S],
     width: usize,
     height: usize,
 }
 
-/// How samples are weighted, for each phase between two pixels.
+/// Kernel weights for each phase between two pixels.
 enum Weights {
-    /// In whole numbers.
+    /// Fixed point.
     Fixed(Fixed),
-    /// In floats.
+    /// Floating point.
     Float(Float),
 }
 
@@ -224,7 +230,7 @@ impl Weights {
     fn weigh<S: Sample, const C: usize>(&self, source: &Source<'_, S, C>, places: (&[i32], &[i32]), out: &mut [S]) {
         match self {
             Self::Float(float) => float.weigh(source, places, out),
-            // made for samples of one byte alone
+            // only constructed for samples of one byte
             Self::Fixed(fixed) => {
                 let Source { samples, width, height } = *source;
                 let bytes = Source::<u8, C> { samples: simd::bytes_of(samples), width, height };
@@ -235,7 +241,7 @@ impl Weights {
 }
 
 impl<S: Sample, const C: usize> Source<'_, S, C> {
-    /// The top left of the 4 x 4 pixels around (u, v), and whether all of them are in the slice.
+    /// The top left of the 4 x 4 pixels around (u, v), and whether all of them are inside the slice.
     #[inline(always)]
     fn corner(&self, u: i32, v: i32) -> ([isize; 2], bool) {
         let (x, y) = ((u >> PHASE_BITS) as isize - 1, (v >> PHASE_BITS) as isize - 1);
@@ -243,7 +249,7 @@ impl<S: Sample, const C: usize> Source<'_, S, C> {
         ([x, y], inside)
     }
 
-    /// The pixel at (x, y), or the border's next to it.
+    /// The pixel at (x, y); outside of the slice the nearest border pixel.
     #[inline(always)]
     fn pixel(&self, x: isize, y: isize) -> &[S] {
         let row = y.clamp(0, self.height as isize - 1) as usize * self.width;

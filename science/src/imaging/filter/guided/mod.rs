@@ -1,17 +1,21 @@
-//! The guided filter (He, Sun & Tang 2013) of a binary map with a grey guide, on valid pixels alone.
+//! The guided filter (He, Sun and Tang 2013) of a binary map `p` with a grey guide `I`, restricted to valid pixels.
 //!
-//! In each window of `(2r + 1)^2` px: `a = cov(I, p) / (var(I) + eps)`, `b = mean(p) - a mean(I)`; the result
-//! at a pixel is `mean(a) I + mean(b)` over the windows that hold it. Pixels outside the picture and pixels
-//! that the slice does not cover do not exist: they are in no sum, no count, and no window is centred on them.
+//! In each window of `(2r + 1)^2` px: `a = cov(I, p) / (var(I) + eps)`, `b = mean(p) - a mean(I)`. The result at a pixel is
+//! `mean(a) I + mean(b)` over all windows that contain it. Pixels outside the image and pixels that the slice does not cover
+//! are excluded: they are in no sum and no count, and no window is centred on them.
 //!
-//! Exactness: the guide is an integer (0..65535), so the window sums of `I`, `I^2`, `p` and `I p` are exact,
-//! and `var` and `cov` come from exact numerators; with `eps` of 1e-6 single precision would lose 6 % of it.
-//! `a` and `b` are rounded to a power of two, 2^-18 or as fine as their sums allow, and summed exactly too. Hence the
-//! result is the same for any tiling, and where `p` is constant in reach it is exactly that constant.
+//! Exactness: the guide is an integer (0..=65535), so the window sums of `I`, `I^2`, `p` and `I p` are exact, and `var` and
+//! `cov` have exact numerators; with `eps` = 1e-6 single precision would lose 6 % of it. `a` and `b` are rounded to multiples
+//! of a power of two, 2^-18 or as fine as their sums allow, and summed exactly. So the result does not depend on the tiling,
+//! and where `p` is constant within reach the result is exactly that constant.
 //!
-//! Large radii with flat lines, as for base layers, go the kernel of [`cells`], which works lines out for every fourth pixel
-//! both ways. Other ordinary parameters go the kernel of [`narrow`], whose sums of 32 bits vector instructions are good at; what does not
-//! fit there goes the kernel of [`wide`].
+//! Three kernels compute the filter. The first that supports the parameters is used:
+//!
+//! | kernel | method | radius | `eps` |
+//! |---|---|---|---|
+//! | [`subsampled`] | coefficients on a grid of 4 px (the fast guided filter, He and Sun 2015) | 24 to 63 | from 0.05 |
+//! | [`integer`] | per pixel, 32-bit sums | up to 127 | as far as the sums fit |
+//! | [`reference`](mod@reference) | per pixel, `f64` sums | any | any |
 
 mod constant_regions;
 mod integer;
@@ -25,13 +29,13 @@ use integer::Integer;
 use reference::Reference;
 use subsampled::Subsampled;
 
-/// A part of a picture gets the results of the whole if it begins at multiples of this, px, in both directions.
+/// A tile gets the same results as the whole image when its origin is a multiple of this, px, along both axes.
 pub const GRID: usize = subsampled::CELL;
 
 /// Full scale of the guide.
 const SCALE: f64 = 65_535.0;
 
-/// A window of a picture with what the guided filter needs of it.
+/// The guide: a tile of an image, and its valid pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Guide<'a> {
     /// Grey values, 0..65535.
@@ -40,7 +44,7 @@ pub struct Guide<'a> {
     pub valid: &'a [Range<usize>],
 }
 
-/// Radius and regularisation of a guided filter, and the buffers that it uses again and again.
+/// A guided filter of given radius and regularisation, with its buffers.
 #[derive(Debug)]
 pub struct GuidedFilter {
     radius: usize,
@@ -61,32 +65,32 @@ impl GuidedFilter {
     }
 
     fn with(simd: Option<Avx2>, radius: usize, eps: f64) -> Self {
-        let cells = Subsampled::new(simd, radius, eps).map(|cells| Kernel::Subsampled(Box::new(cells)));
-        let kernel = cells.unwrap_or_else(|| Self::per_pixel(simd, radius, eps));
+        let subsampled = Subsampled::new(simd, radius, eps).map(|kernel| Kernel::Subsampled(Box::new(kernel)));
+        let kernel = subsampled.unwrap_or_else(|| Self::per_pixel(simd, radius, eps));
         Self { radius, kernel }
     }
 
-    /// The kernel that works out a line for each pixel.
+    /// The kernel that computes coefficients for each pixel.
     fn per_pixel(simd: Option<Avx2>, radius: usize, eps: f64) -> Kernel {
         match Integer::new(simd, radius, eps) {
-            Some(narrow) => Kernel::Integer(Box::new(narrow)),
+            Some(kernel) => Kernel::Integer(Box::new(kernel)),
             None => Kernel::Reference(Reference::new(radius, eps)),
         }
     }
 
-    /// How far from a pixel its result looks.
+    /// Radius of the support of a result, px.
     pub fn reach(&self) -> usize {
         match &self.kernel {
-            Kernel::Subsampled(cells) => cells.reach(),
+            Kernel::Subsampled(kernel) => kernel.reach(),
             Kernel::Integer(_) | Kernel::Reference(_) => 2 * self.radius,
         }
     }
 
-    /// Filters `map` (true = 1) inside `inner`; `out` gets `inner.width * inner.height` results, row-major, 0
-    /// at pixels that are not valid. They are not clamped.
+    /// Filters `map` (true = 1) inside `inner`. `out` receives `inner.width * inner.height` results, row-major, with 0 at
+    /// invalid pixels. The results are not clamped.
     ///
-    /// The edges of the guide count as the end of the picture: give it [`GuidedFilter::reach`] px around
-    /// `inner` wherever the picture goes on.
+    /// The edges of the guide count as the edges of the image: where the image continues, pass [`GuidedFilter::reach`] px
+    /// more around `inner`.
     pub fn apply(&mut self, guide: Guide<'_>, map: &Plane<bool>, inner: Rect, out: &mut [f32]) {
         let mut rows = self.rows(guide, map, inner);
         for out in out.chunks_exact_mut(inner.width.max(1)) {
@@ -94,7 +98,7 @@ impl GuidedFilter {
         }
     }
 
-    /// The same row by row, for who works on while they are in the cache.
+    /// The same row by row, for callers that process each row while it is in the cache.
     pub fn rows<'a>(&'a mut self, guide: Guide<'a>, map: &'a Plane<bool>, inner: Rect) -> FilteredRows<'a> {
         match &mut self.kernel {
             Kernel::Subsampled(filter) => filter.start(guide, map, inner),
@@ -105,7 +109,7 @@ impl GuidedFilter {
     }
 }
 
-/// The results of a filter, from the top row down.
+/// The rows of results, from the top down.
 #[derive(Debug)]
 pub struct FilteredRows<'a> {
     kernel: &'a mut Kernel,
@@ -115,10 +119,10 @@ pub struct FilteredRows<'a> {
 }
 
 impl FilteredRows<'_> {
-    /// Puts the next row into `out`; after the last one it leaves `out` as it is.
+    /// Writes the next row to `out`. After the last row `out` is unchanged.
     ///
     /// # Panics
-    /// When `out` is not a row of the rectangle that is filtered.
+    /// When the length of `out` is not that of a row of `inner`.
     pub fn next(&mut self, out: &mut [f32]) {
         if self.left == 0 {
             return;
@@ -132,7 +136,7 @@ impl FilteredRows<'_> {
     }
 }
 
-/// The rows of a window that slides down: each row is added once and taken out once.
+/// The rows of a window that slides down: each row is added once and removed once.
 #[derive(Debug)]
 struct RowWindow {
     radius: usize,
@@ -145,7 +149,7 @@ impl RowWindow {
         Self { radius, height, rows: 0..0 }
     }
 
-    /// Moves to row `y`; `update(row, sign)` adds (+1) or takes out (-1) a row. `y` grows from call to call.
+    /// Moves to row `y`, which must not decrease. `update(row, sign)` adds (+1) or removes (-1) a row.
     fn slide(&mut self, y: usize, mut update: impl FnMut(usize, i8)) {
         self.exchange(y, |enters, leaves| {
             if let Some(row) = enters {
@@ -157,7 +161,7 @@ impl RowWindow {
         });
     }
 
-    /// The same, with a row to add and a row to take out at a time.
+    /// The same, with a row to add and a row to remove per call.
     fn exchange(&mut self, y: usize, mut update: impl FnMut(Option<usize>, Option<usize>)) {
         let wanted = y.saturating_sub(self.radius)..(y + self.radius + 1).min(self.height);
         if self.rows.is_empty() {
@@ -172,7 +176,7 @@ impl RowWindow {
     }
 }
 
-/// The part of `span` inside the columns `start..start + width`, in their own count.
+/// The part of `span` inside the columns `start..start + width`, relative to `start`.
 fn clip(span: &Range<usize>, start: usize, width: usize) -> Range<usize> {
     span.start.clamp(start, start + width) - start..span.end.clamp(start, start + width) - start
 }
@@ -241,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_he_s_definition_on_the_valid_pixels() {
+    fn results_match_the_definition_on_the_valid_pixels() {
         for (radius, eps) in [(3, 1e-6), (6, 0.3), (23, 0.3)] {
             for case in [Case::new(31, 26, |_| 0..31), Case::new(31, 26, |y| (y / 3)..(31 - y / 5))] {
                 let expected = case.definition(radius, eps);
@@ -254,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_a_picture_gets_the_same_bits_as_the_whole() {
+    fn a_tile_gets_the_same_bits_as_the_whole_image() {
         let case = Case::new(90, 70, |y| if y < 9 { 0..0 } else { y / 4..90 });
         for (radius, eps) in [(4, 1e-6), (9, 0.3)] {
             let whole = case.filter(radius, eps, Rect::whole(90, 70));
@@ -297,8 +301,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_where_the_map_is_constant_makes_no_difference() {
-        // wide parts without any of the map, and wide parts within it
+    fn skipping_regions_of_a_constant_map_changes_nothing() {
+        // large regions where the map is 0, and large regions where it is 1
         let mut case = Case::new(420, 60, |_| 0..420);
         case.map = Plane::from_fn(420, 60, |x, y| (190..410).contains(&x) && (y > 20 || x % 40 < 3));
         for radius in [3, 7] {
@@ -314,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn both_ways_agree() {
+    fn the_integer_and_the_reference_kernel_agree() {
         let case = Case::new(70, 60, |y| if y == 20 { 5..66 } else { 0..70 });
         let guide = Guide { grey: &case.grey, valid: &case.valid };
         for (radius, eps) in [(7, 1e-6), (30, 0.3)] {
@@ -328,16 +332,16 @@ mod tests {
             let furthest = out.iter().zip(&narrow).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(furthest < 1e-5, "{furthest}");
         }
-        // sums that 32 bits do not hold, and lines that are too steep for them
+        // sums that exceed 32 bits, and coefficients that are too large for them
         assert!(matches!(GuidedFilter::new(200, 0.3).kernel, Kernel::Reference(_)));
         assert!(matches!(GuidedFilter::new(40, 1e-9).kernel, Kernel::Reference(_)));
     }
 
     #[test]
-    fn cells_come_close_to_lines_of_each_pixel() {
+    fn the_subsampled_kernel_approximates_the_reference() {
         let valid = |y: usize| if y < 3 { 9..201 } else { (y / 9)..(230 - y / 5) };
         let mut case = Case::new(230, 190, valid);
-        // a slope with a step, its grain, and a map that follows it but for some holes
+        // a ramp with a step and grain, and a map that follows the step except for some holes
         case.grey = Plane::from_fn(230, 190, |x, y| {
             (x * 90 + y * 40 + if x + y / 2 > 120 { 22_000 } else { 0 }) as u16 + speckle(x, y) / 9
         });
@@ -356,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_of_a_part_that_begins_on_the_grid_are_those_of_the_whole() {
+    fn a_tile_on_the_grid_gets_the_subsampled_results_of_the_whole_image() {
         let case = Case::new(400, 330, |y| y / 4..400 - y / 9);
         let whole = case.filter(45, 0.3, Rect::whole(400, 330));
         let reach = GuidedFilter::new(45, 0.3).reach();
@@ -377,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_that_is_constant_in_reach_comes_back_exactly() {
+    fn a_map_that_is_constant_within_reach_is_returned_exactly() {
         let mut case = Case::new(64, 64, |y| if y == 50 { 0..40 } else { 0..64 });
         for value in [false, true] {
             case.map.data.fill(value);

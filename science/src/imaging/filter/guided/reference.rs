@@ -1,12 +1,12 @@
-//! Any radius and any `eps`: sums in `f64`, which holds whole numbers far beyond any of them.
+//! The reference kernel: any radius and any `eps`. Sums are `f64`, which represents all occurring integers exactly.
 
 use super::{Guide, RowWindow, SCALE, clip};
 use crate::imaging::{Plane, Rect};
 
-/// `a` and `b` are kept in units of 2^-18: they stay below 8192 for every allowed `eps` (|a| <= 1/(4 sqrt eps)).
+/// `a` and `b` are stored in units of 2^-18: they are below 8192 for every allowed `eps` (|a| <= 1/(4 sqrt eps)).
 const UNIT: f64 = 262_144.0;
 
-/// The filter and its buffers.
+/// The kernel and its buffers.
 #[derive(Debug)]
 pub(super) struct Reference {
     radius: usize,
@@ -14,13 +14,13 @@ pub(super) struct Reference {
     columns: Vec<Sums>,
     lines: Vec<Line>,
     averaged: Vec<Sums>,
-    /// The results, of rows of `width`; row `next` is still to be handed out.
+    /// The results, in rows of `width`; row `next` is returned next.
     out: Vec<f32>,
     width: usize,
     next: usize,
 }
 
-/// Sums of `[I, I^2, p, I p]` (or of `[a, b]`) and the number of pixels in them.
+/// Sums of `[I, I^2, p, I p]` (or of `[a, b]`) and the number of pixels.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     values: [f64; 4],
@@ -50,7 +50,7 @@ impl Reference {
         (self.out, self.width, self.next) = (out, inner.width, 0);
     }
 
-    /// The next row of the `inner` that was started with.
+    /// The next row of `inner`.
     pub(super) fn row(&mut self, out: &mut [f32]) {
         let start = self.next * self.width;
         out.copy_from_slice(&self.out[start..start + self.width]);
@@ -135,7 +135,7 @@ impl Reference {
 fn window_line(sums: &Sums, eps: f64) -> Line {
     let [i, ii, p, ip] = sums.values;
     let n = sums.count;
-    // Both numerators are differences of whole numbers, so that a flat map gives exactly a = 0.
+    // both numerators are differences of integers, so a constant map gives exactly a = 0
     let covariance = n * ip - i * p;
     let variance = n * ii - i * i;
     let a = covariance * SCALE / (variance + eps * (n * SCALE) * (n * SCALE));
@@ -143,7 +143,7 @@ fn window_line(sums: &Sums, eps: f64) -> Line {
     Line { a: (a * UNIT).round() as i32, b: (b * UNIT).round() as i32 }
 }
 
-/// Where column sums lie in a buffer with room for windows that hang over the ends of the picture.
+/// Offset of the column sums in a buffer that extends beyond both edges of the image by the radius.
 struct Padding {
     left: usize,
     length: usize,

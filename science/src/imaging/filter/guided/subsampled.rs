@@ -1,13 +1,12 @@
-//! Large radii with an `eps` that keeps lines flat: sums over cells of 4 x 4 px, lines and means once per cell.
+//! The fast guided filter (He and Sun 2015), for large radii and large `eps`: coefficients once per cell of 4 x 4 px.
 //!
-//! A line `(a, b)` of a window of 91 px hardly differs from that of the window beside it. So lines are fitted at the middle
-//! of each cell only, over windows that are as large as the radius says (the cells at their rims count in part), and
-//! stand for as many windows as the cell has valid pixels; their means are interpolated between the middles of cells, and
-//! put to each pixel's own grey value. Weights come out within 0.01 of those of every pixel's own windows, mostly within
-//! 0.001, for a sixteenth of the work.
+//! The coefficients `(a, b)` of neighbouring windows of 91 px hardly differ. So they are fitted at the centre of each cell
+//! only, over windows of the full size (cells at the rim count in part), weighted by the number of valid pixels of the cell.
+//! Their means are interpolated between cell centres and applied to the guide at full resolution. The results are within
+//! 0.01 of those of the per-pixel kernels, mostly within 0.001, for a sixteenth of the work.
 //!
-//! Subsampled lie where those of the plane do: a part of a picture must begin at a multiple of [`CELL`]. All sums are whole
-//! numbers, so that neither the cut into tiles nor vector instructions change a bit.
+//! The origin of a tile must be a multiple of [`CELL`], so that its cells are those of the whole image. All sums are
+//! integers: neither tiling nor vector instructions change a bit.
 
 use super::{Guide, SCALE, clip};
 use crate::imaging::{
@@ -17,33 +16,33 @@ use crate::imaging::{
 
 /// Side of a cell, px.
 pub(super) const CELL: usize = 4;
-/// Radii for which cells are small enough, px, and those whose sums of squares fit 52 bits.
+/// Supported radii, px: large compared with a cell, and small enough for sums of squares of 52 bits.
 const RADII: std::ops::RangeInclusive<usize> = 24..=63;
-/// From this `eps` on lines are so flat that cells do.
+/// Smallest supported `eps`: below it the coefficients vary too much within a cell.
 const LEAST_EPS: f64 = 0.05;
-/// Lines are kept in units of 2^-20.
+/// Coefficients are stored in units of 2^-20.
 const UNIT: f64 = 1_048_576.0;
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 const TWO_52_BITS: u64 = 0x4330_0000_0000_0000;
-/// Added to a number below 2^31 it rounds it to a whole number, which its low bits hold.
+/// Adding this to a number below 2^31 rounds it to an integer, which is in the low bits of the sum.
 const ROUNDER: f64 = 1.5 * TWO_52;
 
-/// The filter and its buffers.
+/// The kernel and its buffers.
 #[derive(Debug)]
 pub(super) struct Subsampled {
     simd: Option<Avx2>,
     eps: f64,
     window: CellWindow,
-    /// Of each cell: sums of `I`, `I p`, `p`, `I^2` and the number of valid pixels.
+    /// Per cell: sums of `I`, `I p`, `p`, `I^2` and the number of valid pixels.
     sums: [Vec<u64>; 5],
-    /// The same of the windows around cells, times 64.
+    /// The same for the windows around the cells, times 64.
     fitted: [Vec<u64>; 5],
-    /// `a`, `b` and 1, as often as a cell has valid pixels.
+    /// `a`, `b` and 1, times the number of valid pixels of the cell.
     lines: [Vec<u64>; 3],
     averaged: [Vec<u64>; 3],
     /// Mean `a` per unit of the guide, and mean `b`, per cell.
     means: [Vec<f32>; 2],
-    /// The same between the rows of cells, and for each pixel of a row.
+    /// The same interpolated between rows of cells, and for each pixel of a row.
     between: [Vec<f32>; 2],
     of_pixels: [Vec<f32>; 2],
     rows: Buffers,
@@ -53,14 +52,14 @@ pub(super) struct Subsampled {
     next: usize,
 }
 
-/// Rows of one row of cells that are not valid from end to end.
+/// Copies of the pixel rows of one row of cells that are not valid throughout.
 #[derive(Debug, Default)]
 struct Buffers {
     grey: [Vec<u16>; CELL],
     map: [Vec<bool>; CELL],
 }
 
-/// A window of cells: `2 whole + 1` cells, and `edge` eighths of those beside them.
+/// A window of `2 whole + 1` cells, and `edge` eighths of the next cells on both sides.
 #[derive(Debug, Clone)]
 struct CellWindow {
     whole: usize,
@@ -78,18 +77,18 @@ impl CellWindow {
         Self { whole, edge, down: Vec::new(), weighted: Vec::new(), running: Vec::new() }
     }
 
-    /// How many cells it reaches from its middle.
+    /// Radius of the window, cells.
     fn reach(&self) -> usize {
         self.whole + 1
     }
 
-    /// Sums of `source` (the cells `from`) over the windows around the cells `to`, times 64. There is nothing outside
-    /// `from`.
+    /// Sums of `source` (the cells `from`) over the windows around the cells `to`, times 64. Cells outside `from` count as
+    /// zero.
     fn sums(&mut self, simd: Option<Avx2>, source: &[u64], from: Rect, to: Rect, out: &mut Vec<u64>) {
         let (reach, edge) = (self.reach(), self.edge);
         let Self { whole, down, weighted, running, .. } = self;
         let padded = to.width + 2 * reach;
-        // where the first column of `from` lies among those of all windows
+        // index of the first column of `from` among the columns of all windows
         let left = from.x + reach - to.x;
         down.clear();
         down.resize(from.width, 0);
@@ -141,7 +140,7 @@ fn across(weighted: &[u64], running: &[u64], reach: usize, edge: u64, out: &mut 
 }
 
 impl Subsampled {
-    /// `None` when such a filter needs a line for each pixel.
+    /// `None` when the parameters need coefficients for each pixel.
     pub(super) fn new(simd: Option<Avx2>, radius: usize, eps: f64) -> Option<Self> {
         if !RADII.contains(&radius) || eps < LEAST_EPS {
             return None;
@@ -165,13 +164,12 @@ impl Subsampled {
         })
     }
 
-    /// How far from a pixel it looks, px: two windows, the cells between which means are interpolated, and the rest of
-    /// the last cell.
+    /// Radius of the support, px: two windows, the cells of the interpolation, and the rest of the last cell.
     pub(super) fn reach(&self) -> usize {
         2 * CELL * (self.window.reach() + 1)
     }
 
-    /// Starts at the first row of `inner`.
+    /// Prepares for the rows of `inner`.
     pub(super) fn start(&mut self, guide: Guide<'_>, map: &Plane<bool>, inner: Rect) {
         (self.inner, self.next) = (inner, inner.y);
         if inner.width == 0 || inner.height == 0 {
@@ -258,7 +256,7 @@ impl Subsampled {
         }
     }
 
-    /// The line of each of the cells `centres`.
+    /// The coefficients of the cells `centres`.
     fn fit(&mut self, taps: Rect, centres: Rect) {
         for lines in &mut self.lines {
             lines.resize(centres.width * centres.height, 0);
@@ -280,7 +278,7 @@ impl Subsampled {
         }
     }
 
-    /// Means of lines, per cell of `out`.
+    /// Means of the coefficients, per cell of `out`.
     fn average(&mut self) {
         let [a, b, ones] = &self.averaged;
         let [mean_a, mean_b] = &mut self.means;
@@ -293,7 +291,7 @@ impl Subsampled {
         }
     }
 
-    /// The next row of the `inner` that was started with, of the same guide.
+    /// The next row of `inner`. The guide is the one passed to [`Self::start`].
     pub(super) fn row(&mut self, guide: Guide<'_>, out: &mut [f32]) {
         let (inner, cells, y) = (self.inner, self.out, self.next);
         self.next += 1;

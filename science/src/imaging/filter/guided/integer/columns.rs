@@ -1,10 +1,10 @@
-//! Sums per column, which slide down the picture: rows enter and leave.
+//! Column sums that slide down the image: rows enter and leave.
 
 use std::ops::Range;
 
 use crate::imaging::Rect;
 
-/// Where column sums lie in a buffer with room for windows that hang over the ends of the picture.
+/// Offset of the column sums in a buffer that extends beyond both edges of the image by the radius.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Padding {
     pub(super) left: usize,

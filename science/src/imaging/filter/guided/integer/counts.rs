@@ -1,21 +1,21 @@
-//! Numbers of valid pixels in the windows of a row.
+//! The number of valid pixels in each window of a row.
 
 use std::ops::Range;
 
 use super::columns::Padding;
 use crate::imaging::simd::{self, Avx2};
 
-/// Numbers of valid pixels in the windows of a row.
+/// The number of valid pixels in each window of a row.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
-    /// Rows that the windows had when `n` was worked out, if all their pixels are valid: it depends on nothing else.
+    /// Rows per window for which `n` was computed, if all pixels are valid: `n` depends on nothing else.
     whole_rows: Option<usize>,
     columns: Vec<u32>,
     running: Vec<u32>,
     pub(super) n: Vec<f64>,
-    /// 1 / n, 0 where there is none.
+    /// 1 / n, or 0 where n is 0.
     pub(super) share: Vec<f64>,
-    /// Whether they are those of `columns`: most rows enter where others of the same span leave.
+    /// True when `n` is up to date with `columns`. Most entering rows have the span of the leaving row.
     fresh: bool,
 }
 
@@ -30,7 +30,7 @@ impl Counts {
         self.share.resize(width, 0.0);
     }
 
-    /// Windows of `rows` rows whose pixels are all valid, as far as there are columns: `taps` of them.
+    /// Windows of `rows` rows of `taps` columns whose pixels are all valid.
     pub(super) fn whole(&mut self, rows: usize, pad: Padding, radius: usize, taps: usize) {
         if self.whole_rows == Some(rows) {
             return;
@@ -43,7 +43,7 @@ impl Counts {
         }
     }
 
-    /// Adds the valid columns of one row, and takes out those of another.
+    /// Adds the valid columns of one row and removes those of another.
     pub(super) fn exchange(&mut self, enters: Option<Range<usize>>, leaves: Option<Range<usize>>, pad: Padding) {
         if enters == leaves {
             return;
@@ -58,7 +58,7 @@ impl Counts {
         }
     }
 
-    /// Works out `n` from the columns.
+    /// Computes `n` from the columns.
     pub(super) fn window(&mut self, simd: Option<Avx2>, radius: usize) {
         if self.fresh {
             return;
@@ -75,7 +75,7 @@ impl Counts {
     }
 }
 
-/// Numbers of pixels from running counts, and their reciprocals.
+/// Pixel counts from prefix sums, and their reciprocals.
 #[inline(always)]
 fn counted(starts: &[u32], ends: &[u32], n: &mut [f64], share: &mut [f64]) {
     for ((n, share), (start, end)) in n.iter_mut().zip(share).zip(starts.iter().zip(ends)) {

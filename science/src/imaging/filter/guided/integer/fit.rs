@@ -1,4 +1,4 @@
-//! Lines `(a, b)` from sums: one for the window around each pixel of a row.
+//! Coefficients `(a, b)` from window sums, for the window around each pixel of a row.
 
 use std::ops::Range;
 
@@ -16,13 +16,13 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// 2^52, and its bits: a whole number below it, or-ed into them, is that number added.
+/// 2^52, and its bits. OR-ing an integer below 2^52 into the bits adds it.
 const TWO_52: f64 = 4_503_599_627_370_496.0;
 const TWO_52_BITS: u64 = 0x4330_0000_0000_0000;
-/// 1.5 * 2^52: a number below 2^31 added to it is rounded to a whole number, which its low bits hold.
+/// 1.5 * 2^52. Adding this to a number below 2^31 rounds it to an integer, which is in the low bits of the sum.
 const ROUNDER: f64 = 1.5 * TWO_52;
 
-/// Fits lines row by row, from the top down.
+/// Fits coefficients row by row, from the top down.
 #[derive(Debug)]
 pub(super) struct Fit {
     simd: Option<Avx2>,
@@ -35,7 +35,7 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Lines come in units of 1 / `unit`.
+    /// Coefficients are in units of 1 / `unit`.
     pub(super) fn new(simd: Option<Avx2>, radius: usize, eps: f64, unit: f64) -> Self {
         let (columns, running) = (Columns::default(), Columns::default());
         Self { simd, radius, eps, unit, columns, running, counts: Counts::default() }
@@ -47,7 +47,7 @@ impl Fit {
         self.counts.start(pad, centres.width);
     }
 
-    /// The lines of the windows centred on row `y`, which grows from call to call.
+    /// The coefficients of the windows centred on row `y`, which must not decrease.
     pub(super) fn row(
         &mut self,
         guide: Guide<'_>,
@@ -180,10 +180,10 @@ fn lines(
         // below 2^46
         let ii = f64::from_bits(TWO_52_BITS | ii1[x].wrapping_sub(ii0[x])) - TWO_52;
         let n = n[x];
-        // Both numerators are differences of whole numbers, so that a flat map gives exactly a = 0.
+        // both numerators are differences of integers, so a constant map gives exactly a = 0
         let covariance = n * ip - i * p;
         let variance = n * ii - i * i;
-        // where there is no pixel, 0 / 1
+        // without pixels this is 0 / 1
         let divisor = variance + scaled_eps * (n * n);
         let divisor = if n > 0.0 { divisor } else { 1.0 };
         let slope = covariance * scaled_unit / divisor;

@@ -1,8 +1,8 @@
-//! Radii up to 127 px: sums of 32 bits (64 for the squares), in rows, without a branch per pixel.
+//! The integer kernel, for radii up to 127 px: 32-bit sums (64-bit for squares), row by row, without a branch per pixel.
 //!
-//! Column sums slide down the picture; the sum over a window is the difference of two running sums of them. All of it is
-//! done modulo 2^32, so that only the sums over windows must fit. Lines `(a, b)` are made row by row just before they
-//! are needed and wait in a ring of `2r + 2` rows, which stays in the cache.
+//! Column sums slide down the image; a window sum is the difference of two prefix sums of them. All sums wrap modulo 2^32,
+//! so only the window sums must fit. Coefficients `(a, b)` are computed row by row just before they are needed, and kept in
+//! a ring buffer of `2r + 2` rows, which stays in the cache.
 
 mod columns;
 mod counts;
@@ -21,12 +21,12 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// Least bits after the point that `a` and `b` must have.
+/// Minimum number of fractional bits of `a` and `b`.
 const LEAST_BITS: i32 = 13;
-/// Most of them.
+/// Maximum number of fractional bits.
 const MOST_BITS: i32 = 18;
 
-/// The filter and its buffers.
+/// The kernel and its buffers.
 #[derive(Debug)]
 pub(super) struct Integer {
     simd: Option<Avx2>,
@@ -41,7 +41,7 @@ pub(super) struct Integer {
     rows: Option<Progress>,
 }
 
-/// Lines of the windows centred on a row.
+/// Coefficients of the windows centred on a row.
 #[derive(Debug, Default)]
 struct Lines {
     a: Vec<u32>,
@@ -49,7 +49,7 @@ struct Lines {
     values: Vec<MapValue>,
 }
 
-/// How far a pass over the rows has come.
+/// The state of a pass over the rows.
 #[derive(Debug)]
 struct Progress {
     geometry: Geometry,
@@ -58,12 +58,12 @@ struct Progress {
     averaged: RowWindow,
 }
 
-/// What a pass works on.
+/// The rectangles of a pass.
 #[derive(Debug, Clone, Copy)]
 struct Geometry {
-    /// Pixels whose results are wanted.
+    /// Pixels of the results.
     inner: Rect,
-    /// Pixels on which the windows are centred whose lines are averaged for those.
+    /// Centres of the windows whose coefficients are averaged.
     centres: Rect,
     /// Pixels in those windows.
     taps: Rect,
@@ -74,7 +74,7 @@ struct Geometry {
 }
 
 impl Integer {
-    /// `None` when the sums of such a filter do not fit.
+    /// `None` when the sums do not fit.
     pub(super) fn new(simd: Option<Avx2>, radius: usize, eps: f64) -> Option<Self> {
         let n = (2 * radius + 1).pow(2) as f64;
         // |a| <= 1/(4 sqrt eps), |b| <= 1 + |a|
@@ -98,7 +98,7 @@ impl Integer {
         })
     }
 
-    /// Starts at the first row of `inner`.
+    /// Prepares for the rows of `inner`.
     pub(super) fn start(&mut self, guide: Guide<'_>, inner: Rect) {
         let (width, height, radius) = (guide.grey.width, guide.grey.height, self.radius);
         let centres = inner.grown(radius, width, height);
@@ -123,7 +123,7 @@ impl Integer {
         self.rows = Some(Progress { geometry, next: inner.y, fitted, averaged });
     }
 
-    /// The next row of the `inner` that was started with, of the same guide and map.
+    /// The next row of `inner`. The guide is the one passed to [`Self::start`].
     pub(super) fn row(&mut self, guide: Guide<'_>, map: &Plane<bool>, out: &mut [f32]) {
         let Some(mut rows) = self.rows.take() else { return };
         let Progress { geometry, next: y, fitted, averaged } = &mut rows;
@@ -180,7 +180,7 @@ impl Integer {
         self.rows = Some(rows);
     }
 
-    /// Adds a row of lines of the ring to the column sums, and takes one out.
+    /// Adds a row of coefficients to the column sums and removes another.
     fn exchange_lines(&mut self, enters: Option<usize>, leaves: Option<usize>, pad: Padding, width: usize) {
         let (slots, simd) = (self.ring.len(), self.simd);
         if let Some(row) = enters {
@@ -207,7 +207,7 @@ impl Integer {
     }
 }
 
-/// The result at a row of pixels, from running sums of the lines.
+/// The results of a row, from prefix sums of the coefficients.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
 fn means(grey: &[u16], a: &[u32], b: &[u32], span: usize, share: &[f64], per_unit: f64, out: &mut [f32]) {
