@@ -1,7 +1,7 @@
 //! Guided filtering fusion of real image pairs, against the figures of the published implementation.
 //!
-//! The images are not part of the project. They are read from `data` in the folder `PINSTACK_SHARED`, by default `../shared`;
-//! without them the test prints that it is skipped.
+//! The images are not part of the project. They are read from `data` in the folder `PINSTACK_SHARED`, by default
+//! `../shared`; without them the test prints that it is skipped.
 
 use std::path::{Path, PathBuf};
 

@@ -7,8 +7,9 @@ use crate::{
 
 /// The largest rectangle of the canvas that every slice covers; `None` if no pixel is covered by every slice.
 ///
-/// Slices and canvas are `width` x `height` px. Coverage follows the same rule as resampling, so no slice has an uncovered
-/// pixel in the rectangle. The result depends only on the homographies: all views of a scan are cropped alike.
+/// Slices and canvas are `width` x `height` px. Coverage follows the same rule as resampling, so no slice has an
+/// uncovered pixel in the rectangle. The result depends only on the homographies: all views of a scan are cropped
+/// alike.
 pub fn valid_rect(homographies: &[Homography], width: u32, height: u32) -> Option<Rect> {
     let size = (width as usize, height as usize);
     let mut common = Coverage::full(size.0, size.1);
@@ -18,7 +19,8 @@ pub fn valid_rect(homographies: &[Homography], width: u32, height: u32) -> Optio
     largest_rect(&common)
 }
 
-/// The largest rectangle of covered pixels. The covered area is convex, so a rectangle fits if its top and bottom rows do.
+/// The largest rectangle of covered pixels. The covered area is convex, so a rectangle fits if its top and bottom rows
+/// do.
 fn largest_rect(common: &Coverage) -> Option<Rect> {
     let rows = common.height();
     let mut best = Rect::default();

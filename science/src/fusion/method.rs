@@ -1,4 +1,5 @@
-//! What the methods differ in: one exhaustive `match` per question, so that the compiler lists what a new method must answer.
+//! What the methods differ in: one exhaustive `match` per question, so that the compiler lists what a new method must
+//! answer.
 //!
 //! | question | guided | pyramid | halo-corrected |
 //! |---|---|---|---|
@@ -35,8 +36,8 @@ impl Method {
 
     /// The method that fuses the back light of a stack whose front light is fused by this one.
     ///
-    /// The method of Li & Nguyen (2019) fuses both lights by guided filtering. Otherwise pyramids are used: they keep more of
-    /// the hairs of a silhouette, and black against white has no halo to correct.
+    /// The method of Li & Nguyen (2019) fuses both lights by guided filtering. Otherwise pyramids are used: they keep
+    /// more of the hairs of a silhouette, and black against white has no halo to correct.
     #[must_use]
     pub fn for_back_light(self) -> Self {
         match self {
@@ -53,8 +54,8 @@ impl Method {
         }
     }
 
-    /// Whether [`Fused::index`](super::Fused::index) is a refined decision map; otherwise it is the slice with the largest
-    /// focus measure.
+    /// Whether [`Fused::index`](super::Fused::index) is a refined decision map; otherwise it is the slice with the
+    /// largest focus measure.
     pub(super) fn refines_the_index(self) -> bool {
         match self {
             Self::Guided | Self::Pyramid => false,
@@ -71,7 +72,8 @@ pub(super) fn focus_measure(plan: &Plan) -> FocusMeasure {
     }
 }
 
-/// Bytes per pixel of the canvas that the second pass holds beside the index and the fused image, for pixels of `pixel` bytes.
+/// Bytes per pixel of the canvas that the second pass holds beside the index and the fused image, for pixels of `pixel`
+/// bytes.
 pub(super) fn extra_bytes_per_pixel(method: Method, pixel: u64) -> u64 {
     match method {
         Method::Guided | Method::Pyramid => 0,

@@ -1,26 +1,30 @@
 //! Fusion of a focus stack into one image that is sharp everywhere, in the geometry of the reference slice.
 //!
-//! In: decoded slices ([`Slices`]) and a [`Plan`] (per slice a homography and a gain; a method). Out: [`Fused`] (the image, the
-//! slice index per pixel, the covered area, metrics, warnings).
+//! In: decoded slices ([`Slices`]) and a [`Plan`] (per slice a homography and a gain; a method). Out: [`Fused`] (the
+//! image, the slice index per pixel, the covered area, metrics, warnings).
 //!
 //! Two passes, common to all methods:
 //!
-//! 1. *Alignment*, slice by slice, in any order. A slice is decoded, multiplied by its gain, resampled once to the canvas of the
-//!    reference slice, and written to a scratch file. A running argmax keeps, per pixel, the largest focus measure so far and
-//!    its slice.
+//! 1. *Alignment*, slice by slice, in any order. A slice is decoded, multiplied by its gain, resampled once to the
+//!    canvas of the reference slice, and written to a scratch file. A running argmax keeps, per pixel, the largest
+//!    focus measure so far and its slice.
 //! 2. *Blending*, tile by tile. Each tile reads back the rectangles of the slices that it needs and fuses them.
 //!
-//! The methods differ in the focus measure of the first pass and in the whole second pass ([`method`] lists the differences):
+//! The methods differ in the focus measure of the first pass and in the whole second pass ([`method`] lists the
+//! differences):
 //!
-//! | method | second pass |
-//! |---|---|
-//! | [`Method::HaloCorrected`], the default | A decision map chooses a slice per pixel. The *defocus spread effect* (Xu et al., IEEE TCI 2020; Ma et al., IEEE TIP 2020), the blur of near parts over far ones, is removed with the blur radius measured in the stack. The pyramid image is used where the map is not safe. |
-//! | [`Method::Guided`] | Guided filtering (Li, Kang & Hu, IEEE TIP 2013), the method of Li & Nguyen (DICTA 2019): two guided filters smooth the choice of slice into weights for a base and a detail layer. |
-//! | [`Method::Pyramid`] | Laplacian pyramids (Burt & Adelson, IEEE Trans. Commun. 1983): per level, a slice counts by the local energy of its detail. |
+//! - [`Method::HaloCorrected`], the default: a decision map chooses a slice per pixel. The *defocus spread effect*, the
+//!   blur of near parts over far ones (Xu et al., IEEE TCI 2020; Ma et al., IEEE TIP 2020), is removed with the blur
+//!   radius that is measured in the stack. Where the decision map is not reliable, the pyramid image is used.
+//! - [`Method::Guided`]: guided filtering fusion (Li, Kang & Hu, IEEE TIP 2013), the method of Li & Nguyen (DICTA
+//!   2019). Two guided filters smooth the choice of slice into weights for a base and a detail layer.
+//! - [`Method::Pyramid`]: Laplacian pyramid fusion (Burt & Adelson, IEEE Trans. Commun. 1983). At each level a slice
+//!   counts by the local energy of its detail.
 //!
 //! Properties of all methods:
 //!
-//! - Memory does not depend on the number of slices ([`Plan::memory_bytes`]); the scratch file does ([`Plan::scratch_bytes`]).
+//! - Memory does not depend on the number of slices ([`Plan::memory_bytes`]); the scratch file does
+//!   ([`Plan::scratch_bytes`]).
 //! - The same input gives the same bytes, for any number of threads and any size of tiles.
 //! - A pixel that a slice does not cover is never chosen and enters no mean, filter or metric.
 
@@ -61,17 +65,18 @@ const MAX_CLAMPED_FRACTION: f64 = 0.01;
 
 /// Fuses a stack by the method of `plan`.
 ///
-/// Where no slice shows any detail, the reference slice is used if it covers the pixel, else the first slice that does. The
-/// focus measure of a slice counts only where it covers the whole window of the measure; nearer to its border a slice is
-/// chosen only if no other can be.
+/// Where no slice shows any detail, the reference slice is used if it covers the pixel, else the first slice that does.
+/// The focus measure of a slice counts only where it covers the whole window of the measure; nearer to its border a
+/// slice is chosen only if no other can be.
 ///
-/// The result has the bit depth and the channels of the first slice. Grey slices in a stack in colour, and 8-bit slices in a
-/// 16-bit stack, are converted; the reverse is refused. The warped slices are kept in an unnamed file in `scratch_dir` until
-/// the function returns.
+/// The result has the bit depth and the channels of the first slice. Grey slices in a stack in colour, and 8-bit slices
+/// in a 16-bit stack, are converted; the reverse is refused. The warped slices are kept in an unnamed file in
+/// `scratch_dir` until the function returns.
 ///
 /// # Errors
-/// [`Interrupted::Cancelled`] if `control` requests it. An error that names the slice if the slice cannot be decoded, has
-/// another size or sample format, or has a homography that cannot be inverted. An error if the scratch file cannot be written.
+/// [`Interrupted::Cancelled`] if `control` requests it. An error that names the slice if the slice cannot be decoded,
+/// has another size or sample format, or has a homography that cannot be inverted. An error if the scratch file cannot
+/// be written.
 pub fn fuse(
     slices: &dyn Slices,
     plan: &Plan,
@@ -128,7 +133,8 @@ fn warnings(pixels: usize, covered: usize, clamped: usize) -> Vec<Warning> {
         warnings.push(Warning::new(
             "canvas_not_covered",
             format!(
-                "{percent:.2} % of the canvas is covered by no slice and is transparent; use crop=valid to cut it off"
+                "{percent:.2} % of the canvas is covered by no slice and is transparent; use crop=valid to cut \
+                 it off"
             ),
         ));
     }

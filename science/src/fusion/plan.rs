@@ -98,8 +98,8 @@ impl Plan {
             return Err(Error::new(
                 ErrorKind::SliceCountMismatch,
                 format!(
-                    "the stack has {slices} slices and its profile has {planned}; upload as many slices as the profile has, \
-                     and at least one"
+                    "the stack has {slices} slices and its profile has {planned}; upload as many slices as the \
+                     profile has, and at least one"
                 ),
             ));
         }
@@ -159,8 +159,8 @@ pub struct MetricsRequest<'a> {
 /// A fused stack.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fused {
-    /// The fused image, in the bit depth of the first slice; 1 channel if the first slice is grey, else 3. Black where no
-    /// slice covers the canvas.
+    /// The fused image, in the bit depth of the first slice; 1 channel if the first slice is grey, else 3. Black where
+    /// no slice covers the canvas.
     pub image: Raster,
     /// 0-based slice per pixel, [`UNCOVERED`] where no slice covers the canvas: the decision map of
     /// [`Method::HaloCorrected`], and for the other methods the slice with the largest focus measure.

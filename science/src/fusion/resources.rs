@@ -7,7 +7,8 @@ use crate::imaging::Depth;
 const MIB: u64 = 1 << 20;
 
 impl Plan {
-    /// Upper bound of the memory that [`fuse`](super::fuse) holds, in bytes. It does not depend on the number of slices.
+    /// Upper bound of the memory that [`fuse`](super::fuse) holds, in bytes. It does not depend on the number of
+    /// slices.
     ///
     /// With `threads` threads, three channels of `depth`, `P` canvas pixels, `s` bytes per sample and
     /// `L = `[`slices_in_flight`] slices in flight:
@@ -29,8 +30,8 @@ impl Plan {
         pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + sampled) * MIB
     }
 
-    /// Size of the scratch file that [`fuse`](super::fuse) writes for slices of `channels` samples of `depth`, in bytes: the
-    /// samples of all slices, padded to whole blocks.
+    /// Size of the scratch file that [`fuse`](super::fuse) writes for slices of `channels` samples of `depth`, in
+    /// bytes: the samples of all slices, padded to whole blocks.
     pub fn scratch_bytes(&self, channels: usize, depth: Depth) -> u64 {
         let side = |length: usize| length.next_multiple_of(align::SCRATCH_BLOCK) as u64;
         side(self.width) * side(self.height) * (channels * depth.bytes() * self.slices.len()) as u64

@@ -30,8 +30,8 @@ impl SampleFormat {
 
 /// The slices of a stack, converted to the format of the first one while they are loaded.
 ///
-/// The format is known only once slice 0 is decoded. That raster is kept until slice 0 is loaded, so that no slice is decoded
-/// twice.
+/// The format is known only once slice 0 is decoded. That raster is kept until slice 0 is loaded, so that no slice is
+/// decoded twice.
 pub(super) struct FormattedSlices<'a> {
     slices: &'a dyn Slices,
     width: usize,

@@ -35,7 +35,8 @@ fn noise(x: usize, y: usize, seed: usize) -> f64 {
     (v % 10_007) as f64 / 10_007.0
 }
 
-/// An RGB image, 0..1, with strong texture in strip `slice` of `slices` vertical strips and faint texture in the others.
+/// An RGB image, 0..1, with strong texture in strip `slice` of `slices` vertical strips and faint texture in the
+/// others.
 fn strip(width: usize, height: usize, slices: usize, slice: usize) -> Vec<f64> {
     let mut out = Vec::with_capacity(width * height * 3);
     for y in 0..height {

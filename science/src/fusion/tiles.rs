@@ -23,8 +23,8 @@ pub(super) struct Blended<S> {
 
 /// Makes an image of `C` channels, tile by tile; `stage` names its progress.
 ///
-/// `tile` fuses a rectangle into an interleaved buffer and returns the number of pixels with a clamped sample. `tools` makes
-/// its buffers, once per thread.
+/// `tile` fuses a rectangle into an interleaved buffer and returns the number of pixels with a clamped sample. `tools`
+/// makes its buffers, once per thread.
 pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     run: &Run<'_>,
     stage: &'static str,

@@ -1,16 +1,17 @@
-//! Coarse focus: the slice with the largest focus energy in wide windows around each cell of 4 x 4 px, and the noise level.
+//! Coarse focus: the slice with the largest focus energy in wide windows around each cell of 4 x 4 px, and the noise
+//! level.
 //!
-//! The sharpest slice at a single pixel is unreliable where there is little texture or beside a strong edge. Wide windows show
-//! which slice is in focus around it; the decision map of halo-corrected fusion compares the two.
+//! The sharpest slice at a single pixel is unreliable where there is little texture or beside a strong edge. Wide
+//! windows show which slice is in focus around it; the decision map of halo-corrected fusion compares the two.
 //!
-//! In: rows of focus energy of each slice, in any order of slices. Out: [`CoarseFocusMaps`]. With `e` the mean energy of a
-//! slice in a cell and `G` a Gaussian over cells, a scale holds per cell the slice with the largest `G * e`.
+//! In: rows of focus energy of each slice, in any order of slices. Out: [`CoarseFocusMaps`]. With `e` the mean energy
+//! of a slice in a cell and `G` a Gaussian over cells, a scale holds per cell the slice with the largest `G * e`.
 
 use std::sync::Mutex;
 
 use crate::{
     fusion::{
-        UNCOVERED,
+        plan::UNCOVERED,
         run::{locked, unlocked},
     },
     imaging::Plane,
@@ -25,8 +26,8 @@ const SIGMAS: [f32; 2] = [1.5, 3.5];
 /// Most cells per slice from which the noise is estimated.
 const MAX_SAMPLES: usize = 4096;
 
-/// Energy, in multiples of that of noise, below which a window has no texture: noise alone would choose its slice, another
-/// one in each window.
+/// Energy, in multiples of that of noise, below which a window has no texture: noise alone would choose its slice,
+/// another one in each window.
 const TEXTURELESS: f32 = 2.0;
 
 /// Running argmax of the coarse focus over the slices.
@@ -172,7 +173,8 @@ fn noise(samples: &[Vec<f32>]) -> f32 {
     quartiles.get(quartiles.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// `cells` convolved along both axes with the symmetric kernel whose half from the centre on is `half`; borders are repeated.
+/// `cells` convolved along both axes with the symmetric kernel whose half from the centre on is `half`; borders are
+/// repeated.
 fn smoothed(cells: &[f32], columns: usize, rows: usize, half: &[f32]) -> Vec<f32> {
     let radius = half.len() - 1;
     let mut across = vec![0.0f32; cells.len()];

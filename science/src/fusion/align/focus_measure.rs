@@ -13,10 +13,11 @@ use crate::{
 
 /// A focus measure.
 pub(in crate::fusion) enum FocusMeasure {
-    /// Saliency of Li, Kang & Hu (2013): `S = G * |L * I|` with the luma `I` in grey levels, the 4-neighbour Laplacian `L` and
-    /// a Gaussian `G`.
+    /// Saliency of Li, Kang & Hu (2013): `S = G * |L * I|` with the luma `I` in grey levels, the 4-neighbour Laplacian
+    /// `L` and a Gaussian `G`.
     Saliency(Saliency),
-    /// Focus energy: `E = G * (L * g * I)^2` with a smaller Gaussian `g` before the Laplacian; and its means over wide windows.
+    /// Focus energy: `E = G * (L * g * I)^2` with a smaller Gaussian `g` before the Laplacian; and its means over wide
+    /// windows.
     Energy(FocusEnergy, CoarseFocus),
 }
 
@@ -49,8 +50,8 @@ impl FocusMeasure {
 
     /// Measures `rows` of a slice of `size`; `luma` writes a row of its luma.
     ///
-    /// `emit(y, values, grey_levels)` gets each row: `values` compare slices; `grey_levels` are the same in grey levels, for
-    /// the metrics. The latter are valid only with `in_grey_levels`.
+    /// `emit(y, values, grey_levels)` gets each row: `values` compare slices; `grey_levels` are the same in grey
+    /// levels, for the metrics. The latter are valid only with `in_grey_levels`.
     pub(super) fn rows(
         &self,
         size: (usize, usize),

@@ -1,7 +1,7 @@
 //! First pass: resamples each slice to the canvas, measures its focus, and writes it to the scratch file.
 //!
-//! In: the slices and the plan. Out: [`Aligned`]. Slices are processed in parallel, in any order; the result does not depend
-//! on the order.
+//! In: the slices and the plan. Out: [`Aligned`]. Slices are processed in parallel, in any order; the result does not
+//! depend on the order.
 
 pub(super) mod coarse_focus;
 pub(super) mod focus_measure;
@@ -142,8 +142,8 @@ impl<S: Sample> Pass<'_, S> {
         Ok((coverage, measurements))
     }
 
-    /// Measures the focus of a warped slice and updates the running argmax and the coarse focus. The meter gets the same
-    /// values.
+    /// Measures the focus of a warped slice and updates the running argmax and the coarse focus. The meter gets the
+    /// same values.
     fn measure<const C: usize>(
         &self,
         slice: usize,

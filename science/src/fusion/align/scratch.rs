@@ -1,7 +1,7 @@
 //! The scratch file: the warped slices between the two passes.
 //!
-//! A slice is stored in blocks of [`BLOCK`] x [`BLOCK`] px, row of blocks by row of blocks. A tile with its margin is then a few
-//! long runs of bytes instead of one run per row of pixels.
+//! A slice is stored in blocks of [`BLOCK`] x [`BLOCK`] px, row of blocks by row of blocks. A tile with its margin is
+//! then a few long runs of bytes instead of one run per row of pixels.
 
 use std::{fs::File, io, os::unix::fs::FileExt, path::Path};
 
@@ -15,8 +15,8 @@ use crate::{
 /// Side of a block, px. Blocks at the right and bottom border are padded to the full size.
 pub(in crate::fusion) const BLOCK: usize = 32;
 
-/// An unnamed file that holds all warped slices, one after the other, as interleaved samples. The system deletes it when this
-/// value is dropped, and also when the process is killed.
+/// An unnamed file that holds all warped slices, one after the other, as interleaved samples. The system deletes it
+/// when this value is dropped, and also when the process is killed.
 #[derive(Debug)]
 pub(in crate::fusion) struct ScratchFile {
     file: File,

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use crate::{
     fusion::{
-        UNCOVERED,
+        plan::UNCOVERED,
         run::{locked, unlocked},
     },
     imaging::{
@@ -19,7 +19,8 @@ pub(super) const BAND: usize = 128;
 /// Pixels that are checked for ties at a time.
 const PART: usize = 256;
 
-/// Value of a slice where it covers the pixel but not the whole window of the focus measure: below every measured value.
+/// Value of a slice where it covers the pixel but not the whole window of the focus measure: below every measured
+/// value.
 const UNSUPPORTED: f32 = -1.0;
 
 /// Running argmax of the focus measure. The result does not depend on the order of the updates:
@@ -60,8 +61,8 @@ impl Sharpest {
         band * BAND..((band + 1) * BAND).min(self.height)
     }
 
-    /// Enters row `y` of the focus measure of `slice`. `covered` is the area that the slice covers, `supported` the area where
-    /// it covers the whole window of the measure.
+    /// Enters row `y` of the focus measure of `slice`. `covered` is the area that the slice covers, `supported` the
+    /// area where it covers the whole window of the measure.
     pub(super) fn update(&self, y: usize, slice: usize, values: &[f32], covered: &Coverage, supported: &Coverage) {
         let mut band = locked(&self.bands[y / BAND]);
         let start = y % BAND * self.width;
@@ -132,8 +133,8 @@ impl Sharpest {
     }
 }
 
-/// Enters all values that are larger than the best so far. Returns whether any value is equal to the best: the caller then
-/// resolves the ties of this part, which leaves the pixels entered here as they are.
+/// Enters all values that are larger than the best so far. Returns whether any value is equal to the best: the caller
+/// then resolves the ties of this part, which leaves the pixels entered here as they are.
 #[inline(always)]
 fn enter_larger(slice: u16, values: &[f32], best: &mut [f32], sharpest: &mut [u16]) -> bool {
     let mut ties = 0u32;

@@ -50,7 +50,8 @@ impl Layers {
         }
     }
 
-    /// Adds row `y` of a slice; `sharpest` is where it is the sharpest slice. The weights in `row` are clamped in place.
+    /// Adds row `y` of a slice; `sharpest` is where it is the sharpest slice. The weights in `row` are clamped in
+    /// place.
     pub(super) fn add<S: Sample, const C: usize>(
         &mut self,
         simd: Option<Avx2>,
@@ -88,8 +89,8 @@ impl Layers {
         );
     }
 
-    /// Writes row `y` as samples: base plus detail, clamped and rounded; 0 where no slice has any weight. Returns the number of
-    /// pixels with a sample more than one grey level of 255 out of range.
+    /// Writes row `y` as samples: base plus detail, clamped and rounded; 0 where no slice has any weight. Returns the
+    /// number of pixels with a sample more than one grey level of 255 out of range.
     pub(super) fn finish<S: Sample, const C: usize>(&self, simd: Option<Avx2>, y: usize, out: &mut [S]) -> usize {
         let pixels = y * self.width..(y + 1) * self.width;
         let range = pixels.start * C..pixels.end * C;
@@ -113,7 +114,8 @@ impl Layers {
     }
 }
 
-/// Clamps weights to 0..=1 and adds [`MIN_WEIGHT`] where the slice is the sharpest. Returns whether any weight is above 0.
+/// Clamps weights to 0..=1 and adds [`MIN_WEIGHT`] where the slice is the sharpest. Returns whether any weight is above
+/// 0.
 #[inline(always)]
 fn clamp(weights: &mut [f32], sharpest: &[bool]) -> bool {
     // a weight is not negative, so it is above 0 if any bit is set; a maximum would be a chain of comparisons

@@ -1,9 +1,9 @@
-//! Second pass of [`Method::Guided`](crate::types::fusion_options::Method): guided filtering fusion (Li, Kang & Hu, IEEE TIP
-//! 2013), the method of Li & Nguyen (DICTA 2019).
+//! Second pass of [`Method::Guided`](crate::types::fusion_options::Method): guided filtering fusion (Li, Kang & Hu,
+//! IEEE TIP 2013), the method of Li & Nguyen (DICTA 2019).
 //!
-//! In: the warped slices and the sharpest slice per pixel. Out: the fused image. With `I_n` the samples of slice `n`, `P_n` 1
-//! where slice `n` is the sharpest and else 0, and `G(r, eps)` the guided filter (He, Sun & Tang, TPAMI 2013) guided by the luma
-//! of slice `n`:
+//! In: the warped slices and the sharpest slice per pixel. Out: the fused image. With `I_n` the samples of slice `n`,
+//! `P_n` 1 where slice `n` is the sharpest and else 0, and `G(r, eps)` the guided filter (He, Sun & Tang, TPAMI 2013)
+//! guided by the luma of slice `n`:
 //!
 //! ```text
 //! B_n   = mean of I_n over a window of `average` px      base layer
@@ -13,8 +13,8 @@
 //! F     = sum WB_n B_n / sum WB_n + sum WD_n D_n / sum WD_n
 //! ```
 //!
-//! Work is saved where it cannot change a bit: a slice that is the sharpest nowhere within reach of its filters has the weight
-//! 0 and is skipped ([`presence`]), and where only one slice remains, `F` is that slice and is copied.
+//! Work is saved where it cannot change a bit: a slice that is the sharpest nowhere within reach of its filters has the
+//! weight 0 and is skipped ([`presence`]), and where only one slice remains, `F` is that slice and is copied.
 
 mod layers;
 mod presence;

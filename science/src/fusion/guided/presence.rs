@@ -1,8 +1,8 @@
-//! The slices that are the sharpest somewhere in a rectangle. Any other slice has the weight 0 within reach of its filters and
-//! can be skipped.
+//! The slices that are the sharpest somewhere in a rectangle. Any other slice has the weight 0 within reach of its
+//! filters and can be skipped.
 
 use crate::{
-    fusion::UNCOVERED,
+    fusion::plan::UNCOVERED,
     imaging::{Plane, Rect},
 };
 

@@ -63,8 +63,8 @@ impl<S: Sample> TileBlender<S> {
         }
     }
 
-    /// Fuses the pixels of `rect` into `out`, interleaved. Returns the number of pixels with a sample that was clamped by more
-    /// than one grey level of 255.
+    /// Fuses the pixels of `rect` into `out`, interleaved. Returns the number of pixels with a sample that was clamped
+    /// by more than one grey level of 255.
     pub(super) fn tile<const C: usize>(
         &mut self,
         rect: Rect,
@@ -142,8 +142,8 @@ impl<S: Sample> TileBlender<S> {
         Ok(())
     }
 
-    /// Writes base plus detail, clamped and rounded. Returns the number of pixels with a sample that was clamped by more than
-    /// one grey level of 255.
+    /// Writes base plus detail, clamped and rounded. Returns the number of pixels with a sample that was clamped by
+    /// more than one grey level of 255.
     fn finish<const C: usize>(&self, rect: Rect, out: &mut Vec<S>) -> usize {
         out.clear();
         out.resize(rect.width * rect.height * C, S::default());

@@ -1,5 +1,5 @@
-//! Findings of the metrics: each fault of a stack is simulated, and must be the only finding. A stack without a fault must have
-//! none.
+//! Findings of the metrics: each fault of a stack is simulated, and must be the only finding. A stack without a fault
+//! must have none.
 
 use rayon::prelude::*;
 
@@ -9,6 +9,7 @@ use crate::{
         tests::rendered::{Rendered, rendered},
     },
     imaging::{Plane, Raster, Samples},
+    quality::StackQuality,
     synth::{
         Light, Rig, Scene,
         scene::{Relief, SCENES},
@@ -208,12 +209,13 @@ fn a_stack_without_faults_has_no_warning() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// Faults that a scene cannot show: its step is so fine that a missing slice loses nothing, or too few pixels are bright.
+/// Faults that a scene cannot show: its step is so fine that a missing slice loses nothing, or too few pixels are
+/// bright.
 const CANNOT_SHOW: [&[&str]; 5] =
     [&["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"]];
 
-/// Pairs of a fault and another code that is correct too. A gap without lost detail is only a long step. If a slice shows too
-/// little to be compared with the next one, a misaligned slice cannot be reported from a jump.
+/// Pairs of a fault and another code that is correct too. A gap without lost detail is only a long step. If a slice
+/// shows too little to be compared with the next one, a misaligned slice cannot be reported from a jump.
 const ALSO_CORRECT: [(&str, &str); 2] = [("coverage_gap", "uneven_step"), ("slice_misaligned", "picture_jumps")];
 
 #[test]
@@ -298,7 +300,8 @@ fn a_drift_of_brightness_of_more_than_three_per_cent_is_reported() {
     }
 }
 
-/// Prints how often `exposure_drift` is reported, by scene and drift: the figures for that finding in `docs/METRICS.md`.
+/// Prints how often `exposure_drift` is reported, by scene and drift: the figures for that finding in
+/// `docs/METRICS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn table_of_exposure_drift() {
@@ -314,6 +317,37 @@ fn table_of_exposure_drift() {
             }
         }
     }
+}
+
+/// The findings (notes are marked with `~`) and the main metrics of a stack; -1 for a metric that could not be
+/// measured.
+fn summary(quality: &StackQuality) -> String {
+    let codes: Vec<String> = quality
+        .findings
+        .iter()
+        .map(|finding| {
+            let mark = if finding.severity == Severity::Note { "~" } else { "" };
+            format!("{mark}{}{:?}", finding.code, finding.slices)
+        })
+        .collect();
+    let of = |value: Option<f64>| value.unwrap_or(-1.0);
+    let (alignment, focus, fusion) = (&quality.alignment, &quality.focus, &quality.fusion);
+    let drift = alignment.similarity.as_ref();
+    [
+        codes.join(" "),
+        format!(
+            "| drift {:.2}+-{:.2}",
+            of(drift.map(|d| d.corner_drift_px)),
+            of(drift.map(|d| d.corner_drift_sigma_px))
+        ),
+        format!("n {} p95 {:.2} |", drift.map_or(0, |d| d.shifts), of(alignment.residual_p95_px)),
+        format!("peak {:.3} {:.3}", of(focus.peak_at_first_fraction), of(focus.peak_at_last_fraction)),
+        format!("label {:.3} amb {:.3}", of(focus.label_noise), of(focus.ambiguity)),
+        format!("tex {:.2}", of(focus.textured_fraction)),
+        format!("over {:.4} {:.3}", of(fusion.overshoot_fraction), of(fusion.overshoot_levels)),
+        format!("clip {:.4} common {:.3}", of(fusion.clipped_fraction), of(alignment.common_fraction)),
+    ]
+    .join(" ")
 }
 
 /// Prints the findings and the main metrics of stacks with each fault: the figures on findings in `docs/METRICS.md`.
@@ -336,14 +370,13 @@ fn table_of_findings_by_fault() {
         let (name, make) = SCENES[scene];
         let clean = Stack::of(&rig, &make(seed));
         for masked in [true, false] {
-            let lines: Vec<String> = FAULTS.par_iter().map(|(fault, make)| {
-                let quality = make(clean.clone()).fused(masked).quality.unwrap();
-                let codes: Vec<String> = quality.findings.iter().map(|f| format!("{}{}{:?}", if f.severity == Severity::Note { "~" } else { "" }, f.code, f.slices)).collect();
-                let s = quality.alignment.similarity;
-                format!("{name} {width}x{height}x{count} masked {masked} [{fault}]: {} | drift {:.2}+-{:.2} n {} p95 {:.2} | peak {:.3} {:.3} label {:.3} amb {:.3} tex {:.2} over {:.4} {:.3} clip {:.4} common {:.3}", codes.join(" "),
-                    s.map_or(-1.0, |s| s.corner_drift_px), s.map_or(-1.0, |s| s.corner_drift_sigma_px), s.map_or(0, |s| s.shifts), quality.alignment.residual_p95_px.unwrap_or(-1.0),
-                    quality.focus.peak_at_first_fraction.unwrap_or(-1.0), quality.focus.peak_at_last_fraction.unwrap_or(-1.0), quality.focus.label_noise.unwrap_or(-1.0), quality.focus.ambiguity.unwrap_or(-1.0), quality.focus.textured_fraction.unwrap_or(-1.0), quality.fusion.overshoot_fraction.unwrap_or(-1.0), quality.fusion.overshoot_levels.unwrap_or(-1.0), quality.fusion.clipped_fraction.unwrap_or(-1.0), quality.alignment.common_fraction.unwrap_or(-1.0))
-            }).collect();
+            let lines: Vec<String> = FAULTS
+                .par_iter()
+                .map(|(fault, make)| {
+                    let quality = make(clean.clone()).fused(masked).quality.unwrap();
+                    format!("{name} {width}x{height}x{count} masked {masked} [{fault}]: {}", summary(&quality))
+                })
+                .collect();
             lines.iter().for_each(|line| println!("{line}"));
         }
     });

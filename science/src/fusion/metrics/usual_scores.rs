@@ -37,8 +37,8 @@ fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
     })
 }
 
-/// Prints the scores of all scenes by all methods, with two lenses, with and without noise: the figures on usual scores in
-/// `docs/METRICS.md`.
+/// Prints the scores of all scenes by all methods, with two lenses, with and without noise: the figures on usual scores
+/// in `docs/METRICS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn table_of_usual_scores() {

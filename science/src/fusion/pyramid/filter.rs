@@ -1,6 +1,7 @@
 //! The filters of the pyramid: reduce, expand and smooth (Burt & Adelson 1983, with `a = 3/8`: the binomial kernel).
 //!
-//! Every pixel is computed by the same operations in the same order in any rectangle, so that tiles do not affect the result.
+//! Every pixel is computed by the same operations in the same order in any rectangle, so that tiles do not affect the
+//! result.
 
 use crate::imaging::{
     Rect,
@@ -73,8 +74,8 @@ pub(super) const SMOOTH: [f32; 9] = [
 /// Reach of [`SMOOTH`], px.
 pub(super) const SMOOTHING: usize = SMOOTH.len() / 2;
 
-/// The three pixels of a coarse row of `length` px that a fine pixel is interpolated from: index of the first, and weights.
-/// Pixels beyond the ends have the weight 0, and the weights add up to 1.
+/// The three pixels of a coarse row of `length` px that a fine pixel is interpolated from: index of the first, and
+/// weights. Pixels beyond the ends have the weight 0, and the weights add up to 1.
 fn taps(fine: usize, length: usize) -> (isize, [f32; 3]) {
     let middle = (fine / 2) as isize;
     let (first, mut weights) = match fine % 2 {
@@ -213,8 +214,8 @@ impl Filters {
         &mut out[columns.start - 2 * start..][..columns.len()]
     }
 
-    /// Smooths `values` by the kernel of 5 taps, in `rect`. `values` must have all pixels that this depends on; pixels beyond
-    /// the canvas count as 0.
+    /// Smooths `values` by the kernel of 5 taps, in `rect`. `values` must have all pixels that this depends on; pixels
+    /// beyond the canvas count as 0.
     pub(super) fn smooth(&mut self, simd: Option<Avx2>, values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
         let Self { nothing, line, across, .. } = self;
         let reach = REDUCE.len() / 2;

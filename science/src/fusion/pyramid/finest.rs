@@ -1,4 +1,5 @@
-//! Level 0 of a slice around a tile, channel by channel; its reduction to level 1; and the range of the samples of all slices.
+//! Level 0 of a slice around a tile, channel by channel; its reduction to level 1; and the range of the samples of all
+//! slices.
 //!
 //! Sums are integers, so the result of a pixel does not depend on the rectangle that it is computed in.
 
@@ -59,8 +60,8 @@ impl<S: Sample> FinestLevel<S> {
         Ok(())
     }
 
-    /// Reduces the slice to the pixels `rect` of level 1: values in grey levels of 255 times covered fraction, and covered
-    /// fraction.
+    /// Reduces the slice to the pixels `rect` of level 1: values in grey levels of 255 times covered fraction, and
+    /// covered fraction.
     pub(super) fn reduce<const C: usize>(
         &mut self,
         simd: Option<Avx2>,
@@ -219,8 +220,8 @@ impl<S: Sample> SampleRange<S> {
         }
     }
 
-    /// Clamps `values`, the columns `columns` of row `y` of a channel in the scale of the samples, to the smallest and the
-    /// largest sample in the 3 x 3 px around each pixel.
+    /// Clamps `values`, the columns `columns` of row `y` of a channel in the scale of the samples, to the smallest and
+    /// the largest sample in the 3 x 3 px around each pixel.
     pub(super) fn clamp(&mut self, channel: usize, y: usize, columns: &Range<usize>, values: &mut [f32]) {
         let Self { smallest, largest, line } = self;
         simd::run(

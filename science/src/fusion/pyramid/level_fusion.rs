@@ -1,7 +1,7 @@
 //! Adds one level of a slice to the fused level: its detail, weighted by the local energy of the detail.
 //!
-//! Rows are processed in order, with the last rows in rings of buffers, so that data that is used several times stays in the
-//! cache.
+//! Rows are processed in order, with the last rows in rings of buffers, so that data that is used several times stays
+//! in the cache.
 
 use super::{
     filter::{Filters, Level, Patch, SMOOTH, SMOOTHING, WEIGHT, weigh},
@@ -60,8 +60,8 @@ pub(super) struct LevelFuser {
 }
 
 impl LevelFuser {
-    /// Adds the detail of `source` to the whole rectangle of `sums`; `coarse` has the values of the next coarser level of the
-    /// slice.
+    /// Adds the detail of `source` to the whole rectangle of `sums`; `coarse` has the values of the next coarser level
+    /// of the slice.
     pub(super) fn add_detail<S: Sample, const C: usize>(
         &mut self,
         simd: Option<Avx2>,
@@ -176,7 +176,8 @@ impl LevelFuser {
         }
     }
 
-    /// Adds the base of a slice to `sums`, weighted by `energy`; `values` are its values and `weights` its covered fractions.
+    /// Adds the base of a slice to `sums`, weighted by `energy`; `values` are its values and `weights` its covered
+    /// fractions.
     pub(super) fn add_base<const C: usize>(
         &mut self,
         values: &Level,

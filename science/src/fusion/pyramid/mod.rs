@@ -1,8 +1,8 @@
-//! Second pass of [`Method::Pyramid`](crate::types::fusion_options::Method): Laplacian pyramid fusion (Burt & Adelson 1983;
-//! for stacks: Burt & Kolczynski 1993, Wang & Chang 2011).
+//! Second pass of [`Method::Pyramid`](crate::types::fusion_options::Method): Laplacian pyramid fusion (Burt & Adelson
+//! 1983; for stacks: Burt & Kolczynski 1993, Wang & Chang 2011).
 //!
-//! In: the warped slices. Out: the fused image. With `I_n,l` slice `n` at level `l`, `b` the binomial kernel of 5 taps and
-//! `lambda_c` the luma weights of the channels:
+//! In: the warped slices. Out: the fused image. With `I_n,l` slice `n` at level `l`, `b` the binomial kernel of 5 taps
+//! and `lambda_c` the luma weights of the channels:
 //!
 //! ```text
 //! I_n,l+1 = (b * I_n,l) at every second pixel
@@ -12,17 +12,17 @@
 //! D_l     = sum_n W_n,l D_n,l / sum_n W_n,l       fused detail
 //! ```
 //!
-//! The base is fused by the same rule, with the energy of its deviation from its surroundings. The fused levels are expanded
-//! and added. The reasons:
+//! The base is fused by the same rule, with the energy of its deviation from its surroundings. The fused levels are
+//! expanded and added. The reasons:
 //!
 //! - One weight for all channels: a colour is never composed of different slices.
-//! - The fourth power instead of the maximum: where one slice stands out it gives the same, and where all slices show only
-//!   noise it averages them instead of choosing the strongest noise.
+//! - The fourth power instead of the maximum: where one slice stands out it gives the same, and where all slices show
+//!   only noise it averages them instead of choosing the strongest noise.
 //! - A slice that does not cover all pixels that a detail depends on gets a weight below that of all others.
 //! - A fused sample is clamped to the range of the slices in the 3 x 3 px around it, which removes overshoot.
 //!
-//! Each tile computes its levels from all pixels that it depends on ([`reach`]), so tiles do not affect the result. Memory does
-//! not depend on the number of slices.
+//! Each tile computes its levels from all pixels that it depends on ([`reach`]), so tiles do not affect the result.
+//! Memory does not depend on the number of slices.
 
 mod filter;
 mod finest;
@@ -32,8 +32,8 @@ mod reach;
 use std::mem;
 
 use super::{
-    UNCOVERED,
     align::Aligned,
+    plan::UNCOVERED,
     run::Run,
     tiles::{Blended, in_tiles},
 };
@@ -100,8 +100,8 @@ struct Pyramid<S> {
 }
 
 impl<S: Sample> Pyramid<S> {
-    /// Fuses the pixels of `rect` into `out`, interleaved. Returns the number of pixels with a sample that was clamped by more
-    /// than one grey level of 255.
+    /// Fuses the pixels of `rect` into `out`, interleaved. Returns the number of pixels with a sample that was clamped
+    /// by more than one grey level of 255.
     fn tile<const C: usize>(
         &mut self,
         canvas: &Canvas,
@@ -209,8 +209,8 @@ impl<S: Sample> Pyramid<S> {
         self.fuser.add_base::<C>(&self.values, &coarsest[WEIGHT], &energy, geometry, sums);
     }
 
-    /// Expands and adds the fused levels, clamps and rounds them. Returns the number of pixels with a sample that was outside
-    /// the range of its depth by more than one grey level of 255.
+    /// Expands and adds the fused levels, clamps and rounds them. Returns the number of pixels with a sample that was
+    /// outside the range of its depth by more than one grey level of 255.
     fn finish<const C: usize>(&mut self, canvas: &Canvas, rect: Rect, index: &Plane<u16>, out: &mut Vec<S>) -> usize {
         let (levels, simd) = (self.sums.len(), Avx2::detect());
         let (mut result, mut expanded) = (mem::take(&mut self.values), Vec::new());

@@ -1,5 +1,5 @@
-//! The pixels of every level that a tile depends on, computed backwards from the tile. With all of them at hand the result does
-//! not depend on the tiles.
+//! The pixels of every level that a tile depends on, computed backwards from the tile. With all of them at hand the
+//! result does not depend on the tiles.
 
 use std::ops::Range;
 
@@ -9,7 +9,8 @@ use crate::imaging::Rect;
 /// Radius of the energy of the base, pixels of the coarsest level.
 pub(super) const BASE_SMOOTHING: usize = 4;
 
-/// Ranges of pixels along one axis, per level, finest first. Pixel `i` of a level is at pixel `2 i` of the next finer one.
+/// Ranges of pixels along one axis, per level, finest first. Pixel `i` of a level is at pixel `2 i` of the next finer
+/// one.
 #[derive(Debug, Clone, PartialEq)]
 struct Axis {
     /// Pixels that are fused.

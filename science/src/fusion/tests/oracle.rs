@@ -1,5 +1,5 @@
-//! The definition of guided filtering fusion, written out: whole planes, double precision, no shortcuts. The implementation is
-//! compared with it.
+//! The definition of guided filtering fusion, written out: whole planes, double precision, no shortcuts. The
+//! implementation is compared with it.
 
 use super::*;
 use crate::imaging::{Samples, warp::Warp};

@@ -12,7 +12,7 @@ use super::{
     corrections::{Correction, Corrections, Kind},
 };
 use crate::{
-    fusion::{UNCOVERED, align::coarse_focus::CELL},
+    fusion::{align::coarse_focus::CELL, plan::UNCOVERED},
     imaging::{Plane, Rect, filter::disc::Disc},
 };
 

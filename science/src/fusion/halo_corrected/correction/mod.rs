@@ -29,7 +29,7 @@ use super::{
     warped_slices::WarpedSlices,
 };
 use crate::{
-    fusion::UNCOVERED,
+    fusion::plan::UNCOVERED,
     imaging::{Rect, Sample, filter::disc::Disc},
     types::Interrupted,
 };

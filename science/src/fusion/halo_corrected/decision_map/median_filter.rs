@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::super::warped_slices::WarpedSlices;
 use crate::{
-    fusion::UNCOVERED,
+    fusion::plan::UNCOVERED,
     imaging::{
         Plane, Sample,
         simd::{self, Avx2},

@@ -29,8 +29,8 @@ use super::{
 };
 use crate::{
     fusion::{
-        UNCOVERED,
         align::coarse_focus::{CELL, CoarseFocusMaps},
+        plan::UNCOVERED,
     },
     imaging::{
         Plane, Rect, Sample,
