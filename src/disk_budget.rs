@@ -1,16 +1,16 @@
 //! The disk budget: one ledger per process of the bytes that uploads, jobs and conversions may still write.
 //!
-//! In: the free bytes of the disk, and the bytes that must stay free (`min_free_bytes`). Out: reservations. The disk is that
-//! of the blobs, which local blobs share with the workspace; where the blob store is unbounded, it is that of the
+//! In: the free bytes of the disk, and the bytes that must stay free (`min_free_bytes`). Out: reservations. The disk is
+//! that of the blobs, which local blobs share with the workspace; where the blob store is unbounded, it is that of the
 //! workspace. For every reservation that is granted, at the moment of its grant:
 //!
 //! ```text
 //! sum of all reservations + min_free_bytes <= free bytes
 //! ```
 //!
-//! A holder reports what it has written ([`Reservation::written`]): the free bytes already exclude these bytes, so they must
-//! not be counted twice. Other processes on the same disk have budgets of their own; what they write counts once it is
-//! written.
+//! A holder reports what it has written ([`Reservation::written`]): the free bytes already exclude these bytes, so they
+//! must not be counted twice. Other processes on the same disk have budgets of their own; what they write counts once
+//! it is written.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -13,8 +13,8 @@ use crate::store::{
     verify::{Depth, Report, verify},
 };
 
-/// Back up the database and all files into a folder; a server may run meanwhile. Files that an earlier backup in the folder has
-/// are not copied again. A backup is a data folder itself; uploads that are still arriving are not in it.
+/// Back up the database and all files into a folder; a server may run meanwhile. Files that an earlier backup in the
+/// folder has are not copied again. A backup is a data folder itself; uploads that are still arriving are not in it.
 #[derive(Debug, Args)]
 pub struct Backup {
     #[command(flatten)]
@@ -24,7 +24,8 @@ pub struct Backup {
     to: PathBuf,
 }
 
-/// Restore a backup into a data folder, which must have no database yet; at the end, every file is compared with its digest.
+/// Restore a backup into a data folder, which must have no database yet; at the end, every file is compared with its
+/// digest.
 #[derive(Debug, Args)]
 pub struct Restore {
     #[command(flatten)]

@@ -7,8 +7,8 @@ use clap::Args;
 use super::store::Place;
 use crate::store::gc::{GRACE, collect};
 
-/// Remove expired stacks and uploads, and files that no row refers to, now; a server does this every hour. A server may run
-/// meanwhile.
+/// Remove expired stacks and uploads, and files that no row refers to, now; a server does this every hour. A server may
+/// run meanwhile.
 #[derive(Debug, Args)]
 pub struct Gc {
     #[command(flatten)]
@@ -16,8 +16,8 @@ pub struct Gc {
     /// Keep files that are younger, seconds: an upload is stored before its row is written. 0 only while no server runs
     #[arg(long, value_name = "SECONDS", default_value_t = GRACE.as_secs())]
     grace_s: u64,
-    /// Confirm that the clock is right, after it jumped or after no server ran for more than a day: what has expired by this
-    /// clock is then removed
+    /// Confirm that the clock is right, after it jumped or after no server ran for more than a day: what has expired by
+    /// this clock is then removed
     #[arg(long)]
     clock_is_right: bool,
 }

@@ -6,8 +6,8 @@ use clap::Args;
 use super::store::Place;
 use crate::store::verify::{Depth, verify};
 
-/// Verify that every file that the database refers to exists and is unchanged; the exit code is 0 if so. A server may run
-/// meanwhile.
+/// Verify that every file that the database refers to exists and is unchanged; the exit code is 0 if so. A server may
+/// run meanwhile.
 #[derive(Debug, Args)]
 pub struct Verify {
     #[command(flatten)]

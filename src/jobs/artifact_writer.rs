@@ -6,7 +6,6 @@ use std::{
 };
 
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 
 use super::{JobContext, OutputFile, ProgressSink};
 use crate::{
@@ -16,7 +15,7 @@ use crate::{
         options::{ImageFormat, StackOptions},
         outcome::Artifact,
     },
-    store::{blobs::result_key, digest::hex, failpoint::step},
+    store::{blobs::result_key, digest::sha256_of, failpoint::step, is_full},
 };
 use pinstack_science::imaging::{
     Raster,
@@ -117,35 +116,21 @@ impl<'a> ArtifactWriter<'a> {
         let mut written = out.into_inner().map_err(io::IntoInnerError::into_error)?;
         // hashed afterwards, because the TIFF encoder seeks back
         written.file.seek(SeekFrom::Start(0))?;
-        let mut hash = Sha256::new();
-        let mut bytes = 0;
-        let mut block = vec![0; 1 << 20];
-        loop {
-            let read = written.read(&mut block)?;
-            if read == 0 {
-                return Ok((bytes, hex(&hash.finalize())));
-            }
-            hash.update(block.get(..read).unwrap_or_default());
-            bytes += read as u64;
-        }
+        sha256_of(written)
     }
 
     fn failure(&self, error: &io::Error) -> JobError {
         if let Err(cancelled) = self.sink.check() {
             return cancelled.into();
         }
-        match error.kind() {
-            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-                let detail = "the disk of the service is full, so the results could not be written; free some disk space \
-                              and send the zip again";
-                Fault::new(Code::InsufficientStorage, detail).into()
-            }
-            _ => {
-                tracing::error!(job = %self.context.job.id, ?error, "cannot write an artifact");
-                let detail = "the service could not write the results; its log has the cause under the id of the job";
-                Fault::new(Code::Unavailable, detail).into()
-            }
+        if is_full(error) {
+            let detail = "the disk of the service is full, so the results could not be written; free some disk space and \
+                          send the zip again";
+            return Fault::new(Code::InsufficientStorage, detail).into();
         }
+        tracing::error!(job = %self.context.job.id, ?error, "cannot write an artifact");
+        let detail = "the service could not write the results; its log has the cause under the id of the job";
+        Fault::new(Code::Unavailable, detail).into()
     }
 }
 

@@ -1,5 +1,5 @@
-//! Backup: a copy of a store, taken while a server runs. The copy is a data folder: `verify` checks it, a server can run on
-//! it, and restoring it is a backup in the other direction.
+//! Backup: a copy of a store, taken while a server runs. The copy is a data folder: `verify` checks it, a server can
+//! run on it, and restoring it is a backup in the other direction.
 //!
 //! 1. The metadata is copied as of one moment.
 //! 2. The blobs that this copy refers to are copied. A blob never changes, so one that an earlier backup has is kept. If a
@@ -24,8 +24,8 @@ use super::{
     local::{self, remove},
 };
 
-/// Marks a folder as a backup, which the next backup may replace. A server that runs on the folder removes the mark: the
-/// folder is a store of its own from then on and must not be overwritten.
+/// Marks a folder as a backup, which the next backup may replace. A server that runs on the folder removes the mark:
+/// the folder is a store of its own from then on and must not be overwritten.
 pub const MARK: &str = "pinstack.copy";
 /// Rows that are read at a time.
 const PAGE: u32 = 200;
@@ -45,12 +45,12 @@ pub struct Copied {
     pub unreadable: usize,
 }
 
-/// Brings the backup in the folder `to` up to date with `store`. The folder is created if it is missing. If this fails, an
-/// earlier backup in the folder is still complete.
+/// Brings the backup in the folder `to` up to date with `store`. The folder is created if it is missing. If this fails,
+/// an earlier backup in the folder is still complete.
 ///
 /// # Errors
-/// When `to` contains something that is not a backup, a blob that a row refers to is missing, or either side cannot be read
-/// or written.
+/// When `to` contains something that is not a backup, a blob that a row refers to is missing, or either side cannot be
+/// read or written.
 pub async fn copy(store: &Store, to: &Path) -> StoreResult<Copied> {
     let io = |what: &'static str| move |error: io::Error| StoreError::of_io(error, format!("{what} of the backup"));
     require_backup_or_nothing(to).map_err(io("cannot use the folder"))?;
@@ -116,8 +116,8 @@ struct Backup<'a> {
 type Inode = (u64, u64);
 
 impl Backup<'_> {
-    /// Copies the metadata, and the blobs that it refers to. False when one of them was deleted meanwhile; what was copied
-    /// until then is kept for the next try.
+    /// Copies the metadata, and the blobs that it refers to. False when one of them was deleted meanwhile; what was
+    /// copied until then is kept for the next try.
     async fn copy_once(&mut self, snapshot: &Path) -> StoreResult<bool> {
         remove_database(snapshot)
             .map_err(|error| StoreError::of_io(error, "cannot clean the folder of the backup".into()))?;
@@ -186,7 +186,8 @@ impl Backup<'_> {
         Ok(now.is_none_or(|now| now.upload_removed != job.upload_removed))
     }
 
-    /// Copies one blob. Blobs that share their bytes in the store share them in the backup. `None`: it was deleted meanwhile.
+    /// Copies one blob. Blobs that share their bytes in the store share them in the backup. `None`: it was deleted
+    /// meanwhile.
     async fn copy_or_share(&mut self, from: LocalBlob, key: &str) -> StoreResult<Option<u64>> {
         let inode = shared_inode(&from).await;
         if let Some(same) = inode.and_then(|inode| self.shared.get(&inode))
@@ -202,8 +203,8 @@ impl Backup<'_> {
         Ok(copied)
     }
 
-    /// Copies what exists of the blobs of a job whose row cannot be read. A missing one does not prevent the backup of the
-    /// rest.
+    /// Copies what exists of the blobs of a job whose row cannot be read. A missing one does not prevent the backup of
+    /// the rest.
     async fn copy_unreadable(&mut self, metadata: &Arc<dyn MetadataStore>, id: Uuid) -> StoreResult<()> {
         for key in metadata.blob_keys(id).await? {
             if self.blobs.head(&key).await?.is_some() {

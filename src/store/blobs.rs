@@ -5,9 +5,9 @@
 //! | `uploads/{job}.zip` | the upload of a job |
 //! | `results/{job}/{lease}/{file}` | a result, written under one lease |
 //!
-//! The interface is that of an object store, not of a file system: a blob is written as a whole, is never changed, and is
-//! read by range. Code that needs a local file (the zip reader, which seeks) asks for one with [`BlobStore::fetch`], and
-//! keeps the returned guard as long as it uses the file.
+//! The interface is that of an object store, not of a file system: a blob is written as a whole, is never changed, and
+//! is read by range. Code that needs a local file (the zip reader, which seeks) asks for one with [`BlobStore::fetch`],
+//! and keeps the returned guard as long as it uses the file.
 
 use std::{
     io,
@@ -33,13 +33,13 @@ pub trait BlobStore: Send + Sync + 'static {
     /// Stores a file as the blob `key`. On return the blob is durable and the file at its path is gone. On an error the
     /// file is still there, or is removed with its guard.
     async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()>;
-    /// A new spool file with the bytes of a blob, which can be stored under another key. The bytes are shared, not copied,
-    /// where the engine supports it. `None` when there is no such blob.
+    /// A new spool file with the bytes of a blob, which can be stored under another key. The bytes are shared, not
+    /// copied, where the engine supports it. `None` when there is no such blob.
     async fn share(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<SpoolFile>>;
     /// Size and age of a blob; `None` when there is no such blob.
     async fn head(&self, key: &str) -> StoreResult<Option<BlobMeta>>;
-    /// Bytes of a blob. The stream can be read to its end even if the blob is removed meanwhile. `None` when there is no
-    /// such blob.
+    /// Bytes of a blob. The stream can be read to its end even if the blob is removed meanwhile. `None` when there is
+    /// no such blob.
     async fn read(&self, key: &str, range: Range<u64>) -> StoreResult<Option<ByteStream>>;
     /// A local file with the bytes of a blob, for code that seeks: the blob itself if it is local, otherwise a copy in
     /// `workspace`. `None` when there is no such blob.

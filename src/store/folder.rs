@@ -1,4 +1,4 @@
-//! Folders and files of a store: there after a power cut, and for nobody but the account that the service runs under.
+//! Folders and files of a store: durable, and private to the account that the service runs under.
 
 use std::{
     fs::{self, DirBuilder, Permissions},
@@ -14,11 +14,11 @@ pub const FOLDER: u32 = 0o700;
 /// Mode of a file of a store.
 pub const FILE: u32 = 0o600;
 
-/// Makes a folder with all above it, each durable in the one that holds it. One that is there already and is a store, or
-/// empty, is made private; a folder with other things in it keeps its mode, because it may not be ours alone.
+/// Creates a folder and its missing parents, durably. An existing folder is made private if it is a store or empty. A
+/// folder with other content keeps its mode, because it may be shared with others.
 ///
 /// # Errors
-/// When it cannot be made.
+/// When it cannot be created.
 pub fn make(folder: &Path) -> io::Result<()> {
     let missing: Vec<&Path> =
         folder.ancestors().take_while(|part| !part.as_os_str().is_empty() && !part.exists()).collect();
@@ -37,8 +37,8 @@ pub fn make(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Takes away what `mode` does not allow; a file that is not there is fine. What belongs to another account cannot be changed:
-/// the log says so.
+/// Removes the permissions that `mode` does not allow. A missing file is ignored. The mode of a file of another account
+/// cannot be changed; a warning is logged then.
 ///
 /// # Errors
 /// When the mode cannot be read or set.
@@ -53,7 +53,8 @@ pub fn keep_private(path: &Path, mode: u32) -> io::Result<()> {
     match fs::set_permissions(path, Permissions::from_mode(now & mode)) {
         Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
             let path = path.display();
-            tracing::warn!(%path, mode = format!("{now:o}"), "other accounts may read the data, and the mode cannot be set");
+            let mode = format!("{now:o}");
+            tracing::warn!(%path, mode, "other accounts may read the data, and the mode cannot be changed");
             Ok(())
         }
         other => other,
@@ -69,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn a_store_is_private_and_a_folder_with_other_things_keeps_its_mode() {
+    fn a_store_is_private_and_a_folder_with_other_content_keeps_its_mode() {
         let outer = tempfile::tempdir().expect("a folder");
         let new = outer.path().join("a/b");
         make(&new).expect("made");

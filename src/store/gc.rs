@@ -12,8 +12,8 @@
 //! | open: waits for bytes or for its job | kept until it expires |
 //! | complete, refused, expired or deleted | removed |
 //!
-//! Safe beside running servers and other collections: a row is written after its blobs and removed before them, and it is
-//! read directly before its blobs are removed.
+//! Safe beside running servers and other collections: a row is written after its blobs and removed before them, and it
+//! is read directly before its blobs are removed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -128,8 +128,8 @@ pub async fn gc_upload(store: &Store, id: Uuid) -> StoreResult<()> {
     Ok(())
 }
 
-/// Removes the blobs of one job that its row does not refer to: after the job ended, and after it was deleted. Not for a
-/// job whose row is still to be written.
+/// Removes the blobs of one job that its row does not refer to: after the job ended, and after it was deleted. Not for
+/// a job whose row is still to be written.
 ///
 /// # Errors
 /// When metadata or blobs cannot be read or removed.
@@ -149,8 +149,8 @@ pub async fn gc_job(store: &Store, id: Uuid) -> StoreResult<()> {
     delete_stale_results(blobs, id, first_kept).await
 }
 
-/// Removes the results of leases before `first_kept`. Those of later leases stay: a worker may have claimed the job since
-/// the caller read its row.
+/// Removes the results of leases before `first_kept`. Those of later leases stay: a worker may have claimed the job
+/// since the caller read its row.
 ///
 /// # Errors
 /// When the blobs cannot be listed or removed.

@@ -152,8 +152,8 @@ pub struct JobCounts {
 /// Accepts, lists, cancels and deletes jobs.
 #[async_trait]
 pub trait JobQueue: Send + Sync + 'static {
-    /// Accepts a job: on return it is durable. At most `queue_limit` jobs may be queued, and the upload must fit into the
-    /// quota of its owner.
+    /// Accepts a job: on return it is durable. At most `queue_limit` jobs may be queued, and the upload must fit into
+    /// the quota of its owner.
     async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue>;
     /// The job that an `Idempotency-Key` created, and the fingerprint of its request.
     async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>>;
@@ -167,11 +167,11 @@ pub trait JobQueue: Send + Sync + 'static {
     async fn counts(&self) -> StoreResult<JobCounts>;
     /// Requests the cancellation of a job. `None` when there is no such job.
     async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>>;
-    /// Deletes a job; false when there is no such job. A running job is cancelled and hidden at once, and removed when its
-    /// worker releases it. Its blobs become garbage.
+    /// Deletes a job; false when there is no such job. A running job is cancelled and hidden at once, and removed when
+    /// its worker releases it. Its blobs become garbage.
     async fn delete_job(&self, id: Uuid) -> StoreResult<bool>;
-    /// Which blobs of a job are still needed (`uploads/{id}.zip`, `results/{id}/`). `None`: there is no such row, so none
-    /// is needed. A job that is deleted but still running has a row.
+    /// Which blobs of a job are still needed (`uploads/{id}.zip`, `results/{id}/`). `None`: there is no such row, so
+    /// none is needed. A job that is deleted but still running has a row.
     async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>>;
     /// Keys of the blobs that the row of a job refers to, as far as they can be read from a damaged row.
     async fn blob_keys(&self, id: Uuid) -> StoreResult<Vec<String>>;

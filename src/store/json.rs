@@ -1,5 +1,5 @@
-//! JSON in rows. A value is parsed again before it is stored, so no row contains JSON that this program cannot read. The
-//! usual reason is a number that is not finite: JSON cannot represent it, and serde writes `null`.
+//! JSON in rows. A value is parsed again before it is stored, so no row contains JSON that this program cannot read.
+//! The usual reason is a number that is not finite: JSON cannot represent it, and serde writes `null`.
 
 use std::fmt::Display;
 

@@ -7,8 +7,8 @@
 //! | bytes of resumable uploads while they arrive | [`UploadParts`] | [`local`] |
 //! | scratch of this process | [`Workspace`], not a trait | |
 //!
-//! [`open`] is the only place that names an engine. Each trait has a conformance suite in `store::conformance` that runs on
-//! every engine.
+//! [`open`] is the only place that names an engine. Each trait has a conformance suite in `store::conformance` that
+//! runs on every engine.
 //!
 //! Whatever is acknowledged to a client has been made durable in this order: write bytes, fsync the file, rename it,
 //! fsync the folder, commit the row.

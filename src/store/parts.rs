@@ -9,8 +9,8 @@ use super::{SpoolFile, StoreResult, Workspace};
 /// Stores the bytes of resumable uploads. One request at a time writes to an upload.
 #[async_trait]
 pub trait UploadParts: Send + Sync + 'static {
-    /// Locks an upload for this caller until the result is dropped, however the process ends. `None` when another caller, in
-    /// this process or another, holds the lock.
+    /// Locks an upload for this caller until the result is dropped, however the process ends. `None` when another
+    /// caller, in this process or another, holds the lock.
     async fn lock(&self, id: Uuid) -> StoreResult<Option<Box<dyn LockedUpload>>>;
     /// Removes the bytes of an upload, if there are any.
     async fn remove(&self, id: Uuid) -> StoreResult<()>;
@@ -29,6 +29,7 @@ pub trait LockedUpload: Send {
     async fn append(&mut self, bytes: Bytes) -> StoreResult<()>;
     /// On return, the appended bytes are durable.
     async fn sync(&mut self) -> StoreResult<()>;
-    /// The first `length` bytes as one file, which can be checked and then stored as a blob. `None` when fewer are stored.
+    /// The first `length` bytes as one file, which can be checked and then stored as a blob. `None` when fewer are
+    /// stored.
     async fn assemble(&mut self, length: u64, workspace: &Workspace) -> StoreResult<Option<SpoolFile>>;
 }

@@ -1,7 +1,7 @@
 //! Calibration profiles and their revisions.
 //!
-//! A profile is addressed by (rig, lens). Each write stores a new revision. A revision never changes, and it stays in the
-//! store after its profile was deleted, because results refer to it.
+//! A profile is addressed by (rig, lens). Each write stores a new revision. A revision never changes, and it stays in
+//! the store after its profile was deleted, because results refer to it.
 
 use async_trait::async_trait;
 use uuid::Uuid;
@@ -87,8 +87,8 @@ pub trait ProfileStore: Send + Sync + 'static {
     async fn profile(&self, rig: &Name, lens: &Name, revision: Option<u32>) -> StoreResult<Option<Profile>>;
     /// A revision that a job refers to, whether or not its profile was deleted.
     async fn profile_of_job(&self, rig: &Name, lens: &Name, revision: u32) -> StoreResult<Option<Profile>>;
-    /// Current revisions, the most recently written first. A page ends at its limit or at 3 MiB of rows, whichever comes
-    /// first, and has at least one row unless the list is empty. The same holds for every list of the store.
+    /// Current revisions, the most recently written first. A page ends at its limit or at 3 MiB of rows, whichever
+    /// comes first, and has at least one row unless the list is empty. The same holds for every list of the store.
     async fn profiles(
         &self,
         rig: Option<&Name>,
@@ -101,8 +101,8 @@ pub trait ProfileStore: Send + Sync + 'static {
     async fn all_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>>;
     /// Rig and lens of at most `limit` profiles.
     async fn profile_keys(&self, limit: u32) -> StoreResult<Vec<(Name, Name)>>;
-    /// Deletes (rig, lens). `Ok(false)`: there was no such profile. `Err(current)`: the precondition failed, and nothing
-    /// was changed.
+    /// Deletes (rig, lens). `Ok(false)`: there was no such profile. `Err(current)`: the precondition failed, and
+    /// nothing was changed.
     async fn delete_profile(
         &self,
         rig: &Name,

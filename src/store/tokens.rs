@@ -1,7 +1,7 @@
 //! Access tokens.
 //!
-//! A token is `pinstack_{id}_{secret}`. The id selects the row; the row has the SHA-256 of the secret. The secret is shown
-//! once, at its creation. It is in no row, no log and no `Debug` output.
+//! A token is `pinstack_{id}_{secret}`. The id selects the row; the row has the SHA-256 of the secret. The secret is
+//! shown once, at its creation. It is in no row, no log and no `Debug` output.
 
 use std::{fmt, str::FromStr};
 

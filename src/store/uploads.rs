@@ -1,8 +1,8 @@
 //! Resumable uploads: their metadata. Their bytes are in [`super::blobs`].
 //!
 //! The offset of a row counts bytes on stable storage only: bytes are written and synced before the row is updated. One
-//! request at a time holds the lock on the bytes of an upload. A newer request increments the generation of the row; the
-//! request that holds the lock observes this and releases it.
+//! request at a time holds the lock on the bytes of an upload. A newer request increments the generation of the row;
+//! the request that holds the lock observes this and releases it.
 
 use std::time::Duration;
 
@@ -69,7 +69,8 @@ pub struct PartialUpload {
     pub metadata: String,
     /// State.
     pub state: UploadState,
-    /// Incremented by each request that takes the upload over. A request that sees another number than its own must stop.
+    /// Incremented by each request that takes the upload over. A request that sees another number than its own must
+    /// stop.
     pub generation: i64,
     /// Time of creation.
     pub created_at: Timestamp,
@@ -120,13 +121,14 @@ pub trait UploadRecords: Send + Sync + 'static {
     async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>>;
     /// One upload; `None` when it does not exist or has expired.
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>>;
-    /// Increments the generation of an upload and returns the new one. Announced like a change of a job. `None` when there
-    /// is no such upload.
+    /// Increments the generation of an upload and returns the new one. Announced like a change of a job. `None` when
+    /// there is no such upload.
     async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>>;
     /// Records bytes that are on stable storage. False when the offset is not `from`, or the upload is not open.
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool>;
-    /// Creates the job of an upload whose bytes are complete, and records it in the upload, in one transaction. An upload
-    /// that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload does not exist or was refused.
+    /// Creates the job of an upload whose bytes are complete, and records it in the upload, in one transaction. An
+    /// upload that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload does not exist or was
+    /// refused.
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>>;
     /// Records that the content was refused. False when there is no such upload, or it has its job.
     async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool>;

@@ -1,5 +1,5 @@
-//! Verification: whether every blob that a row refers to exists and is unchanged. For operators, after a crash, a restored
-//! backup, or a disk error.
+//! Verification: whether every blob that a row refers to exists and is unchanged. For operators, after a crash, a
+//! restored backup, or a disk error.
 
 use anyhow::Context;
 use uuid::Uuid;
@@ -46,8 +46,8 @@ pub struct Report {
     pub unreadable: Vec<String>,
 }
 
-/// Compares all rows with the blobs that they refer to. A change during the verification, such as a deleted job, is not a
-/// fault.
+/// Compares all rows with the blobs that they refer to. A change during the verification, such as a deleted job, is not
+/// a fault.
 ///
 /// # Errors
 /// When the metadata, or the list of blobs, cannot be read at all.

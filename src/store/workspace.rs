@@ -1,8 +1,8 @@
 //! The workspace: local scratch of one process.
 //!
 //! It holds uploads while they arrive, the scratch folders of running jobs, and converted images. Every process has a
-//! folder of its own, protected by a lock, so that the next process can remove what a dead one left and nothing else. With
-//! blobs on local disk it must be on the file system of the blobs, because storing a blob is a rename.
+//! folder of its own, protected by a lock, so that the next process can remove what a dead one left and nothing else.
+//! With blobs on local disk it must be on the file system of the blobs, because storing a blob is a rename.
 
 use std::{
     fs::{self, File},
@@ -124,8 +124,8 @@ impl SpoolFile {
         Self(Owner::Temporary(path))
     }
 
-    /// A file that stays when this is dropped, unless it has become a blob: the parts of an upload, a file in the scratch
-    /// folder of a job.
+    /// A file that stays when this is dropped, unless it has become a blob: the parts of an upload, a file in the
+    /// scratch folder of a job.
     pub fn persistent(path: PathBuf) -> Self {
         Self(Owner::Persistent(path))
     }

@@ -19,8 +19,8 @@ use pinstack_science::types::Cancelled;
 const STAGE: &str = "waiting for room on the disk";
 
 impl Executor {
-    /// Waits until what the job may write fits into the disk budget. The job holds the whole reservation until it ends: what
-    /// it has written is counted twice, so that another job or an upload waits rather than that this job fails.
+    /// Waits until what the job may write fits into the disk budget. The job holds the whole reservation until it ends:
+    /// what it has written is counted twice, so that another job or an upload waits rather than that this job fails.
     ///
     /// # Errors
     /// When the job must stop meanwhile. The inner error: it would not fit if the disk were empty.

@@ -1,5 +1,5 @@
-//! Runs one claimed job: admission to memory and disk, the work itself on a blocking thread, publication of the results,
-//! and the transition that ends the job.
+//! Runs one claimed job: admission to memory and disk, the work itself on a blocking thread, publication of the
+//! results, and the transition that ends the job.
 
 use std::{sync::Arc, time::Duration, time::Instant};
 
@@ -42,9 +42,9 @@ impl Executor {
             .clamp(1, Semaphore::MAX_PERMITS as u32)
     }
 
-    /// Runs a claimed job to its end. `gate` prevents other workers from claiming. It is released when the job has its memory;
-    /// if a worker died on this job before, when the job has ended. So a job that kills the process does not cost other
-    /// jobs an attempt.
+    /// Runs a claimed job to its end. `gate` prevents other workers from claiming. It is released when the job has its
+    /// memory; if a worker died on this job before, when the job has ended. So a job that kills the process does not
+    /// cost other jobs an attempt.
     pub(super) async fn run_claimed_job(&self, job: Job, gate: OwnedMutexGuard<()>) {
         let started = Instant::now();
         let _busy = events::busy();
@@ -159,8 +159,8 @@ impl Executor {
             .ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again")))
     }
 
-    /// Time until the next claim of a job that failed with an error of the machine: 6 times longer after each attempt, and
-    /// short when the disk became full, because the next attempt waits for disk space anyway.
+    /// Time until the next claim of a job that failed with an error of the machine: 6 times longer after each attempt,
+    /// and short when the disk became full, because the next attempt waits for disk space anyway.
     fn pause(&self, code: Code, attempt: u32) -> Duration {
         let pause = self.config.retry_pause.saturating_mul(6_u32.saturating_pow(attempt.saturating_sub(1)));
         if code == Code::InsufficientStorage { pause / 10 } else { pause }

@@ -1,5 +1,5 @@
-//! Keeps the lease of one running job: sends heartbeats with the progress that the job reports, and stops the job when it
-//! is cancelled, when its lease is lost, or at shutdown.
+//! Keeps the lease of one running job: sends heartbeats with the progress that the job reports, and stops the job when
+//! it is cancelled, when its lease is lost, or at shutdown.
 
 use std::{
     sync::{
@@ -97,8 +97,8 @@ impl LeaseKeeper {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Renews the lease and stores the progress until it is dropped: it never returns. A cancellation by this process is
-    /// observed at once, one by another process with the next heartbeat.
+    /// Renews the lease and stores the progress until it is dropped: it never returns. A cancellation by this process
+    /// is observed at once, one by another process with the next heartbeat.
     pub(super) async fn keep(&self, deps: &Deps, config: &Config, job: &Job, abandon: &CancellationToken) {
         let mut changes = deps.store.metadata.changes();
         let mut last = Instant::now();

@@ -58,8 +58,8 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// One worker, a lease of 15 s, a heartbeat per second, five per second with progress, 3 attempts, 10 s until the second,
-    /// 2 GiB of memory.
+    /// One worker, a lease of 15 s, a heartbeat per second, five per second with progress, 3 attempts, 10 s until the
+    /// second, 2 GiB of memory.
     fn default() -> Self {
         Self {
             workers: 1,

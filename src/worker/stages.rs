@@ -21,8 +21,8 @@ impl StageTimes {
         }
     }
 
-    /// The job ended at `now`. Returns its stages in the order in which they were first entered. A stage that was entered
-    /// several times appears once, with the sum.
+    /// The job ended at `now`. Returns its stages in the order in which they were first entered. A stage that was
+    /// entered several times appears once, with the sum.
     pub(super) fn end(&mut self, now: Instant) -> Vec<(&'static str, Duration)> {
         self.leave(now);
         std::mem::take(&mut self.spent)

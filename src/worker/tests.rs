@@ -87,7 +87,8 @@ worker_test! {
         let _pool = Pool::start(stage.deps.clone(), config(2));
         let (first, second) = (stage.accept().await, stage.accept().await);
         assert_eq!(stage.began.recv().await, Some(first));
-        // the second is claimed and sends heartbeats, but has no memory yet: its cancellation must be observed all the same
+        // the second is claimed and sends heartbeats, but has no memory yet: its cancellation must be observed all the
+        // same
         stage.until(second, |job| job.state == JobState::Running).await;
         assert!(stage.began.try_recv().is_err());
         stage.deps.store.metadata.cancel(second).await.unwrap();

@@ -1,4 +1,4 @@
-//! Copies of a store: taken while it works, looked at, restored; and broken off in the middle.
+//! Backups: of a running service, verified, restored, and interrupted.
 
 use std::{fs, path::Path};
 
@@ -9,7 +9,7 @@ use crate::{
     story::Story,
 };
 
-/// Steps of a copy.
+/// Failpoints of a backup.
 pub const STEPS: [&str; 5] = ["backup.folder", "backup.copy", "backup.snapshot", "backup.sync", "backup.rename"];
 
 fn text(output: &std::process::Output) -> String {
@@ -38,16 +38,16 @@ async fn with_two_stacks() -> (Story, [String; 2], String) {
 }
 
 #[tokio::test]
-async fn a_copy_taken_while_the_service_works_is_whole_and_can_be_restored_and_served() {
+async fn a_backup_of_a_running_service_is_complete_and_can_be_restored_and_served() {
     let (mut story, [first, second], image) = with_two_stacks().await;
-    story.begin_upload().await.expect("an upload that never goes on");
+    story.begin_upload().await.expect("an upload that is never continued");
     let folder = TempDir::new().expect("a folder");
     let (copy, restored) = (folder.path().join("copy"), folder.path().join("restored"));
     let told = backup(&story.data(), &copy);
     assert!(told.starts_with("2 jobs; 12 files copied"), "{told}");
     assert!(verified(&copy).starts_with("2 jobs, 12 files"));
 
-    // brought up to date: what is new comes, what was deleted goes, the rest stays
+    // the second backup adds what is new, removes what was deleted, and keeps the rest
     story.delete(&first).await.expect("deleted");
     let third = story.post("c").await.expect("a stack");
     story.image(&third).await.expect("an image");
@@ -64,16 +64,16 @@ async fn a_copy_taken_while_the_service_works_is_whole_and_can_be_restored_and_s
     assert_eq!(served.count().await.expect("a list"), 2);
     served.delete(&first).await.expect("it was gone before");
     let fourth = served.post("d").await.expect("a stack");
-    assert_eq!(served.image(&fourth).await.expect("an image"), image, "and it goes on working");
+    assert_eq!(served.image(&fourth).await.expect("an image"), image, "and the service continues to work");
 }
 
 #[tokio::test]
-async fn stacks_that_share_a_zip_share_it_in_the_copy() {
+async fn stacks_that_share_a_zip_share_it_in_the_backup() {
     let (mut story, [first, second], image) = with_two_stacks().await;
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy");
     backup(&story.data(), &copy);
-    // one before the copy is brought up to date, one of a stack that is new in it
+    // one rerun of a stack that the backup has, one of a stack that is new in it
     let again = story.rerun(&first, "again").await.expect("a stack");
     let third = story.post("c").await.expect("a stack");
     let third_again = story.rerun(&third, "third again").await.expect("a stack");
@@ -92,7 +92,7 @@ async fn stacks_that_share_a_zip_share_it_in_the_copy() {
 }
 
 #[tokio::test]
-async fn a_copy_that_is_killed_at_any_step_leaves_the_one_before_whole_and_can_be_taken_again() {
+async fn a_backup_killed_at_any_failpoint_leaves_the_earlier_one_complete_and_can_be_repeated() {
     let (mut story, _, _) = with_two_stacks().await;
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy");
@@ -117,13 +117,13 @@ async fn a_copy_that_is_killed_at_any_step_leaves_the_one_before_whole_and_can_b
 }
 
 #[tokio::test]
-async fn a_folder_with_something_else_in_it_is_not_taken_for_a_copy() {
+async fn a_folder_with_other_content_is_not_used_for_a_backup() {
     let (story, _, _) = with_two_stacks().await;
     let folder = TempDir::new().expect("a folder");
     fs::write(folder.path().join("thesis.tex"), "x").expect("written");
     let done = command(&story.data(), &["backup", "--to", folder.path().to_str().expect("UTF-8")]);
     assert!(!done.status.success() && text(&done).contains("not a backup"), "{}", text(&done));
-    // least of all the store itself, or another one that is at work
+    // above all not the store itself, or another store
     let data = story.data();
     let onto_itself = command(&data, &["backup", "--to", data.to_str().expect("UTF-8")]);
     assert!(!onto_itself.status.success() && text(&onto_itself).contains("not a backup"), "{}", text(&onto_itself));
@@ -132,7 +132,7 @@ async fn a_folder_with_something_else_in_it_is_not_taken_for_a_copy() {
 }
 
 #[tokio::test]
-async fn what_is_missing_or_changed_is_named() {
+async fn missing_and_changed_files_are_reported() {
     let (story, [first, second], _) = with_two_stacks().await;
     let data = story.data();
     verified(&data);
@@ -158,12 +158,12 @@ async fn what_is_missing_or_changed_is_named() {
 }
 
 #[tokio::test]
-async fn a_row_that_cannot_be_read_is_named_and_keeps_nobody_from_looking_copying_and_restoring() {
+async fn an_unreadable_row_is_reported_and_does_not_prevent_verify_backup_and_restore() {
     let (mut story, [first, second], image) = with_two_stacks().await;
     let id = first.rsplit('/').next().expect("an id").to_owned();
     let url = format!("sqlite://{}", story.data().join("pinstack.sqlite").display());
     let rows = sqlx::SqlitePool::connect(&url).await.expect("the database");
-    // what a version stored that did not look: infinity, which is null in JSON
+    // as stored by a version without the check: infinity, which is null in JSON
     for sql in [
         "DROP TRIGGER revisions_never_change",
         "UPDATE revisions SET body = json_set(body, '$.slices[1].shift_px[0]', null)",
@@ -173,7 +173,7 @@ async fn a_row_that_cannot_be_read_is_named_and_keeps_nobody_from_looking_copyin
         sqlx::query(sql).execute(&rows).await.expect(sql);
     }
     rows.close().await;
-    assert_eq!(story.count().await.expect("a list"), 1, "lists leave it out");
+    assert_eq!(story.count().await.expect("a list"), 1, "lists omit it");
     let found = command(&story.data(), &["verify"]);
     let said = text(&found);
     assert!(!found.status.success() && said.starts_with("2 jobs, 6 files"), "{said}");

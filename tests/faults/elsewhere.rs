@@ -1,4 +1,4 @@
-//! Steps that the story of the matrix does not come to: of commands, of the clean-up, of calibrations.
+//! Failpoints that the story of the matrix does not reach: of commands, garbage collection and calibrations.
 
 use std::path::Path;
 
@@ -15,14 +15,14 @@ use crate::{
     story::Story,
 };
 
-/// Steps of `pinstack token`.
+/// Failpoints of `pinstack token`.
 const TOKENS: [&str; 2] = ["rows.add_token", "rows.revoke_token"];
-/// Steps of the clean-up.
+/// Failpoints of garbage collection.
 const CLEANING: [&str; 2] = ["rows.expire_job_uploads", "results.prune"];
-/// Steps of a calibration.
+/// Failpoint of a calibration.
 const CALIBRATION: &str = "copy.write";
 
-/// All of them.
+/// All of these failpoints.
 pub fn steps() -> Vec<&'static str> {
     [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS].concat()
 }
@@ -36,14 +36,14 @@ fn listed(data: &Path) -> String {
 }
 
 #[test]
-fn a_token_is_there_or_not_wherever_its_making_is_killed() {
+fn a_token_exists_completely_or_not_at_all_wherever_its_creation_is_killed() {
     for (time, is_there) in [(0, false), (1, true)] {
         let folder = TempDir::new().expect("a folder");
         let data = folder.path().join("data");
         let at = |step: &str| format!("{step}={time}*off->1*return(kill)->off");
         let add = ["token", "add", "ann", "--scope", "read"];
         assert!(!armed_command(&data, &add, &at(TOKENS[0])).status.success());
-        assert_eq!(listed(&data).contains("ann\tread"), is_there, "killed before it was stored, or after");
+        assert_eq!(listed(&data).contains("ann\tread"), is_there, "killed before or after it was stored");
         if !is_there {
             assert!(command(&data, &add).status.success());
         }
@@ -54,7 +54,7 @@ fn a_token_is_there_or_not_wherever_its_making_is_killed() {
 }
 
 #[tokio::test]
-async fn zips_over_their_time_go_wherever_the_clean_up_is_killed_and_the_results_stay() {
+async fn expired_zips_are_removed_and_results_kept_wherever_garbage_collection_is_killed() {
     for time in [0, 1] {
         let mut story = Story::begin("").await;
         story.profile().await.expect("a profile");
@@ -66,7 +66,7 @@ async fn zips_over_their_time_go_wherever_the_clean_up_is_killed_and_the_results
         let done = clean_up(&data, None);
         assert!(done.status.success(), "{}", text(&done));
         let uploads = std::fs::read_dir(data.join("blobs/uploads")).expect("a folder").count();
-        assert_eq!(uploads, 0, "the row says that the zip is gone, and so it is");
+        assert_eq!(uploads, 0, "the row says that the zip is removed, and it is");
         let shown = story.ended(&stack).await.expect("a stack");
         assert_eq!(shown["upload"]["removed"], true, "{shown}");
         assert_eq!(story.image(&stack).await.expect("an image"), image);
@@ -78,8 +78,8 @@ async fn zips_over_their_time_go_wherever_the_clean_up_is_killed_and_the_results
 }
 
 #[tokio::test]
-async fn results_that_nobody_will_publish_go_though_the_clean_up_is_killed() {
-    // the worker dies with all its results published and its end not written, and nobody wants the stack any more
+async fn unpublished_results_are_removed_although_garbage_collection_was_killed() {
+    // the worker dies after it stored its results and before it ended the job; then the job is cancelled
     let mut story = Story::begin("rows.finish=1*return(kill)->off").await;
     story.profile().await.expect("a profile");
     let stack = story.post("a").await.expect("a stack");

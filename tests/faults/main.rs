@@ -1,7 +1,17 @@
-//! The service broken on purpose: killed, with a full disk, or stopped, at each step of durability that the source names
-//! (`pinstack::store::failpoint`). Afterwards it must have kept what it told its clients, and nothing else.
+//! Fault injection: the service is killed, stopped, or given a full disk at each failpoint that the sources name
+//! (`pinstack::store::failpoint`). Afterwards it must have kept everything that it acknowledged to its clients, and
+//! nothing else.
 //!
-//! The steps are there in builds of `cargo test` only.
+//! | file | faults |
+//! |---|---|
+//! | `matrix` | every failpoint of a server, killed and with a full disk |
+//! | `elsewhere` | failpoints of commands, garbage collection and calibrations |
+//! | `copies` | backups that are interrupted |
+//! | `workers` | a stopped worker that continues after another process has its job |
+//! | `small_disk` | a file system that is really full |
+//! | `soak` | many clients and random kills |
+//!
+//! The failpoints exist only in builds of `cargo test`.
 
 mod copies;
 mod elsewhere;

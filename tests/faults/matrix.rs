@@ -1,4 +1,4 @@
-//! Every step, every way to break there, at the first time and at later ones.
+//! Every failpoint, with every fault, at its first and at later calls.
 
 use std::{sync::Arc, time::Duration};
 
@@ -9,20 +9,20 @@ use crate::{
     story::{Broken, Story},
 };
 
-/// A step is broken at its first time, its second, ... as long as the story comes to it so often, up to this.
+/// Number of calls at which a failpoint fires: the first, the second, ... as far as the story gets.
 const TIMES: usize = 8;
-/// Steps that a story comes to so often that it says nothing new, and that depend on how fast it is.
+/// Failpoints that are called often, depending on the speed of the machine; more calls test nothing new.
 const FEW: [&str; 2] = ["rows.heartbeat", "rows.claim"];
-/// Stories at a time: most of their time they wait for leases.
+/// Stories that run at a time: most of their time they wait for leases.
 const SIDE_BY_SIDE: usize = 6;
-/// What must happen first for the story to come to a step: a job whose disk is full goes back to the queue.
+/// Faults that must happen first so that the story reaches a failpoint: a job with a full disk returns to the queue.
 const BEFORE: [(&str, &str); 2] = [
     ("rows.release", "artifact.make=1*return(full)->off;"),
-    // a job takes less than the time between two beats
+    // a job takes less than the time between two heartbeats
     ("rows.heartbeat", "artifact.make=1*sleep(600)->off;"),
 ];
 
-/// Does something until it was done and told so.
+/// Repeats a request until it is acknowledged.
 macro_rules! insist {
     ($story:ident . $call:ident ( $($argument:expr),* )) => {{
         let mut tries = 0;
@@ -30,13 +30,13 @@ macro_rules! insist {
             match $story.$call($($argument),*).await {
                 Ok(told) => break told,
                 Err(Broken::Died | Broken::Refused) if tries < 3 => tries += 1,
-                Err(broken) => panic!("it never works: {broken:?}"),
+                Err(broken) => panic!("it never succeeds: {broken:?}"),
             }
         }
     }};
 }
 
-/// What a day of the service holds: where it broke, as often as it did.
+/// A day of the service, with every kind of request. Returns the faults that requests observed.
 async fn day(fault: &str) -> Vec<String> {
     let mut story = Story::begin(fault).await;
     insist!(story.profile());
@@ -96,7 +96,7 @@ async fn every_step(fault: &'static str) {
                 let armed = format!("{before}{name}={time}*off->1*return({fault})->off");
                 let day = tokio::time::timeout(Duration::from_secs(300), day(&armed));
                 let breaks = day.await.unwrap_or_else(|_| panic!("{armed}: it hangs"));
-                // a fault that no request showed is one that the service got over by itself
+                // the service recovered by itself from a fault that no request observed
                 if fault == "kill" && breaks.is_empty() {
                     break;
                 }
@@ -104,7 +104,7 @@ async fn every_step(fault: &'static str) {
             }
             assert!(
                 broke > 0,
-                "the story never comes to the step {name}: make it, or break the service there elsewhere"
+                "the story never reaches the failpoint {name}: extend it, or test the failpoint elsewhere"
             );
             (name, broke)
         });
@@ -116,15 +116,15 @@ async fn every_step(fault: &'static str) {
             Err(error) => failed.push(error.to_string()),
         }
     }
-    assert!(failed.is_empty(), "{} of the steps: {failed:#?}", failed.len());
+    assert!(failed.is_empty(), "{} of the failpoints: {failed:#?}", failed.len());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn nothing_that_was_told_is_lost_wherever_the_service_is_killed() {
+async fn nothing_acknowledged_is_lost_wherever_the_service_is_killed() {
     every_step("kill").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn nothing_is_torn_wherever_the_disk_becomes_full() {
+async fn nothing_is_corrupted_wherever_the_disk_becomes_full() {
     every_step("full").await;
 }

@@ -44,7 +44,8 @@ pub fn clean_up(data: &Path, fault: Option<&str>) -> Output {
 }
 
 impl Service {
-    /// Starts one; it breaks where `fault` says, in the language of the crate `fail`. `None`: it was killed before it listened.
+    /// Starts one; it breaks where `fault` says, in the language of the crate `fail`. `None`: it was killed before it
+    /// listened.
     pub async fn start(data: &Path, fault: Option<&str>, more: &[&str]) -> Option<Self> {
         let port = data.with_extension(format!("port-{}", uuid::Uuid::now_v7()));
         let log = std::fs::File::options().create(true).append(true).open(data.with_extension("log")).expect("a log");

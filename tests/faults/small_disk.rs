@@ -1,5 +1,5 @@
-//! A disk that is really full: a small file system of its own. Mounting one takes more rights than root has in many
-//! containers; the test is skipped where it cannot be done.
+//! A disk that is really full: a small file system of its own. Mounting one needs privileges that root lacks in many
+//! containers; the test is skipped there.
 
 use std::{
     fs,
@@ -14,10 +14,10 @@ use crate::{service::LOOK, story::Story};
 /// Large enough for what a small job may write, and no larger.
 const SIZE: &str = "size=48m";
 
-/// Room that is left on the full one: the database can write, a job cannot.
+/// Free bytes on the full disk: the database can write, a job cannot.
 const FOR_ROWS: u64 = 4 << 20;
 
-/// A file system in memory, gone when dropped.
+/// A file system in memory, unmounted when dropped.
 struct SmallDisk(TempDir);
 
 impl SmallDisk {
@@ -35,7 +35,7 @@ impl SmallDisk {
         self.0.path().join("data")
     }
 
-    /// Fills it, but for what rows need: the service keeps `min_free_bytes` for them.
+    /// Fills it, except for what the database needs: the service keeps `min_free_bytes` for it.
     fn fill(&self) -> Ballast {
         use std::io::Write;
         let path = self.0.path().join("ballast");
@@ -79,7 +79,7 @@ async fn on_a_full_disk_uploads_are_refused_jobs_wait_and_nothing_is_lost() {
     let detail = serving.refused("/v1/stacks?rig=rig&lens=lens", false).await;
     assert!(detail.contains(" are free"), "with figures: {detail}");
     serving.refused("/v1/stacks?rig=rig&lens=lens", true).await;
-    assert_eq!(spooled(&disk.data()), 0, "nothing torn stays behind");
+    assert_eq!(spooled(&disk.data()), 0, "no partial file is left");
     assert_eq!(serving.count().await.expect("reading goes on"), 1);
     serving.end_without_looking().await;
 

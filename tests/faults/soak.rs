@@ -1,5 +1,5 @@
-//! Many stacks from several clients at once, with cancels and deletes, while somebody kills the service now and then.
-//! `PINSTACK_SOAK` says how many stacks (200 say); fewer are sent otherwise.
+//! Many stacks from several clients at once, with cancellations and deletes, while the service is killed repeatedly.
+//! `PINSTACK_SOAK` sets the number of stacks, for example 200; the default is smaller.
 
 use std::{
     path::{Path, PathBuf},
@@ -24,12 +24,12 @@ use crate::{
 };
 
 const CLIENTS: usize = 4;
-/// Stacks without being asked for more.
+/// Default number of stacks.
 const STACKS: usize = 32;
-/// The service is killed after each of so many, in the first half.
+/// The service is killed after this many accepted stacks, in the first half.
 const KILL_EVERY: usize = 5;
 
-/// What became of a stack, as its client was told.
+/// The state of a stack, as it was acknowledged to its client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fate {
     Kept,
@@ -37,7 +37,7 @@ enum Fate {
     Deleted,
 }
 
-/// The service, and who lives on it.
+/// The service and its clients.
 struct Site {
     data: PathBuf,
     service: RwLock<Service>,
@@ -52,7 +52,7 @@ impl Site {
         Self { data: data.to_owned(), service: RwLock::new(service), client, accepted: AtomicUsize::new(0) }
     }
 
-    /// Asks until there is an answer: the service may be dead for a moment.
+    /// Repeats a request until there is an answer: the service may be restarting.
     async fn ask(&self, make: impl Fn(&Client, &str) -> RequestBuilder) -> Response {
         loop {
             let url = self.service.read().await.url.clone();
@@ -67,7 +67,7 @@ impl Site {
         loop {
             let answer = self.ask(|client, url| client.get(format!("{url}{path}"))).await;
             let status = answer.status();
-            // the body may break off under a kill
+            // a kill may interrupt the body
             if let Ok(body) = answer.json().await {
                 return (status, body);
             }
@@ -81,7 +81,7 @@ impl Site {
         *service = Service::start(&self.data, None, &[]).await.expect("it starts again");
     }
 
-    /// One client: sends its stacks, changes its mind about some.
+    /// One client: sends its stacks, cancels and deletes some.
     async fn client(&self, number: usize, stacks: usize, zip: &[u8]) -> Vec<(String, Fate)> {
         let mut sent = Vec::new();
         for i in 0..stacks {
@@ -103,7 +103,7 @@ impl Site {
                 }
                 2 => {
                     let answer = self.ask(|client, url| client.delete(format!("{url}{path}"))).await;
-                    // 404: an earlier one of these requests did it, and died before it said so
+                    // 404: an earlier attempt deleted it and was not acknowledged
                     assert!([StatusCode::NO_CONTENT, StatusCode::NOT_FOUND].contains(&answer.status()));
                     Fate::Deleted
                 }
@@ -167,7 +167,7 @@ async fn every_stack_is_accounted_for_after_cancels_deletes_and_kills() {
             Fate::Cancelled => assert_eq!(site.ended(path).await["state"], "cancelled", "{path}"),
             Fate::Kept => {
                 let stack = site.ended(path).await;
-                // a cancel that was asked for by a request that died counts too
+                // a cancellation by a request that was not acknowledged counts too
                 if stack["cancel_requested"] != true {
                     assert_eq!(stack["state"], "succeeded", "{stack}");
                     images.push(site.image(path).await);
@@ -177,14 +177,14 @@ async fn every_stack_is_accounted_for_after_cancels_deletes_and_kills() {
     }
     assert!(
         images.len() >= stacks / 3 && images.iter().all(|image| *image == images[0]),
-        "the same stack, the same bytes"
+        "the same stack gives the same bytes"
     );
     let (_, list) = site.shown("/v1/stacks?limit=500").await;
     let kept = fates.iter().filter(|(_, fate)| *fate != Fate::Deleted).count();
-    assert_eq!(list["items"].as_array().map(Vec::len), Some(kept), "none twice, none too few");
+    assert_eq!(list["items"].as_array().map(Vec::len), Some(kept), "each exactly once");
 
     let descriptors = site.service.read().await.descriptors();
-    assert!(descriptors < 100, "{descriptors} files are open when nothing is done");
+    assert!(descriptors < 100, "{descriptors} files are open while the service is idle");
     println!("{} stacks, {kept} kept, {} fused, {kills} kills, {descriptors} open files", fates.len(), images.len());
     let data = site.data.clone();
     let site = Arc::into_inner(site).expect("all clients have gone");

@@ -1,4 +1,4 @@
-//! The steps of durability, as the source names them.
+//! The failpoints, as the sources name them.
 
 use std::{
     collections::BTreeSet,
@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What makes something durable, or undoes it.
+/// Calls that make something durable, or undo it.
 const DURABLE: [&str; 16] = [
     ".commit()",
     "sync_all(",
@@ -25,11 +25,11 @@ const DURABLE: [&str; 16] = [
     "tempdir_in(",
     ".write_all(&",
 ];
-/// Modules that write what clients count on.
+/// Modules that write what clients rely on.
 const MODULES: [&str; 4] = ["store", "jobs", "worker", "http"];
-/// A step stands so many lines before what it is for, at most.
+/// A failpoint is at most this many lines before its call.
 const NEAR: usize = 4;
-/// Files that write nothing anybody counts on: the probe of `/readyz`, tests, and the steps themselves.
+/// Files that write nothing that clients rely on: the probe of `/readyz`, tests, and the failpoints themselves.
 const EXEMPT: [&str; 5] =
     ["http/system/readyz.rs", "store/local/probe.rs", "store/failpoint.rs", "tests.rs", "testkit.rs"];
 
@@ -44,7 +44,7 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Each file of the modules that write, by name, with its lines of code: no comments, no tests.
+/// The files of these modules, by name, with their lines of code: without comments and tests.
 fn files() -> Vec<(String, Vec<String>)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut paths = Vec::new();
@@ -61,7 +61,7 @@ fn files() -> Vec<(String, Vec<String>)> {
     named.collect()
 }
 
-/// The names that `step("...")` and `commit(tx, "...")` give.
+/// The names in `step("...")` and `commit(tx, "...")`.
 pub fn names() -> BTreeSet<String> {
     let files = files();
     let lines = files.iter().flat_map(|(_, lines)| lines);
@@ -74,7 +74,7 @@ fn named_in(line: &str) -> Option<String> {
 }
 
 #[test]
-fn nothing_is_made_durable_or_removed_without_a_step_before_it() {
+fn every_durable_write_and_removal_has_a_failpoint_before_it() {
     let mut without = Vec::new();
     for (name, lines) in files() {
         for (at, line) in lines.iter().enumerate() {
@@ -85,11 +85,11 @@ fn nothing_is_made_durable_or_removed_without_a_step_before_it() {
             }
         }
     }
-    assert!(without.is_empty(), "no step before these:\n{}", without.join("\n"));
+    assert!(without.is_empty(), "no failpoint before these:\n{}", without.join("\n"));
 }
 
 #[test]
-fn the_steps_are_found() {
+fn the_failpoints_are_found() {
     let names = names();
     for name in ["publish.rename", "rows.enqueue", "rows.finish", "upload.write", "partial.sync", "remove"] {
         assert!(names.contains(name), "{name} is not among {names:?}");

@@ -1,5 +1,5 @@
-//! What a client does with the service, and what it was told. Where the service breaks under it, it does what clients do:
-//! it comes back and asks again. Then it looks whether what it was told still holds.
+//! A client of the service that remembers what was acknowledged to it. When the service dies, it repeats its request,
+//! as clients do, and verifies that everything acknowledged still holds.
 
 use std::{
     path::{Path, PathBuf},
@@ -20,12 +20,12 @@ use crate::service::{LOOK, Service, command};
 
 const SIDE: u32 = 64;
 
-/// Why a request did not do what it should.
+/// Why a request failed.
 #[derive(Debug)]
 pub enum Broken {
-    /// The service died under it; another is there now.
+    /// The service died during it; another one is running now.
     Died,
-    /// It was refused for want of room.
+    /// It was refused because the disk is full.
     Refused,
 }
 
@@ -47,12 +47,12 @@ impl Answer {
     }
 }
 
-/// A client with its service.
+/// A client and its service.
 pub struct Story {
     folder: TempDir,
     service: Option<Service>,
     client: Client,
-    /// Deaths and refusals so far.
+    /// Deaths of the service and refusals so far.
     pub broke: Vec<String>,
     zip: Vec<u8>,
     flags: &'static [&'static str],
@@ -74,7 +74,7 @@ pub fn zip() -> Vec<u8> {
     std::fs::read(file.path()).expect("the zip")
 }
 
-/// A profile for them.
+/// A profile for these slices.
 pub fn profile() -> Value {
     let homographies: Vec<Value> = [1.0, 1.001, 1.002].iter().map(|s| json!([s, 0, 0, 0, s, 0, 0, 0, 1])).collect();
     json!({ "image_width": SIDE, "image_height": SIDE, "reference_index": 0, "homographies": homographies })
@@ -85,7 +85,7 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 impl Story {
-    /// Begins with a service that breaks as `fault` says.
+    /// Starts a service with armed failpoints.
     pub async fn begin(fault: &str) -> Self {
         Self::in_folder(TempDir::new().expect("a folder"), fault, &[]).await
     }
@@ -101,7 +101,7 @@ impl Story {
         story
     }
 
-    /// A client with a service on a data folder that is there already, which it does not break.
+    /// A client with a service on an existing data folder, without faults.
     pub async fn on(data: &Path) -> Self {
         Self::on_with(data, &[]).await
     }
@@ -126,7 +126,7 @@ impl Story {
         std::fs::read_to_string(self.data().with_extension("log")).unwrap_or_default()
     }
 
-    /// One request. When the service dies under it, another one is started.
+    /// One request. When the service dies during it, another one is started.
     async fn send(&mut self, make: impl FnOnce(&Client, &str) -> RequestBuilder) -> Told<Answer> {
         let url = self.service.as_ref().expect("it runs").url.clone();
         let sent = make(&self.client, &url).timeout(Duration::from_secs(60)).send().await;
@@ -140,7 +140,7 @@ impl Story {
         match answer {
             Ok(answer) if answer.status == StatusCode::INSUFFICIENT_STORAGE => {
                 let problem = answer.json();
-                // the answer to HEAD has no body
+                // the response to HEAD has no body
                 assert!(problem.is_null() || problem["code"] == "insufficient_storage", "{problem}");
                 self.broke.push(problem["detail"].to_string());
                 Err(Broken::Refused)
@@ -164,7 +164,7 @@ impl Story {
         self.send(|client, url| client.get(format!("{url}{path}")).header("prefer", "wait=5")).await
     }
 
-    /// A profile for the slices. The service may have stored it without saying so.
+    /// Stores a profile for the slices. It may have been stored before without acknowledgement.
     pub async fn profile(&mut self) -> Told<()> {
         let path = "/v1/profiles/rig/lens";
         let put = self
@@ -175,7 +175,7 @@ impl Story {
         Ok(())
     }
 
-    /// A stack in one request, under a key: its path.
+    /// Sends a stack in one request with an idempotency key: its path.
     pub async fn post(&mut self, key: &str) -> Told<String> {
         let zip = self.zip.clone();
         let posted = self
@@ -187,7 +187,7 @@ impl Story {
         Ok(posted.header("location").to_owned())
     }
 
-    /// A stack made again of the zip that is there, under a key: its path.
+    /// Reruns a stack with an idempotency key: the path of the new one.
     pub async fn rerun(&mut self, path: &str, key: &str) -> Told<String> {
         let posted =
             self.send(|client, url| client.post(format!("{url}{path}/rerun")).header("idempotency-key", key)).await?;
@@ -195,14 +195,14 @@ impl Story {
         Ok(posted.header("location").to_owned())
     }
 
-    /// Downloads the zip of a stack: it is the one that was sent.
+    /// Downloads the zip of a stack, which must be the one that was sent.
     pub async fn upload(&mut self, path: &str) -> Told<()> {
         let upload = self.get(&format!("{path}/upload")).await?;
-        assert_eq!((upload.status, &upload.body), (StatusCode::OK, &self.zip), "the zip is there, and whole");
+        assert_eq!((upload.status, &upload.body), (StatusCode::OK, &self.zip), "the zip is stored completely");
         Ok(())
     }
 
-    /// A dot target to be measured: the path of the calibration.
+    /// Sends the stack of a dot target: the path of the calibration.
     pub async fn calibrate(&mut self, target: Vec<u8>) -> Told<String> {
         let path = "/v1/profiles/rig/lens/calibrations";
         let posted = self.send(|client, url| client.post(format!("{url}{path}")).body(target)).await?;
@@ -215,7 +215,7 @@ impl Story {
         Ok(self.get("/v1/profiles/rig/lens/revisions").await?.json()["items"].take())
     }
 
-    /// The image as a TIFF, made on the way.
+    /// Downloads the image as a TIFF, which the service converts.
     pub async fn converted(&mut self, path: &str) -> Told<()> {
         let image =
             self.send(|client, url| client.get(format!("{url}{path}/image")).header("accept", "image/tiff")).await?;
@@ -223,7 +223,7 @@ impl Story {
         Ok(())
     }
 
-    /// An upload in pieces that is no zip: it is refused, and says so afterwards too.
+    /// A resumable upload that is not a zip: it is refused, and remains refused.
     pub async fn garbage(&mut self) -> Told<()> {
         let length = self.zip.len();
         let path = self.begin_upload().await?;
@@ -238,7 +238,7 @@ impl Story {
         Ok(())
     }
 
-    /// A stack that is refused for want of room, whether its length is told before or not: with this sentence.
+    /// A stack that is refused because the disk is full, with or without a declared length: the detail of the refusal.
     pub async fn refused(&mut self, path: &str, streamed: bool) -> String {
         let chunks = futures::stream::iter([Ok::<_, std::io::Error>(self.zip.clone())]);
         let body = if streamed { reqwest::Body::wrap_stream(chunks) } else { self.zip.clone().into() };
@@ -253,13 +253,13 @@ impl Story {
         answer.expect("an answer").json()
     }
 
-    /// How many stacks there are.
+    /// Number of stacks.
     pub async fn count(&mut self) -> Told<usize> {
         let list = self.get("/v1/stacks?limit=100").await?.json();
         Ok(list["items"].as_array().expect("a list").len())
     }
 
-    /// Waits for the end of a stack that must go well: the digest of its image.
+    /// Waits for a stack that must succeed: the digest of its image.
     pub async fn image(&mut self, path: &str) -> Told<String> {
         let stack = self.ended(path).await?;
         assert_eq!(stack["state"], "succeeded", "{stack}\n{}", self.log());
@@ -275,7 +275,7 @@ impl Story {
         loop {
             let answer = self.get(path).await?;
             let stack = answer.json();
-            assert_eq!(answer.status, StatusCode::OK, "a stack that was told of is there: {stack}");
+            assert_eq!(answer.status, StatusCode::OK, "an acknowledged stack exists: {stack}");
             if ["succeeded", "failed", "cancelled"].iter().any(|state| stack["state"] == *state) {
                 return Ok(stack);
             }
@@ -287,7 +287,7 @@ impl Story {
         client.request(method, url).header("tus-resumable", "1.0.0")
     }
 
-    /// Begins an upload in pieces: its path.
+    /// Creates a resumable upload: its path.
     pub async fn begin_upload(&mut self) -> Told<String> {
         let metadata = format!("rig {},lens {}", BASE64_STANDARD.encode("rig"), BASE64_STANDARD.encode("lens"));
         let length = self.zip.len();
@@ -301,18 +301,19 @@ impl Story {
         Ok(begun.header("location").to_owned())
     }
 
-    /// Where an upload is, and its job once it has one.
+    /// The offset of an upload, and its job once it has one.
     async fn offset(&mut self, path: &str) -> Told<(usize, Option<String>)> {
         let head = self.send(|client, url| Self::tus(client, Method::HEAD, &format!("{url}{path}"))).await?;
-        assert_eq!(head.status, StatusCode::OK, "an upload that was told of is there");
+        assert_eq!(head.status, StatusCode::OK, "an acknowledged upload exists");
         let job = head.header("pinstack-job");
         Ok((head.header("upload-offset").parse().expect("a number"), (!job.is_empty()).then(|| job.to_owned())))
     }
 
-    /// Sends the piece up to `to`, from wherever the upload is, which is nowhere before `told`: the new offset.
+    /// Sends the piece from the offset of the upload, which must not be before `told`, to `to`. Returns the job, if
+    /// any.
     pub async fn piece(&mut self, path: &str, told: &mut usize, to: usize) -> Told<Option<String>> {
         let (at, job) = self.offset(path).await?;
-        assert!((*told..=self.zip.len()).contains(&at), "{told} bytes were told, now there are {at}");
+        assert!((*told..=self.zip.len()).contains(&at), "{told} bytes were acknowledged, now there are {at}");
         *told = at;
         if at >= to || job.is_some() {
             return Ok(job);
@@ -336,20 +337,20 @@ impl Story {
         self.zip.len()
     }
 
-    /// Asks for the end of a stack: true when it was promised.
+    /// Requests the cancellation of a stack: true when it was acknowledged.
     pub async fn cancel(&mut self, path: &str) -> Told<bool> {
         let answer = self.send(|client, url| client.post(format!("{url}{path}/cancel"))).await?;
         assert!([StatusCode::ACCEPTED, StatusCode::CONFLICT].contains(&answer.status), "{}", answer.json());
         Ok(answer.status == StatusCode::ACCEPTED)
     }
 
-    /// Removes something: gone when this returns, whoever removed it.
+    /// Deletes something, which an earlier attempt may have deleted.
     pub async fn delete(&mut self, path: &str) -> Told<()> {
         let answer =
             self.send(|client, url| client.delete(format!("{url}{path}")).header("tus-resumable", "1.0.0")).await?;
         assert!([StatusCode::NO_CONTENT, StatusCode::NOT_FOUND].contains(&answer.status), "{}", answer.json());
         let after = self.get(path).await?;
-        assert_eq!(after.status, StatusCode::NOT_FOUND, "what was deleted is gone: {}", after.json());
+        assert_eq!(after.status, StatusCode::NOT_FOUND, "what was deleted does not exist: {}", after.json());
         Ok(())
     }
 
@@ -358,7 +359,7 @@ impl Story {
         self.service.take().expect("it runs").stop().await;
     }
 
-    /// Ends the service, cleans up, and looks at all that lies there: nothing is missing, nothing is too much.
+    /// Ends the service, collects garbage, and verifies the store: nothing is missing, nothing is left over.
     pub async fn end(mut self) -> Vec<String> {
         let service = self.service.take().expect("it runs");
         service.stop().await;
@@ -371,7 +372,10 @@ impl Story {
         }
         let spooled = std::fs::read_dir(data.join("spool")).expect("the spool");
         let left: Vec<_> = spooled.map(|entry| entry.expect("an entry").file_name()).collect();
-        assert!(left.len() <= 2, "the spool of the dead is removed, only the last command's own may be left: {left:?}");
+        assert!(
+            left.len() <= 2,
+            "the workspaces of dead processes are removed, except that of the last command: {left:?}"
+        );
         self.broke
     }
 }

@@ -1,4 +1,4 @@
-//! Two processes on one store, one of them stopped in the middle.
+//! Two processes on one store, one of which is stopped during a job.
 
 use std::{path::Path, time::Duration};
 
@@ -23,7 +23,7 @@ async fn prepared(url: &str) -> String {
     posted.headers()["location"].to_str().expect("a path").to_owned()
 }
 
-/// A worker that stopped at `step`, and the path of its stack.
+/// A worker that is stopped at the failpoint `step`, and the path of its stack.
 async fn stopped_once(step: &str, time: usize) -> (TempDir, Service, String) {
     let folder = TempDir::new().expect("a folder");
     let data = folder.path().join("data");
@@ -42,10 +42,11 @@ async fn holds_the_lock(data: &Path) -> bool {
     sqlx::query("BEGIN IMMEDIATE").execute(&mut connection).await.is_err()
 }
 
-/// Stops a worker at `step`, lets another process end its job, wakes it up, and looks what it does.
+/// Stops a worker at the failpoint `step`, lets another process end its job, and continues the worker: it must publish
+/// nothing.
 async fn stopped_at(step: &str, time: usize) {
-    // stopped in the middle of a transaction, a process holds the lock of the database, and all others wait for it: that is
-    // not what is looked at here
+    // a process that is stopped within a transaction holds the lock of the database, and all others wait for it: such a
+    // run tests nothing
     let (folder, mut sleeper, stack) = loop {
         let found = stopped_once(step, time).await;
         if !holds_the_lock(&found.0.path().join("data")).await {
@@ -65,9 +66,9 @@ async fn stopped_at(step: &str, time: usize) {
 
     sleeper.signal(Signal::CONT);
     sleeper.signal(Signal::TERM);
-    assert!(sleeper.ended().await.success(), "it wakes up, sees that the job is not its own any more, and ends well");
+    assert!(sleeper.ended().await.success(), "it continues, observes that it lost the lease, and ends normally");
     let after = json(&format!("{}{stack}", other.url)).await;
-    assert_eq!(after, ended, "nothing of the sleeper is to be seen");
+    assert_eq!(after, ended, "the stopped worker published nothing");
     other.stop().await;
     for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
         let done = command(&data, arguments);
@@ -77,18 +78,18 @@ async fn stopped_at(step: &str, time: usize) {
 }
 
 #[tokio::test]
-async fn a_worker_that_was_stopped_while_it_worked_publishes_nothing_when_it_wakes_up() {
+async fn a_worker_that_was_stopped_during_a_job_publishes_nothing_when_it_continues() {
     stopped_at("artifact.make", 1).await;
 }
 
 #[tokio::test]
-async fn a_worker_that_was_stopped_while_it_published_publishes_nothing_when_it_wakes_up() {
-    // its first time is that of the upload
+async fn a_worker_that_was_stopped_during_publication_publishes_nothing_when_it_continues() {
+    // the first call is that of the upload
     stopped_at("publish.rename", 2).await;
 }
 
 #[tokio::test]
-async fn a_worker_that_was_stopped_before_it_wrote_the_end_publishes_nothing_when_it_wakes_up() {
-    // its end itself it writes in one step with the database locked: who is stopped there stops all others
+async fn a_worker_that_was_stopped_before_the_end_of_its_job_publishes_nothing_when_it_continues() {
+    // it ends the job in one transaction: stopped within it, it would stop all others
     stopped_at("worker.end", 1).await;
 }

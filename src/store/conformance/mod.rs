@@ -1,7 +1,7 @@
 //! Conformance suites: what every engine must do.
 //!
-//! One macro per trait lists the cases of its suite and makes a test of each. An engine calls the macro with a function that
-//! creates a fresh store:
+//! One macro per trait lists the cases of its suite and makes a test of each. An engine calls the macro with a function
+//! that creates a fresh store:
 //!
 //! | macro | trait | argument |
 //! |---|---|---|
@@ -10,8 +10,9 @@
 //! | [`upload_parts_conformance!`](crate::upload_parts_conformance) | [`super::UploadParts`] | `async fn() -> (guard, Store)` |
 //! | [`gc_conformance!`](crate::gc_conformance) | all of them, with garbage collection | `async fn() -> (guard, FreshStore)` |
 //!
-//! The path of the function must be absolute. The guard is kept until the test ends. The suites are compiled for the tests of
-//! this crate, and for other crates with the feature `testing`, so that a test can run them against a live database.
+//! The path of the function must be absolute. The guard is kept until the test ends. The suites are compiled for the
+//! tests of this crate, and for other crates with the feature `testing`, so that a test can run them against a live
+//! database.
 
 // the name of a case states what it requires
 #![allow(missing_docs)]
@@ -157,7 +158,8 @@ pub async fn claim(metadata: &dyn MetadataStore) -> Option<Job> {
     metadata.claim(LEASE, ATTEMPTS).await.expect("claim")
 }
 
-/// Claims a job whose worker has sent no heartbeat for a whole lease, in a process that has not observed the lease before.
+/// Claims a job whose worker has sent no heartbeat for a whole lease, in a process that has not observed the lease
+/// before.
 pub async fn claim_from_the_dead(metadata: &dyn MetadataStore, clock: &ManualClock) -> Job {
     assert_eq!(claim(metadata).await, None, "its worker may be alive");
     clock.advance(LEASE);

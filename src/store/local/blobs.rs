@@ -54,8 +54,8 @@ impl LocalBlobStore {
         let spool = workspace.path().to_owned();
         let (uploads, results) = (root.join(UPLOADS), root.join(RESULTS));
         probe::same_file_system(&spool, &[parts, &uploads, &results])?;
-        // two mounts of one file system have the same device, but a rename between them fails; a full disk is no reason not
-        // to serve what is stored
+        // two mounts of one file system have the same device, but a rename between them fails; a full disk is no reason
+        // not to serve what is stored
         match probe::probe(&spool, &[&uploads, &results]) {
             Err(error) if error.kind() == io::ErrorKind::CrossesDevices => Err(error),
             _ => Ok(Self { root, spool }),
@@ -279,8 +279,8 @@ fn entries(folder: &Path) -> io::Result<impl Iterator<Item = io::Result<fs::DirE
     }
 }
 
-/// Size and age of a file. Its age is that of its inode (ctime), which a rename resets; the modification time may be hours
-/// older when an upload was slow.
+/// Size and age of a file. Its age is that of its inode (ctime), which a rename resets; the modification time may be
+/// hours older when an upload was slow.
 fn meta_of(key: String, metadata: &fs::Metadata) -> BlobMeta {
     use std::os::unix::fs::MetadataExt;
     let seconds = u64::try_from(metadata.ctime()).unwrap_or(0);

@@ -1,8 +1,9 @@
-//! The bytes of a resumable upload as one file: `{data_dir}/partial/{id}.part`, protected by a lock on `{id}.lock`. The lock
-//! is on a file of its own, because the bytes move away when they become a blob.
+//! The bytes of a resumable upload as one file: `{data_dir}/partial/{id}.part`, protected by a lock on `{id}.lock`. The
+//! lock is on a file of its own, because the bytes move away when they become a blob.
 //!
 //! File operations run on a blocking thread that shares the lock. So the lock is not released before the last write has
-//! ended, even when the request that started it was cancelled: no late write of one request corrupts the bytes of the next.
+//! ended, even when the request that started it was cancelled: no late write of one request corrupts the bytes of the
+//! next.
 
 use std::{
     fs::{self, File, TryLockError},
@@ -173,7 +174,8 @@ impl LockedUpload for LockedFile {
     }
 }
 
-/// Opens the file and truncates it to `offset` bytes. Offset 0 creates it, with a durable name. `None` when it is shorter.
+/// Opens the file and truncates it to `offset` bytes. Offset 0 creates it, with a durable name. `None` when it is
+/// shorter.
 fn open(path: &Path, offset: u64) -> io::Result<Option<File>> {
     let opened = if offset == 0 {
         step("partial.make")?;

@@ -1,5 +1,5 @@
-//! Checks that a file can be written and renamed into place, as for every upload and every result. `blobs` may be a link or
-//! a mount on another file system, where a rename fails.
+//! Checks that a file can be written and renamed into place, as for every upload and every result. `blobs` may be a
+//! link or a mount on another file system, where a rename fails.
 
 use std::{fs, io, os::unix::fs::MetadataExt, path::Path};
 

@@ -2,7 +2,8 @@
 //!
 //! The wall clock alone cannot decide that. If it jumps forward (a machine that gets the time after its start), every
 //! worker seems dead; if it jumps back, a dead worker seems alive. So each process observes how long a lease has not
-//! changed, by its monotonic clock. Let `L` be the length of the lease and `s` the time since its last change was observed:
+//! changed, by its monotonic clock. Let `L` be the length of the lease and `s` the time since its last change was
+//! observed:
 //!
 //! ```text
 //! expired  <=>  s >= L   or   (lease_until <= wall clock  and  s >= L / PATIENCE)

@@ -1,5 +1,5 @@
-//! The metadata store in one SQLite file: WAL, `synchronous=FULL`, one writing connection per process, a pool of reading
-//! connections.
+//! The metadata store in one SQLite file: WAL, `synchronous=FULL`, one writing connection per process, a pool of
+//! reading connections.
 //!
 //! Several processes may share the file. A transaction that reads before it writes starts with `BEGIN IMMEDIATE`, so no
 //! other process writes between the two.
@@ -115,8 +115,8 @@ impl SqliteMetadata {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
     }
 
-    /// Commits, with a failpoint before and one after. A fault after the commit leaves the caller uncertain whether the rows
-    /// were stored, as a real one may.
+    /// Commits, with a failpoint before and one after. A fault after the commit leaves the caller uncertain whether the
+    /// rows were stored, as a real one may.
     async fn commit(&self, transaction: Transaction<'static, Sqlite>, name: &'static str) -> StoreResult<()> {
         let broken = |error| StoreError::of_io(error, format!("cannot commit {name}"));
         step(name).map_err(broken)?;

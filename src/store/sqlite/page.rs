@@ -1,4 +1,5 @@
-//! Pages of lists: newest first, by sequence number. A cursor is the sequence number of the last row of the page before.
+//! Pages of lists: newest first, by sequence number. A cursor is the sequence number of the last row of the page
+//! before.
 
 use futures::{Stream, TryStreamExt};
 

@@ -1,5 +1,5 @@
-//! Profiles and their revisions. A revision is stored twice: as a whole (`revisions.body`), and as the summary that lists
-//! show (`revision_heads.head`), so that a list does not read megabytes of homographies.
+//! Profiles and their revisions. A revision is stored twice: as a whole (`revisions.body`), and as the summary that
+//! lists show (`revision_heads.head`), so that a list does not read megabytes of homographies.
 
 use std::fmt::Display;
 
@@ -205,7 +205,8 @@ pub(super) async fn insert(
     Ok(profile)
 }
 
-/// Writes the summary of each revision that was stored before summaries existed. A revision that cannot be read gets none.
+/// Writes the summary of each revision that was stored before summaries existed. A revision that cannot be read gets
+/// none.
 pub(super) async fn fill_heads(writer: &SqlitePool) -> StoreResult<()> {
     let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
     let mut after = 0;

@@ -1,5 +1,5 @@
-//! Quotas of tokens. A quota is checked within the transaction that adds the bytes, so concurrent requests cannot exceed
-//! it together.
+//! Quotas of tokens. A quota is checked within the transaction that adds the bytes, so concurrent requests cannot
+//! exceed it together.
 
 use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
