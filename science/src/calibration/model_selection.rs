@@ -45,7 +45,7 @@ impl StackModel {
     pub(super) fn name(self) -> HomographyModel {
         match self {
             Self::RailLinear => HomographyModel::RailLinear,
-            Self::PerSlice(family) => family.homography_model(),
+            Self::PerSlice(model) => model.homography_model(),
         }
     }
 }
@@ -57,7 +57,7 @@ const FLOOR: f64 = 0.01;
 
 /// Error of a model at the image corners of one slice, with that of the full homography.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Corner {
+pub(super) struct CornerError {
     /// Standard deviation of the worst corner, px.
     pub sigma: f64,
     /// The same for the full homography, px.
@@ -69,12 +69,12 @@ pub(super) struct Corner {
 /// Mean squared bias of a model at the corners over the slices, px^2: the expected value, and an upper value. The upper
 /// one is at least what could be hidden in the scatter of so many slices, and at least half of the observed one,
 /// because all slices share the errors of the reference.
-pub(super) fn bias(corners: &[Corner]) -> (f64, f64) {
+pub(super) fn bias(corners: &[CornerError]) -> (f64, f64) {
     if corners.is_empty() {
         return (0.0, 0.0);
     }
     let count = corners.len() as f64;
-    let mean = |of: &dyn Fn(&Corner) -> f64| corners.iter().map(of).sum::<f64>() / count;
+    let mean = |of: &dyn Fn(&CornerError) -> f64| corners.iter().map(of).sum::<f64>() / count;
     let noise = mean(&|c| (c.full_sigma.powi(2) - c.sigma.powi(2)).max(0.0));
     // the largest of four distances scatters more than each
     let apart = mean(&|c| c.apart.powi(2));
@@ -88,14 +88,14 @@ pub(super) fn select_model(
     evidence: &[Evidence],
     offsets: &[f64],
     half: f64,
-    corners: &dyn Fn(StackModel) -> Vec<Corner>,
+    corners: &dyn Fn(StackModel) -> Vec<CornerError>,
     requested: ModelChoice,
 ) -> (StackModel, Vec<ModelCandidate>, String) {
     let measured: Vec<usize> = (0..evidence.len()).filter(|&i| !evidence[i].matches.is_empty()).collect();
-    let per_slice = |family: TransformModel| {
-        let maps = measured.iter().map(|&i| fitted(family, &evidence[i].matches)).collect::<Option<Vec<_>>>();
-        let held = measured.iter().map(|&i| held_out(&evidence[i], |m| fitted(family, m))).collect::<Option<Vec<_>>>();
-        (maps, held, (family.size() * measured.len()) as u32)
+    let per_slice = |model: TransformModel| {
+        let maps = measured.iter().map(|&i| fitted(model, &evidence[i].matches)).collect::<Option<Vec<_>>>();
+        let held = measured.iter().map(|&i| held_out(&evidence[i], |m| fitted(model, m))).collect::<Option<Vec<_>>>();
+        (maps, held, (model.size() * measured.len()) as u32)
     };
     let rail_fit = || {
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
@@ -125,7 +125,7 @@ pub(super) fn select_model(
         .map(|model| {
             let (maps, held, parameters) = match model {
                 StackModel::RailLinear => rail_fit(),
-                StackModel::PerSlice(family) => per_slice(family),
+                StackModel::PerSlice(model) => per_slice(model),
             };
             let rms = |all: Vec<f64>| (all.iter().sum::<f64>() / all.len().max(1) as f64).sqrt() * half;
             let score = maps.as_ref().map(|maps| score(evidence, &measured, maps, parameters, half));
@@ -189,8 +189,8 @@ fn phrase(model: StackModel) -> &'static str {
     }
 }
 
-fn fitted(family: TransformModel, matches: &[Match]) -> Option<Parameters> {
-    transform_models::fit(family, matches).map(|fit| family.parameters(&fit.free))
+fn fitted(model: TransformModel, matches: &[Match]) -> Option<Parameters> {
+    transform_models::fit(model, matches).map(|fit| model.parameters(&fit.free))
 }
 
 /// Squared residuals, units^2.
@@ -252,28 +252,28 @@ mod tests {
         (evidence, offsets)
     }
 
-    /// Corner errors from the fits of the models.
-    fn corners(evidence: &[Evidence], offsets: &[f64], model: StackModel) -> Vec<Corner> {
+    /// CornerError errors from the fits of the models.
+    fn corners(evidence: &[Evidence], offsets: &[f64], model: StackModel) -> Vec<CornerError> {
         let frame = transform_models::Frame { centre: [400.0, 300.0], half: 500.0 };
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();
         let rail_fit = RailFit::fit(&all, offsets).expect("a law");
-        let at = |family: TransformModel, e: &Evidence| {
-            let fit = transform_models::fit(family, &e.matches).expect("a fit");
-            let sigma = transform_models::corner_sigma(family, &fit.free, &fit.covariance, &frame, 801, 601);
-            (frame.homography(&family.parameters(&fit.free)).expect("regular"), sigma)
+        let at = |model: TransformModel, e: &Evidence| {
+            let fit = transform_models::fit(model, &e.matches).expect("a fit");
+            let sigma = transform_models::corner_sigma(model, &fit.free, &fit.covariance, &frame, 801, 601);
+            (frame.homography(&model.parameters(&fit.free)).expect("regular"), sigma)
         };
         let measured = (0..offsets.len()).filter(|&i| !evidence[i].matches.is_empty());
         measured
             .map(|i| {
                 let (full, full_sigma) = at(TransformModel::Homography, &evidence[i]);
                 let (own, sigma) = match model {
-                    StackModel::PerSlice(family) => at(family, &evidence[i]),
+                    StackModel::PerSlice(model) => at(model, &evidence[i]),
                     StackModel::RailLinear => (
                         frame.homography(&rail_fit.parameters(offsets[i])).expect("regular"),
                         500.0 * rail_fit.corner_sigma(offsets[i]),
                     ),
                 };
-                Corner { sigma, full_sigma, apart: own.corner_distance(&full, 801, 601) }
+                CornerError { sigma, full_sigma, apart: own.corner_distance(&full, 801, 601) }
             })
             .collect()
     }

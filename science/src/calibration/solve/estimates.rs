@@ -4,34 +4,47 @@ use nalgebra::DVector;
 
 use super::inliers::{FLOOR, Inliers, own_estimates};
 use crate::calibration::detection::Detection;
-use crate::calibration::model_selection::{Corner, StackModel};
+use crate::calibration::model_selection::{CornerError, StackModel};
 use crate::calibration::rail::{self, EstimateSource, Law};
 use crate::calibration::rail_fit::RailFit;
 use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
 use crate::types::Homography;
 
-/// Corner uncertainty, px, from which a slice counts as predicted when the rail law halves it.
+/// CornerError uncertainty, px, from which a slice counts as predicted when the rail law halves it.
 const MAX_OWN_SIGMA: f64 = 0.4;
 
 /// Common input of all estimates.
 pub(super) struct Setting<'a> {
+    /// Conversion between units and pixels.
     pub(super) frame: &'a Frame,
+    /// Width of the slices, px.
     pub(super) width: u32,
+    /// Height of the slices, px.
     pub(super) height: u32,
+    /// Index of the reference slice.
     pub(super) reference: usize,
+    /// Rail positions.
     pub(super) positions: &'a [f64],
+    /// Rail positions relative to the reference slice.
     pub(super) offsets: &'a [f64],
+    /// The first slice after a sideways jump, if there is one.
     pub(super) jump: Option<usize>,
+    /// Uncertainty per slice that no number of dots reduces, px (see [`floors`]).
     pub(super) floors: &'a [f64],
 }
 
 /// The estimate of one slice.
 pub(super) struct Estimate {
+    /// Slice px -> reference-slice px.
     pub(super) homography: Homography,
+    /// The homography by the rail law alone.
     pub(super) by_law: Option<Homography>,
+    /// Largest corner distance between the slice's own estimate and the rail law, px.
     pub(super) off_law: Option<f64>,
+    /// Standard deviation of the worst image corner, px.
     pub(super) sigma: f64,
+    /// What the estimate is based on.
     pub(super) source: EstimateSource,
 }
 
@@ -41,11 +54,11 @@ pub(super) fn corner_errors(
     full: &[Option<Estimate>],
     inliers: &[Inliers],
     s: &Setting,
-) -> Vec<Corner> {
+) -> Vec<CornerError> {
     let measured = (0..estimates.len()).filter(|&i| i != s.reference && !inliers[i].evidence.matches.is_empty());
     measured
         .filter_map(|i| estimates[i].as_ref().zip(full.get(i)?.as_ref()))
-        .map(|(own, full)| Corner {
+        .map(|(own, full)| CornerError {
             sigma: own.sigma,
             full_sigma: full.sigma,
             apart: own.homography.corner_distance(&full.homography, s.width, s.height),
@@ -57,7 +70,7 @@ pub(super) fn corner_errors(
 pub(super) fn estimates(model: StackModel, inliers: &[Inliers], setting: &Setting) -> Vec<Option<Estimate>> {
     match model {
         StackModel::RailLinear => rail_linear_estimates(inliers, setting),
-        StackModel::PerSlice(family) => per_slice_estimates(family, inliers, setting),
+        StackModel::PerSlice(model) => per_slice_estimates(model, inliers, setting),
     }
 }
 
@@ -72,27 +85,27 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
     tracked.detections.iter().map(floor).collect()
 }
 
-fn per_slice_estimates(family: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
-    let own = own_estimates(family, inliers, s.reference, s.frame, [s.width, s.height]);
-    let map = |free: &DVector<f64>| s.frame.homography(&family.parameters(free));
+fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
+    let own = own_estimates(model, inliers, s.reference, s.frame, [s.width, s.height]);
+    let map = |free: &DVector<f64>| s.frame.homography(&model.parameters(free));
     (0..own.len())
         .map(|index| {
-            let (settled, source) = rail::combine(&own, s.positions, s.jump, index)?;
+            let (combined, source) = rail::combine(&own, s.positions, s.jump, index)?;
             let mut others = own.clone();
             others[index] = None;
             let by_law = Law::fit(&others, s.positions, s.jump).and_then(|law| map(&law.predict(index)));
             let alone = own[index].as_ref().and_then(|o| map(&o.free));
             let off_law = alone.zip(by_law).map(|(a, b)| a.corner_distance(&b, s.width, s.height));
             let sigma =
-                transform_models::corner_sigma(family, &settled.free, &settled.covariance, s.frame, s.width, s.height);
+                transform_models::corner_sigma(model, &combined.free, &combined.covariance, s.frame, s.width, s.height);
             let by_itself = own[index].as_ref().map_or(0.0, |o| {
-                transform_models::corner_sigma(family, &o.free, &o.covariance, s.frame, s.width, s.height)
+                transform_models::corner_sigma(model, &o.free, &o.covariance, s.frame, s.width, s.height)
             });
             // the dots contributed too little for the slice to count as measured
             let source =
                 if by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself { EstimateSource::Law } else { source };
             Some(Estimate {
-                homography: map(&settled.free)?,
+                homography: map(&combined.free)?,
                 by_law,
                 off_law,
                 sigma: sigma.hypot(s.floors[index]),

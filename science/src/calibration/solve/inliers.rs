@@ -25,7 +25,9 @@ const NEIGHBOURS: f64 = 9.0;
 /// The dots that a slice shares with the reference slice, and which of them are inliers.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Inliers {
+    /// The inliers.
     pub(super) evidence: Evidence,
+    /// For every shared dot, whether it is an inlier.
     pub(super) is_inlier: BTreeMap<Label, bool>,
 }
 
@@ -75,7 +77,7 @@ pub(super) fn find_inliers(detection: &Detection, base: &Detection, frame: &Fram
 
 /// Each slice's estimate from its own dots under one model; the reference slice is exactly the identity.
 pub(super) fn own_estimates(
-    family: TransformModel,
+    model: TransformModel,
     inliers: &[Inliers],
     reference: usize,
     frame: &Frame,
@@ -85,16 +87,16 @@ pub(super) fn own_estimates(
         .iter()
         .enumerate()
         .map(|(index, inliers)| {
-            let size = family.size();
+            let size = model.size();
             if index == reference {
                 let covariance = DMatrix::identity(size, size) * 1e-16;
                 return Some(OwnEstimate { free: DVector::zeros(size), covariance });
             }
-            let fit = transform_models::fit(family, &inliers.evidence.matches)?;
+            let fit = transform_models::fit(model, &inliers.evidence.matches)?;
             let covariance = &fit.covariance * inliers.evidence.overlap;
             // compared at the corners, which matter: a few blocks cannot determine a full covariance
             let at_corners =
-                |c: &DMatrix<f64>| transform_models::corner_sigma(family, &fit.free, c, frame, width, height);
+                |c: &DMatrix<f64>| transform_models::corner_sigma(model, &fit.free, c, frame, width, height);
             let more = (at_corners(&fit.block_covariance) / at_corners(&covariance).max(1e-12)).max(1.0);
             Some(OwnEstimate { covariance: covariance * (more * more), free: fit.free })
         })

@@ -80,7 +80,7 @@ pub(super) fn report(count: usize) -> CalibrationReport {
         grade: Grade::Good,
         findings: vec![Warning::new(
             "slice_interpolated",
-            "too blurred to be measured and predicted from the other slices: target_12.tif",
+            "too blurred to be measured, and therefore predicted from the other slices: target_12.tif",
         )],
         target: TargetReport {
             pitch_px: PITCH,
