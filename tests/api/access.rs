@@ -1,4 +1,4 @@
-//! Who may do what.
+//! Tokens, scopes, isolation and quotas.
 
 use std::{
     path::Path,
@@ -29,7 +29,7 @@ async fn token_with_quota(app: &TestApp, name: &str, scopes: &[Scope], quota_byt
     text
 }
 
-/// What stands behind the public part; it may have a `_` of its own.
+/// The secret part of a token; it may contain a `_`.
 fn secret_of(token: &str) -> &str {
     token.splitn(3, '_').nth(2).expect("a token has three parts")
 }
@@ -58,7 +58,7 @@ async fn without_a_token_only_health_and_the_contract_are_shown() {
 }
 
 #[tokio::test]
-async fn each_scope_allows_what_it_says_and_no_more() {
+async fn each_scope_allows_exactly_its_requests() {
     let app = guarded().await;
     let (profiles, stacks, read, admin) = (
         token(&app, "profiles", &[Scope::ProfilesWrite]).await,
@@ -84,7 +84,7 @@ async fn each_scope_allows_what_it_says_and_no_more() {
 }
 
 #[tokio::test]
-async fn an_upload_in_pieces_needs_the_scope_of_what_it_becomes() {
+async fn a_resumable_upload_needs_the_scope_of_its_purpose() {
     let app = guarded().await;
     let profiles = token(&app, "profiles", &[Scope::ProfilesWrite]).await;
     let stacks = token(&app, "stacks", &[Scope::StacksWrite]).await;
@@ -112,7 +112,7 @@ async fn an_upload_in_pieces_needs_the_scope_of_what_it_becomes() {
 }
 
 #[tokio::test]
-async fn a_token_is_worth_nothing_with_another_secret_or_once_revoked() {
+async fn a_token_with_another_secret_or_revoked_is_refused() {
     let app = guarded().await;
     let good = token(&app, "rig-pc", &[Scope::Read]).await;
     let other = token(&app, "other", &[Scope::Read]).await;
@@ -130,7 +130,7 @@ async fn a_token_is_worth_nothing_with_another_secret_or_once_revoked() {
 }
 
 #[tokio::test]
-async fn where_so_configured_a_token_sees_only_its_own_stacks() {
+async fn with_isolation_a_token_sees_only_its_own_stacks() {
     let app = TestApp::start_with(|policy| (policy.auth_required, policy.isolate_tokens) = (true, true)).await;
     let both = [Scope::StacksWrite, Scope::Read];
     let (ann, ben) = (token(&app, "ann", &both).await, token(&app, "ben", &both).await);
@@ -175,7 +175,7 @@ async fn where_so_configured_a_token_sees_only_its_own_stacks() {
         assert_eq!(listed, wanted);
     }
 
-    // an upload in pieces, and the stack that it becomes
+    // a resumable upload, and the stack that it becomes
     let zip = stack_zip(2, 0);
     let create = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", zip.len());
     let create = create.header("upload-metadata", "rig cmln,lens bGVucw==").bearer_auth(&ann);
@@ -193,7 +193,7 @@ async fn where_so_configured_a_token_sees_only_its_own_stacks() {
 }
 
 #[tokio::test]
-async fn the_contract_says_which_scope_each_call_needs() {
+async fn the_contract_documents_the_scope_of_each_operation() {
     let document = pinstack::http::router::DOCUMENT.value();
     let needed = |path: &str, method: &str| document["paths"][path][method]["security"].clone();
     let scopes = |path: &str, method: &str| document["paths"][path][method]["x-required-scopes"].clone();
@@ -214,7 +214,7 @@ async fn the_contract_says_which_scope_each_call_needs() {
     }
 }
 
-/// A server of its own process, killed when dropped.
+/// A server process, killed on drop.
 struct Process(Child);
 
 impl Drop for Process {
@@ -230,7 +230,7 @@ fn pinstack(folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// What a command says: whether it went well, its output, its errors.
+/// Runs a command. Returns whether it succeeded, its output and its error output.
 fn said(folder: &Path, arguments: &[&str]) -> (bool, String, String) {
     let output = pinstack(folder, arguments).output().expect("the program runs");
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_owned();
@@ -255,7 +255,7 @@ fn serving(folder: &Path, arguments: &[&str]) -> (Process, String) {
 }
 
 #[test]
-fn nobody_is_let_in_from_other_machines_unless_somebody_said_who() {
+fn listening_beyond_loopback_requires_an_explicit_auth_setting() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let folder = folder.path();
     let (went_well, _, told) = said(folder, &["serve", "--listen", "0.0.0.0:0"]);
@@ -271,7 +271,7 @@ fn nobody_is_let_in_from_other_machines_unless_somebody_said_who() {
 }
 
 #[tokio::test]
-async fn tokens_are_made_shown_once_listed_and_revoked_and_their_secrets_are_written_nowhere() {
+async fn token_secrets_are_shown_once_and_stored_nowhere() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let folder = folder.path();
     let add = ["token", "add", "rig-pc", "--scope", "read", "--scope", "stacks:write"];
@@ -285,7 +285,7 @@ async fn tokens_are_made_shown_once_listed_and_revoked_and_their_secrets_are_wri
     assert!(listed.contains("rig-pc\tread,stacks:write\t") && listed.contains("\tvalid"), "{listed}");
     assert!(!listed.contains(&secret));
 
-    // there is a token, so it is asked for on the loopback address too
+    // a token exists, so it is required on the loopback address too
     let (process, address) = serving(folder, &["--listen", "127.0.0.1:0"]);
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
     let ask = |token: &str| client.get(format!("http://{address}/v1/stacks")).bearer_auth(token).send();
@@ -306,7 +306,7 @@ async fn tokens_are_made_shown_once_listed_and_revoked_and_their_secrets_are_wri
 }
 
 #[tokio::test]
-async fn a_token_takes_no_more_than_its_quota() {
+async fn a_token_cannot_exceed_its_quota() {
     let app = TestApp::start_with(|policy| policy.auth_required = true).await;
     let zip = stack_zip(2, 2);
     let length = zip.len() as u64;
@@ -324,7 +324,7 @@ async fn a_token_takes_no_more_than_its_quota() {
     // a rerun counts in full: it keeps the zip when the first stack is deleted
     let again = app.post(&format!("/v1/stacks/{}/rerun", id(&first))).bearer_auth(&small);
     problem(again.send().await.unwrap(), 507, "insufficient_storage").await;
-    // how long it is only its end tells
+    // a body of unknown length
     let chunks = futures::stream::iter([Ok::<_, std::io::Error>(zip.clone())]);
     let streamed = app.post(POST).bearer_auth(&small).body(reqwest::Body::wrap_stream(chunks));
     problem(streamed.send().await.unwrap(), 507, "insufficient_storage").await;
@@ -357,7 +357,7 @@ async fn revoking_the_last_token_does_not_open_the_service() {
 }
 
 #[tokio::test]
-async fn a_running_server_asks_for_tokens_as_soon_as_there_is_one() {
+async fn a_running_server_requires_tokens_as_soon_as_one_exists() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let folder = folder.path();
     let (_process, address) = serving(folder, &["--listen", "127.0.0.1:0"]);
@@ -372,7 +372,7 @@ async fn a_running_server_asks_for_tokens_as_soon_as_there_is_one() {
     assert_eq!(ask().send().await.unwrap().status(), 401, "and goes on asking");
 }
 
-/// Everything below a folder that another account could look into.
+/// Everything below a folder that other accounts can read.
 fn open_to_others(folder: &Path) -> Vec<String> {
     use std::os::unix::fs::PermissionsExt;
     let mut found = Vec::new();
@@ -393,7 +393,7 @@ fn open_to_others(folder: &Path) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn nothing_in_a_data_folder_is_open_to_other_accounts_nor_in_a_copy() {
+async fn a_data_folder_and_its_backup_are_closed_to_other_accounts() {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::TempDir::new().expect("a folder");
     let folder = folder.path();
@@ -414,7 +414,7 @@ async fn nothing_in_a_data_folder_is_open_to_other_accounts_nor_in_a_copy() {
         for private in [&data, &folder.join("copy")] {
             assert_eq!(private.metadata().unwrap().permissions().mode() & 0o777, 0o700, "{}", private.display());
             let mut open = open_to_others(private);
-            // files of before lie in folders that nobody else can enter
+            // files of older versions are in folders that only the owner can enter
             open.retain(|path| round == 0 || !path.contains("blobs/uploads/"));
             assert!(open.is_empty(), "{open:#?}");
         }
@@ -428,7 +428,7 @@ async fn nothing_in_a_data_folder_is_open_to_other_accounts_nor_in_a_copy() {
     }
 }
 
-/// Begins an upload in pieces for `rig/lens`.
+/// Creates a resumable upload for `rig/lens`.
 async fn upload_of(app: &TestApp, token: &str, length: u64) -> reqwest::Response {
     let request = app.post("/v1/uploads").bearer_auth(token).header("tus-resumable", "1.0.0");
     let request = request.header("upload-length", length);
@@ -469,7 +469,7 @@ async fn a_quota_holds_however_many_requests_come_at_once() {
     assert_eq!(used, accepted as u64 * length);
     assert_eq!(app.spooled(), 0);
 
-    // repeats of one request take the quota once, also while the first arrives
+    // repeats of one request count once towards the quota, even while the first arrives
     let other = token_with_quota(&app, "other", &[Scope::StacksWrite], Some(length * 3 / 2)).await;
     let repeats = (0..10)
         .map(|_| app.post(POST).bearer_auth(&other).header("idempotency-key", "view 7").body(zip.clone()).send());
@@ -479,7 +479,7 @@ async fn a_quota_holds_however_many_requests_come_at_once() {
 }
 
 #[tokio::test]
-async fn an_admin_sees_and_ends_the_open_uploads_of_all_tokens() {
+async fn an_admin_lists_and_deletes_the_open_uploads_of_all_tokens() {
     let app = TestApp::start_with(|policy| {
         (policy.auth_required, policy.isolate_tokens, policy.max_open_uploads) = (true, true, 2);
     })

@@ -1,4 +1,4 @@
-//! A server for one test, and what a client of it needs.
+//! A server for one test, and helpers for its clients.
 
 use std::{io::Write, sync::Arc, time::Duration};
 
@@ -28,7 +28,7 @@ pub const HEIGHT: u32 = 18;
 
 const LEASE: Duration = Duration::from_secs(600);
 
-/// A server of its own.
+/// A running server with its store.
 pub struct TestApp {
     pub base: String,
     pub client: Client,
@@ -111,13 +111,13 @@ impl TestApp {
         self.client.delete(format!("{}{path}", self.base))
     }
 
-    /// A profile `rig/lens` for `slices` slices of the usual size.
+    /// Stores a profile `rig/lens` for `slices` slices of the usual size.
     pub async fn with_profile(&self, slices: usize) {
         let answer = self.put("/v1/profiles/rig/lens").json(&profile(slices)).send().await.expect("an answer");
         assert!(answer.status().is_success(), "{}", answer.text().await.unwrap_or_default());
     }
 
-    /// A stack of two slices with back light for `rig/lens`, accepted: its JSON.
+    /// Sends a stack of two slices with back light for `rig/lens`. Returns its JSON.
     pub async fn with_stack(&self, options: &str) -> Value {
         self.with_profile(2).await;
         let request = self.post(&format!("/v1/stacks?rig=rig&lens=lens{options}")).body(stack_zip(2, 2));
@@ -126,12 +126,12 @@ impl TestApp {
         answer.json().await.expect("JSON")
     }
 
-    /// What a worker does first.
+    /// Claims the next job, like a worker.
     pub async fn claim(&self) -> Job {
         self.store.metadata.claim(LEASE, 3).await.expect("the rows answer").expect("a job waits")
     }
 
-    /// What a worker does last, with made-up results.
+    /// Finishes a job with made-up results, like a worker.
     pub async fn finish(&self, job: &Job) {
         let outcome = match &job.request {
             JobRequest::Stack(request) => {
@@ -156,7 +156,7 @@ impl TestApp {
         assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
     }
 
-    /// What a worker does when the work cannot be done.
+    /// Fails a job, like a worker.
     pub async fn fail(&self, job: &Job, fault: Fault) {
         assert!(
             self.store.metadata.finish(job.id, job.lease_token, &Finish::Failed(fault)).await.expect("the rows answer")
@@ -184,7 +184,7 @@ impl TestApp {
         Artifact { name: name.into(), key, media_type: "image/png".into(), bytes: bytes.len() as u64, sha256 }
     }
 
-    /// Bytes that the file of an upload has, safe or not; 0 without one.
+    /// Size of the file of an upload, synced or not; 0 without a file.
     pub fn partial_bytes(&self, id: Uuid) -> u64 {
         let path = self.data.path().join("partial").join(format!("{id}.part"));
         path.metadata().map(|m| m.len()).unwrap_or(0)
@@ -192,7 +192,7 @@ impl TestApp {
 
     /// Reserves all free space of the disk until the reservation is dropped.
     pub async fn without_room(&self) -> Reservation {
-        // another process may write between the two steps, so that what was free no longer is
+        // another process may write between the two steps
         loop {
             let available = self.app.disk.state().await.expect("measured").available();
             if let Ok(reservation) = self.app.disk.reserve(available).await.expect("measured") {
@@ -246,7 +246,7 @@ pub fn stack_zip(front: usize, back: usize) -> Vec<u8> {
     zip(&light("front", front).chain(light("back", back)).collect::<Vec<_>>())
 }
 
-/// Checks that an answer is a problem with this status and code, and hands it out.
+/// Checks that a response is a problem with this status and code, and returns it.
 pub async fn problem(answer: Response, status: u16, code: &str) -> Value {
     let told = answer.status().as_u16();
     let kind = answer.headers().get("content-type").and_then(|v| v.to_str().ok()).unwrap_or_default().to_owned();
@@ -264,7 +264,7 @@ pub async fn problem(answer: Response, status: u16, code: &str) -> Value {
     problem
 }
 
-/// The id in a job's JSON.
+/// The id in the JSON of a job.
 pub fn id(job: &Value) -> Uuid {
     job["id"].as_str().and_then(|id| id.parse().ok()).expect("a job has an id")
 }

@@ -1,4 +1,4 @@
-//! Each row of "What a bad request gets" that is known at the POST.
+//! The error responses of `POST /v1/stacks`.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, profile, stack_zip, zip};
 
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
-/// Nothing may stay behind after a refusal.
+/// Checks that a refusal leaves nothing behind.
 async fn refused(app: &TestApp, url: &str, body: Vec<u8>, status: u16, code: &str) -> String {
     let told = problem(app.post(url).body(body).send().await.unwrap(), status, code).await;
     assert_eq!(app.spooled(), 0, "{told}");
@@ -31,7 +31,7 @@ async fn an_upload_over_the_limit_is_refused_by_its_length_and_by_its_bytes() {
 }
 
 #[tokio::test]
-async fn a_full_disk_is_told_with_figures() {
+async fn a_full_disk_is_reported_with_figures() {
     let app = TestApp::start_with(|policy| policy.min_free_bytes = 1 << 60).await;
     app.with_profile(2).await;
     let detail = refused(&app, POST, stack_zip(2, 0), 507, "insufficient_storage").await;
@@ -39,7 +39,7 @@ async fn a_full_disk_is_told_with_figures() {
 }
 
 #[tokio::test]
-async fn a_stack_whose_job_would_not_fit_is_refused_before_it_is_read() {
+async fn a_stack_whose_job_exceeds_the_disk_is_refused_before_its_body() {
     let app = TestApp::start().await;
     let mut huge = profile(1000);
     huge["image_width"] = 60_000.into();
@@ -52,7 +52,7 @@ async fn a_stack_whose_job_would_not_fit_is_refused_before_it_is_read() {
 }
 
 #[tokio::test]
-async fn a_full_queue_says_when_to_come_back() {
+async fn a_full_queue_says_when_to_retry() {
     let app = TestApp::start_with(|policy| policy.queue_limit = 1).await;
     app.with_stack("").await;
     let answer = app.post(POST).body(stack_zip(2, 0)).send().await.unwrap();
@@ -96,7 +96,7 @@ async fn a_client_that_waits_for_100_continue_is_refused_before_it_sends() {
 }
 
 #[tokio::test]
-async fn an_upload_that_falls_silent_is_given_up() {
+async fn an_upload_that_stalls_times_out() {
     let app = TestApp::start_with(|policy| policy.body_idle_timeout = Duration::from_millis(50)).await;
     app.with_profile(2).await;
     let silent = futures::StreamExt::chain(
@@ -109,7 +109,7 @@ async fn an_upload_that_falls_silent_is_given_up() {
 }
 
 #[tokio::test]
-async fn what_is_no_zip_is_refused_by_its_kind_and_by_its_bytes() {
+async fn a_body_that_is_not_a_zip_is_refused_by_type_and_by_content() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let picture = app.post(POST).header("content-type", "image/png").body(png(4, 4, 3, 0)).send().await.unwrap();
@@ -130,7 +130,7 @@ async fn too_many_members_are_refused() {
 }
 
 #[tokio::test]
-async fn a_slice_that_is_no_image_is_named() {
+async fn a_slice_that_is_not_an_image_is_named() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let members = [("front/a.png".into(), png(WIDTH, HEIGHT, 3, 0)), ("front/b.png".into(), b"not a picture".to_vec())];
@@ -139,7 +139,7 @@ async fn a_slice_that_is_no_image_is_named() {
 }
 
 #[tokio::test]
-async fn a_stack_that_does_not_fit_the_profile_hears_both_numbers() {
+async fn a_stack_that_does_not_match_the_profile_is_refused_with_both_numbers() {
     let app = TestApp::start().await;
     app.with_profile(3).await;
     let detail = refused(&app, POST, stack_zip(2, 0), 422, "slice_count_mismatch").await;
@@ -152,7 +152,7 @@ async fn a_stack_that_does_not_fit_the_profile_hears_both_numbers() {
 }
 
 #[tokio::test]
-async fn an_upload_that_breaks_off_leaves_nothing() {
+async fn an_interrupted_upload_leaves_nothing() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();

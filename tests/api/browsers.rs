@@ -1,4 +1,4 @@
-//! What pages of the web can make a browser send: nothing of it counts where the service asks for no token.
+//! Requests that web pages can make a browser send: none of them has an effect while the service requires no token.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::app::{TestApp, problem, profile, stack_zip};
 const PROFILE: &str = "/v1/profiles/rig/lens";
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
-/// The answer to bytes on a connection of their own, which ends with it.
+/// Sends bytes on a new connection and returns the whole response.
 async fn raw(app: &TestApp, request: &str) -> String {
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     socket.write_all(request.as_bytes()).await.unwrap();
@@ -23,7 +23,7 @@ async fn raw(app: &TestApp, request: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_name_that_is_not_the_services_own_is_refused() {
+async fn a_request_for_an_unknown_host_is_refused() {
     let app = TestApp::start_with(|policy| policy.hosts = vec!["lab-pc.example".into()]).await;
     app.with_profile(2).await;
     for (method, path) in [
@@ -40,18 +40,18 @@ async fn a_name_that_is_not_the_services_own_is_refused() {
         let answer = app.get("/v1/profiles").header("host", host).send().await.unwrap();
         assert_eq!(answer.status(), StatusCode::OK, "{host}");
     }
-    // a target with a host of its own counts more than the header
+    // an absolute request target overrides the header
     let told =
         raw(&app, "GET http://evil.example/v1/profiles HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
     assert!(told.await.starts_with("HTTP/1.1 421"));
-    // a page has no token, so a name is no danger there
+    // a page has no token, so any host name is harmless
     let guarded = TestApp::start_with(|policy| policy.auth_required = true).await;
     let answer = guarded.get("/v1/profiles").header("host", "lab.example").send().await.unwrap();
     problem(answer, 401, "unauthorized").await;
 }
 
 #[tokio::test]
-async fn a_request_names_exactly_one_host() {
+async fn a_request_must_name_exactly_one_host() {
     for auth_required in [false, true] {
         let app = TestApp::start_with(|policy| policy.auth_required = auth_required).await;
         for hosts in
@@ -61,13 +61,13 @@ async fn a_request_names_exactly_one_host() {
             assert!(told.starts_with("HTTP/1.1 400"), "{hosts:?}: {told}");
             assert!(told.contains("\"code\":\"invalid_request\"") && told.contains("Host header"), "{told}");
         }
-        // HTTP/1.0 knows no Host
+        // HTTP/1.0 has no Host header
         assert!(raw(&app, "GET /healthz HTTP/1.0\r\n\r\n").await.starts_with("HTTP/1.0 200"));
     }
 }
 
 #[tokio::test]
-async fn changes_are_taken_from_own_pages_and_programs_alone() {
+async fn writes_from_pages_of_other_origins_are_refused() {
     let app = TestApp::start_with(|policy| policy.cors_origins = vec!["https://lab.example".into()]).await;
     app.with_profile(2).await;
     let foreign = [
@@ -87,7 +87,7 @@ async fn changes_are_taken_from_own_pages_and_programs_alone() {
             problem(request.body(vec![0; 1000]).send().await.unwrap(), 403, "cross_origin_request").await;
         }
     }
-    // its own page ("try it out"), an origin that is allowed, and a program that sends neither
+    // the own page ("try it out"), an allowed origin, and a program that sends no origin
     let own = app.base.clone();
     let good = [
         &[("origin", own.as_str()), ("sec-fetch-site", "same-origin")][..],
@@ -102,7 +102,7 @@ async fn changes_are_taken_from_own_pages_and_programs_alone() {
         }
         assert_eq!(request.send().await.unwrap().status(), StatusCode::OK, "{headers:?}");
     }
-    // reading is held back by the browser
+    // the browser itself prevents pages from reading the response
     let read = app.get(PROFILE).header("origin", "https://evil.example").send().await.unwrap();
     assert_eq!(read.status(), StatusCode::OK);
     assert!(!read.headers().contains_key("access-control-allow-origin"));
@@ -110,7 +110,7 @@ async fn changes_are_taken_from_own_pages_and_programs_alone() {
 }
 
 #[tokio::test]
-async fn bodies_that_any_page_may_send_are_taken_neither_for_json_nor_for_a_zip() {
+async fn bodies_that_need_no_preflight_are_accepted_neither_as_json_nor_as_a_zip() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let json = serde_json::to_vec(&profile(2)).unwrap();
@@ -136,7 +136,7 @@ async fn bodies_that_any_page_may_send_are_taken_neither_for_json_nor_for_a_zip(
 }
 
 #[tokio::test]
-async fn a_json_body_that_falls_silent_is_given_up() {
+async fn a_json_body_that_stalls_times_out() {
     let app = TestApp::start_with(|policy| policy.body_idle_timeout = Duration::from_millis(50)).await;
     for (method, path) in [
         ("PUT", PROFILE.to_owned()),

@@ -1,6 +1,6 @@
 use std::{path::Path, process::Command};
 
-/// What `pinstack serve` says when it refuses its configuration.
+/// The error output of `pinstack serve` when it refuses its configuration.
 fn refusal(folder: &Path, arguments: &[&str], environment: &[(&str, &str)]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
     command.current_dir(folder).arg("serve").args(arguments).envs(environment.iter().copied());
@@ -10,7 +10,7 @@ fn refusal(folder: &Path, arguments: &[&str], environment: &[(&str, &str)]) -> S
 }
 
 #[test]
-fn a_bad_value_is_refused_with_where_it_came_from_and_the_strongest_source_counts() {
+fn a_bad_value_is_refused_with_its_source_and_the_strongest_source_wins() {
     let folder = tempfile::TempDir::new().expect("a folder");
     std::fs::write(folder.path().join("p.toml"), "workers = 997\n").expect("a file");
     let file = ["--config", "p.toml"];
@@ -38,14 +38,14 @@ fn a_value_of_the_wrong_kind_and_an_unknown_key_are_refused() {
 }
 
 #[test]
-fn a_variable_that_is_no_setting_is_refused_with_the_one_that_is_meant() {
+fn an_unknown_variable_is_refused_with_a_suggestion() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let told = refusal(folder.path(), &[], &[("PINSTACK_AUTHH", "tokens")]);
     assert!(told.contains("PINSTACK_AUTHH is not a setting; did you mean PINSTACK_AUTH?"), "{told}");
 }
 
 #[test]
-fn names_and_addresses_that_cannot_be_are_refused() {
+fn invalid_names_and_addresses_are_refused() {
     let folder = tempfile::TempDir::new().expect("a folder");
     for host in ["", "http://lab.example", "lab.example:80", "lab.example/"] {
         let told = refusal(folder.path(), &["--host", host], &[]);
@@ -67,7 +67,7 @@ fn an_origin_that_no_browser_would_send_is_refused() {
 }
 
 #[test]
-fn the_program_prints_the_contract_and_tells_health_by_its_exit_code() {
+fn the_program_prints_the_contract_and_reports_health_by_its_exit_code() {
     let output = Command::new(env!("CARGO_BIN_EXE_pinstack")).arg("openapi").output().expect("the program runs");
     assert_eq!(String::from_utf8_lossy(&output.stdout), pinstack::http::router::DOCUMENT.text());
     // nothing listens on port 1

@@ -1,4 +1,4 @@
-//! Connections: limited, and not held for ever by clients that say nothing. Pages of other origins.
+//! Limits and timeouts of connections; cross-origin requests.
 
 use std::{process::Command, time::Duration};
 
@@ -24,7 +24,7 @@ async fn connected(app: &TestApp) -> TcpStream {
     TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap()
 }
 
-/// Asks on a connection and leaves it open: the status and the body.
+/// Sends a request and leaves the connection open. Returns the status and the body.
 async fn ask_for(socket: &mut TcpStream, path: &str) -> (u16, String) {
     socket.write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n").as_bytes()).await.unwrap();
     let head = head(socket).await;
@@ -34,7 +34,7 @@ async fn ask_for(socket: &mut TcpStream, path: &str) -> (u16, String) {
     (head[9..12].parse().unwrap(), String::from_utf8(body).unwrap())
 }
 
-/// The head of an answer.
+/// The head of a response.
 async fn head(socket: &mut TcpStream) -> String {
     let mut head = Vec::new();
     while !head.ends_with(b"\r\n\r\n") {
@@ -43,12 +43,12 @@ async fn head(socket: &mut TcpStream) -> String {
     String::from_utf8(head).unwrap().to_lowercase()
 }
 
-/// Asks for something that needs a slot.
+/// Sends a request that needs a slot.
 async fn ask(socket: &mut TcpStream) {
     assert_eq!(ask_for(socket, "/v1/info").await.0, 200);
 }
 
-/// Asks for much and reads nothing but that it comes.
+/// Requests a large response and reads only its beginning.
 async fn ask_and_do_not_read(app_base: &str) -> TcpStream {
     let socket = TcpSocket::new_v4().unwrap();
     socket.set_recv_buffer_size(4096).unwrap();
@@ -60,7 +60,7 @@ async fn ask_and_do_not_read(app_base: &str) -> TcpStream {
 }
 
 #[tokio::test]
-async fn a_client_that_sends_its_head_byte_by_byte_is_hung_up_on() {
+async fn a_client_that_sends_its_head_byte_by_byte_is_disconnected() {
     let app = TestApp::start_with(|policy| policy.header_timeout = Duration::from_millis(50)).await;
     let mut socket = connected(&app).await;
     socket.write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nx-slow: ").await.unwrap();
@@ -68,7 +68,7 @@ async fn a_client_that_sends_its_head_byte_by_byte_is_hung_up_on() {
     // the end of the connection; a server that waits would never get here
     socket.read_to_end(&mut told).await.unwrap_or_default();
     assert!(!told.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&told));
-    // and one that asked once and then nothing more
+    // and a connection that is idle after one request
     let mut socket = connected(&app).await;
     ask(&mut socket).await;
     assert_eq!(socket.read_to_end(&mut Vec::new()).await.unwrap_or_default(), 0);
@@ -83,7 +83,7 @@ async fn a_connection_over_the_limit_waits_for_one_to_end() {
     let mut third = connected(&app).await;
     let mut waiting = Box::pin(ask(&mut third));
     for _ in 0..20 {
-        // the others are answered as before, the third is not
+        // the first two are answered, the third is not
         ask(&mut first).await;
         ask(&mut second).await;
         assert!((&mut waiting).now_or_never().is_none());
@@ -97,7 +97,7 @@ async fn health_is_answered_while_all_slots_are_taken() {
     let app = TestApp::start_with(|policy| policy.max_connections = 1).await;
     let mut first = connected(&app).await;
     ask(&mut first).await;
-    // more than the reserve has room for, and they ask nothing
+    // more connections than the reserve holds, without requests
     let mut silent = Vec::new();
     for _ in 0..100 {
         silent.push(connected(&app).await);
@@ -105,13 +105,13 @@ async fn health_is_answered_while_all_slots_are_taken() {
         assert_eq!(ask_for(&mut check, "/healthz").await.0, 200);
         assert_eq!(ask_for(&mut check, "/readyz").await.0, 200);
     }
-    // the oldest of them gave way
+    // the oldest of them was closed
     assert_eq!(silent[0].read_to_end(&mut Vec::new()).await.unwrap_or_default(), 0);
     ask(&mut first).await;
 }
 
 #[tokio::test]
-async fn who_gets_no_slot_in_time_hears_why() {
+async fn a_client_without_a_slot_in_time_gets_the_reason() {
     let app = TestApp::start_with(|policy| {
         policy.max_connections = 1;
         policy.header_timeout = Duration::from_millis(100);
@@ -149,7 +149,7 @@ async fn one_address_has_a_share_of_the_connections() {
     other.bind("127.0.0.2:0".parse().unwrap()).unwrap();
     let mut other = other.connect(app.base.trim_start_matches("http://").parse().unwrap()).await.unwrap();
     for _ in 0..20 {
-        // others are not kept out by it
+        // other addresses are not affected
         ask(&mut other).await;
         assert!((&mut waiting).now_or_never().is_none());
     }
@@ -193,7 +193,7 @@ async fn one_token_has_a_share_of_the_requests_in_progress() {
 }
 
 #[tokio::test]
-async fn a_client_that_does_not_read_is_hung_up_on() {
+async fn a_client_that_does_not_read_is_disconnected() {
     let app = TestApp::start_with(|policy| {
         policy.max_connections = 1;
         policy.body_idle_timeout = Duration::from_millis(50);
@@ -245,7 +245,7 @@ async fn requests_in_progress_end_before_the_server_does() {
 }
 
 #[tokio::test]
-async fn pages_of_other_origins_are_answered_only_where_so_configured() {
+async fn pages_of_other_origins_need_a_configured_origin() {
     let preflight = |app: &TestApp, origin: &str| {
         let request = app.client.request(Method::OPTIONS, format!("{}/v1/uploads", app.base)).header("origin", origin);
         let request = request.header("access-control-request-method", "POST");
@@ -270,12 +270,12 @@ async fn pages_of_other_origins_are_answered_only_where_so_configured() {
         assert!(!answer.headers().contains_key("access-control-allow-origin"), "{origin}");
         assert_eq!(answer.headers()["vary"], "origin");
     }
-    // an error is an answer too: the page shall see why
+    // an error is a response too: the page must be able to read it
     let refused = open.get("/v1/stacks").header("origin", "https://lab.example").send().await.unwrap();
     assert_eq!(refused.status(), StatusCode::UNAUTHORIZED);
     assert_eq!(refused.headers()["access-control-allow-origin"], "https://lab.example");
     assert!(refused.headers()["access-control-expose-headers"].to_str().unwrap().contains("upload-offset"));
-    // what tus asks is still answered
+    // OPTIONS of tus is still answered
     let told = open.client.request(Method::OPTIONS, format!("{}/v1/uploads", open.base)).send().await.unwrap();
     assert_eq!(told.headers()["tus-version"], "1.0.0");
 }

@@ -11,7 +11,7 @@ use crate::app::{TestApp, problem, stack_zip};
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 const GIB: u64 = 1 << 30;
 
-/// A POST that announces `length` bytes and sends the first of them.
+/// Sends a POST that announces `length` bytes, and only its first bytes.
 async fn announced(app: &TestApp, length: u64) -> TcpStream {
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     let head = format!(
@@ -32,10 +32,10 @@ async fn readiness(app: &TestApp) -> Value {
 }
 
 #[tokio::test]
-async fn an_upload_is_not_admitted_into_room_that_is_reserved() {
+async fn an_upload_is_not_admitted_into_reserved_space() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
-    // a job has reserved all but a gibibyte
+    // a job has reserved all but 1 GiB
     let available = app.app.disk.state().await.unwrap().available();
     let job = app.app.disk.reserve(available - GIB).await.unwrap().expect("it fits");
     let too_large = (8 * GIB).to_string();
@@ -52,11 +52,11 @@ async fn an_upload_is_not_admitted_into_room_that_is_reserved() {
 }
 
 #[tokio::test]
-async fn announcements_alone_lock_nobody_out() {
+async fn announced_lengths_alone_do_not_exhaust_the_disk_budget() {
     let limit = 3 * GIB / 2;
     let app = TestApp::start_with(|policy| {
         policy.upload_reserve_bytes = limit;
-        // the disk of the test may be larger than uploads usually are
+        // the disk may be larger than the limit of uploads
         policy.max_upload_bytes = 1 << 60;
         policy.body_idle_timeout = Duration::from_secs(3600);
     })
@@ -68,7 +68,7 @@ async fn announcements_alone_lock_nobody_out() {
     let second = announced(&app, free / 4).await;
     until_reserved(&app, |reserved| reserved > GIB).await;
     let third = announced(&app, free / 4).await;
-    // two uploads in pieces that never begin
+    // two resumable uploads that send nothing
     for _ in 0..2 {
         let request = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", free / 2);
         let begun = request.header("upload-metadata", "rig cmln,lens bGVucw==").send().await.unwrap();

@@ -16,15 +16,15 @@ use crate::app::{HEIGHT, TestApp, WIDTH, png, stack_zip, zip};
 
 type Labels = BTreeMap<String, String>;
 
-/// A metric family as the text format has it.
+/// A metric family of the text format.
 #[derive(Debug, Default)]
 struct Family {
     kind: String,
     samples: Vec<(String, Labels, f64)>,
 }
 
-/// Reads the text format 0.0.4 and refuses whatever it does not allow, or what a careful exporter would not write: a
-/// family without HELP and TYPE, a sample outside of its family, a sample twice, a histogram that is not cumulative.
+/// Parses the text format 0.0.4 strictly. It refuses what the format forbids, and also a family without HELP and TYPE, a
+/// sample outside its family, a repeated sample, and a histogram that is not cumulative.
 fn parse(text: &str) -> BTreeMap<String, Family> {
     let mut families: BTreeMap<String, Family> = BTreeMap::new();
     let (mut helped, mut current) = (String::new(), String::new());
@@ -112,7 +112,7 @@ fn check_histogram(name: &str, family: &Family) {
     }
 }
 
-/// Name, type and labels of the rows of the table in the document.
+/// Name, type and labels of the rows of the table in OPERATIONS.md.
 fn documented() -> BTreeSet<(String, String, Vec<String>)> {
     let text = include_str!("../../docs/OPERATIONS.md");
     let section =
@@ -136,7 +136,7 @@ fn the_documented_series_are_those_of_the_program() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_series_exists_with_its_labels_and_none_of_them_is_a_clients() {
+async fn every_series_exists_and_no_label_comes_from_a_client() {
     let app = TestApp::start().await;
     pinstack::telemetry::recorder().expect("the recorder of this process");
     let (store, disk) = (app.store.clone(), Arc::clone(&app.app.disk));
@@ -194,7 +194,7 @@ async fn every_series_exists_with_its_labels_and_none_of_them_is_a_clients() {
 }
 
 #[tokio::test]
-async fn a_job_that_waits_has_an_age() {
+async fn a_waiting_job_has_an_age() {
     let app = TestApp::start().await;
     app.with_stack("").await;
     let text = app.get("/metrics").send().await.expect("an answer").text().await.expect("text");

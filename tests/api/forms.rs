@@ -9,7 +9,7 @@ use crate::app::{TestApp, problem, stack_zip};
 
 const BOUNDARY: &str = "xxBOUNDARYxx";
 
-/// A form as a browser sends it.
+/// A form encoded as browsers do.
 async fn send(app: &TestApp, url: &str, parts: &[(&str, &[u8])]) -> Response {
     let mut body = Vec::new();
     for (name, value) in parts {
@@ -30,7 +30,7 @@ async fn send(app: &TestApp, url: &str, parts: &[(&str, &[u8])]) -> Response {
 }
 
 #[tokio::test]
-async fn the_parts_of_a_form_come_in_any_order() {
+async fn the_parts_of_a_form_may_come_in_any_order() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let zip = stack_zip(2, 0);
@@ -49,7 +49,7 @@ async fn the_parts_of_a_form_come_in_any_order() {
 }
 
 #[tokio::test]
-async fn what_is_wrong_in_a_form_is_told() {
+async fn an_invalid_form_is_refused_with_the_reason() {
     let app = TestApp::start().await;
     let zip = stack_zip(2, 0);
     let with =
@@ -73,7 +73,7 @@ async fn what_is_wrong_in_a_form_is_told() {
 }
 
 #[tokio::test]
-async fn loose_pictures_in_a_form_hear_where_the_zip_goes() {
+async fn loose_pictures_in_a_form_are_refused_with_the_name_of_the_zip_part() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let parts: [(&str, &[u8]); 4] =
@@ -82,7 +82,7 @@ async fn loose_pictures_in_a_form_hear_where_the_zip_goes() {
     assert!(told["detail"].as_str().unwrap().contains("-F stack=@stack.zip"), "{told}");
 }
 
-/// A form of which `pieces` are sent until the server answers: the status line, and how many bytes were sent.
+/// Sends the `pieces` of a form until the server responds. Returns the status line and the number of bytes sent.
 async fn endless(app: &TestApp, pieces: impl IntoIterator<Item = Vec<u8>>) -> (String, usize) {
     let socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     let (mut answer, mut request) = socket.into_split();
@@ -115,7 +115,7 @@ async fn endless(app: &TestApp, pieces: impl IntoIterator<Item = Vec<u8>>) -> (S
 }
 
 #[tokio::test]
-async fn a_form_holds_little_outside_its_parts_whatever_is_sent() {
+async fn a_form_buffers_a_bounded_number_of_bytes_outside_its_parts() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let many = |piece: Vec<u8>| std::iter::repeat_n(piece, 20_000);
@@ -141,7 +141,7 @@ async fn a_form_holds_little_outside_its_parts_whatever_is_sent() {
 }
 
 #[tokio::test]
-async fn text_before_and_behind_a_form_is_passed_over() {
+async fn text_before_and_after_a_form_is_ignored() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let zip = stack_zip(2, 0);
@@ -152,7 +152,7 @@ async fn text_before_and_behind_a_form_is_passed_over() {
         body.extend_from_slice(b"\r\n");
     }
     body.extend(format!("--{BOUNDARY}--\r\nand this is its end").bytes());
-    // in pieces of all sizes, so that boundaries are torn
+    // in chunks of all sizes, so that boundaries are split
     for size in [1, 7, 64, 4096, body.len()] {
         let chunks: Vec<_> = body.chunks(size).map(|chunk| Ok::<_, std::io::Error>(chunk.to_vec())).collect();
         let request =

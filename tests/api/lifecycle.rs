@@ -44,7 +44,7 @@ async fn a_stack_goes_from_queued_to_succeeded() {
 }
 
 #[tokio::test]
-async fn a_stack_that_failed_tells_why_and_has_no_results() {
+async fn a_failed_stack_has_a_reason_and_no_results() {
     let app = TestApp::start().await;
     let stack = app.with_stack("").await;
     let job = app.claim().await;
@@ -59,7 +59,7 @@ async fn a_stack_that_failed_tells_why_and_has_no_results() {
 }
 
 #[tokio::test]
-async fn a_stack_that_waits_is_cancelled_at_once_and_only_once_ended_it_cannot_be() {
+async fn a_waiting_stack_is_cancelled_at_once_and_an_ended_one_cannot_be() {
     let app = TestApp::start().await;
     let stack = app.with_stack("").await;
     let url = format!("/v1/stacks/{}", id(&stack));
@@ -77,7 +77,7 @@ async fn a_stack_that_waits_is_cancelled_at_once_and_only_once_ended_it_cannot_b
 }
 
 #[tokio::test]
-async fn a_running_stack_shows_that_its_end_is_wanted() {
+async fn a_running_stack_shows_that_cancellation_was_requested() {
     let app = TestApp::start().await;
     app.with_stack("").await;
     let job = app.claim().await;
@@ -87,7 +87,7 @@ async fn a_running_stack_shows_that_its_end_is_wanted() {
 }
 
 #[tokio::test]
-async fn a_deleted_stack_takes_upload_and_results_with_it() {
+async fn deleting_a_stack_deletes_its_upload_and_results() {
     let app = TestApp::start().await;
     app.with_stack("").await;
     let job = app.claim().await;
@@ -101,7 +101,7 @@ async fn a_deleted_stack_takes_upload_and_results_with_it() {
 }
 
 #[tokio::test]
-async fn a_repeat_with_the_same_key_answers_the_first_stack() {
+async fn a_repeat_with_the_same_key_returns_the_first_stack() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let send = |options: &str, zip: Vec<u8>| {

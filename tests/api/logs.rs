@@ -1,4 +1,4 @@
-//! The log says why, for whom and where, one event per line.
+//! The log: one event per line, with reason, caller and place.
 
 use reqwest::{Client, StatusCode};
 use serde_json::Value;
@@ -18,7 +18,7 @@ async fn with_profile(process: &Process) {
 }
 
 #[tokio::test]
-async fn a_refusal_is_logged_with_its_reason_and_who_asked() {
+async fn a_refusal_is_logged_with_its_reason_and_its_caller() {
     let folder = tempfile::tempdir().unwrap();
     let added =
         pinstack(&["token", "add", "rig-pc", "--scope", "admin"], &folder.path().join("data")).output().unwrap();
@@ -40,7 +40,7 @@ async fn a_refusal_is_logged_with_its_reason_and_who_asked() {
         assert!(line.contains(told), "{told} is not in {line}");
     }
 
-    // a client cannot write lines of its own
+    // a client cannot forge log lines
     let list = client.get(format!("{}/v1/stacks?x%0AERROR%20forged%1B[31m=1", process.base));
     assert_eq!(send(list, "forger").await.unwrap().status(), StatusCode::BAD_REQUEST);
     let line = process.logged(&["forger", "refused"]).await;
@@ -48,7 +48,7 @@ async fn a_refusal_is_logged_with_its_reason_and_who_asked() {
     let log = process.log();
     assert!(!log.contains('\u{1b}') && !log.lines().any(|line| line.starts_with("ERROR")), "{log}");
 
-    // nor fill it
+    // nor flood the log
     let long = client.get(format!("{}/v1/{}", process.base, "x".repeat(50_000)));
     assert_eq!(send(long, "long").await.unwrap().status(), StatusCode::NOT_FOUND);
     assert!(process.logged(&["long", "refused"]).await.len() < 3000);
@@ -69,13 +69,13 @@ async fn a_job_that_fails_is_logged_with_its_reason() {
     for told in ["rig=desk", "lens=macro", &format!("code={code}"), "detail="] {
         assert!(line.contains(told), "{told} is not in {line}");
     }
-    // the line of the request leads from one to the other
+    // the line of the request contains both ids
     let line = process.logged(&["find-me", &format!("job={id}"), "answered"]).await;
     assert_eq!(line.matches("rig=desk").count(), 1, "{line}");
 }
 
 #[tokio::test]
-async fn every_line_about_a_request_has_its_id_also_at_the_level_warn() {
+async fn every_log_line_of_a_request_has_its_id_at_level_warn_too() {
     let process = Process::start(&["--log", "warn"]).await;
     with_profile(&process).await;
     let uploads = process.folder.path().join("data/blobs/uploads");
@@ -92,7 +92,7 @@ async fn every_line_about_a_request_has_its_id_also_at_the_level_warn() {
 }
 
 #[tokio::test]
-async fn a_line_of_json_says_everything_once() {
+async fn a_json_log_line_contains_each_field_once() {
     let process = Process::start(&["--log-format", "json"]).await;
     let answer = client().get(format!("{}/v1/nothing", process.base)).header("x-request-id", "find-me").send();
     assert_eq!(answer.await.unwrap().status(), StatusCode::NOT_FOUND);

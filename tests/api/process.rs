@@ -1,4 +1,4 @@
-//! The program itself, where a test is about its settings, its signals or its log.
+//! Runs the program itself, for tests of its settings, signals and log.
 
 use std::{
     path::Path,
@@ -23,18 +23,18 @@ pub fn pinstack(arguments: &[&str], data: &Path) -> Command {
 }
 
 impl Process {
-    /// Starts one on a free port.
+    /// Starts the server on a free port.
     pub async fn start(arguments: &[&str]) -> Self {
         Self::start_in(tempfile::tempdir().expect("a folder"), arguments).await
     }
 
-    /// The same on a folder whose `data` is there already.
+    /// The same on a folder that already contains `data`.
     pub async fn start_in(folder: TempDir, arguments: &[&str]) -> Self {
         let command = pinstack(&[&["serve"], arguments].concat(), &folder.path().join("data"));
         Self::of(command, folder).await
     }
 
-    /// Starts a command that serves and gives it a port.
+    /// Starts a command that serves, on a free port.
     pub async fn of(mut command: Command, folder: TempDir) -> Self {
         let (port, log) = (folder.path().join("port"), folder.path().join("log"));
         command.args(["--listen", "127.0.0.1:0", "--min-free-bytes", "0", "--port-file"]).arg(&port);
@@ -50,12 +50,12 @@ impl Process {
         Self { child, base: format!("http://{}", address.trim()), folder }
     }
 
-    /// What was logged so far.
+    /// The log so far.
     pub fn log(&self) -> String {
         std::fs::read_to_string(self.folder.path().join("log")).expect("a log")
     }
 
-    /// Waits for a line of the log that holds all of these.
+    /// Waits for a log line that contains all of these.
     pub async fn logged(&self, all: &[&str]) -> String {
         loop {
             let log = self.log();
@@ -71,12 +71,12 @@ impl Process {
         self.child.id()
     }
 
-    /// Sends it a signal.
+    /// Sends a signal.
     pub fn signal(&self, signal: Signal) {
         kill_process(Pid::from_child(&self.child), signal).expect("a signal can be sent");
     }
 
-    /// Waits for its end.
+    /// Waits until the process has ended.
     pub async fn ended(&mut self) -> ExitStatus {
         loop {
             if let Some(status) = self.child.try_wait().expect("it can be asked") {

@@ -1,4 +1,4 @@
-//! Profiles that move between servers as files.
+//! Export and import of profiles as files.
 
 use pinstack_science::archive::npz;
 use reqwest::{Response, StatusCode};
@@ -8,7 +8,7 @@ use crate::app::{TestApp, problem, profile};
 
 const URL: &str = "/v1/profiles/rig/lens";
 
-/// A server with a profile that says all that one can say, and its exported file.
+/// A server with a profile in which every member is set, and its exported file.
 async fn exported() -> (TestApp, Value) {
     let app = TestApp::start().await;
     let mut body = profile(3);
@@ -28,7 +28,7 @@ async fn import(app: &TestApp, file: &Value) -> Response {
 }
 
 #[tokio::test]
-async fn an_exported_profile_comes_as_a_file_with_a_name() {
+async fn an_exported_profile_is_a_file_with_a_name() {
     let (app, file) = exported().await;
     assert_eq!((&file["format"], &file["version"]), (&json!("pinstack-profile"), &json!(1)));
     let answer = app.get(&format!("{URL}/export")).send().await.unwrap();
@@ -48,7 +48,7 @@ async fn an_exported_profile_comes_as_a_file_with_a_name() {
 }
 
 #[tokio::test]
-async fn an_imported_profile_says_all_that_it_said_and_where_it_comes_from() {
+async fn an_imported_profile_keeps_all_data_and_records_its_origin() {
     let (_there, file) = exported().await;
     let here = TestApp::start().await;
     let url = "/v1/profiles/bench/macro";
@@ -69,7 +69,7 @@ async fn an_imported_profile_says_all_that_it_said_and_where_it_comes_from() {
 }
 
 #[tokio::test]
-async fn what_is_there_already_is_not_stored_again() {
+async fn importing_an_identical_profile_stores_nothing() {
     let (app, file) = exported().await;
     let answer = import(&app, &file).await;
     assert_eq!((answer.status(), &answer.headers()["etag"]), (StatusCode::OK, &"\"1\"".parse().unwrap()));
@@ -77,7 +77,7 @@ async fn what_is_there_already_is_not_stored_again() {
     assert_eq!(import(&app, &file).await.headers()["etag"], "\"3\"", "the current one is another");
     let again = import(&app, &file).await;
     assert_eq!((again.status(), &again.headers()["etag"]), (StatusCode::OK, &"\"3\"".parse().unwrap()));
-    // the same homographies with another note are something new
+    // the same homographies with another note are a new revision
     let mut noted = file.clone();
     for name in ["format", "version", "checksum"] {
         noted.as_object_mut().unwrap().remove(name);
@@ -88,7 +88,7 @@ async fn what_is_there_already_is_not_stored_again() {
 }
 
 #[tokio::test]
-async fn an_import_obeys_its_preconditions() {
+async fn an_import_honours_its_preconditions() {
     let (app, file) = exported().await;
     let send = |name: &'static str, value: &'static str| {
         app.post(&format!("{URL}/import")).header(name, value).json(&file).send()
@@ -99,7 +99,7 @@ async fn an_import_obeys_its_preconditions() {
 }
 
 #[tokio::test]
-async fn a_file_that_was_changed_is_refused_whatever_was_changed() {
+async fn a_changed_profile_file_is_refused_whatever_was_changed() {
     let (app, file) = exported().await;
     let changed = |pointer: &str, value: Value| {
         let mut file = file.clone();
@@ -132,13 +132,13 @@ async fn a_file_that_was_changed_is_refused_whatever_was_changed() {
 }
 
 #[tokio::test]
-async fn a_program_that_only_spaces_and_orders_the_file_anew_changes_nothing() {
+async fn whitespace_and_member_order_do_not_change_the_checksum_of_a_profile_file() {
     let (app, file) = exported().await;
     app.delete(URL).send().await.unwrap();
     let mut members: Vec<String> =
         file.as_object().unwrap().iter().map(|(k, v)| format!("{}: {v}", json!(k))).collect();
     members.reverse();
-    // as a program writes whole numbers that has no others
+    // some programs write whole numbers without a fraction
     let text = format!("{{{}}}", members.join(",\n")).replace("1.0,", "1,");
     let answer =
         app.put(&format!("{URL}/import")).header("content-type", "application/json").body(text).send().await.unwrap();
@@ -146,7 +146,7 @@ async fn a_program_that_only_spaces_and_orders_the_file_anew_changes_nothing() {
 }
 
 #[tokio::test]
-async fn numpy_gets_the_numbers_and_gives_them_back() {
+async fn a_profile_survives_a_round_trip_through_numpy() {
     let (app, file) = exported().await;
     let answer = app.get(&format!("{URL}/export?format=npz")).send().await.unwrap();
     assert_eq!(answer.headers()["content-type"], "application/x-npz");

@@ -29,7 +29,7 @@ async fn the_first_write_makes_a_profile_and_each_later_one_a_revision() {
 }
 
 #[tokio::test]
-async fn a_lost_race_is_told_and_changes_nothing() {
+async fn a_failed_precondition_changes_nothing() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let write = |tag: &'static str| app.put(URL).header("if-match", tag).json(&profile(3)).send();
@@ -44,7 +44,7 @@ async fn a_lost_race_is_told_and_changes_nothing() {
 }
 
 #[tokio::test]
-async fn who_has_the_profile_already_hears_304() {
+async fn a_client_with_a_current_copy_of_the_profile_gets_304() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let again = app.get(URL).header("if-none-match", "\"1\"").send().await.unwrap();
@@ -53,7 +53,7 @@ async fn who_has_the_profile_already_hears_304() {
 }
 
 #[tokio::test]
-async fn a_deleted_profile_is_gone_and_its_revisions_are_never_used_again() {
+async fn the_revision_numbers_of_a_deleted_profile_are_not_reused() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     assert_eq!(app.delete(URL).send().await.unwrap().status(), StatusCode::NO_CONTENT);
@@ -65,7 +65,7 @@ async fn a_deleted_profile_is_gone_and_its_revisions_are_never_used_again() {
 }
 
 #[tokio::test]
-async fn every_place_of_an_invalid_profile_is_named() {
+async fn every_error_of_an_invalid_profile_is_located() {
     let app = TestApp::start().await;
     let mut wrong = profile(3);
     wrong["homographies"][1] = json!([-1, 0, 23, 0, 1, 0, 0, 0, 1]);
@@ -85,7 +85,7 @@ async fn every_place_of_an_invalid_profile_is_named() {
 }
 
 #[tokio::test]
-async fn what_is_no_json_or_no_name_is_refused() {
+async fn invalid_json_and_invalid_names_are_refused() {
     let app = TestApp::start().await;
     let broken = app.put(URL).header("content-type", "application/json").body("{").send().await.unwrap();
     problem(broken, 400, "invalid_request").await;
@@ -98,7 +98,7 @@ async fn what_is_no_json_or_no_name_is_refused() {
 }
 
 #[tokio::test]
-async fn a_list_comes_a_page_at_a_time_and_can_be_narrowed() {
+async fn a_list_is_paged_and_can_be_filtered() {
     let app = TestApp::start().await;
     for lens in ["a", "b", "c"] {
         app.put(&format!("/v1/profiles/rig/{lens}")).json(&profile(2)).send().await.unwrap();
@@ -136,7 +136,7 @@ async fn the_optics_have_a_digest_of_their_own_and_each_stack_names_it() {
 }
 
 #[tokio::test]
-async fn a_homography_that_moves_the_image_beyond_reason_is_refused_and_harms_nobody() {
+async fn a_homography_that_moves_the_image_too_far_is_refused() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let mut wild = profile(3);
@@ -153,7 +153,7 @@ async fn a_homography_that_moves_the_image_beyond_reason_is_refused_and_harms_no
 }
 
 #[tokio::test]
-async fn lists_show_profiles_without_their_numbers_per_slice() {
+async fn lists_show_profiles_without_their_data_per_slice() {
     let app = TestApp::start().await;
     let mut told = profile(3);
     told["gains"] = json!([1, 1, 1]);
@@ -175,7 +175,7 @@ async fn lists_show_profiles_without_their_numbers_per_slice() {
 }
 
 #[tokio::test]
-async fn who_mistypes_a_name_is_told_the_near_ones() {
+async fn a_mistyped_name_is_refused_with_similar_names() {
     let app = TestApp::start().await;
     for lens in ["mpe65-1x", "mpe65-2x"] {
         app.put(&format!("/v1/profiles/bench/{lens}")).json(&profile(2)).send().await.unwrap();
@@ -191,7 +191,7 @@ async fn who_mistypes_a_name_is_told_the_near_ones() {
 }
 
 #[tokio::test]
-async fn what_is_not_known_of_a_profile_is_null() {
+async fn unknown_values_of_a_profile_are_null() {
     let app = TestApp::start().await;
     let shown: Value = app.put(URL).json(&profile(2)).send().await.unwrap().json().await.unwrap();
     for name in

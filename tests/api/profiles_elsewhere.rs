@@ -16,7 +16,7 @@ use crate::app::{TestApp, problem, zip};
 const URL: &str = "/v1/profiles/rig/lens";
 const SIZED: &str = "/v1/profiles/rig/lens?image_width=640&image_height=480";
 
-/// Scaled about the middle of 640 x 480 px.
+/// A homography that scales about the centre of 640 x 480 px.
 fn zoom(scale: f64) -> Homography {
     Homography::similarity(scale, [319.5 * (1.0 - scale), 239.5 * (1.0 - scale)])
 }
@@ -41,7 +41,7 @@ async fn refused(request: RequestBuilder, status: u16, code: &str) -> String {
     problem(request.send().await.unwrap(), status, code).await["detail"].as_str().unwrap().to_owned()
 }
 
-/// The largest distance between the corners of what is stored and what should be.
+/// The largest distance between corners mapped by the stored and by the expected homographies, px.
 fn off(profile: &Value, wanted: &[Homography]) -> f64 {
     let input: ProfileInput = serde_json::from_value(profile.clone()).unwrap();
     assert_eq!(input.homographies.len(), wanted.len());
@@ -49,7 +49,7 @@ fn off(profile: &Value, wanted: &[Homography]) -> f64 {
 }
 
 #[tokio::test]
-async fn an_npy_becomes_a_profile_whose_reference_is_the_slice_that_stays() {
+async fn the_reference_of_an_npy_is_the_slice_with_the_identity() {
     let app = TestApp::start().await;
     let url = format!("{SIZED}&pixel_pitch_mm=0.004&capture_mode=fixed_lens&rail_step_mm=-0.5&note=of%20Tuesday");
     for kind in ["application/x-npy", "application/octet-stream"] {
@@ -64,7 +64,7 @@ async fn an_npy_becomes_a_profile_whose_reference_is_the_slice_that_stays() {
 }
 
 #[tokio::test]
-async fn an_npz_is_looked_through_for_the_matrices() {
+async fn the_matrices_are_found_in_an_npz() {
     let app = TestApp::start().await;
     let other = npy::of_floats(&[4], [1.0; 4]);
     let named = zip(&[("homographies.npy".into(), npy_of(&stack())), ("b.npy".into(), npy_of(&stack()))]);
@@ -85,7 +85,7 @@ async fn an_npz_is_looked_through_for_the_matrices() {
 }
 
 #[tokio::test]
-async fn matrices_of_the_other_direction_or_on_another_slice_are_put_right_and_that_is_told() {
+async fn matrices_of_another_direction_or_reference_are_normalised_with_a_warning() {
     let app = TestApp::start().await;
     let inverse: Vec<Homography> = stack().iter().map(|h| h.inverse().unwrap()).collect();
     let send = |url: &str, slices: &[Homography]| {
@@ -94,7 +94,7 @@ async fn matrices_of_the_other_direction_or_on_another_slice_are_put_right_and_t
     let profile = stored(send(&format!("{SIZED}&direction=reference_to_slice"), &inverse)).await;
     assert!(off(&profile, &stack()) < 1e-9, "{profile}");
 
-    // everything mapped to a slice that is not there
+    // all slices are mapped to a slice that is not in the list
     let moved: Vec<Homography> = stack().iter().map(|h| h.then(&zoom(1.05)).unwrap()).collect();
     let profile = stored(send(SIZED, &moved)).await;
     assert!(off(&profile, &stack()) < 1e-9, "{profile}");
@@ -108,7 +108,7 @@ async fn matrices_of_the_other_direction_or_on_another_slice_are_put_right_and_t
 }
 
 #[tokio::test]
-async fn json_may_nest_the_rows_or_be_the_bare_list() {
+async fn matrices_in_json_may_be_nested_or_a_bare_list() {
     let app = TestApp::start().await;
     let rows: Vec<Value> = stack().iter().map(|h| json!([h.0[..3], h.0[3..6], h.0[6..]])).collect();
     let object = json!({ "image_width": 640, "image_height": 480, "reference_index": 2, "homographies": rows });
@@ -125,7 +125,7 @@ async fn json_may_nest_the_rows_or_be_the_bare_list() {
 }
 
 #[tokio::test]
-async fn slices_that_a_script_failed_on_are_listed() {
+async fn slices_with_zero_matrices_are_listed() {
     let app = TestApp::start().await;
     let mut slices = stack();
     slices[1] = Homography([0.0; 9]);
@@ -141,7 +141,7 @@ async fn slices_that_a_script_failed_on_are_listed() {
 }
 
 #[tokio::test]
-async fn hostile_numpy_files_are_refused_with_a_sentence() {
+async fn hostile_numpy_files_are_refused_with_a_reason() {
     let app = TestApp::start().await;
     let replaced = |from: &str, to: &str| {
         assert_eq!(from.len(), to.len(), "the header must keep its length");
@@ -169,7 +169,7 @@ async fn hostile_numpy_files_are_refused_with_a_sentence() {
 }
 
 #[tokio::test]
-async fn parameters_that_matrices_need_are_asked_for_and_checked() {
+async fn parameters_for_matrices_are_required_and_checked() {
     let app = TestApp::start().await;
     let cases = [
         (URL.to_owned(), "image_width is missing: matrices do not tell how large the slices are"),
@@ -196,7 +196,7 @@ async fn parameters_that_matrices_need_are_asked_for_and_checked() {
 }
 
 fn rig_parameters(rig: &Rig) -> Value {
-    // the renderer counts the sensor's way from the lens
+    // the renderer counts sensor positions away from the lens
     let sign = if rig.mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
     let rail: Vec<f64> = rig.rail_mm.iter().map(|z| sign * z).collect();
     json!({
@@ -207,7 +207,7 @@ fn rig_parameters(rig: &Rig) -> Value {
 }
 
 #[tokio::test]
-async fn rig_parameters_give_the_homographies_of_the_optics() {
+async fn rig_parameters_yield_the_homographies_of_the_optics() {
     let app = TestApp::start().await;
     for rig in [Rig::default().ideal(), Rig::default().ideal().moving_lens()] {
         let truth: Vec<Homography> = (0..rig.slices()).map(|i| rig.homography(i)).collect();
@@ -221,7 +221,7 @@ async fn rig_parameters_give_the_homographies_of_the_optics() {
 }
 
 #[tokio::test]
-async fn a_profile_of_rig_parameters_names_its_pinhole() {
+async fn a_profile_from_rig_parameters_contains_its_pinhole() {
     let app = TestApp::start().await;
     let body = json!({
         "image_width": 640, "image_height": 480, "slice_count": 5, "rail_step_mm": 0.5, "focal_mm": 65, "magnification": 1,
@@ -240,7 +240,7 @@ async fn a_profile_of_rig_parameters_names_its_pinhole() {
 }
 
 #[tokio::test]
-async fn rig_parameters_that_cannot_be_are_refused_at_their_place() {
+async fn impossible_rig_parameters_are_refused_with_their_location() {
     let app = TestApp::start().await;
     let sound = rig_parameters(&Rig::default());
     let changed = |name: &str, value: Value| {
@@ -268,7 +268,7 @@ async fn rig_parameters_that_cannot_be_are_refused_at_their_place() {
 }
 
 #[tokio::test]
-async fn the_pinhole_that_a_client_tells_is_kept_and_checked() {
+async fn the_pinhole_of_a_client_is_stored_and_checked() {
     let app = TestApp::start().await;
     let mut body = json!({ "image_width": 640, "image_height": 480, "reference_index": 2, "homographies": stack(),
         "principal_distance_mm": 121.0, "principal_point_px": [320.5, 239.0], "magnification": 0.86, "pixel_pitch_mm": 0.00625 });
@@ -278,7 +278,7 @@ async fn the_pinhole_that_a_client_tells_is_kept_and_checked() {
         assert_eq!(shown[name], body[name], "{name}");
     }
     assert_eq!(shown["principal_distance_px"], 19_360.0);
-    // what is shown can be sent again
+    // a profile can be sent back as it was shown
     assert_eq!(stored(app.put(URL).json(&shown)).await["digest"], shown["digest"]);
     for (name, wrong) in
         [("principal_distance_mm", json!(0)), ("principal_point_px", json!([1e9, 0])), ("magnification", json!(-1))]

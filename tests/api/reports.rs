@@ -70,7 +70,7 @@ fn report(shift: f64) -> CalibrationReport {
     }
 }
 
-/// Publishes the report as a worker does, when there is one.
+/// Publishes the report, if there is one, like a worker.
 async fn kept(app: &TestApp, job: &Job, report: &CalibrationReport) -> Artifact {
     let bytes = serde_json::to_vec(report).unwrap();
     let key = result_key(job.id, job.lease_token, "report.json");
@@ -79,7 +79,7 @@ async fn kept(app: &TestApp, job: &Job, report: &CalibrationReport) -> Artifact 
     Artifact { name: "report".into(), key, media_type: "application/json".into(), bytes: bytes.len() as u64, sha256 }
 }
 
-/// A calibration that has ended, with a profile whose first slice is shifted: its URL.
+/// The URL of a finished calibration whose profile has a shifted first slice.
 async fn calibrated(app: &TestApp, shift: f64) -> String {
     let answer = app.post(&format!("{POST}?note=after%20%3Cb%3Ecleaning")).body(stack_zip(2, 0)).send().await.unwrap();
     let url = answer.headers()["location"].to_str().unwrap().to_owned();
@@ -120,7 +120,7 @@ async fn calibrated(app: &TestApp, shift: f64) -> String {
 }
 
 #[tokio::test]
-async fn the_report_is_a_page_whose_policy_lets_its_own_style_in_and_nothing_else() {
+async fn the_content_policy_of_the_report_page_allows_only_its_own_style() {
     let app = TestApp::start().await;
     let url = calibrated(&app, 0.0).await;
     let shown: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
@@ -146,13 +146,13 @@ async fn the_report_is_a_page_whose_policy_lets_its_own_style_in_and_nothing_els
     assert!(page.contains("There is no earlier revision"));
     assert!(!page.contains("<script") && !page.contains("<b>"), "names and notes stay text");
     assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt;.png") && page.contains("after &lt;b&gt;cleaning"));
-    // other answers keep the policy for data
+    // other responses keep the policy for data
     let data = app.get(&url).send().await.unwrap();
     assert_eq!(data.headers()["content-security-policy"], "default-src 'none'; frame-ancestors 'none'");
 }
 
 #[tokio::test]
-async fn the_report_comes_as_json_to_who_asks_for_it() {
+async fn the_report_is_available_as_json() {
     let app = TestApp::start().await;
     let url = format!("{}/report", calibrated(&app, 0.0).await);
     let by_header = app.get(&url).header("accept", "application/json").send().await.unwrap();
@@ -171,7 +171,7 @@ async fn the_report_comes_as_json_to_who_asks_for_it() {
 }
 
 #[tokio::test]
-async fn the_report_of_a_second_calibration_says_how_far_the_rig_moved() {
+async fn the_report_of_a_second_calibration_contains_the_drift() {
     let app = TestApp::start().await;
     let first = calibrated(&app, 0.0).await;
     let second = calibrated(&app, 1.8).await;
@@ -181,17 +181,17 @@ async fn the_report_of_a_second_calibration_says_how_far_the_rig_moved() {
     let sentence = "slice 0 moved most: 1.8 px at a corner since revision 1; stacks taken since then may be affected";
     assert_eq!(moved["drift"]["detail"], sentence);
     assert!(app.get(&format!("{second}/report")).send().await.unwrap().text().await.unwrap().contains(&sentence[1..]));
-    // what came later does not change what was found then
+    // a later revision does not change the report
     let before: Value = drift(&first).await.unwrap().json().await.unwrap();
     assert_eq!(before["drift"], Value::Null);
-    // nor does deleting the profile take the report away
+    // nor does deleting the profile
     assert!(app.delete("/v1/profiles/rig/lens").send().await.unwrap().status().is_success());
     let alone: Value = drift(&second).await.unwrap().json().await.unwrap();
     assert_eq!((&alone["drift"], &alone["grade"]), (&Value::Null, &json!("good")));
 }
 
 #[tokio::test]
-async fn there_is_no_report_before_the_end_nor_of_a_failure() {
+async fn there_is_no_report_of_an_unfinished_or_failed_calibration() {
     let app = TestApp::start().await;
     let calibration: Value = app.post(POST).body(stack_zip(2, 0)).send().await.unwrap().json().await.unwrap();
     let url = format!("/v1/calibrations/{}/report", id(&calibration));
@@ -206,7 +206,7 @@ async fn there_is_no_report_before_the_end_nor_of_a_failure() {
 }
 
 #[tokio::test]
-async fn a_calibration_that_kept_no_report_says_how_to_get_one() {
+async fn a_calibration_without_a_stored_report_says_how_to_get_one() {
     let app = TestApp::start().await;
     let calibration: Value = app.post(POST).body(stack_zip(2, 0)).send().await.unwrap().json().await.unwrap();
     app.finish(&app.claim().await).await;
@@ -218,7 +218,7 @@ async fn a_calibration_that_kept_no_report_says_how_to_get_one() {
 }
 
 #[tokio::test]
-async fn drift_compares_any_two_revisions_by_default_the_last_two() {
+async fn drift_compares_any_two_revisions_and_by_default_the_last_two() {
     let app = TestApp::start().await;
     let url = "/v1/profiles/rig/lens/drift";
     problem(app.get(url).send().await.unwrap(), 404, "profile_not_found").await;
@@ -253,7 +253,7 @@ async fn drift_compares_any_two_revisions_by_default_the_last_two() {
 }
 
 #[tokio::test]
-async fn a_calibration_of_another_size_than_before_is_refused_unless_it_is_meant() {
+async fn a_calibration_of_another_size_is_refused_unless_allow_new_size_is_set() {
     let app = TestApp::start().await;
     let mut larger = profile(2);
     larger["image_width"] = json!(WIDTH + 20);

@@ -1,4 +1,4 @@
-//! Stacks made again from a zip that is here, and the zip itself.
+//! Reruns of stacks, and downloads of their zips.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ async fn accepted(answer: Response) -> Value {
     answer.json().await.unwrap()
 }
 
-/// A stack with a zip of this name, and the zip.
+/// Sends a stack with a zip of this file name. Returns both.
 async fn sent(app: &TestApp, query: &str) -> (Value, Vec<u8>) {
     app.with_profile(2).await;
     let zip = stack_zip(2, 2);
@@ -36,7 +36,7 @@ async fn upload_of(app: &TestApp, stack: &Value) -> Response {
     app.get(stack["links"]["upload"].as_str().expect("a link")).send().await.unwrap()
 }
 
-/// The clean-up leaves no garbage and takes nothing that is named.
+/// Checks that garbage collection removes all garbage and nothing that is in use.
 async fn cleaned(app: &TestApp) {
     collect(&app.store, Duration::ZERO, &Retention::default()).await.unwrap();
     let report = verify(&app.store, Depth::Digests).await.unwrap();
@@ -45,7 +45,7 @@ async fn cleaned(app: &TestApp) {
 }
 
 #[tokio::test]
-async fn a_rerun_is_another_stack_of_the_same_zip_with_other_options() {
+async fn a_rerun_makes_another_stack_from_the_same_zip() {
     let app = TestApp::start().await;
     let (first, zip) = sent(&app, "&r1=20&label=bee&keep_days=3").await;
     let answer = rerun(&app, &first, json!({ "r1": 30, "label": null, "format": "tiff" })).await;
@@ -63,7 +63,7 @@ async fn a_rerun_is_another_stack_of_the_same_zip_with_other_options() {
     let shown: Value = app.get(&format!("/v1/stacks/{}", id(&first))).send().await.unwrap().json().await.unwrap();
     assert_eq!(shown, first, "the first stays as it is");
 
-    // each has the zip for itself: deleting one takes nothing from the other, waiting or running
+    // each keeps the zip: deleting one does not affect the other, waiting or running
     let deleted = app.delete(&format!("/v1/stacks/{}", id(&first))).send().await.unwrap();
     assert_eq!(deleted.status(), StatusCode::NO_CONTENT);
     cleaned(&app).await;
@@ -79,7 +79,7 @@ async fn a_rerun_is_another_stack_of_the_same_zip_with_other_options() {
 }
 
 #[tokio::test]
-async fn the_zip_comes_back_as_it_was_sent() {
+async fn the_zip_can_be_downloaded_as_it_was_sent() {
     let app = TestApp::start().await;
     let (stack, zip) = sent(&app, "").await;
     let answer = upload_of(&app, &stack).await;
@@ -100,7 +100,7 @@ async fn the_zip_comes_back_as_it_was_sent() {
 }
 
 #[tokio::test]
-async fn a_rerun_is_refused_as_a_stack_would_be() {
+async fn a_rerun_is_checked_like_a_new_stack() {
     let app = TestApp::start_with(|policy| policy.queue_limit = 2).await;
     let (stack, _) = sent(&app, "").await;
     for (changes, code) in [
@@ -133,7 +133,7 @@ async fn a_rerun_is_refused_as_a_stack_would_be() {
 }
 
 #[tokio::test]
-async fn a_rerun_uses_the_revision_of_the_stack_unless_another_is_named() {
+async fn a_rerun_uses_the_revision_of_the_stack_unless_another_is_given() {
     let app = TestApp::start().await;
     let (stack, _) = sent(&app, "").await;
     app.with_profile(2).await;
@@ -150,7 +150,7 @@ async fn a_rerun_uses_the_revision_of_the_stack_unless_another_is_named() {
 }
 
 #[tokio::test]
-async fn a_repeated_rerun_answers_the_first_new_stack() {
+async fn a_repeated_rerun_returns_the_first_new_stack() {
     let app = TestApp::start().await;
     let (stack, zip) = sent(&app, "").await;
     let url = format!("/v1/stacks/{}/rerun", id(&stack));
@@ -160,7 +160,7 @@ async fn a_repeated_rerun_answers_the_first_new_stack() {
     assert_eq!(repeated.headers()["idempotency-replayed"], "true");
     assert_eq!(accepted(repeated).await, first);
     problem(send(json!({ "r1": 10 })).await.unwrap(), 422, "idempotency_key_reused").await;
-    // another call with the same effect is another request
+    // a different request with the same effect is not a repeat
     let posted = app.post(&format!("{POST}&r1=9&profile_revision=1")).header("idempotency-key", "again").body(zip);
     problem(posted.send().await.unwrap(), 422, "idempotency_key_reused").await;
     assert_eq!(app.store.metadata.counts().await.unwrap().queued, 2);
@@ -168,11 +168,11 @@ async fn a_repeated_rerun_answers_the_first_new_stack() {
 }
 
 #[tokio::test]
-async fn without_its_zip_a_stack_is_not_made_again() {
+async fn a_rerun_without_the_zip_is_refused() {
     let app = TestApp::start().await;
     let (stack, zip) = sent(&app, "").await;
     app.finish(&app.claim().await).await;
-    // made before the zip is over its time: it keeps its own
+    // made before the zip expires: it keeps the zip
     let again = accepted(rerun(&app, &stack, json!({})).await).await;
     let over = Retention { uploads: Some(Duration::ZERO), ..Retention::default() };
     let swept = collect(&app.store, Duration::ZERO, &over).await.unwrap();

@@ -11,7 +11,7 @@ async fn finished(options: &str) -> (TestApp, String) {
 }
 
 #[tokio::test]
-async fn an_image_comes_with_its_tag_its_length_and_a_sensible_name() {
+async fn an_image_is_sent_with_its_tag_its_length_and_a_file_name() {
     let (app, url) = finished("&label=K%C3%A4fer%201").await;
     let answer = app.get(&format!("{url}/image")).send().await.unwrap();
     assert_eq!(answer.status(), StatusCode::OK);
@@ -37,7 +37,7 @@ async fn an_image_comes_with_its_tag_its_length_and_a_sensible_name() {
 }
 
 #[tokio::test]
-async fn a_range_of_an_image_is_that_part_of_it() {
+async fn a_range_request_returns_that_part_of_the_image() {
     let (app, url) = finished("").await;
     let whole = png(WIDTH, HEIGHT, 4, 3);
     let part = |range: &'static str| app.get(&format!("{url}/image")).header("range", range).send();
@@ -54,7 +54,7 @@ async fn a_range_of_an_image_is_that_part_of_it() {
 }
 
 #[tokio::test]
-async fn the_image_can_be_had_in_other_formats_with_the_same_pixels() {
+async fn the_image_is_available_in_other_formats_with_the_same_pixels() {
     let (app, url) = finished("&label=bee").await;
     let stored = app.get(&format!("{url}/image")).send().await.unwrap();
     let tag = stored.headers()["etag"].clone();
@@ -94,7 +94,7 @@ async fn a_client_that_accepts_no_picture_gets_the_stored_file() {
 }
 
 #[tokio::test]
-async fn a_conversion_is_shared_kept_and_removed_with_the_stack() {
+async fn a_conversion_is_shared_cached_and_removed_with_the_stack() {
     let (app, url) = finished("").await;
     let tiff = || app.get(&format!("{url}/image")).header("accept", "image/tiff").send();
     let answers = futures::future::join_all((0..8).map(|_| tiff())).await;
@@ -115,7 +115,7 @@ async fn a_conversion_is_shared_kept_and_removed_with_the_stack() {
 }
 
 #[tokio::test]
-async fn nothing_is_converted_for_a_head_or_for_a_client_that_has_the_file() {
+async fn head_and_current_copies_cause_no_conversion() {
     let (app, url) = finished("").await;
     let head = || app.client.head(format!("{}{url}/image", app.base)).header("accept", "image/tiff").send();
     let told = head().await.unwrap();
@@ -134,7 +134,7 @@ async fn nothing_is_converted_for_a_head_or_for_a_client_that_has_the_file() {
 }
 
 #[tokio::test]
-async fn clients_that_hang_up_neither_multiply_conversions_nor_stop_them() {
+async fn disconnecting_clients_neither_multiply_nor_stop_conversions() {
     use tokio::{io::AsyncWriteExt, net::TcpStream};
     let (app, url) = finished("").await;
     let head = format!("GET {url}/image HTTP/1.1\r\nhost: x\r\naccept: image/tiff\r\n\r\n");
@@ -142,7 +142,7 @@ async fn clients_that_hang_up_neither_multiply_conversions_nor_stop_them() {
     for turn in 0..40 {
         let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
         socket.write_all(head.as_bytes()).await.unwrap();
-        // half of them hang up at once, the others never read
+        // half of them disconnect at once, the others never read
         if turn % 2 == 0 {
             drop(socket);
         } else {
@@ -157,7 +157,7 @@ async fn clients_that_hang_up_neither_multiply_conversions_nor_stop_them() {
 }
 
 #[tokio::test]
-async fn without_room_on_the_disk_nothing_is_converted() {
+async fn a_full_disk_refuses_a_conversion() {
     let app = TestApp::start().await;
     let stack = app.with_stack("").await;
     let job = app.claim().await;
@@ -205,13 +205,13 @@ async fn a_precondition_on_a_result_is_honoured() {
     problem(part, 412, "precondition_failed").await;
     let head = app.client.head(format!("{}{url}/mask", app.base)).header("if-match", "\"other\"");
     assert_eq!(head.send().await.unwrap().status(), StatusCode::PRECONDITION_FAILED);
-    // no answer carries a date, so there is none to compare with
+    // no response carries a date, so none can match
     let dated = get().header("if-unmodified-since", "Mon, 01 Jan 2001 00:00:00 GMT").send().await.unwrap();
     assert_eq!(dated.status(), StatusCode::OK);
 }
 
 #[tokio::test]
-async fn a_view_keeps_its_file_name_when_it_is_fused_again() {
+async fn a_view_keeps_its_file_name_in_a_rerun() {
     let app = TestApp::start().await;
     let mut names = Vec::new();
     for _ in 0..2 {
@@ -225,7 +225,7 @@ async fn a_view_keeps_its_file_name_when_it_is_fused_again() {
 }
 
 #[tokio::test]
-async fn a_stack_shows_the_limits_of_its_mask_and_what_made_it() {
+async fn a_stack_shows_its_mask_sizes_and_its_software() {
     let app = TestApp::start().await;
     let stack = app.with_stack("").await;
     assert_eq!((&stack["options"]["mask_min_blob_px"], &stack["options"]["mask_min_hole_px"]), (&4.into(), &4.into()));
@@ -241,7 +241,7 @@ async fn a_stack_shows_the_limits_of_its_mask_and_what_made_it() {
 }
 
 #[tokio::test]
-async fn sixteen_bits_do_not_fit_a_jpeg() {
+async fn sixteen_bits_are_refused_for_a_jpeg() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let send =

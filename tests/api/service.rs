@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::app::{TestApp, problem};
 
 #[tokio::test]
-async fn the_request_id_of_the_client_is_kept_and_else_one_is_made() {
+async fn the_request_id_of_the_client_is_kept_or_one_is_made() {
     let app = TestApp::start().await;
     let kept = app.get("/healthz").header("x-request-id", "rig-7/42").send().await.unwrap();
     assert_eq!(kept.headers()["x-request-id"], "rig-7/42");
@@ -30,7 +30,7 @@ async fn unknown_urls_methods_and_ids_are_problems() {
 }
 
 #[tokio::test]
-async fn readiness_looks_at_everything_and_says_what_is_wrong() {
+async fn readiness_checks_everything_and_reports_what_is_wrong() {
     let app = TestApp::start().await;
     let alive: Value = app.get("/healthz").send().await.unwrap().json().await.unwrap();
     assert_eq!(alive["status"], "ok");
@@ -59,8 +59,8 @@ async fn prometheus_sees_requests_by_route_and_jobs_by_state() {
 }
 
 #[tokio::test]
-async fn methods_that_clients_make_up_are_refused_and_become_no_series() {
-    // the answer does not depend on a token
+async fn unknown_methods_are_refused_and_make_no_series() {
+    // the response does not depend on a token
     let app = TestApp::start_with(|policy| policy.auth_required = true).await;
     for i in 0..1000 {
         let method = Method::from_bytes(format!("ODD{i:04}").as_bytes()).unwrap();
@@ -78,7 +78,7 @@ async fn methods_that_clients_make_up_are_refused_and_become_no_series() {
 }
 
 #[tokio::test]
-async fn the_type_of_a_problem_leads_to_what_it_means() {
+async fn the_type_of_a_problem_is_a_url_that_explains_it() {
     let app = TestApp::start_with(|policy| policy.auth_required = true).await;
     let refused: Value = app.get("/v1/stacks").send().await.unwrap().json().await.unwrap();
     let kind = app.get(refused["type"].as_str().unwrap()).send().await.unwrap();
@@ -95,7 +95,7 @@ async fn the_type_of_a_problem_leads_to_what_it_means() {
 }
 
 #[tokio::test]
-async fn a_browser_finds_its_way_from_the_root_also_where_tokens_are_asked_for() {
+async fn the_root_page_is_shown_without_a_token() {
     let app = TestApp::start_with(|policy| policy.auth_required = true).await;
     let page = app.get("/").send().await.unwrap();
     assert_eq!((page.status(), page.headers()["content-type"].to_str().unwrap()), (StatusCode::OK, "text/html"));
@@ -103,7 +103,7 @@ async fn a_browser_finds_its_way_from_the_root_also_where_tokens_are_asked_for()
 }
 
 #[tokio::test]
-async fn the_documents_come_from_this_server_alone() {
+async fn the_documentation_loads_nothing_from_other_servers() {
     let app = TestApp::start().await;
     let page = app.get("/docs/").send().await.unwrap();
     assert_eq!(page.status(), StatusCode::OK);
@@ -182,7 +182,7 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         let operation = &document["paths"][path][method];
         let responses = operation["responses"].as_object().unwrap_or_else(|| panic!("{method} {path} is missing"));
         for (status, response) in responses.iter().filter(|(status, _)| status.starts_with(['4', '5'])) {
-            // made by the HTTP library, before any of our code
+            // sent by the HTTP library, before any code of the service
             if status == "431" {
                 continue;
             }
@@ -198,7 +198,7 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
     }
 }
 
-/// The operations of the document: method, path, what it says.
+/// The operations of the document: method, path, description.
 fn operations(document: &Value) -> Vec<(&String, &String, &Value)> {
     let paths = document["paths"].as_object().unwrap().iter();
     paths.flat_map(|(path, item)| item.as_object().unwrap().iter().map(move |(m, o)| (m, path, o))).collect()
@@ -227,7 +227,7 @@ fn every_refusal_names_its_codes_with_an_example_of_each() {
 
 #[test]
 fn every_code_can_be_found_in_the_document() {
-    // what no operation answers by itself: faults of jobs, and of methods that are no operation
+    // codes that no operation returns itself: errors of jobs, and unknown methods
     const ELSEWHERE: [&str; 4] = ["target_not_found", "worker_lost", "method_not_allowed", "method_not_implemented"];
     let document = DOCUMENT.value();
     let codes = document["components"]["schemas"]["Code"]["enum"].as_array().unwrap();
@@ -246,7 +246,7 @@ fn every_code_can_be_found_in_the_document() {
 }
 
 #[test]
-fn operations_have_names_of_their_own_and_parameters_are_never_null() {
+fn operation_ids_are_unique_and_parameters_are_never_null() {
     let document = DOCUMENT.value();
     let mut names: Vec<&str> = Vec::new();
     for (method, path, operation) in operations(document) {
@@ -293,7 +293,7 @@ fn generated_clients_find_what_they_need_in_the_document() {
 }
 
 #[test]
-fn requests_and_answers_have_schemas_of_options_of_their_own() {
+fn requests_and_responses_have_separate_option_schemas() {
     let schemas = &DOCUMENT.value()["components"]["schemas"];
     let shown = &schemas["StackOptions"];
     let names: Vec<&String> = shown["properties"].as_object().unwrap().keys().collect();

@@ -1,4 +1,4 @@
-//! How a client says in which order slices come and how many bits they have.
+//! The options `order` and `input_bits`.
 
 use pinstack::contract::request::JobRequest;
 use pinstack_science::imaging::{
@@ -36,7 +36,7 @@ async fn the_order_can_be_reversed() {
 }
 
 #[tokio::test]
-async fn the_bits_of_slices_can_be_told() {
+async fn the_significant_bits_of_slices_can_be_given() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let deep = |seed: u16| {

@@ -13,7 +13,7 @@ use crate::app::{TestApp, problem, stack_zip, zip};
 use client::*;
 
 #[tokio::test]
-async fn what_uploads_can_do_is_told() {
+async fn the_capabilities_of_uploads_are_listed() {
     let app = TestApp::start_with(|policy| policy.max_upload_bytes = 12_345).await;
     let answer = app.client.request(Method::OPTIONS, format!("{}/v1/uploads", app.base)).send().await.unwrap();
     assert_eq!(answer.status(), StatusCode::NO_CONTENT);
@@ -60,7 +60,7 @@ async fn a_zip_in_pieces_becomes_a_stack_like_one_in_a_single_request() {
     assert_eq!(app.blob(&upload_key(id_of(&url))).await.unwrap(), zip);
     assert!(app.store.parts.list().await.unwrap().is_empty(), "nothing is left of the pieces");
 
-    // a client that did not hear the answer asks again, in any way
+    // a client that missed the response asks again in any way
     let again = head(&app, &url).await;
     assert_eq!((offset(&again), header(&again, "pinstack-job")), (zip.len(), job.as_str()));
     let again = piece(&app, &url, zip.len(), b"").send().await.unwrap();
@@ -74,7 +74,7 @@ async fn a_zip_in_pieces_becomes_a_stack_like_one_in_a_single_request() {
 }
 
 #[tokio::test]
-async fn the_first_piece_may_come_with_the_creation() {
+async fn the_first_bytes_may_be_sent_with_the_creation() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let zip = stack_zip(2, 0);
@@ -109,7 +109,7 @@ async fn a_dot_target_in_pieces_becomes_a_calibration() {
 }
 
 #[tokio::test]
-async fn an_upload_that_is_ended_is_gone_and_its_job_is_not() {
+async fn deleting_an_upload_keeps_its_job() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
@@ -129,7 +129,7 @@ async fn an_upload_that_is_ended_is_gone_and_its_job_is_not() {
 }
 
 #[tokio::test]
-async fn a_client_behind_a_narrow_proxy_names_the_method_in_a_header() {
+async fn a_client_behind_a_restrictive_proxy_sends_the_method_in_a_header() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::app::{TestApp, id, stack_zip};
 
-/// The events of a stream that ends: kind, id, data.
+/// The events of a finished event stream: kind, id, data.
 fn events(text: &str) -> Vec<(String, Option<i64>, Value)> {
     let field = |block: &str, name: &str| {
         block
@@ -24,14 +24,14 @@ fn events(text: &str) -> Vec<(String, Option<i64>, Value)> {
 }
 
 #[tokio::test]
-async fn events_tell_the_state_now_every_progress_and_the_end() {
+async fn the_event_stream_contains_the_state_the_progress_and_the_end() {
     let app = TestApp::start().await;
     let stack = app.with_stack("").await;
     let url = format!("/v1/stacks/{}/events", id(&stack));
     let mut stream = app.get(&url).send().await.unwrap();
     assert_eq!(stream.headers()["content-type"], "text/event-stream");
     let mut text = String::new();
-    // each step waits until the one before was told
+    // each step waits until the previous one was sent
     let mut hear = async |until: &str| {
         while !text.contains(until) {
             let Some(chunk) = stream.chunk().await.unwrap() else { break };
@@ -57,7 +57,7 @@ async fn events_tell_the_state_now_every_progress_and_the_end() {
     let ids: Vec<i64> = told.iter().filter_map(|(_, id, _)| *id).collect();
     assert!(ids.windows(2).all(|w| w[0] < w[1]), "{ids:?}");
 
-    // who heard the end is told to stay away; who heard less hears the end
+    // a client that has the last event gets 204; a client that has less gets the end
     let last = ids.last().unwrap().to_string();
     assert_eq!(app.get(&url).header("last-event-id", last).send().await.unwrap().status(), StatusCode::NO_CONTENT);
     let late = app.get(&url).header("last-event-id", ids[0].to_string()).send().await.unwrap().text().await.unwrap();
@@ -65,7 +65,7 @@ async fn events_tell_the_state_now_every_progress_and_the_end() {
 }
 
 #[tokio::test]
-async fn a_change_by_another_process_is_seen_too() {
+async fn a_change_by_another_process_is_sent_as_an_event() {
     let app = TestApp::start_with(|policy| policy.poll_interval = Duration::from_millis(20)).await;
     let stack = app.with_stack("").await;
     let stream = app.get(&format!("/v1/stacks/{}/events", id(&stack))).send().await.unwrap();

@@ -1,4 +1,4 @@
-//! What a technician hears about a zip that is wrong in a usual way.
+//! Error messages for common mistakes in zips.
 
 use pinstack_science::imaging::{
     Raster,
@@ -9,7 +9,7 @@ use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, stack_zip, zip};
 
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
-/// Sends a body that must be refused; gives the sentence.
+/// Sends a body that must be refused. Returns the detail of the problem.
 async fn told(app: &TestApp, body: Vec<u8>, code: &str) -> String {
     let told = problem(app.post(POST).body(body).send().await.unwrap(), 422, code).await;
     told["detail"].as_str().unwrap().to_owned()
@@ -27,7 +27,7 @@ fn tiff() -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn a_body_that_is_not_a_whole_zip_is_named() {
+async fn a_body_that_is_not_a_complete_zip_is_refused_with_the_reason() {
     let app = TestApp::start().await;
     app.with_profile(3).await;
     let whole = stack_zip(3, 0);
@@ -50,7 +50,7 @@ async fn a_body_that_is_not_a_whole_zip_is_named() {
 }
 
 #[tokio::test]
-async fn what_a_zip_holds_instead_of_a_stack_is_named() {
+async fn a_zip_without_a_stack_is_refused_with_what_it_contains() {
     let app = TestApp::start().await;
     app.with_profile(3).await;
     let nested = zip(&[("stack.zip".into(), stack_zip(3, 0))]);
@@ -74,7 +74,7 @@ async fn what_a_zip_holds_instead_of_a_stack_is_named() {
 }
 
 #[tokio::test]
-async fn a_slice_too_few_or_too_many_is_named() {
+async fn a_missing_or_extra_slice_is_named() {
     let app = TestApp::start().await;
     app.with_profile(5).await;
     let missing = slices(&["front/slice_04.png", "front/slice_05.png", "front/slice_07.png", "front/slice_08.png"]);
@@ -92,7 +92,7 @@ async fn a_slice_too_few_or_too_many_is_named() {
 }
 
 #[tokio::test]
-async fn an_orientation_tag_that_turned_all_slices_is_named() {
+async fn a_size_mismatch_caused_by_an_orientation_tag_names_the_tag() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let block = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0".to_vec();

@@ -1,4 +1,4 @@
-//! A client that speaks tus 1.0.0.
+//! A client of tus 1.0.0.
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use reqwest::{Method, RequestBuilder, Response, StatusCode};
@@ -30,7 +30,7 @@ pub fn creation(app: &TestApp, length: usize, metadata: &str) -> RequestBuilder 
     request(app, Method::POST, "/v1/uploads").header("upload-length", length).header("upload-metadata", metadata)
 }
 
-/// Begins an upload of `length` bytes for the usual profile: its URL.
+/// Creates an upload of `length` bytes for the usual profile. Returns its URL.
 pub async fn begun(app: &TestApp, length: usize) -> String {
     let answer = creation(app, length, &of_rig()).send().await.unwrap();
     assert_eq!(answer.status(), StatusCode::CREATED);
@@ -62,7 +62,7 @@ pub async fn shown(app: &TestApp, url: &str) -> Value {
     app.get(url).send().await.unwrap().json().await.unwrap()
 }
 
-/// A PATCH on a connection of its own: its head and the first bytes of its body are sent, the rest is not.
+/// Sends the head of a PATCH and the first bytes of its body on a new connection, but not the rest.
 pub async fn hanging_piece(app: &TestApp, url: &str, length: usize, bytes: &[u8]) -> TcpStream {
     let mut socket = TcpStream::connect(app.base.trim_start_matches("http://")).await.unwrap();
     let head = format!(
@@ -80,7 +80,7 @@ pub async fn status_line(socket: &mut TcpStream) -> String {
     String::from_utf8_lossy(&told).into_owned()
 }
 
-/// Waits until the server has written so many bytes; they need not be safe yet.
+/// Waits until the server has written this many bytes, synced or not.
 pub async fn until_written(app: &TestApp, url: &str, bytes: u64) {
     while app.partial_bytes(id_of(url)) < bytes {
         tokio::task::yield_now().await;

@@ -1,4 +1,4 @@
-//! Connections that break, requests that hang, servers that go down, clients that never come back.
+//! Interrupted uploads: broken connections, stalled requests, shutdowns, clients that never return.
 
 use std::time::Duration;
 
@@ -24,8 +24,8 @@ async fn what_arrived_before_a_connection_broke_is_kept() {
 }
 
 #[tokio::test]
-async fn a_new_request_takes_an_upload_over_from_one_that_hangs() {
-    // never given up for its silence, and never asked for by the clock: only the newer request ends it
+async fn a_new_request_takes_over_an_upload_from_a_stalled_one() {
+    // no idle timeout and no polling: only the newer request can end it
     let hour = Duration::from_secs(3600);
     let app = TestApp::start_with(|policy| (policy.body_idle_timeout, policy.poll_interval) = (hour, hour)).await;
     app.with_profile(2).await;
@@ -40,21 +40,21 @@ async fn a_new_request_takes_an_upload_over_from_one_that_hangs() {
 }
 
 #[tokio::test]
-async fn a_request_to_another_process_takes_an_upload_over_too() {
+async fn a_request_to_another_process_takes_over_an_upload() {
     let quick = Duration::from_millis(5);
     let app = TestApp::start_with(|policy| policy.poll_interval = quick).await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
     let mut hanging = hanging_piece(&app, &url, 1000, &[1; 200]).await;
     until_written(&app, &url, 200).await;
-    // its rows are not those that announce changes to this process
+    // its store does not announce changes to this process
     app.metadata_of_another_process().await.take_over_upload(id_of(&url)).await.unwrap();
     assert_eq!(status_line(&mut hanging).await, "HTTP/1.1 409");
     assert_eq!(offset(&head(&app, &url).await), 200);
 }
 
 #[tokio::test]
-async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
+async fn a_complete_upload_without_a_job_gets_its_job_on_the_next_request() {
     let app = TestApp::start_with(|policy| policy.queue_limit = 1).await;
     app.with_profile(2).await;
     let zip = stack_zip(2, 0);
@@ -65,7 +65,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
     assert_eq!(header(&refused, "retry-after"), "30");
     problem(refused, 503, "queue_full").await;
     assert_eq!(head(&app, &url).await.status(), StatusCode::SERVICE_UNAVAILABLE);
-    // nothing is lost meanwhile, whatever is cleaned up
+    // garbage collection removes nothing meanwhile
     collect(&app.store, Duration::ZERO, &Retention::default()).await.unwrap();
     assert_eq!(shown(&app, &url).await["offset"], json!(zip.len()));
 
@@ -81,7 +81,7 @@ async fn a_whole_upload_whose_job_could_not_be_made_gets_it_when_asked_again() {
 }
 
 #[tokio::test]
-async fn an_upload_that_nobody_goes_on_with_goes() {
+async fn an_abandoned_upload_expires() {
     let app = TestApp::start_with(|policy| policy.upload_keep = Duration::ZERO).await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
@@ -96,7 +96,7 @@ async fn an_upload_that_nobody_goes_on_with_goes() {
 }
 
 #[tokio::test]
-async fn a_server_that_goes_down_keeps_what_arrived() {
+async fn a_server_that_shuts_down_keeps_what_arrived() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;

@@ -1,4 +1,4 @@
-//! Uploads and pieces that are refused.
+//! Uploads that are refused, at their creation or later.
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use uuid::Uuid;
@@ -6,7 +6,7 @@ use uuid::Uuid;
 use super::*;
 
 #[tokio::test]
-async fn what_can_be_known_is_refused_at_the_creation() {
+async fn an_invalid_upload_is_refused_at_its_creation() {
     let app = TestApp::start_with(|policy| policy.max_upload_bytes = 100_000).await;
     problem(creation(&app, 1000, &of_rig()).send().await.unwrap(), 404, "profile_not_found").await;
     app.with_profile(2).await;
@@ -31,7 +31,7 @@ async fn what_can_be_known_is_refused_at_the_creation() {
 }
 
 #[tokio::test]
-async fn open_uploads_are_not_endless_and_one_without_room_is_refused() {
+async fn the_number_of_open_uploads_is_limited_and_a_full_disk_refuses_one() {
     let app = TestApp::start_with(|policy| policy.queue_limit = 2).await;
     app.with_profile(2).await;
     begun(&app, 4_000_000).await;
@@ -49,7 +49,7 @@ async fn open_uploads_are_not_endless_and_one_without_room_is_refused() {
 }
 
 #[tokio::test]
-async fn a_piece_that_does_not_fit_is_refused_and_changes_nothing() {
+async fn an_invalid_patch_is_refused_and_changes_nothing() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let zip = stack_zip(2, 0);
@@ -78,7 +78,7 @@ async fn a_piece_that_does_not_fit_is_refused_and_changes_nothing() {
 }
 
 #[tokio::test]
-async fn a_piece_with_a_wrong_checksum_is_not_kept() {
+async fn a_body_with_a_wrong_checksum_is_not_stored() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let zip = stack_zip(2, 0);
@@ -96,7 +96,7 @@ async fn a_piece_with_a_wrong_checksum_is_not_kept() {
 }
 
 #[tokio::test]
-async fn a_zip_that_is_refused_at_the_end_is_gone_and_says_why() {
+async fn a_zip_that_is_refused_at_its_end_is_deleted_and_the_reason_kept() {
     let app = TestApp::start().await;
     app.with_profile(2).await;
     let zip = zip(&[("a.png".into(), b"no picture".to_vec()), ("b.png".into(), b"no picture".to_vec())]);
