@@ -4,7 +4,7 @@
 //! | question | guided | pyramid | halo-corrected |
 //! |---|---|---|---|
 //! | focus measure of the first pass | saliency | saliency | focus energy, with the coarse focus |
-//! | second pass | [`guided`] | [`pyramid`] | [`halo_corrected`], which fuses by pyramids too |
+//! | second pass | `guided` | `pyramid` | `halo_corrected`, which fuses by pyramids too |
 //! | meaning of [`Fused::index`](super::Fused::index) | largest saliency | largest saliency | decision map |
 //! | extra memory of the second pass | none | none | decision map and pyramid image |
 //! | method of the back light | guided | pyramid | pyramid |

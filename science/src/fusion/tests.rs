@@ -1,5 +1,6 @@
 //! Tests of fusion as a whole: against images with known truth, by property, and against the definition of the method.
 
+mod control;
 mod halo_corrected;
 mod oracle;
 mod pyramid;
@@ -7,19 +8,11 @@ pub(super) mod rendered;
 mod robust;
 mod silhouette;
 
-use std::sync::{
-    Mutex,
-    atomic::{AtomicUsize, Ordering},
-};
-
-use super::{
-    run::{locked, unlocked},
-    *,
-};
+use super::*;
 use crate::{
     imaging::{Plane, Samples},
     types::{
-        Cancelled, Homography, NoControl,
+        Homography, NoControl,
         fusion_options::{GuidedParams, Method},
     },
 };
@@ -265,56 +258,6 @@ fn grey_slices_in_a_stack_in_colour_are_accepted_and_the_reverse_is_refused() {
     );
     let Err(Interrupted::Failed(error)) = stop else { panic!("{stop:?}") };
     assert_eq!((error.kind, error.locations[0].slice), (ErrorKind::InvalidImage, Some(1)));
-}
-
-/// Cancels after a number of checks, and records the progress.
-struct CancelAfter {
-    checks: usize,
-    done: AtomicUsize,
-    steps: Mutex<Vec<(&'static str, usize, usize)>>,
-}
-
-impl CancelAfter {
-    fn new(checks: usize) -> Self {
-        Self { checks, done: AtomicUsize::new(0), steps: Mutex::new(Vec::new()) }
-    }
-}
-
-impl Control for CancelAfter {
-    fn progress(&self, stage: &'static str, completed: usize, total: usize) {
-        locked(&self.steps).push((stage, completed, total));
-    }
-
-    fn check(&self) -> Result<(), Cancelled> {
-        if self.done.fetch_add(1, Ordering::Relaxed) < self.checks { Ok(()) } else { Err(Cancelled) }
-    }
-}
-
-#[test]
-fn a_cancel_stops_the_fusion_at_any_check() {
-    let (slices, plan) = unaligned(120, 90, 3);
-    let never = CancelAfter::new(usize::MAX);
-    let fused =
-        |control: &CancelAfter| fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), control);
-    assert!(fused(&never).is_ok());
-    let total = never.done.load(Ordering::Relaxed);
-    assert!(total > 10, "only {total} checks");
-    for checks in (0..total).step_by(3) {
-        assert!(matches!(fused(&CancelAfter::new(checks)), Err(Interrupted::Cancelled(_))));
-    }
-}
-
-#[test]
-fn progress_increases_to_the_end_of_each_stage() {
-    let (slices, plan) = unaligned(120, 90, 4);
-    let control = CancelAfter::new(usize::MAX);
-    fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), &control).unwrap();
-    let steps = unlocked(control.steps);
-    let aligning: Vec<_> = steps.iter().filter(|step| step.0 == "aligning").map(|step| step.1).collect();
-    assert_eq!(aligning, [0, 1, 2, 3, 4]);
-    let last = steps.last().unwrap();
-    assert_eq!((last.0, last.1), ("fusing", last.2));
-    assert!(steps.windows(2).all(|pair| pair[0].0 != pair[1].0 || pair[0].1 < pair[1].1));
 }
 
 #[test]
