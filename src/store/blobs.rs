@@ -16,13 +16,14 @@ use std::{
     time::SystemTime,
 };
 
+use anyhow::anyhow;
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::stream::BoxStream;
 use tempfile::TempPath;
 use uuid::Uuid;
 
-use super::{SpoolFile, StoreResult, Workspace};
+use super::{SpoolFile, StoreError, StoreResult, Workspace};
 
 /// The bytes of a blob, in chunks.
 pub type ByteStream = BoxStream<'static, io::Result<Bytes>>;
@@ -108,6 +109,31 @@ impl LocalBlob {
             Place::InPlace(path) => path,
             Place::Copy(path) => path,
         }
+    }
+}
+
+/// Requires that a key is valid: parts of `A-Z a-z 0-9 . _ -` that do not begin with `.`, separated by `/`. Keys are made by
+/// the service; one that could leave the store is refused all the same.
+///
+/// # Errors
+/// When it is not valid.
+pub fn require_key(key: &str) -> StoreResult<()> {
+    let is_safe = |part: &str| {
+        !part.is_empty()
+            && !part.starts_with('.')
+            && part.bytes().all(|b| b.is_ascii_alphanumeric() || b"._-".contains(&b))
+    };
+    if key.split('/').all(is_safe) { Ok(()) } else { Err(StoreError::Other(anyhow!("invalid blob key '{key}'"))) }
+}
+
+/// Requires that a prefix is a valid key followed by `/`.
+///
+/// # Errors
+/// When it is not.
+pub fn require_prefix(prefix: &str) -> StoreResult<()> {
+    match prefix.strip_suffix('/') {
+        Some(key) => require_key(key),
+        None => Err(StoreError::Other(anyhow!("the prefix '{prefix}' does not end with '/'"))),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::{
     store::{
         Job,
         blobs::result_key,
-        conformance::{self, LEASE},
+        conformance::{self, LEASE, memory::MemoryBlobStore},
         gc::{delete_blobs, jobs_with_blobs},
         open_with_clock,
     },
@@ -44,6 +44,21 @@ worker_test! {
         assert_eq!(stage.results_of(&job).await.as_deref(), Some(&b"the archive"[..]));
         pool.shutdown(Duration::from_secs(10)).await;
         assert_eq!(stage.scratch_folders(), 0, "nothing is left in the workspace");
+    }
+}
+
+worker_test! {
+    async fn a_job_runs_on_blobs_that_are_not_local_files() {
+        let mut stage = stage().await;
+        stage.deps.store = MemoryBlobStore::under(stage.deps.store);
+        stage.deps.disk = DiskBudget::new(&stage.deps.store, 0);
+        let pool = Pool::start(stage.deps.clone(), config(1));
+        let id = stage.accept().await;
+        stage.order(Order::Succeed);
+        let job = stage.ended(id).await;
+        assert_eq!(stage.results_of(&job).await.as_deref(), Some(&b"the archive"[..]));
+        pool.shutdown(Duration::from_secs(10)).await;
+        assert_eq!(stage.scratch_folders(), 0, "the copy of the upload is removed");
     }
 }
 

@@ -8,7 +8,6 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use anyhow::anyhow;
 use async_trait::async_trait;
 use futures::stream::{BoxStream, StreamExt, poll_fn};
 use tokio::{
@@ -20,7 +19,7 @@ use tokio_util::io::ReaderStream;
 use super::{blocking, make_private, probe, remove, sync_folder};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
-    blobs::{BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, UPLOADS},
+    blobs::{BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, UPLOADS, require_key, require_prefix},
     failpoint::step,
     workspace::disk_capacity,
 };
@@ -62,26 +61,16 @@ impl LocalBlobStore {
         }
     }
 
-    /// The path of a key. Keys are made by the service; one that could leave the folder is refused all the same.
+    /// The path of a key.
     fn path_of(&self, key: &str) -> StoreResult<PathBuf> {
-        let is_safe = |part: &str| {
-            !part.is_empty()
-                && !part.starts_with('.')
-                && part.bytes().all(|b| b.is_ascii_alphanumeric() || b"._-".contains(&b))
-        };
-        if !key.split('/').all(is_safe) {
-            return Err(StoreError::Other(anyhow!("invalid blob key '{key}'")));
-        }
+        require_key(key)?;
         Ok(self.root.join(key))
     }
 
-    /// The folder of a prefix, which is empty or ends with `/`.
+    /// The folder of a prefix.
     fn folder_of(&self, prefix: &str) -> StoreResult<PathBuf> {
-        match prefix.strip_suffix('/') {
-            Some(folder) => self.path_of(folder),
-            None if prefix.is_empty() => Ok(self.root.clone()),
-            None => Err(StoreError::Other(anyhow!("the prefix '{prefix}' does not end with '/'"))),
-        }
+        require_prefix(prefix)?;
+        Ok(self.root.join(prefix.trim_end_matches('/')))
     }
 }
 
@@ -151,9 +140,12 @@ impl BlobStore for LocalBlobStore {
     }
 
     fn list(&self, prefix: &str) -> BoxStream<'static, StoreResult<BlobMeta>> {
-        let folder = match self.folder_of(prefix) {
-            Ok(folder) => folder,
-            Err(error) => return futures::stream::iter([Err(error)]).boxed(),
+        let folder = match prefix {
+            "" => self.root.clone(),
+            prefix => match self.folder_of(prefix) {
+                Ok(folder) => folder,
+                Err(error) => return futures::stream::iter([Err(error)]).boxed(),
+            },
         };
         let (found, mut listed) = mpsc::channel(LISTED_AHEAD);
         let root = self.root.clone();
