@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 #[schema(value_type = String, min_length = 1, max_length = 64, pattern = "^[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}$")]
 pub struct Name(String);
 
-/// Why a name is refused.
+/// The error of an invalid name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{given}' is not a valid name: use 1 to 64 characters of A-Z a-z 0-9 . _ -, not beginning with a dot{}", suggested(.suggestion))]
 pub struct InvalidName {

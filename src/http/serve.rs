@@ -119,7 +119,7 @@ impl Connection {
         let seat = Arc::clone(&self.seat);
         tokio::select! {
             () = self.greet(stream, tls) => {}
-            () = seat.gave_way() => tracing::debug!("a connection without a slot was closed in favour of a newer one"),
+            () = seat.was_evicted() => tracing::debug!("a connection without a slot was closed in favour of a newer one"),
         }
     }
 

@@ -1,4 +1,4 @@
-//! What every handler can reach.
+//! The application state of every handler, and the policy: limits and rules of the service.
 
 use std::{
     net::IpAddr,
@@ -29,47 +29,48 @@ use pinstack_science::archive::ArchiveLimits;
 /// parts are out of order).
 const INSPECTIONS: usize = 2;
 
-/// How long what `/readyz` found counts.
+/// How long the result of `/readyz` is cached.
 const READINESS_AGE: Duration = Duration::from_secs(1);
 
-/// How much the service takes on.
+/// Limits and rules of the service.
 #[derive(Debug, Clone)]
 pub struct Policy {
     /// Largest upload, bytes.
     pub max_upload_bytes: u64,
-    /// How much a zip may hold and cost.
+    /// Limits of a zip.
     pub archive: ArchiveLimits,
-    /// Most jobs that may wait.
+    /// Largest number of queued jobs.
     pub queue_limit: u64,
-    /// Room that must stay free on the disk, bytes.
+    /// Disk space that must stay free, bytes.
     pub min_free_bytes: u64,
-    /// Most bytes that the uploads in progress of one token reserve ahead of those that have arrived.
+    /// Bytes that the open uploads of one token may reserve on the disk ahead of those that have arrived.
     pub upload_reserve_bytes: u64,
-    /// Most resumable uploads that one token may have open.
+    /// Largest number of open resumable uploads per token.
     pub max_open_uploads: u64,
-    /// An upload that sends nothing for this long is given up.
+    /// Timeout of a request body from which no data arrives.
     pub body_idle_timeout: Duration,
-    /// An upload that arrives in pieces waits so long for its next one.
+    /// Time after which a resumable upload without new data expires.
     pub upload_keep: Duration,
-    /// How often waiting requests look at the rows by themselves: other processes may change them too.
+    /// How often waiting requests read their job, because another process may change it.
     pub poll_interval: Duration,
-    /// A token is asked for.
+    /// Every request needs a token.
     pub auth_required: bool,
-    /// A token is asked for as soon as one was made, in this process or another.
+    /// Every request needs a token once one exists, made by this process or another.
     pub auth_once_there_are_tokens: bool,
-    /// A token sees only the stacks and uploads that it sent, unless it is an admin's.
+    /// A token sees only the stacks and uploads that it sent, unless its scope is `admin`.
     pub isolate_tokens: bool,
-    /// Most connections at a time; more wait.
+    /// Largest number of connections; more have to wait.
     pub max_connections: usize,
-    /// Most connections of one address and most requests in progress of one token; `None`: a quarter of `max_connections`.
+    /// Largest number of connections per address, and of requests in progress per token; `None`: a quarter of
+    /// `max_connections`.
     pub connections_per_client: Option<usize>,
-    /// Where reverse proxies are. Their connections have no share of their own, and who they say a client is goes to the log.
+    /// Addresses of reverse proxies. Their connections are not limited per address, and their `X-Forwarded-For` is logged.
     pub trusted_proxies: Vec<AddressRange>,
-    /// A client that takes longer for the head of a request, or asks nothing for so long, is hung up on.
+    /// Time within which the head of a request must arrive, and idle time after which a connection is closed.
     pub header_timeout: Duration,
-    /// The address that is listened on; `None`: a loopback address.
+    /// The address that the server listens on; `None`: a loopback address.
     pub listen: Option<IpAddr>,
-    /// Names beside `localhost` under which browsers may reach the service while it asks for no token; without a port.
+    /// Host names besides `localhost` under which browsers may use the service while it requires no token; without a port.
     pub hosts: Vec<String>,
     /// Origins whose pages may use the service from a browser.
     pub cors_origins: Vec<String>,
@@ -105,35 +106,35 @@ impl Default for Policy {
 }
 
 impl Policy {
-    /// Most connections of one address, and most requests in progress of one token.
+    /// Largest number of connections per address, and of requests in progress per token.
     pub fn client_share(&self) -> usize {
         self.connections_per_client.unwrap_or(self.max_connections / 4).max(1)
     }
 }
 
-/// What every handler can reach. Cheap to clone.
+/// The state of every handler. Cheap to clone.
 #[derive(Clone)]
 pub struct App {
     /// Metadata, blobs, upload parts and workspace.
     pub store: Store,
-    /// How much the service takes on.
+    /// Limits and rules.
     pub policy: Arc<Policy>,
-    /// Fires when the server goes down: event streams and waiting requests end.
+    /// Fires at the shutdown, which ends event streams and waiting requests.
     pub shutdown: CancellationToken,
-    /// Room on the disk: what uploads, jobs and conversions of this process reserve.
+    /// Disk budget: what uploads, jobs and conversions of this process reserve.
     pub disk: Arc<DiskBudget>,
-    /// What of it the uploads in progress of each token hold.
+    /// Reservations of the open uploads by token.
     pub shares: Shares,
-    /// What requests have claimed of the quotas of their tokens.
+    /// What the requests in progress claim of the quotas of their tokens.
     pub claims: Claims,
-    /// A token was seen among the rows: they never go.
+    /// A token exists. Tokens are never deleted, only revoked.
     has_tokens: Arc<AtomicBool>,
-    /// Stored pictures in other file formats.
+    /// Conversions of stored images to other file formats.
     pub conversions: Arc<Conversions>,
     /// Requests in progress by token.
     pub tally: Tally,
-    /// What `/readyz` found last.
-    pub readiness: Arc<Recent<readyz::Look>>,
+    /// The cached result of `/readyz`.
+    pub readiness: Arc<Recent<readyz::LastChecks>>,
     /// Permits to inspect a zip. An inspection needs as much memory as a hostile zip makes it need, so few run at once.
     pub inspection_permits: Arc<Semaphore>,
 }
@@ -157,18 +158,18 @@ impl App {
         }
     }
 
-    /// Whether this request must bring a token. Where tokens are asked for once there are any, the rows are looked at until
-    /// there are: the server need not be restarted after the first token is made.
+    /// Whether this request needs a token. With `auth_once_there_are_tokens` the store is queried until a token exists, so that
+    /// the server need not be restarted after the first one is made.
     ///
     /// # Errors
-    /// When the rows do not answer: then nobody knows, and nobody is let in.
+    /// When the store cannot be read. The request must then be refused.
     pub async fn asks_for_tokens(&self) -> StoreResult<bool> {
         if self.policy.auth_required || self.has_tokens.load(Ordering::Relaxed) {
             return Ok(true);
         }
         let asks = self.policy.auth_once_there_are_tokens && self.store.metadata.any_token().await?;
         if asks && !self.has_tokens.swap(true, Ordering::Relaxed) {
-            tracing::warn!("a token was made: from here on every request must bring one");
+            tracing::warn!("a token was made: every request needs one from now on");
         }
         Ok(asks)
     }

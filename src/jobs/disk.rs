@@ -1,5 +1,5 @@
-//! How much room on the disk a job needs while it runs, beyond its upload. Known before the first byte of the upload
-//! arrives, because the profile says how large and how many the slices are.
+//! The disk space that a job needs while it runs, without its upload. It is known before the upload arrives, because the profile
+//! has the size and the number of the slices.
 
 use crate::contract::{
     artifact::{PixelSizes, StackArtifact},
@@ -7,15 +7,15 @@ use crate::contract::{
 };
 use pinstack_science::types::{profile::ProfileInput, stack_layout::StackLayout};
 
-/// Small pictures, documents, and what files of this size take of a file system besides their bytes.
+/// Constant part: small pictures, documents, and the overhead of the file system.
 const BASE: u64 = 16 << 20;
 /// Most bytes of the small copy of a slice that a calibration keeps, and of the overlay made of it.
 const COPY: u64 = 2 * 1600 * 1600 * 3;
 
-/// Bytes that a job may write at most before it has ended.
+/// Upper bound of the bytes that a job writes.
 ///
-/// - A stack: the warped slices of one light (the second takes the place of the first), raw, and the results as if nothing
-///   of them could be compressed: image with alpha, mask, fused back light, index of the sharpest slice.
+/// - A stack: the raw warped slices of one light (those of the second light replace those of the first), and the uncompressed
+///   results: image with alpha, mask, fused back light, index of the sharpest slice.
 /// - A calibration: a small copy and an overlay of each slice.
 pub fn disk_need(request: &JobRequest) -> u64 {
     match request {
@@ -27,7 +27,7 @@ pub fn disk_need(request: &JobRequest) -> u64 {
     }
 }
 
-/// The same for a stack of which only the profile is known: 8-bit colour is assumed.
+/// The same for a stack of which only the profile is known. Assumes 8-bit colour.
 pub fn disk_need_by_profile(profile: &ProfileInput) -> u64 {
     let slices = Slices {
         pixels: u64::from(profile.image_width) * u64::from(profile.image_height),

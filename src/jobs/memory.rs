@@ -1,4 +1,4 @@
-//! How much memory a job needs, from what the POST knows about its slices.
+//! The peak memory of a job, computed from the layout of its slices.
 
 use crate::contract::{
     artifact::{PixelSizes, StackArtifact},
@@ -11,18 +11,17 @@ use pinstack_science::{
     types::{mask_options::MaskEdge, stack_layout::StackLayout},
 };
 
-/// What a job needs whatever its size: the archive's directory, codecs, stacks of the threads.
+/// Constant part: the directory of the archive, codecs, thread stacks.
 const BASE: u64 = 64 << 20;
 
-/// Bytes that a job needs at its peak, with `threads` threads. It does not grow with the number of slices: warped
-/// slices wait in files.
+/// Peak memory of a job with `threads` threads, bytes. It does not grow with the number of slices, because warped slices are
+/// kept in files. In addition to the terms below, each slice in flight takes twice the largest file: the file, and the copy
+/// that a decoder may make of it.
 ///
-/// Beside that, for each slice in flight its file and the copy that a decoder may make of it: twice the largest file.
-///
-/// - A stack: the fusion ([`Plan::memory_bytes`]) beside the silhouette, or, if that is more, what lives while the image is
-///   composed: the fused picture, its index, validity and silhouette, and the RGBA picture that comes out.
-/// - A calibration: per slice in flight (one on the way up from the reference, one on the way down) the decoded
-///   picture and the detector's planes, which are of limited size; after that small pictures only.
+/// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
+///   (fused picture, its index, validity and silhouette, and the RGBA picture).
+/// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes of the
+///   detector, whose size is bounded. Afterwards only small pictures.
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),
@@ -53,7 +52,7 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
 }
 
-/// The files of so many slices in flight, and a copy of each.
+/// The files of the slices in flight, and a copy of each.
 fn files(layout: &StackLayout, in_flight: usize) -> u64 {
     layout.largest_file_bytes.saturating_mul(2 * in_flight as u64)
 }

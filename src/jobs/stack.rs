@@ -1,4 +1,7 @@
-//! Fusing one stack: archive, back light, silhouette, front light, pictures, numbers.
+//! Fuses one stack: archive -> back light and silhouette -> front light -> artifacts.
+//!
+//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index and metrics. The science does
+//! the work; this module decides what is computed, reports the progress, and collects the warnings.
 
 use std::time::Instant;
 
@@ -35,29 +38,33 @@ use pinstack_science::{
     },
 };
 
-/// Where reading ends and where writing begins, as fractions of the job.
+/// Fractions of the job at which reading ends and writing begins.
 const READ: f64 = 0.02;
 const FUSED: f64 = 0.9;
-/// What the fusion of the back light warns of and what says nothing about the silhouette: its white ground is meant to be
-/// white, and what it does not cover the front does not either.
-const NOT_OF_THE_BACK: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
+/// Warnings of the back light's fusion that do not concern the silhouette: its white ground is saturated on purpose, and what
+/// it does not cover, the front light does not cover either.
+const IGNORED_FOR_BACK_LIGHT: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
 
-/// Does the job.
+/// Runs the job.
 ///
 /// # Errors
-/// [`JobError::Cancelled`]; a fault that names the file when a slice cannot be read; [`Code::MaskFailed`] when a mask is required
-/// and none can be made; [`Code::InsufficientStorage`] when the disk is full.
+/// [`JobError::Cancelled`]; a fault with the name of the file when a slice cannot be read; [`Code::MaskFailed`] when a required
+/// mask cannot be made; [`Code::InsufficientStorage`] when the disk is full.
 pub fn run(
     context: &JobContext,
     request: &StackRequest,
     limits: &ArchiveLimits,
     sink: &dyn ProgressSink,
 ) -> Result<JobOutput, JobError> {
-    let profile = context.profile.as_ref().ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile is gone"))?;
+    let profile = context
+        .profile
+        .as_ref()
+        .ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile of this stack was deleted"))?;
     let options = &request.options;
     let mut times = Times::since(context.started);
     let mut warnings = Vec::new();
 
+    // archive
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
     let archive = archive::open(&context.archive, limits)?;
@@ -76,6 +83,8 @@ pub fn run(
 
     let writer = ArtifactWriter::new(context, sink);
     let mut written = Vec::new();
+
+    // back light and silhouette
     let with_back = wants_mask(options.mask, &archive)?;
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
     let mut back_light = None;
@@ -88,10 +97,10 @@ pub fn run(
         phase.progress("masking", 0, 1);
         let silhouette = segment(&back.image, &back.valid, &options.mask_params(plan.width, plan.height));
         if options.mask == MaskMode::Required {
-            useful(&silhouette)?;
+            require_useful(&silhouette)?;
         }
         written.push(writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default())?);
-        warnings.extend(back.warnings.into_iter().filter(|w| !NOT_OF_THE_BACK.contains(&w.code.as_str())));
+        warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code.as_str())));
         warnings.extend_from_slice(&silhouette.warnings);
         back_light = Some(diagnosis::reduced_back_light(&back.image));
         phase.progress("masking", 1, 1);
@@ -101,6 +110,7 @@ pub fn run(
         None
     };
 
+    // front light
     let control = Phase::new(sink, plan.method.progress_stages(), middle, FUSED);
     let metrics_request = MetricsRequest { enabled: true, object: silhouette.as_ref().map(|s| &s.mask) };
     let front = fusion::fuse(&front_slices, &plan, &metrics_request, &context.scratch, &control)?;
@@ -109,31 +119,32 @@ pub fn run(
     warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));
     times.end("fusing");
 
+    // artifacts
     let source = archive.front_bytes(plan.reference).map(|bytes| codec::metadata(&bytes)).unwrap_or_default();
     warnings.extend(pictures::dropped_focal_length(&source, &profile.input));
     let writing = Phase::new(sink, &[("writing", 1.0)], FUSED, 1.0);
-    let order = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
-    let (image, files) = order.write(&writer, &writing, &source)?;
+    let pictures = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
+    let (image, files) = pictures.write(&writer, &writing, &source)?;
     written.extend(files);
     times.end("writing");
 
     let metrics = metrics(front, silhouette, times);
-    // notes wait in the metrics for whoever looks for them
+    // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
     let (artifacts, files) = written.into_iter().unzip();
     let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics, software: Some(SOFTWARE.to_owned()) });
-    Ok(JobOutput { outcome, warnings: once(warnings), profile: None, files })
+    Ok(JobOutput { outcome, warnings: without_repetitions(warnings), profile: None, files })
 }
 
-/// Who sets parameters of guided filtering expects them to count.
+/// The warning that parameters of guided filtering were set for another method, where they have no effect.
 fn unused_parameters(plan: &Plan) -> Option<Warning> {
     let unused = !plan.method.uses_guided_params() && plan.params != GuidedParams::default();
     unused.then(|| {
         Warning::new(
             "unused_parameters",
-            "r1, eps1, r2, eps2, average, r_g and sigma_g are parameters of method=guided, and this stack's front light was \
-             fused by another method, which does not use them; send method=guided to have them count",
+            "r1, eps1, r2, eps2, average, r_g and sigma_g are parameters of method=guided and have no effect on the method \
+             of this stack; send method=guided to use them",
         )
     })
 }
@@ -146,18 +157,18 @@ fn wants_mask(mode: MaskMode, archive: &StackArchive) -> Result<bool, Fault> {
         MaskMode::Required if has_back => Ok(true),
         MaskMode::Required => Err(Fault::new(
             Code::MaskFailed,
-            "mask=required, and the archive has no back-light slices; put them into a folder back/, or ask for mask=auto",
+            "mask=required, but the archive has no back-light slices; put them into a folder back/, or send mask=auto",
         )),
     }
 }
 
-/// A mask that was required and holds nothing or everything is none.
-fn useful(silhouette: &Silhouette) -> Result<(), Fault> {
-    let hopeless = |warning: &&Warning| ["mask_empty", "mask_full"].contains(&warning.code.as_str());
-    match silhouette.warnings.iter().find(hopeless) {
+/// Refuses an empty or full mask where a mask is required.
+fn require_useful(silhouette: &Silhouette) -> Result<(), Fault> {
+    let is_fatal = |warning: &&Warning| ["mask_empty", "mask_full"].contains(&warning.code.as_str());
+    match silhouette.warnings.iter().find(is_fatal) {
         None => Ok(()),
         Some(warning) => {
-            let detail = format!("mask=required, and no mask can be made: {}", warning.detail);
+            let detail = format!("mask=required, but no mask can be made: {}", warning.detail);
             Err(Fault::new(Code::MaskFailed, detail))
         }
     }
@@ -177,8 +188,8 @@ fn metrics(front: Fused, silhouette: Option<Silhouette>, times: Times) -> Metric
     }
 }
 
-/// Each warning once, in the order in which they came.
-fn once(warnings: Vec<Warning>) -> Vec<Warning> {
+/// Each warning once, in the order of its first occurrence.
+fn without_repetitions(warnings: Vec<Warning>) -> Vec<Warning> {
     let mut seen = Vec::with_capacity(warnings.len());
     for warning in warnings {
         if !seen.contains(&warning) {
@@ -188,7 +199,7 @@ fn once(warnings: Vec<Warning>) -> Vec<Warning> {
     seen
 }
 
-/// How long each stage took.
+/// Measures how long each stage takes.
 struct Times {
     start: Instant,
     last: Instant,

@@ -1,4 +1,4 @@
-//! What happens, told to the recorder: one function per event, so that names and labels are written once.
+//! Records events: one function per event, so that names and labels of series occur once.
 
 use std::time::Duration;
 
@@ -16,14 +16,14 @@ pub enum WaitsOn {
     Job,
 }
 
-/// How a worker and a job part.
+/// How a job left its worker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
     /// With results.
     Succeeded,
     /// With an error.
     Failed,
-    /// Because it was asked for.
+    /// On request.
     Cancelled,
     /// It went back to the queue.
     Released,
@@ -34,7 +34,7 @@ pub enum Ending {
 impl Ending {
     const ALL: [Self; 5] = [Self::Succeeded, Self::Failed, Self::Cancelled, Self::Released, Self::Lost];
 
-    /// As the label `ending` and the log spell it.
+    /// Value of the label `ending`, also in the log.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Succeeded => "succeeded",
@@ -46,7 +46,7 @@ impl Ending {
     }
 }
 
-/// Shows at 0 what has not happened yet, so that the first event is a change.
+/// Initialises the counters to 0, so that the first event is a change.
 pub(super) fn begin() {
     counter!(UPLOAD_BYTES.name).increment(0);
     for kind in JobKind::ALL.map(JobKind::as_str) {
@@ -123,13 +123,13 @@ pub fn lease_lost(kind: JobKind) {
     counter!(LEASES_LOST.name, "kind" => kind.as_str()).increment(1);
 }
 
-/// The clean-up ran.
+/// A garbage collection ended.
 pub fn sweep_ended(succeeded: bool) {
     counter!(SWEEPS.name, "outcome" => if succeeded { "succeeded" } else { "failed" }).increment(1);
 }
 
-/// The clean-up removed expired jobs, zips of jobs that keep their results, uploads that were given up, and files that no row
-/// names (counted by job).
+/// A garbage collection removed expired jobs, zips of jobs that keep their results, abandoned uploads, and files without a row
+/// (counted by job).
 pub fn swept(expired: usize, uploads: usize, given_up: usize, orphans: usize) {
     for (content, count) in
         [("expired_job", expired), ("job_upload", uploads), ("open_upload", given_up), ("orphaned_files", orphans)]
@@ -144,7 +144,7 @@ pub fn pool_started(workers: usize, memory_budget: u64) {
     gauge!(MEMORY_BUDGET_BYTES.name).set(memory_budget as f64);
 }
 
-/// A gauge is higher by an amount until this is dropped.
+/// Raises a gauge by an amount until it is dropped.
 #[must_use]
 pub struct Held(&'static str, f64);
 

@@ -1,4 +1,4 @@
-//! The text format of Prometheus, version 0.0.4, for what is measured when it is asked for.
+//! The text format of Prometheus, version 0.0.4, for gauges that are measured at each scrape.
 
 use std::fmt::Write;
 

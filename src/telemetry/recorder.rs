@@ -9,22 +9,22 @@ use super::{
     series::{ALL, Kind},
 };
 
-/// Upper bounds of the buckets, seconds: from a health check to a large upload or a long queue.
+/// Upper bounds of the histogram buckets, seconds: from a health check to a large upload or a long queue.
 const SECONDS: [f64; 14] = [0.001, 0.005, 0.02, 0.1, 0.5, 1.0, 2.0, 5.0, 20.0, 60.0, 300.0, 1800.0, 7200.0, 43200.0];
 
-/// What the process has counted.
+/// The recorder of the process.
 pub struct Recorder {
     handle: PrometheusHandle,
     started: Instant,
 }
 
 impl Recorder {
-    /// Its series in the text format.
+    /// The series in the text format.
     pub fn render(&self) -> String {
         self.handle.render()
     }
 
-    /// Puts observations into their buckets: they use memory until then.
+    /// Moves observations to their buckets. They accumulate in memory until then.
     pub fn run_upkeep(&self) {
         self.handle.run_upkeep();
     }
@@ -35,7 +35,7 @@ impl Recorder {
     }
 }
 
-/// The recorder of this process; it is installed by the first call. What happens before is not counted.
+/// The recorder of this process, installed by the first call. Earlier events are not counted.
 ///
 /// # Errors
 /// When another recorder is installed already.

@@ -3,7 +3,7 @@
 /// The type of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Only grows; 0 after a restart.
+    /// Increases only; 0 after a restart.
     Counter,
     /// A value at one moment.
     Gauge,
@@ -12,7 +12,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// As the text format spells it.
+    /// Name in the text format.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Counter => "counter",
@@ -62,11 +62,11 @@ table! {
     JOBS Gauge "pinstack_jobs" ["kind", "state"]
         "Jobs in the database"
     OLDEST_QUEUED_SECONDS Gauge "pinstack_oldest_queued_job_seconds" ["kind"]
-        "Age of the oldest job that waits for a worker; 0 when none waits"
+        "Age of the oldest queued job; 0 when none is queued"
     JOB_WAIT_SECONDS Histogram "pinstack_job_wait_seconds" ["kind"]
         "Time from the acceptance of a job to its first start"
     JOB_SECONDS Histogram "pinstack_job_seconds" ["kind", "ending"]
-        "Time that a worker had a job"
+        "Time that a job was on a worker"
     JOB_STAGE_SECONDS Histogram "pinstack_job_stage_seconds" ["kind", "stage"]
         "Time that a job spent in a stage"
     JOBS_ENDED Counter "pinstack_jobs_ended_total" ["kind", "ending"]
@@ -74,23 +74,23 @@ table! {
     JOB_FAILURES Counter "pinstack_job_failures_total" ["kind", "code"]
         "Jobs that failed, by the code of the problem"
     JOB_RETRIES Counter "pinstack_job_retries_total" ["kind"]
-        "Jobs that were started again because an attempt before did not end"
+        "Jobs that were started again because an earlier attempt did not finish"
     LEASES_LOST Counter "pinstack_leases_lost_total" ["kind"]
-        "Jobs whose lease this process lost while it worked on them"
+        "Jobs whose lease this process lost while it ran them"
 
     WORKERS Gauge "pinstack_workers" []
         "Workers of this process"
     WORKERS_BUSY Gauge "pinstack_workers_busy" []
-        "Workers of this process that have a job"
+        "Workers of this process that run a job"
     MEMORY_BUDGET_BYTES Gauge "pinstack_memory_budget_bytes" []
         "Memory for all running jobs of this process"
     MEMORY_RESERVED_BYTES Gauge "pinstack_memory_reserved_bytes" []
-        "Memory of the budget that running jobs have reserved"
+        "Memory that running jobs have reserved of the budget"
 
     DISK_SIZE_BYTES Gauge "pinstack_disk_size_bytes" []
         "Size of the file system of the data folder"
     DISK_FREE_BYTES Gauge "pinstack_disk_free_bytes" []
-        "Bytes of it that can still be written"
+        "Free bytes of the file system of the data folder"
     DISK_RESERVED_BYTES Gauge "pinstack_disk_reserved_bytes" []
         "Bytes that uploads and jobs of this process have reserved and not written yet"
     STORED_BYTES Gauge "pinstack_stored_bytes" ["content"]
@@ -98,18 +98,18 @@ table! {
     UPLOADS_OPEN Gauge "pinstack_uploads_open" []
         "Resumable uploads that are not complete"
     UPLOAD_AWAITED_BYTES Gauge "pinstack_upload_awaited_bytes" []
-        "Bytes that resumable uploads have still to bring"
+        "Bytes that open resumable uploads have not sent yet"
     QUOTA_TOKENS Gauge "pinstack_quota_tokens" ["use"]
         "Tokens with a quota: use below 80 % (normal), below 100 % (high), or full"
     SWEEPS Counter "pinstack_sweeps_total" ["outcome"]
-        "Runs of the clean-up"
+        "Garbage collections"
     SWEPT Counter "pinstack_swept_total" ["content"]
-        "What the clean-up removed"
+        "Objects that garbage collections removed"
 
     BUILD_INFO Gauge "pinstack_build_info" ["version"]
         "1, with the version as a label"
     UPTIME_SECONDS Gauge "pinstack_uptime_seconds" []
-        "Time since the service started, by a clock that is never set"
+        "Time since the service started, by a monotonic clock"
     PROCESS_CPU_SECONDS Counter "process_cpu_seconds_total" []
         "User and system CPU time"
     PROCESS_RESIDENT_BYTES Gauge "process_resident_memory_bytes" []
@@ -119,7 +119,7 @@ table! {
     PROCESS_OPEN_FDS Gauge "process_open_fds" []
         "Open file descriptors"
     PROCESS_MAX_FDS Gauge "process_max_fds" []
-        "Most file descriptors that may be open"
+        "Limit of open file descriptors"
     PROCESS_THREADS Gauge "process_threads" []
         "Threads of the operating system"
     PROCESS_START_SECONDS Gauge "process_start_time_seconds" []
@@ -139,7 +139,7 @@ const STAGES: [(&str, &str); 9] = [
     ("waiting for room on the disk", "waiting_for_disk"),
 ];
 
-/// The label of a stage that is in no table; a test fails when a job has one.
+/// The label of an unknown stage. A test fails when a job has one.
 pub const OTHER_STAGE: &str = "other";
 
 /// The label of a stage of `progress.stage`.

@@ -1,17 +1,17 @@
-//! Ranges of addresses: `10.0.0.0/8`, `::1`.
+//! Ranges of IP addresses: `10.0.0.0/8`, `::1`.
 
 use std::{net::IpAddr, str::FromStr};
 
-/// The addresses that share their first bits.
+/// The addresses with a common prefix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AddressRange {
     address: IpAddr,
-    /// Bits that count.
+    /// Length of the prefix in bits.
     prefix: u32,
 }
 
 impl AddressRange {
-    /// This machine.
+    /// The loopback addresses.
     pub fn loopback() -> Vec<Self> {
         vec![
             Self { address: IpAddr::from([127, 0, 0, 0]), prefix: 8 },
@@ -19,7 +19,7 @@ impl AddressRange {
         ]
     }
 
-    /// True for an address of the range. An IPv4 address counts the same when it is written as IPv6.
+    /// Whether an address is in the range. An IPv4-mapped IPv6 address counts as its IPv4 address.
     pub fn contains(&self, address: IpAddr) -> bool {
         match (self.address, address.to_canonical()) {
             (IpAddr::V4(own), IpAddr::V4(other)) => {
@@ -36,9 +36,9 @@ fn same_bits(a: u128, b: u128, width: u32, prefix: u32) -> bool {
     (a ^ b).checked_shr(width - prefix).unwrap_or(0) == 0
 }
 
-/// Not an address, or a prefix that it cannot have.
+/// The text is not an address or range.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no address and no range like 10.0.0.0/8")]
+#[error("'{0}' is neither an address nor a range such as 10.0.0.0/8")]
 pub struct InvalidRange(String);
 
 impl FromStr for AddressRange {

@@ -1,4 +1,4 @@
-//! A connection whose client must read what it asked for.
+//! A write timeout for connections, against clients that do not read their answers.
 
 use std::{
     io,
@@ -12,33 +12,33 @@ use tokio::{
     time::{Instant, Sleep, sleep},
 };
 
-/// A stream on which a write that makes no progress for `patience` is an error: it ends the connection. Nothing is asked of a
-/// client that is only waited for; the time limits of the head and of the body do that.
+/// A stream whose writes fail when they make no progress for `timeout`, which ends the connection. Reads have no timeout here:
+/// those of the head and the body are set elsewhere.
 pub struct Reading<S> {
     stream: S,
-    patience: Duration,
-    /// Runs while a write waits; made when the first one does.
+    timeout: Duration,
+    /// Deadline of the pending write; created at the first one.
     deadline: Option<Pin<Box<Sleep>>>,
     is_waiting: bool,
 }
 
 impl<S> Reading<S> {
     /// Wraps a stream.
-    pub fn new(stream: S, patience: Duration) -> Self {
-        Self { stream, patience, deadline: None, is_waiting: false }
+    pub fn new(stream: S, timeout: Duration) -> Self {
+        Self { stream, timeout, deadline: None, is_waiting: false }
     }
 
-    /// What a write is worth: progress ends the waiting, no progress may end the connection.
-    fn judge<T>(&mut self, write: Poll<io::Result<T>>, cx: &mut Context<'_>) -> Poll<io::Result<T>> {
+    /// Applies the timeout to the result of a write.
+    fn with_deadline<T>(&mut self, write: Poll<io::Result<T>>, cx: &mut Context<'_>) -> Poll<io::Result<T>> {
         if write.is_ready() {
             self.is_waiting = false;
             return write;
         }
-        let patience = self.patience;
-        let deadline = self.deadline.get_or_insert_with(|| Box::pin(sleep(patience)));
+        let timeout = self.timeout;
+        let deadline = self.deadline.get_or_insert_with(|| Box::pin(sleep(timeout)));
         if !self.is_waiting {
             self.is_waiting = true;
-            deadline.as_mut().reset(Instant::now() + patience);
+            deadline.as_mut().reset(Instant::now() + timeout);
         }
         ready!(deadline.as_mut().poll(cx));
         Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "the client does not read")))
@@ -54,7 +54,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Reading<S> {
 impl<S: AsyncWrite + Unpin> AsyncWrite for Reading<S> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
         let write = Pin::new(&mut self.stream).poll_write(cx, buf);
-        self.judge(write, cx)
+        self.with_deadline(write, cx)
     }
 
     fn poll_write_vectored(
@@ -63,7 +63,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Reading<S> {
         bufs: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
         let write = Pin::new(&mut self.stream).poll_write_vectored(cx, bufs);
-        self.judge(write, cx)
+        self.with_deadline(write, cx)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -71,7 +71,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Reading<S> {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        // of a socket it is ready at once, and says nothing of what is written
+        // without timeout: flushing a socket is always ready
         Pin::new(&mut self.stream).poll_flush(cx)
     }
 

@@ -1,9 +1,9 @@
-//! Slots of connections, shares of them, and a reserve.
+//! Slots of connections, shares per address, and a reserve.
 //!
-//! A connection has one of `max_connections` slots, and one address only a share of them. What comes when no slot is left is
-//! taken all the same, up to [`RESERVE`]: such a connection may ask for `/healthz` and `/readyz` at once, and anything else
-//! once it gets a slot. When the reserve is full, the connection that has waited longest gives way to the newest. So a health
-//! check is answered whatever the others do, and a client over the limit waits, but not for ever.
+//! There are `max_connections` slots, and each address gets only a share of them. A connection without a slot is still
+//! accepted, up to [`RESERVE`]: it may request `/healthz` and `/readyz` at once, and anything else when it gets a slot. When
+//! the reserve is full, the connection that has waited longest is closed in favour of the newest. So health checks are always
+//! answered, and a client over its limit waits for a bounded time.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -25,12 +25,12 @@ use tokio_util::sync::CancellationToken;
 use super::AddressRange;
 use crate::http::state::Policy;
 
-/// Connections without a slot at a time.
+/// Largest number of connections without a slot.
 pub const RESERVE: usize = 32;
-/// How long one that gives way may take to send its refusal.
-const FAREWELL: Duration = Duration::from_secs(1);
-/// Addresses that are remembered without a connection of theirs, at most.
-const ADDRESSES: usize = 1024;
+/// How long an evicted connection may take to send its last answer.
+const LAST_ANSWER: Duration = Duration::from_secs(1);
+/// Number of addresses from which shares without connections are removed.
+const MAX_IDLE_SHARES: usize = 1024;
 
 /// The slots of a server.
 pub struct Slots {
@@ -38,34 +38,34 @@ pub struct Slots {
     share: usize,
     trusted: Vec<AddressRange>,
     /// How long a request waits for a slot.
-    patience: Duration,
+    slot_timeout: Duration,
     by_address: Mutex<HashMap<IpAddr, Arc<Semaphore>>>,
-    /// Without a slot, the oldest first.
+    /// Connections without a slot, oldest first.
     reserve: Mutex<VecDeque<Weak<Seat>>>,
     shutdown: CancellationToken,
 }
 
-/// A slot, and its part of the share of an address.
+/// A slot, and its part of the share of its address.
 struct Slot {
     _total: OwnedSemaphorePermit,
     _own: Option<OwnedSemaphorePermit>,
 }
 
 impl Slots {
-    /// All slots are free. `shutdown` sends those away that wait for one.
+    /// Free slots. `shutdown` ends the waiting for a slot.
     pub fn new(policy: &Policy, shutdown: CancellationToken) -> Arc<Self> {
         Arc::new(Self {
             total: Arc::new(Semaphore::new(policy.max_connections)),
             share: policy.client_share(),
             trusted: policy.trusted_proxies.clone(),
-            patience: policy.header_timeout,
+            slot_timeout: policy.header_timeout,
             by_address: Mutex::default(),
             reserve: Mutex::default(),
             shutdown,
         })
     }
 
-    /// A seat for a connection that was taken: with a slot when there is one, else in the reserve.
+    /// The seat of a new connection: with a slot if one is free, else in the reserve.
     pub fn seat(self: &Arc<Self>, peer: IpAddr) -> Arc<Seat> {
         let peer = peer.to_canonical();
         let slot = self.try_take(peer);
@@ -74,22 +74,22 @@ impl Slots {
             peer,
             slots: Arc::clone(self),
             slot: Mutex::new(slot),
-            has_asked: AtomicBool::new(false),
-            gives_way: self.shutdown.child_token(),
+            has_request: AtomicBool::new(false),
+            evicted: self.shutdown.child_token(),
         });
         if is_in_reserve {
-            self.make_way_for(&seat);
+            self.reserve_seat(&seat);
         }
         seat
     }
 
-    fn make_way_for(&self, seat: &Arc<Seat>) {
+    fn reserve_seat(&self, seat: &Arc<Seat>) {
         let mut reserve = self.reserve.lock().unwrap_or_else(PoisonError::into_inner);
         reserve.retain(|other| other.upgrade().is_some_and(|other| !other.has_slot()));
         reserve.push_back(Arc::downgrade(seat));
         while reserve.len() > RESERVE {
             if let Some(oldest) = reserve.pop_front().and_then(|oldest| oldest.upgrade()) {
-                oldest.gives_way.cancel();
+                oldest.evicted.cancel();
             }
         }
     }
@@ -114,31 +114,31 @@ impl Slots {
         self.trusted.iter().any(|range| range.contains(peer))
     }
 
-    /// The share of an address; proxies have none, as their connections are those of many.
+    /// The share of an address. Trusted proxies have none, because their connections carry many clients.
     fn share_of(&self, peer: IpAddr) -> Option<Arc<Semaphore>> {
         if self.is_trusted(peer) {
             return None;
         }
         let client = match peer {
-            // one client has a whole /64 of addresses
+            // one IPv6 client usually has a whole /64
             IpAddr::V6(address) => IpAddr::V6((address.to_bits() >> 64 << 64).into()),
             IpAddr::V4(_) => peer,
         };
         let mut shares = self.by_address.lock().unwrap_or_else(PoisonError::into_inner);
-        if shares.len() >= ADDRESSES {
+        if shares.len() >= MAX_IDLE_SHARES {
             shares.retain(|_, share| Arc::strong_count(share) > 1);
         }
         Some(Arc::clone(shares.entry(client).or_insert_with(|| Arc::new(Semaphore::new(self.share)))))
     }
 }
 
-/// Where a connection sits, with a slot or without; its slot is free again once this is dropped.
+/// The place of a connection among the slots or in the reserve. Dropping it frees the slot.
 pub struct Seat {
     peer: IpAddr,
     slots: Arc<Slots>,
     slot: Mutex<Option<Slot>>,
-    has_asked: AtomicBool,
-    gives_way: CancellationToken,
+    has_request: AtomicBool,
+    evicted: CancellationToken,
 }
 
 impl Seat {
@@ -146,37 +146,37 @@ impl Seat {
         self.slot.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
-    /// A request came on this connection.
-    pub fn asked(&self) {
-        self.has_asked.store(true, Ordering::Relaxed);
+    /// Records that a request arrived on this connection.
+    pub fn note_request(&self) {
+        self.has_request.store(true, Ordering::Relaxed);
     }
 
-    /// True once the connection has a slot; false when none became free in time.
+    /// Waits for a slot. False when none became free in time or the connection was evicted.
     pub async fn got_slot(&self) -> bool {
         if self.has_slot() {
             return true;
         }
         let taken = tokio::select! {
-            taken = timeout(self.slots.patience, self.slots.take(self.peer)) => taken,
-            () = self.gives_way.cancelled() => return false,
+            taken = timeout(self.slots.slot_timeout, self.slots.take(self.peer)) => taken,
+            () = self.evicted.cancelled() => return false,
         };
         let Ok(Some(slot)) = taken else { return false };
         *self.slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(slot);
         true
     }
 
-    /// Returns when a connection without a slot has to go. One that asked for something may say why first.
-    pub async fn gave_way(&self) {
-        self.gives_way.cancelled().await;
+    /// Returns when a connection without a slot must be closed. One with a request in progress may send its answer first.
+    pub async fn was_evicted(&self) {
+        self.evicted.cancelled().await;
         if self.has_slot() {
             return std::future::pending().await;
         }
-        if self.has_asked.load(Ordering::Relaxed) {
-            sleep(FAREWELL).await;
+        if self.has_request.load(Ordering::Relaxed) {
+            sleep(LAST_ANSWER).await;
         }
     }
 
-    /// Who sent a request: the other end of the connection, or who a trusted proxy says it is.
+    /// The client of a request: the peer of the connection, or the address that a trusted proxy reports.
     pub fn client(&self, headers: &HeaderMap) -> IpAddr {
         let forwarded = headers.get_all("x-forwarded-for").iter().next_back();
         let nearest = forwarded.and_then(|list| list.to_str().ok()?.rsplit(',').next()?.trim().parse().ok());

@@ -1,4 +1,4 @@
-//! Requests in progress by token.
+//! Counts the requests in progress of each token.
 
 use std::{
     collections::HashMap,
@@ -14,12 +14,12 @@ use axum::{
 use hyper::body::{Frame, SizeHint};
 use uuid::Uuid;
 
-/// How many requests of each token are in progress.
+/// Number of requests in progress by token.
 #[derive(Debug, Clone, Default)]
 pub struct Tally(Arc<Mutex<HashMap<Uuid, usize>>>);
 
 impl Tally {
-    /// Counts a request of a token; `None` when it has `most` already.
+    /// Counts a request of a token; `None` when `most` are in progress already.
     pub fn enter(&self, token: Uuid, most: usize) -> Option<InProgress> {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let count = counts.entry(token).or_default();
@@ -31,7 +31,7 @@ impl Tally {
     }
 }
 
-/// A request that is counted until this is dropped.
+/// A counted request. Dropping it ends the count.
 #[derive(Debug)]
 pub struct InProgress {
     tally: Tally,
@@ -39,8 +39,8 @@ pub struct InProgress {
 }
 
 impl InProgress {
-    /// The request lasts until its answer has left or its client is gone: event streams and downloads count.
-    pub fn until_left(self, response: Response) -> Response {
+    /// Counts the request until its answer is sent or the client is gone, so that event streams and downloads count.
+    pub fn until_sent(self, response: Response) -> Response {
         response.map(|body| Body::new(Counted { body, _in_progress: self }))
     }
 }

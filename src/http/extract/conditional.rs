@@ -32,7 +32,7 @@ impl Tags {
         present.then_some(Self::List(list))
     }
 
-    /// Strong comparison: for writes and ranges.
+    /// Strong comparison, for writes and ranges.
     pub fn contains_strong(&self, opaque: &str) -> bool {
         match self {
             Self::Any => true,
@@ -40,7 +40,7 @@ impl Tags {
         }
     }
 
-    /// Weak comparison: for `If-None-Match`.
+    /// Weak comparison, for `If-None-Match`.
     pub fn contains(&self, opaque: &str) -> bool {
         match self {
             Self::Any => true,
@@ -49,7 +49,7 @@ impl Tags {
     }
 }
 
-/// One entity tag; what is written without quotes is taken as meant.
+/// One entity tag. Missing quotes are tolerated.
 fn tag(text: &str) -> Option<(bool, String)> {
     let text = text.trim();
     let (weak, opaque) = match text.strip_prefix("W/") {
@@ -60,20 +60,20 @@ fn tag(text: &str) -> Option<(bool, String)> {
     (!opaque.is_empty()).then(|| (weak, opaque.to_owned()))
 }
 
-/// True when the client has this version already.
+/// Whether the client already has this version.
 pub fn not_modified(headers: &HeaderMap, opaque: &str) -> bool {
     Tags::of(headers, &header::IF_NONE_MATCH).is_some_and(|tags| tags.contains(opaque))
 }
 
-/// Refuses when `If-Match` names other versions than this one. `If-Unmodified-Since` is passed over, as RFC 9110 wants it of
-/// files without a date: no answer carries `Last-Modified`.
+/// Requires that `If-Match` names this version, if it is given. `If-Unmodified-Since` is ignored, as RFC 9110 requires where
+/// no answer has `Last-Modified`.
 ///
 /// # Errors
 /// `precondition_failed`.
 pub fn require_match(headers: &HeaderMap, opaque: &str) -> ApiResult<()> {
     match Tags::of(headers, &header::IF_MATCH) {
         Some(tags) if !tags.contains_strong(opaque) => {
-            let detail = "the file is another one than If-Match names; ask without If-Match for the file as it is";
+            let detail = "the file is not the version that If-Match names; omit If-Match to get the current file";
             Err(ApiError::new(Code::PreconditionFailed, detail))
         }
         _ => Ok(()),

@@ -22,16 +22,16 @@ use pinstack_science::types::error::ErrorLocation;
 
 /// Largest JSON body: a profile of 1000 slices has about 200 kB, exported with everything 1 MB.
 const MAX_JSON_BYTES: u64 = 4 << 20;
-/// Room that is made before the first byte has come.
+/// Initial size of the buffer at most, whatever the Content-Length.
 const FIRST_BYTES: usize = 64 << 10;
 
-/// Most values of a JSON body: an exported profile of 1000 slices has 40,000.
+/// Largest number of values in a JSON body. An exported profile of 1000 slices has 40,000.
 const MAX_JSON_VALUES: usize = 1 << 16;
 
-/// Reads a whole JSON body, or another one of the size of a profile. Like an upload it may not fall silent.
+/// Reads a whole body of at most 4 MiB, with the idle timeout of uploads.
 ///
 /// # Errors
-/// `upload_too_large` over the limit, `upload_incomplete` when it breaks off or stops coming.
+/// `upload_too_large` over the limit; `upload_incomplete` when the body ends early or times out.
 pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>, ApiError> {
     let too_large = || ApiError::new(Code::UploadTooLarge, format!("this body has at most {MAX_JSON_BYTES} bytes"));
     let announced = content_length(headers).unwrap_or(0);
@@ -54,11 +54,11 @@ pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>,
     Ok(whole)
 }
 
-/// What curl says of a body that is sent with `-d` or `--data-binary` when nobody tells it, and what a page of any origin may
-/// send from a browser without being asked.
+/// The default Content-Type of curl's `-d` and `--data-binary`, and one that pages of any origin may send from a browser
+/// without a preflight request.
 pub const FORM: &str = "application/x-www-form-urlencoded";
 
-/// Checks the `Content-Type`; none at all is taken for JSON.
+/// Checks the `Content-Type`. A missing one means JSON.
 ///
 /// # Errors
 /// `unsupported_media_type`.
@@ -73,23 +73,23 @@ pub fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
     let kind: String = kind.chars().take(80).collect();
     let detail = match kind.as_str() {
         FORM => {
-            format!("the body is '{FORM}', as curl says when nobody tells it; add -H 'Content-Type: application/json'")
+            format!("the body is '{FORM}', which is the default of curl; add -H 'Content-Type: application/json'")
         }
         _ => format!("the body is '{kind}'; send application/json"),
     };
     Err(ApiError::new(Code::UnsupportedMediaType, detail))
 }
 
-/// Reads JSON into a type. Text that is no JSON is `invalid_request`; JSON of the wrong shape is `shape`.
+/// Parses JSON into a type.
 ///
 /// # Errors
-/// A fault with the JSON pointer of the place.
+/// `invalid_request` for text that is not JSON; the code `shape` for JSON of another structure, with its JSON pointer.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault> {
-    // a value takes 16 times the bytes of "0," once it is read
+    // a parsed value takes 16 times the memory of its text "0,"
     let values = bytes.iter().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count();
     if values > MAX_JSON_VALUES {
         let detail = format!(
-            "the JSON has more than {MAX_JSON_VALUES} values, and an exported profile of 1000 slices has about 40000; check \
+            "the JSON has more than {MAX_JSON_VALUES} values; an exported profile of 1000 slices has about 40000; check \
              that this is the right file"
         );
         return Err(Fault::new(shape, detail));
@@ -99,7 +99,12 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
     let error = match parsed {
         Ok(value) => match reader.end() {
             Ok(()) => return Ok(value),
-            Err(error) => return Err(Fault::new(Code::InvalidRequest, format!("the JSON does not end: {error}"))),
+            Err(error) => {
+                return Err(Fault::new(
+                    Code::InvalidRequest,
+                    format!("there is text after the end of the JSON: {error}"),
+                ));
+            }
         },
         Err(error) => error,
     };
@@ -110,7 +115,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
         let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), ..ErrorLocation::default() };
         return Err(Fault::new(shape, detail).at(place));
     }
-    // Python writes NaN and Infinity into JSON, and 1e999 overflows: numbers that cannot be, not broken JSON
+    // Python writes NaN and Infinity into JSON, and 1e999 overflows: invalid numbers rather than invalid JSON
     let text = String::from_utf8_lossy(bytes);
     let not_finite = ["NaN", "Infinity"].iter().any(|word| text.contains(word));
     if not_finite || inner.to_string().contains("out of range") {
@@ -144,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_shape_is_told_with_its_pointer() {
+    fn a_wrong_structure_is_reported_with_its_pointer() {
         let short = r#"{"image_width":64,"image_height":64,"reference_index":0,"homographies":[[1,0,0,0,1,0,0,0]]}"#;
         let told = fault(short);
         assert_eq!(told.code, Code::InvalidProfile);

@@ -4,9 +4,9 @@ use crate::{contract::Code, http::problem::ApiError, store::PageRequest};
 
 use super::params;
 
-/// Items on a page when nobody asks for a number.
+/// Default number of items on a page.
 const DEFAULT_LIMIT: u32 = 50;
-/// Most items on a page.
+/// Largest number of items on a page.
 const MAX_LIMIT: u32 = 500;
 
 /// Takes `limit` and `cursor` out of the parameters.
@@ -14,7 +14,7 @@ const MAX_LIMIT: u32 = 500;
 pub struct PageQuery;
 
 impl PageQuery {
-    /// The page that is asked for.
+    /// The requested page.
     ///
     /// # Errors
     /// `invalid_request` for a limit that is not 1 to 500.

@@ -1,5 +1,4 @@
-//! Query parameters as typed values: text from the URL into any `Deserialize` struct, with errors that name
-//! the parameter.
+//! Query parameters as typed values: deserialises the text of a URL into any struct, with errors that name the parameter.
 
 use axum::{extract::Query, http::Uri};
 use serde::{
@@ -15,18 +14,17 @@ use crate::{
 };
 use pinstack_science::types::error::ErrorLocation;
 
-/// Most parameters of a URL; no call knows half as many.
+/// Largest number of query parameters; no operation has half as many.
 const MAX_PARAMETERS: usize = 64;
 
-/// The parameters of a URL in the order in which they came; a repeated one is an error.
+/// The parameters of a URL in their order. A repeated parameter is an error.
 ///
 /// # Errors
 /// `invalid_request` for text that is not UTF-8, more than 64 parameters, or a parameter given twice.
 pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
     let count = uri.query().map_or(0, |query| query.split('&').take(MAX_PARAMETERS + 1).count());
     if count > MAX_PARAMETERS {
-        let detail =
-            format!("the URL has more than {MAX_PARAMETERS} query parameters; leave out those that are not needed");
+        let detail = format!("the URL has more than {MAX_PARAMETERS} query parameters; omit those that are not needed");
         return Err(ApiError::new(Code::InvalidRequest, detail));
     }
     let Ok(Query(pairs)) = Query::<Vec<(String, String)>>::try_from_uri(uri) else {
@@ -40,16 +38,16 @@ pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
     Ok(pairs)
 }
 
-/// Takes one parameter out of the list.
+/// Removes a parameter from the list and returns it.
 pub fn take(pairs: &mut Vec<(String, String)>, name: &str) -> Option<String> {
     let at = pairs.iter().position(|(n, _)| n == name)?;
     Some(pairs.remove(at).1)
 }
 
-/// The rest of the list as a struct.
+/// Deserialises the parameters into a struct.
 ///
 /// # Errors
-/// `invalid_request` that names the parameter, what it was, and what it must be.
+/// `invalid_request` with the parameter, its value, and what it must be.
 pub fn typed<T: DeserializeOwned>(pairs: &[(String, String)]) -> Result<T, ApiError> {
     let map = pairs.iter().map(|(name, text)| (name.as_str(), Parameter { name, text }));
     T::deserialize(MapDeserializer::new(map)).map_err(|Refusal { name, detail }| {
@@ -66,17 +64,17 @@ pub fn from_uri<T: DeserializeOwned>(uri: &Uri) -> Result<T, ApiError> {
     typed(&pairs(uri)?)
 }
 
-/// Refuses what nobody took.
+/// Refuses remaining parameters.
 ///
 /// # Errors
-/// `invalid_request` that names the parameter and those that are known.
+/// `invalid_request` with the first of them and the known parameters.
 pub fn refuse_rest(pairs: &[(String, String)], known: &str) -> Result<(), ApiError> {
     let Some((name, _)) = pairs.first() else { return Ok(()) };
     let name: String = name.chars().take(80).collect();
     Err(ApiError::new(Code::InvalidRequest, format!("unknown parameter '{name}'; known here: {known}")))
 }
 
-/// Which jobs a list shows.
+/// The filter of a list of jobs.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JobParameters {
@@ -86,7 +84,7 @@ struct JobParameters {
     scan: Option<Name>,
 }
 
-/// `state`, `rig`, `lens` and `scan` of a list of jobs.
+/// The filter of a list of jobs: `state`, `rig`, `lens` and `scan`.
 ///
 /// # Errors
 /// `invalid_request` that names the parameter.
@@ -95,7 +93,7 @@ pub fn job_filter(kind: JobKind, pairs: &[(String, String)]) -> Result<JobFilter
     Ok(JobFilter { kind: Some(kind), state, rig, lens, scan, owner: None })
 }
 
-/// Why a parameter is refused.
+/// The error of a parameter.
 #[derive(Debug)]
 struct Refusal {
     name: Option<String>,
@@ -122,7 +120,7 @@ impl de::Error for Refusal {
     }
 }
 
-/// The text of one parameter, which knows its name.
+/// The name and the text of one parameter.
 #[derive(Clone, Copy)]
 struct Parameter<'a> {
     name: &'a str,
@@ -135,7 +133,7 @@ impl Parameter<'_> {
         Refusal { name: Some(self.name.to_owned()), detail: format!("{} is '{text}'; it must be {must}", self.name) }
     }
 
-    /// An error from the inside of the type gets the name of the parameter.
+    /// Adds the name of the parameter to an error of its type.
     fn named(self, refusal: Refusal) -> Refusal {
         let detail = match &refusal.name {
             None if !refusal.detail.contains(self.name) => format!("{}: {}", self.name, refusal.detail),

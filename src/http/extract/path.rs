@@ -1,4 +1,4 @@
-//! The parts of a URL.
+//! Path parameters.
 
 use std::collections::HashMap;
 
@@ -31,7 +31,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ProfileKey {
     }
 }
 
-/// `{id}` of a job. What is no UUID cannot be the id of a job, so it is not found.
+/// `{id}` of a job. Text that is not a UUID is not found.
 #[derive(Debug, Clone, Copy)]
 pub struct JobId(pub Uuid);
 
@@ -56,7 +56,7 @@ impl<S: Send + Sync> FromRequestParts<S> for UploadId {
 }
 
 async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &'static str) -> Result<Uuid, ApiError> {
-    // what is no UTF-8 is no id either
+    // invalid UTF-8 is not an id either
     let segments = segments(parts, state).await.unwrap_or_default();
     let text = segments.get("id").map(String::as_str).unwrap_or_default();
     let id = Uuid::parse_str(text)
@@ -77,7 +77,7 @@ fn name_segment(segments: &HashMap<String, String>, what: &'static str) -> Resul
     name(what, text)
 }
 
-/// A name of a rig, a lens or a scan, or the rule that it breaks. The log tells the names of a request.
+/// A checked name of a rig, lens or scan. The log lines of the request have it.
 pub fn name(what: &str, text: String) -> Result<Name, ApiError> {
     let name = Name::new(text).map_err(|error| ApiError::new(Code::InvalidRequest, format!("{what}: {error}")))?;
     log::note(what, &name);

@@ -6,14 +6,13 @@ use axum::http::{HeaderMap, HeaderName};
 
 /// The request header.
 pub const PREFER: HeaderName = HeaderName::from_static("prefer");
-/// What the server did about it.
+/// The response header with the granted preference.
 pub const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
 
-/// Longest wait in seconds: proxies between give up at about a minute.
+/// Longest wait, seconds. Proxies time out after about a minute.
 pub const MAX_WAIT_S: u64 = 60;
 
-/// How long the client prefers to wait for the end of the job. As RFC 7240 wants it, a preference that is not
-/// understood is passed over.
+/// How long the client prefers to wait for the end of the job. Unknown preferences are ignored, as RFC 7240 requires.
 pub fn wait(headers: &HeaderMap) -> Option<Duration> {
     headers
         .get_all(PREFER)

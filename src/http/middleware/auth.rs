@@ -29,7 +29,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
             parts.extensions.insert(caller);
             let response = next.run(Request::from_parts(parts, body)).await;
             match in_progress {
-                Some(in_progress) => in_progress.until_left(response),
+                Some(in_progress) => in_progress.until_sent(response),
                 None => response,
             }
         }

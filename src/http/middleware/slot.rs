@@ -17,7 +17,7 @@ use crate::{
 /// The layer. A request without a connection (in tests) needs no slot.
 pub async fn require(request: Request, next: Next) -> Response {
     let Some(seat) = request.extensions().get::<Arc<Seat>>().cloned() else { return next.run(request).await };
-    seat.asked();
+    seat.note_request();
     let is_about_health = ["/healthz", "/readyz"].contains(&request.uri().path());
     if is_about_health || seat.got_slot().await {
         return next.run(request).await;

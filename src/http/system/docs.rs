@@ -1,4 +1,4 @@
-//! `GET /docs`: the contract to read and try. The page's files are part of the program; nothing comes from outside.
+//! `GET /docs`: Swagger UI for the OpenAPI document. Its files are embedded in the program; nothing is loaded from elsewhere.
 
 use axum::{
     Router,
@@ -8,7 +8,7 @@ use axum::{
 };
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
-/// The routes of the page, and the way there from `/`. Browsers ask for an icon by themselves: there is none.
+/// The routes of the page, a redirect from `/`, and an empty answer for the icon that browsers request.
 pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
     let page = SwaggerUi::new("/docs").config(Config::from("/openapi.json").display_request_duration(true));
     let icon = (StatusCode::NO_CONTENT, [(header::CACHE_CONTROL, "max-age=86400")]);

@@ -1,4 +1,4 @@
-//! What is measured when Prometheus asks: rows, disk, process.
+//! Gauges measured at each scrape: database, disk, process.
 
 use std::time::Instant;
 
@@ -14,13 +14,13 @@ use crate::{
     telemetry::{Exposition, series::*},
 };
 
-/// Share of a quota from which its use is high.
+/// Fraction of a quota from which its use counts as high.
 const HIGH: f64 = 0.8;
 
-/// All gauges in the text format. Three queries that read indexes alone, one look at the file system, one at the process.
+/// All gauges in the text format. Costs three queries that read only indexes, and one look at the file system and the process.
 ///
 /// # Errors
-/// When the rows cannot be read. A disk that cannot be measured is left out.
+/// When the database cannot be read. A disk that cannot be measured is omitted.
 pub(super) async fn measure(app: &App, started: Instant) -> StoreResult<String> {
     let mut text = Exposition::default();
     let totals = app.store.metadata.totals().await?;
@@ -50,7 +50,7 @@ fn jobs(text: &mut Exposition, totals: &[JobTotals]) {
     let now = Timestamp::now();
     let ages = JobKind::ALL.map(|kind| {
         let oldest = of(kind, JobState::Queued).map(|jobs| jobs.oldest);
-        // a clock that was set back makes no negative age
+        // no negative age after the clock was set back
         let age = oldest.map_or(0.0, |oldest| now.duration_since(oldest).as_secs_f64().max(0.0));
         ([kind.as_str()], age)
     });
@@ -65,8 +65,8 @@ fn stored(text: &mut Exposition, totals: &Totals) {
     text.value(&UPLOADS_OPEN, totals.open_uploads as f64);
 }
 
-/// Tokens by how much of their quota is used: their names are no labels, because their number has no bound and who may read
-/// this page need not know them.
+/// Counts tokens by the use of their quota. Token names are not labels: their number is unbounded, and readers of the metrics
+/// need not know them.
 fn quotas(text: &mut Exposition, quotas: &[QuotaUse]) {
     let (mut normal, mut high, mut full) = (0, 0, 0);
     for QuotaUse { quota, used } in quotas {

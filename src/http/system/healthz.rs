@@ -12,9 +12,9 @@ pub struct Alive {
     status: &'static str,
 }
 
-/// Alive?
+/// Liveness check
 ///
-/// Asks nothing but the process itself.
+/// Answers while the process runs. It checks nothing else.
 #[utoipa::path(get, path = "/healthz", operation_id = "get_health", tag = "service", responses((status = 200, description = "Alive", body = Alive)))]
 pub async fn healthz() -> Json<Alive> {
     Json(Alive { status: "ok" })

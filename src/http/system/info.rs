@@ -17,57 +17,57 @@ pub struct Info {
     name: &'static str,
     /// Version of the program.
     version: &'static str,
-    /// What is taken on.
+    /// Limits.
     limits: LimitsInfo,
-    /// What can be read and written.
+    /// Formats.
     formats: FormatsInfo,
-    /// What a stack gets that asks for nothing.
+    /// Default options of a stack.
     defaults: StackOptions,
-    /// Jobs that this process works on at a time; 0 when others work.
+    /// Jobs that this process runs at the same time; 0 when other processes run them.
     workers: usize,
 }
 
-/// What is taken on.
+/// Limits of the service.
 #[derive(Serialize, ToSchema)]
 pub struct LimitsInfo {
     /// Largest upload, bytes.
     max_upload_bytes: u64,
-    /// Most slices of a stack.
+    /// Largest number of slices of a stack.
     max_slices: usize,
-    /// Most members of a zip.
+    /// Largest number of members of a zip.
     max_archive_members: usize,
-    /// Most bytes of one member, unpacked.
+    /// Largest unpacked member of a zip, bytes.
     max_member_bytes: u64,
-    /// Most bytes of all pictures of a zip, unpacked.
+    /// Largest unpacked size of all images of a zip together, bytes.
     max_unpacked_bytes: u64,
-    /// Most pixels of a slice.
+    /// Largest number of pixels of a slice.
     max_pixels: u64,
-    /// Most jobs that may wait.
+    /// Largest number of queued jobs.
     queue_limit: u64,
-    /// An upload that sends nothing for this long is given up, seconds.
+    /// Timeout of a request body from which no data arrives, seconds.
     body_idle_timeout_s: f64,
-    /// A resumable upload waits for its next piece so long, seconds.
+    /// Time after which a resumable upload without new data expires, seconds.
     upload_keep_s: u64,
     /// Longest `Prefer: wait`, seconds.
     max_wait_s: u64,
 }
 
-/// What can be read and written.
+/// Formats that the service reads and writes.
 #[derive(Serialize, ToSchema)]
 pub struct FormatsInfo {
-    /// Kinds of upload.
+    /// Media types of uploads.
     uploads: [&'static str; 3],
-    /// Kinds of slice.
+    /// Media types of slices.
     slices: [&'static str; 3],
     /// Bits per sample of a slice.
     bit_depths: [u8; 2],
-    /// Kinds of image that come out.
+    /// Media types of the image of a stack.
     images: [&'static str; 3],
 }
 
 /// Read limits and defaults
 ///
-/// The version of the service, the limits it sets, the formats it reads and writes, and the default of every option.
+/// The version of the service, its limits, the formats that it reads and writes, and the default of every option.
 #[utoipa::path(get, path = "/v1/info", operation_id = "get_info", tag = "service", responses((status = 200, description = "Version, limits, formats, defaults", body = Info)))]
 pub async fn info(State(app): State<App>) -> Json<Info> {
     let policy = &app.policy;

@@ -15,9 +15,9 @@ use crate::{
     telemetry,
 };
 
-/// For Prometheus
+/// Metrics for Prometheus
 ///
-/// Requests, jobs, workers, disk and process in the text format. `docs/OPERATIONS.md` lists every series.
+/// Requests, jobs, workers, disk and process in the text format of Prometheus. `docs/OPERATIONS.md` lists every series.
 #[utoipa::path(
     get,
     path = "/metrics",

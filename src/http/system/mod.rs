@@ -1,4 +1,4 @@
-//! The service about itself.
+//! Endpoints about the service itself: health, limits, metrics, the OpenAPI document, problem types.
 
 pub mod docs;
 pub mod examples;

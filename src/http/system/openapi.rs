@@ -1,4 +1,4 @@
-//! `GET /openapi.json`, and how the document is made.
+//! `GET /openapi.json`, and the completion of the document that utoipa generates.
 
 use axum::{
     Extension,
@@ -20,30 +20,32 @@ use crate::{
 };
 use pinstack_science::types::error::ErrorLocation;
 
-/// What no endpoint says by itself.
+/// The parts of the document that belong to no endpoint.
 #[derive(OpenApi)]
 #[openapi(
     info(
         title = "pinstack",
         description = "Calibrated focus stacking for photogrammetry. Store or measure a profile (one homography per slice) \
-            for a rig and a lens, send focus stacks as zips, get fused, masked images that are still perspective images.\n\n\
-            Every error is `application/problem+json` with a stable `code`. Every answer carries `X-Request-Id`. Pixel \
-            coordinates: x right, y down, the centre of the top-left pixel is (0, 0). A homography is row-major and maps \
-            slice pixel to reference-slice pixel.\n\n\
-            `Prefer: wait=N` lets a request wait for the end of a job: N seconds, at most 60. A larger N counts as 60, and \
-            `Preference-Applied` says what was granted. A client that wants to wait longer asks again.\n\n\
-            Each operation that needs a token names the scopes that allow it in `x-required-scopes`: one of them is enough. \
-            The scope `admin` allows everything. A service may be set up to ask for no token.",
+            for a rig and a lens, send focus stacks as zips, and get fused, masked images with the geometry of a pinhole \
+            camera.\n\n\
+            **Errors.** Every error is `application/problem+json` (RFC 9457) with a stable `code`. Every answer has an \
+            `X-Request-Id`.\n\n\
+            **Coordinates.** Pixels: x to the right, y down, the centre of the top-left pixel is (0, 0). A homography is \
+            row-major and maps pixels of a slice to pixels of the reference slice.\n\n\
+            **Waiting.** With `Prefer: wait=N` a request waits up to N seconds, at most 60, for the end of a job. \
+            `Preference-Applied` has the granted time. To wait longer, repeat the request.\n\n\
+            **Access.** `x-required-scopes` of an operation lists the scopes of which a token needs one. The scope `admin` \
+            allows everything. A service can be configured to require no token.",
         contact(name = "The pinstack authors"),
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     servers((url = "/", description = "The service that sent this document")),
     tags(
-        (name = "profiles", description = "One homography and one gain per slice, by rig and lens"),
+        (name = "profiles", description = "One homography and one gain per slice, for each rig and lens"),
         (name = "calibrations", description = "Profiles measured from a dot-target stack"),
-        (name = "stacks", description = "Focus stacks, fused and masked"),
-        (name = "uploads", description = "Stacks and dot targets sent in pieces: tus 1.0.0"),
-        (name = "service", description = "The service about itself"),
+        (name = "stacks", description = "Focus stacks: upload, fusion, results"),
+        (name = "uploads", description = "Resumable uploads of stacks and dot targets: tus 1.0.0"),
+        (name = "service", description = "Health, limits, metrics and documentation of the service"),
     ),
     components(schemas(Problem, Code, ErrorLocation))
 )]
@@ -58,7 +60,7 @@ pub struct Document {
 }
 
 impl Document {
-    /// Completes what the endpoints say of themselves.
+    /// Completes the generated document.
     pub fn of(api: utoipa::openapi::OpenApi) -> Self {
         let value = completed(serde_json::to_value(api).unwrap_or_default());
         let mut text = serde_json::to_string_pretty(&value).unwrap_or_default();
@@ -78,19 +80,19 @@ impl Document {
     }
 }
 
-/// Read the contract
+/// Get the OpenAPI document
 ///
-/// This document. It is the same until the service is replaced by another version.
+/// This document. It changes only with the version of the service.
 #[utoipa::path(
     get,
     path = "/openapi.json",
     operation_id = "get_openapi",
     tag = "service",
-    params(("If-None-Match" = Option<String>, Header, description = "`ETag` of what the client has")),
+    params(("If-None-Match" = Option<String>, Header, description = "`ETag` of the version that the client has")),
     responses(
         (status = 200, description = "OpenAPI 3.1", body = Object, content_type = "application/json", headers(
             ("ETag" = String, description = "SHA-256 of the document"))),
-        (status = 304, description = "The client has it already"),
+        (status = 304, description = "The client has this version already"),
     )
 )]
 pub async fn openapi(Extension(document): Extension<&'static Document>, headers: HeaderMap) -> Response {
@@ -101,8 +103,8 @@ pub async fn openapi(Extension(document): Extension<&'static Document>, headers:
     (tag, [(header::CONTENT_TYPE, "application/json")], document.text()).into_response()
 }
 
-/// Adds what is the same everywhere, so that endpoints only say what is their own: errors are problems with the codes
-/// that their descriptions name, anything can fail with 500, and every answer carries a request id.
+/// Adds what all operations have in common, so that endpoints document only their own: problem bodies with examples of the codes
+/// that their descriptions name, common errors, the request id, and the needed scopes.
 fn completed(mut document: Value) -> Value {
     schemas::complete(&mut document);
     uploads_by_put(&mut document);
@@ -126,12 +128,12 @@ fn completed(mut document: Value) -> Value {
     document["components"]["examples"] = examples.used_in(&document);
     document["components"]["securitySchemes"]["token"] = json!({
         "type": "http", "scheme": "bearer",
-        "description": "A token made by `pinstack token add`. A service may be set up to ask for none."
+        "description": "A token made by `pinstack token add`. A service can be configured to require none."
     });
     document
 }
 
-/// Files are taken by PUT too, because `curl -T` sends them so.
+/// Documents PUT for the operations that accept files, because `curl -T` sends PUT.
 fn uploads_by_put(document: &mut Value) {
     for path in ["/v1/stacks", "/v1/profiles/{rig}/{lens}/calibrations", "/v1/profiles/{rig}/{lens}/import"] {
         let mut by_put = document["paths"][path]["post"].clone();
@@ -140,13 +142,13 @@ fn uploads_by_put(document: &mut Value) {
         }
         document["paths"][path]["put"] = by_put;
     }
-    // the body of a new upload may be its first piece, or nothing; that of a rerun names what is different
+    // optional bodies: the first bytes of a new upload, the changed options of a rerun
     for path in ["/v1/uploads", "/v1/stacks/{id}/rerun"] {
         document["paths"][path]["post"]["requestBody"]["required"] = json!(false);
     }
 }
 
-/// What the table of scopes says about an operation.
+/// Adds the needed scopes of an operation, and the errors of missing rights.
 fn protect(path: &str, method: &str, operation: &mut Value) {
     let method = Method::from_bytes(method.to_uppercase().as_bytes()).unwrap_or_default();
     let Some(scopes) = needs(&method, path) else {
@@ -156,7 +158,7 @@ fn protect(path: &str, method: &str, operation: &mut Value) {
     operation["security"] = json!([{ "token": [] }]);
     operation["x-required-scopes"] = scopes.iter().map(|scope| scope.as_str()).collect();
     operation["responses"]["401"] =
-        json!({ "description": "`unauthorized`: a token is asked for, and there was no valid one" });
+        json!({ "description": "`unauthorized`: the request needs a token and has no valid one" });
     let scopes = names(scopes, "` or `");
     let foreign = if method.is_safe() { "" } else { "; `cross_origin_request`: a page of another origin sent it" };
     operation["responses"]["403"] =
@@ -164,19 +166,19 @@ fn protect(path: &str, method: &str, operation: &mut Value) {
     operation["responses"]["429"] = json!({ "description": "`too_many_requests`: the token has too many requests in progress; with `Retry-After`" });
 }
 
-/// What every operation can answer, and what belongs to every answer.
+/// Adds the errors that every operation can answer, and the header of every answer.
 fn complete(examples: &examples::Examples, method: &str, operation: &mut Value) {
     let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { return };
-    let misdirected = "`misdirected_request`: `Host` is no name of this service, which asks for no token";
+    let misdirected = "`misdirected_request`: `Host` is not a name of this service, which requires no token";
     responses.entry("421").or_insert_with(|| json!({ "description": misdirected }));
-    responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: our own fault" }));
+    responses.entry("500").or_insert_with(|| json!({ "description": "`internal`: an error of the service" }));
     if ["put", "post", "patch", "delete"].contains(&method) {
         let full = "`insufficient_storage`: the disk of the server is full";
         responses.entry("507").or_insert_with(|| json!({ "description": full }));
     }
     for (status, response) in responses.iter_mut() {
         response["headers"]["X-Request-Id"] = json!({
-            "description": "The client's own, or one that was made", "schema": { "type": "string" }
+            "description": "The id from the request, or a generated one", "schema": { "type": "string" }
         });
         let is_error = status.starts_with('4') || status.starts_with('5');
         if is_error && response.get("content").is_none() {

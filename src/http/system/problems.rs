@@ -12,7 +12,7 @@ use crate::{
     },
 };
 
-/// A kind of problem.
+/// A problem type.
 #[derive(Serialize, ToSchema)]
 pub struct ProblemKind {
     /// Stable code.
@@ -34,9 +34,9 @@ impl ProblemKind {
     }
 }
 
-/// Get a kind of problem
+/// Get a problem type
 ///
-/// The `type` of every problem is the URL of this page.
+/// The `type` of every problem is the URL of this page: what it means and what to do.
 #[utoipa::path(
     get,
     path = "/problems/{code}",

@@ -6,41 +6,41 @@ use utoipa::ToSchema;
 
 use crate::http::state::App;
 
-/// Whether the service can take work.
+/// Whether the service can accept work.
 #[derive(Serialize, ToSchema)]
 pub struct Readiness {
-    /// True when every check holds.
+    /// True when every check passes.
     ready: bool,
     /// The checks.
     checks: Checks,
 }
 
-/// Every check.
+/// The checks.
 #[derive(Serialize, ToSchema)]
 pub struct Checks {
     /// The database answers.
     database: Check,
-    /// Files can be written and moved into place.
+    /// Files can be written and renamed.
     blobs: Check,
-    /// There is room on the disk.
+    /// There is free disk space.
     disk: DiskCheck,
-    /// The server is not going down.
+    /// The server is not shutting down.
     running: Check,
 }
 
 /// One check.
 #[derive(Serialize, ToSchema)]
 pub struct Check {
-    /// Holds.
+    /// Whether the check passes.
     ok: bool,
 }
 
-/// Room on the disk.
+/// Disk space.
 #[derive(Serialize, ToSchema)]
 pub struct DiskCheck {
     /// More is free than must stay free.
     ok: bool,
-    /// Bytes that can still be written; null when that cannot be told.
+    /// Bytes that can still be written; null when unknown.
     free_bytes: Option<u64>,
     /// Bytes that uploads, jobs and conversions in progress have reserved and not written yet.
     reserved_bytes: u64,
@@ -48,18 +48,18 @@ pub struct DiskCheck {
     min_free_bytes: u64,
 }
 
-/// What was found when somebody last looked.
+/// The result of the last checks.
 #[derive(Debug, Clone, Copy)]
-pub struct Look {
+pub struct LastChecks {
     database: bool,
     blobs: bool,
     has_room: bool,
     free_bytes: Option<u64>,
 }
 
-/// Able to take work?
+/// Readiness check
 ///
-/// Looks at the database, the blob store and the room on the disk, at most once a second.
+/// Checks the database, the blob store and the free disk space, at most once a second.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -67,11 +67,11 @@ pub struct Look {
     tag = "service",
     responses(
         (status = 200, description = "Ready", body = Readiness),
-        (status = 503, description = "Not ready; the checks say why", body = Readiness),
+        (status = 503, description = "Not ready; see the checks that fail", body = Readiness),
     )
 )]
 pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
-    let Look { database, blobs, has_room, free_bytes } = app.readiness.get(async || look(&app).await).await;
+    let LastChecks { database, blobs, has_room, free_bytes } = app.readiness.get(async || run_checks(&app).await).await;
     let checks = Checks {
         database: Check { ok: database },
         blobs: Check { ok: blobs },
@@ -88,10 +88,10 @@ pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
     (status, Json(Readiness { ready, checks }))
 }
 
-/// It writes a file, so it must not be had at any rate that a client likes.
-async fn look(app: &App) -> Look {
+/// Runs the checks. They write a file, so the result is cached: clients must not determine how often they run.
+async fn run_checks(app: &App) -> LastChecks {
     let disk = app.disk.state().await.ok();
-    Look {
+    LastChecks {
         database: app.store.metadata.healthy().await,
         blobs: is_writable(app).await,
         has_room: disk.is_some_and(|disk| disk.available() > 0),
@@ -100,5 +100,5 @@ async fn look(app: &App) -> Look {
 }
 
 async fn is_writable(app: &App) -> bool {
-    app.store.blobs.probe().await.inspect_err(|error| tracing::error!(?error, "files cannot be stored")).is_ok()
+    app.store.blobs.probe().await.inspect_err(|error| tracing::error!(?error, "cannot store files")).is_ok()
 }

@@ -1,20 +1,20 @@
-//! The schemas of the options of a stack. One type of the program gives three schemas, because a generated client needs
-//! to tell them apart:
+//! The schemas of the options of a stack. One Rust type gives three schemas, because generated clients need to distinguish
+//! them:
 //!
 //! | schema | used in | members |
 //! |---|---|---|
-//! | `StackOptions` | answers | all are there |
-//! | `StackOptionsInput` | the part `options` of a form | each may be left out and gets its default then |
-//! | `RerunOptions` | the body of a rerun | each may be left out (it stays as it was) or null (it gets its default) |
+//! | `StackOptions` | answers | all are present |
+//! | `StackOptionsInput` | query parameters, the part `options` of a form | each is optional and has a default |
+//! | `RerunOptions` | the body of a rerun | each may be omitted (unchanged) or null (its default) |
 //!
-//! None has a JSON Schema `default`: generated clients would send the defaults of the version that they were made from.
-//! The descriptions tell the defaults.
+//! None has a JSON Schema `default`: generated clients would send the defaults of the version that they were generated from.
+//! The descriptions name the defaults.
 
 use serde_json::{Map, Value, json};
 
 use super::parameters;
 
-/// Adds the three schemas, made from that of the program's type.
+/// Adds the three schemas, derived from that of the Rust type.
 pub fn complete(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
     let Some(Value::Object(properties)) = schemas.get("StackOptions").and_then(|made| made.get("properties")).cloned()
@@ -29,16 +29,16 @@ pub fn complete(document: &mut Value) {
     let each = |change: fn(&str, Value) -> Value| -> Map<String, Value> {
         properties.iter().map(|(name, schema)| (name.clone(), change(name, schema.clone()))).collect()
     };
-    let description = "Options of a stack. One that is left out gets its default.";
+    let description = "Options of a stack. An omitted option gets its default.";
     schemas.insert("StackOptionsInput".into(), object(description, each(input)));
-    let description = "Options of a rerun. A member replaces that option of the stack, null gives the option its default, \
-                       and an option that is left out stays as it was.";
+    let description = "Options of a rerun. A member replaces that option of the stack; null resets the option to its default; \
+                       an omitted option stays unchanged.";
     schemas.insert("RerunOptions".into(), object(description, each(rerun)));
     let names: Vec<&String> = properties.keys().collect();
     let shown = json!({
         "type": "object", "required": names, "properties": each(shown),
-        "description": "Every option of a stack as it was used, defaults filled in. An option that is null has no value of \
-            its own; its description says what was done then."
+        "description": "Every option of a stack as it was used, with defaults filled in. The description of an option says \
+            what null means."
     });
     schemas.insert("StackOptions".into(), shown);
     let form = schemas.get_mut("StackForm").and_then(|form| form.pointer_mut("/properties/options"));
@@ -49,7 +49,7 @@ pub fn complete(document: &mut Value) {
     }
 }
 
-/// As an answer shows it.
+/// The schema of an option in answers.
 fn shown(_: &str, mut schema: Value) -> Value {
     if let Some(schema) = schema.as_object_mut() {
         schema.remove("default");
@@ -57,7 +57,7 @@ fn shown(_: &str, mut schema: Value) -> Value {
     schema
 }
 
-/// As a request gives it: with its range, and its default told in words.
+/// The schema of an option in requests: with its range, and its default in the description.
 fn input(name: &str, mut schema: Value) -> Value {
     let Some(members) = schema.as_object_mut() else { return schema };
     let default = members.remove("default").filter(|default| !default.is_null());
@@ -67,10 +67,10 @@ fn input(name: &str, mut schema: Value) -> Value {
         let described = format!("{described} Default: `{default}`.");
         members.insert("description".into(), described.into());
     }
-    // the enumeration of the depths is a pattern here: JSON may also hold numbers
+    // in JSON a depth may also be a number, so its enumeration is a pattern
     let precise = parameters::precise(name).unwrap_or_default();
     for (member, value) in precise.as_object().into_iter().flatten() {
-        // "not" beside a binary part is more than Schemathesis can generate; the description says "odd"
+        // Schemathesis cannot generate "not" beside a binary part; the description says "odd"
         if !["type", "$ref", "enum", "format", "not"].contains(&member.as_str()) {
             members.insert(member.clone(), value.clone());
         }
@@ -78,7 +78,7 @@ fn input(name: &str, mut schema: Value) -> Value {
     schema
 }
 
-/// As a rerun gives it: null, too.
+/// The schema of an option in a rerun: may also be null.
 fn rerun(name: &str, schema: Value) -> Value {
     let mut schema = input(name, schema);
     if let Some(kind) = schema["type"].as_str().map(str::to_owned) {
