@@ -1,5 +1,5 @@
-//! The option `input_bits`: 16-bit files that hold 10, 12 or 14-bit data are scaled to full scale on request. Without the
-//! option, such files cause a warning.
+//! The option `input_bits`: 16-bit files that hold 10, 12 or 14-bit data are scaled to full scale on request. Without
+//! the option, such files cause a warning.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -68,8 +68,8 @@ impl Slices for FullScaleSlices<'_> {
     }
 }
 
-/// A warning when the brightest 16-bit sample of all lights leaves two bits or more unused and `input_bits` was not given.
-/// The lights count together: one sensor took both.
+/// A warning when the brightest 16-bit sample of all lights leaves two bits or more unused and `input_bits` was not
+/// given. The lights count together: one sensor took both.
 pub(super) fn warning(lights: &[&FullScaleSlices<'_>]) -> Option<Warning> {
     let given = lights.iter().any(|light| light.bits != InputBits::Auto);
     let brightest =

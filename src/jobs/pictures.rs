@@ -1,7 +1,7 @@
 //! The image files of a stack.
 //!
-//! In: the fused front light, the silhouette, the options and the profile. Out: the files image, preview, mask and depth,
-//! and the description of the image. The image takes longest, so it is encoded in parallel with the others.
+//! In: the fused front light, the silhouette, the options and the profile. Out: the files image, preview, mask and
+//! depth, and the description of the image. The image takes longest, so it is encoded in parallel with the others.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -134,7 +134,8 @@ impl Pictures<'_> {
     }
 }
 
-/// A warning when the slices carry a focal length and the image does not, because the profile has no principal distance.
+/// A warning when the slices carry a focal length and the image does not, because the profile has no principal
+/// distance.
 pub(super) fn dropped_focal_length(source: &Metadata, profile: &ProfileInput) -> Option<Warning> {
     let dropped = profile.principal_distance_mm.is_none() && source.has_focal_length();
     dropped.then(|| {

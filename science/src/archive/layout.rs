@@ -1,7 +1,7 @@
 //! Finds the slices among the members of a zip and assigns each to a light.
 //!
-//! In: the directory. Out: the slices of both lights in order. The steps: check names, separate pictures from other files,
-//! strip enclosing folders, apply the manifest if there is one, otherwise sort by folder and name.
+//! In: the directory. Out: the slices of both lights in order. The steps: check names, separate pictures from other
+//! files, strip enclosing folders, apply the manifest if there is one, otherwise sort by folder and name.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -104,8 +104,8 @@ fn refuse_same_names(members: &[Member]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Separates pictures from other files. A camera raw file next to a picture of the same name is ignored, with a warning.
-/// A raw file without one is refused.
+/// Separates pictures from other files. A camera raw file next to a picture of the same name is ignored, with a
+/// warning. A raw file without one is refused.
 fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<(Vec<Member>, Vec<Member>), Error> {
     let (mut pictures, mut raw, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for member in members {

@@ -29,8 +29,8 @@ pub(super) struct Manifest {
     back: Vec<String>,
 }
 
-/// The manifest, if there is one among the files that are not pictures. A `manifest.json` with neither `front` nor `back`
-/// belongs to another program and is ignored, with a warning.
+/// The manifest, if there is one among the files that are not pictures. A `manifest.json` with neither `front` nor
+/// `back` belongs to another program and is ignored, with a warning.
 pub(super) fn find(
     container: &Container,
     others: &[Member],
@@ -66,8 +66,8 @@ pub(super) fn find(
 }
 
 impl Manifest {
-    /// The pictures in the order of the manifest. Every picture must be named once, and every name must exist: an omitted or
-    /// repeated slice would shift all others against the profile.
+    /// The pictures in the order of the manifest. Every picture must be named once, and every name must exist: an
+    /// omitted or repeated slice would shift all others against the profile.
     pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<SortedSlices, Error> {
         let mut pictures = Pictures::new(pictures);
         let front = pictures.take(&self.front, Light::Front)?;

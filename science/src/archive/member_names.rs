@@ -10,8 +10,8 @@ const LONGEST: usize = 1_024;
 /// add. Backslashes are separators: Windows programs write them, and file names do not contain them.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for control characters, absolute names, `..`, and names that are
-/// empty or too long.
+/// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for control characters, absolute names, `..`, and names that
+/// are empty or too long.
 pub(super) fn checked(raw: &str) -> Result<Option<String>, Error> {
     let shown: String = raw.chars().take(120).map(|c| if c.is_control() { '?' } else { c }).collect();
     // macOS stores the icon of a folder under this name
@@ -46,8 +46,8 @@ pub(super) fn checked(raw: &str) -> Result<Option<String>, Error> {
     }
 }
 
-/// True for bytes that are neither UTF-8 nor letters of code page 437, the default of zip. Windows programs write names in
-/// the local code page (GBK, 932, 1252), which the zip does not specify.
+/// True for bytes that are neither UTF-8 nor letters of code page 437, the default of zip. Windows programs write names
+/// in the local code page (GBK, 932, 1252), which the zip does not specify.
 pub(super) fn is_of_another_code_page(raw: &[u8]) -> bool {
     // the letters in the upper half of 437; the rest is box drawing, Greek and mathematics
     let is_letter = |byte: u8| matches!(byte, 0..=0xA8 | 0xE1);

@@ -1,8 +1,8 @@
 //! Untrusted zip files become ordered slices, and untrusted numpy files become matrices ([`npy`], [`npz`]).
 //!
-//! A zip is never extracted. Names are labels, not paths. Nothing is written to disk. One member is in memory at a time,
-//! and never more of it than its declared size and [`ArchiveLimits`] allow. [`open`] checks everything that the directory
-//! and the picture headers show. Errors that only decoding shows are returned by [`ArchivedSlices`].
+//! A zip is never extracted. Names are labels, not paths. Nothing is written to disk. One member is in memory at a
+//! time, and never more of it than its declared size and [`ArchiveLimits`] allow. [`open`] checks everything that the
+//! directory and the picture headers show. Errors that only decoding shows are returned by [`ArchivedSlices`].
 //!
 //! # Accepted archives
 //! | aspect | accepted |
@@ -137,9 +137,9 @@ pub fn open(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Error> 
     checked(Container::open(path, limits)?, limits, u64::MAX)
 }
 
-/// Like [`open`], but fast enough for a client to wait: at most [`NEAR_BYTES`] of each compressed member are decompressed.
-/// A header beyond that (a TIFF with its directory at the end) is not checked here; the job calls [`open`]. When the
-/// headers of all slices are beyond it, the first slice is decompressed.
+/// Like [`open`], but fast enough for a client to wait: at most [`NEAR_BYTES`] of each compressed member are
+/// decompressed. A header beyond that (a TIFF with its directory at the end) is not checked here; the job calls
+/// [`open`]. When the headers of all slices are beyond it, the first slice is decompressed.
 ///
 /// # Errors
 /// As [`open`].

@@ -69,8 +69,8 @@ fn by_piece(a: &Piece<'_>, b: &Piece<'_>) -> Ordering {
     }
 }
 
-/// Natural order of file names. Numbers of any length compare by value, with their sign. Case is ignored. The extension is
-/// compared last. A total order: only identical names are equal.
+/// Natural order of file names. Numbers of any length compare by value, with their sign. Case is ignored. The extension
+/// is compared last. A total order: only identical names are equal.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (pieces_a, pieces_b) = (pieces(member_names::stem(a)), pieces(member_names::stem(b)));
     for (a, b) in pieces_a.iter().zip(&pieces_b) {
@@ -88,12 +88,12 @@ const COUNTER_DIGITS: usize = 4;
 /// Smallest gap between the low and the high numbers of a stack whose counter rolled over.
 const ROLLOVER_GAP: u32 = 5_000;
 
-/// The index at which the stack begins, in naturally ordered `names` whose camera counter rolled over; `None` when it did
-/// not.
+/// The index at which the stack begins, in naturally ordered `names` whose camera counter rolled over; `None` when it
+/// did not.
 ///
-/// It rolled over when the names differ only in one four-digit number, the numbers form a low run that begins near 1 and a
-/// high run that ends near 9999, and the gap between the runs is at least [`ROLLOVER_GAP`]. No other numbering leaves such
-/// a gap.
+/// It rolled over when the names differ only in one four-digit number, the numbers form a low run that begins near 1
+/// and a high run that ends near 9999, and the gap between the runs is at least [`ROLLOVER_GAP`]. No other numbering
+/// leaves such a gap.
 fn rollover(names: &[&str]) -> Option<usize> {
     let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| pieces(member_names::stem(name))).collect();
     let first = cut.first()?;

@@ -27,8 +27,8 @@ const OTHERS: [(&[u8], &str); 10] = [
     (b"MM\0*", "this is a single TIFF; put all slices into one zip, one file per slice"),
 ];
 
-/// The message for a file of `length` bytes that is not a complete zip; `None` when it ends like one. `head` holds its first
-/// [`HEAD_BYTES`], `tail` its last [`END_RECORD_BYTES`], or all of a shorter file.
+/// The message for a file of `length` bytes that is not a complete zip; `None` when it ends like one. `head` holds its
+/// first [`HEAD_BYTES`], `tail` its last [`END_RECORD_BYTES`], or all of a shorter file.
 pub(super) fn diagnose(head: &[u8], tail: &[u8], length: u64) -> Option<String> {
     if length == 0 {
         return Some("the upload is empty (0 bytes); send the zip as the body".into());

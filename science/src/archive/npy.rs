@@ -1,7 +1,7 @@
 //! Reads matrices from a numpy array file (`.npy`, format versions 1 to 3), and writes such files.
 //!
-//! Strict on purpose: `float32` or `float64`, and exactly as many bytes as the shape requires. Pickled objects are refused
-//! and never unpickled.
+//! Strict on purpose: `float32` or `float64`, and exactly as many bytes as the shape requires. Pickled objects are
+//! refused and never unpickled.
 
 use crate::types::{Error, ErrorKind, profile::MAX_SLICES};
 
@@ -99,8 +99,8 @@ pub(super) fn layout(bytes: &[u8], file: &str) -> Result<Layout, Error> {
 /// The matrices of an array of shape N x 3 x 3 or N x 9, each row-major. `file` is the name for messages.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidProfile`]: not a `.npy` file, Python objects, another dtype, another shape, more than 1000 matrices, or
-/// a number of bytes that does not match the shape.
+/// [`ErrorKind::InvalidProfile`]: not a `.npy` file, Python objects, another dtype, another shape, more than 1000
+/// matrices, or a number of bytes that does not match the shape.
 pub fn matrices(bytes: &[u8], file: &str) -> Result<Vec<[f64; 9]>, Error> {
     let layout = layout(bytes, file)?;
     // objects first: their shape is meaningless

@@ -20,12 +20,12 @@ const MAX_ARRAYS: usize = 200;
 /// Maximum size of the array, bytes. 1000 matrices have 72 kB.
 const MAX_ARRAY_BYTES: u64 = 1 << 20;
 
-/// The matrices of a numpy file. The first bytes decide between `.npy` and `.npz`. Of an `.npz` this is the array `wanted` if
-/// given, else `homographies` if present, else the only array of shape N x 3 x 3 or N x 9.
+/// The matrices of a numpy file. The first bytes decide between `.npy` and `.npz`. Of an `.npz` this is the array
+/// `wanted` if given, else `homographies` if present, else the only array of shape N x 3 x 3 or N x 9.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidProfile`] when the file is malformed, or when the choice of the array is ambiguous; the message lists
-/// the arrays.
+/// [`ErrorKind::InvalidProfile`] when the file is malformed, or when the choice of the array is ambiguous; the message
+/// lists the arrays.
 pub fn matrices(bytes: Vec<u8>, wanted: Option<&str>) -> Result<Vec<[f64; 9]>, Error> {
     if bytes.starts_with(npy::MAGIC) {
         return match wanted {

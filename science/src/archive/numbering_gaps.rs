@@ -8,8 +8,9 @@ use super::{
 /// Maximum number of gaps that are listed.
 const MOST: usize = 3;
 
-/// The gaps in the numbering of ordered `names`, as a clause: `after slice_05.jpg comes slice_07.jpg`. `None` when there
-/// are none, when the names differ in more than one number, or when that number has no step that over half of all share.
+/// The gaps in the numbering of ordered `names`, as a clause: `after slice_05.jpg comes slice_07.jpg`. `None` when
+/// there are none, when the names differ in more than one number, or when that number has no step that over half of all
+/// share.
 pub fn skipped(names: &[String]) -> Option<String> {
     let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| natural_order::pieces(member_names::stem(name))).collect();
     let first = cut.first()?;

@@ -8,8 +8,8 @@ const BESIDE_PIXELS: u64 = 64 << 20;
 /// Uncompressed 16-bit RGBA has 8 bytes per pixel; as much again for layers and masks that programs store.
 const BYTES_PER_PIXEL: u64 = 16;
 
-/// Refuses files that are larger than any picture of `pixels` pixels needs, because a job holds files in memory. Returns
-/// the size of the largest file, bytes.
+/// Refuses files that are larger than any picture of `pixels` pixels needs, because a job holds files in memory.
+/// Returns the size of the largest file, bytes.
 pub(super) fn refuse_large(lights: [&ArchivedSlices; 2], pixels: u64) -> Result<u64, Error> {
     let most = BESIDE_PIXELS.saturating_add(pixels.saturating_mul(BYTES_PER_PIXEL));
     let largest = lights.into_iter().filter_map(ArchivedSlices::largest).max_by_key(|(_, size)| *size);

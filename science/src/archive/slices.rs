@@ -9,8 +9,8 @@ use crate::{
     types::{Error, ErrorKind},
 };
 
-/// The slices of one light. Each [`Slices::load`] opens its own reader, so several threads can load in parallel. Nothing is
-/// cached.
+/// The slices of one light. Each [`Slices::load`] opens its own reader, so several threads can load in parallel.
+/// Nothing is cached.
 pub struct ArchivedSlices {
     container: Container,
     members: Vec<Member>,
@@ -54,8 +54,8 @@ impl ArchivedSlices {
     /// The bytes of the file of slice `index`. The CRC is checked.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidArchive`] with the file name when the member is damaged; [`ErrorKind::ResourcesExhausted`] when
-    /// the disk cannot be read; [`ErrorKind::Internal`] when there is no such slice.
+    /// [`ErrorKind::InvalidArchive`] with the file name when the member is damaged; [`ErrorKind::ResourcesExhausted`]
+    /// when the disk cannot be read; [`ErrorKind::Internal`] when there is no such slice.
     pub fn bytes(&self, index: usize) -> Result<Vec<u8>, Error> {
         self.container.read(self.member(index)?, &self.limits).map_err(|error| at_slice(error, index))
     }

@@ -5,10 +5,11 @@
 
 use super::{Depth, Plane, Raster, Rect, Samples};
 
-/// The RGBA raster of `rect`: the colours of `image` (grey is copied to R, G and B) with straight alpha (255 is opaque).
+/// The RGBA raster of `rect`: the colours of `image` (grey is copied to R, G and B) with straight alpha (255 is
+/// opaque).
 ///
-/// `image` and `alpha` cover the whole canvas. Where alpha is 0 the colour is black, unless `keep_hidden_colour` is set:
-/// most feature extractors ignore alpha and would see the background.
+/// `image` and `alpha` cover the whole canvas. Where alpha is 0 the colour is black, unless `keep_hidden_colour` is
+/// set: most feature extractors ignore alpha and would see the background.
 ///
 /// # Panics
 /// When `rect` is not inside the canvas.

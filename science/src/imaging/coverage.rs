@@ -11,11 +11,11 @@ const TOLERANCE: f64 = 1e-6;
 
 /// The pixels of a canvas that a warped slice covers, as one span per row.
 ///
-/// A homography maps the rectangle of a slice to a convex quadrilateral, so the covered pixels of a row are contiguous: two
-/// numbers per row replace a mask.
+/// A homography maps the rectangle of a slice to a convex quadrilateral, so the covered pixels of a row are contiguous:
+/// two numbers per row replace a mask.
 ///
-/// A pixel is covered when its source position is between the outermost pixel centres of the slice, `[0, w-1] x [0, h-1]`.
-/// Interpolation near the border of the slice repeats the border pixels; focus measures exclude such pixels with
+/// A pixel is covered when its source position is between the outermost pixel centres of the slice, `[0, w-1] x [0,
+/// h-1]`. Interpolation near the border of the slice repeats the border pixels; focus measures exclude such pixels with
 /// [`Coverage::eroded`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Coverage {
@@ -29,8 +29,8 @@ impl Coverage {
         Self { width, spans: vec![0..width; height] }
     }
 
-    /// The coverage of a `width` x `height` canvas by a slice of `slice` = (width, height) px. `to_slice` maps canvas pixels
-    /// to slice pixels.
+    /// The coverage of a `width` x `height` canvas by a slice of `slice` = (width, height) px. `to_slice` maps canvas
+    /// pixels to slice pixels.
     pub fn of(to_slice: &Homography, slice: (usize, usize), width: usize, height: usize) -> Self {
         let h = to_slice.0;
         let limit = [slice.0 as f64 - 1.0 + TOLERANCE, slice.1 as f64 - 1.0 + TOLERANCE];

@@ -1,4 +1,5 @@
-//! Luma (Rec. 601) of interleaved pixels, row by row: as floats for focus measures, as integers where sums must be exact.
+//! Luma (Rec. 601) of interleaved pixels, row by row: as floats for focus measures, as integers where sums must be
+//! exact.
 
 use super::{
     sample::Sample,
@@ -30,8 +31,8 @@ pub fn luma_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [f32]) {
     );
 }
 
-/// The same luma as an integer, 0..=65535 at either depth. This is the guide of the guided filter, whose window sums must be
-/// exact. The rounding (variance 2e-11 of full scale squared) is far below the smallest `eps`.
+/// The same luma as an integer, 0..=65535 at either depth. This is the guide of the guided filter, whose window sums
+/// must be exact. The rounding (variance 2e-11 of full scale squared) is far below the smallest `eps`.
 pub fn guide_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [u16]) {
     simd::run(
         Avx2::detect(),
@@ -52,8 +53,8 @@ pub fn guide_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [u16]) {
     );
 }
 
-/// Applies `grey` to each pixel. Channels are split first, a block at a time: the compiler vectorises the splitting and the
-/// arithmetic separately, but not together.
+/// Applies `grey` to each pixel. Channels are split first, a block at a time: the compiler vectorises the splitting and
+/// the arithmetic separately, but not together.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
 fn in_blocks<S: Sample, T>(pixels: &[S], channels: usize, out: &mut [T], grey: impl Fn(S, S, S) -> T) {

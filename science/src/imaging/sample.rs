@@ -11,8 +11,8 @@ mod sealed {
 
 /// An integer sample, `u8` or `u16`. Kernels compute in `f32` or in exact integers and round once at the end.
 ///
-/// The trait is sealed: vector code relies on samples without padding for which every bit pattern is valid. No other crate
-/// can implement it:
+/// The trait is sealed: vector code relies on samples without padding for which every bit pattern is valid. No other
+/// crate can implement it:
 ///
 /// ```compile_fail,E0277
 /// # use pinstack_science::imaging::{Depth, Sample, Samples};

@@ -6,8 +6,8 @@ use crate::types::Error;
 /// A slice that could not be had, as a fault that names its file.
 pub type SliceError = Error;
 
-/// The ordered slices of one light of a stack. Slices are loaded one by one, possibly by several threads in parallel and
-/// possibly more than once. Nothing is cached between calls.
+/// The ordered slices of one light of a stack. Slices are loaded one by one, possibly by several threads in parallel
+/// and possibly more than once. Nothing is cached between calls.
 pub trait Slices: Sync {
     /// Number of slices.
     fn count(&self) -> usize;

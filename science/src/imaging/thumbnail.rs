@@ -8,8 +8,8 @@
 
 use super::{Raster, Sample, Samples, grey};
 
-/// The luma of `raster` averaged over squares, so that the longer side has at most `max_side` px: one channel of 8 bits.
-/// Pixels at the right and bottom that do not fill a square are ignored.
+/// The luma of `raster` averaged over squares, so that the longer side has at most `max_side` px: one channel of 8
+/// bits. Pixels at the right and bottom that do not fill a square are ignored.
 pub fn luma(raster: &Raster, max_side: usize) -> Raster {
     let step = raster.width.max(raster.height).div_ceil(max_side.max(1)).max(1);
     let step = step.min(raster.width.min(raster.height).max(1));
@@ -37,8 +37,8 @@ fn mean_luma<S: Sample>(samples: &[S], raster: &Raster, step: usize) -> Raster {
     Raster::eight(width, height, 1, out)
 }
 
-/// `raster` at 8 bits, without alpha, with a longer side of at most `max_side` px. Each pixel is the mean of four samples
-/// of its square, a quarter of the side away from the corners. That is fast, and sufficient for viewing.
+/// `raster` at 8 bits, without alpha, with a longer side of at most `max_side` px. Each pixel is the mean of four
+/// samples of its square, a quarter of the side away from the corners. That is fast, and sufficient for viewing.
 pub fn sampled(raster: &Raster, max_side: usize) -> Raster {
     let step = raster.width.max(raster.height).div_ceil(max_side).max(1);
     let (width, height, channels) = (raster.width / step, raster.height / step, raster.channels.min(3));
@@ -69,9 +69,9 @@ pub fn sampled(raster: &Raster, max_side: usize) -> Raster {
 /// What shows through transparent pixels: a light grey that differs from both dark and white parts of an object.
 const BACKGROUND: u64 = 235;
 
-/// An RGB picture of 8 bits with sides of at most `max_side` px, laid over a light grey. Each pixel is the mean of a block
-/// of `rgba`, with colours weighted by alpha, so that transparent pixels do not darken the rim of the object. The blocks
-/// partition the picture; sums are exact integers.
+/// An RGB picture of 8 bits with sides of at most `max_side` px, laid over a light grey. Each pixel is the mean of a
+/// block of `rgba`, with colours weighted by alpha, so that transparent pixels do not darken the rim of the object. The
+/// blocks partition the picture; sums are exact integers.
 ///
 /// # Panics
 /// When `rgba` has fewer than four channels.

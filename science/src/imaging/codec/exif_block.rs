@@ -1,7 +1,7 @@
-//! EXIF blocks: what is read from them, and how they are written anew for a picture made from another.
+//! Reads EXIF blocks, and writes new ones for pictures made from others.
 //!
-//! A block is never copied whole: its offsets, its thumbnail and its maker note belong to the file it came from.
-//! Known tags are taken over one by one.
+//! A block is never copied whole: its offsets, thumbnail and maker note are valid only in the original file. Known tags
+//! are copied one by one.
 
 use std::io::Cursor;
 
@@ -9,7 +9,7 @@ use exif::{Context, Field, In, Rational, SRational, Tag, Value, experimental::Wr
 
 use super::orientation;
 
-/// Tags of the main directory that describe the picture and not the way it is stored.
+/// Tags of the main directory that describe the picture and not its storage.
 const DESCRIPTIVE: &[u16] = &[
     0x010E, // ImageDescription
     0x010F, // Make
@@ -26,21 +26,21 @@ const DESCRIPTIVE: &[u16] = &[
     0xC62F, // CameraSerialNumber
 ];
 
-/// Tags of the Exif directory that do not hold for another picture: maker note, padding, places in the picture.
+/// Tags of the Exif directory that are invalid for another picture: maker note, padding, positions in the picture.
 const LEFT_OUT: &[u16] = &[0x927C, 0xEA1C, 0x9214, 0xA214];
 
-/// Longest value that is taken over.
+/// Maximum size of a value that is copied, bytes.
 const MAX_VALUE_BYTES: usize = 64 << 10;
 
-/// Most bytes of values that are taken over. Values may share bytes, so a small hostile block could stand for a huge
-/// amount of them.
+/// Maximum size of all values together, bytes. Values may overlap, so a small hostile block could expand to a huge
+/// size.
 const MAX_TOTAL_BYTES: usize = 512 << 10;
 
-/// Most fields that are taken over; cameras write about a hundred.
+/// Maximum number of fields that are copied; cameras write about a hundred.
 const MAX_FIELDS: usize = 1_000;
 
-/// A TIFF structure in memory: an EXIF block, or a whole TIFF file. Nothing in it is trusted, and what is broken in one
-/// place does not hide the rest.
+/// A TIFF structure in memory: an EXIF block or a whole TIFF file. Untrusted; a defect in one place does not hide the
+/// rest.
 struct Structure<'a> {
     data: &'a [u8],
     little: bool,
@@ -78,7 +78,7 @@ impl<'a> Structure<'a> {
         self.data.get(at..)?.first_chunk().map(|bytes| self.long(*bytes))
     }
 
-    /// The entries of the directory at `offset` whose values can be had.
+    /// The entries of the directory at `offset` whose values are readable.
     fn entries(&self, offset: u32) -> Vec<Entry<'a>> {
         let start = offset as usize;
         let count = usize::from(self.short_at(start).unwrap_or(0));
@@ -103,7 +103,7 @@ impl<'a> Structure<'a> {
         Some(Entry { number: self.short_at(at)?, kind, value })
     }
 
-    /// The entries of the directory that `pointer` in `entries` leads to.
+    /// The entries of the directory to which the tag `pointer` in `entries` points.
     fn child(&self, entries: &[Entry<'a>], pointer: Tag) -> Vec<Entry<'a>> {
         let found = entries.iter().find(|entry| entry.number == pointer.number());
         let offset = found.and_then(|entry| entry.value.first_chunk()).map(|bytes| self.long(*bytes));
@@ -145,7 +145,7 @@ impl<'a> Structure<'a> {
     }
 }
 
-/// The orientation tag of a block, made one of 1 to 8; none when there is none.
+/// The orientation of a block, 1 to 8; `None` without the tag.
 pub(super) fn orientation(block: &[u8]) -> Option<u8> {
     let structure = Structure::of(block)?;
     let entries = structure.entries(structure.long_at(4)?);
@@ -156,7 +156,7 @@ pub(super) fn orientation(block: &[u8]) -> Option<u8> {
     }
 }
 
-/// The fields of a block (or of a TIFF file) that still hold in another file with the same pixels, each tag once, and
+/// The fields of a block (or of a TIFF file) that remain valid in another file with the same pixels, each tag once, and
 /// whether the block is little-endian.
 pub(super) fn kept(block: &[u8]) -> Option<(Vec<Field>, bool)> {
     let structure = Structure::of(block)?;
@@ -191,7 +191,7 @@ fn holds_elsewhere(context: Context, number: u16) -> bool {
     }
 }
 
-/// A block of these fields; none for no fields.
+/// A block of these fields; `None` for no fields.
 pub(super) fn written(fields: &[Field], little_endian: bool) -> Option<Vec<u8>> {
     if fields.is_empty() {
         return None;
@@ -205,13 +205,13 @@ pub(super) fn written(fields: &[Field], little_endian: bool) -> Option<Vec<u8>> 
     Some(out.into_inner())
 }
 
-/// A block of its own from the tags of a TIFF file.
+/// A new block from the tags of a TIFF file.
 pub(super) fn from_tiff(file: &[u8]) -> Option<Vec<u8>> {
     let (fields, little_endian) = kept(file)?;
     written(&fields, little_endian)
 }
 
-/// The block without its longest values, so that it has at most `most` bytes; none when nothing is left.
+/// The block without its longest values, so that it has at most `most` bytes; `None` when nothing remains.
 pub(super) fn within(block: &[u8], most: usize) -> Option<Vec<u8>> {
     if block.len() <= most {
         return Some(block.to_vec());
@@ -223,7 +223,7 @@ pub(super) fn within(block: &[u8], most: usize) -> Option<Vec<u8>> {
     })
 }
 
-/// Bytes of a value.
+/// Size of a value, bytes.
 fn length(value: &Value) -> usize {
     match value {
         Value::Ascii(lines) => lines.iter().map(|line| line.len() + 1).sum(),
@@ -252,10 +252,10 @@ pub(super) fn text(block: &[u8], tag: Tag) -> Option<String> {
     }
 }
 
-/// The fields of a block by directory, for a writer that writes directories itself.
+/// The fields of a block by directory, for the TIFF writer.
 #[derive(Default)]
 pub(super) struct Directories {
-    /// Main directory, without what the TIFF writer sets itself.
+    /// Main directory, without the tags that the TIFF writer sets.
     pub primary: Vec<Field>,
     /// Exif directory.
     pub exif: Vec<Field>,

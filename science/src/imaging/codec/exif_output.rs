@@ -1,9 +1,9 @@
 //! The EXIF block of an output picture.
 //!
-//! In: the block of the slice that keeps its geometry (or none), the size of the output, and what the profile knows about
-//! the camera. Out: a block from which photogrammetry programs compute the right focal length in px.
+//! In: the block of the reference slice (or none), the size of the output, and the camera data of the profile. Out: a
+//! block from which photogrammetry programs compute the correct focal length in px.
 //!
-//! The programs differ in what they read first, so the rules are:
+//! Programs differ in the tags that they prefer, so the rules are:
 //!
 //! | the profile knows | `FocalLength` | `FocalLengthIn35mmFilm` | focal plane resolution | `Model` |
 //! |---|---|---|---|---|
@@ -12,12 +12,12 @@
 //! | pixel pitch | none | none | of the output's pixels | kept |
 //! | neither | none | none | as the camera wrote it | kept |
 //!
-//! - The focal length engraved on a macro lens is not its principal distance `f (1 + M)`. Programs trust the tag, so a wrong
-//!   one is worse than none.
-//! - `FocalLengthIn35mmFilm` is an integer, which alone is an error of up to 0.5 %, and its definition differs: COLMAP 3.8
-//!   takes `tag / 35 * longer side`, COLMAP 4 and AliceVision `tag / 43.27 * diagonal`. No value is right in both.
-//! - COLMAP 3.8 looks up the sensor's width by `Make` and `Model` before it reads the focal plane resolution. The width of a
-//!   catalogue is wrong for a crop and for slices of reduced size.
+//! - The focal length engraved on a macro lens is not its principal distance `f (1 + M)`. Programs trust the tag, so a
+//!   wrong one is worse than none.
+//! - `FocalLengthIn35mmFilm` is an integer, which alone is an error of up to 0.5 %, and its definition differs: COLMAP
+//!   3.8 takes `tag / 35 * longer side`, COLMAP 4 and AliceVision `tag / 43.27 * diagonal`. No value is right in both.
+//! - COLMAP 3.8 looks up the sensor's width by `Make` and `Model` before it reads the focal plane resolution. The width
+//!   of a catalogue is wrong for a crop and for slices of reduced size.
 
 use exif::{Field, In, Rational, Tag, Value};
 
@@ -26,33 +26,33 @@ use super::{
     orientation,
 };
 
-/// What is known about the camera that a picture could have been taken with, and what made it.
+/// Camera data of an output, and the program that wrote it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OutputCamera<'a> {
     /// Distance from the centre of projection to the sensor, mm.
     pub principal_distance_mm: Option<f64>,
     /// Size of one pixel of the picture on the sensor, mm.
     pub pixel_pitch_mm: Option<f64>,
-    /// Program and version, for the tag `Software`; empty: the tag is kept.
+    /// Program and version for the tag `Software`. If empty, the tag is kept.
     pub software: &'a str,
 }
 
 const FOCAL_PLANE_X: Tag = Tag::FocalPlaneXResolution;
 const FOCAL_PLANE_Y: Tag = Tag::FocalPlaneYResolution;
 
-/// The name of a camera that no program looks up in its catalogue of sensors.
+/// The tag for the camera model that no program looks up in a sensor database.
 const UNIQUE_CAMERA_MODEL: Tag = Tag(exif::Context::Tiff, 0xC614);
 
-/// `FocalPlaneResolutionUnit` and millimetres in it. COLMAP 3.8 knows inch and centimetre alone.
+/// `FocalPlaneResolutionUnit` and its length in mm. COLMAP 3.8 supports only inch and centimetre.
 const INCH: u16 = 2;
 const MM_PER_INCH: f64 = 25.4;
 
-/// COLMAP 3.8 reads `FocalLength` to a tenth of a millimetre.
+/// Step to which COLMAP 3.8 rounds `FocalLength`, mm.
 const READ_TO_MM: f64 = 0.1;
-/// Above this relative rounding error the tenth is written, and the focal plane resolution makes up for it.
+/// Above this relative rounding error the rounded length is written, and the focal plane resolution is scaled alike.
 const TOLERATED: f64 = 2e-4;
 
-/// The block for an upright picture of `width` x `height` px made from the one that `block` describes, where there is one.
+/// The block of an upright output of `width` x `height` px, made from the picture that `block` describes, if any.
 pub(super) fn for_output(block: Option<&[u8]>, width: u32, height: u32, camera: &OutputCamera<'_>) -> Option<Vec<u8>> {
     let (mut fields, little_endian) = block.and_then(kept).unwrap_or((Vec::new(), true));
     if block.and_then(orientation).is_some_and(orientation::swaps) {
@@ -92,7 +92,7 @@ pub(super) fn for_output(block: Option<&[u8]>, width: u32, height: u32, camera: 
     written(&fields, little_endian)
 }
 
-/// A picture that was turned by a quarter has its columns where the rows were.
+/// Exchanges the resolutions along x and y of a picture that was rotated by 90 degrees.
 fn turn(fields: &mut [Field]) {
     for field in fields {
         field.tag = match field.tag {
@@ -105,8 +105,8 @@ fn turn(fields: &mut [Field]) {
     }
 }
 
-/// Principal distance and pixel pitch as they are written, mm. Their quotient is exact. A distance so short that a tenth of a
-/// millimetre matters is rounded to it, and the pitch is scaled alike.
+/// Principal distance and pixel pitch as written, mm. Their quotient is exact. A distance so short that a tenth of a
+/// millimetre matters is rounded to a tenth, and the pitch is scaled by the same factor.
 fn written_optics(camera: &OutputCamera<'_>) -> (Option<f64>, Option<f64>) {
     let (Some(distance), Some(pitch)) = (camera.principal_distance_mm, camera.pixel_pitch_mm) else {
         return (camera.principal_distance_mm, camera.pixel_pitch_mm);
@@ -118,7 +118,7 @@ fn written_optics(camera: &OutputCamera<'_>) -> (Option<f64>, Option<f64>) {
     (Some(rounded), Some(pitch * rounded / distance))
 }
 
-/// A positive number as a rational whose parts fit signed 32 bits, which some readers take them for.
+/// A positive number as a rational whose parts fit signed 32 bits, because some readers interpret them as signed.
 fn ratio(number: f64) -> Value {
     let largest = f64::from(i32::MAX);
     let denominator = (largest / number).floor().clamp(1.0, 1e6);

@@ -1,9 +1,9 @@
-//! JPEG in.
+//! Reads JPEG.
 //!
-//! The decoder is made to show torn pictures as well as it can, which is the wrong thing for measurements. So the
-//! markers are walked here first: a file without its end marker is torn, and the scan is decoded with a tail that
-//! cannot be decoded, so that a scan that is too short is an error and not a grey area. Of a progressive picture all
-//! scans must be there, down to the last bit of every coefficient.
+//! The decoder shows truncated pictures as well as it can, which is wrong for measurements. So this module checks
+//! first: a file without an end marker is truncated; the scan is decoded with an undecodable tail, so that a short scan
+//! is an error instead of a grey area; a progressive picture must have all scans, down to the last bit of every
+//! coefficient.
 
 use std::{
     hash::{DefaultHasher, Hasher},
@@ -15,23 +15,24 @@ use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOpt
 use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation};
 use crate::imaging::Raster;
 
-/// Most bytes before the first scan. Cameras write previews of some megabytes there.
+/// Maximum number of bytes before the first scan. Cameras write previews of some megabytes there.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
 
-/// Most scans of a picture. Each goes over all of it, however few bytes it has; ten are usual.
+/// Maximum number of scans. Each processes the whole picture, even if it has few bytes; ten are usual.
 const MAX_SCANS: usize = 100;
 
-/// A block of 64 pixels takes at least one bit: a file that declares more is torn, and nothing is made ready for it.
+/// Maximum number of pixels per byte: a block of 64 pixels takes at least one bit. A file that declares more is
+/// truncated and refused before memory is allocated.
 const PIXELS_PER_BYTE: u64 = 512;
 
-/// What stands in place of the end: bytes of ones (with the zero that such bytes are followed by), and of zeros.
+/// Bytes that replace the end marker: ones (with the stuffed zero), and zeros.
 const GUARD_ONES: [u8; 2] = [0xFF, 0x00];
 const GUARD_ZEROS: [u8; 2] = [0x00, 0x00];
 
-/// Frame header of progressive pictures.
+/// Marker of the frame header of progressive pictures.
 const PROGRESSIVE: u8 = 0xC2;
 
-/// Frame header of JPEG-LS, which is another format.
+/// Marker of the frame header of JPEG-LS, which is another format.
 const JPEG_LS: u8 = 0xF7;
 
 const SOI: u8 = 0xD8;
@@ -41,10 +42,10 @@ const APP1: u8 = 0xE1;
 const APP2: u8 = 0xE2;
 const APP14: u8 = 0xEE;
 
-/// What stands before the first scan.
+/// The segments before the first scan.
 #[derive(Default)]
 struct Head {
-    /// Marker of the frame header (how the picture is coded), 0 until one was seen.
+    /// Marker of the frame header, which specifies the coding process; 0 before it was read.
     process: u8,
     precision: u8,
     width: u16,
@@ -54,14 +55,14 @@ struct Head {
     /// Components in the first scan.
     scanned: u8,
     jfif: bool,
-    /// Colour transform of Adobe's marker.
+    /// Colour transform of the Adobe marker.
     adobe: Option<u8>,
     exif: Option<Vec<u8>>,
     icc: Vec<(u8, Vec<u8>)>,
 }
 
 impl Head {
-    /// Reads up to and with the header of the first scan.
+    /// Reads up to the header of the first scan, inclusive.
     fn read(reader: impl BufRead) -> Result<Self, ImageFault> {
         let torn = |error: io::Error| ImageFault::from_io(Format::Jpeg, &error);
         let mut reader = reader.take(MAX_HEAD_BYTES);
@@ -136,7 +137,7 @@ impl Head {
         Ok(())
     }
 
-    /// The header, once the way the picture is coded is known to be decoded right.
+    /// The header. Refuses codings that the decoder does not reproduce correctly.
     fn header(&self, limits: &Limits) -> Result<Header, ImageFault> {
         let coding = match self.process {
             0xC0..=0xC2 => None,
@@ -145,22 +146,22 @@ impl Head {
             _ => Some("hierarchical"),
         };
         if let Some(coding) = coding {
-            return Err(ImageFault::unsupported(format!("the JPEG is {coding}, which is not read")));
+            return Err(ImageFault::unsupported(format!("the JPEG is {coding}, which is not supported")));
         }
         if self.precision != 8 {
             return Err(ImageFault::unsupported(format!("the JPEG has {} bits per sample", self.precision)));
         }
         let channels = match self.components.as_slice() {
             [_] => 1,
-            // the decoder would take these for YCbCr
+            // the decoder would interpret these as YCbCr
             [b'R', b'G', b'B'] if self.adobe.is_none() && !self.jfif => {
-                return Err(ImageFault::unsupported("the JPEG is stored as RGB without saying so"));
+                return Err(ImageFault::unsupported("the JPEG is stored as RGB without a marker that declares it"));
             }
             [_, _, _] => 3,
             [_, _, _, _] => return Err(ImageFault::unsupported("the JPEG is CMYK")),
             other => return Err(ImageFault::unsupported(format!("the JPEG has {} colour components", other.len()))),
         };
-        // In such files the decoder loses the last row of blocks.
+        // the decoder loses the last row of blocks of such files
         if self.process != PROGRESSIVE && usize::from(self.scanned) != self.components.len() {
             return Err(ImageFault::unsupported("the JPEG is stored colour by colour (not interleaved)"));
         }
@@ -177,7 +178,7 @@ impl Head {
         self.exif.as_deref().and_then(exif_block::orientation).unwrap_or(1)
     }
 
-    /// The ICC profile, put together from its numbered parts; none when one is missing.
+    /// The ICC profile, joined from its numbered parts; `None` when one is missing.
     fn icc_profile(&self) -> Option<Vec<u8>> {
         let mut parts: Vec<&(u8, Vec<u8>)> = self.icc.iter().collect();
         parts.sort_by_key(|(number, _)| *number);
@@ -196,27 +197,27 @@ fn next_marker(reader: &mut impl Read) -> Result<u8, ImageFault> {
     let mut read = || reader.read_exact(&mut byte).map(|()| byte[0]);
     let torn = |error: io::Error| ImageFault::from_io(Format::Jpeg, &error);
     if read().map_err(torn)? != 0xFF {
-        return Err(damaged("a marker is missing where one must be"));
+        return Err(damaged("a marker is missing"));
     }
     loop {
         match read().map_err(torn)? {
             0xFF => {}
-            0 => return Err(damaged("a marker is missing where one must be")),
+            0 => return Err(damaged("a marker is missing")),
             marker => return Ok(marker),
         }
     }
 }
 
-/// What a walk along the markers finds.
+/// The result of a walk along the markers.
 struct Walk<'a> {
-    /// Where the end marker stands.
+    /// Offset of the end marker.
     end: usize,
     /// The header of each scan.
     scans: Vec<&'a [u8]>,
 }
 
-/// Walks to the end marker, or until there are too many scans; none when the file ends before it. Segments are skipped, so that the end of a thumbnail is
-/// not taken for the end of the picture.
+/// Walks to the end marker, or until there are too many scans; `None` when the file ends before that. Segments are
+/// skipped, so that the end marker of a thumbnail is not mistaken for that of the picture.
 fn walk(bytes: &[u8]) -> Option<Walk<'_>> {
     let mut at = 2;
     let mut scans = Vec::new();
@@ -249,9 +250,9 @@ struct Pass<'a> {
     components: &'a [u8],
     /// First and last coefficient.
     band: std::ops::RangeInclusive<usize>,
-    /// True when the scan makes known coefficients finer.
+    /// True when the scan refines known coefficients.
     refines: bool,
-    /// Bits that are still missing after it.
+    /// Low bits that are still missing after the scan.
     missing: u8,
 }
 
@@ -265,8 +266,8 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// True when the scans of a progressive picture bring every coefficient of every component to its last bit. A file that
-/// was cut between two scans and closed looks sound, and shows a coarse picture.
+/// True when the scans of a progressive picture give every coefficient of every component to its last bit. A file that
+/// was cut between two scans and closed with an end marker is well-formed, but shows a coarse picture.
 fn is_complete(scans: &[&[u8]], components: &[u8]) -> bool {
     let mut missing = vec![[u8::MAX; 64]; components.len()];
     for pass in scans.iter().filter_map(|scan| Pass::of(scan)) {
@@ -307,8 +308,8 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
         return Err(ImageFault::Torn(Format::Jpeg));
     }
     let ends_by_refining = is_progressive && scans.last().and_then(|scan| Pass::of(scan)).is_some_and(|p| p.refines);
-    // Bits that refine may be ones as well as zeros, so the guard below does not show that some are missing. Whoever
-    // reads beyond the end gets another picture from another tail.
+    // Refinement bits may be ones or zeros, so one guard does not reveal missing ones. A decoder that reads beyond the
+    // end returns different pictures for different tails.
     let other = if ends_by_refining { Some(digest(&samples(bytes, &head, end, GUARD_ZEROS)?)) } else { None };
     let samples = samples(bytes, &head, end, GUARD_ONES)?;
     if other.is_some_and(|other| other != digest(&samples)) {
@@ -318,9 +319,9 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     Ok((Raster::eight(width, height, channels, samples), header.orientation))
 }
 
-/// The samples as stored, with 256 bits of `guard` in place of the end marker. No Huffman table has a code of all ones
-/// (ITU T.81, annex C), so a decoder that still wants something there fails instead of making up the rest of the picture.
-/// One that has everything never looks that far.
+/// The samples as stored, decoded with 256 bits of `guard` in place of the end marker. No Huffman table has a code of
+/// all ones (ITU T.81, annex C), so a decoder that reads the guard fails instead of inventing the rest of the picture.
+/// A complete scan is decoded without reading it.
 fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2]) -> Result<Vec<u8>, ImageFault> {
     let mut guarded = Vec::with_capacity(end + 66);
     guarded.extend_from_slice(&bytes[..end]);
@@ -336,15 +337,15 @@ fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2]) -> Result<Vec<
         .set_max_width(usize::MAX)
         .set_max_height(usize::MAX);
     let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(guarded.as_slice()), options);
-    // what the decoder says (a code that is not in the table, ...) tells a technician nothing
-    let samples = decoder.decode().map_err(|_| damaged("its picture data are garbled or break off"))?;
+    // the messages of the decoder (a code that is not in the table, ...) do not help users
+    let samples = decoder.decode().map_err(|_| damaged("its picture data are corrupt or incomplete"))?;
     if samples.len() != usize::from(head.width) * usize::from(head.height) * channels {
-        return Err(damaged("another size than declared"));
+        return Err(damaged("its size differs from the declared size"));
     }
     Ok(samples)
 }
 
-/// Tells two pictures apart without keeping both.
+/// A hash, to compare two pictures without keeping both.
 fn digest(samples: &[u8]) -> u64 {
     let mut hasher = DefaultHasher::new();
     hasher.write(samples);

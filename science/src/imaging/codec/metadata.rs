@@ -1,4 +1,4 @@
-//! What a picture file says besides its pixels.
+//! The metadata of a picture file: ICC profile and EXIF.
 
 use exif::Tag;
 
@@ -14,30 +14,36 @@ pub struct Metadata {
 }
 
 impl Metadata {
-    /// The same for a picture of `width` x `height` px that was made from the file: size tags say so, the
-    /// orientation is upright (it was applied), thumbnail and maker note are dropped (the one would show another
-    /// picture, the other is full of offsets that no longer hold). Camera, lens, exposure and dates stay. Focal length,
-    /// focal plane resolution and software are those of `camera`. There is a block even where the file has none.
+    /// The metadata of an output of `width` x `height` px made from this file. There is an EXIF block even if the file
+    /// has none.
+    ///
+    /// | field | in the output |
+    /// |---|---|
+    /// | size | `width` x `height` |
+    /// | orientation | upright, because it was applied |
+    /// | thumbnail, maker note | dropped: the first shows another picture, the second holds invalid offsets |
+    /// | camera, lens, exposure, dates | kept |
+    /// | focal length, focal plane resolution, software | from `camera` |
     #[must_use]
     pub fn for_output(&self, width: u32, height: u32, camera: &OutputCamera<'_>) -> Self {
         let exif = exif_output::for_output(self.exif.as_deref(), width, height, camera);
         Self { icc: self.icc.clone(), exif }
     }
 
-    /// Whether the file names a focal length.
+    /// True when the file has a focal length.
     pub fn has_focal_length(&self) -> bool {
         self.exif.as_deref().and_then(exif_block::kept).is_some_and(|(fields, _)| {
             fields.iter().any(|field| [Tag::FocalLength, Tag::FocalLengthIn35mmFilm].contains(&field.tag))
         })
     }
 
-    /// The program that made the file, as its EXIF names it.
+    /// The EXIF tag `Software`.
     pub(super) fn software(&self) -> Option<String> {
         exif_block::text(self.exif.as_deref()?, Tag::Software)
     }
 
-    /// The ICC profile, when it is meant for a picture of `channels` channels (a CMYK profile in an RGB file
-    /// would give wrong colours in silence).
+    /// The ICC profile, if it is for a picture of `channels` channels. A CMYK profile in an RGB file would silently
+    /// give wrong colours.
     pub(super) fn icc_for(&self, channels: usize) -> Option<&[u8]> {
         let icc = self.icc.as_deref()?;
         let expected: &[u8] = if channels == 1 { b"GRAY" } else { b"RGB " };

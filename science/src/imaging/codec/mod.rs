@@ -1,8 +1,8 @@
-//! Picture files: JPEG, PNG and TIFF in and out, 8 and 16 bits, with their ICC profile and EXIF.
+//! Image files: reads and writes JPEG, PNG and TIFF with 8 and 16 bits, ICC profile and EXIF.
 //!
-//! What comes in is not trusted: sizes are checked against [`Limits`] before anything is allocated, and a file that
-//! is torn is refused instead of being filled up with grey. What cannot be shown in its right colours (CMYK, Lab,
-//! camera raw, ...) is refused with a sentence that says what to do.
+//! Input is untrusted. Sizes are checked against [`Limits`] before memory is allocated. A truncated file is refused
+//! instead of being completed with grey. Files whose colours cannot be reproduced (CMYK, Lab, camera raw, ...) are
+//! refused with a message that says what to do.
 
 mod encode;
 mod exif_block;
@@ -28,7 +28,7 @@ pub use metadata::Metadata;
 pub use rgba::decode_rgba;
 pub use sniff::{is_picture_name, raw_extension};
 
-/// Kinds of file that are read.
+/// Supported file formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Format {
     /// JPEG (baseline and progressive, Huffman coded, 8 bits).
@@ -49,31 +49,31 @@ impl std::fmt::Display for Format {
     }
 }
 
-/// What the first bytes of a file tell about the picture.
+/// The header of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
     /// Columns, after the orientation is applied.
     pub width: u32,
     /// Rows, after the orientation is applied.
     pub height: u32,
-    /// 1 grey or 3 RGB: what [`decode`] gives (alpha is dropped, palettes are looked up).
+    /// Channels that [`decode`] returns: 1 grey or 3 RGB (alpha is dropped, palettes are expanded).
     pub channels: u8,
     /// 8 or 16.
     pub bit_depth: u8,
-    /// Kind of file.
+    /// File format.
     pub format: Format,
-    /// EXIF orientation as stored, 1 to 8; 1 when there is none.
+    /// EXIF orientation as stored, 1 to 8; 1 without a tag.
     pub orientation: u8,
 }
 
-/// How large a picture may be.
+/// Maximum size of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Most columns.
+    /// Maximum number of columns.
     pub max_width: u32,
-    /// Most rows.
+    /// Maximum number of rows.
     pub max_height: u32,
-    /// Most pixels.
+    /// Maximum number of pixels.
     pub max_pixels: u64,
 }
 
@@ -84,7 +84,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Refuses sizes that are zero or over a limit.
+    /// Refuses sizes that are zero or exceed a limit.
     fn check(&self, width: u32, height: u32) -> Result<(), ImageFault> {
         if width == 0 || height == 0 {
             return Err(ImageFault::NoPixels { width, height });
@@ -96,34 +96,33 @@ impl Limits {
         Ok(())
     }
 
-    /// Most bytes that a decoder may allocate for its result: four 16-bit channels.
+    /// Maximum allocation of a decoder for its result, bytes: four 16-bit channels.
     fn max_bytes(&self) -> usize {
         usize::try_from(self.max_pixels.saturating_mul(8)).unwrap_or(usize::MAX)
     }
 }
 
-/// Reads the header of a picture: only as many bytes as it takes.
+/// Reads the header of a picture, and no more bytes than necessary.
 ///
 /// # Errors
-/// An [`ImageFault`] when the file is no picture, is of a kind that is not read, breaks a limit, or ends within
-/// its header.
+/// An [`ImageFault`] when the file is not a picture, is not supported, exceeds a limit, or ends within its header.
 pub fn probe(mut reader: impl BufRead + Seek, limits: &Limits) -> Result<Header, ImageFault> {
     let format = sniff::format_of(&mut reader)?;
-    unpanicked(format, || match format {
+    catch_panic(format, || match format {
         Format::Jpeg => jpeg::probe(reader, limits),
         Format::Png => png::probe(reader, limits),
         Format::Tiff => tiff::probe(reader, limits),
     })
 }
 
-/// Decodes a picture to 1 (grey) or 3 (RGB) channels of 8 or 16 bits, upright: the EXIF orientation is applied,
-/// alpha is dropped, palettes are looked up.
+/// Decodes a picture to 1 (grey) or 3 (RGB) channels of 8 or 16 bits. The EXIF orientation is applied, alpha is
+/// dropped, palettes are expanded.
 ///
 /// # Errors
-/// An [`ImageFault`], as [`probe`] gives it, and when the pixels are torn or damaged.
+/// As [`probe`], and when the pixels are truncated or damaged.
 pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
     let format = sniff::format_of(&mut Cursor::new(bytes))?;
-    let (raster, orientation) = unpanicked(format, || match format {
+    let (raster, orientation) = catch_panic(format, || match format {
         Format::Jpeg => jpeg::decode(bytes, limits),
         Format::Png => png::decode(bytes, limits),
         Format::Tiff => tiff::decode(bytes, limits),
@@ -131,10 +130,10 @@ pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
     Ok(orientation::apply(raster, orientation))
 }
 
-/// The ICC profile and the EXIF block of a file. Never fails: what cannot be read is absent.
+/// The ICC profile and the EXIF block of a file. Never fails: unreadable parts are absent.
 pub fn metadata(bytes: &[u8]) -> Metadata {
     let Ok(format) = sniff::format_of(&mut Cursor::new(bytes)) else { return Metadata::default() };
-    let read = unpanicked(format, || {
+    let read = catch_panic(format, || {
         Ok(match format {
             Format::Jpeg => jpeg::metadata(bytes),
             Format::Png => png::metadata(bytes),
@@ -144,11 +143,11 @@ pub fn metadata(bytes: &[u8]) -> Metadata {
     read.unwrap_or_default()
 }
 
-/// Runs a decoder of another crate on a file that is not trusted. Where it panics (assertions on odd layouts do
-/// occur) the file is refused; nothing of the decoder is used afterwards, so nothing can be left half done.
-fn unpanicked<T>(format: Format, decode: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
+/// Runs a decoder of another crate on an untrusted file. A panic (assertions fail on unusual layouts) becomes a
+/// refusal. The decoder is dropped afterwards, so a broken state cannot be observed.
+fn catch_panic<T>(format: Format, decode: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
-        .unwrap_or_else(|_| Err(ImageFault::damaged(format, "its decoder gave up on it")))
+        .unwrap_or_else(|_| Err(ImageFault::damaged(format, "the decoder failed")))
 }
 
 #[cfg(test)]

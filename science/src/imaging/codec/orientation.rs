@@ -2,17 +2,17 @@
 
 use crate::imaging::{Raster, Samples};
 
-/// True when width and height change places.
+/// True when the orientation exchanges width and height.
 pub(super) fn swaps(orientation: u8) -> bool {
     (5..=8).contains(&orientation)
 }
 
-/// An orientation tag as found, made one of 1 to 8: anything else means "upright".
+/// The orientation of a tag: values other than 1 to 8 mean upright.
 pub(super) fn sane(value: u32) -> u8 {
     if (1..=8).contains(&value) { value as u8 } else { 1 }
 }
 
-/// Turns and mirrors `raster` so that it is upright, given how it is stored (EXIF tag 274).
+/// Rotates and mirrors `raster` from the stored orientation (EXIF tag 274) to upright.
 pub(super) fn apply(raster: Raster, orientation: u8) -> Raster {
     if orientation <= 1 || orientation > 8 {
         return raster;
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_senseless_orientation_is_upright() {
+    fn an_invalid_orientation_is_upright() {
         assert_eq!([0, 9, 65_536 + 3].map(sane), [1, 1, 1]);
     }
 }

@@ -1,4 +1,4 @@
-//! PNG in.
+//! Reads PNG.
 
 use std::io::{BufRead, Cursor, Seek};
 
@@ -7,10 +7,10 @@ use ::png::{BitDepth, ColorType, Decoder, DecodingError, Info, OutputInfo, Reade
 use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation};
 use crate::imaging::{Raster, simd};
 
-/// Most bytes that the decoder may hold besides the pixels: profiles are compressed and can be bombs.
+/// Maximum memory of the decoder besides the pixels, bytes: compressed profiles can be bombs.
 const MAX_CHUNK_BYTES: usize = 32 << 20;
 
-/// Deflate cannot make more than this of one byte: a file that declares more is torn, and nothing is made ready for it.
+/// Maximum expansion ratio of deflate. A file that declares more is truncated and refused before memory is allocated.
 const LARGEST_RATIO: usize = 1_100;
 
 fn open<R: BufRead + Seek>(reader: R, limits: &Limits) -> Result<Reader<R>, ImageFault> {
@@ -67,7 +67,7 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
         return Err(ImageFault::Torn(Format::Png));
     }
     let raster = if reader.output_color_type().1 == BitDepth::Sixteen {
-        // into the memory that the picture keeps: at 16 bits a second copy is what a job's memory would not hold
+        // decoded into its final memory: the memory budget of a job has no space for a second copy of 16 bits
         let mut samples = vec![0u16; size.div_ceil(2)];
         let frame = read(&mut reader, simd::bytes_of_mut(&mut samples))?;
         samples.truncate(frame.buffer_size() / 2);
@@ -84,21 +84,21 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     Ok((raster, orientation))
 }
 
-/// The pixels, and whether the checksums that stand behind them are right.
+/// Reads the pixels, and the rest of the file for its checksums.
 fn read<R: BufRead + Seek>(reader: &mut Reader<R>, bytes: &mut [u8]) -> Result<OutputInfo, ImageFault> {
     let frame = reader.next_frame(bytes).map_err(|error| fault(&error))?;
     reader.finish().map_err(|error| fault(&error))?;
     Ok(frame)
 }
 
-/// Channels that are stored, and how many of them are kept.
+/// The number of stored channels, and of those that are kept.
 fn channels(frame: &OutputInfo) -> Result<(usize, usize), ImageFault> {
     match frame.color_type {
         ColorType::Grayscale => Ok((1, 1)),
         ColorType::GrayscaleAlpha => Ok((2, 1)),
         ColorType::Rgb => Ok((3, 3)),
         ColorType::Rgba => Ok((4, 3)),
-        ColorType::Indexed => Err(ImageFault::damaged(Format::Png, "a palette that cannot be looked up")),
+        ColorType::Indexed => Err(ImageFault::damaged(Format::Png, "its palette cannot be expanded")),
     }
 }
 

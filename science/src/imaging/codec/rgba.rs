@@ -1,13 +1,13 @@
 //! Pictures with their alpha channel: the results of the service, which are read back for conversion and comparison.
 //!
-//! [`decode`](super::decode) is for slices. It drops alpha, and it refuses torn files more strictly than the decoders of
-//! the `image` crate do, which are used here.
+//! [`decode`](super::decode) is for slices. It drops alpha, and it refuses torn files more strictly than the decoders
+//! of the `image` crate do, which are used here.
 
 use std::io::Cursor;
 
 use image::{DynamicImage, ImageReader};
 
-use super::{ImageFault, Limits, sniff, unpanicked};
+use super::{ImageFault, Limits, catch_panic, sniff};
 use crate::imaging::Raster;
 
 /// Decodes a JPEG, PNG or TIFF to 1 (grey), 3 (RGB) or 4 (RGBA, straight alpha) channels of 8 or 16 bits. The EXIF
@@ -17,7 +17,7 @@ use crate::imaging::Raster;
 /// An [`ImageFault`] when the file is no such picture, breaks a limit or is damaged.
 pub fn decode_rgba(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
     let format = sniff::format_of(&mut Cursor::new(bytes))?;
-    let image = unpanicked(format, || {
+    let image = catch_panic(format, || {
         let damaged = |error: &dyn std::fmt::Display| ImageFault::damaged(format, error);
         let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|error| damaged(&error))?;
         reader.limits(reader_limits(limits));

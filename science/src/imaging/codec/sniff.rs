@@ -1,11 +1,11 @@
-//! What kind of file this is, by its first bytes; and by its name where the bytes do not tell (camera raw files
-//! are TIFF inside, with a thumbnail as the first picture).
+//! Recognises the format of a file by its first bytes, and camera raw files by their extension: most are TIFF files
+//! whose first picture is a thumbnail.
 
 use std::io::{BufRead, Seek, SeekFrom};
 
 use super::{Format, ImageFault};
 
-/// The format of the file that `reader` stands at the start of; leaves it there.
+/// The format of the file. The reader is at the start of the file before and after.
 pub(super) fn format_of(reader: &mut (impl BufRead + Seek)) -> Result<Format, ImageFault> {
     let mut head = [0u8; 16];
     let mut filled = 0;
@@ -56,7 +56,7 @@ fn classify(head: &[u8]) -> Result<Format, ImageFault> {
     }
 }
 
-/// Extensions of files that are meant as slices, whether they can be read or not.
+/// Extensions of pictures, supported or not.
 const PICTURES: &[&str] = &[
     "jpg", "jpeg", "jpe", "jfif", "png", "tif", "tiff", "heic", "heif", "avif", "gif", "bmp", "webp", "psd", "jp2",
     "jxl",
@@ -90,13 +90,13 @@ fn extension(name: &str) -> Option<String> {
     (!stem.is_empty()).then(|| extension.to_ascii_lowercase())
 }
 
-/// The camera raw format that the extension of `name` stands for: the bytes of most of them look like TIFF.
+/// The camera raw format of the extension of `name`.
 pub fn raw_extension(name: &str) -> Option<&'static str> {
     let extension = extension(name)?;
     RAW.iter().find(|(known, _)| *known == extension).map(|(_, format)| *format)
 }
 
-/// True when the extension of `name` says that this is meant to be a picture, readable or not.
+/// True when the extension of `name` is that of a picture, supported or not.
 pub fn is_picture_name(name: &str) -> bool {
     extension(name).is_some_and(|extension| PICTURES.contains(&extension.as_str()))
 }

@@ -1,4 +1,4 @@
-//! TIFF in.
+//! Reads TIFF and BigTIFF.
 
 use std::io::{Cursor, Read, Seek};
 
@@ -11,14 +11,14 @@ use ::tiff::{
 use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels, tiff_lists};
 use crate::imaging::Raster;
 
-/// Pages after the first that are looked at, to find a file that holds a whole stack.
+/// Pages after the first that are examined, to recognise a file that holds a whole stack.
 const PAGES_LOOKED_AT: usize = 8;
 
-/// LZW makes the most of one byte: 4,096 of a code of 12 bits. A file that declares more is torn, and nothing is made
-/// ready for it.
+/// Maximum expansion ratio: that of LZW, 4,096 bytes per 12-bit code. A file that declares more is truncated and
+/// refused before memory is allocated.
 const LARGEST_RATIO: usize = 4_096;
 
-/// Most bytes that the value of a tag may take in memory.
+/// Maximum memory of the value of a tag, bytes.
 const MAX_TAG_BYTES: usize = 64 << 20;
 
 /// Marks a reduced version of another picture in the same file (`NewSubfileType`, bit 0).
@@ -30,13 +30,13 @@ fn fault(error: &TiffError) -> ImageFault {
     match error {
         TiffError::IoError(error) => ImageFault::from_io(Format::Tiff, error),
         TiffError::UnsupportedError(what) => {
-            ImageFault::unsupported(format!("the TIFF is of a kind that is not read ({what})"))
+            ImageFault::unsupported(format!("the TIFF has a feature that is not supported ({what})"))
         }
         other => ImageFault::damaged(Format::Tiff, other),
     }
 }
 
-/// The name of a compression (tag 259) that is not read.
+/// The name of a compression (tag 259) that is not supported.
 fn unread_compression(number: u16) -> Option<&'static str> {
     match number {
         // none, LZW, deflate, old deflate, PackBits
@@ -49,7 +49,7 @@ fn unread_compression(number: u16) -> Option<&'static str> {
         34_933 => Some("PNG"),
         34_934 | 50_002 | 52_546 => Some("JPEG XR or XL"),
         50_001 => Some("WebP"),
-        _ => Some("a method that is not known"),
+        _ => Some("an unknown method"),
     }
 }
 
@@ -72,7 +72,7 @@ fn channels(color: ColorType) -> Result<Channels, ImageFault> {
                 ColorType::CMYK(_) | ColorType::CMYKA(_) => "CMYK",
                 ColorType::YCbCr(_) => "YCbCr",
                 ColorType::Lab(_) => "Lab",
-                _ => "of more channels than grey or RGB have",
+                _ => "of more channels than grey or RGB",
             };
             return Err(ImageFault::unsupported(format!("the TIFF is {name}")));
         }
@@ -91,7 +91,7 @@ struct Opened<R: Read + Seek> {
 
 /// The decoder, at the first picture.
 fn first<R: Read + Seek>(mut reader: R) -> Result<Decoder<R>, ImageFault> {
-    // the decoder takes its limits only after it has read the first directory
+    // the decoder applies limits only after it has read the first directory
     tiff_lists::refuse_long(&mut reader)?;
     let decoder = Decoder::new(reader).map_err(|error| fault(&error))?;
     let mut limits = DecoderLimits::default();
@@ -103,25 +103,25 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
     let mut decoder = first(reader)?;
     let reduced = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0) & REDUCED != 0;
     let has = |decoder: &mut Decoder<R>, tag| decoder.image_ifd().directory().contains(tag);
-    // a raw file shows its thumbnail first and keeps the picture in a sub-directory
+    // the first picture of a raw file is a thumbnail; the picture is in a sub-directory
     if has(&mut decoder, DNG_VERSION) || (reduced && has(&mut decoder, Tag::SubIfd)) {
         return Err(ImageFault::Raw("DNG, NEF, ARW or alike"));
     }
-    // decoded as far as it goes, torn or not
+    // the decoder does not report truncated JPEG data
     let compression = decoder.find_tag_unsigned::<u16>(Tag::Compression).ok().flatten().unwrap_or(1);
     if matches!(compression, 6 | 7) {
-        return Err(ImageFault::unsupported("the TIFF is compressed as JPEG inside"));
+        return Err(ImageFault::unsupported("the TIFF is compressed with JPEG"));
     }
     if let Some(name) = unread_compression(compression) {
         return Err(ImageFault::Unsupported {
-            what: format!("the TIFF is compressed by {name}, which is not read"),
+            what: format!("the TIFF is compressed with {name}, which is not supported"),
             advice: "save all slices without compression, or with LZW or ZIP (deflate)",
         });
     }
-    // the decoder fails an assertion on these
+    // an assertion of the decoder fails on these
     let planes = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).ok().flatten().unwrap_or(1);
     if planes == 2 && decoder.get_chunk_type() == ChunkType::Tile {
-        return Err(ImageFault::unsupported("the TIFF keeps its colours in separate tiles"));
+        return Err(ImageFault::unsupported("the TIFF stores its colours in separate tiles"));
     }
     let (mut width, mut height) = decoder.dimensions().map_err(|error| fault(&error))?;
     limits.check(width, height)?;
@@ -145,8 +145,7 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
     Ok(Opened { decoder, header, stored: channels.stored })
 }
 
-/// Refuses files that hold several pictures, of which all but the first would be lost. Pages that cannot be read
-/// do not count.
+/// Refuses files with several pictures, because all but the first would be ignored. Unreadable pages do not count.
 fn refuse_pages<R: Read + Seek>(mut decoder: Decoder<R>) -> Result<(), ImageFault> {
     for _ in 0..PAGES_LOOKED_AT {
         if !decoder.more_images() || decoder.next_image().is_err() {
@@ -156,7 +155,7 @@ fn refuse_pages<R: Read + Seek>(mut decoder: Decoder<R>) -> Result<(), ImageFaul
         if kind & REDUCED == 0 {
             return Err(ImageFault::Unsupported {
                 what: "the TIFF holds several pages".into(),
-                advice: "save each slice as a file of its own",
+                advice: "save each slice as a separate file",
             });
         }
     }
@@ -190,7 +189,7 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     if declared / LARGEST_RATIO > bytes.len() {
         return Err(ImageFault::Torn(Format::Tiff));
     }
-    // one row of tiles may reach beyond the picture; nothing sound needs more than this
+    // one row of tiles may extend beyond the picture; no valid file needs more than this
     let largest = (header.width as usize + 4096) * (header.height as usize + 4096) * stored * 2;
     let mut allowed = DecoderLimits::default();
     allowed.decoding_buffer_size = limits.max_bytes();
@@ -211,7 +210,7 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
         DecodingResult::U16(data) if data.len() == samples => {
             Raster::sixteen(width, height, kept, arranged(data, layout.planes, stored, kept))
         }
-        _ => return Err(ImageFault::damaged(Format::Tiff, "another size or depth than declared")),
+        _ => return Err(ImageFault::damaged(Format::Tiff, "its size or depth differs from the declared one")),
     };
     Ok((raster, header.orientation))
 }

@@ -1,22 +1,23 @@
-//! Lists in the first directory of a TIFF, looked at before the decoder makes room for them: it takes 32 bytes for a value
-//! that may have one byte in the file, and a file may compress a thousandfold in its zip.
+//! Checks the lengths of the lists in the first directory of a TIFF before the decoder allocates memory for them. It
+//! takes 32 bytes for a value that may have one byte in the file, and the file may be compressed a thousandfold in its
+//! zip.
 
 use std::io::{Read, Seek, SeekFrom};
 
 use super::{Format, ImageFault};
 
-/// Most entries of a directory; usual are twenty.
+/// Maximum number of entries of a directory; about twenty are usual.
 const MAX_ENTRIES: u64 = 4_096;
 
-/// Most values of a list. 65,535 rows of three colours in strips of their own make 196,605.
+/// Maximum number of values of a list. 65,535 rows of three planes, one strip each, need 196,605.
 const MAX_VALUES: u64 = 1 << 20;
 
-/// Lists that the decoder reads whatever is asked of it: bits per sample, strips, extra samples, sample formats, tiles,
-/// tables of JPEG, subsampling.
+/// Lists that the decoder always reads: bits per sample, strips, extra samples, sample formats, tiles, JPEG tables,
+/// subsampling.
 const LISTS: [u16; 9] = [258, 273, 279, 324, 325, 338, 339, 347, 530];
 
-/// Refuses a file whose first directory has more entries than any sound one, or a list of more values. Leaves the reader at
-/// the start. What cannot be read is left to the decoder, which says what is wrong.
+/// Refuses a file whose first directory has too many entries or a list of too many values. The reader is at the start
+/// afterwards. Unreadable parts are left to the decoder, which reports them.
 pub(super) fn refuse_long(reader: &mut (impl Read + Seek)) -> Result<(), ImageFault> {
     let long = longest(reader);
     reader.seek(SeekFrom::Start(0)).map_err(|error| ImageFault::from_io(Format::Tiff, &error))?;
@@ -26,7 +27,7 @@ pub(super) fn refuse_long(reader: &mut (impl Read + Seek)) -> Result<(), ImageFa
     }
 }
 
-/// What is too long.
+/// A clause about what is too long, if anything.
 fn longest(reader: &mut (impl Read + Seek)) -> Option<String> {
     let mut start = [0; 8];
     reader.seek(SeekFrom::Start(0)).ok()?;

@@ -1,16 +1,16 @@
 //! Blur by a disc: the defocus of a thin lens with a round aperture.
 //!
-//! The blurred value is a sum of chords, each the difference of two column sums, so the cost grows with the radius and not
-//! with its square. `synth/disc.rs` implements the same blur independently on purpose: the rendered truth must not share
-//! code with the method that it judges.
+//! The blurred value is a sum of chords, each the difference of two column sums, so the cost grows with the radius and
+//! not with its square. `synth/disc.rs` implements the same blur independently on purpose: the rendered truth must not
+//! share code with the method that it judges.
 
 use crate::imaging::{
     Plane, Rect,
     simd::{self, Avx2},
 };
 
-/// From this radius on, px, the image is blurred at half its size, from twice this radius at a quarter, and so on: a blurred
-/// image has no detail that the smaller size would lose.
+/// From this radius on, px, the image is blurred at half its size, from twice this radius at a quarter, and so on: a
+/// blurred image has no detail that the smaller size would lose.
 const COARSE_FROM: f32 = 12.0;
 
 /// A disc of given radius.
@@ -33,7 +33,8 @@ impl Disc {
         if radius <= 0.5 {
             return Self { half_chords: vec![0.5], inverse_area: 1.0, halvings: 0, simd };
         }
-        // summing whole pixels widens the disc by the second moment of a pixel: 1/12 per axis; that of a disc is r^2 / 4
+        // summing whole pixels widens the disc by the second moment of a pixel: 1/12 per axis; that of a disc is r^2 /
+        // 4
         let radius = f64::from((radius * radius - 1.0 / 3.0).max(0.3).sqrt());
         let reach = (radius - 0.5).ceil() as i64;
         // area under the circle's upper arc from 0 to y
@@ -111,9 +112,9 @@ impl Disc {
         out
     }
 
-    /// Column sums: a chord is the difference of two of them. The border is repeated, `reach` columns on both sides and `pad`
-    /// rows above and below. To keep the sums small, the first pixel of a column is subtracted from each value; the second
-    /// result holds what those pixels add to the chords.
+    /// Column sums: a chord is the difference of two of them. The border is repeated, `reach` columns on both sides and
+    /// `pad` rows above and below. To keep the sums small, the first pixel of a column is subtracted from each value;
+    /// the second result holds what those pixels add to the chords.
     fn sum_up(&self, plane: &Plane<f32>, reach: usize, pad: usize) -> (Vec<f32>, Vec<f32>) {
         let (width, height) = (plane.width, plane.height);
         let stride = width + 2 * reach;
@@ -151,8 +152,8 @@ impl Disc {
     }
 }
 
-/// One pixel column of a disc, as column sums at its two ends: `inner` for the whole pixels within it, `outer` for one more
-/// pixel at either end. The outer pixels count with the weight `share`.
+/// One pixel column of a disc, as column sums at its two ends: `inner` for the whole pixels within it, `outer` for one
+/// more pixel at either end. The outer pixels count with the weight `share`.
 struct Chord<'a> {
     inner: [&'a [f32]; 2],
     outer: [&'a [f32]; 2],
@@ -205,8 +206,8 @@ fn halved(plane: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// The rectangle `rect` of a `width` x `height` plane, interpolated bilinearly from `small`, which holds the means of its
-/// `side` x `side` blocks.
+/// The rectangle `rect` of a `width` x `height` plane, interpolated bilinearly from `small`, which holds the means of
+/// its `side` x `side` blocks.
 fn enlarged(small: &Plane<f32>, side: usize, (width, height): (usize, usize), rect: Rect) -> Plane<f32> {
     let taps = |length: usize, part: std::ops::Range<usize>, count: usize| -> Vec<(usize, usize, f32)> {
         debug_assert!(part.end <= length);

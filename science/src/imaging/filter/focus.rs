@@ -1,9 +1,9 @@
 //! A focus measure that is robust to noise: the local energy of the Laplacian of Gaussian,
 //! `E = G(sigma_2) * (L (G(sigma_1) * I))^2`.
 //!
-//! The first Gaussian suppresses the highest frequencies. There noise is strongest, and resampling attenuates it differently
-//! in each slice: without the Gaussian the reference slice, the only one that is not resampled, would win wherever there is
-//! little texture.
+//! The first Gaussian suppresses the highest frequencies. There noise is strongest, and resampling attenuates it
+//! differently in each slice: without the Gaussian the reference slice, the only one that is not resampled, would win
+//! wherever there is little texture.
 
 use crate::imaging::{
     Plane,
@@ -64,9 +64,9 @@ impl FocusEnergy {
         BEFORE + after - 1
     }
 
-    /// The energy of the rows `rows` of a `width` x `height` image, in squared grey levels. `luma(y, out)` fills `out` with row
-    /// `y` of the luma; `emit(y, energy)` receives the rows in ascending order. Beyond the image its border is repeated. The
-    /// result of a row does not depend on `rows`.
+    /// The energy of the rows `rows` of a `width` x `height` image, in squared grey levels. `luma(y, out)` fills `out`
+    /// with row `y` of the luma; `emit(y, energy)` receives the rows in ascending order. Beyond the image its border is
+    /// repeated. The result of a row does not depend on `rows`.
     pub fn rows(
         &self,
         size: (usize, usize),
@@ -162,8 +162,8 @@ impl FocusEnergy {
 /// Pixels whose sums are kept in registers.
 const PART: usize = 16;
 
-/// Weighted sum of pairs of rows, block by block: everything is read before anything is written, so the compiler need not
-/// prove that `out` does not alias the rows.
+/// Weighted sum of pairs of rows, block by block: everything is read before anything is written, so the compiler need
+/// not prove that `out` does not alias the rows.
 #[inline(always)]
 fn weigh<const N: usize>(half: &[f32; N], taps: [[&[f32]; 2]; N], out: &mut [f32]) {
     let (half, count) = (*half, out.len());

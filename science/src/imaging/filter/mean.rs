@@ -1,7 +1,7 @@
 //! The mean filter of the base layer: square windows, only valid pixels, border repeated.
 //!
-//! Box sums by sliding column sums. The filter has its own kernel: it counts valid pixels per window and adds samples of
-//! either depth directly, which a box sum over a plane of integers would have to copy first.
+//! Box sums by sliding column sums. The filter has its own kernel: it counts valid pixels per window and adds samples
+//! of either depth directly, which a box sum over a plane of integers would have to copy first.
 
 use std::ops::Range;
 
@@ -55,9 +55,10 @@ impl MeanFilter {
 
     /// The means at the pixels of `inner`, interleaved, row-major.
     ///
-    /// `pixels` holds `valid.len()` rows of `width` pixels of `C` interleaved samples; `valid` are the valid columns of each
-    /// row. Beyond the edges of `pixels` the border pixel is repeated, with its validity: where the image continues, pass
-    /// [`MeanFilter::reach`] px more around `inner`. Sums are exact. A window without valid pixels gives 0.
+    /// `pixels` holds `valid.len()` rows of `width` pixels of `C` interleaved samples; `valid` are the valid columns of
+    /// each row. Beyond the edges of `pixels` the border pixel is repeated, with its validity: where the image
+    /// continues, pass [`MeanFilter::reach`] px more around `inner`. Sums are exact. A window without valid pixels
+    /// gives 0.
     pub fn apply<S: Sample, const C: usize>(
         &mut self,
         pixels: &[S],

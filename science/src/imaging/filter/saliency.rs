@@ -35,9 +35,9 @@ impl Saliency {
         self.weights.len()
     }
 
-    /// The saliency of the rows `rows` of a `width` x `height` image. `luma(y, out)` fills `out` with row `y` of the luma;
-    /// `emit(y, luma, saliency)` receives the rows in ascending order. Beyond the image its border is repeated, for the
-    /// Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) and for the Gaussian.
+    /// The saliency of the rows `rows` of a `width` x `height` image. `luma(y, out)` fills `out` with row `y` of the
+    /// luma; `emit(y, luma, saliency)` receives the rows in ascending order. Beyond the image its border is repeated,
+    /// for the Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) and for the Gaussian.
     ///
     /// The result of a row does not depend on `rows`.
     pub fn rows(

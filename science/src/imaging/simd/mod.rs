@@ -1,8 +1,8 @@
 //! Vector instructions, detected at run time.
 //!
-//! Most kernels are plain loops over slices. [`run`] compiles such a loop a second time for AVX2. That needs no second source
-//! and gives the same bits, because Rust never fuses a multiplication and an addition. Kernels that the compiler does not
-//! vectorise are written by hand next to a portable form, and tests compare the bits of both.
+//! Most kernels are plain loops over slices. [`run`] compiles such a loop a second time for AVX2. That needs no second
+//! source and gives the same bits, because Rust never fuses a multiplication and an addition. Kernels that the compiler
+//! does not vectorise are written by hand next to a portable form, and tests compare the bits of both.
 
 mod lanes;
 mod scan;
@@ -26,8 +26,8 @@ impl Avx2 {
     }
 }
 
-/// Runs `work`, compiled for AVX2 if there is proof that the CPU has it. `work` is a closure marked `#[inline(always)]`, whose
-/// loops the compiler vectorises.
+/// Runs `work`, compiled for AVX2 if there is proof that the CPU has it. `work` is a closure marked
+/// `#[inline(always)]`, whose loops the compiler vectorises.
 #[inline(always)]
 pub fn run<R>(simd: Option<Avx2>, work: impl FnOnce() -> R) -> R {
     #[cfg(target_arch = "x86_64")]

@@ -1,5 +1,5 @@
-//! Prefix sums of a row. The sum over a window is the difference of two of them. All sums wrap: if the window sum fits, the
-//! difference of two wrapped prefix sums is exact.
+//! Prefix sums of a row. The sum over a window is the difference of two of them. All sums wrap: if the window sum fits,
+//! the difference of two wrapped prefix sums is exact.
 
 use super::Avx2;
 
@@ -112,8 +112,8 @@ mod avx2 {
         // SAFETY: SSE2 is part of x86-64.
         let mut sums = unsafe { _mm_setzero_si128() };
         for pixel in 0..most {
-            // SAFETY: `pixel * 3 + 4 <= values.len()`, because one more pixel follows, and `out` is three longer, as asserted.
-            // Neither the read nor the write claims any alignment.
+            // SAFETY: `pixel * 3 + 4 <= values.len()`, because one more pixel follows, and `out` is three longer, as
+            // asserted. Neither the read nor the write claims any alignment.
             unsafe {
                 _mm_storeu_si128(out.as_mut_ptr().add(pixel * 3).cast(), sums);
                 sums = _mm_add_epi32(sums, _mm_loadu_si128(values.as_ptr().add(pixel * 3).cast()));

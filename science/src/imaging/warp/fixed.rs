@@ -1,8 +1,8 @@
 //! Fixed-point weighted sums, for 8-bit samples.
 //!
-//! Along x the weights are in units of 2^-13, and the sums are truncated to units of 2^-6. Along y the weights include the
-//! gain and are as fine as 16 bits allow. Before rounding, the result differs by at most 0.04 levels from floating point.
-//! Integer positions and constant images are exact.
+//! Along x the weights are in units of 2^-13, and the sums are truncated to units of 2^-6. Along y the weights include
+//! the gain and are as fine as 16 bits allow. Before rounding, the result differs by at most 0.04 levels from floating
+//! point. Integer positions and constant images are exact.
 
 use super::{PHASES, Source, kernel};
 use crate::imaging::simd::Avx2;

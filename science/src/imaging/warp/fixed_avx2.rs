@@ -8,7 +8,8 @@ use crate::imaging::simd::{self, Avx2};
 /// Bytes that are read of each of the four rows of a pixel's surroundings; 12 of them count.
 const READ: usize = 16;
 
-/// Does as many pixels of `out` as it can, and says which: those whose surroundings lie in the slice, a few bytes to spare.
+/// Does as many pixels of `out` as it can, and says which: those whose surroundings lie in the slice, a few bytes to
+/// spare.
 pub(super) fn weigh<const C: usize>(
     simd: Avx2,
     fixed: &Fixed,
@@ -28,8 +29,8 @@ pub(super) fn weigh<const C: usize>(
     );
     let done = run.start..run.start + run.len() / 4 * 4;
     let out = &mut out[done.start * 3..done.end * 3];
-    // SAFETY: the CPU has AVX2, of which there is proof. All positions are inside: (x, y) - 1 is the top left of four rows
-    // of the slice with `READ` bytes from it to the end of its row.
+    // SAFETY: the CPU has AVX2, of which there is proof. All positions are inside: (x, y) - 1 is the top left of four
+    // rows of the slice with `READ` bytes from it to the end of its row.
     unsafe { row(fixed, source.samples, source.width * 3, (&us[done.clone()], &vs[done.clone()]), out) };
     done
 }
@@ -37,8 +38,8 @@ pub(super) fn weigh<const C: usize>(
 /// A row of pixels.
 ///
 /// # Safety
-/// For each position four rows of `stride` bytes, from the one above it on, must lie in `samples`, and [`READ`] bytes of
-/// each from the pixel to its left on.
+/// For each position four rows of `stride` bytes, from the one above it on, must lie in `samples`, and [`READ`] bytes
+/// of each from the pixel to its left on.
 #[target_feature(enable = "avx2")]
 unsafe fn row(fixed: &Fixed, samples: &[u8], stride: usize, (us, vs): (&[i32], &[i32]), out: &mut [u8]) {
     for ((us, vs), out) in us.as_chunks::<4>().0.iter().zip(vs.as_chunks::<4>().0).zip(out.as_chunks_mut::<12>().0) {

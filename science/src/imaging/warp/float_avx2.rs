@@ -8,8 +8,8 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// Does the pixels of `out` whose surroundings lie in the slice, and says which. `weights` has four weights for each phase;
-/// the gain comes last.
+/// Does the pixels of `out` whose surroundings lie in the slice, and says which. `weights` has four weights for each
+/// phase; the gain comes last.
 pub(super) fn weigh<S: Sample, const C: usize>(
     simd: Avx2,
     (weights, gain): (&[[f32; 4]; PHASES], f32),
@@ -29,8 +29,8 @@ pub(super) fn weigh<S: Sample, const C: usize>(
     );
     let out = &mut simd::bytes_of_mut(out)[done.start * 6..done.end * 6];
     let first = source.samples.as_ptr().cast();
-    // SAFETY: the CPU has AVX2, of which there is proof. Samples are of two bytes, `u16`. All positions are inside, so that
-    // four rows of four pixels from the one to the upper left on lie in the slice.
+    // SAFETY: the CPU has AVX2, of which there is proof. Samples are of two bytes, `u16`. All positions are inside, so
+    // that four rows of four pixels from the one to the upper left on lie in the slice.
     unsafe { row(weights, gain, (first, source.width), (&us[done.clone()], &vs[done.clone()]), out) };
     done
 }

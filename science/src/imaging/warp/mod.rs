@@ -3,9 +3,10 @@
 //! In: the samples of a slice, its homography to the canvas, its gain. Out: the warped samples, and their [`Coverage`].
 //!
 //! The kernel is cubic convolution with a = -1/2 (Keys 1981, also called Catmull-Rom). It is exact for quadratics and
-//! third-order accurate. Bilinear interpolation blurs much more: every warped slice would look less sharp than the reference
-//! slice, which biases the choice of the sharpest slice. The source position is projected exactly per pixel and rounded to
-//! 1/1024 px (error at most 0.0005 px). The gain is applied in the same pass, so each sample is rounded once.
+//! third-order accurate. Bilinear interpolation blurs much more: every warped slice would look less sharp than the
+//! reference slice, which biases the choice of the sharpest slice. The source position is projected exactly per pixel
+//! and rounded to 1/1024 px (error at most 0.0005 px). The gain is applied in the same pass, so each sample is rounded
+//! once.
 //!
 //! 8-bit samples are weighted in fixed point ([`fixed`]), 16-bit samples in floating point ([`float`]).
 
@@ -50,9 +51,9 @@ pub struct Warp {
 }
 
 impl Warp {
-    /// The warp of a slice of `slice` = (width, height) px to a `width` x `height` canvas by `to_canvas` (slice pixels to
-    /// canvas pixels), with its samples multiplied by `gain`. `None` when the homography is singular, or the gain is not
-    /// positive and finite.
+    /// The warp of a slice of `slice` = (width, height) px to a `width` x `height` canvas by `to_canvas` (slice pixels
+    /// to canvas pixels), with its samples multiplied by `gain`. `None` when the homography is singular, or the gain is
+    /// not positive and finite.
     pub fn new(
         to_canvas: &Homography,
         gain: f64,
@@ -81,8 +82,8 @@ impl Warp {
         &self.coverage
     }
 
-    /// The warped samples, with `channels` (1 or 3) interleaved, and 0 where the slice does not cover the canvas. The identity
-    /// with gain 1 returns the samples unchanged.
+    /// The warped samples, with `channels` (1 or 3) interleaved, and 0 where the slice does not cover the canvas. The
+    /// identity with gain 1 returns the samples unchanged.
     ///
     /// # Panics
     /// When the number of samples does not match the slice size of [`Warp::new`].
@@ -93,8 +94,8 @@ impl Warp {
         }
     }
 
-    /// Like [`Warp::apply`], but calls `check` every few rows and stops at its first error. The result reuses `buffer`, unless
-    /// the samples are returned unchanged.
+    /// Like [`Warp::apply`], but calls `check` every few rows and stops at its first error. The result reuses `buffer`,
+    /// unless the samples are returned unchanged.
     ///
     /// # Errors
     /// The error of `check`.

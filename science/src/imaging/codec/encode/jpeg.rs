@@ -1,4 +1,4 @@
-//! JPEG out: results, small pictures for pages, and the slices of rendered stacks.
+//! Writes JPEG: results, previews, and the slices of rendered stacks.
 
 use std::{
     io::{self, Write},
@@ -15,23 +15,23 @@ use crate::imaging::{
     codec::{Metadata, exif_block},
 };
 
-/// Sides that a JPEG can have, px.
+/// Sides that JPEG supports, px.
 const SIDES: RangeInclusive<usize> = 1..=65_535;
 
-/// Most bytes of EXIF: what one segment holds.
+/// Maximum size of EXIF, bytes: the capacity of one segment.
 const MAX_EXIF_BYTES: usize = 65_533 - 6;
 
-/// Most bytes of an ICC profile: what 255 segments hold.
+/// Maximum size of an ICC profile, bytes: the capacity of 255 segments.
 const MAX_ICC_BYTES: usize = 255 * (65_533 - 14);
 
-/// Writes a baseline JPEG of `quality` 1 to 100 with colour at full resolution (4:4:4), the ICC profile (when it is for as
-/// many channels) and the EXIF block. Alpha is dropped: the colours come out as they are stored. 16 bits are rounded to 8.
-/// Pixels are converted block by block: nothing is held twice. EXIF values that do not fit a JPEG are dropped, the longest
-/// first.
+/// Writes a baseline JPEG of `quality` 1 to 100 with full colour resolution (4:4:4), the EXIF block, and the ICC
+/// profile if it is for the same number of channels. Alpha is dropped; colours are written as stored. 16 bits are
+/// rounded to 8. Pixels are converted block by block, without a second copy. EXIF values that do not fit into a JPEG
+/// are dropped, the longest first.
 ///
 /// # Errors
-/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for sides beyond 65,535 px or other channels than 1, 3 or
-/// 4.
+/// Any I/O error of `out`, and [`io::ErrorKind::InvalidInput`] for sides beyond 65,535 px and for other numbers of
+/// channels than 1, 3 and 4.
 pub fn write_jpeg(out: impl Write, raster: &Raster, metadata: &Metadata, quality: u8) -> io::Result<()> {
     let fits = SIDES.contains(&raster.width) && SIDES.contains(&raster.height);
     if !fits || !matches!(raster.channels, 1 | 3 | 4) {
@@ -52,7 +52,7 @@ pub fn write_jpeg(out: impl Write, raster: &Raster, metadata: &Metadata, quality
     written.map_err(io_error)
 }
 
-/// A raster as the encoder looks at it.
+/// A raster as a pixel source for the encoder.
 struct View<'a, F> {
     raster: &'a Raster,
     /// The pixel whose first sample has this index.
@@ -85,11 +85,11 @@ fn io_error(error: ImageError) -> io::Error {
     }
 }
 
-/// Encodes a JPEG of `quality` 1 to 100. 16 bits are rounded to 8. Pictures with alpha are laid over white, which
-/// is how a page shows them.
+/// Encodes a JPEG of `quality` 1 to 100. 16 bits are rounded to 8. Pictures with alpha are laid over white, as web
+/// pages show them.
 ///
 /// # Panics
-/// Never for a raster that its own constructors accept and whose sides are 1 to 65,535 px.
+/// For sides of 0 or beyond 65,535 px.
 pub fn encode_jpeg(raster: &Raster, quality: u8) -> Vec<u8> {
     let eight: std::borrow::Cow<'_, [u8]> = match &raster.samples {
         Samples::Eight(samples) => samples.into(),

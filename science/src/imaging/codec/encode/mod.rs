@@ -1,4 +1,4 @@
-//! Pictures out.
+//! Writes JPEG, PNG and TIFF.
 
 mod jpeg;
 mod png;

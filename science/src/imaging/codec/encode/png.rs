@@ -1,4 +1,4 @@
-//! PNG out.
+//! Writes PNG.
 
 use std::{
     borrow::Cow,
@@ -9,15 +9,16 @@ use ::png::{BitDepth, ColorType, Compression, Encoder, EncodingError, Info};
 
 use crate::imaging::{Depth, Raster, Samples, codec::Metadata};
 
-/// Bytes per IDAT chunk: what is held of the compressed picture at a time.
+/// Bytes per IDAT chunk, and so of compressed data in memory.
 const CHUNK_BYTES: usize = 1 << 20;
 
-/// Writes a PNG of 1, 3 or 4 channels and 8 or 16 bits, with the ICC profile (when it is for as many channels) and
-/// the EXIF block, whose `Software` stands in a text chunk too: fewer programs read EXIF in a PNG. Rows are compressed as they go: nothing is held twice. `Compression::Fast` was the quickest and
-/// the smallest on photographs.
+/// Writes a PNG of 1, 3 or 4 channels and 8 or 16 bits, with the EXIF block, and the ICC profile if it is for the same
+/// number of channels. `Software` is also written as a text chunk, because few programs read EXIF in PNG. Rows are
+/// compressed one by one, without a second copy. On photographs `Compression::Fast` was both the fastest and the
+/// smallest.
 ///
 /// # Errors
-/// What writing to `out` gives, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
+/// Any I/O error of `out`, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
 pub fn encode_png(out: impl Write, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
     let mut info = Info::with_size(side(raster.width)?, side(raster.height)?);
     info.color_type = match raster.channels {

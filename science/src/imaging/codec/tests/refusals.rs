@@ -63,7 +63,7 @@ fn png_crc(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn what_is_not_read_is_refused_with_a_sentence_that_says_what_to_do() {
+fn unsupported_files_are_refused_with_a_message_that_says_what_to_do() {
     let cases: [(&[u8], &str); 8] = [
         (b"", "empty (0 bytes)"),
         (b"II*\0\x10\0\0\0CR\x02\0........", "16-bit TIFF"),
@@ -145,7 +145,7 @@ proptest::proptest! {
 
 #[test]
 fn a_decoder_that_panics_means_a_damaged_file() {
-    let refused = unpanicked(Format::Tiff, || -> Result<(), ImageFault> { panic!("an assertion of a decoder") });
+    let refused = catch_panic(Format::Tiff, || -> Result<(), ImageFault> { panic!("an assertion of a decoder") });
     assert!(matches!(refused, Err(ImageFault::Damaged { format: Format::Tiff, .. })));
 }
 

@@ -1,4 +1,5 @@
-//! Regions of a row in whose windows the binary map is constant: the filter returns that constant, so nothing is computed.
+//! Regions of a row in whose windows the binary map is constant: the filter returns that constant, so nothing is
+//! computed.
 
 use std::ops::Range;
 

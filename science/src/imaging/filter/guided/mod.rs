@@ -1,13 +1,13 @@
 //! The guided filter (He, Sun and Tang 2013) of a binary map `p` with a grey guide `I`, restricted to valid pixels.
 //!
-//! In each window of `(2r + 1)^2` px: `a = cov(I, p) / (var(I) + eps)`, `b = mean(p) - a mean(I)`. The result at a pixel is
-//! `mean(a) I + mean(b)` over all windows that contain it. Pixels outside the image and pixels that the slice does not cover
-//! are excluded: they are in no sum and no count, and no window is centred on them.
+//! In each window of `(2r + 1)^2` px: `a = cov(I, p) / (var(I) + eps)`, `b = mean(p) - a mean(I)`. The result at a
+//! pixel is `mean(a) I + mean(b)` over all windows that contain it. Pixels outside the image and pixels that the slice
+//! does not cover are excluded: they are in no sum and no count, and no window is centred on them.
 //!
-//! Exactness: the guide is an integer (0..=65535), so the window sums of `I`, `I^2`, `p` and `I p` are exact, and `var` and
-//! `cov` have exact numerators; with `eps` = 1e-6 single precision would lose 6 % of it. `a` and `b` are rounded to multiples
-//! of a power of two, 2^-18 or as fine as their sums allow, and summed exactly. So the result does not depend on the tiling,
-//! and where `p` is constant within reach the result is exactly that constant.
+//! Exactness: the guide is an integer (0..=65535), so the window sums of `I`, `I^2`, `p` and `I p` are exact, and `var`
+//! and `cov` have exact numerators; with `eps` = 1e-6 single precision would lose 6 % of it. `a` and `b` are rounded to
+//! multiples of a power of two, 2^-18 or as fine as their sums allow, and summed exactly. So the result does not depend
+//! on the tiling, and where `p` is constant within reach the result is exactly that constant.
 //!
 //! Three kernels compute the filter. The first that supports the parameters is used:
 //!
@@ -86,11 +86,11 @@ impl GuidedFilter {
         }
     }
 
-    /// Filters `map` (true = 1) inside `inner`. `out` receives `inner.width * inner.height` results, row-major, with 0 at
-    /// invalid pixels. The results are not clamped.
+    /// Filters `map` (true = 1) inside `inner`. `out` receives `inner.width * inner.height` results, row-major, with 0
+    /// at invalid pixels. The results are not clamped.
     ///
-    /// The edges of the guide count as the edges of the image: where the image continues, pass [`GuidedFilter::reach`] px
-    /// more around `inner`.
+    /// The edges of the guide count as the edges of the image: where the image continues, pass [`GuidedFilter::reach`]
+    /// px more around `inner`.
     pub fn apply(&mut self, guide: Guide<'_>, map: &Plane<bool>, inner: Rect, out: &mut [f32]) {
         let mut rows = self.rows(guide, map, inner);
         for out in out.chunks_exact_mut(inner.width.max(1)) {

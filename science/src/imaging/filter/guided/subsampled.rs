@@ -1,9 +1,9 @@
 //! The fast guided filter (He and Sun 2015), for large radii and large `eps`: coefficients once per cell of 4 x 4 px.
 //!
-//! The coefficients `(a, b)` of neighbouring windows of 91 px hardly differ. So they are fitted at the centre of each cell
-//! only, over windows of the full size (cells at the rim count in part), weighted by the number of valid pixels of the cell.
-//! Their means are interpolated between cell centres and applied to the guide at full resolution. The results are within
-//! 0.01 of those of the per-pixel kernels, mostly within 0.001, for a sixteenth of the work.
+//! The coefficients `(a, b)` of neighbouring windows of 91 px hardly differ. So they are fitted at the centre of each
+//! cell only, over windows of the full size (cells at the rim count in part), weighted by the number of valid pixels of
+//! the cell. Their means are interpolated between cell centres and applied to the guide at full resolution. The results
+//! are within 0.01 of those of the per-pixel kernels, mostly within 0.001, for a sixteenth of the work.
 //!
 //! The origin of a tile must be a multiple of [`CELL`], so that its cells are those of the whole image. All sums are
 //! integers: neither tiling nor vector instructions change a bit.
@@ -82,8 +82,8 @@ impl CellWindow {
         self.whole + 1
     }
 
-    /// Sums of `source` (the cells `from`) over the windows around the cells `to`, times 64. Cells outside `from` count as
-    /// zero.
+    /// Sums of `source` (the cells `from`) over the windows around the cells `to`, times 64. Cells outside `from` count
+    /// as zero.
     fn sums(&mut self, simd: Option<Avx2>, source: &[u64], from: Rect, to: Rect, out: &mut Vec<u64>) {
         let (reach, edge) = (self.reach(), self.edge);
         let Self { whole, down, weighted, running, .. } = self;

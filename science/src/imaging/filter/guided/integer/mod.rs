@@ -1,8 +1,9 @@
-//! The integer kernel, for radii up to 127 px: 32-bit sums (64-bit for squares), row by row, without a branch per pixel.
+//! The integer kernel, for radii up to 127 px: 32-bit sums (64-bit for squares), row by row, without a branch per
+//! pixel.
 //!
-//! Column sums slide down the image; a window sum is the difference of two prefix sums of them. All sums wrap modulo 2^32,
-//! so only the window sums must fit. Coefficients `(a, b)` are computed row by row just before they are needed, and kept in
-//! a ring buffer of `2r + 2` rows, which stays in the cache.
+//! Column sums slide down the image; a window sum is the difference of two prefix sums of them. All sums wrap modulo
+//! 2^32, so only the window sums must fit. Coefficients `(a, b)` are computed row by row just before they are needed,
+//! and kept in a ring buffer of `2r + 2` rows, which stays in the cache.
 
 mod columns;
 mod counts;
