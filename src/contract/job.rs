@@ -67,8 +67,8 @@ impl JobState {
 /// Progress of a job.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
-    /// What is being done: `waiting`, `reading`, `aligning`, `fusing`, `masking`, `writing`, `detecting`, ...;
-    /// `waiting for room on the disk` when a worker has it and the disk is too full to begin.
+    /// Current stage: `waiting`, `reading`, `aligning`, `fusing`, `masking`, `writing`, `detecting` and others.
+    /// `waiting for room on the disk`: a worker has claimed the job, and there is not enough free disk space to begin.
     pub stage: String,
     /// Completed steps of this stage.
     pub completed: u32,

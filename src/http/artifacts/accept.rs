@@ -8,11 +8,11 @@ use crate::contract::artifact::FileFormat;
 /// sent when the client accepts none of them: RFC 9110, section 12.4.1, allows that, and generated clients ask for
 /// `application/json` or `application/octet-stream` although they can read any file.
 pub fn choose(headers: &HeaderMap, formats: &[FileFormat], stored: &str) -> Option<FileFormat> {
-    let values = headers.get_all(header::ACCEPT).iter().filter_map(|v| v.to_str().ok());
-    let ranges: Vec<(String, f64)> = values.flat_map(|v| v.split(',')).filter_map(media_range).collect();
-    let mut best = (None, quality(&ranges, stored));
+    let ranges = MediaRanges::of(headers);
+    let quality = |media_type: &str| ranges.quality([media_type, "image/*", "*/*"]);
+    let mut best = (None, quality(stored));
     for &format in formats.iter().filter(|format| format.media_type() != stored) {
-        let quality = quality(&ranges, format.media_type());
+        let quality = quality(format.media_type());
         if quality > best.1 {
             best = (Some(format), quality);
         }
@@ -20,17 +20,34 @@ pub fn choose(headers: &HeaderMap, formats: &[FileFormat], stored: &str) -> Opti
     best.0
 }
 
+/// The media ranges of an `Accept` header with their quality values.
+pub struct MediaRanges(Vec<(String, f64)>);
+
+impl MediaRanges {
+    /// Parses the `Accept` headers of a request. Ranges that cannot be read are ignored.
+    pub fn of(headers: &HeaderMap) -> Self {
+        let values = headers.get_all(header::ACCEPT).iter().filter_map(|v| v.to_str().ok());
+        Self(values.flat_map(|v| v.split(',')).filter_map(media_range).collect())
+    }
+
+    /// True when the request accepts everything because it has no `Accept`.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The quality value of the first of these ranges that the client sent; 0 when it sent none. List the most specific
+    /// range first.
+    pub fn quality(&self, ranges: [&str; 3]) -> f64 {
+        let sent = |wanted: &&str| self.0.iter().find(|(range, _)| range == wanted);
+        ranges.iter().find_map(sent).map_or(0.0, |(_, quality)| *quality)
+    }
+}
+
 fn media_range(text: &str) -> Option<(String, f64)> {
     let mut parts = text.split(';');
     let range = parts.next()?.trim().to_ascii_lowercase();
     let quality = parts.find_map(|p| p.trim().strip_prefix("q=")?.trim().parse::<f64>().ok()).unwrap_or(1.0);
     (!range.is_empty()).then_some((range, quality))
-}
-
-/// The quality value of a media type. The most specific range decides.
-fn quality(ranges: &[(String, f64)], media_type: &str) -> f64 {
-    let of = |wanted: &str| ranges.iter().find(|(range, _)| range == wanted).map(|(_, q)| *q);
-    of(media_type).or_else(|| of("image/*")).or_else(|| of("*/*")).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -2,11 +2,14 @@
 
 use crate::{
     contract::{
-        Code, JobState,
+        Code, JobKind, JobState,
         artifact::StackArtifact,
-        outcome::{Artifact, JobOutcome},
+        outcome::{Artifact, CalibrationOutcome, JobOutcome, StackOutcome},
     },
-    http::problem::{ApiError, ApiResult},
+    http::{
+        job_resource::not_found,
+        problem::{ApiError, ApiResult},
+    },
     store::Job,
 };
 
@@ -34,6 +37,28 @@ pub fn of(job: &Job) -> ApiResult<&JobOutcome> {
         JobState::Succeeded => "the job made no results".to_owned(),
     };
     Err(ApiError::new(Code::NoResult, detail))
+}
+
+/// The outcome of a stack.
+///
+/// # Errors
+/// As [`of`].
+pub fn of_stack(job: &Job) -> ApiResult<&StackOutcome> {
+    match of(job)? {
+        JobOutcome::Stack(outcome) => Ok(outcome),
+        JobOutcome::Calibration(_) => Err(not_found(job.id, JobKind::Stack)),
+    }
+}
+
+/// The outcome of a calibration.
+///
+/// # Errors
+/// As [`of`].
+pub fn of_calibration(job: &Job) -> ApiResult<&CalibrationOutcome> {
+    match of(job)? {
+        JobOutcome::Calibration(outcome) => Ok(outcome),
+        JobOutcome::Stack(_) => Err(not_found(job.id, JobKind::Calibration)),
+    }
 }
 
 /// One file of a job.

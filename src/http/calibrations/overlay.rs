@@ -8,7 +8,7 @@ use axum::{
 use serde::Deserialize;
 
 use crate::{
-    contract::{JobKind, artifact::overlay_name, outcome::JobOutcome},
+    contract::{JobKind, artifact::overlay_name},
     http::{
         artifacts::{download, name, outcome},
         extract::{JobId, params},
@@ -50,10 +50,7 @@ struct Parameters {
 pub async fn overlay(State(app): State<App>, JobId(id): JobId, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
     let Parameters { slice } = params::from_uri(&uri)?;
     let job = load(&app, id, JobKind::Calibration).await?;
-    let reference = match outcome::of(&job)? {
-        JobOutcome::Calibration(outcome) => outcome.reference_index,
-        JobOutcome::Stack(_) => 0,
-    };
+    let reference = outcome::of_calibration(&job)?.reference_index;
     let what = overlay_name(slice.unwrap_or(reference) as usize);
     let artifact = outcome::artifact(&job, &what)?;
     let download = download::stored(&app, &job, artifact, name::of(&job, &what, &artifact.media_type)).await?;

@@ -14,14 +14,9 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use crate::{
-    contract::{
-        Code, JobKind,
-        artifact::REPORT,
-        outcome::{Artifact, JobOutcome},
-        request::JobRequest,
-    },
+    contract::{Code, JobKind, artifact::REPORT, outcome::Artifact, request::JobRequest},
     http::{
-        artifacts::{download, outcome},
+        artifacts::{accept::MediaRanges, download, outcome},
         background,
         extract::{JobId, params},
         job_resource::load,
@@ -35,7 +30,8 @@ use crate::{
 };
 use pinstack_science::types::report::Drift;
 
-/// The page is one file with one style sheet inside, named by its hash: nothing may be loaded, run, sent or framed.
+/// The content policy of the page: only its inline style sheet, identified by its hash. Nothing may be loaded, run, sent or
+/// framed.
 static POLICY: LazyLock<Option<HeaderValue>> = LazyLock::new(|| {
     let hash = BASE64_STANDARD.encode(Sha256::digest(calibration_report::STYLE.as_bytes()));
     let policy = format!(
@@ -57,10 +53,10 @@ enum Form {
     Json,
 }
 
-/// What a calibration found
+/// Get the report of a calibration
 ///
-/// A page for the technician: verdict, findings, where the dots miss, what each slice gave, and how far the rig moved
-/// since the revision before. With `Accept: application/json` or `?format=json`, the same as data.
+/// An HTML page for the operator of the rig: verdict, findings, residuals of the dots, measurements of each slice, and the
+/// drift since the previous revision. With `Accept: application/json` or `?format=json`, the same as data.
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/report",
@@ -68,7 +64,7 @@ enum Form {
     tag = "calibrations",
     params(
         ("id" = String, Path, description = "Id of the calibration"),
-        ("format" = Option<String>, Query, description = "`html` or `json`; wins over `Accept`"),
+        ("format" = Option<String>, Query, description = "`html` or `json`; overrides `Accept`"),
         ("Accept" = Option<String>, Header, description = "`text/html`, the default, or `application/json`"),
     ),
     responses(
@@ -76,10 +72,10 @@ enum Form {
             (String = "text/html"),
             (ReportView = "application/json"),
         )),
-        (status = 400, description = "`invalid_request`: `format` is none of the two"),
-        (status = 404, description = "`not_found`; `no_result`: it failed, was cancelled, or kept no report"),
+        (status = 400, description = "`invalid_request`: `format` is neither `html` nor `json`"),
+        (status = 404, description = "`not_found`; `no_result`: the calibration failed, was cancelled, or has no stored report"),
         (status = 406, description = "`not_acceptable`: `Accept` names neither HTML nor JSON"),
-        (status = 409, description = "`not_finished`: it waits or runs"),
+        (status = 409, description = "`not_finished`: the calibration is queued or running"),
     )
 )]
 pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
@@ -89,32 +85,28 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
         None => accepted(&headers)?,
     };
     let job = load(&app, id, JobKind::Calibration).await?;
-    let (artifact, revision) = kept(&job)?;
+    let (artifact, revision) = stored(&job)?;
     let bytes = read(&app, &job, artifact).await?;
-    let drift = since_before(&app, &job, revision).await?;
-    // thousands of dots: not on the threads that answer everybody else
-    let made = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
-    let mut response = made.await.map_err(ApiError::internal)??;
+    let drift = drift_since_previous(&app, &job, revision).await?;
+    // rendering thousands of dots takes long: not on the threads that serve other requests
+    let rendered = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
+    let mut response = rendered.await.map_err(ApiError::internal)??;
     let headers = response.headers_mut();
     headers.insert(header::VARY, HeaderValue::from_static("accept"));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
     Ok(response)
 }
 
-/// The kept report of a calibration, and the revision that it made.
-fn kept(job: &Job) -> ApiResult<(&Artifact, u32)> {
-    let outcome = outcome::of(job)?;
-    let revision = match outcome {
-        JobOutcome::Calibration(calibration) => calibration.profile_revision,
-        JobOutcome::Stack(_) => 0,
-    };
-    let artifact = outcome.artifacts().iter().find(|artifact| artifact.name == REPORT);
-    let none = || {
-        let detail =
-            "this calibration kept no report: it was made before reports were; send the target stack again to get one";
+/// The stored report of a calibration, and the number of the revision that it made.
+fn stored(job: &Job) -> ApiResult<(&Artifact, u32)> {
+    let outcome = outcome::of_calibration(job)?;
+    let artifact = outcome.artifacts.iter().find(|artifact| artifact.name == REPORT);
+    let missing = || {
+        let detail = "this calibration has no stored report, because it is older than reports; send the target stack again to \
+                      get one";
         ApiError::new(Code::NoResult, detail)
     };
-    Ok((artifact.ok_or_else(none)?, revision))
+    Ok((artifact.ok_or_else(missing)?, outcome.profile_revision))
 }
 
 async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
@@ -124,8 +116,8 @@ async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
     }
 }
 
-/// How far the rig moved between the revision before and the one that the job made, deleted since or not.
-async fn since_before(app: &App, job: &Job, revision: u32) -> ApiResult<Option<Drift>> {
+/// The drift from the previous revision to the one that the job made, even if that was deleted meanwhile.
+async fn drift_since_previous(app: &App, job: &Job, revision: u32) -> ApiResult<Option<Drift>> {
     let Some(own) = app.store.metadata.profile_of_job(&job.rig, &job.lens, revision).await? else { return Ok(None) };
     let before = drift::before(app, &job.rig, &job.lens, revision).await?;
     Ok(before.map(|before| drift::between(&before, &own)))
@@ -151,33 +143,21 @@ fn answer(form: Form, job: &Job, revision: u32, bytes: &[u8], drift: Option<Drif
     Ok(response)
 }
 
-/// The form that the client wants more; the page when it does not care.
+/// The format that the client prefers; HTML on a tie.
 fn accepted(headers: &HeaderMap) -> ApiResult<Form> {
-    let ranges: Vec<(String, f64)> = headers
-        .get_all(header::ACCEPT)
-        .iter()
-        .filter_map(|value| value.to_str().ok())
-        .flat_map(|value| value.split(','))
-        .filter_map(|range| {
-            let mut parts = range.split(';');
-            let kind = parts.next()?.trim().to_ascii_lowercase();
-            let quality = parts.find_map(|part| part.trim().strip_prefix("q=")?.trim().parse().ok()).unwrap_or(1.0);
-            (!kind.is_empty()).then_some((kind, quality))
-        })
-        .collect();
+    let ranges = MediaRanges::of(headers);
     if ranges.is_empty() {
         return Ok(Form::Html);
     }
-    // the most specific range decides
-    let quality = |names: [&str; 3]| {
-        names.iter().find_map(|name| ranges.iter().find(|(kind, _)| kind == name)).map_or(0.0, |(_, quality)| *quality)
-    };
-    let html = quality(["text/html", "text/*", "*/*"]);
-    let json = quality(["application/json", "application/*", "*/*"]);
+    let html = ranges.quality(["text/html", "text/*", "*/*"]);
+    let json = ranges.quality(["application/json", "application/*", "*/*"]);
     match (html, json) {
         (html, json) if html > 0.0 && html >= json => Ok(Form::Html),
         (_, json) if json > 0.0 => Ok(Form::Json),
-        _ => Err(ApiError::new(Code::NotAcceptable, "the report can be had as text/html or application/json")),
+        _ => Err(ApiError::new(
+            Code::NotAcceptable,
+            "the report is available as text/html and application/json; name one of them in Accept",
+        )),
     }
 }
 
@@ -190,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_is_served_unless_json_is_wanted_more() {
+    fn the_page_is_sent_unless_json_is_preferred() {
         assert_eq!(accepted(&HeaderMap::new()).ok(), Some(Form::Html));
         assert_eq!(form("*/*"), Some(Form::Html));
         assert_eq!(form("text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"), Some(Form::Html));

@@ -3,7 +3,7 @@
 use axum::{Json, extract::State};
 
 use crate::{
-    contract::{JobKind, outcome::JobOutcome},
+    contract::JobKind,
     http::{artifacts::outcome, extract::JobId, job_resource::load, problem::ApiResult, state::App},
 };
 use pinstack_science::types::metrics::Metrics;
@@ -25,8 +25,5 @@ use pinstack_science::types::metrics::Metrics;
 )]
 pub async fn metrics(State(app): State<App>, JobId(id): JobId) -> ApiResult<Json<Metrics>> {
     let job = load(&app, id, JobKind::Stack).await?;
-    match outcome::of(&job)? {
-        JobOutcome::Stack(outcome) => Ok(Json(outcome.metrics.clone())),
-        JobOutcome::Calibration(_) => Err(outcome::missing(&job, "metrics")),
-    }
+    Ok(Json(outcome::of_stack(&job)?.metrics.clone()))
 }
