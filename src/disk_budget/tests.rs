@@ -57,7 +57,7 @@ async fn written_bytes_are_counted_by_the_disk_and_no_longer_by_the_reservation(
     assert_eq!((held.bytes(), budget.reserved()), (600, 600));
     held.written(u64::MAX);
     drop(held);
-    assert_eq!(budget.reserved(), 0, "nothing goes back twice");
+    assert_eq!(budget.reserved(), 0, "nothing is returned twice");
 }
 
 #[tokio::test]

@@ -2,8 +2,8 @@
 //! run on it, and restoring it is a backup in the other direction.
 //!
 //! 1. The metadata is copied as of one moment.
-//! 2. The blobs that this copy refers to are copied. A blob never changes, so one that an earlier backup has is kept. If a
-//!    blob was deleted meanwhile, step 1 is repeated.
+//! 2. The blobs that this copy refers to are copied. A blob never changes, so one that an earlier backup has is kept.
+//!    If a blob was deleted meanwhile, step 1 is repeated.
 //! 3. The new database replaces that of the earlier backup.
 //! 4. Garbage collection removes from the copy what was deleted since the earlier backup.
 //!

@@ -112,8 +112,8 @@ impl LocalBlob {
     }
 }
 
-/// Requires that a key is valid: parts of `A-Z a-z 0-9 . _ -` that do not begin with `.`, separated by `/`. Keys are made by
-/// the service; one that could leave the store is refused all the same.
+/// Requires that a key is valid: parts of `A-Z a-z 0-9 . _ -` that do not begin with `.`, separated by `/`. Keys are
+/// made by the service; one that could leave the store is refused all the same.
 ///
 /// # Errors
 /// When it is not valid.

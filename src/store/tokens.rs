@@ -214,7 +214,7 @@ mod tests {
         assert!(!with(&[]).allows(&[Scope::Read]));
         assert_eq!("stacks:write".parse(), Ok(Scope::StacksWrite));
         assert!(
-            "stacks".parse::<Scope>().is_err_and(|told| told.contains("profiles:write, stacks:write, read, admin"))
+            "stacks".parse::<Scope>().is_err_and(|error| error.contains("profiles:write, stacks:write, read, admin"))
         );
     }
 }

@@ -114,7 +114,7 @@ pub struct SpoolFile(Owner);
 enum Owner {
     /// Removed when dropped.
     Temporary(TempPath),
-    /// Stays where it is when dropped: somebody else removes it.
+    /// Kept when dropped: its owner removes it.
     Persistent(PathBuf),
 }
 

@@ -50,8 +50,8 @@ mod tests {
             times.enter(stage, at(seconds));
         }
         let seconds = |(stage, time): (&'static str, Duration)| (stage, time.as_secs());
-        let told: Vec<_> = times.end(at(10)).into_iter().map(seconds).collect();
-        assert_eq!(told, [("reading", 2), ("fusing", 7), ("masking", 1)]);
+        let spent: Vec<_> = times.end(at(10)).into_iter().map(seconds).collect();
+        assert_eq!(spent, [("reading", 2), ("fusing", 7), ("masking", 1)]);
         assert!(times.end(at(11)).is_empty());
     }
 }

@@ -221,7 +221,7 @@ pub async fn a_job_released_with_a_pause_is_not_claimed_before_it_is_over(store:
     let claimed = claim(metadata).await.unwrap();
     assert!(metadata.release(paused, claimed.lease_token, Attempt::Counted { pause }).await.unwrap());
     assert_eq!(job(metadata, paused).await.attempt, 1, "it counts");
-    let claimed = claim(metadata).await.expect("the queue goes on");
+    let claimed = claim(metadata).await.expect("the queue continues");
     assert_eq!(claimed.id, next);
     assert!(metadata.finish(next, claimed.lease_token, &success()).await.unwrap());
     store.clock.advance(pause - Duration::from_secs(1));

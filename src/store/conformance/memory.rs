@@ -1,5 +1,5 @@
-//! A blob store in memory that behaves like a remote object store: no blob has a path, a local file is a copy, and there is
-//! no disk that bounds it. The suites run on it to prove that nothing above the store relies on local files.
+//! A blob store in memory that behaves like a remote object store: no blob has a path, a local file is a copy, and
+//! there is no disk that bounds it. The suites run on it to prove that nothing above the store relies on local files.
 
 use std::{
     collections::BTreeMap,

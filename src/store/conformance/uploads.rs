@@ -22,7 +22,7 @@ pub async fn begun(metadata: &dyn UploadRecords, length: u64) -> Uuid {
     let new =
         NewUpload { id: Uuid::now_v7(), length, digest: vec![0], metadata: "rig cmln".into(), keep: KEEP, owner: None };
     let CreateUpload::Created(upload) = metadata.create_upload(&new, MANY).await.unwrap() else {
-        panic!("there is room")
+        panic!("it is within the limits")
     };
     assert_eq!((upload.id, upload.length, upload.offset, upload.state), (new.id, length, 0, UploadState::Receiving));
     assert_eq!((upload.digest, upload.metadata.as_str()), (vec![0], "rig cmln"));
@@ -76,7 +76,7 @@ pub async fn a_complete_upload_becomes_one_job_and_an_incomplete_one_none(store:
     assert!(!metadata.upload_is_open(id).await.unwrap());
     assert!(!metadata.refuse_upload(id, &Fault::new(Code::InvalidArchive, "no")).await.unwrap());
     assert!(metadata.delete_upload(id).await.unwrap());
-    assert!(metadata.job(id).await.unwrap().is_some(), "the job stays");
+    assert!(metadata.job(id).await.unwrap().is_some(), "the job is kept");
 }
 
 pub async fn a_refused_upload_becomes_no_job(store: Fresh) {
@@ -98,7 +98,7 @@ pub async fn an_upload_expires_unless_more_bytes_arrive(store: Fresh) {
     assert!(metadata.delete_expired_uploads().await.unwrap().is_empty());
     assert!(metadata.advance_upload(kept, &advance(0, 1)).await.unwrap());
     store.clock.advance(Duration::from_secs(1));
-    assert_eq!(metadata.upload(left).await.unwrap(), None, "it is gone before anybody swept");
+    assert_eq!(metadata.upload(left).await.unwrap(), None, "it has expired before garbage collection");
     assert_eq!(metadata.take_over_upload(left).await.unwrap(), None);
     assert_eq!(metadata.delete_expired_uploads().await.unwrap(), [left]);
     assert!(metadata.upload(kept).await.unwrap().is_some());

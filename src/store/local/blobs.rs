@@ -151,7 +151,7 @@ impl BlobStore for LocalBlobStore {
         let root = self.root.clone();
         tokio::task::spawn_blocking(move || {
             if let Err(error) = walk(&folder, &root, &found) {
-                // fails when nobody listens any more
+                // fails when the list is not read any more
                 let _ = found.blocking_send(Err(StoreError::of_io(error, "cannot list the blobs".into())));
             }
         });
@@ -242,7 +242,7 @@ fn remove_empty_below(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Sends every file below `folder`, with its key relative to `root`. Stops when nobody listens.
+/// Sends every file below `folder`, with its key relative to `root`. Stops when the list is not read any more.
 fn walk(folder: &Path, root: &Path, found: &mpsc::Sender<StoreResult<BlobMeta>>) -> io::Result<()> {
     for entry in entries(folder)?.take_while(|_| !found.is_closed()) {
         let entry = entry?;

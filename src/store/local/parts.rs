@@ -231,11 +231,11 @@ mod tests {
         assert!(first.resume_at(0).await.expect("opened"));
         // a write that has not ended when its request is cancelled
         let (at_disk, arrived) = std::sync::mpsc::channel();
-        let (go_on, told) = std::sync::mpsc::channel::<()>();
+        let (go_on, resumed) = std::sync::mpsc::channel::<()>();
         let late = async move {
             let written = first.on_file("write", move |file| {
                 at_disk.send(()).expect("the test waits");
-                told.recv().expect("the test says when");
+                resumed.recv().expect("the test resumes it");
                 file.write(b"late")
             });
             written.await.expect("it is cancelled before");

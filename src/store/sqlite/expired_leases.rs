@@ -78,7 +78,7 @@ mod tests {
     fn a_lease_that_expired_by_the_wall_clock_is_taken_after_some_silence() {
         let (observer, id) = (LeaseObserver::default(), Uuid::now_v7());
         let look = |at| observer.expired(&[(id, lease(1_000))], 2_000, after(at));
-        assert!(look(100).is_empty(), "seen for the first time");
+        assert!(look(100).is_empty(), "observed for the first time");
         assert!(look(102).is_empty());
         assert_eq!(look(103), [id]);
     }
@@ -87,9 +87,9 @@ mod tests {
     fn a_heartbeat_after_the_wall_clock_jumped_forward_keeps_the_lease() {
         let (observer, id) = (LeaseObserver::default(), Uuid::now_v7());
         observer.granted(id, lease(16_000), after(0));
-        let leapt = 3_600_000;
-        assert!(observer.expired(&[(id, lease(16_000))], leapt, after(1)).is_empty());
-        assert!(observer.expired(&[(id, lease(leapt + 16_000))], leapt + 1_000, after(2)).is_empty());
+        let jumped = 3_600_000;
+        assert!(observer.expired(&[(id, lease(16_000))], jumped, after(1)).is_empty());
+        assert!(observer.expired(&[(id, lease(jumped + 16_000))], jumped + 1_000, after(2)).is_empty());
     }
 
     #[test]

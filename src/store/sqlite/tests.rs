@@ -193,7 +193,7 @@ async fn a_job_with_an_unreadable_row_is_listed_as_skipped_and_fails_when_it_is_
     let skipped: Vec<String> = page.skipped.into_iter().map(|row| row.id).collect();
     assert_eq!((page.items, skipped), (vec![next.clone()], vec![broken.id.to_string()]));
     assert_eq!(store.blob_keys(broken.id).await.unwrap(), [broken.request.upload().key.as_str()]);
-    assert_eq!(conformance::claim(&store).await.map(|claimed| claimed.id), Some(next.id), "the queue goes on");
+    assert_eq!(conformance::claim(&store).await.map(|claimed| claimed.id), Some(next.id), "the queue continues");
     let (state, error): (String, String) = sqlx::query_as("SELECT state, error FROM jobs WHERE id = ?1")
         .bind(broken.id)
         .fetch_one(&store.writer)
