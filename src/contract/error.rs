@@ -86,8 +86,8 @@ pub enum Code {
 }
 
 impl Code {
-    /// True for errors of the machine (its disk, database or limits), which the content of an upload does not cause. A job
-    /// that fails with one is retried.
+    /// True for errors of the machine (its disk, database or limits), which the content of an upload does not cause. A
+    /// job that fails with one is retried.
     pub fn is_of_the_machine(self) -> bool {
         matches!(self, Self::InsufficientStorage | Self::Unavailable)
     }

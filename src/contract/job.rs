@@ -26,8 +26,8 @@ impl JobKind {
     }
 }
 
-/// State of a job: `queued`, then `running`, then one of `succeeded`, `failed` and `cancelled`. A running job returns to
-/// `queued` only when its worker died or was shut down.
+/// State of a job: `queued`, then `running`, then one of `succeeded`, `failed` and `cancelled`. A running job returns
+/// to `queued` only when its worker died or was shut down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobState {

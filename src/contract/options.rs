@@ -153,8 +153,8 @@ impl From<Crop> for String {
 /// Default quality of a JPEG. Its compression errors are as large as the noise of a photograph.
 pub const JPEG_QUALITY: u8 = 95;
 
-/// Options of a stack: the query parameters of `POST /v1/stacks`, the `options` part of a form, and the `options` of a stack.
-/// The descriptions of the query parameters and of the schemas are the comments below; the ranges are in
+/// Options of a stack: the query parameters of `POST /v1/stacks`, the `options` part of a form, and the `options` of a
+/// stack. The descriptions of the query parameters and of the schemas are the comments below; the ranges are in
 /// [`super::ranges::STACK`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -166,13 +166,13 @@ pub struct StackOptions {
     /// Threshold of the fused back light: `auto` (half-way between object and background), or 0 to 1.
     #[schema(value_type = String, example = "auto")]
     pub mask_threshold: MaskThreshold,
-    /// Remove parts of the object smaller than this, px (area). Default: 0.002 % of a slice, at least 4. Null where no mask
-    /// is made.
+    /// Remove parts of the object smaller than this, px (area). Default: 0.002 % of a slice, at least 4. Null where no
+    /// mask is made.
     pub mask_min_blob_px: Option<u32>,
     /// Fill holes smaller than this, px (area). Default: 0.0005 % of a slice, at least 4. Null where no mask is made.
     pub mask_min_hole_px: Option<u32>,
-    /// Alpha of the image at the edge of the object: `hard` (0 or full), or `soft` (the fraction of the pixel that is object).
-    /// The separate mask is always hard.
+    /// Alpha of the image at the edge of the object: `hard` (0 or full), or `soft` (the fraction of the pixel that is
+    /// object). The separate mask is always hard.
     pub mask_edge: MaskEdge,
     /// File format of the image.
     pub format: ImageFormat,
@@ -184,18 +184,18 @@ pub struct StackOptions {
     /// Order of the slices relative to the profile: `name` (natural order of the names, or that of `manifest.json`), or
     /// `reverse`.
     pub order: SliceOrder,
-    /// Significant bits of 16-bit files. `10`, `12` and `14` are scaled to full range. `auto` uses samples unchanged and warns
-    /// when they look like fewer bits. `16` uses them unchanged without a warning.
+    /// Significant bits of 16-bit files. `10`, `12` and `14` are scaled to full range. `auto` uses samples unchanged
+    /// and warns when they look like fewer bits. `16` uses them unchanged without a warning.
     #[schema(value_type = String, example = "auto", pattern = "^(auto|10|12|14|16)$")]
     pub input_bits: InputBits,
-    /// Part of the canvas that the results show: `none` (all of it), `valid` (the largest rectangle that every slice covers),
-    /// or `x,y,w,h` in px of the reference slice.
+    /// Part of the canvas that the results show: `none` (all of it), `valid` (the largest rectangle that every slice
+    /// covers), or `x,y,w,h` in px of the reference slice.
     #[schema(value_type = String, example = "none")]
     pub crop: Crop,
     /// Colour of pixels whose alpha is 0: `black` or `keep`.
     pub under_alpha: UnderAlpha,
-    /// Fusion method. `guided` is the method of the paper; `r1`, `eps1`, `r2`, `eps2`, `average`, `r_g` and `sigma_g` are its
-    /// parameters and have no effect on the others.
+    /// Fusion method. `guided` is the method of the paper; `r1`, `eps1`, `r2`, `eps2`, `average`, `r_g` and `sigma_g`
+    /// are its parameters and have no effect on the others.
     pub method: Method,
     /// `guided`: radius of the guided filter for the weights of the base layer, px.
     pub r1: u32,

@@ -52,8 +52,8 @@ pub struct Profile {
     pub revision: u32,
     /// SHA-256 of geometry and gains, hex. Results name it.
     pub digest: String,
-    /// SHA-256 of the camera data, hex: principal distance, principal point, pixel pitch, magnification, capture mode, rail
-    /// positions. EXIF and intrinsics are derived from these. Results name it.
+    /// SHA-256 of the camera data, hex: principal distance, principal point, pixel pitch, magnification, capture mode,
+    /// rail positions. EXIF and intrinsics are derived from these. Results name it.
     #[serde(default)]
     pub optics_digest: String,
     /// When this revision was stored.

@@ -1,5 +1,5 @@
-//! The ranges of the options of stacks and calibrations: one row per option. The checks of a request and the schemas of the
-//! OpenAPI document both use these tables.
+//! The ranges of the options of stacks and calibrations: one row per option. The checks of a request and the schemas of
+//! the OpenAPI document both use these tables.
 
 use pinstack_science::types::{calibration_options::CalibrationOptions, error::ErrorLocation};
 

@@ -1,5 +1,5 @@
-//! The HTTP layer: requests in, views out. [`router`] lists every URL, each endpoint has a file of its own, and [`problem`]
-//! is the only place where an error becomes an answer. A problem code is one row in [`problem_types`].
+//! The HTTP layer: requests in, views out. [`router`] lists every URL, each endpoint has a file of its own, and
+//! [`problem`] is the only place where an error becomes an answer. A problem code is one row in [`problem_types`].
 
 pub mod artifacts;
 pub mod auth;

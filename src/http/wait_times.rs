@@ -1,7 +1,7 @@
 //! The time that a request waited for its client or for a job, which is no service time.
 //!
-//! Code that waits calls [`add`]; [`measured`] returns the sums of one request. The sums are task-local, so that code deep
-//! inside a handler need not pass them on.
+//! Code that waits calls [`add`]; [`measured`] returns the sums of one request. The sums are task-local, so that code
+//! deep inside a handler need not pass them on.
 
 use std::{cell::Cell, time::Duration};
 

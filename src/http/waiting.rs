@@ -15,8 +15,8 @@ use crate::{
     telemetry::events::WaitsOn,
 };
 
-/// Waits until the job has ended, for `longest` at most and not beyond the shutdown of the server. Returns the job as it
-/// is then; `None` when it was deleted meanwhile.
+/// Waits until the job has ended, for `longest` at most and not beyond the shutdown of the server. Returns the job as
+/// it is then; `None` when it was deleted meanwhile.
 ///
 /// # Errors
 /// When the store cannot be read.

@@ -4,8 +4,8 @@ use axum::http::{HeaderMap, header};
 
 use crate::contract::artifact::FileFormat;
 
-/// The format that the client prefers among `formats` and the stored one. `None`: the stored one. It wins ties, and is also
-/// sent when the client accepts none of them: RFC 9110, section 12.4.1, allows that, and generated clients ask for
+/// The format that the client prefers among `formats` and the stored one. `None`: the stored one. It wins ties, and is
+/// also sent when the client accepts none of them: RFC 9110, section 12.4.1, allows that, and generated clients ask for
 /// `application/json` or `application/octet-stream` although they can read any file.
 pub fn choose(headers: &HeaderMap, formats: &[FileFormat], stored: &str) -> Option<FileFormat> {
     let ranges = MediaRanges::of(headers);

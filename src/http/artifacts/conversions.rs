@@ -8,8 +8,8 @@
 //! browser that reloads asks again.
 //!
 //! Cached files are in the workspace. They are removed when their picture is deleted, when [`KEEP_BYTES`] or
-//! [`KEEP_FILES`] is exceeded (least recently used first), and when the process ends. Disk space is reserved before a file
-//! is written; what is written counts as used while a client still reads it.
+//! [`KEEP_FILES`] is exceeded (least recently used first), and when the process ends. Disk space is reserved before a
+//! file is written; what is written counts as used while a client still reads it.
 
 use std::{
     collections::HashMap,

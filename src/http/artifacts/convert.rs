@@ -1,5 +1,5 @@
-//! Writes a stored picture in another file format, with the same pixels, colour profile and EXIF. A JPEG has 8 bits and no
-//! alpha.
+//! Writes a stored picture in another file format, with the same pixels, colour profile and EXIF. A JPEG has 8 bits and
+//! no alpha.
 
 use std::{
     fs::File,

@@ -89,7 +89,8 @@ impl Source {
 /// A file as the job stored it.
 ///
 /// # Errors
-/// `not_found` when the job was deleted meanwhile; `internal` when the file is missing or its size differs from its row.
+/// `not_found` when the job was deleted meanwhile; `internal` when the file is missing or its size differs from its
+/// row.
 pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> ApiResult<Download> {
     let Some(content) = content(app, &artifact.key).await? else { return Err(missing(app, job, artifact).await) };
     if content.length != artifact.bytes {

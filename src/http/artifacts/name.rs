@@ -1,7 +1,7 @@
 //! File names of downloads: `{stem}{_artifact}.{extension}`.
 //!
-//! The stem is what the client called the view. So it stays the same when the view is fused again, and a project that refers
-//! to the file still finds it:
+//! The stem is what the client called the view. So it stays the same when the view is fused again, and a project that
+//! refers to the file still finds it:
 //!
 //! | given | stem |
 //! |---|---|
@@ -62,8 +62,8 @@ fn degrees(angle: f64) -> String {
     format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
 }
 
-/// The file name of the upload and the last digits of the id. Those of a UUIDv7 are random, so that stacks of the same minute
-/// differ.
+/// The file name of the upload and the last digits of the id. Those of a UUIDv7 are random, so that stacks of the same
+/// minute differ.
 fn by_upload(job: &Job) -> String {
     let upload = job.request.upload().filename.as_deref();
     let upload = upload.map(|name| name.rsplit_once('.').map_or(name, |(stem, _)| stem));

@@ -26,8 +26,8 @@ use crate::{
 /// The response to `GET` or `HEAD` of an artifact of a stack.
 ///
 /// # Errors
-/// Those of [`outcome::artifact`], [`download::stored`] and [`Download::answer`]; `insufficient_storage` when there is no
-/// disk space for a converted file.
+/// Those of [`outcome::artifact`], [`download::stored`] and [`Download::answer`]; `insufficient_storage` when there is
+/// no disk space for a converted file.
 pub async fn answer(
     app: &App,
     job: &Job,
@@ -47,8 +47,8 @@ pub async fn answer(
     Ok(response)
 }
 
-/// The picture in another format. It is converted only when its bytes are needed: not for `HEAD`, and not when the copy of
-/// the client is current.
+/// The picture in another format. It is converted only when its bytes are needed: not for `HEAD`, and not when the copy
+/// of the client is current.
 async fn converted(
     app: &App,
     job: &Job,

@@ -9,8 +9,8 @@ use crate::{
 
 /// Delete a calibration
 ///
-/// The upload and the results are deleted. A running calibration is cancelled first, and its files are deleted when its worker
-/// has stopped.
+/// The upload and the results are deleted. A running calibration is cancelled first, and its files are deleted when its
+/// worker has stopped.
 #[utoipa::path(
     delete,
     path = "/v1/calibrations/{id}",

@@ -9,9 +9,9 @@ use crate::{
 
 /// Stream the events of a calibration
 ///
-/// Server-sent events. `state` (data: the whole calibration) is sent first and on each change of state. `progress` (data: the
-/// progress) is sent on each change of progress. The stream closes when the calibration has ended. A client that reconnects with
-/// `Last-Event-ID` receives only newer events.
+/// Server-sent events. `state` (data: the whole calibration) is sent first and on each change of state. `progress`
+/// (data: the progress) is sent on each change of progress. The stream closes when the calibration has ended. A client
+/// that reconnects with `Last-Event-ID` receives only newer events.
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/events",

@@ -30,8 +30,8 @@ use crate::{
 };
 use pinstack_science::types::report::Drift;
 
-/// The content policy of the page: only its inline style sheet, identified by its hash. Nothing may be loaded, run, sent or
-/// framed.
+/// The content policy of the page: only its inline style sheet, identified by its hash. Nothing may be loaded, run,
+/// sent or framed.
 static POLICY: LazyLock<Option<HeaderValue>> = LazyLock::new(|| {
     let hash = BASE64_STANDARD.encode(Sha256::digest(calibration_report::STYLE.as_bytes()));
     let policy = format!(
@@ -55,8 +55,8 @@ enum Form {
 
 /// Get the report of a calibration
 ///
-/// An HTML page for the operator of the rig: verdict, findings, residuals of the dots, measurements of each slice, and the
-/// drift since the previous revision. With `Accept: application/json` or `?format=json`, the same as data.
+/// An HTML page for the operator of the rig: verdict, findings, residuals of the dots, measurements of each slice, and
+/// the drift since the previous revision. With `Accept: application/json` or `?format=json`, the same as data.
 #[utoipa::path(
     get,
     path = "/v1/calibrations/{id}/report",

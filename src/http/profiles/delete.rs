@@ -10,8 +10,8 @@ use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
 
 /// Delete a profile
 ///
-/// Finished stacks are not affected: they keep a copy of what they used. Waiting stacks are still fused with the revision
-/// they name.
+/// Finished stacks are not affected: they keep a copy of what they used. Waiting stacks are still fused with the
+/// revision they name.
 #[utoipa::path(
     delete,
     path = "/v1/profiles/{rig}/{lens}",

@@ -26,8 +26,8 @@ struct Parameters {
 
 /// Get the drift of a rig between two revisions
 ///
-/// For each slice, how far the image corners moved (px) and how the gain changed. `from` and `to` may be given in either
-/// order; the response runs from the older to the newer.
+/// For each slice, how far the image corners moved (px) and how the gain changed. `from` and `to` may be given in
+/// either order; the response runs from the older to the newer.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/drift",

@@ -44,9 +44,9 @@ struct Parameters {
 
 /// Export a profile
 ///
-/// `json`: the complete profile with a checksum, to archive or to import on another server. `npz`: arrays for numpy, namely
-/// `homographies` (N, 3, 3), `gains` (N), `image_size` (width, height), `reference_index`, and `rail_positions_mm` (N) if
-/// they are known.
+/// `json`: the complete profile with a checksum, to archive or to import on another server. `npz`: arrays for numpy,
+/// namely `homographies` (N, 3, 3), `gains` (N), `image_size` (width, height), `reference_index`, and
+/// `rail_positions_mm` (N) if they are known.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/export",

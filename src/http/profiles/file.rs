@@ -52,8 +52,8 @@ impl ProfileFile {
     /// Reads a file and checks that it is unchanged.
     ///
     /// # Errors
-    /// `invalid_request` for a file that is not JSON; `invalid_profile` for another format or version, for a file that was
-    /// changed after its export, and for inconsistent or impossible values.
+    /// `invalid_request` for a file that is not JSON; `invalid_profile` for another format or version, for a file that
+    /// was changed after its export, and for inconsistent or impossible values.
     pub fn read(bytes: &[u8]) -> Result<Self, Fault> {
         let value: Value = json::parse(bytes, Code::InvalidProfile)?;
         if value["format"] != FORMAT {
@@ -134,8 +134,8 @@ impl ProfileFile {
         Ok(())
     }
 
-    /// Checks that the list of slices agrees with the lists of numbers: results are computed from one and shown from the
-    /// other.
+    /// Checks that the list of slices agrees with the lists of numbers: results are computed from one and shown from
+    /// the other.
     fn check_slices(&self) -> Result<(), Fault> {
         let Profile { input, slices, .. } = &self.profile;
         let count = input.homographies.len();

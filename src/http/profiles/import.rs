@@ -20,10 +20,10 @@ use crate::{
 
 /// Import a profile
 ///
-/// Stores a file from `.../export`, of this server or another, as the next revision under the rig and lens of this URL. All
-/// data of the exported revision is kept, and `origin` records where it comes from. A file that was changed after its export
-/// is refused. If the current revision is identical, it is returned and no revision is stored. `PUT` is equivalent, for
-/// `curl -T`.
+/// Stores a file from `.../export`, of this server or another, as the next revision under the rig and lens of this URL.
+/// All data of the exported revision is kept, and `origin` records where it comes from. A file that was changed after
+/// its export is refused. If the current revision is identical, it is returned and no revision is stored. `PUT` is
+/// equivalent, for `curl -T`.
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/import",
@@ -70,8 +70,8 @@ pub async fn import(
     write::store(&app, &key, &draft, condition).await
 }
 
-/// True when a new revision would add nothing. The digest is not enough: a note or rail positions may have been added to
-/// the same homographies.
+/// True when a new revision would add nothing. The digest is not enough: a note or rail positions may have been added
+/// to the same homographies.
 fn is_identical(current: &Profile, draft: &ProfileDraft) -> bool {
     current.input == draft.input
         && current.slices == draft.slices

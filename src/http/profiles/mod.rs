@@ -65,8 +65,8 @@ fn response(headers: &HeaderMap, profile: &Profile) -> Response {
     (headers_out, Json(profile)).into_response()
 }
 
-/// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the current
-/// revision.
+/// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the
+/// current revision.
 async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiResult<Precondition> {
     if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
         return Ok(Precondition::Absent);

@@ -66,8 +66,8 @@ pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
 /// Parses the body and, if the body is matrices, the query.
 ///
 /// # Errors
-/// `invalid_profile` for numbers that cannot be a profile; `invalid_request` for parameters that are invalid or do not apply
-/// to this kind of body, and for invalid JSON.
+/// `invalid_profile` for numbers that cannot be a profile; `invalid_request` for parameters that are invalid or do not
+/// apply to this kind of body, and for invalid JSON.
 pub fn read(kind: Kind, bytes: Vec<u8>, uri: &Uri) -> ApiResult<(ProfileInput, Vec<Warning>)> {
     let first = bytes.iter().find(|byte| !byte.is_ascii_whitespace()).copied();
     let is_numpy = bytes.starts_with(npy::MAGIC) || bytes.starts_with(b"PK");

@@ -23,12 +23,12 @@ use pinstack_science::types::{
 
 /// Store homographies measured elsewhere
 ///
-/// Each write makes a new revision. With `If-Match`, only if that is the current revision; with `If-None-Match: *`, only if
-/// the profile does not exist yet.
+/// Each write makes a new revision. With `If-Match`, only if that is the current revision; with `If-None-Match: *`,
+/// only if the profile does not exist yet.
 ///
-/// The body is a JSON object, or matrices only: an array of shape (N, 3, 3) or (N, 9) saved by numpy, or the same as a bare
-/// JSON list. In an `.npz`, the array is `homographies`, or the only array of that shape, or the one that `array` names.
-/// Query parameters then supply the rest.
+/// The body is a JSON object, or matrices only: an array of shape (N, 3, 3) or (N, 9) saved by numpy, or the same as a
+/// bare JSON list. In an `.npz`, the array is `homographies`, or the only array of that shape, or the one that `array`
+/// names. Query parameters then supply the rest.
 ///
 /// Matrices are normalised: divided by their last element, inverted if they map from the reference to the slice, and
 /// multiplied so that the matrix of the reference slice is the identity (recorded in `warnings`). Gains,

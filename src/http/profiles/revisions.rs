@@ -12,8 +12,8 @@ use crate::http::{
 
 /// List the revisions of a profile
 ///
-/// Newest first, without the data per slice; `GET` of the profile with `?revision=N` returns it. A revision never changes.
-/// Each stack names the revision that it used.
+/// Newest first, without the data per slice; `GET` of the profile with `?revision=N` returns it. A revision never
+/// changes. Each stack names the revision that it used.
 #[utoipa::path(
     get,
     path = "/v1/profiles/{rig}/{lens}/revisions",

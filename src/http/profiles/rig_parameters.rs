@@ -21,13 +21,13 @@ use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParam
 /// Compute a profile from rig parameters
 ///
 /// Computes homographies and gains from focal length `f`, magnification `M` and rail positions, for rigs without a dot
-/// target. Rail positions increase towards the object: with `fixed_lens` the sensor then moves towards the lens and the image
-/// shrinks; with `moving_lens` the camera moves towards the object and the image grows.
+/// target. Rail positions increase towards the object: with `fixed_lens` the sensor then moves towards the lens and the
+/// image shrinks; with `moving_lens` the camera moves towards the object and the image grows.
 ///
-/// `fixed_lens`: the scale of a slice at distance `dz` from the reference is `s = d2 / (d2 - dz)` with `d2 = f (1 + M)`,
-/// exact for all depths. `moving_lens`: `s = (d1 - dz) / d1` with `d1 = f (1 + 1/M)`, exact for the plane in focus in the
-/// reference slice; parallax remains for other depths. Real lenses differ from their nominal values; a calibration measures
-/// them. The response is that of `PUT`.
+/// `fixed_lens`: the scale of a slice at distance `dz` from the reference is `s = d2 / (d2 - dz)` with `d2 = f (1 +
+/// M)`, exact for all depths. `moving_lens`: `s = (d1 - dz) / d1` with `d1 = f (1 + 1/M)`, exact for the plane in focus
+/// in the reference slice; parallax remains for other depths. Real lenses differ from their nominal values; a
+/// calibration measures them. The response is that of `PUT`.
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/rig-parameters",

@@ -12,7 +12,8 @@ use crate::{
     http::{artifacts::picture, extract::JobId, job_resource::load, problem::ApiResult, state::App},
 };
 
-/// An endpoint for an artifact: its documentation, name, artifact, path, operation, media types, and why it may be absent.
+/// An endpoint for an artifact: its documentation, name, artifact, path, operation, media types, and why it may be
+/// absent.
 macro_rules! endpoint {
     (
         $(#[$doc:meta])*
@@ -59,9 +60,9 @@ macro_rules! endpoint {
 endpoint! {
     /// Get the fused image
     ///
-    /// RGBA with straight alpha; RGB without alpha as JPEG. The file is stored in the `format` of the stack. `Accept` selects
-    /// another format: the file is then converted on request, with the same pixels, colour profile and EXIF. `HEAD` does not
-    /// convert, so it sends no `Content-Length` for a file that is not converted yet.
+    /// RGBA with straight alpha; RGB without alpha as JPEG. The file is stored in the `format` of the stack. `Accept`
+    /// selects another format: the file is then converted on request, with the same pixels, colour profile and EXIF.
+    /// `HEAD` does not convert, so it sends no `Content-Length` for a file that is not converted yet.
     image, Image, "/v1/stacks/{id}/image", "get_stack_image", ["image/png", "image/tiff", "image/jpeg"],
     "`not_found`; `no_result`: the stack failed or was cancelled"
 }
@@ -94,8 +95,8 @@ endpoint! {
 endpoint! {
     /// Get a small image for web pages
     ///
-    /// JPEG of at most 800 px per side. Transparent pixels are shown on light grey. Stacks of older versions have a PNG. This
-    /// file is not converted.
+    /// JPEG of at most 800 px per side. Transparent pixels are shown on light grey. Stacks of older versions have a
+    /// PNG. This file is not converted.
     preview, Preview, "/v1/stacks/{id}/preview", "get_stack_preview", ["image/jpeg", "image/png"],
     "`not_found`; `no_result`: the stack failed or was cancelled"
 }

@@ -41,11 +41,13 @@ pub struct StackForm {
 /// Submit a focus stack
 ///
 /// The body is a zip of the slices: front-light slices in the folder `front/` (or in the root), back-light slices in
-/// `back/`. Slices are JPEG, PNG or TIFF files of 8 or 16 bits per sample. Their order is the natural order of their names.
+/// `back/`. Slices are JPEG, PNG or TIFF files of 8 or 16 bits per sample. Their order is the natural order of their
+/// names.
 ///
-/// Names, options, profile, length, quota and disk space are checked before the body is read; send `Expect: 100-continue`
-/// to profit from that. The body is streamed to disk. The directory of the zip and the headers of its images are checked
-/// before the response. 202 means that the stack is on stable storage and queued; poll its URL, or follow its events.
+/// Names, options, profile, length, quota and disk space are checked before the body is read; send `Expect:
+/// 100-continue` to profit from that. The body is streamed to disk. The directory of the zip and the headers of its
+/// images are checked before the response. 202 means that the stack is on stable storage and queued; poll its URL, or
+/// follow its events.
 ///
 /// Options are query parameters, or the JSON part `options` of a form. `PUT` is equivalent, for `curl -T`.
 #[utoipa::path(

@@ -10,8 +10,8 @@ use crate::{
 /// Stream the events of a stack
 ///
 /// Server-sent events. `state` (data: the whole stack) is sent first and on each change of state. `progress` (data: the
-/// progress) is sent on each change of progress. The stream closes when the stack has ended. A client that reconnects with
-/// `Last-Event-ID` receives only newer events.
+/// progress) is sent on each change of progress. The stream closes when the stack has ended. A client that reconnects
+/// with `Last-Event-ID` receives only newer events.
 #[utoipa::path(
     get,
     path = "/v1/stacks/{id}/events",

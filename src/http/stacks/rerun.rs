@@ -40,13 +40,13 @@ const REVISION: &str = "profile_revision";
 /// Fuse a stack again
 ///
 /// Makes a new stack from the stored zip of this one, with other options or another revision of the profile. This stack
-/// does not change; it may be in any state. Both stacks share the zip on the disk, and deleting one keeps it for the other.
-/// Each counts in full towards the quota of a token.
+/// does not change; it may be in any state. Both stacks share the zip on the disk, and deleting one keeps it for the
+/// other. Each counts in full towards the quota of a token.
 ///
-/// The body is a JSON object of options, or empty. An option in the body replaces that of this stack; null resets it to its
-/// default; an option that is absent is kept (`label`, `scan`, `pan_deg` and `tilt_deg` included). Without
-/// `profile_revision` the new stack uses the revision of this stack, even if the profile was deleted meanwhile; null means
-/// the current revision. The new submission is checked like any other.
+/// The body is a JSON object of options, or empty. An option in the body replaces that of this stack; null resets it to
+/// its default; an option that is absent is kept (`label`, `scan`, `pan_deg` and `tilt_deg` included). Without
+/// `profile_revision` the new stack uses the revision of this stack, even if the profile was deleted meanwhile; null
+/// means the current revision. The new submission is checked like any other.
 #[utoipa::path(
     post,
     path = "/v1/stacks/{id}/rerun",

@@ -1,5 +1,5 @@
-//! The end of an upload: all bytes are here, and it becomes a job. Each step can be repeated after a crash, because upload
-//! and job have the same id.
+//! The end of an upload: all bytes are here, and it becomes a job. Each step can be repeated after a crash, because
+//! upload and job have the same id.
 
 use super::{digest::RunningDigest, lock::UploadLock, metadata::Metadata};
 use crate::{

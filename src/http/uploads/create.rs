@@ -32,10 +32,10 @@ use crate::{
 
 /// Begin a resumable upload
 ///
-/// tus 1.0.0: `creation`, and `creation-with-upload` when the request has a body. `Upload-Metadata` describes the upload:
-/// `rig`, `lens`, `options` (JSON, as in a form), `filename`, and `purpose` (`stack`, the default, or `calibration` for a
-/// dot target). Names, options, profile, length, quota, disk space and queue are checked now. Send the bytes with `PATCH`
-/// to the URL in `Location`.
+/// tus 1.0.0: `creation`, and `creation-with-upload` when the request has a body. `Upload-Metadata` describes the
+/// upload: `rig`, `lens`, `options` (JSON, as in a form), `filename`, and `purpose` (`stack`, the default, or
+/// `calibration` for a dot target). Names, options, profile, length, quota, disk space and queue are checked now. Send
+/// the bytes with `PATCH` to the URL in `Location`.
 #[utoipa::path(
     post,
     path = "/v1/uploads",

@@ -20,8 +20,8 @@ use crate::http::{
 
 /// Get the offset of an upload
 ///
-/// Ends a request that is still writing to the upload, so that the offset in the response is final. If all bytes are stored
-/// and the job could not be made before (the queue was full, or the server was shut down), it is made now.
+/// Ends a request that is still writing to the upload, so that the offset in the response is final. If all bytes are
+/// stored and the job could not be made before (the queue was full, or the server was shut down), it is made now.
 #[utoipa::path(
     head,
     path = "/v1/uploads/{id}",

@@ -83,8 +83,8 @@ impl OpenUpload {
 
 /// List open uploads
 ///
-/// Resumable uploads of all tokens that are waiting for bytes or for their job, newest first. For operators: requires the
-/// scope `admin`.
+/// Resumable uploads of all tokens that are waiting for bytes or for their job, newest first. For operators: requires
+/// the scope `admin`.
 #[utoipa::path(
     get,
     path = "/v1/uploads",

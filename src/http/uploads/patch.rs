@@ -39,9 +39,10 @@ const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
 
 /// Continue an upload
 ///
-/// Appends the body at `Upload-Offset`, which must equal the current offset of the upload. A request that is still writing
-/// to the same upload is ended. The offset in the response counts bytes on stable storage. The request that completes the
-/// upload makes the job, and `Pinstack-Job` names its URL. A zip that is refused, as by `POST /v1/stacks`, is deleted.
+/// Appends the body at `Upload-Offset`, which must equal the current offset of the upload. A request that is still
+/// writing to the same upload is ended. The offset in the response counts bytes on stable storage. The request that
+/// completes the upload makes the job, and `Pinstack-Job` names its URL. A zip that is refused, as by `POST
+/// /v1/stacks`, is deleted.
 #[utoipa::path(
     patch,
     path = "/v1/uploads/{id}",

@@ -38,12 +38,12 @@ struct Appending<'a> {
     checkpoint: Instant,
 }
 
-/// Appends the body to the upload and updates its offset in `locked`. If the body ends early, what arrived is kept, unless
-/// there is a checksum, which can only be verified for the whole body.
+/// Appends the body to the upload and updates its offset in `locked`. If the body ends early, what arrived is kept,
+/// unless there is a checksum, which can only be verified for the whole body.
 ///
 /// # Errors
-/// `upload_incomplete` or `unavailable` when the body ended early; `checksum_mismatch`; `insufficient_storage`; `conflict`
-/// when another request took over.
+/// `upload_incomplete` or `unavailable` when the body ended early; `checksum_mismatch`; `insufficient_storage`;
+/// `conflict` when another request took over.
 pub async fn receive(
     app: &App,
     locked: &mut UploadLock,

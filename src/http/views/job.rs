@@ -55,8 +55,8 @@ pub struct UploadView {
     pub sha256: String,
     /// File name that the client gave; null when it gave none.
     pub filename: Option<String>,
-    /// True once the zip was removed at the end of its retention period (`keep_uploads_days` of the server). The results
-    /// are kept.
+    /// True once the zip was removed at the end of its retention period (`keep_uploads_days` of the server). The
+    /// results are kept.
     #[serde(default)]
     pub removed: bool,
 }
