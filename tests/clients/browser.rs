@@ -5,7 +5,7 @@ use std::process::Command;
 use crate::{have, run, server::Server};
 
 #[test]
-fn the_docs_page_renders_with_nothing_loaded_from_outside() {
+fn the_docs_page_renders_without_external_resources() {
     if !have(&["chromium"]) {
         return;
     }

@@ -1,5 +1,5 @@
-//! The service against its own OpenAPI document, by Schemathesis: requests that the document allows and requests that it
-//! forbids, every answer compared with what the document says of it.
+//! The service against its OpenAPI document, by Schemathesis: valid and invalid requests, every answer checked against the
+//! document.
 
 use std::{path::Path, process::Command};
 
@@ -10,16 +10,15 @@ use crate::{
     server::{Server, small_rig, write_stack_of},
 };
 
-/// A service that asks for a token, and what a client needs of it.
+/// A service that requires a token, with the ids that the tests need.
 struct Furnished {
     server: Server,
     authorization: String,
-    /// Ids of a finished stack, of a failed calibration, and of an upload in pieces: `openapi/schemathesis.toml` asks for
-    /// them by these names.
+    /// Ids of a finished stack, a failed calibration and a resumable upload, under the names in `openapi/schemathesis.toml`.
     ids: [(&'static str, String); 3],
 }
 
-/// Something of each kind, so that not every answer is "not found".
+/// A service with one resource of each kind, so that not every answer is "not found".
 fn furnished() -> Furnished {
     let (server, token) = Server::start_with_a_token();
     let authorization = format!("Authorization: Bearer {token}");
@@ -62,7 +61,7 @@ fn furnished() -> Furnished {
 }
 
 #[test]
-fn the_service_keeps_the_contract_that_it_shows() {
+fn the_service_conforms_to_its_openapi_document() {
     if !have(&["curl", "schemathesis"]) {
         return;
     }

@@ -1,4 +1,4 @@
-//! kill -9 in the middle of a job.
+//! `kill -9` in the middle of a job.
 
 use crate::{
     have,
@@ -7,7 +7,7 @@ use crate::{
 use pinstack_science::synth::Rig;
 
 #[test]
-fn a_server_that_is_killed_goes_on_where_it_was() {
+fn a_killed_server_resumes_its_jobs_after_a_restart() {
     if !have(&["curl"]) {
         return;
     }

@@ -1,4 +1,4 @@
-//! The order in which things become durable, seen from outside: by the calls that the server makes.
+//! The order of durability (bytes, file sync, rename, row, answer), observed in the system calls of the server.
 
 use std::{collections::HashMap, fs, path::Path};
 
@@ -10,14 +10,14 @@ use crate::{
     tus,
 };
 
-/// A call, when it was made and when it had returned.
+/// A system call with its start and its return.
 struct Call {
     text: String,
     begun: usize,
     ended: usize,
 }
 
-/// The calls of a trace in the order in which they returned. A call that another thread interrupts stands on two lines.
+/// The calls of a trace in the order of their returns. A call interrupted by another thread takes two lines of the trace.
 fn calls(trace: &str) -> Vec<Call> {
     let mut unfinished: HashMap<&str, (String, usize)> = HashMap::new();
     let mut calls = Vec::new();
@@ -36,7 +36,7 @@ fn calls(trace: &str) -> Vec<Call> {
     calls
 }
 
-/// Finds the steps one after the other, each begun only after the one before had returned.
+/// Checks that the steps occur in this order, each started after the previous one returned.
 fn in_order(trace: &str, steps: &[(&str, &str)]) {
     let calls = calls(trace);
     let mut after = 0;
@@ -48,7 +48,7 @@ fn in_order(trace: &str, steps: &[(&str, &str)]) {
     }
 }
 
-/// The part of the trace since `from`, once it has the answer.
+/// The trace from `from` on, once it contains the answer.
 fn traced(file: &Path, from: usize, answer: &str) -> String {
     loop {
         let text = String::from_utf8_lossy(&fs::read(file).expect("the trace")).into_owned();
@@ -102,7 +102,7 @@ fn bytes_are_synced_before_the_row_and_the_row_before_the_answer() {
 }
 
 #[test]
-fn a_trace_in_the_wrong_order_is_seen() {
+fn a_trace_in_the_wrong_order_is_detected() {
     let right = "7 write(9</d/x.part>, \"..\", 2) = 2\n7 fdatasync(9</d/x.part> <unfinished ...>\n8 write(1, \"a\", 1) = 1\n\
                  7 <... fdatasync resumed>) = 0\n7 pwrite64(4</d/rows-wal>, \"..\", 2, 0) = 2\n";
     let wrong = "7 write(9</d/x.part>, \"..\", 2) = 2\n7 fdatasync(9</d/x.part> <unfinished ...>\n\

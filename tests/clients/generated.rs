@@ -1,5 +1,5 @@
-//! Clients that generators make from the document: each lives a whole day with the service. They are made anew from the
-//! document of the program under test. What a generator reports as an error fails the test.
+//! Clients generated from the OpenAPI document of the program under test: each runs a complete session against the service.
+//! An error reported by a generator fails the test.
 
 use std::{fs, path::Path, process::Command};
 
@@ -14,7 +14,7 @@ use crate::{
     server::{Server, small_rig, write_stack_of},
 };
 
-/// Writes the document of the program.
+/// Writes the OpenAPI document of the program.
 fn document(folder: &Path) -> String {
     let text = run(Command::new(env!("CARGO_BIN_EXE_pinstack")).arg("openapi"));
     let file = folder.join("openapi.json");
@@ -22,7 +22,7 @@ fn document(folder: &Path) -> String {
     file.to_string_lossy().into_owned()
 }
 
-/// Writes a dot target that can be measured.
+/// Writes the zip of a dot target that can be calibrated from.
 fn write_target(zip: &Path) {
     let rig = Rig::sized(240, 180, 5);
     let slices = target_stack(&rig, &DotTarget::for_rig(&rig, 12));
@@ -40,8 +40,8 @@ fn write_profile(file: &Path) {
     fs::write(file, profile.to_string()).expect("the profile");
 }
 
-/// Lets `script` use the client in `folder` against a service that asks for a token.
-fn live_a_day(server: &Server, token: &str, folder: &Path, script: &str) {
+/// Runs `script`, which uses the client in `folder`, against a service that requires a token.
+fn run_session(server: &Server, token: &str, folder: &Path, script: &str) {
     let files = server.folder.path();
     write_profile(&files.join("profile.json"));
     write_target(&files.join("target.zip"));
@@ -58,7 +58,7 @@ fn live_a_day(server: &Server, token: &str, folder: &Path, script: &str) {
 }
 
 #[test]
-fn a_client_made_by_openapi_python_client_lives_a_whole_day() {
+fn a_client_by_openapi_python_client_runs_a_whole_session() {
     if !have(&["python3", "openapi-python-client"]) {
         return;
     }
@@ -75,11 +75,11 @@ fn a_client_made_by_openapi_python_client_lives_a_whole_day() {
         .expect("the generator starts");
     let told = String::from_utf8_lossy(&made.stdout);
     assert!(made.status.success() && !told.contains("WARNING"), "it does not understand the document:\n{told}");
-    live_a_day(&server, &token, &folder, include_str!("generated/openapi_python_client.py"));
+    run_session(&server, &token, &folder, include_str!("generated/openapi_python_client.py"));
 }
 
 #[test]
-fn a_client_made_by_openapi_generator_lives_a_whole_day() {
+fn a_client_by_openapi_generator_runs_a_whole_session() {
     if !have(&["python3", "java", "openapi-generator-cli", "pydantic"]) {
         return;
     }
@@ -97,5 +97,5 @@ fn a_client_made_by_openapi_generator_lives_a_whole_day() {
     // its warnings speak of its own support of OpenAPI 3.1 and of names that Python reserves
     let complaints: Vec<&str> = told.lines().filter(|line| line.contains("ERROR")).collect();
     assert!(made.status.success() && complaints.is_empty(), "it does not understand the document: {complaints:#?}");
-    live_a_day(&server, &token, &folder, include_str!("generated/openapi_generator.py"));
+    run_session(&server, &token, &folder, include_str!("generated/openapi_generator.py"));
 }

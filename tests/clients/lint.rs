@@ -1,10 +1,10 @@
-//! The OpenAPI document as linters that integrators run see it.
+//! The OpenAPI document, checked by common linters.
 
 use std::{fs, process::Command};
 
 use crate::{have, run};
 
-/// Runs a linter on the document of the program: what it says, and whether it found an error.
+/// Runs a linter on the OpenAPI document of the program and checks that it finds no error.
 fn linted(program: &str, arguments: &[&str]) {
     let folder = tempfile::tempdir().expect("a folder");
     let document = folder.path().join("openapi.json");
@@ -31,7 +31,7 @@ fn redocly_finds_no_error_in_the_document() {
 }
 
 #[test]
-fn spectral_finds_nothing_to_say_about_the_document() {
+fn spectral_reports_nothing_about_the_document() {
     if have(&["spectral"]) {
         linted("spectral", &["--ruleset", "ruleset.yaml", "--fail-severity", "warn"]);
     }

@@ -1,9 +1,7 @@
-//! The service as the programs that people have see it: curl, zip, 7z, Python's zipfile, exiftool, COLMAP, tus clients, a
-//! browser, Schemathesis, which asks it whether it keeps its contract, clients that generators make, and linters of the
-//! document.
+//! The service with third-party programs: curl, zip, 7z, Python's zipfile, exiftool, COLMAP, tus clients, a browser,
+//! Schemathesis, generated clients, and linters of the OpenAPI document.
 //!
-//! Each test needs programs that a fresh machine may lack; it is skipped where they are missing, and fails when
-//! `PINSTACK_TEST_TOOLS=required` says that they must be there.
+//! Each test needs programs that may not be installed. It is then skipped, or fails with `PINSTACK_TEST_TOOLS=required`.
 
 mod browser;
 mod contract;
@@ -21,7 +19,7 @@ mod zips;
 
 use std::process::Command;
 
-/// True when every program is here. `tuspy`, `pydantic` and `tus-js-client` are libraries that Python and node must find.
+/// Whether every program is installed. `tuspy`, `pydantic` and `tus-js-client` are libraries of Python and node.
 fn have(programs: &[&str]) -> bool {
     let missing: Vec<&str> = programs.iter().copied().filter(|p| !is_here(p)).collect();
     if missing.is_empty() {
@@ -44,7 +42,7 @@ fn is_here(program: &str) -> bool {
     found.is_ok_and(|output| output.status.success())
 }
 
-/// Runs a program and gives what it printed.
+/// Runs a program and returns its output.
 fn run(program: &mut Command) -> String {
     let output = program.output().unwrap_or_else(|e| panic!("{program:?} cannot be started: {e}"));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();

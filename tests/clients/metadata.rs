@@ -1,4 +1,4 @@
-//! What another program reads in the images that come out.
+//! The metadata of result images as exiftool reads it.
 
 use std::process::Command;
 
@@ -15,7 +15,7 @@ fn tags(file: &std::path::Path) -> Value {
 }
 
 #[test]
-fn the_camera_of_the_reference_slice_is_named_in_every_format() {
+fn every_format_keeps_the_camera_of_the_reference_slice() {
     if !have(&["curl", "zip", "exiftool"]) {
         return;
     }

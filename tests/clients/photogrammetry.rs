@@ -1,4 +1,4 @@
-//! What COLMAP takes from the images that come out: whether it opens them, and the focal length that it starts from.
+//! Result images in COLMAP: whether it opens them, and its prior for the focal length.
 
 use std::{
     fs,
@@ -13,15 +13,15 @@ use crate::{
     server::{Server, small_rig, write_slices},
 };
 
-/// What the profile says, mm.
+/// Principal distance of the profile, mm.
 const DISTANCE: f64 = 121.37;
 const PITCH: f64 = 0.0061;
 
-/// The catalogue of COLMAP has this camera, with a sensor 36 mm wide; the focal length is the engraved one.
+/// A camera in the catalogue of COLMAP with a sensor 36 mm wide, and its nominal focal length.
 const CAMERA: &str = "-Make=Canon -Model='Canon EOS 5DS' -FocalLength=65 -FocalLengthIn35mmFormat=65 \
                       -FocalPlaneXResolution=6000 -FocalPlaneYResolution=6000 -FocalPlaneResolutionUnit=inches";
 
-/// A focal length in px, and whether COLMAP trusts it.
+/// COLMAP's prior focal length in px, and whether COLMAP trusts it.
 fn prior(image: &Path) -> (f64, bool) {
     let folder = tempfile::tempdir().expect("a folder");
     let images = folder.path().join("images");
@@ -56,7 +56,7 @@ fn put_profile(server: &Server, optics: Value) {
     assert!(profile["revision"].is_number(), "{profile}");
 }
 
-/// Two zips of the same slices: as rendered, and tagged as by a camera.
+/// Two zips of the same slices: without and with the EXIF tags of a camera.
 fn zips(server: &Server) -> [PathBuf; 2] {
     ["plain", "camera"].map(|name| {
         let folder = server.folder.path().join(name);
@@ -76,7 +76,7 @@ fn download(server: &Server, stack: &Value, accept: &str, name: &str) -> PathBuf
     file
 }
 
-/// Number of a tag that exiftool reads in the EXIF of a file.
+/// A numeric EXIF tag of a file, read by exiftool.
 fn number(file: &Path, tag: &str) -> f64 {
     let text = run(Command::new("exiftool").args(["-n", "-s3", &format!("-EXIF:{tag}")]).arg(file));
     text.trim().parse().unwrap_or_else(|_| panic!("{file:?} has no number {tag}: {text}"))
@@ -117,7 +117,7 @@ fn colmap_starts_from_the_principal_distance_of_the_profile() {
 }
 
 #[test]
-fn the_engraved_focal_length_is_not_passed_on_as_the_principal_distance() {
+fn the_nominal_focal_length_is_not_passed_on_as_the_principal_distance() {
     if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
         return;
     }
@@ -135,7 +135,7 @@ fn the_engraved_focal_length_is_not_passed_on_as_the_principal_distance() {
 }
 
 #[test]
-fn colmap_opens_the_images_of_slices_of_16_bits() {
+fn colmap_opens_the_images_of_16_bit_slices() {
     if !have(&["curl", "zip", "colmap", "python3"]) {
         return;
     }
@@ -150,7 +150,7 @@ fn colmap_opens_the_images_of_slices_of_16_bits() {
     }
 }
 
-/// The front light of the small rig, with 16 bits.
+/// Writes the front light of the small rig with 16 bits per sample.
 fn write_deep(zip: &Path) {
     use pinstack_science::{
         imaging::{Raster, Samples, codec},

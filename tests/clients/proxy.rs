@@ -1,4 +1,4 @@
-//! A network that breaks: a proxy that cuts connections after a random number of bytes.
+//! An unreliable network: a proxy that cuts connections after a random number of bytes.
 
 use std::{
     io::{Read, Write},
@@ -10,18 +10,18 @@ use std::{
     thread,
 };
 
-/// Bytes of a connection before it is cut, at most.
+/// Largest number of bytes before a connection is cut.
 const LONGEST: u64 = 60_000;
 
-/// A proxy that lives as long as the test.
+/// A proxy that runs until it is dropped.
 pub struct Proxy {
     pub url: String,
     cuts: Arc<AtomicUsize>,
 }
 
 impl Proxy {
-    /// Cuts the first `cuts` connections, each after a number of bytes that `seed` tells, on their way to the server or
-    /// back; lets all later ones through.
+    /// Cuts the first `cuts` connections in either direction, each after a number of bytes derived from `seed`. Later
+    /// connections are not cut.
     pub fn cutting(server: &str, cuts: usize, seed: u64) -> Self {
         let server = server.trim_start_matches("http://").to_owned();
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -48,13 +48,13 @@ impl Proxy {
         Self { url, cuts: done }
     }
 
-    /// Connections that were cut.
+    /// Number of connections that were cut.
     pub fn cuts(&self) -> usize {
         self.cuts.load(Ordering::SeqCst)
     }
 }
 
-/// Copies from one to the other; after `most` bytes both ends see the connection die.
+/// Copies from one stream to the other and closes both after `most` bytes.
 fn forward(from: &TcpStream, to: &TcpStream, mut most: u64, cuts: &Arc<AtomicUsize>) {
     let (mut from, mut to) = (from.try_clone().expect("a socket"), to.try_clone().expect("a socket"));
     let cuts = Arc::clone(cuts);

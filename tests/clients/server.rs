@@ -1,4 +1,4 @@
-//! A service of its own for a test, and the slices to send to it.
+//! A service process for one test, and the slices to send to it.
 
 use std::{
     fs,
@@ -24,14 +24,14 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts one on a free port with an empty data folder and waits until it answers.
+    /// Starts a server on a free port with an empty data folder and waits until it answers.
     pub fn start() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let (process, url) = serve(&folder);
         Self { process, url, folder }
     }
 
-    /// The same, and it asks for a token: this one, which may do everything.
+    /// The same, requiring this token, which has all rights.
     pub fn start_with_a_token() -> (Self, String) {
         let folder = tempfile::tempdir().expect("a folder");
         let token = run(Command::new(env!("CARGO_BIN_EXE_pinstack"))
@@ -41,7 +41,7 @@ impl Server {
         (Self { process, url, folder }, token.trim().to_owned())
     }
 
-    /// The same, with every call that writes, syncs, renames or answers in the file `trace` of its folder.
+    /// The same, with a trace of all system calls that write, sync, rename or answer in the file `trace` of its folder.
     pub fn start_traced() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let mut strace = Command::new("strace");
@@ -52,21 +52,21 @@ impl Server {
         Self { process, url, folder }
     }
 
-    /// SIGKILL, then another process on the same data.
+    /// Kills the process (SIGKILL) and starts another on the same data.
     pub fn kill_and_start_again(&mut self) {
         self.process.kill().expect("it can be killed");
         self.process.wait().expect("it ended");
         (self.process, self.url) = serve(&self.folder);
     }
 
-    /// What curl gets, as JSON.
+    /// The answer that curl gets, as JSON.
     pub fn curl(&self, arguments: &[&str], path: &str) -> Value {
         let url = format!("{}{path}", self.url);
         let text = run(Command::new("curl").args(["-sS", "--max-time", "120"]).args(arguments).arg(&url));
         serde_json::from_str(&text).unwrap_or_else(|e| panic!("{url} did not answer with JSON ({e}): {text}"))
     }
 
-    /// What curl gets, as a file.
+    /// The answer that curl gets, as a file.
     pub fn download(&self, arguments: &[&str], path: &str, file: &Path) {
         let url = format!("{}{path}", self.url);
         run(Command::new("curl")
@@ -126,7 +126,7 @@ impl Drop for Server {
     }
 }
 
-/// A rig that renders quickly.
+/// A small rig that renders fast.
 pub fn small_rig() -> Rig {
     Rig::sized(240, 160, 4)
 }

@@ -1,4 +1,4 @@
-//! TLS, as curl sees it.
+//! TLS with curl as the client.
 
 use std::{
     fs,
@@ -8,7 +8,7 @@ use std::{
 
 use crate::{have, run};
 
-/// A server of its own, killed when dropped.
+/// A server process, killed when dropped.
 struct Process(Child);
 
 impl Drop for Process {
@@ -54,7 +54,7 @@ fn refusal(folder: &Path, arguments: &[&str]) -> String {
 }
 
 #[test]
-fn with_a_certificate_the_server_speaks_tls_and_nothing_else() {
+fn with_a_certificate_the_server_accepts_only_tls() {
     if !have(&["curl", "openssl"]) {
         return;
     }
@@ -98,7 +98,7 @@ fn with_a_certificate_the_server_speaks_tls_and_nothing_else() {
 }
 
 #[test]
-fn a_certificate_that_cannot_be_used_is_refused_with_its_file() {
+fn an_unusable_certificate_is_refused_with_its_file_name() {
     if !have(&["openssl"]) {
         return;
     }

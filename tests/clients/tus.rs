@@ -1,4 +1,4 @@
-//! Resumable uploads as the clients that people have send them, over lines that break, and across kill -9.
+//! Resumable uploads with common tus clients, over an unreliable network and across `kill -9`.
 
 use std::{fs, path::PathBuf, process::Command};
 
@@ -12,7 +12,7 @@ use crate::{
     server::{Server, write_stack_of},
 };
 
-/// How many connections are cut before the line is good.
+/// Number of connections that are cut before the network is reliable.
 const CUTS: usize = 12;
 
 const TUSPY: &str = r#"
@@ -45,7 +45,7 @@ const upload = new tus.Upload(fs.createReadStream(path), {
 upload.start();
 "#;
 
-/// A server with a profile, and a zip for it that is large enough to be cut often.
+/// A server with a profile, and a zip that is large enough to be interrupted often.
 fn prepared() -> (Server, PathBuf) {
     let server = Server::start();
     let rig = Rig::sized(900, 600, 4);
@@ -55,8 +55,8 @@ fn prepared() -> (Server, PathBuf) {
     (server, zip)
 }
 
-/// Sends the zip by a script through a proxy that cuts, and checks what came out.
-fn sent_over_a_bad_line(interpreter: &str, script: &str, label: &str, seed: u64) {
+/// Uploads the zip with a script through a cutting proxy, and checks the result.
+fn upload_over_an_unreliable_network(interpreter: &str, script: &str, label: &str, seed: u64) {
     let (server, zip) = prepared();
     let proxy = Proxy::cutting(&server.url, CUTS, seed);
     let file = server.folder.path().join("script");
@@ -78,21 +78,21 @@ fn sent_over_a_bad_line(interpreter: &str, script: &str, label: &str, seed: u64)
 }
 
 #[test]
-fn tuspy_gets_a_stack_through_a_line_that_breaks() {
+fn tuspy_uploads_a_stack_over_an_unreliable_network() {
     if have(&["curl", "python3", "tuspy"]) {
-        sent_over_a_bad_line("python3", TUSPY, "by tuspy", 1);
+        upload_over_an_unreliable_network("python3", TUSPY, "by tuspy", 1);
     }
 }
 
 #[test]
-fn tus_js_client_gets_a_stack_through_a_line_that_breaks() {
+fn tus_js_client_uploads_a_stack_over_an_unreliable_network() {
     if have(&["curl", "node", "tus-js-client"]) {
-        sent_over_a_bad_line("node", TUS_JS, "by tus-js-client", 2);
+        upload_over_an_unreliable_network("node", TUS_JS, "by tus-js-client", 2);
     }
 }
 
 #[test]
-fn an_offset_that_was_told_survives_kill_9_and_the_upload_goes_on_there() {
+fn a_reported_offset_survives_kill_9_and_the_upload_resumes_there() {
     if !have(&["curl"]) {
         return;
     }
@@ -123,7 +123,7 @@ fn an_offset_that_was_told_survives_kill_9_and_the_upload_goes_on_there() {
     assert!(digest.starts_with(stack["upload"]["sha256"].as_str().expect("a digest")), "{stack}");
 }
 
-/// Begins an upload: its path.
+/// Creates an upload and returns its path.
 pub fn begin(server: &Server, length: usize) -> String {
     let url = format!("{}/v1/uploads", server.url);
     let length = format!("Upload-Length: {length}");
@@ -133,7 +133,7 @@ pub fn begin(server: &Server, length: usize) -> String {
         .args(["-H", &length, "-H", metadata, "-w", "%header{location}", &url]))
 }
 
-/// Sends a file as the next piece: the offset that is told.
+/// Sends a file as the next part and returns the reported offset.
 pub fn send(server: &Server, path: &str, offset: usize, file: &std::path::Path) -> usize {
     let url = format!("{}{path}", server.url);
     let offset = format!("Upload-Offset: {offset}");
@@ -144,7 +144,7 @@ pub fn send(server: &Server, path: &str, offset: usize, file: &std::path::Path) 
     told.trim().parse().unwrap_or_else(|_| panic!("no offset: {told}"))
 }
 
-/// A piece of which the last byte never comes, on its way once this returns.
+/// Sends a part whose last byte never arrives.
 fn hanging_piece(server: &Server, path: &str, offset: usize, bytes: &[u8]) -> std::net::TcpStream {
     use std::io::Write;
     let mut socket = std::net::TcpStream::connect(server.url.trim_start_matches("http://")).expect("a connection");
@@ -163,7 +163,7 @@ fn hanging_piece(server: &Server, path: &str, offset: usize, bytes: &[u8]) -> st
 }
 
 #[test]
-fn a_piece_of_a_killed_server_is_not_counted_before_it_is_safe() {
+fn a_part_is_not_counted_by_a_killed_server_before_it_is_durable() {
     if !have(&["curl"]) {
         return;
     }

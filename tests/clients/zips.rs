@@ -7,8 +7,8 @@ use crate::{
     server::{Server, small_rig, write_slices},
 };
 
-/// Makes `stack.zip` with `command` (run by sh in the folder with `front` and `back`) and fuses it.
-fn a_stack_zipped_by(command: &str) {
+/// Makes `stack.zip` with `command` (run by sh in the folder of `front` and `back`) and fuses it.
+fn fuse_stack_zipped_by(command: &str) {
     let server = Server::start();
     let slices = server.folder.path().join("view 01");
     write_slices(&slices);
@@ -20,40 +20,40 @@ fn a_stack_zipped_by(command: &str) {
 }
 
 #[test]
-fn a_zip_by_info_zip_is_understood() {
+fn a_zip_by_info_zip_is_accepted() {
     if have(&["curl", "zip"]) {
-        a_stack_zipped_by("zip -q -r stack.zip front back");
+        fuse_stack_zipped_by("zip -q -r stack.zip front back");
     }
 }
 
 #[test]
-fn a_zip_by_info_zip_written_to_a_pipe_is_understood() {
+fn a_zip_by_info_zip_written_to_a_pipe_is_accepted() {
     if have(&["curl", "zip"]) {
         // Sizes and checksums stand behind the members then (data descriptors).
-        a_stack_zipped_by("zip -q -r - front back | cat > stack.zip");
+        fuse_stack_zipped_by("zip -q -r - front back | cat > stack.zip");
     }
 }
 
 #[test]
-fn a_stored_zip_by_7z_is_understood() {
+fn a_stored_zip_by_7z_is_accepted() {
     if have(&["curl", "7z"]) {
-        a_stack_zipped_by("7z a -bd -tzip -mx0 stack.zip front back");
+        fuse_stack_zipped_by("7z a -bd -tzip -mx0 stack.zip front back");
     }
 }
 
 #[test]
-fn a_deflate64_zip_by_7z_in_a_wrapper_folder_is_understood() {
+fn a_deflate64_zip_by_7z_in_a_wrapper_folder_is_accepted() {
     if have(&["curl", "7z"]) {
-        a_stack_zipped_by(
+        fuse_stack_zipped_by(
             "mkdir -p '../wrap/view 01' && cp -r front back '../wrap/view 01' && cd ../wrap && 7z a -bd -tzip -mm=Deflate64 '../view 01/stack.zip' .",
         );
     }
 }
 
 #[test]
-fn a_zip_by_python_with_zip64_and_backslashes_is_understood() {
+fn a_zip_by_python_with_zip64_and_backslashes_is_accepted() {
     if have(&["curl", "python3"]) {
-        a_stack_zipped_by(
+        fuse_stack_zipped_by(
             r#"python3 - <<'END'
 import glob, zipfile
 with zipfile.ZipFile('stack.zip', 'w', zipfile.ZIP_DEFLATED) as z:
@@ -68,7 +68,7 @@ END"#,
 }
 
 #[test]
-fn an_encrypted_zip_by_7z_is_refused_with_a_sentence() {
+fn an_encrypted_zip_by_7z_is_refused_with_a_reason() {
     if !have(&["curl", "7z"]) {
         return;
     }
@@ -86,7 +86,7 @@ fn an_encrypted_zip_by_7z_is_refused_with_a_sentence() {
 }
 
 #[test]
-fn a_form_sent_by_curl_is_the_same_as_a_plain_body() {
+fn a_form_sent_by_curl_gives_the_same_result_as_a_plain_body() {
     if !have(&["curl", "zip"]) {
         return;
     }

@@ -1,8 +1,8 @@
-//! The commands of README.md and docs/*.md, executed: what a reader copies works.
+//! Runs the commands of README.md and docs/*.md, and checks the tables, links and test names of the documents.
 //!
-//! Every block marked `sh` of one file runs, in order, in one shell and one empty folder, with `cargo run --release --`
-//! standing for the binary under test. A block marked with a second word (`sh docker`, `sh bench`) needs what a test
-//! cannot have, and is not run. Port 8080 is replaced by a free one.
+//! All `sh` blocks of a file run in order in one shell and one empty folder; `cargo run --release --` is replaced by the binary
+//! under test, and port 8080 by a free port. A block with a second word (`sh docker`, `sh bench`) needs more than a test
+//! has, and is not run.
 
 mod powershell;
 mod tables;
@@ -39,7 +39,7 @@ fn blocks(markdown: &str) -> Vec<String> {
     found
 }
 
-/// A folder with a `cargo` that runs the binary under test and a `pinstack` that is it.
+/// Makes a folder with the commands `cargo` and `pinstack`, which both run the binary under test.
 fn shims(folder: &Path) -> PathBuf {
     let binary = env!("CARGO_BIN_EXE_pinstack");
     let bin = folder.join("bin");
@@ -59,7 +59,8 @@ fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port()
 }
 
-/// Runs every `sh` block of `file` and shows its output when one fails. The folder in which they ran, when there are any.
+/// Runs every `sh` block of `file` and fails with the output of a failed one. Returns the folder in which they ran, if there
+/// are any.
 fn run_commands_of(file: &Path) -> Option<TempDir> {
     let markdown = fs::read_to_string(file).expect("the document is UTF-8");
     let blocks = blocks(&markdown);
@@ -92,7 +93,7 @@ fn run_commands_of(file: &Path) -> Option<TempDir> {
     Some(folder)
 }
 
-/// True when the tools that the documents use are here. In CI they must be.
+/// Whether the tools that the documents use are installed. In CI they must be.
 fn tools_are_here() -> bool {
     let missing: Vec<&str> =
         ["bash", "curl"].into_iter().filter(|tool| Command::new(tool).arg("--version").output().is_err()).collect();
@@ -135,7 +136,7 @@ fn the_commands_of_the_docs_work() {
 }
 
 #[test]
-fn every_link_to_a_file_of_the_project_leads_somewhere() {
+fn every_link_to_a_file_of_the_project_resolves() {
     let mut documents = vec![project().join("README.md")];
     documents.extend(fs::read_dir(project().join("docs")).expect("docs").map(|e| e.expect("docs").path()));
     for document in documents.iter().filter(|d| d.extension().is_some_and(|e| e == "md")) {
