@@ -1,11 +1,11 @@
-//! Parts of a scene, sampled once in the geometry of the reference slice; slices are resampled from that.
+//! Samples the parts of a scene once, in the geometry of the reference slice. Slices are resampled from them.
 
 use rayon::prelude::*;
 
 use super::Rig;
 use super::scene::{Part, Relief, Shape};
 
-/// Above this many pixels parts are sampled once per pixel, below it twice as densely.
+/// Up to this number of pixels, parts are sampled at twice the density of the pixels.
 const DENSE_UP_TO_PX: usize = 6_000_000;
 /// How far beyond the reference picture parts are kept: other slices may see more. Share of a side.
 const BORDER: f64 = 0.12;

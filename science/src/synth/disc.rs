@@ -1,6 +1,9 @@
 //! Blur by a disc whose radius may change from pixel to pixel.
+//!
+//! Independent of `imaging/filter/disc.rs` on purpose: the rendered truth must not share code with the method that it
+//! evaluates.
 
-/// Radii are rounded to this share of a pixel, so that discs can be tabulated.
+/// Radii are rounded to this fraction of a pixel, so that discs can be tabulated.
 const STEPS_PER_PX: f64 = 16.0;
 
 /// One disc, row by row: half of the chord in each row of pixels, averaged over the height of the row.
@@ -45,13 +48,13 @@ impl Discs {
     }
 }
 
-/// Summing whole pixels spreads a disc by the second moment of a pixel (1/12 per axis, a disc's is r^2/4):
-/// the disc to sum over is smaller by as much, so that the blur comes out as wide as asked.
+/// Summing whole pixels widens a disc by the second moment of a pixel: 1/12 per axis; that of a disc is r^2 / 4. The
+/// radius is reduced accordingly, so that the blur has the requested width.
 fn spread_of_samples_removed(radius: f64) -> f64 {
     (radius * radius - 1.0 / 3.0).max(0.0).sqrt()
 }
 
-/// A patch of `C`-channel samples, ready to be averaged over discs by running sums along its rows.
+/// A patch of `C`-channel samples with prefix sums along its rows, from which means over discs are computed.
 #[derive(Debug)]
 pub(super) struct Patch<const C: usize> {
     width: usize,
@@ -76,8 +79,8 @@ impl<const C: usize> Patch<C> {
         Self { width, height, sums }
     }
 
-    /// The mean over the disc of `radius` px about the centre of pixel (x, y). What lies outside the patch
-    /// counts as zero.
+    /// The mean over the disc of `radius` px around the centre of pixel (x, y). Samples outside the patch count as
+    /// zero.
     pub(super) fn mean(&self, discs: &Discs, x: usize, y: usize, radius: f32) -> [f32; C] {
         let disc = discs.of(radius);
         let reach = disc.half_chords.len() / 2;

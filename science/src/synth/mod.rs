@@ -1,11 +1,14 @@
-//! The synthetic rig: a thin-lens renderer that makes focus stacks of which everything is known.
+//! Synthetic focus stacks with ground truth, rendered with a thin-lens model.
 //!
-//! A [`Rig`] is the camera on its rail, a [`DotTarget`] and a [`Scene`] are what can stand before it. The
-//! renderer gives each slice as a camera would store it, and beside it the truth that calibration, fusion
-//! and masking are judged by. The same input gives the same bytes on any number of threads.
+//! In: a [`Rig`] (the camera on its rail) and its subject, a [`Scene`] or a [`DotTarget`]. Out: each slice as a camera
+//! would store it, and the ground truth with which calibration, fusion and segmentation are evaluated. The same input
+//! gives the same bytes on any number of threads.
 //!
-//! The sensor is linear: sample values are proportional to light (no gamma curve), so that occlusion,
-//! exposure and [`Rig::gain`] are exact multiplications of stored values.
+//! The sensor is linear: sample values are proportional to light (no gamma curve), so occlusion, exposure and
+//! [`Rig::gain`] are exact multiplications of stored values.
+//!
+//! The renderer has its own blur and its own interpolation: the ground truth must not share code with the methods that
+//! it evaluates.
 
 mod bake;
 mod disc;

@@ -1,6 +1,7 @@
-//! Numbers that look random and depend on nothing but what they are numbers of.
+//! Hash noise: pseudo-random numbers that are functions of their key. The result depends neither on the order of
+//! evaluation nor on threads.
 
-/// SplitMix64's finaliser: every bit of the input stirs every bit of the output.
+/// The finaliser of SplitMix64: every input bit affects every output bit.
 #[inline]
 pub(super) fn mix(mut z: u64) -> u64 {
     z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -9,7 +10,7 @@ pub(super) fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A key out of several numbers; their order counts.
+/// A key made from several numbers; their order matters.
 #[inline]
 pub(super) fn key(parts: &[u64]) -> u64 {
     parts.iter().fold(0x5eed, |state, &part| mix(state ^ part))
@@ -27,8 +28,8 @@ pub(super) fn between(key: u64, low: f64, high: f64) -> f64 {
     low + (high - low) * uniform(key)
 }
 
-/// Mean 0, deviation 1, within +-3.46: the sum of four uniform numbers, close enough to a Gaussian for
-/// sensor noise and much cheaper.
+/// Approximately normal: mean 0, standard deviation 1, within +-3.46. The sum of four uniform numbers is sufficient for
+/// sensor noise, and much cheaper than an exact Gaussian.
 #[inline]
 pub(super) fn normal(key: u64) -> f32 {
     let bits = mix(key);
@@ -37,7 +38,7 @@ pub(super) fn normal(key: u64) -> f32 {
     ((sum as f32 + 2.0) / 65_536.0 - 2.0) * SQRT_3
 }
 
-/// Value noise: a random number on each point of the unit lattice, smoothly between. -1..1.
+/// Value noise, -1..1: a random number at each point of the unit lattice, smoothly interpolated.
 pub(super) fn lattice(seed: u64, x: f64, y: f64) -> f32 {
     let (floor_x, floor_y) = (x.floor(), y.floor());
     let (left, top) = (floor_x as i64 as u64, floor_y as i64 as u64);
@@ -52,8 +53,8 @@ pub(super) fn lattice(seed: u64, x: f64, y: f64) -> f32 {
     upper * (1.0 - ty) + lower * ty
 }
 
-/// Lattice noise of several octaves, each `roughness` times as strong as the one before. Octaves finer
-/// than `finest` (in units of `x`) fade out: they could only alias. About -1..1.
+/// Fractal noise, about -1..1: octaves of value noise, each `roughness` times as strong as the one before. Octaves
+/// finer than `finest` (in units of `x`) fade out to avoid aliasing.
 pub(super) fn fractal(seed: u64, x: f64, y: f64, octaves: u32, roughness: f32, finest: f64) -> f32 {
     let (mut sum, mut total, mut strength, mut frequency) = (0.0, 0.0, 1.0, 1.0_f64);
     for octave in 0..octaves {

@@ -1,4 +1,4 @@
-//! The camera on its rail: thin lens, sensor, and what is not perfect about them.
+//! The camera on its rail: thin lens, sensor, and their imperfections.
 
 use nalgebra::Matrix3;
 
@@ -10,8 +10,8 @@ use crate::types::profile::CaptureMode;
 /// A thin lens, a sensor and a rail. All lengths in mm, all image coordinates in px with the centre of the
 /// top-left pixel at (0, 0).
 ///
-/// Depth is told as a *fraction* 0..1: 0 is in focus in the first slice, 1 in the last, and the place on
-/// the rail grows linearly between. The first slice is in focus nearest to the camera.
+/// Depth is a *fraction* 0..1: depth 0 is in focus in the first slice, depth 1 in the last, and the rail position is
+/// linear between them. The first slice is focused nearest to the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
     /// What moves.
@@ -43,10 +43,10 @@ pub struct Rig {
     pub keystone: [f64; 2],
     /// Light lost in the corners, 0..1; it falls with the square of the distance from the centre.
     pub vignetting: f64,
-    /// Whether the light per pixel falls with the square of the sensor distance, as it does.
+    /// Whether the light per pixel falls with the square of the sensor distance, as in reality.
     pub exposure_falls: bool,
-    /// Standard deviation, px, of what becomes of a point that is in focus (diffraction, low-pass filter, colour from
-    /// neighbouring pixels): 0 when each pixel sees its own square and nothing else, which no camera does.
+    /// Standard deviation of the point spread in focus, px (diffraction, low-pass filter, demosaicing). 0: each pixel
+    /// integrates its own square only, which no real camera does.
     pub softness_px: f64,
     /// Standard deviation of the noise, in units of an 8-bit picture (of 255).
     pub noise: f64,
@@ -54,7 +54,7 @@ pub struct Rig {
     pub depth: Depth,
     /// 1 grey, 3 RGB.
     pub channels: usize,
-    /// Noise and drift jitter follow from it.
+    /// Seed of the noise and of the drift jitter.
     pub seed: u64,
 }
 

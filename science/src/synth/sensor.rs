@@ -9,19 +9,19 @@ use crate::imaging::{LUMA, Raster, Samples};
 /// How the object is lit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Light {
-    /// From the camera's side: the colours of the object.
+    /// From the front: the colours of the object.
     Front,
     /// From behind: a bright field with the object as a dark silhouette.
     Back,
 }
 
-/// The picture that the sensor of slice `i` stores: `radiance(x, y, row)` fills a row of RGB light, 0..1
-/// of full scale at the reference exposure. `salt` keeps the noise of different pictures apart.
+/// The raster that the sensor of slice `i` stores. `radiance(y, row)` fills row `y` with RGB light, 0..1 of full scale
+/// at the reference exposure. `salt` makes the noise of different images independent.
 pub(super) fn expose(rig: &Rig, i: usize, salt: u64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Raster {
     expose_as(rig, i, salt, |light| light, radiance)
 }
 
-/// The same by a sensor that stores `response(light)`, which the noise is added to.
+/// The same for a sensor that stores `response(light)` plus noise.
 pub(super) fn expose_as(
     rig: &Rig,
     i: usize,
@@ -43,7 +43,7 @@ pub(super) fn expose_as(
     quantise(rig, &samples, with_noise)
 }
 
-/// Share of the light that vignetting leaves at `px`: 1 in the middle.
+/// Relative light at `px` after vignetting, 1 at the centre.
 pub(super) fn transmission(rig: &Rig, px: [f64; 2]) -> f64 {
     let [cx, cy] = rig.centre();
     let corner = (cx * cx + cy * cy).max(1.0);
@@ -51,7 +51,7 @@ pub(super) fn transmission(rig: &Rig, px: [f64; 2]) -> f64 {
     1.0 - rig.vignetting * squared / corner
 }
 
-/// Exposed and vignetted light, in the channels of the rig, not yet noisy or quantised.
+/// Light with exposure and vignetting, in the channels of the rig, before noise and quantisation.
 pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &mut [[f32; 3]]) + Sync) -> Vec<f32> {
     let mut samples = vec![0.0_f32; rig.width * rig.height * rig.channels];
     samples.par_chunks_mut(rig.width * rig.channels).enumerate().for_each(|(y, row)| {
@@ -69,7 +69,7 @@ pub(super) fn expose_clean(rig: &Rig, exposure: f64, radiance: impl Fn(usize, &m
     samples
 }
 
-/// Blurs exposed light by the Gaussian of the rig's softness, borders repeated.
+/// Blurs the light by the Gaussian of the rig, with repeated borders.
 fn soften(samples: &mut [f32], rig: &Rig) {
     let (sigma, channels, stride) = (rig.softness_px as f32, rig.channels, rig.width * rig.channels);
     if sigma.is_nan() || sigma <= 0.0 || samples.is_empty() {
@@ -96,7 +96,7 @@ fn soften(samples: &mut [f32], rig: &Rig) {
     });
 }
 
-/// Stored samples; `disturb(index, light)` may add to each before it is rounded.
+/// The stored samples. `disturb(index, light)` may change each before it is rounded.
 pub(super) fn quantise(rig: &Rig, light: &[f32], disturb: impl Fn(usize, f32) -> f32 + Sync) -> Raster {
     let full = rig.depth.max();
     let level = |(at, &value): (usize, &f32)| (disturb(at, value) * full).round().clamp(0.0, full);

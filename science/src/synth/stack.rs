@@ -1,4 +1,4 @@
-//! Rendered stacks, whole or slice by slice.
+//! Rendered stacks, complete or slice by slice.
 
 use std::sync::Arc;
 
@@ -11,12 +11,12 @@ use crate::imaging::slices::SliceError;
 use crate::imaging::{Raster, Slices};
 use crate::types::{Error, ErrorKind};
 
-/// Slice `i` of `scene`. Samples the scene anew: for more than one slice make a [`Stage`].
+/// Slice `i` of `scene`. Samples the scene for each call; use a [`Stage`] for more than one slice.
 pub fn render(rig: &Rig, scene: &Scene, light: Light, i: usize) -> Raster {
     Stage::new(rig, scene).render(light, i)
 }
 
-/// The truth about `scene` before `rig`.
+/// The ground truth of `scene` for `rig`.
 pub fn truth(rig: &Rig, scene: &Scene) -> Truth {
     Stage::new(rig, scene).truth()
 }
@@ -26,7 +26,7 @@ pub fn target_stack(rig: &Rig, target: &DotTarget) -> Vec<Raster> {
     (0..rig.slices()).map(|i| render_target(rig, target, i)).collect()
 }
 
-/// A stack whose slices are rendered when they are asked for.
+/// A stack whose slices are rendered on demand.
 #[derive(Debug, Clone)]
 pub struct Rendered {
     subject: Subject,

@@ -1,4 +1,4 @@
-//! A scene before a rig: slices and truth.
+//! A scene in front of a rig: renders slices and ground truth.
 
 use rayon::prelude::*;
 
@@ -11,29 +11,28 @@ use super::sensor::{Light, expose, expose_clean, quantise};
 use crate::imaging::{Plane, Raster};
 use crate::types::Homography;
 
-/// Side of the tiles in which pictures are rendered.
+/// Side of the tiles in which images are rendered, px.
 const TILE: usize = 96;
 
-/// What a perfect program would make of a stack.
+/// The ground truth of a stack: the results of a perfect method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth {
-    /// The front-lit picture in the geometry of the reference slice with everything in focus, without
-    /// noise, with the exposure and the vignetting of the reference slice.
+    /// The front-lit image in the geometry of the reference slice, with everything in focus, without noise, with the
+    /// exposure and the vignetting of the reference slice.
     pub sharp: Raster,
     /// 255 where the object covers at least half of the pixel, else 0.
     pub mask: Plane<u8>,
-    /// Share of the pixel that the object covers, 255 all of it.
+    /// Fraction of the pixel that the object covers; 255 is all of it.
     pub cover: Plane<u8>,
-    /// Index of the slice in which the pixel is in focus, with a fraction between slices; NaN on the
-    /// background.
+    /// Index of the slice in which the pixel is in focus, fractional between slices; NaN on the background.
     pub slice: Plane<f32>,
 }
 
 /// A scene that has been sampled for a rig, from which any slice can be rendered.
 ///
-/// Parts are laid over each other from far to near, each blurred by the circle of confusion of its own
-/// depth at each pixel, colour and coverage alike: a near part that is out of focus veils the far part
-/// beside its outline, as with a real lens.
+/// Parts are composited from far to near. Colour and coverage of each are blurred by the circle of confusion of its
+/// depth at each pixel. So the defocus spread of a near part covers the far part beyond its outline, as with a real
+/// lens.
 #[derive(Debug)]
 pub struct Stage {
     rig: Rig,
@@ -42,10 +41,10 @@ pub struct Stage {
     parts: Vec<Baked>,
 }
 
-/// Where a slice's pixels look: slice px -> ideal slice px, and from there by depth to the reference.
+/// The geometry of a slice: slice px -> ideal slice px, and from there by depth to the reference.
 struct View {
     straight: Homography,
-    /// `None` for the pinhole picture of the truth.
+    /// `None` for the pinhole image of the ground truth.
     slice: Option<usize>,
 }
 

@@ -1,23 +1,23 @@
-//! How long work reports its progress and learns that it is no longer wanted.
+//! Progress reports and cancellation of long computations.
 
-/// The work was cancelled; whoever sees this stops and publishes nothing.
+/// The work was cancelled. The callee stops and returns no result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// A line to the outside for long work. Called often (per slice, per tile), so it must be cheap.
+/// Receives progress and requests cancellation. Called often (per slice, per tile), so it must be cheap.
 pub trait Control: Sync {
-    /// `completed` of `total` steps of `stage` are done. Stages follow one another; `completed` grows.
+    /// Reports that `completed` of `total` steps of `stage` are done. Stages are sequential; `completed` grows.
     fn progress(&self, stage: &'static str, completed: usize, total: usize);
 
-    /// `Err` once the work is no longer wanted. Ask it at least every 100 ms of work.
+    /// Returns an error once the work is cancelled. Call it at least every 100 ms.
     ///
     /// # Errors
-    /// [`Cancelled`] when the caller should stop.
+    /// [`Cancelled`] when the work must stop.
     fn check(&self) -> Result<(), Cancelled>;
 }
 
-/// Work that nobody watches and nobody cancels: tests, benches, library callers.
+/// No progress and no cancellation: for tests, benches and library callers.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoControl;
 
@@ -28,13 +28,13 @@ impl Control for NoControl {
     }
 }
 
-/// Why work ended early.
+/// Why a computation ended early.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Interrupted {
-    /// Nobody wants it any more.
+    /// It was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// It cannot be done, and a person can be told why.
+    /// It failed, with an error for the user.
     #[error(transparent)]
     Failed(#[from] super::Error),
 }

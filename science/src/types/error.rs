@@ -1,47 +1,47 @@
-//! What can go wrong in the science: a kind for the program, a sentence for the person, the places, and the cause.
+//! The errors of this crate: a kind for programs, a message for people, locations, and the cause.
 
 use std::{error::Error as StdError, sync::Arc};
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What kind of thing went wrong.
+/// The category of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ErrorKind {
-    /// An argument or an option is out of its range, or two of them contradict each other.
+    /// An argument or option is out of range, or two of them are contradictory.
     InvalidParameter,
-    /// Not a zip, torn, wrong CRC, or names that break the rules.
+    /// Not a zip, truncated, wrong CRC, or invalid member names.
     InvalidArchive,
-    /// An encrypted member or an unknown compression.
+    /// An encrypted member or an unsupported compression method.
     UnsupportedArchive,
-    /// The archive would unpack past the limits or has too many members.
+    /// The archive has too many members, or its uncompressed size exceeds the limits.
     ArchiveTooLarge,
-    /// A slice that is no image, is torn, or declares absurd dimensions.
+    /// A slice is not an image, is truncated, or declares implausible dimensions.
     InvalidImage,
-    /// Slices of different sizes, or not of the profile's size.
+    /// Slices differ in size, from one another or from the profile.
     SizeMismatch,
-    /// Not as many slices as the profile has, or front and back light differ.
+    /// The number of slices differs from that of the profile, or between front and back light.
     SliceCountMismatch,
-    /// Homographies that are singular, mirrored or not finite, or other numbers that no rig has.
+    /// A homography is singular, mirrored or not finite, or another value of the profile is impossible.
     InvalidProfile,
     /// Too few dots, no grid, or a mirrored grid.
     TargetNotFound,
     /// The disk of the scratch file is full.
     DiskFull,
-    /// The machine ran out of something else that may be free again later: threads, file handles.
+    /// Another resource is exhausted, possibly temporarily: threads, file handles, disk I/O.
     ResourcesExhausted,
-    /// A file could not be read or written, for a reason that is neither of the two above.
+    /// A file could not be read or written for another reason.
     Io,
     /// A defect of this crate.
     Internal,
 }
 
-/// Where something is wrong: a field, a file or a slice.
+/// The location of an error: a field, a file or a slice.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ErrorLocation {
-    /// What is wrong there.
+    /// What is wrong at this location.
     pub detail: String,
-    /// JSON pointer into the request body, or the name of a parameter.
+    /// JSON pointer into the request body, or name of a parameter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pointer: Option<String>,
     /// Name of the file inside the archive.
@@ -52,25 +52,26 @@ pub struct ErrorLocation {
     pub slice: Option<u32>,
 }
 
-/// An error of the science.
+/// An error of this crate.
 ///
-/// `detail` is one or two sentences for the person who sent the data: what is wrong, where, and what to do. `kind` and
-/// `locations` say the same to a program. `source` is the error of the library beneath, where there was one.
+/// `detail` is for the person who sent the data: one or two sentences about what is wrong, where, and what to do.
+/// `kind` and `locations` carry the same information for programs. `source` is the error of the underlying library, if
+/// any.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{detail}")]
 pub struct Error {
-    /// What kind of thing went wrong.
+    /// The category.
     pub kind: ErrorKind,
     /// What is wrong, where, and what to do.
     pub detail: String,
-    /// The places, when there is more to say than the sentence does.
+    /// The locations, if known.
     pub locations: Vec<ErrorLocation>,
     /// The error that caused this one.
     pub source: Option<Arc<dyn StdError + Send + Sync>>,
 }
 
 impl PartialEq for Error {
-    /// Equal when they say the same; the source is not looked at.
+    /// Compares kind, detail and locations. The source is ignored.
     fn eq(&self, other: &Self) -> bool {
         (self.kind, &self.detail, &self.locations) == (other.kind, &other.detail, &other.locations)
     }
@@ -79,7 +80,7 @@ impl PartialEq for Error {
 impl Eq for Error {}
 
 impl Error {
-    /// An error with a kind and a sentence.
+    /// An error without locations and without a source.
     pub fn new(kind: ErrorKind, detail: impl Into<String>) -> Self {
         Self { kind, detail: detail.into(), locations: Vec::new(), source: None }
     }
@@ -106,7 +107,7 @@ impl Error {
     }
 }
 
-/// Something that did not stop the work but that the user should know.
+/// An observation for the user that did not stop the work.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
     /// Stable machine-readable code, `snake_case`.
@@ -116,7 +117,7 @@ pub struct Warning {
 }
 
 impl Warning {
-    /// A warning with a code and a sentence.
+    /// A warning with a code and one sentence.
     pub fn new(code: &str, detail: impl Into<String>) -> Self {
         Self { code: code.to_owned(), detail: detail.into() }
     }

@@ -1,4 +1,4 @@
-//! The numbers of a calibration profile: one homography and one gain per slice, and what is known of the camera.
+//! The values of a calibration profile: one homography and one gain per slice, and camera data.
 
 use std::ops::RangeInclusive;
 
@@ -11,32 +11,32 @@ use super::{Error, ErrorKind, Homography, error::ErrorLocation};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CaptureMode {
-    /// The lens stands still and the sensor moves: one centre of projection (the paper's method).
+    /// The lens is fixed and the sensor moves: one centre of projection (Li and Nguyen, DICTA 2019).
     FixedLens,
-    /// Camera and lens move together: the centre of projection moves too.
+    /// Camera and lens move together, and with them the centre of projection.
     MovingLens,
 }
 
-/// Which family of maps the homographies of a profile belong to.
+/// The transform model of the homographies of a profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HomographyModel {
-    /// One law for the whole stack: scale and shift linear in the position on the rail, three numbers.
+    /// One model for the whole stack: scale and shift are linear in the rail position (three parameters).
     RailLinear,
-    /// Scale, rotation and shift per slice.
+    /// Scale, rotation and shift per slice (four parameters).
     Similarity,
-    /// Six free numbers per slice.
+    /// Six parameters per slice.
     Affine,
-    /// Eight free numbers per slice (the paper).
+    /// Eight parameters per slice (Li and Nguyen, DICTA 2019).
     Homography,
-    /// Computed from focal length, magnification, pixel pitch and rail positions; nothing was measured.
+    /// Computed from focal length, magnification, pixel pitch and rail positions, without a measurement.
     RigParameters,
-    /// As sent by the client; nothing is known about how they were made.
+    /// Uploaded by a client; their origin is unknown.
     Given,
 }
 
-/// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere. Members that are not listed here are passed
-/// over, so what `GET` shows can be sent again.
+/// Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere. Unknown members are ignored, so the
+/// response of `GET` can be sent unchanged.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileInput {
     /// Width of every slice in px.
@@ -47,13 +47,13 @@ pub struct ProfileInput {
     pub image_height: u32,
     /// 0-based index of the slice that all others are mapped to.
     pub reference_index: u32,
-    /// One per slice, row-major, slice pixel -> reference-slice pixel, last number 1.
+    /// One per slice, row-major, slice pixel -> reference-slice pixel, last element 1.
     #[schema(min_items = 2, max_items = 1000)]
     pub homographies: Vec<Homography>,
-    /// Position of what moves on the rail, per slice, mm, counted towards the object, strictly rising or falling.
+    /// Rail position per slice, mm, increasing towards the object; strictly increasing or decreasing.
     #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
-    /// Per slice: multiply by this to match the brightness of the reference slice.
+    /// Factor per slice that matches its brightness to the reference slice.
     #[serde(default)]
     pub gains: Option<Vec<f64>>,
     /// Size of one pixel on the sensor, mm.
@@ -62,14 +62,14 @@ pub struct ProfileInput {
     /// What moves between slices.
     #[serde(default)]
     pub capture_mode: Option<CaptureMode>,
-    /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole that the fused
-    /// image is taken by. In macro work it is far from the focal length engraved on the lens.
+    /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole camera of the
+    /// fused image. In macro photography it differs much from the focal length engraved on the lens.
     #[serde(default)]
     pub principal_distance_mm: Option<f64>,
-    /// Where the optical axis meets the reference slice, `[x, y]` px.
+    /// Intersection of the optical axis with the reference slice, `[x, y]` px.
     #[serde(default)]
     pub principal_point_px: Option<[f64; 2]>,
-    /// Image size over object size of what is in focus in the reference slice.
+    /// Magnification (image size over object size) of the plane in focus in the reference slice.
     #[serde(default)]
     pub magnification: Option<f64>,
     /// Free text, at most 4,000 characters.
@@ -78,33 +78,33 @@ pub struct ProfileInput {
 }
 
 impl ProfileInput {
-    /// [`ProfileInput::principal_distance_mm`] in px, what photogrammetry calls the focal length; none when the distance
-    /// or the pixel pitch is not known.
+    /// [`ProfileInput::principal_distance_mm`] in px, which photogrammetry calls the focal length; `None` when the
+    /// distance or the pixel pitch is unknown.
     pub fn principal_distance_px(&self) -> Option<f64> {
         Some(self.principal_distance_mm? / self.pixel_pitch_mm?)
     }
 
-    /// The gain of slice `index`: 1 where none is given.
+    /// The gain of slice `index`, 1 by default.
     pub fn gain(&self, index: usize) -> f64 {
         self.gains.as_ref().and_then(|gains| gains.get(index)).copied().unwrap_or(1.0)
     }
 }
 
-/// Where a rail can stand, mm.
+/// Range of rail positions, mm.
 pub const RAIL_MM: RangeInclusive<f64> = -1e6..=1e6;
 
-/// Most slices that a stack can have.
+/// Maximum number of slices of a stack.
 pub const MAX_SLICES: usize = 1000;
 
 impl ProfileInput {
-    /// Checks every rule and names every place that breaks one.
+    /// Checks all rules and reports every violation.
     ///
     /// # Errors
-    /// A [`Error`] with [`ErrorKind::InvalidProfile`], one place per broken rule with a JSON pointer.
+    /// [`ErrorKind::InvalidProfile`], with one location (a JSON pointer) per violated rule.
     pub fn check(&self) -> Result<(), Error> {
-        let mut places = Vec::new();
+        let mut locations = Vec::new();
         let mut object = |pointer: String, detail: String, slice: Option<u32>| {
-            places.push(ErrorLocation { detail, pointer: Some(pointer), file: None, slice });
+            locations.push(ErrorLocation { detail, pointer: Some(pointer), file: None, slice });
         };
         let count = self.homographies.len();
         for (name, size) in [("image_width", self.image_width), ("image_height", self.image_height)] {
@@ -182,7 +182,7 @@ impl ProfileInput {
         }
         if let Some(point) = self.principal_point_px {
             let size = [f64::from(self.image_width), f64::from(self.image_height)];
-            // a shifted lens may have its axis beside the picture, but not far from it
+            // the axis of a shifted lens may be outside of the image, but not far
             if !(0..2).all(|a| (-4.0 * size[a]..=5.0 * size[a]).contains(&point[a])) {
                 let detail = format!("principal_point_px is {point:?}, far outside the image");
                 object("/principal_point_px".into(), detail, None);
@@ -197,17 +197,17 @@ impl ProfileInput {
         if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
             object("/note".into(), "the note is longer than 4,000 characters".into(), None);
         }
-        let Some(first) = places.first() else { return Ok(()) };
-        let more = match places.len() {
+        let Some(first) = locations.first() else { return Ok(()) };
+        let more = match locations.len() {
             1 => String::new(),
             n => format!(" ({} more in errors)", n - 1),
         };
         let detail = format!("{}{more}", first.detail);
-        Err(Error { kind: ErrorKind::InvalidProfile, detail, locations: places, source: None })
+        Err(Error { kind: ErrorKind::InvalidProfile, detail, locations, source: None })
     }
 }
 
-/// What a profile knows about one slice.
+/// One slice of a profile.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProfileSlice {
     /// 0-based.
@@ -216,13 +216,13 @@ pub struct ProfileSlice {
     pub homography: Homography,
     /// Local magnification of the homography at the image centre.
     pub scale: f64,
-    /// Where the image centre goes, minus the image centre: `[x, y]` px.
+    /// Displacement of the image centre, `[x, y]` px.
     pub shift_px: [f64; 2],
-    /// Multiply by this to match the brightness of the reference slice.
+    /// Factor that matches the brightness to the reference slice.
     pub gain: f64,
     /// Dots found in this slice; null for an uploaded profile.
     pub dots_found: Option<u32>,
-    /// Dots that agree with the homography; null for an uploaded profile.
+    /// Inliers of the homography; null for an uploaded profile.
     pub inliers: Option<u32>,
     /// RMS distance of the inliers in the reference slice, px.
     pub rms_px: Option<f64>,
@@ -230,12 +230,12 @@ pub struct ProfileSlice {
     pub p95_px: Option<f64>,
     /// Standard deviation of the worst image corner, propagated from the dots, px.
     pub corner_sigma_px: Option<f64>,
-    /// True when the slice was too blurred to be measured and a model of the rail predicted it.
+    /// True when the slice was too blurred to be measured and its homography was predicted by the rail model.
     pub interpolated: bool,
 }
 
 impl ProfileSlice {
-    /// The slices of a profile of which only the numbers are known.
+    /// The slices of an uploaded profile.
     pub fn all_given(input: &ProfileInput) -> Vec<Self> {
         (0..)
             .zip(input.homographies.iter().enumerate())
@@ -243,7 +243,7 @@ impl ProfileSlice {
             .collect()
     }
 
-    /// What follows from the homography and the gain alone: the slices of an uploaded profile.
+    /// A slice with the values that follow from its homography and gain.
     pub fn given(index: u32, homography: Homography, gain: f64, width: u32, height: u32) -> Self {
         let centre = [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
         let moved = homography.apply(centre);

@@ -1,9 +1,9 @@
-//! The slices of a stack in the order in which they are used.
+//! The ordered slices of a stack, and their common properties.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The slices of an archive in the order in which they are used, and the size of all of them.
+/// The ordered slices of an archive, and their common properties.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct StackLayout {
     /// Names of the front-light slices, in order.
@@ -14,14 +14,14 @@ pub struct StackLayout {
     pub width: u32,
     /// Height of every slice, px.
     pub height: u32,
-    /// Bits per sample: 8 or 16 (the larger, when slices differ).
+    /// Bits per sample, 8 or 16; the maximum when slices differ.
     pub bit_depth: u8,
-    /// 1 grey or 3 RGB (the larger, when slices differ).
+    /// Channels, 1 grey or 3 RGB; the maximum when slices differ.
     pub channels: u8,
-    /// EXIF orientation of the slices, 1 to 8, which was applied before width and height were taken; 1 without one.
+    /// EXIF orientation of the slices, 1 to 8; 1 without a tag. Width and height refer to the upright slices.
     #[serde(default = "upright")]
     pub orientation: u8,
-    /// Size of the largest file of a slice, unpacked; 0 when it was not recorded.
+    /// Uncompressed size of the largest slice file, bytes; 0 when it was not recorded.
     #[serde(default)]
     pub largest_file_bytes: u64,
 }

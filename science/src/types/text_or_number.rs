@@ -1,8 +1,8 @@
-//! Option values that JSON may write as a number and a query string can only write as text.
+//! Option values that are text in a query string and may be a number in JSON.
 
 use serde::Deserialize;
 
-/// JSON writes `8` where a query string can only write `"8"`: both mean the same.
+/// A value as text (`"8"`) or as a number (`8`). Both are equivalent.
 #[derive(Deserialize)]
 #[serde(untagged)]
 pub enum TextOrNumber {

@@ -1,8 +1,8 @@
-//! What stands before the camera: parts, each a shape with a relief and a skin.
+//! The subject of a rendered stack: parts, each with a shape, a relief and a skin.
 //!
-//! Coordinates of a scene are free of any rig: the origin is the middle of the picture, x right, y down,
-//! and 1 is the shorter side of the reference picture. Depth is the fraction 0..1 of the rig's range of
-//! focus (see [`Rig`](super::Rig)).
+//! Scene coordinates do not depend on a rig: the origin is the centre of the image, x points right, y down, and the
+//! unit is the shorter side of the reference image. Depth is the fraction 0..1 of the focus range of the rig (see
+//! [`Rig`](super::Rig)).
 
 mod flower;
 mod insect;
@@ -15,12 +15,12 @@ mod wing;
 pub use shape::{Shape, Stroke};
 pub use skin::{Pattern, Skin};
 
-/// One part of a scene: a piece of surface without folds, seen as a height field from the camera.
+/// One part of a scene: a surface that is a height field as seen from the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
     /// Its outline.
     pub shape: Shape,
-    /// Round windows in it (centre, radius) through which one sees what is behind.
+    /// Round holes (centre, radius) through which farther parts are visible.
     pub holes: Vec<([f64; 2], f64)>,
     /// How deep each of its points lies.
     pub relief: Relief,

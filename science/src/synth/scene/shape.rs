@@ -1,4 +1,4 @@
-//! Outlines as signed distances, with what shading needs to know of the place.
+//! Outlines as signed distance functions, with local coordinates and normals for shading.
 
 use std::borrow::Cow;
 
@@ -75,7 +75,7 @@ impl Shape {
     }
 }
 
-/// A place on (or near) a shape.
+/// A point on or near a shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Place {
     /// Distance to the outline, negative inside.

@@ -1,6 +1,6 @@
-//! What can be wrong with a target, its light and its surroundings.
+//! Defects of a target, its light and its surroundings.
 
-/// What is not as it should be. The default is a faultless target before a linear sensor.
+/// The defects. The default is a perfect target in front of a linear sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flaws {
     /// Dark specks on the plate; they move with it.

@@ -1,4 +1,4 @@
-//! The truth about a target: where its dots lie, how blurred and how bright they are.
+//! The ground truth of a target: positions, blur and brightness of its dots.
 
 use nalgebra::Matrix3;
 

@@ -1,4 +1,4 @@
-//! The dot target: what it is, where its dots lie, and how it looks with all that goes wrong in a lab.
+//! The dot target: its geometry, its rendering, and typical defects of a real setup.
 
 mod flaws;
 mod layout;
