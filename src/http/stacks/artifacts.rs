@@ -12,10 +12,21 @@ use crate::{
     http::{artifacts::picture, extract::JobId, job_resource::load, problem::ApiResult, state::App},
 };
 
-/// An endpoint for an artifact: its documentation, name, artifact, path, operation, media types, and why it may be
-/// absent.
+/// An endpoint for an artifact: whether it can be converted, documentation, name, artifact, path, operation, media types,
+/// and why it may be absent.
 macro_rules! endpoint {
+    (converted $($row:tt)*) => {
+        endpoint! {
+            @("A media type listed under 200. Anything else: the stored file",
+                "`insufficient_storage`: no disk space to convert the file; request it as it is stored")
+            $($row)*
+        }
+    };
+    (stored $($row:tt)*) => {
+        endpoint! { @() $($row)* }
+    };
     (
+        @($($accept:literal, $no_space:literal)?)
         $(#[$doc:meta])*
         $name:ident, $artifact:ident, $path:literal, $operation:literal, [$($content:tt),+], $absent:literal
     ) => {
@@ -27,7 +38,7 @@ macro_rules! endpoint {
             tag = "stacks",
             params(
                 ("id" = String, Path, description = "Id of the stack"),
-                ("Accept" = Option<String>, Header, description = "A media type listed under 200. Anything else, or a type that this file cannot be converted to: the stored file"),
+                $(("Accept" = Option<String>, Header, description = $accept),)?
                 ("Range" = Option<String>, Header, description = "One byte range"),
                 ("If-Range" = Option<String>, Header, description = "`ETag`: send the range only if the file still has this tag, otherwise the whole file"),
                 ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
@@ -42,7 +53,7 @@ macro_rules! endpoint {
                 (status = 409, description = "`not_finished`: the stack is queued or running"),
                 (status = 412, description = "`precondition_failed`: the file does not have the tag in `If-Match`"),
                 (status = 416, description = "`range_not_satisfiable`"),
-                (status = 507, description = "`insufficient_storage`: no disk space to convert the file; request it as it is stored"),
+                $((status = 507, description = $no_space),)?
             )
         )]
         pub async fn $name(
@@ -58,6 +69,7 @@ macro_rules! endpoint {
 }
 
 endpoint! {
+    converted
     /// Get the fused image
     ///
     /// RGBA with straight alpha; RGB without alpha as JPEG. The file is stored in the `format` of the stack. `Accept`
@@ -68,6 +80,7 @@ endpoint! {
 }
 
 endpoint! {
+    converted
     /// Get the mask
     ///
     /// 8-bit grey PNG: 255 object, 0 background. TIFF with `Accept: image/tiff`.
@@ -76,6 +89,7 @@ endpoint! {
 }
 
 endpoint! {
+    converted
     /// Get the fused back-light stack
     ///
     /// The image from which the mask is made. PNG; TIFF or JPEG with `Accept`.
@@ -84,6 +98,7 @@ endpoint! {
 }
 
 endpoint! {
+    converted
     /// Get the slice-index map
     ///
     /// 16-bit grey PNG: 0-based index of the sharpest slice per pixel; 65535 where no slice covers the pixel. TIFF with
@@ -93,6 +108,7 @@ endpoint! {
 }
 
 endpoint! {
+    stored
     /// Get a small image for web pages
     ///
     /// JPEG of at most 800 px per side. Transparent pixels are shown on light grey. Stacks of older versions have a
