@@ -1,4 +1,4 @@
-//! Every rule of the archive.
+//! The rules for archives.
 
 mod container;
 mod damage;
@@ -270,7 +270,7 @@ fn an_error_of_the_disk_is_not_blamed_on_the_zip() {
         assert!(fault.detail.contains("no fault of the archive"), "{fault:?}");
     }
     fails.store(false, Ordering::SeqCst);
-    assert!(archive.front().load(0).is_ok(), "and it can be read when the disk can");
+    assert!(archive.front().load(0).is_ok(), "the slice is readable again with the disk");
     let folder = open_path(std::path::Path::new("/")).err().unwrap();
     assert_eq!(folder.kind, ErrorKind::ResourcesExhausted, "{folder:?}");
 }
@@ -308,7 +308,7 @@ fn names_in_an_unknown_code_page_are_kept_in_order_and_told() {
     }
 }
 
-/// A grey TIFF whose directory stands behind its pixels.
+/// A grey TIFF whose directory follows its pixels.
 fn late_tiff(width: u32, height: u32) -> Vec<u8> {
     let pixels = width * height;
     let mut out = [b"II*\0", &(8 + pixels).to_le_bytes()[..]].concat();

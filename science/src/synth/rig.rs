@@ -149,7 +149,7 @@ impl Rig {
         }
     }
 
-    /// Distance of the object at depth `fraction` from the lens, when the rail stands at the reference.
+    /// Distance from the lens of the object at depth `fraction`, with the rail at the reference.
     pub fn object_distance(&self, fraction: f64) -> f64 {
         let last = self.rail_mm.len() - 1;
         let rail = self.rail_mm[0] + fraction * (self.rail_mm[last] - self.rail_mm[0]) - self.rail_mm[self.reference];
@@ -188,7 +188,7 @@ impl Rig {
         self.blur_radius_of(i, self.object_distance(fraction))
     }
 
-    /// The same of what stands `distance` mm from the lens when the rail is at the reference.
+    /// The same for an object `distance` mm from the lens with the rail at the reference.
     pub(super) fn blur_radius_of(&self, i: usize, distance: f64) -> f64 {
         let object = self.distance_in(i, distance);
         let d2_object = self.conjugate(object);
@@ -204,7 +204,7 @@ impl Rig {
         }
     }
 
-    /// How far the camera of slice `i` stands nearer to the object than that of the reference.
+    /// How much nearer to the object the camera is in slice `i` than in the reference slice.
     fn advance(&self, i: usize) -> f64 {
         self.rail_mm[i] - self.rail_mm[self.reference]
     }

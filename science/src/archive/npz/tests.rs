@@ -1,4 +1,4 @@
-//! Numpy files as numpy makes them, and as nobody should.
+//! Numpy files: valid ones as numpy writes them, and invalid ones.
 
 use proptest::prelude::*;
 

@@ -1,4 +1,4 @@
-//! What goes in comes out, and what is not sound is refused.
+//! Round trips of all formats, and refusals.
 
 mod metadata;
 mod refusals;

@@ -1,15 +1,15 @@
-//! The sums of [`super::fixed`] for RGB, two pixels to a vector.
+//! AVX2 form of [`super::fixed`] for RGB: two pixels per vector.
 
 use std::{arch::x86_64::*, ops::Range};
 
 use super::{PHASE_BITS, Source, fixed::Fixed, inside::Inside};
 use crate::imaging::simd::{self, Avx2};
 
-/// Bytes that are read of each of the four rows of a pixel's surroundings; 12 of them count.
+/// Bytes read of each of the four rows around a position; 12 of them are used.
 const READ: usize = 16;
 
-/// Does as many pixels of `out` as it can, and says which: those whose surroundings lie in the slice, a few bytes to
-/// spare.
+/// Computes the pixels of `out` whose neighbourhood is inside the slice with a few bytes to spare. Returns their range; the
+/// caller computes the others.
 pub(super) fn weigh<const C: usize>(
     simd: Avx2,
     fixed: &Fixed,
@@ -35,7 +35,7 @@ pub(super) fn weigh<const C: usize>(
     done
 }
 
-/// A row of pixels.
+/// Computes a row of pixels.
 ///
 /// # Safety
 /// For each position four rows of `stride` bytes, from the one above it on, must lie in `samples`, and [`READ`] bytes
@@ -48,7 +48,7 @@ unsafe fn row(fixed: &Fixed, samples: &[u8], stride: usize, (us, vs): (&[i32], &
     }
 }
 
-/// Four pixels.
+/// Computes four pixels.
 ///
 /// # Safety
 /// For each pixel of `us`, `vs` four rows of `stride` bytes, from the one above it on, must lie in `samples`, and
@@ -115,7 +115,7 @@ unsafe fn two(fixed: &Fixed, samples: &[u8], stride: usize, us: [i32; 2], vs: [i
     sum
 }
 
-/// Where the bytes of the pixel to the upper left of a position lie.
+/// Offset of the top left pixel of the 4 x 4 neighbourhood of a position, bytes.
 #[inline(always)]
 fn corner(stride: usize, u: i32, v: i32) -> usize {
     ((v >> PHASE_BITS) as usize - 1) * stride + ((u >> PHASE_BITS) as usize - 1) * 3

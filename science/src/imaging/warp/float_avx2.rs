@@ -1,4 +1,4 @@
-//! The sums of [`super::float`] for RGB of 16 bits, a pixel's twelve samples of a row to a vector and a half.
+//! AVX2 form of [`super::float`] for 16-bit RGB: the twelve samples of a row in one and a half vectors.
 
 use std::{arch::x86_64::*, ops::Range};
 
@@ -8,8 +8,8 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// Does the pixels of `out` whose surroundings lie in the slice, and says which. `weights` has four weights for each
-/// phase; the gain comes last.
+/// Computes the pixels of `out` whose neighbourhood is inside the slice. Returns their range; the caller computes the others.
+/// `weights` has four weights for each phase; the gain is applied last.
 pub(super) fn weigh<S: Sample, const C: usize>(
     simd: Avx2,
     (weights, gain): (&[[f32; 4]; PHASES], f32),
@@ -35,7 +35,7 @@ pub(super) fn weigh<S: Sample, const C: usize>(
     done
 }
 
-/// A row of pixels, three samples of two bytes each.
+/// Computes a row of pixels of three 16-bit samples.
 ///
 /// # Safety
 /// `samples` begin a slice `width` px wide, in which the four rows of four pixels around each position lie.
@@ -56,7 +56,7 @@ unsafe fn row(
     }
 }
 
-/// A pixel, its samples one after the other in the lower 48 bits.
+/// Computes a pixel; its samples are in the lower 48 bits.
 ///
 /// # Safety
 /// From `first` on, and from there on after each `stride` samples, three times, twelve samples must be readable.

@@ -4,20 +4,20 @@ use std::ops::Range;
 
 use super::PHASE_BITS;
 
-/// Positions whose 4 x 4 pixels lie in a slice, in the units of positions.
+/// The range of positions whose 4 x 4 pixels are inside the slice, in 1/1024 px.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Inside {
     most: [i32; 2],
 }
 
 impl Inside {
-    /// Of a slice of `width` x `height` px, of which `columns` are read from the one before a pixel on, at least four.
+    /// For a slice of `width` x `height` px. A read covers `columns` columns (at least four), from one before the pixel.
     pub(super) fn of(width: usize, height: usize, columns: usize) -> Self {
         let most = |length: usize, after: usize| i32::try_from(length.saturating_sub(after) << PHASE_BITS).unwrap_or(0);
         Self { most: [most(width, columns.max(4) - 2), most(height, 2)] }
     }
 
-    /// The run from the first to the last such position of `us`, `vs`; empty when not all between them are.
+    /// The indices from the first to the last such position of `us`, `vs`; empty when one between them is outside.
     #[inline(always)]
     pub(super) fn run(self, us: &[i32], vs: &[i32]) -> Range<usize> {
         const LEAST: i32 = 1 << PHASE_BITS;
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_run_holds_what_has_four_pixels_around_it_and_nothing_else() {
+    fn a_run_contains_the_positions_with_a_complete_neighbourhood() {
         let (width, height) = (9, 7);
         let inside = Inside::of(width, height, 4);
         let deep = |at: i32, length: usize| (1..length as i32 - 2).contains(&(at >> PHASE_BITS));
@@ -48,7 +48,7 @@ mod tests {
                 assert_eq!(run.contains(&i), deep(u, width) && deep(v, height), "{u}, {v}");
             }
         }
-        // wider reads end farther from the right border
+        // wider reads end further from the right border
         assert_eq!(Inside::of(9, 7, 6).run(&[4 << PHASE_BITS, 5 << PHASE_BITS], &[2 << PHASE_BITS; 2]), 0..1);
     }
 

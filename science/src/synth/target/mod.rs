@@ -34,7 +34,7 @@ pub struct DotTarget {
     pub black: f64,
     /// Bright dots on a dark plate.
     pub invert: bool,
-    /// Where the plate stands, as a depth fraction of the rig; `None`: in focus in the reference slice.
+    /// Depth of the plate, as a fraction of the rig; `None`: in focus in the reference slice.
     /// It stays there in all slices.
     pub depth: Option<f64>,
     /// Every other row is shifted by half a step and rows lie half a step apart: dot (row, column) at

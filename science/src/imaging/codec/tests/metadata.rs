@@ -1,4 +1,4 @@
-//! What a picture says about itself: turned, in which colours, by which camera.
+//! Metadata: orientation, colour profile, camera.
 
 use std::path::{Path, PathBuf};
 
@@ -116,7 +116,7 @@ fn camera_lens_and_exposure_survive_while_what_belongs_to_the_old_file_does_not(
         assert_eq!(orientation_of(&block), 1);
         // the picture was turned by a quarter: its columns are the sensor's rows
         assert_eq!(field(&block, Tag::FocalPlaneXResolution).unwrap(), "6001");
-        // nobody knows the principal distance, and a wrong focal length is worse than none
+        // the principal distance is unknown, and a wrong focal length is worse than none
         for gone in [Tag::MakerNote, Tag::SubjectArea, Tag::ImageWidth, Tag::FocalLength] {
             assert_eq!(field(&block, gone), None, "{gone}");
         }
