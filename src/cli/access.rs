@@ -23,7 +23,7 @@ pub enum Auth {
 
 /// Whether a listening server requires tokens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Asked {
+pub enum TokensRequired {
     /// From every request.
     Always,
     /// Once the first token exists.
@@ -36,14 +36,14 @@ pub enum Asked {
 ///
 /// # Errors
 /// With `auth = auto`, when other machines could reach the server and no token exists.
-pub async fn asks_for_tokens(auth: Auth, address: IpAddr, tokens: &dyn Tokens) -> anyhow::Result<Asked> {
+pub async fn tokens_required(auth: Auth, address: IpAddr, tokens: &dyn Tokens) -> anyhow::Result<TokensRequired> {
     match auth {
-        Auth::Tokens => Ok(Asked::Always),
+        Auth::Tokens => Ok(TokensRequired::Always),
         Auth::None => {
             if !address.is_loopback() {
                 tracing::warn!(%address, "auth = none: every client that reaches the port may do everything");
             }
-            Ok(Asked::Never)
+            Ok(TokensRequired::Never)
         }
         Auth::Auto => {
             // revoked tokens count too: revoking the last token must not open the service
@@ -61,7 +61,7 @@ pub async fn asks_for_tokens(auth: Auth, address: IpAddr, tokens: &dyn Tokens) -
                      authenticates the clients"
                 );
             }
-            Ok(if tokens.is_empty() { Asked::OnceThereAreTokens } else { Asked::Always })
+            Ok(if tokens.is_empty() { TokensRequired::OnceThereAreTokens } else { TokensRequired::Always })
         }
     }
 }

@@ -11,7 +11,7 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    access::{Asked, asks_for_tokens},
+    access::{TokensRequired, tokens_required},
     config::{Flags, ServeConfig},
     files, logging,
     store::make_files_private,
@@ -47,13 +47,13 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
-        let mut asked = AskedToStop::listen()?;
-        asked.next().await;
-        tracing::info!("going down; a second signal ends at once");
+        let mut signals = StopSignals::listen()?;
+        signals.next().await;
+        tracing::info!("shutting down; a second signal ends the process at once");
         tokio::select! {
             stopped = service.stop() => stopped,
-            () = asked.next() => {
-                tracing::warn!("ended at once; the next process resumes the jobs that were running");
+            () = signals.next() => {
+                tracing::warn!("the process ends at once; the next process resumes the jobs that were running");
                 std::process::exit(ENDED_BY_SIGNAL)
             }
         }
@@ -90,10 +90,10 @@ impl Service {
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
         let address = listener.local_addr()?;
 
-        let asked = asks_for_tokens(config.auth, address.ip(), &*store.metadata).await?;
+        let required = tokens_required(config.auth, address.ip(), &*store.metadata).await?;
         let policy = Policy {
-            auth_required: asked == Asked::Always,
-            auth_once_there_are_tokens: asked == Asked::OnceThereAreTokens,
+            auth_required: required == TokensRequired::Always,
+            auth_once_there_are_tokens: required == TokensRequired::OnceThereAreTokens,
             listen: Some(address.ip()),
             ..policy(config)
         };
@@ -183,12 +183,12 @@ fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
 }
 
 /// SIGTERM and SIGINT.
-struct AskedToStop {
+struct StopSignals {
     terminate: Signal,
     interrupt: Signal,
 }
 
-impl AskedToStop {
+impl StopSignals {
     fn listen() -> anyhow::Result<Self> {
         Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
     }

@@ -192,7 +192,7 @@ pub struct StackOptions {
     /// covers), or `x,y,w,h` in px of the reference slice.
     #[schema(value_type = String, example = "none")]
     pub crop: Crop,
-    /// Colour of pixels whose alpha is 0: `black` or `keep`.
+    /// Colour of pixels whose alpha is 0: `black`, or `keep` (the fused colour).
     pub under_alpha: UnderAlpha,
     /// Fusion method. `guided` is the method of the paper; `r1`, `eps1`, `r2`, `eps2`, `average`, `r_g` and `sigma_g`
     /// are its parameters and have no effect on the others.
@@ -209,7 +209,7 @@ pub struct StackOptions {
     pub average: u32,
     /// `guided`: radius of the Gaussian that smooths |Laplacian| to the saliency, px.
     pub r_g: u32,
-    /// `guided`: standard deviation of that Gaussian, px.
+    /// `guided`: standard deviation of the Gaussian that smooths |Laplacian| to the saliency, px.
     pub sigma_g: f64,
     /// Free text; used in the file names of the results.
     pub label: Option<String>,

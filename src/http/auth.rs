@@ -77,7 +77,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
 /// # Errors
 /// `unauthorized`, with the same sentence whatever is wrong with the token: it must not reveal which tokens exist.
 pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
-    if !app.asks_for_tokens().await? {
+    if !app.requires_token().await? {
         return Ok(Caller::default());
     }
     let refused = || {

@@ -163,7 +163,7 @@ impl App {
     ///
     /// # Errors
     /// When the store cannot be read. The request must then be refused.
-    pub async fn asks_for_tokens(&self) -> StoreResult<bool> {
+    pub async fn requires_token(&self) -> StoreResult<bool> {
         if self.policy.auth_required || self.has_tokens.load(Ordering::Relaxed) {
             return Ok(true);
         }

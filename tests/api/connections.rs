@@ -209,7 +209,7 @@ async fn a_second_signal_ends_the_server_at_once() {
     let mut process = Process::start(&[]).await;
     let _lazy = ask_and_do_not_read(&process.base).await;
     process.signal(Signal::TERM);
-    process.logged(&["going down"]).await;
+    process.logged(&["shutting down"]).await;
     process.signal(Signal::TERM);
     assert_eq!(process.ended().await.code(), Some(143));
 }

@@ -1,8 +1,8 @@
-//! The PowerShell lines of the documents: a grammar must accept them. Nothing here can run them.
+//! Parses the PowerShell lines of the documents with a grammar; the tests cannot run PowerShell.
 
 use std::{fs, process::Command};
 
-/// Prints what the grammar does not understand in the blocks of the files that it is given.
+/// Prints the syntax errors in the PowerShell blocks of the given files.
 const CHECK: &str = r#"
 import re, sys
 import tree_sitter, tree_sitter_powershell
@@ -37,7 +37,7 @@ fn grammar_is_here() -> bool {
 }
 
 #[test]
-fn the_powershell_lines_of_the_documents_are_powershell() {
+fn the_powershell_lines_of_the_documents_are_valid() {
     if !grammar_is_here() {
         println!("skipped: no grammar of PowerShell installed");
         return;

@@ -21,7 +21,7 @@ pub fn section<'a>(markdown: &'a str, heading: &str) -> &'a str {
     rest.split("\n#").next().unwrap_or_default()
 }
 
-/// Whether `value` is what a cell of the column "good" asks for.
+/// Whether `value` satisfies a cell of the column "good".
 fn is_good(value: &Value, cell: &str) -> bool {
     let number = |text: &str| text.trim().parse::<f64>().unwrap_or_else(|_| panic!("'{cell}' is no limit"));
     let measured = || value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
@@ -56,7 +56,7 @@ pub fn check_good_values(project: &Path, metrics: &Value) {
     }
 }
 
-/// Each flag of `pinstack serve --help` with the text about it.
+/// Each flag of `pinstack serve --help` with its help text.
 fn flags() -> BTreeMap<String, String> {
     let output = Command::new(env!("CARGO_BIN_EXE_pinstack")).args(["serve", "--help"]).output().expect("it runs");
     let help = String::from_utf8(output.stdout).expect("UTF-8");
@@ -76,13 +76,13 @@ fn flags() -> BTreeMap<String, String> {
     flags
 }
 
-/// What stands between `start` and the next closing bracket.
+/// The text between `start` and the next closing bracket or comma.
 fn bracketed<'a>(text: &'a str, start: &str) -> Option<&'a str> {
     text.split_once(start)?.1.split([']', ',']).next()
 }
 
 #[test]
-fn the_table_of_settings_is_what_the_program_says_of_itself() {
+fn the_table_of_settings_agrees_with_the_help_of_the_program() {
     let document = fs::read_to_string(super::project().join("docs/OPERATIONS.md")).expect("UTF-8");
     let mut documented = BTreeMap::new();
     for row in rows(section(&document, "\n## Settings\n")) {
