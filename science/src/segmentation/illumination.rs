@@ -14,6 +14,7 @@ use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
 use super::otsu::Histogram;
+use crate::imaging::statistics::quantile_floor;
 
 /// Approximate number of pixels that are sampled, on a regular grid.
 const SAMPLES: usize = 40_000;
@@ -159,8 +160,7 @@ fn terms(u: f64, v: f64) -> Terms {
 
 /// The quantile `share` of the values; none when there are none.
 fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
-    let at = ((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1));
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f64::total_cmp).1)
+    quantile_floor(&mut values, share)
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use super::{
     components::{Components, Connectivity, reachable},
     tones::Tones,
 };
-use crate::imaging::Plane;
+use crate::imaging::{Plane, statistics::median};
 
 /// Cover of translucent pixels.
 const COVER: std::ops::Range<f32> = 0.15..0.85;
@@ -86,12 +86,6 @@ fn rims(grey: &[f32], areas: &[bool], around: &[bool], (width, height): (usize, 
     components
         .for_each_run(&ends, |end, y, columns| out[y * width + columns.start..y * width + columns.end].fill(*end));
     out
-}
-
-/// The median; none when there are no values.
-fn median(values: &mut [f32]) -> Option<f32> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 /// Removes the components of `thin` that have no edge: their cover falls gradually. The step at the rim, as a share of

@@ -8,8 +8,8 @@ use crate::imaging::simd::{self, Avx2};
 /// Bytes read of each of the four rows around a position; 12 of them are used.
 const READ: usize = 16;
 
-/// Computes the pixels of `out` whose neighbourhood is inside the slice with a few bytes to spare. Returns their range; the
-/// caller computes the others.
+/// Computes the pixels of `out` whose neighbourhood is inside the slice with a few bytes to spare. Returns their range;
+/// the caller computes the others.
 pub(super) fn weigh<const C: usize>(
     simd: Avx2,
     fixed: &Fixed,

@@ -8,8 +8,8 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// Computes the pixels of `out` whose neighbourhood is inside the slice. Returns their range; the caller computes the others.
-/// `weights` has four weights for each phase; the gain is applied last.
+/// Computes the pixels of `out` whose neighbourhood is inside the slice. Returns their range; the caller computes the
+/// others. `weights` has four weights for each phase; the gain is applied last.
 pub(super) fn weigh<S: Sample, const C: usize>(
     simd: Avx2,
     (weights, gain): (&[[f32; 4]; PHASES], f32),

@@ -11,7 +11,8 @@ pub(super) struct Inside {
 }
 
 impl Inside {
-    /// For a slice of `width` x `height` px. A read covers `columns` columns (at least four), from one before the pixel.
+    /// For a slice of `width` x `height` px. A read covers `columns` columns (at least four), starting one before the
+    /// pixel.
     pub(super) fn of(width: usize, height: usize, columns: usize) -> Self {
         let most = |length: usize, after: usize| i32::try_from(length.saturating_sub(after) << PHASE_BITS).unwrap_or(0);
         Self { most: [most(width, columns.max(4) - 2), most(height, 2)] }
