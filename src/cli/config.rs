@@ -1,5 +1,5 @@
-//! Loads the configuration: flags over `PINSTACK_*` environment variables over a TOML file over defaults. A bad value is
-//! refused with the source that it comes from. The settings themselves are in [`super::settings`].
+//! Loads the configuration: flags over `PINSTACK_*` environment variables over a TOML file over defaults. A bad value
+//! is refused with the source that it comes from. The settings themselves are in [`super::settings`].
 
 use std::time::Duration;
 
@@ -20,8 +20,8 @@ impl ServeConfig {
     /// Merges the sources and checks the result.
     ///
     /// # Errors
-    /// When a value has the wrong type or breaks its rule, or when the file or the environment has an unknown key. The error
-    /// names the setting and the source.
+    /// When a value has the wrong type or breaks its rule, or when the file or the environment has an unknown key. The
+    /// error names the setting and the source.
     pub fn load(flags: &Flags) -> anyhow::Result<Self> {
         environment::check(std::env::vars_os().filter_map(|(name, _)| name.into_string().ok()), KEYS)?;
         let mut figment = Figment::from(Serialized::defaults(Self::default()));

@@ -41,8 +41,8 @@ fn is_known(key: &str, settings: &[&str]) -> bool {
         || is_of_a_service(key)
 }
 
-/// True for the variables that Kubernetes sets in every container for a service called `pinstack` (or `pinstack-...`): `PINSTACK_SERVICE_HOST`,
-/// `PINSTACK_PORT`, `PINSTACK_PORT_8080_TCP_ADDR`, `PINSTACK_WEB_SERVICE_HOST`, ...
+/// True for the variables that Kubernetes sets in every container for a service called `pinstack` (or `pinstack-...`):
+/// `PINSTACK_SERVICE_HOST`, `PINSTACK_PORT`, `PINSTACK_PORT_8080_TCP_ADDR`, `PINSTACK_WEB_SERVICE_HOST`, ...
 fn is_of_a_service(key: &str) -> bool {
     let ends = ["SERVICE_HOST", "SERVICE_PORT", "PORT"];
     ends.iter().any(|end| key == *end || key.ends_with(&format!("_{end}")))

@@ -22,8 +22,8 @@ pub fn raise_limit() -> Option<u64> {
     }
 }
 
-/// The number of connections, at most `wanted`, that a limit of open files allows. At most half of the limit is kept for
-/// everything else.
+/// The number of connections, at most `wanted`, that a limit of open files allows. At most half of the limit is kept
+/// for everything else.
 pub fn fitting(wanted: usize, limit: Option<u64>) -> usize {
     let Some(limit) = limit else { return wanted };
     let others = OTHERS.min(limit / 2);

@@ -37,8 +37,8 @@ pub fn start(filter: &str, format: LogFormat) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes each event as one line: line ends inside it (for example in text from a client) and other control characters are
-/// escaped.
+/// Writes each event as one line: line ends inside it (for example in text from a client) and other control characters
+/// are escaped.
 struct OneLine<W> {
     to: W,
     /// Keep escape characters, which begin colour codes.

@@ -1,8 +1,8 @@
 //! The table of settings of `pinstack serve`.
 //!
-//! One row per setting: key, type, default, name of the value in `--help`, help text, range or rule. [`ServeConfig`], its
-//! defaults, [`Flags`], the keys of the file, the environment variables (`PINSTACK_` and the key) and the checks all follow
-//! from the row. `tests/docs.rs` compares the flags with the table in `docs/OPERATIONS.md`.
+//! One row per setting: key, type, default, name of the value in `--help`, help text, range or rule. [`ServeConfig`],
+//! its defaults, [`Flags`], the keys of the file, the environment variables (`PINSTACK_` and the key) and the checks
+//! all follow from the row. `tests/docs.rs` compares the flags with the table in `docs/OPERATIONS.md`.
 
 use std::path::PathBuf;
 
@@ -18,8 +18,8 @@ use crate::{
 /// Default address of the server.
 pub const DEFAULT_LISTEN: &str = "127.0.0.1:8080";
 
-/// Generates the configuration, the flags and the checks from the table. `values` have a default, `optional` settings may be
-/// unset (the text says what happens then), `lists` are flags that may be given several times.
+/// Generates the configuration, the flags and the checks from the table. `values` have a default, `optional` settings
+/// may be unset (the text says what happens then), `lists` are flags that may be given several times.
 macro_rules! settings {
     (
         values { $(

@@ -36,8 +36,8 @@ pub fn acceptor(certificate: &Path, key: &Path) -> anyhow::Result<TlsAcceptor> {
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// A connector that accepts exactly this certificate, whatever its name and issuer. The health check knows the certificate of
-/// its own machine.
+/// A connector that accepts exactly this certificate, whatever its name and issuer. The health check knows the
+/// certificate of its own machine.
 ///
 /// # Errors
 /// When the file cannot be read or parsed.

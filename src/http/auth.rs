@@ -108,8 +108,8 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
 /// | below `/v1/stacks` | `stacks:write` |
 /// | everything else | `admin` |
 ///
-/// The table goes by prefix and denies by default: a new route below `/v1/stacks` is protected before anyone thinks of it,
-/// and a route elsewhere needs `admin` until it gets a row. The OpenAPI document lists the result per operation as
+/// The table goes by prefix and denies by default: a new route below `/v1/stacks` is protected before anyone thinks of
+/// it, and a route elsewhere needs `admin` until it gets a row. The OpenAPI document lists the result per operation as
 /// `x-required-scopes`.
 pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     let below = |place: &str| path.strip_prefix(place).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));

@@ -1,5 +1,5 @@
-//! Background tasks and blocking work of requests. Their log lines have the fields of the request. All tasks of the HTTP layer
-//! start here, so that no log line lacks its request id.
+//! Background tasks and blocking work of requests. Their log lines have the fields of the request. All tasks of the
+//! HTTP layer start here, so that no log line lacks its request id.
 
 use tokio::task::JoinHandle;
 use tracing::{Instrument, Span};

@@ -1,7 +1,7 @@
 //! The fields of a request that each of its log lines has.
 //!
-//! The span `request` ([`span`]) has the request id and the client from the start; [`note`] adds what becomes known later:
-//! token, rig, lens, upload, job. Tasks that a request starts log within the same span ([`super::background`]).
+//! The span `request` ([`span`]) has the request id and the client from the start; [`note`] adds what becomes known
+//! later: token, rig, lens, upload, job. Tasks that a request starts log within the same span ([`super::background`]).
 
 use std::{cell::RefCell, fmt::Display, net::IpAddr};
 
@@ -35,8 +35,8 @@ pub async fn within<F: Future>(span: Span, answering: F) -> F::Output {
     NOTED.scope(RefCell::default(), answering.instrument(span)).await
 }
 
-/// Adds a field to the following log lines of this request. `name` is a field of [`span`]; `value` must not contain control
-/// characters (ids and checked names do not). The first value of a name is kept.
+/// Adds a field to the following log lines of this request. `name` is a field of [`span`]; `value` must not contain
+/// control characters (ids and checked names do not). The first value of a name is kept.
 pub fn note(name: &str, value: impl Display) {
     let is_new = NOTED.try_with(|noted| {
         let mut noted = noted.borrow_mut();

@@ -1,8 +1,8 @@
 //! The only place where an error becomes an HTTP answer.
 //!
-//! Handlers return [`ApiResult`]. Every [`ApiError`] becomes `application/problem+json` (RFC 9457); its status and title
-//! come from the table in [`super::problem_types`]. The client reads the sentence of the fault. Internal causes (SQL,
-//! paths) are written to the log here and nowhere else.
+//! Handlers return [`ApiResult`]. Every [`ApiError`] becomes `application/problem+json` (RFC 9457); its status and
+//! title come from the table in [`super::problem_types`]. The client reads the sentence of the fault. Internal causes
+//! (SQL, paths) are written to the log here and nowhere else.
 
 use axum::{
     body::Body,
@@ -117,8 +117,8 @@ pub fn problem(fault: &Fault, instance: Option<String>) -> Problem {
     }
 }
 
-/// The answer that carries a problem. The problem is also an extension of the answer, so that the outermost layer can fill
-/// in the instance.
+/// The answer that carries a problem. The problem is also an extension of the answer, so that the outermost layer can
+/// fill in the instance.
 pub fn render(problem: Problem) -> Response {
     let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let body = serde_json::to_vec(&problem).unwrap_or_default();

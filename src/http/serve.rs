@@ -57,8 +57,8 @@ pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor
     Ok(())
 }
 
-/// Accepts connections until the shutdown. A connection over the limit waits without a slot. Beyond the reserve for those,
-/// connections wait in the queue of the kernel.
+/// Accepts connections until the shutdown. A connection over the limit waits without a slot. Beyond the reserve for
+/// those, connections wait in the queue of the kernel.
 async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>, connections: &GracefulShutdown) {
     let router = router::service(app.clone());
     let slots = Slots::new(&app.policy, app.shutdown.clone());

@@ -64,13 +64,15 @@ pub struct Policy {
     /// Largest number of connections per address, and of requests in progress per token; `None`: a quarter of
     /// `max_connections`.
     pub connections_per_client: Option<usize>,
-    /// Addresses of reverse proxies. Their connections are not limited per address, and their `X-Forwarded-For` is logged.
+    /// Addresses of reverse proxies. Their connections are not limited per address, and their `X-Forwarded-For` is
+    /// logged.
     pub trusted_proxies: Vec<AddressRange>,
     /// Time within which the head of a request must arrive, and idle time after which a connection is closed.
     pub header_timeout: Duration,
     /// The address that the server listens on; `None`: a loopback address.
     pub listen: Option<IpAddr>,
-    /// Host names besides `localhost` under which browsers may use the service while it requires no token; without a port.
+    /// Host names besides `localhost` under which browsers may use the service while it requires no token; without a
+    /// port.
     pub hosts: Vec<String>,
     /// Origins whose pages may use the service from a browser.
     pub cors_origins: Vec<String>,
@@ -158,8 +160,8 @@ impl App {
         }
     }
 
-    /// Whether this request needs a token. With `auth_once_there_are_tokens` the store is queried until a token exists, so that
-    /// the server need not be restarted after the first one is made.
+    /// Whether this request needs a token. With `auth_once_there_are_tokens` the store is queried until a token exists,
+    /// so that the server need not be restarted after the first one is made.
     ///
     /// # Errors
     /// When the store cannot be read. The request must then be refused.

@@ -1,4 +1,5 @@
-//! Writes the artifacts of a job: encodes a picture or document into the scratch folder, hashes the file, and describes it.
+//! Writes the artifacts of a job: encodes a picture or document into the scratch folder, hashes the file, and describes
+//! it.
 
 use std::{
     fs::File,

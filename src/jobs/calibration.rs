@@ -37,8 +37,8 @@ const MEASURED: f64 = 0.7;
 /// Runs the job. The profile revision is returned as a draft; the store saves it together with the end of the job.
 ///
 /// # Errors
-/// [`JobError::Cancelled`]; the errors of [`calibration::calibrate`]; an error that names the file when a slice cannot be
-/// read.
+/// [`JobError::Cancelled`]; the errors of [`calibration::calibrate`]; an error that names the file when a slice cannot
+/// be read.
 pub fn run(
     context: &JobContext,
     request: &CalibrationRequest,

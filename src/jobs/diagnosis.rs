@@ -8,7 +8,8 @@ use pinstack_science::{
     types::{Cancelled, Control, Warning},
 };
 
-/// Longer side of the reduced pictures that are examined, px. That of the back light is kept until the front light is fused.
+/// Longer side of the reduced pictures that are examined, px. That of the back light is kept until the front light is
+/// fused.
 const SIDE: usize = 1_200;
 
 /// Warnings that a mask made from the wrong light causes. They are removed when the lights are found to be exchanged.

@@ -1,5 +1,5 @@
-//! The disk space that a job needs while it runs, without its upload. It is known before the upload arrives, because the profile
-//! has the size and the number of the slices.
+//! The disk space that a job needs while it runs, without its upload. It is known before the upload arrives, because
+//! the profile has the size and the number of the slices.
 
 use crate::contract::{
     artifact::{PixelSizes, StackArtifact},

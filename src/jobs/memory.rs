@@ -14,9 +14,9 @@ use pinstack_science::{
 /// Constant part: the directory of the archive, codecs, thread stacks.
 const BASE: u64 = 64 << 20;
 
-/// Peak memory of a job with `threads` threads, bytes. It does not grow with the number of slices, because warped slices are
-/// kept in files. In addition to the terms below, each slice in flight takes twice the largest file: the file, and the copy
-/// that a decoder may make of it.
+/// Peak memory of a job with `threads` threads, bytes. It does not grow with the number of slices, because warped
+/// slices are kept in files. In addition to the terms below, each slice in flight takes twice the largest file: the
+/// file, and the copy that a decoder may make of it.
 ///
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
 ///   (fused picture, its index, validity and silhouette, and the RGBA picture).

@@ -1,7 +1,7 @@
 //! Fuses one stack: archive -> back light and silhouette -> front light -> artifacts.
 //!
-//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index and metrics. The science does
-//! the work; this module decides what is computed, reports the progress, and collects the warnings.
+//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index and metrics. The
+//! science does the work; this module decides what is computed, reports the progress, and collects the warnings.
 
 use std::time::Instant;
 
@@ -41,15 +41,15 @@ use pinstack_science::{
 /// Fractions of the job at which reading ends and writing begins.
 const READ: f64 = 0.02;
 const FUSED: f64 = 0.9;
-/// Warnings of the back light's fusion that do not concern the silhouette: its white ground is saturated on purpose, and what
-/// it does not cover, the front light does not cover either.
+/// Warnings of the back light's fusion that do not concern the silhouette: its white ground is saturated on purpose,
+/// and what it does not cover, the front light does not cover either.
 const IGNORED_FOR_BACK_LIGHT: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
 
 /// Runs the job.
 ///
 /// # Errors
-/// [`JobError::Cancelled`]; a fault with the name of the file when a slice cannot be read; [`Code::MaskFailed`] when a required
-/// mask cannot be made; [`Code::InsufficientStorage`] when the disk is full.
+/// [`JobError::Cancelled`]; a fault with the name of the file when a slice cannot be read; [`Code::MaskFailed`] when a
+/// required mask cannot be made; [`Code::InsufficientStorage`] when the disk is full.
 pub fn run(
     context: &JobContext,
     request: &StackRequest,

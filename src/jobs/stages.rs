@@ -9,8 +9,8 @@ use pinstack_science::types::{Cancelled, Control};
 /// Name of a stage as the science reports it, and its weight within the phase.
 pub type Stage = (&'static str, f64);
 
-/// One phase of a job: the interval `from..to` of the job's fraction and the stages within it. It is the [`Control`] that the
-/// science gets in that phase. The reported fraction never decreases, whatever the order of the reports.
+/// One phase of a job: the interval `from..to` of the job's fraction and the stages within it. It is the [`Control`]
+/// that the science gets in that phase. The reported fraction never decreases, whatever the order of the reports.
 pub struct Phase<'a> {
     sink: &'a dyn ProgressSink,
     stages: &'a [Stage],

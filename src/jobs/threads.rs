@@ -4,9 +4,9 @@ use rayon::ThreadPoolBuilder;
 
 /// Runs `work` in a rayon pool of `threads` threads.
 ///
-/// A pool shared by several jobs is not fair: rayon steals from another job only when a thread has nothing left of its own
-/// job, so a small stack would wait for every pass of a large one. With a pool per job the operating system shares the cores
-/// between jobs. If no threads can be started, the job uses the pool of the process.
+/// A pool shared by several jobs is not fair: rayon steals from another job only when a thread has nothing left of its
+/// own job, so a small stack would wait for every pass of a large one. With a pool per job the operating system shares
+/// the cores between jobs. If no threads can be started, the job uses the pool of the process.
 pub(super) fn with_own_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     match ThreadPoolBuilder::new().num_threads(threads).thread_name(|thread| format!("job-{thread}")).build() {
         Ok(pool) => pool.install(work),

@@ -128,8 +128,8 @@ pub fn sweep_ended(succeeded: bool) {
     counter!(SWEEPS.name, "outcome" => if succeeded { "succeeded" } else { "failed" }).increment(1);
 }
 
-/// A garbage collection removed expired jobs, zips of jobs that keep their results, abandoned uploads, and files without a row
-/// (counted by job).
+/// A garbage collection removed expired jobs, zips of jobs that keep their results, abandoned uploads, and files
+/// without a row (counted by job).
 pub fn swept(expired: usize, uploads: usize, given_up: usize, orphans: usize) {
     for (content, count) in
         [("expired_job", expired), ("job_upload", uploads), ("open_upload", given_up), ("orphaned_files", orphans)]

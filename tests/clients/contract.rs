@@ -1,5 +1,5 @@
-//! The service against its OpenAPI document, by Schemathesis: valid and invalid requests, every answer checked against the
-//! document.
+//! The service against its OpenAPI document, by Schemathesis: valid and invalid requests, every answer checked against
+//! the document.
 
 use std::{path::Path, process::Command};
 
@@ -14,7 +14,8 @@ use crate::{
 struct Furnished {
     server: Server,
     authorization: String,
-    /// Ids of a finished stack, a failed calibration and a resumable upload, under the names in `openapi/schemathesis.toml`.
+    /// Ids of a finished stack, a failed calibration and a resumable upload, under the names in
+    /// `openapi/schemathesis.toml`.
     ids: [(&'static str, String); 3],
 }
 

@@ -17,7 +17,8 @@ struct Call {
     ended: usize,
 }
 
-/// The calls of a trace in the order of their returns. A call interrupted by another thread takes two lines of the trace.
+/// The calls of a trace in the order of their returns. A call interrupted by another thread takes two lines of the
+/// trace.
 fn calls(trace: &str) -> Vec<Call> {
     let mut unfinished: HashMap<&str, (String, usize)> = HashMap::new();
     let mut calls = Vec::new();

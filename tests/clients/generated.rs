@@ -1,5 +1,5 @@
-//! Clients generated from the OpenAPI document of the program under test: each runs a complete session against the service.
-//! An error reported by a generator fails the test.
+//! Clients generated from the OpenAPI document of the program under test: each runs a complete session against the
+//! service. An error reported by a generator fails the test.
 
 use std::{fs, path::Path, process::Command};
 

@@ -1,7 +1,8 @@
 //! The service with third-party programs: curl, zip, 7z, Python's zipfile, exiftool, COLMAP, tus clients, a browser,
 //! Schemathesis, generated clients, and linters of the OpenAPI document.
 //!
-//! Each test needs programs that may not be installed. It is then skipped, or fails with `PINSTACK_TEST_TOOLS=required`.
+//! Each test needs programs that may not be installed. It is then skipped, or fails with
+//! `PINSTACK_TEST_TOOLS=required`.
 
 mod browser;
 mod contract;

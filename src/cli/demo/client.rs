@@ -18,7 +18,8 @@ impl Client {
         Self { base, http: reqwest::Client::new() }
     }
 
-    /// Uploads a zip to `path` and waits for the job to end. Calls `report` with each stage and the fraction of the job.
+    /// Uploads a zip to `path` and waits for the job to end. Calls `report` with each stage and the fraction of the
+    /// job.
     ///
     /// # Errors
     /// When the server refuses the upload or the job fails, with the detail of the problem.

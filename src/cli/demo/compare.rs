@@ -12,8 +12,8 @@ pub(super) fn worst_corner_px(measured: &[Homography], truth: &[Homography], wid
     measured.iter().zip(truth).map(|(m, t)| m.corner_distance(t, width, height)).fold(0.0, f64::max)
 }
 
-/// Peak signal-to-noise ratio, dB, of the red, green and blue samples of `picture` against `truth` where `inside` is not 0.
-/// NaN where the pictures cannot be compared.
+/// Peak signal-to-noise ratio, dB, of the red, green and blue samples of `picture` against `truth` where `inside` is
+/// not 0. NaN where the pictures cannot be compared.
 pub(super) fn psnr(picture: &Raster, truth: &Raster, inside: &Plane<u8>) -> f64 {
     let inside = Plane::from_fn(3 * inside.width, inside.height, |x, y| inside.at(x / 3, y));
     full_reference::psnr(&colour_samples(picture), &colour_samples(truth), Some(&inside)).unwrap_or(f64::NAN)

@@ -112,7 +112,8 @@ fn over_checks(picture: &Raster, x: usize, y: usize, grey: f32) -> [f32; 3] {
     }
 }
 
-/// Slice indices as colours, from violet (first slice) over green to yellow (last); black where no slice covers the pixel.
+/// Slice indices as colours, from violet (first slice) over green to yellow (last); black where no slice covers the
+/// pixel.
 pub(super) fn depth_colours(index: &Raster, slices: usize) -> Raster {
     let value = |i: usize| match &index.samples {
         Samples::Eight(s) => usize::from(s[i]),

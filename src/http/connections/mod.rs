@@ -1,5 +1,5 @@
-//! Connections, so that no client keeps the others out: slots and shares of them, a reserve for health checks, and an end
-//! for those that do not read.
+//! Connections, so that no client keeps the others out: slots and shares of them, a reserve for health checks, and an
+//! end for those that do not read.
 
 pub mod range;
 pub mod reading;

@@ -12,8 +12,8 @@ use tokio::{
     time::{Instant, Sleep, sleep},
 };
 
-/// A stream whose writes fail when they make no progress for `timeout`, which ends the connection. Reads have no timeout here:
-/// those of the head and the body are set elsewhere.
+/// A stream whose writes fail when they make no progress for `timeout`, which ends the connection. Reads have no
+/// timeout here: those of the head and the body are set elsewhere.
 pub struct Reading<S> {
     stream: S,
     timeout: Duration,

@@ -1,9 +1,9 @@
 //! Slots of connections, shares per address, and a reserve.
 //!
 //! There are `max_connections` slots, and each address gets only a share of them. A connection without a slot is still
-//! accepted, up to [`RESERVE`]: it may request `/healthz` and `/readyz` at once, and anything else when it gets a slot. When
-//! the reserve is full, the connection that has waited longest is closed in favour of the newest. So health checks are always
-//! answered, and a client over its limit waits for a bounded time.
+//! accepted, up to [`RESERVE`]: it may request `/healthz` and `/readyz` at once, and anything else when it gets a slot.
+//! When the reserve is full, the connection that has waited longest is closed in favour of the newest. So health checks
+//! are always answered, and a client over its limit waits for a bounded time.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -165,7 +165,8 @@ impl Seat {
         true
     }
 
-    /// Returns when a connection without a slot must be closed. One with a request in progress may send its answer first.
+    /// Returns when a connection without a slot must be closed. One with a request in progress may send its answer
+    /// first.
     pub async fn was_evicted(&self) {
         self.evicted.cancelled().await;
         if self.has_slot() {

@@ -65,8 +65,8 @@ pub fn not_modified(headers: &HeaderMap, opaque: &str) -> bool {
     Tags::of(headers, &header::IF_NONE_MATCH).is_some_and(|tags| tags.contains(opaque))
 }
 
-/// Requires that `If-Match` names this version, if it is given. `If-Unmodified-Since` is ignored, as RFC 9110 requires where
-/// no answer has `Last-Modified`.
+/// Requires that `If-Match` names this version, if it is given. `If-Unmodified-Since` is ignored, as RFC 9110 requires
+/// where no answer has `Last-Modified`.
 ///
 /// # Errors
 /// `precondition_failed`.

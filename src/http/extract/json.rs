@@ -54,8 +54,8 @@ pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>,
     Ok(whole)
 }
 
-/// The default Content-Type of curl's `-d` and `--data-binary`, and one that pages of any origin may send from a browser
-/// without a preflight request.
+/// The default Content-Type of curl's `-d` and `--data-binary`, and one that pages of any origin may send from a
+/// browser without a preflight request.
 pub const FORM: &str = "application/x-www-form-urlencoded";
 
 /// Checks the `Content-Type`. A missing one means JSON.

@@ -1,4 +1,5 @@
-//! Query parameters as typed values: deserialises the text of a URL into any struct, with errors that name the parameter.
+//! Query parameters as typed values: deserialises the text of a URL into any struct, with errors that name the
+//! parameter.
 
 use axum::{extract::Query, http::Uri};
 use serde::{

@@ -1,5 +1,5 @@
-//! Authentication and authorisation of every request, before any handler: the token, its scopes, the limit of requests in
-//! progress, and with `isolate_tokens` the owner of the stack or upload.
+//! Authentication and authorisation of every request, before any handler: the token, its scopes, the limit of requests
+//! in progress, and with `isolate_tokens` the owner of the stack or upload.
 
 use axum::{
     body::Body,
@@ -57,7 +57,8 @@ async fn authorise(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InPr
     Ok((caller, in_progress))
 }
 
-/// Limits the requests in progress of one token, so that its event streams and unread downloads cannot use up all connections.
+/// Limits the requests in progress of one token, so that its event streams and unread downloads cannot use up all
+/// connections.
 fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
     let (Some(id), Some(name)) = (caller.id(), caller.name()) else { return Ok(None) };
     let most = app.policy.client_share();
@@ -69,8 +70,8 @@ fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
     Err(ApiError::new(Code::TooManyRequests, detail))
 }
 
-/// Reads some of the body of a refused request. Otherwise a client that still sends would see a broken connection and not
-/// the answer.
+/// Reads some of the body of a refused request. Otherwise a client that still sends would see a broken connection and
+/// not the answer.
 pub fn drain_briefly(app: &App, headers: &HeaderMap, body: Body) {
     drop(WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers)));
 }

@@ -7,9 +7,9 @@
 //! | DNS rebinding: the page's own host name resolves to the service | `Host` is a foreign name | 421 |
 //! | cross-site request that changes something | `Origin` or `Sec-Fetch-Site` of another site | 403 |
 //!
-//! Cross-site reads need no check: the browser withholds the answer from the page ([`super::cors`]). Programs other than
-//! browsers send neither `Origin` nor `Sec-Fetch-Site`. Where tokens are required, pages have none, so only the syntax of
-//! `Host` is checked.
+//! Cross-site reads need no check: the browser withholds the answer from the page ([`super::cors`]). Programs other
+//! than browsers send neither `Origin` nor `Sec-Fetch-Site`. Where tokens are required, pages have none, so only the
+//! syntax of `Host` is checked.
 
 use std::net::IpAddr;
 

@@ -1,5 +1,5 @@
-//! CORS for pages of other origins. Off unless their origins are configured. A page of a configured origin may send every
-//! request, with a token like any other client. Cookies are never used.
+//! CORS for pages of other origins. Off unless their origins are configured. A page of a configured origin may send
+//! every request, with a token like any other client. Cookies are never used.
 
 use axum::{
     extract::{Request, State},

@@ -15,7 +15,8 @@ use crate::{
 /// Characters of an unknown method that the answer repeats.
 const SHOWN: usize = 40;
 
-/// The layer: a method that is not in RFC 9110, RFC 5789 (PATCH) or the HTTP QUERY draft gets 501 before any other check.
+/// The layer: a method that is not in RFC 9110, RFC 5789 (PATCH) or the HTTP QUERY draft gets 501 before any other
+/// check.
 pub async fn refuse_unknown(request: Request, next: Next) -> Response {
     if known(request.method()).is_some() {
         return next.run(request).await;

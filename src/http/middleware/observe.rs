@@ -1,4 +1,5 @@
-//! One log line and two metrics per request. Metrics are labelled by route, not by URL: each id would be a series of its own.
+//! One log line and two metrics per request. Metrics are labelled by route, not by URL: each id would be a series of
+//! its own.
 
 use std::time::Instant;
 

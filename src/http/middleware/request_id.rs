@@ -1,4 +1,5 @@
-//! `X-Request-Id`: keeps the id of the client or makes one, and adds it to the answer and to the log lines of the request.
+//! `X-Request-Id`: keeps the id of the client or makes one, and adds it to the answer and to the log lines of the
+//! request.
 
 use std::sync::Arc;
 

@@ -11,8 +11,8 @@ use axum::{
 /// and "try it out" talks to this server only.
 const DOCS_POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
                            object-src 'none'; base-uri 'none'; frame-ancestors 'none'";
-/// Answers of the API are data: they may neither run nor load anything. A page that needs more sets its own policy, which is
-/// kept.
+/// Answers of the API are data: they may neither run nor load anything. A page that needs more sets its own policy,
+/// which is kept.
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
 
 /// The layer.

@@ -12,8 +12,8 @@ use crate::{
     http::{artifacts::picture, extract::JobId, job_resource::load, problem::ApiResult, state::App},
 };
 
-/// An endpoint for an artifact: whether it can be converted, documentation, name, artifact, path, operation, media types,
-/// and why it may be absent.
+/// An endpoint for an artifact: whether it can be converted, documentation, name, artifact, path, operation, media
+/// types, and why it may be absent.
 macro_rules! endpoint {
     (converted $($row:tt)*) => {
         endpoint! {

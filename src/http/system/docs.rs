@@ -1,4 +1,5 @@
-//! `GET /docs`: Swagger UI for the OpenAPI document. Its files are embedded in the program; nothing is loaded from elsewhere.
+//! `GET /docs`: Swagger UI for the OpenAPI document. Its files are embedded in the program; nothing is loaded from
+//! elsewhere.
 
 use axum::{
     Router,

@@ -17,7 +17,8 @@ use crate::{
 /// Fraction of a quota from which its use counts as high.
 const HIGH: f64 = 0.8;
 
-/// All gauges in the text format. Costs three queries that read only indexes, and one look at the file system and the process.
+/// All gauges in the text format. Costs three queries that read only indexes, and one look at the file system and the
+/// process.
 ///
 /// # Errors
 /// When the database cannot be read. A disk that cannot be measured is omitted.
@@ -65,8 +66,8 @@ fn stored(text: &mut Exposition, totals: &Totals) {
     text.value(&UPLOADS_OPEN, totals.open_uploads as f64);
 }
 
-/// Counts tokens by the use of their quota. Token names are not labels: their number is unbounded, and readers of the metrics
-/// need not know them.
+/// Counts tokens by the use of their quota. Token names are not labels: their number is unbounded, and readers of the
+/// metrics need not know them.
 fn quotas(text: &mut Exposition, quotas: &[QuotaUse]) {
     let (mut normal, mut high, mut full) = (0, 0, 0);
     for QuotaUse { quota, used } in quotas {

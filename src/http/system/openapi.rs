@@ -103,8 +103,8 @@ pub async fn openapi(Extension(document): Extension<&'static Document>, headers:
     (tag, [(header::CONTENT_TYPE, "application/json")], document.text()).into_response()
 }
 
-/// Adds what all operations have in common, so that endpoints document only their own: problem bodies with examples of the codes
-/// that their descriptions name, common errors, the request id, and the needed scopes.
+/// Adds what all operations have in common, so that endpoints document only their own: problem bodies with examples of
+/// the codes that their descriptions name, common errors, the request id, and the needed scopes.
 fn completed(mut document: Value) -> Value {
     schemas::complete(&mut document);
     uploads_by_put(&mut document);

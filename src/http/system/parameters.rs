@@ -1,5 +1,5 @@
-//! Parameters in the OpenAPI document: the options as query parameters, and the schema of each parameter by its name (range,
-//! pattern). The ranges of options come from [`crate::contract::ranges`].
+//! Parameters in the OpenAPI document: the options as query parameters, and the schema of each parameter by its name
+//! (range, pattern). The ranges of options come from [`crate::contract::ranges`].
 
 use serde_json::{Value, json};
 
@@ -19,8 +19,8 @@ const FILES: [&str; 5] = [
 
 const NUMBERS: &str = r"^-?[0-9]{1,6}(\.[0-9]{1,6})?(,-?[0-9]{1,6}(\.[0-9]{1,6})?)*$";
 
-/// The operations that take options as query parameters, and the schema of the options. The descriptions of the parameters
-/// are those of the schema.
+/// The operations that take options as query parameters, and the schema of the options. The descriptions of the
+/// parameters are those of the schema.
 const OPERATIONS_WITH_OPTIONS: [(&str, &str); 4] = [
     ("send_stack", "StackOptionsInput"),
     ("send_stack_by_put", "StackOptionsInput"),

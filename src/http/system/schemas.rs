@@ -1,5 +1,5 @@
-//! The schemas of the options of a stack. One Rust type gives three schemas, because generated clients need to distinguish
-//! them:
+//! The schemas of the options of a stack. One Rust type gives three schemas, because generated clients need to
+//! distinguish them:
 //!
 //! | schema | used in | members |
 //! |---|---|---|
@@ -7,8 +7,8 @@
 //! | `StackOptionsInput` | query parameters, the part `options` of a form | each is optional and has a default |
 //! | `RerunOptions` | the body of a rerun | each may be omitted (unchanged) or null (its default) |
 //!
-//! None has a JSON Schema `default`: generated clients would send the defaults of the version that they were generated from.
-//! The descriptions name the defaults.
+//! None has a JSON Schema `default`: generated clients would send the defaults of the version that they were generated
+//! from. The descriptions name the defaults.
 
 use serde_json::{Map, Value, json};
 

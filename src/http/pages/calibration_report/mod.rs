@@ -5,11 +5,11 @@
 //! sheet ([`STYLE`]). It can therefore be served under a strict content security policy, saved, mailed and printed.
 //!
 //! The maps and charts are written as inline SVG, without a plotting library. The SVG takes its colours from the style
-//! sheet's variables and so follows dark mode and print; each mark has a `<title>` for pointers and screen readers; names
-//! from the archive are escaped in one place; the ticks are exact and the bytes are the same in every run. `plotters`
-//! writes fixed colours on elements without classes, so a style sheet cannot restyle a series. `charming` renders with
-//! ECharts, that is with JavaScript, in the browser or in an embedded engine. Neither draws residual maps. Either would
-//! replace about 350 lines here (axes and charts) and add dependencies.
+//! sheet's variables and so follows dark mode and print; each mark has a `<title>` for pointers and screen readers;
+//! names from the archive are escaped in one place; the ticks are exact and the bytes are the same in every run.
+//! `plotters` writes fixed colours on elements without classes, so a style sheet cannot restyle a series. `charming`
+//! renders with ECharts, that is with JavaScript, in the browser or in an embedded engine. Neither draws residual maps.
+//! Either would replace about 350 lines here (axes and charts) and add dependencies.
 
 mod axes;
 mod chart;
