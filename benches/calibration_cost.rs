@@ -9,7 +9,7 @@ use std::{fs, io::BufWriter, path::Path, time::Instant};
 use pinstack_science::{
     archive::{ArchiveLimits, ArchivedSlices, open, pack},
     calibration::calibrate,
-    imaging::{Raster, SliceError, Slices, codec},
+    imaging::{Raster, Slices, codec},
     synth::{DotTarget, Rig, render_target},
     types::{Interrupted, NoControl, calibration_options::CalibrationOptions},
 };
@@ -121,7 +121,7 @@ impl Slices for Middle<'_> {
         self.all.name(self.first + index)
     }
 
-    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+    fn load(&self, index: usize) -> Result<Raster, pinstack_science::types::Error> {
         self.all.load(self.first + index)
     }
 }

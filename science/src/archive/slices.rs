@@ -3,7 +3,7 @@
 use super::{ArchiveLimits, container::Container, members::Member};
 use crate::{
     imaging::{
-        Raster, SliceError, Slices,
+        Raster, Slices,
         codec::{self, Header},
     },
     types::{Error, ErrorKind},
@@ -75,7 +75,7 @@ impl Slices for ArchivedSlices {
         self.members.get(index).map_or("", |member| &member.name)
     }
 
-    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+    fn load(&self, index: usize) -> Result<Raster, Error> {
         let bytes = self.bytes(index)?;
         let name = self.name(index);
         let raster = codec::decode(&bytes, &self.limits.image).map_err(|fault| fault.in_file(name, slice(index)))?;

@@ -27,4 +27,4 @@ pub use coverage::Coverage;
 pub use grey::LUMA;
 pub use raster::{Depth, Plane, Raster, Rect, Samples};
 pub use sample::Sample;
-pub use slices::{SliceError, Slices};
+pub use slices::Slices;

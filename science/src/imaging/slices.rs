@@ -3,9 +3,6 @@
 use super::Raster;
 use crate::types::Error;
 
-/// A slice that could not be had, as a fault that names its file.
-pub type SliceError = Error;
-
 /// The ordered slices of one light of a stack. Slices are loaded one by one, possibly by several threads in parallel
 /// and possibly more than once. Nothing is cached between calls.
 pub trait Slices: Sync {
@@ -19,7 +16,7 @@ pub trait Slices: Sync {
     ///
     /// # Errors
     /// An error that names the file when it cannot be read or decoded.
-    fn load(&self, index: usize) -> Result<Raster, SliceError>;
+    fn load(&self, index: usize) -> Result<Raster, Error>;
 }
 
 /// Slices in memory.
@@ -32,7 +29,7 @@ impl Slices for [Raster] {
         "(in memory)"
     }
 
-    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+    fn load(&self, index: usize) -> Result<Raster, Error> {
         Ok(self[index].clone())
     }
 }
@@ -47,7 +44,7 @@ impl<T: Slices + ?Sized> Slices for &T {
         (**self).name(index)
     }
 
-    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+    fn load(&self, index: usize) -> Result<Raster, Error> {
         (**self).load(index)
     }
 }

@@ -7,7 +7,6 @@ use super::scene::Scene;
 use super::sensor::Light;
 use super::stage::{Stage, Truth};
 use super::target::{DotTarget, render_target};
-use crate::imaging::slices::SliceError;
 use crate::imaging::{Raster, Slices};
 use crate::types::{Error, ErrorKind};
 
@@ -69,7 +68,7 @@ impl Slices for Rendered {
         self.names.get(index).map_or("(no such slice)", String::as_str)
     }
 
-    fn load(&self, index: usize) -> Result<Raster, SliceError> {
+    fn load(&self, index: usize) -> Result<Raster, Error> {
         if index >= self.names.len() {
             let detail = format!("slice {index} does not exist; the stack has {}", self.names.len());
             return Err(Error::new(ErrorKind::InvalidParameter, detail));
