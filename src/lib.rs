@@ -1,7 +1,7 @@
 //! pinstack: calibrated focus stacking for photogrammetry, as an HTTP service.
 //!
-//! The service stores calibration profiles, takes zipped focus stacks, and runs jobs that fuse them. The work on pixels and
-//! numbers is in the crate [`pinstack_science`], which knows no runtime, database, web framework or clock.
+//! The service stores calibration profiles, takes zipped focus stacks, and runs jobs that fuse them. The work on pixels
+//! and numbers is in the crate [`pinstack_science`], which knows no runtime, database, web framework or clock.
 //!
 //! Each module imports only from the modules above it in this list (`tests/architecture.rs` checks that,
 //! `docs/ARCHITECTURE.md` gives the reasons).

@@ -21,8 +21,8 @@
 //!     types::{NoControl, calibration_options::CalibrationOptions, fusion_options::Method},
 //! };
 //!
-//! // A camera on its rail: 5 slices of 400 x 300 px. `Rendered` is a stack whose slices are computed when they are loaded;
-//! // `archive::open` gives the slices of a zip in the same way.
+//! // A camera on its rail: 5 slices of 400 x 300 px. `Rendered` computes a slice when it is loaded; `archive::open`
+//! // gives the slices of a zip in the same way.
 //! let rig = Rig::sized(400, 300, 5);
 //! let target = Rendered::target(&rig, &DotTarget::for_rig(&rig, 14));
 //! let stage = Arc::new(Stage::new(&rig, &Scene::insect(1)));

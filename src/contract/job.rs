@@ -67,8 +67,9 @@ impl JobState {
 /// Progress of a job.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
-    /// Current stage: `waiting`, `reading`, `aligning`, `fusing`, `masking`, `writing`, `detecting` and others.
-    /// `waiting for room on the disk`: a worker has claimed the job, and there is not enough free disk space to begin.
+    /// Current stage: `waiting`, `reading`, `aligning`, `fusing`, `correcting halos`, `masking`, `writing`, `detecting`
+    /// and others. `waiting for disk space`: a worker has claimed the job, and there is not enough free disk space to
+    /// begin.
     pub stage: String,
     /// Completed steps of this stage.
     pub completed: u32,

@@ -14,8 +14,8 @@ const COPY: u64 = 2 * 1600 * 1600 * 3;
 
 /// Upper bound of the bytes that a job writes.
 ///
-/// - A stack: the raw warped slices of one light (those of the second light replace those of the first), and the uncompressed
-///   results: image with alpha, mask, fused back light, index of the sharpest slice.
+/// - A stack: the raw warped slices of one light (those of the second light replace those of the first), and the
+///   uncompressed results: image with alpha, mask, fused back light, index of the sharpest slice.
 /// - A calibration: a small copy and an overlay of each slice.
 pub fn disk_need(request: &JobRequest) -> u64 {
     match request {

@@ -20,8 +20,8 @@ const BASE: u64 = 64 << 20;
 ///
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
 ///   (fused picture, its index, validity and silhouette, and the RGBA picture).
-/// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes of the
-///   detector, whose size is bounded. Afterwards only small pictures.
+/// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes
+///   of the detector, whose size is bounded. Afterwards only small pictures.
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),

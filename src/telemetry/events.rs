@@ -124,7 +124,7 @@ pub fn lease_lost(kind: JobKind) {
 }
 
 /// A garbage collection ended.
-pub fn sweep_ended(succeeded: bool) {
+pub fn gc_ended(succeeded: bool) {
     counter!(SWEEPS.name, "outcome" => if succeeded { "succeeded" } else { "failed" }).increment(1);
 }
 

@@ -131,12 +131,12 @@ const STAGES: [(&str, &str); 9] = [
     ("reading", "reading"),
     ("aligning", "aligning"),
     ("fusing", "fusing"),
-    ("unveiling", "halo_correction"),
+    ("correcting halos", "halo_correction"),
     ("masking", "masking"),
     ("detecting", "detecting"),
     ("writing", "writing"),
     ("waiting", "waiting"),
-    ("waiting for room on the disk", "waiting_for_disk"),
+    ("waiting for disk space", "waiting_for_disk"),
 ];
 
 /// The label of an unknown stage. A test fails when a job has one.
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn a_stage_has_a_label_of_the_table() {
-        assert_eq!(stage_label("waiting for room on the disk"), "waiting_for_disk");
+        assert_eq!(stage_label("waiting for disk space"), "waiting_for_disk");
         assert_eq!(stage_label("dancing"), OTHER_STAGE);
     }
 }

@@ -16,7 +16,7 @@ use crate::{
 use pinstack_science::types::Cancelled;
 
 /// Stage of a job that waits for disk space, as clients see it.
-const STAGE: &str = "waiting for room on the disk";
+const STAGE: &str = "waiting for disk space";
 
 impl Executor {
     /// Waits until what the job may write fits into the disk budget. The job holds the whole reservation until it ends:

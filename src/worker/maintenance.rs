@@ -33,7 +33,7 @@ pub fn start(store: Store, every: Duration, keep: Retention) -> Maintenance {
             clock.tick().await;
             match collect(&store, GRACE, &keep).await {
                 Ok(collected) => {
-                    events::sweep_ended(true);
+                    events::gc_ended(true);
                     events::swept(collected.expired, collected.uploads, collected.given_up, collected.orphans);
                     tracing::info!(
                         expired = collected.expired,
@@ -44,7 +44,7 @@ pub fn start(store: Store, every: Duration, keep: Retention) -> Maintenance {
                     );
                 }
                 Err(error) => {
-                    events::sweep_ended(false);
+                    events::gc_ended(false);
                     tracing::error!(?error, "garbage collection failed; the next one continues");
                 }
             }

@@ -23,8 +23,8 @@ struct Family {
     samples: Vec<(String, Labels, f64)>,
 }
 
-/// Parses the text format 0.0.4 strictly. It refuses what the format forbids, and also a family without HELP and TYPE, a
-/// sample outside its family, a repeated sample, and a histogram that is not cumulative.
+/// Parses the text format 0.0.4 strictly. It refuses what the format forbids, and also a family without HELP and TYPE,
+/// a sample outside its family, a repeated sample, and a histogram that is not cumulative.
 fn parse(text: &str) -> BTreeMap<String, Family> {
     let mut families: BTreeMap<String, Family> = BTreeMap::new();
     let (mut helped, mut current) = (String::new(), String::new());

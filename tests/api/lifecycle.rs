@@ -23,7 +23,7 @@ async fn a_stack_goes_from_queued_to_succeeded() {
     assert_eq!(stack["slices"]["front"].as_array().unwrap().len(), 2);
     assert_eq!(stack["upload"]["bytes"].as_u64(), Some(zip.len() as u64));
     assert_eq!((&stack["upload"]["filename"], &stack["profile_revision"]), (&json!("b.zip"), &json!(1)));
-    assert!(stack["upload"].get("key").is_none(), "keys of blobs are nobody's business");
+    assert!(stack["upload"].get("key").is_none(), "keys of blobs are internal");
     assert!(stack["links"]["cancel"].is_string() && stack["links"].get("image").is_none());
     problem(app.get(&format!("{location}/metrics")).send().await.unwrap(), 409, "not_finished").await;
     problem(app.get(&format!("{location}/image")).send().await.unwrap(), 409, "not_finished").await;

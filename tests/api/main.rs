@@ -1,5 +1,5 @@
-//! Tests of the API over HTTP. Each test has a server of its own on a free port. Tests act as the workers, so that nothing
-//! waits for a clock.
+//! Tests of the API over HTTP. Each test has a server of its own on a free port. Tests act as the workers, so that
+//! nothing waits for a clock.
 
 mod access;
 mod app;

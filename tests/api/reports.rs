@@ -125,7 +125,7 @@ async fn the_content_policy_of_the_report_page_allows_only_its_own_style() {
     let url = calibrated(&app, 0.0).await;
     let shown: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
     assert_eq!(shown["links"]["report"], format!("{url}/report"));
-    assert_eq!(shown["artifacts"], json!([]), "the file that the page is made from is nobody's business");
+    assert_eq!(shown["artifacts"], json!([]), "the source file of the page is internal");
 
     let browser = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8";
     let answer = app.get(&format!("{url}/report")).header("accept", browser).send().await.unwrap();

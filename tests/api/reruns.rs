@@ -117,8 +117,8 @@ async fn a_rerun_is_checked_like_a_new_stack() {
     let text = app.post(&url).header("content-type", "text/plain").body("{}").send().await.unwrap();
     problem(text, 415, "unsupported_media_type").await;
     problem(rerun(&app, &stack, json!({ "profile_revision": 7 })).await, 404, "profile_not_found").await;
-    let nobody = json!({ "id": "0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10" });
-    problem(rerun(&app, &nobody, json!({})).await, 404, "not_found").await;
+    let unknown = json!({ "id": "0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10" });
+    problem(rerun(&app, &unknown, json!({})).await, 404, "not_found").await;
 
     // a revision with more slices than the zip has
     let put = app.put("/v1/profiles/rig/lens").json(&profile(3)).send().await.unwrap();

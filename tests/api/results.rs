@@ -120,7 +120,7 @@ async fn head_and_current_copies_cause_no_conversion() {
     let head = || app.client.head(format!("{}{url}/image", app.base)).header("accept", "image/tiff").send();
     let told = head().await.unwrap();
     assert_eq!((told.status(), &told.headers()["content-type"]), (StatusCode::OK, &"image/tiff".parse().unwrap()));
-    assert!(!told.headers().contains_key("content-length"), "nobody knows it yet");
+    assert!(!told.headers().contains_key("content-length"), "the length is not known yet");
     let tag = told.headers()["etag"].clone();
     let get = || app.get(&format!("{url}/image")).header("accept", "image/tiff");
     assert_eq!(get().header("if-none-match", &tag).send().await.unwrap().status(), StatusCode::NOT_MODIFIED);

@@ -130,7 +130,7 @@ fn the_nominal_focal_length_is_not_passed_on_as_the_principal_distance() {
     assert!(warned, "{}", stack["warnings"]);
     let file = download(&server, &stack, "jpeg", "view.jpg");
     let (_, is_trusted) = prior(&file);
-    assert!(!is_trusted, "COLMAP trusts a focal length that nobody knows");
+    assert!(!is_trusted, "COLMAP trusts a focal length that is not known");
     assert_eq!(run(Command::new("exiftool").args(["-s3", "-Model"]).arg(&file)).trim(), "Canon EOS 5DS");
 }
 

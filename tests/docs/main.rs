@@ -1,11 +1,12 @@
 //! Runs the commands of README.md and docs/*.md, and checks the tables, links and test names of the documents.
 //!
-//! All `sh` blocks of a file run in order in one shell and one empty folder; `cargo run --release --` is replaced by the binary
-//! under test, and port 8080 by a free port. A block with a second word (`sh docker`, `sh bench`) needs more than a test
-//! has, and is not run.
+//! All `sh` blocks of a file run in order in one shell and one empty folder; `cargo run --release --` is replaced by
+//! the binary under test, and port 8080 by a free port. A block with a second word (`sh docker`, `sh bench`) needs more
+//! than a test has, and is not run.
 
 mod powershell;
 mod tables;
+mod words;
 
 use std::{
     fs,
@@ -59,8 +60,8 @@ fn free_port() -> u16 {
     TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port").port()
 }
 
-/// Runs every `sh` block of `file` and fails with the output of a failed one. Returns the folder in which they ran, if there
-/// are any.
+/// Runs every `sh` block of `file` and fails with the output of a failed one. Returns the folder in which they ran, if
+/// there are any.
 fn run_commands_of(file: &Path) -> Option<TempDir> {
     let markdown = fs::read_to_string(file).expect("the document is UTF-8");
     let blocks = blocks(&markdown);

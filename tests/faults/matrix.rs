@@ -74,7 +74,7 @@ async fn day(fault: &str) -> Vec<String> {
     insist!(story.delete(&given_up));
     insist!(story.delete(&whole));
     insist!(story.delete("/v1/profiles/rig/lens"));
-    assert_eq!(insist!(story.image(&in_pieces)), image, "what nobody deleted is there");
+    assert_eq!(insist!(story.image(&in_pieces)), image, "an image that was not deleted is still there");
     insist!(story.upload(&again));
     assert_eq!(insist!(story.count()), 3);
     story.end().await

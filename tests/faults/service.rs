@@ -36,7 +36,7 @@ pub fn armed_command(data: &Path, arguments: &[&str], fault: &str) -> Output {
     command.output().expect("pinstack starts")
 }
 
-/// Removes what is over its time, zips of all that went well among it.
+/// Deletes what has expired, including the zips of stacks that succeeded.
 pub fn clean_up(data: &Path, fault: Option<&str>) -> Output {
     let mut command = pinstack();
     command.env("PINSTACK_KEEP_UPLOADS_DAYS", "0").env("FAILPOINTS", fault.unwrap_or_default());

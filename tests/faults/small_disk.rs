@@ -86,7 +86,7 @@ async fn on_a_full_disk_uploads_are_refused_jobs_wait_and_nothing_is_lost() {
     let mut working = Story::on_with(&disk.data(), &[]).await;
     loop {
         let stack = working.shown(&waiting).await;
-        if stack["progress"]["stage"] == "waiting for room on the disk" {
+        if stack["progress"]["stage"] == "waiting for disk space" {
             break;
         }
         assert!(["queued", "running"].iter().any(|state| stack["state"] == *state), "{stack}");

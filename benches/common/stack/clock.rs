@@ -50,14 +50,14 @@ impl Watchmaker {
     pub fn time<T>(&self, work: impl FnOnce() -> T) -> T {
         let (cpu_before, wall_before) = (cpu(), Instant::now());
         let result = work();
-        let mut sums = self.0.lock().expect("nobody panicked");
+        let mut sums = self.0.lock().expect("no thread panicked");
         sums.0 += cpu() - cpu_before;
         sums.1 += wall_before.elapsed();
         result
     }
 
     pub fn cost(&self) -> Cost {
-        let (cpu, wall) = *self.0.lock().expect("nobody panicked");
+        let (cpu, wall) = *self.0.lock().expect("no thread panicked");
         Cost { cpu: cpu.as_secs_f64(), wall: wall.as_secs_f64(), peak_mb: peak_mb("self") }
     }
 }
@@ -67,7 +67,7 @@ pub struct Passes(pub Mutex<Option<(Duration, Instant)>>);
 
 impl Control for Passes {
     fn progress(&self, stage: &'static str, _completed: usize, _total: usize) {
-        let mut second = self.0.lock().expect("nobody panicked");
+        let mut second = self.0.lock().expect("no thread panicked");
         if stage == "fusing" && second.is_none() {
             *second = Some((cpu(), Instant::now()));
         }

@@ -135,7 +135,7 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
         }
         _ => {
             fused(&passes);
-            let second = passes.0.lock().expect("nobody panicked").expect("there is a second pass");
+            let second = passes.0.lock().expect("no thread panicked").expect("there is a second pass");
             let (whole, second) = (since(started), since(second));
             match name {
                 "first pass" => Cost { cpu: whole.cpu - second.cpu, wall: whole.wall - second.wall, ..whole },

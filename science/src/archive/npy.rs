@@ -122,7 +122,7 @@ pub fn matrices(bytes: &[u8], file: &str) -> Result<Vec<[f64; 9]>, Error> {
     if has != wants {
         let why = if has < wants { "was it cut off?" } else { "it is not a single array" };
         let shape = layout.shape_text();
-        return Err(wrong(format!("{file} has {has} bytes of numbers, its shape {shape} needs {wants}; {why}")));
+        return Err(wrong(format!("{file} has {has} bytes of numbers, but its shape {shape} needs {wants}; {why}")));
     }
     let value = |at: usize| {
         let piece = data.get(at * size..(at + 1) * size).unwrap_or_default();

@@ -185,9 +185,10 @@ fn is_foreign(contrast: &Plane<f32>, rendered: &Plane<f32>, at: [f64; 2], reach:
     count > 0.0 && sum / count > FOREIGN
 }
 
-/// Strength of a dot at `at`: the regression coefficient of the residual `contrast - rendered + filled * profile` on the
-/// radial profile, with a free offset (a dark table is no dot). 1 for a whole dot, 0 when the correlation is too low,
-/// `None` when too little of it lies in the image. `filled` is the strength with which `rendered` includes this dot.
+/// Strength of a dot at `at`: the regression coefficient of the residual `contrast - rendered + filled * profile` on
+/// the radial profile, with a free offset (a dark table is no dot). 1 for a whole dot, 0 when the correlation is too
+/// low, `None` when too little of it lies in the image. `filled` is the strength with which `rendered` includes this
+/// dot.
 fn strength(
     contrast: &Plane<f32>,
     rendered: &Plane<f32>,

@@ -82,8 +82,8 @@ pub(super) fn bias(corners: &[CornerError]) -> (f64, f64) {
     (observed, (observed + noise * (2.0 / count).sqrt()).max(0.5 * apart))
 }
 
-/// Scores every model by its `corners` and selects one. `offsets`: rail positions relative to the reference slice; `half`:
-/// px per unit; `requested`: the user's choice.
+/// Scores every model by its `corners` and selects one. `offsets`: rail positions relative to the reference slice;
+/// `half`: px per unit; `requested`: the user's choice.
 pub(super) fn select_model(
     evidence: &[Evidence],
     offsets: &[f64],

@@ -20,8 +20,8 @@ pub(super) struct RailFit {
 const HUBER: f64 = 1.5;
 
 impl RailFit {
-    /// Iteratively reweighted least squares over all dots. `matches` per slice; `offsets`: rail positions relative to the
-    /// reference slice.
+    /// Iteratively reweighted least squares over all dots. `matches` per slice; `offsets`: rail positions relative to
+    /// the reference slice.
     pub(super) fn fit(matches: &[Vec<Match>], offsets: &[f64]) -> Option<Self> {
         let mut found = Vector3::zeros();
         let mut scatter = f64::INFINITY;

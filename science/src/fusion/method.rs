@@ -30,7 +30,7 @@ impl Method {
     pub fn progress_stages(self) -> &'static [ProgressStage] {
         match self {
             Self::Guided | Self::Pyramid => &[("aligning", 3.0), ("fusing", 2.0)],
-            Self::HaloCorrected => &[("aligning", 3.0), ("fusing", 3.0), ("unveiling", 3.0)],
+            Self::HaloCorrected => &[("aligning", 3.0), ("fusing", 3.0), ("correcting halos", 3.0)],
         }
     }
 

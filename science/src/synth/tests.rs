@@ -137,8 +137,8 @@ fn a_near_part_out_of_focus_veils_the_far_part_beside_its_outline() {
     let clear = sharp.at(121, 90);
     assert!(veiled > clear + 25.0, "{veiled} against {clear}");
     let away = back.apply([140.0, 90.0]);
-    let unveiled = look_up(&far_in_focus, away).expect("inside") * rig.gain(4) as f32;
-    assert!((unveiled - sharp.at(140, 90)).abs() < 3.0);
+    let uncovered = look_up(&far_in_focus, away).expect("inside") * rig.gain(4) as f32;
+    assert!((uncovered - sharp.at(140, 90)).abs() < 3.0);
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! The types that the other modules speak in: homographies, the numbers of a profile, options, metrics, reports, errors.
+//! The types that the other modules speak in: homographies, the numbers of a profile, options, metrics, reports,
+//! errors.
 //!
 //! They check their own rules and do nothing else; this module imports no other module of the crate.
 

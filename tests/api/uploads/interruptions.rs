@@ -85,7 +85,7 @@ async fn an_abandoned_upload_expires() {
     let app = TestApp::start_with(|policy| policy.upload_keep = Duration::ZERO).await;
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
-    let mut partial = app.store.parts.lock(id_of(&url)).await.unwrap().expect("nobody has it");
+    let mut partial = app.store.parts.lock(id_of(&url)).await.unwrap().expect("it is not locked");
     assert!(partial.resume_at(0).await.unwrap());
     drop(partial);
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;

@@ -112,7 +112,7 @@ fn objects_and_other_numbers_and_shapes_are_refused_with_what_to_do() {
     let affine = npy_of(&header("<f8", false, "(4, 2, 3)"), &[0; 192]);
     assert_eq!(
         told(affine, None),
-        "the file has the shape (4, 2, 3); a stack is N x 3 x 3 or N x 9, one matrix per slice"
+        "the file has the shape (4, 2, 3) instead of N x 3 x 3 or N x 9, one matrix per slice"
     );
     assert!(told(npy_of(&header("<f8", false, "(9,)"), &[0; 72]), None).contains("the shape (9,)"));
     let record = npy_of("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (4,), }", &[0; 32]);
@@ -129,9 +129,12 @@ fn sizes_that_lie_are_refused_and_never_allocated() {
     let file = npy_of(&header("<f8", false, "(99999999999999999999, 3, 3)"), &[]);
     assert!(told(file, None).contains("is not one of an array of plain numbers"));
     let short = npy_of(&header("<f8", false, "(4, 3, 3)"), &[0; 287]);
-    assert_eq!(told(short, None), "the file has 287 bytes of numbers, its shape (4, 3, 3) needs 288; was it cut off?");
+    assert_eq!(
+        told(short, None),
+        "the file has 287 bytes of numbers, but its shape (4, 3, 3) needs 288; was it cut off?"
+    );
     let long = npy_of(&header("<f8", false, "(4, 3, 3)"), &[0; 289]);
-    assert!(told(long, None).ends_with("needs 288; it is not one array"));
+    assert!(told(long, None).ends_with("needs 288; it is not a single array"));
     let mut endless = b"\x93NUMPY\x02\x00".to_vec();
     endless.extend(u32::MAX.to_le_bytes());
     assert!(told(endless, None).contains("the header of the file has 4294967295 bytes"));

@@ -67,7 +67,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     }
     let fusion = Fusion { slices: &slices, map: &map, model: &model, pyramid: &pyramid.pixels };
     let mut blended =
-        in_tiles::<S, C, _>(run, "unveiling", Rows::default, |rows, rect, out| fusion.tile(rect, out, rows))?;
+        in_tiles::<S, C, _>(run, "correcting halos", Rows::default, |rows, rect, out| fusion.tile(rect, out, rows))?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
     Ok((blended, map.slice))
 }
