@@ -1,4 +1,4 @@
-//! Bombs that are known. Each is refused with its code, and holds no more memory than `docs/OPERATIONS.md` says.
+//! Known decompression bombs. Each is refused with its code, within the memory that `docs/OPERATIONS.md` states.
 
 use std::io::Cursor;
 
@@ -19,14 +19,14 @@ use crate::{
 
 const MB: usize = 1 << 20;
 
-/// What looking into an upload may hold beside the directory: segments and chunks before a picture.
+/// Memory that inspecting an upload may use besides the directory, bytes: segments and chunks before the pixels.
 const HEADERS: usize = 72 * MB;
 
 fn open(bytes: Vec<u8>) -> Result<StackArchive, Fault> {
     archive::open_in_memory(bytes, &ArchiveLimits::default()).map_err(Fault::from)
 }
 
-/// Opens a zip that must be refused; gives the code.
+/// Opens a zip that must be refused; returns the code.
 fn refused(what: &str, bytes: Vec<u8>, most: usize) -> Code {
     let length = bytes.len();
     let (outcome, peak) = peak_of(|| open(bytes).map(|archive| archive.layout().clone()));
@@ -35,7 +35,7 @@ fn refused(what: &str, bytes: Vec<u8>, most: usize) -> Code {
     fault.code
 }
 
-/// The same for a zip whose headers may be sound, so that only loading its first slice shows what is wrong.
+/// The same for a zip whose headers may be valid, so that only loading its first slice reveals the defect.
 fn refused_or_not_loaded(bytes: Vec<u8>, most: usize) -> Code {
     let (outcome, peak) =
         peak_of(|| open(bytes).and_then(|archive| archive.front().load(0).map(|_| ()).map_err(Fault::from)));
@@ -71,7 +71,7 @@ fn zips_in_zips_are_never_opened() {
 }
 
 #[test]
-fn sizes_that_are_lies_are_refused_before_room_is_made() {
+fn wrong_sizes_are_refused_before_memory_is_allocated() {
     let small = |size: u64| Member { size, ..deflated("a.png", |out| out.write_all(&png(4, 4, 1)).expect("written")) };
     let [_, b] = two_pictures();
     let with = |member: Member| zip(&[member, b.clone()]);
@@ -90,7 +90,7 @@ fn sizes_that_are_lies_are_refused_before_room_is_made() {
 }
 
 #[test]
-fn members_that_are_larger_than_they_say_stop_at_what_they_said() {
+fn members_larger_than_declared_are_read_to_their_declared_size() {
     let bomb = deflated("a.png", |out| {
         out.write_all(&png(4, 4, 1)).expect("written");
         (0..200).for_each(|_| out.write_all(&[0; MB]).expect("written"));
@@ -104,7 +104,7 @@ fn members_that_are_larger_than_they_say_stop_at_what_they_said() {
 }
 
 #[test]
-fn directories_that_are_too_large_or_lie_are_refused() {
+fn oversized_or_inconsistent_directories_are_refused() {
     let many: Vec<Member> = (0..30_000).map(|i| stored(&format!("{i}"), b"")).collect();
     assert_eq!(refused("30,000 members", zip(&many), 64 * MB), Code::ArchiveTooLarge);
 
@@ -131,7 +131,7 @@ fn directories_that_are_too_large_or_lie_are_refused() {
 }
 
 #[test]
-fn a_picture_that_is_a_bomb_is_not_unpacked_to_be_refused() {
+fn a_picture_bomb_is_refused_without_being_decompressed() {
     let zeros = deflated("a.png", |out| (0..300).for_each(|_| out.write_all(&[0; MB]).expect("written")));
     assert_eq!(refused("zeros", zip(&[zeros, stored("b.png", &png(4, 4, 1))]), 4 * MB), Code::InvalidImage);
 
@@ -148,7 +148,7 @@ fn a_picture_that_is_a_bomb_is_not_unpacked_to_be_refused() {
 }
 
 #[test]
-fn a_manifest_that_is_a_bomb_is_refused() {
+fn a_manifest_bomb_is_refused() {
     let [a, b] = two_pictures();
     let with = |manifest: &[u8]| zip(&[a.clone(), b.clone(), stored("manifest.json", manifest)]);
     assert_eq!(refused("nested lists", with("[".repeat(1_000_000).as_bytes()), 8 * MB), Code::InvalidArchive);
@@ -159,7 +159,7 @@ fn a_manifest_that_is_a_bomb_is_refused() {
     assert_eq!(refused("larger than a list", with(&vec![b' '; 2 * MB]), 8 * MB), Code::InvalidArchive);
 }
 
-/// A picture that must be refused at its header or, at the latest, when it is decoded.
+/// Checks that a picture is refused at its header or when it is decoded.
 fn refused_picture(what: &str, bytes: &[u8], most: usize, sentence: &str) {
     let limits = Limits::default();
     let (_, peak) = peak_of(|| codec::probe(Cursor::new(bytes), &limits).is_ok());
@@ -189,7 +189,7 @@ fn jpeg_scan(components: u8) -> Vec<u8> {
 }
 
 #[test]
-fn jpegs_that_are_bombs_are_refused() {
+fn jpeg_bombs_are_refused() {
     let closed = |frame: Vec<u8>, components| [frame, jpeg_scan(components), vec![0, 0xFF, 0xD9]].concat();
     refused_picture(
         "65,535 x 65,535 px",
@@ -233,7 +233,7 @@ fn zlib_of_zeros(megabytes: usize) -> Vec<u8> {
 }
 
 #[test]
-fn pngs_that_are_bombs_are_refused() {
+fn png_bombs_are_refused() {
     let idat = || png_chunk(b"IDAT", &zlib_of_zeros(1));
     refused_picture("65,535 x 65,535 px", &png_of(65_535, 65_535, 8, 2, &[idat()]), MB, "megapixels are allowed");
     refused_picture("2^31 px wide", &png_of(u32::MAX / 2, 1, 8, 2, &[idat()]), MB, "are allowed");
@@ -260,7 +260,8 @@ fn pngs_that_are_bombs_are_refused() {
 /// Entries of a TIFF directory: tag, type, count, value.
 type Entries<'a> = &'a [(u16, u16, u64, u64)];
 
-/// A TIFF of 8 x 8 px of 8 bits at offset 8 (16 in a BigTIFF), with these entries beside or instead of the usual ones.
+/// A TIFF of 8 x 8 px with 8 bits at offset 8 (16 in a BigTIFF). `other` entries are added to the usual ones, or
+/// replace them.
 fn tiff(is_big: bool, other: Entries<'_>, next: u64) -> Vec<u8> {
     let pixels_at = if is_big { 16 } else { 8 };
     let directory_at = pixels_at + 64;
@@ -294,7 +295,7 @@ fn tiff(is_big: bool, other: Entries<'_>, next: u64) -> Vec<u8> {
 }
 
 #[test]
-fn tiffs_that_are_bombs_are_refused() {
+fn tiff_bombs_are_refused() {
     for is_big in [false, true] {
         codec::decode(&tiff(is_big, &[], 0), &Limits::default()).expect("without a lie it is a picture");
         let square = [(256, 4, 1, 65_535), (257, 4, 1, 65_535), (278, 4, 1, 65_535)];
@@ -318,7 +319,7 @@ fn tiffs_that_are_bombs_are_refused() {
 }
 
 #[test]
-fn tiffs_that_lead_in_circles_or_say_much_beside_their_pixels_cost_no_more() {
+fn tiffs_with_circular_directories_or_large_metadata_cost_no_more() {
     for is_big in [false, true] {
         let directory = if is_big { 80 } else { 72 };
         let long = u64::from(u32::MAX) - 1;
@@ -338,7 +339,7 @@ fn tiffs_that_lead_in_circles_or_say_much_beside_their_pixels_cost_no_more() {
 }
 
 #[test]
-fn sound_pictures_are_decoded_in_the_memory_that_a_job_counts_on() {
+fn valid_pictures_are_decoded_within_the_memory_budget_of_a_job() {
     const SIDE: usize = 512;
     let deep = |channels: usize| {
         let samples = (0..SIDE * SIDE * channels).map(|i| (i * 9_973 % 65_521) as u16).collect();

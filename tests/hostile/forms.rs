@@ -1,4 +1,4 @@
-//! Forms that never make sense, and the memory that they take.
+//! Endless malformed forms, and the memory that they use.
 
 use axum::{
     body::{Body, Bytes},
@@ -12,16 +12,16 @@ use tower::ServiceExt;
 
 use crate::peak::peak_of;
 
-/// Pieces of a body, as large as the network gives them at the most.
+/// Size of the chunks of a body, the largest that the network delivers.
 const PIECE: usize = 400 << 10;
 /// 200 MB.
 const PIECES: usize = 500;
-/// What one request may hold at its peak: a chunk as it came, the copy of it that the parser has (which grows by
-/// doubling), and what a request takes anyway.
+/// Peak memory of one request, bytes: a chunk, the copy of the parser (which grows by doubling), and the base need of a
+/// request.
 const MOST: usize = 4 << 20;
 
 #[test]
-fn a_form_that_never_makes_sense_takes_little_memory_and_is_refused() {
+fn an_endless_malformed_form_is_refused_with_little_memory() {
     let data = tempfile::tempdir().expect("a folder");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let service = runtime.block_on(async {

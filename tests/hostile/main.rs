@@ -1,4 +1,4 @@
-//! Input that means harm, or looks as if it did: what the fuzzer found, and bombs of every kind that are known.
+//! Hostile input: the corpus that the fuzzer found, and known decompression bombs.
 
 mod bombs;
 mod forms;

@@ -1,4 +1,4 @@
-//! Files of slices that are far larger than their pictures: refused, or counted in the memory of the job.
+//! Slice files that are far larger than their pixels: refused, or included in the memory estimate of the job.
 
 use pinstack::{
     contract::{
@@ -20,7 +20,7 @@ use crate::{
 
 const MB: usize = 1 << 20;
 
-/// A PNG of 320 x 240 px with so many megabytes of zeros behind its end.
+/// A PNG of 320 x 240 px followed by `megabytes` of zeros.
 fn padded_png(name: &str, megabytes: usize) -> Member {
     deflated(name, |out| {
         out.write_all(&png(320, 240, 3)).expect("written");
@@ -28,7 +28,7 @@ fn padded_png(name: &str, megabytes: usize) -> Member {
     })
 }
 
-/// A JPEG with so many megabytes of comments between its scans.
+/// A JPEG with `megabytes` of comments between its scans.
 fn commented_jpeg(name: &str, megabytes: usize) -> Member {
     let sound = include_bytes!("../../science/src/imaging/codec/testdata/progressive.jpg");
     let last = sound.windows(2).rposition(|two| two == [0xFF, 0xDA]).expect("a scan");
@@ -44,7 +44,7 @@ fn open(members: &[Member]) -> Result<StackArchive, pinstack::contract::Fault> {
     archive::open_in_memory(zip(members), &ArchiveLimits::default()).map_err(pinstack::contract::Fault::from)
 }
 
-/// Bytes that a stack of these slices is said to need with one thread.
+/// The estimated memory of a stack of these slices with one thread, bytes.
 fn need(archive: &StackArchive, largest_file_bytes: u64) -> u64 {
     let mut layout = archive.layout().clone();
     layout.largest_file_bytes = largest_file_bytes;
@@ -65,7 +65,7 @@ fn need(archive: &StackArchive, largest_file_bytes: u64) -> u64 {
 }
 
 #[test]
-fn files_far_larger_than_their_picture_are_refused_by_name() {
+fn files_far_larger_than_their_pixels_are_refused_by_name() {
     let members = [padded_png("a.png", 1), padded_png("b.png", 400)];
     let packed: usize = members.iter().map(|member| member.data.len()).sum();
     assert!(packed < 2 * MB, "400 MB in {packed} bytes");
@@ -77,7 +77,7 @@ fn files_far_larger_than_their_picture_are_refused_by_name() {
 }
 
 #[test]
-fn what_a_file_holds_in_memory_is_counted() {
+fn the_memory_estimate_includes_the_files() {
     for member in [padded_png, commented_jpeg] {
         let archive =
             open(&[member("a", 60), member("b", 60)].map(|m| Member { name: m.name + ".jpg", ..m })).expect("sound");

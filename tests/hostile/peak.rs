@@ -1,4 +1,4 @@
-//! How much memory a piece of work holds at its peak, counted on the thread that does it.
+//! Measures the peak memory of a computation, counted on its thread by the allocator.
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},
@@ -52,7 +52,7 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// The outcome of `work` and the most bytes that it held at a time.
+/// The result of `work` and its peak memory, bytes.
 pub fn peak_of<T>(work: impl FnOnce() -> T) -> (T, usize) {
     let before = HELD.with(Cell::get);
     PEAK.with(|peak| peak.set(before));
@@ -61,7 +61,7 @@ pub fn peak_of<T>(work: impl FnOnce() -> T) -> (T, usize) {
 }
 
 #[test]
-fn the_peak_counts_what_was_held_and_given_back() {
+fn the_peak_includes_memory_that_was_freed() {
     let (kept, peak) = peak_of(|| {
         drop(vec![1_u8; 3 << 20]);
         vec![1_u8; 1 << 20]

@@ -1,4 +1,4 @@
-//! Every kept input, judged as the fuzzer judges it.
+//! Replays the corpus of the fuzzer with the same checks, on stable Rust.
 
 use std::{
     fs,
@@ -19,7 +19,7 @@ fn corpus(target: &Target) -> Vec<(String, Vec<u8>)> {
     inputs
 }
 
-/// Runs every input of a target and names those that it does not stand.
+/// Runs every input of a target and reports those that fail.
 fn replay(name: &str) {
     let target = TARGETS.iter().find(|target| target.name == name).expect("a target of this name");
     let inputs = corpus(target);
@@ -30,34 +30,33 @@ fn replay(name: &str) {
 }
 
 #[test]
-fn archives_that_were_found_are_withstood() {
+fn the_archive_corpus_passes() {
     replay("archive");
 }
 
 #[test]
-fn manifests_that_were_found_are_withstood() {
+fn the_manifest_corpus_passes() {
     replay("manifest");
 }
 
 #[test]
-fn headers_of_pictures_that_were_found_are_withstood() {
+fn the_picture_header_corpus_passes() {
     replay("header");
 }
 
 #[test]
-fn pictures_that_were_found_are_withstood() {
+fn the_picture_corpus_passes() {
     replay("decode");
 }
 
 #[test]
-fn warps_that_were_found_are_withstood() {
+fn the_warp_corpus_passes() {
     replay("warp");
 }
 
-/// Inputs made at random from the seeds: as many as take a second or two, or as many minutes as
-/// `PINSTACK_WARP_MINUTES` says.
+/// Random mutations of the seeds, for one or two seconds, or for `PINSTACK_WARP_MINUTES` minutes.
 #[test]
-fn random_warps_are_withstood() {
+fn random_warps_pass() {
     let target = TARGETS.iter().find(|target| target.name == "warp").expect("the target");
     let minutes: u64 = std::env::var("PINSTACK_WARP_MINUTES").ok().and_then(|m| m.parse().ok()).unwrap_or(0);
     let end = Instant::now() + Duration::from_secs(60 * minutes);
@@ -87,32 +86,32 @@ fn random_warps_are_withstood() {
 }
 
 #[test]
-fn profiles_that_were_found_are_withstood() {
+fn the_profile_corpus_passes() {
     replay("profile");
 }
 
 #[test]
-fn numpy_files_that_were_found_are_withstood() {
+fn the_numpy_corpus_passes() {
     replay("numpy");
 }
 
 #[test]
-fn options_that_were_found_are_withstood() {
+fn the_options_corpus_passes() {
     replay("options");
 }
 
 #[test]
-fn resumable_uploads_that_were_found_are_withstood() {
+fn the_resumable_upload_corpus_passes() {
     replay("tus");
 }
 
 #[test]
-fn forms_that_were_found_are_withstood() {
+fn the_form_corpus_passes() {
     replay("multipart");
 }
 
 #[test]
-fn sound_inputs_are_taken_so_that_the_others_are_refused_for_a_reason() {
+fn valid_seeds_are_accepted() {
     use pinstack_science::{archive, imaging::codec};
     for target in &TARGETS {
         for (name, bytes) in (target.seeds)() {

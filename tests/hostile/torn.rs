@@ -1,11 +1,11 @@
-//! JPEGs that were cut and closed again with an end marker: they look sound, and must not pass as whole.
+//! JPEGs that were truncated and closed with an end marker: well-formed, but not complete.
 
 use pinstack_science::imaging::{
     Raster, Samples,
     codec::{self, Format, ImageFault, Limits},
 };
 
-/// The same picture, coded in three ways by another program, and a larger one whose last scan refines.
+/// The same picture in three codings by another program, and a larger one whose last scan is a refinement.
 const CODED: [&[u8]; 4] = [
     include_bytes!("../../science/src/imaging/codec/testdata/baseline.jpg"),
     include_bytes!("../../science/src/imaging/codec/testdata/restart.jpg"),
@@ -19,14 +19,14 @@ fn closed(bytes: &[u8]) -> Vec<u8> {
     [bytes, &EOI].concat()
 }
 
-/// Largest difference of a sample.
+/// Maximum difference of a sample.
 fn difference(a: &Raster, b: &Raster) -> u8 {
     let (Samples::Eight(a), Samples::Eight(b)) = (&a.samples, &b.samples) else { panic!("JPEGs have 8 bits") };
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
 }
 
 #[test]
-fn jpegs_that_are_cut_and_closed_are_refused_or_lack_no_more_than_their_last_bits() {
+fn truncated_and_closed_jpegs_are_refused_or_lack_only_their_last_bits() {
     let limits = Limits::default();
     for bytes in CODED {
         let whole = codec::decode(bytes, &limits).expect("sound");
@@ -44,7 +44,7 @@ fn jpegs_that_are_cut_and_closed_are_refused_or_lack_no_more_than_their_last_bit
 }
 
 #[test]
-fn a_progressive_jpeg_that_lacks_its_last_scans_is_torn() {
+fn a_progressive_jpeg_without_its_last_scans_is_truncated() {
     for bytes in &CODED[2..] {
         let scans: Vec<usize> =
             bytes.windows(2).enumerate().filter(|(_, two)| *two == [0xFF, 0xDA]).map(|(at, _)| at).collect();

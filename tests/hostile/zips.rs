@@ -1,21 +1,21 @@
-//! Zips made byte by byte, so that they can lie about everything.
+//! Builds zips byte by byte, so that every field can be wrong.
 
 use std::io::Write;
 
-/// A member and what is said about it.
+/// A member and its declared fields.
 #[derive(Clone, Default)]
 pub struct Member {
     pub name: String,
-    /// As it lies in the file.
+    /// The bytes as stored.
     pub data: Vec<u8>,
     /// 0 stored, 8 deflated.
     pub method: u16,
     pub crc: u32,
-    /// Size unpacked, as declared.
+    /// Declared uncompressed size, bytes.
     pub size: u64,
-    /// Says these sizes in a zip64 field: unpacked and packed.
+    /// Sizes in a zip64 field: uncompressed and compressed, bytes.
     pub zip64: Option<(u64, u64)>,
-    /// Lies where this earlier member lies.
+    /// Has the offset of this earlier member.
     pub lies_at: Option<usize>,
 }
 
@@ -24,7 +24,7 @@ pub fn stored(name: &str, data: &[u8]) -> Member {
     Member { name: name.into(), data: data.to_vec(), crc: crc32(data), size: data.len() as u64, ..Member::default() }
 }
 
-/// A deflated member of what `write` writes.
+/// A deflated member with the data that `write` writes.
 pub fn deflated(name: &str, write: impl Fn(&mut dyn Write)) -> Member {
     // the zip crate deflates; its member is taken out of its zip
     let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
@@ -77,7 +77,7 @@ pub fn zip(members: &[Member]) -> Vec<u8> {
     out
 }
 
-/// What local and central header have in common.
+/// The fields common to the local and the central header.
 fn fields(member: &Member) -> Vec<u8> {
     let mut out = Vec::new();
     out.extend(20_u16.to_le_bytes());

@@ -1,4 +1,4 @@
-//! Zips, and the manifest in them.
+//! Zips and manifests.
 
 use pinstack::contract::Code;
 use pinstack_science::{
@@ -8,7 +8,7 @@ use pinstack_science::{
 
 use super::{limits, pictures::png, refused_with};
 
-/// What a zip may be refused with.
+/// Codes with which a zip may be refused.
 const REFUSALS: [Code; 6] = [
     Code::InvalidArchive,
     Code::UnsupportedArchive,
@@ -18,10 +18,10 @@ const REFUSALS: [Code; 6] = [
     Code::SliceCountMismatch,
 ];
 
-/// Most slices that are decoded of one zip.
+/// Maximum number of slices decoded per zip.
 const DECODED: usize = 4;
 
-/// A whole zip: directory, names, order, headers, members.
+/// A complete zip: directory, names, order, headers, members.
 pub fn archive(bytes: &[u8]) {
     match archive::open_in_memory(bytes.to_vec(), &limits()) {
         Ok(archive) => judge(&archive),
@@ -29,7 +29,7 @@ pub fn archive(bytes: &[u8]) {
     }
 }
 
-/// The manifest of a sound zip.
+/// The manifest of a valid zip.
 pub fn manifest(bytes: &[u8]) {
     let picture = || png(2, 2, 1);
     let names = ["front/a1.png", "front/a2.png", "back/b1.png", "back/b2.png"];

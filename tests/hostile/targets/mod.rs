@@ -1,7 +1,6 @@
-//! What is done with hostile bytes: one body per way into the service, with what must hold whatever the bytes are.
+//! Fuzz targets: one function per entry point of the service, with the properties that hold for any input.
 //!
-//! The fuzzer (`fuzz/`) calls these bodies with what it makes up, `cargo test` with what is kept (`replay.rs`): both
-//! judge alike, and on the same code.
+//! The fuzzer (`fuzz/`) calls these functions with generated inputs, `cargo test` with the stored corpus (`replay.rs`).
 
 pub mod archives;
 pub mod pictures;
@@ -18,19 +17,19 @@ use std::{
 use pinstack::contract::{Code, Fault};
 use pinstack_science::{archive::ArchiveLimits, imaging::codec};
 
-/// A way into the service.
+/// An entry point of the service.
 pub struct Target {
     /// Name of the target.
     pub name: &'static str,
     /// Folder of its corpus.
     pub corpus: &'static str,
-    /// What is done with the bytes; panics when something does not hold.
+    /// The check; panics when a property is violated.
     pub body: fn(&[u8]),
-    /// Inputs to begin with, by name.
+    /// Seeds by name.
     pub seeds: fn() -> Vec<(String, Vec<u8>)>,
 }
 
-/// Every way in.
+/// All targets.
 pub const TARGETS: [Target; 10] = [
     Target { name: "archive", corpus: "archive", body: archives::archive, seeds: seeds::archives },
     Target { name: "manifest", corpus: "manifest", body: archives::manifest, seeds: seeds::manifests },
@@ -44,7 +43,7 @@ pub const TARGETS: [Target; 10] = [
     Target { name: "multipart", corpus: "multipart", body: requests::multipart, seeds: seeds::forms },
 ];
 
-/// What the inputs may cost here: far less than the service allows, so that many can be tried.
+/// Limits far below those of the service, so that many inputs can be tried.
 pub fn limits() -> ArchiveLimits {
     ArchiveLimits {
         max_members: 40,
@@ -55,8 +54,8 @@ pub fn limits() -> ArchiveLimits {
     }
 }
 
-/// Runs a body on an input. A panic of our own code counts also where it is caught on the way: only decoders of other
-/// crates are allowed to give up on a picture like that.
+/// Runs a target on an input. A panic of this project fails the check even if it is caught on the way; only decoders of
+/// other crates may panic on a picture.
 pub fn run(body: fn(&[u8]), input: &[u8]) {
     watch_panics();
     body(input);
@@ -66,7 +65,7 @@ pub fn run(body: fn(&[u8]), input: &[u8]) {
 
 static OWN_PANIC: Mutex<Option<String>> = Mutex::new(None);
 
-/// Makes note of panics that come from this project and keeps silent about those of decoders, which are expected.
+/// Records panics of this project, and silences those of decoders, which are expected.
 pub fn watch_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -81,7 +80,7 @@ pub fn watch_panics() {
     });
 }
 
-/// A refusal must be the client's to understand: one of these codes, a sentence, and no name of our machine.
+/// Checks that a refusal is useful to the client: one of these codes, a message, and no path of this machine.
 fn refused_with(fault: &Fault, codes: &[Code]) {
     assert!(codes.contains(&fault.code), "{:?}: {}", fault.code, fault.detail);
     assert!(fault.detail.len() > 8 && fault.detail.len() < 20_000, "{} bytes of detail", fault.detail.len());

@@ -10,7 +10,7 @@ use pinstack_science::imaging::{
 
 use super::{limits, refused_with};
 
-/// The header, and everything a file says beside its pixels: what is taken over into results must be sound.
+/// The header and the metadata: what is copied into results must be valid.
 pub fn header(bytes: &[u8]) {
     match codec::probe(Cursor::new(bytes), &limits().image) {
         Ok(header) => judge(&header),
@@ -26,7 +26,7 @@ pub fn header(bytes: &[u8]) {
     assert_eq!(codec::decode(tiff.get_ref(), &limits().image).as_ref(), Ok(&picture));
 }
 
-/// The pixels: whatever is decoded is what the header says.
+/// The pixels: the decoded raster matches the header.
 pub fn decode(bytes: &[u8]) {
     let limits = limits().image;
     let header = codec::probe(Cursor::new(bytes), &limits);

@@ -1,4 +1,4 @@
-//! Profiles in every form in which they are sent, and options.
+//! Profiles in every upload format, and options.
 
 use axum::http::Uri;
 use pinstack::{
@@ -101,7 +101,7 @@ fn each_options(fields: &Fields) {
     }
 }
 
-/// A profile that was let in keeps its rules, can be kept in a row and shown.
+/// Checks that an accepted profile satisfies its rules, and can be stored and returned.
 fn sound(input: &ProfileInput) {
     input.check().expect("what was let in keeps the rules");
     survives(input);

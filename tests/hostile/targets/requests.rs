@@ -1,4 +1,4 @@
-//! Requests, through the whole service without a socket: forms and resumable uploads.
+//! Requests to the complete service, without a socket: forms and resumable uploads.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
@@ -22,10 +22,10 @@ use tower::ServiceExt;
 
 use super::limits;
 
-/// Stands between the requests of one input.
+/// Separator of the requests of one input.
 const NEXT: &[u8] = b"\n----\n";
 
-/// Most bytes of an upload.
+/// Maximum size of an upload, bytes.
 const MAX_UPLOAD: u64 = 1 << 20;
 
 /// A service without workers that has the profile `rig/lens` for two slices of 24 x 18 px.
@@ -35,7 +35,7 @@ struct Service {
     _data: TempDir,
 }
 
-/// What came back.
+/// A response.
 struct Answer {
     status: StatusCode,
     headers: HeaderMap,
@@ -70,7 +70,7 @@ impl Service {
         service
     }
 
-    /// Sends a request; what comes back must keep the contract of every answer.
+    /// Sends a request and checks the properties that every response has.
     fn send(&self, mut request: Request<Body>) -> Answer {
         request.headers_mut().entry(header::HOST).or_insert(HeaderValue::from_static("localhost"));
         let told = format!("{} {}", request.method(), request.uri());
@@ -93,14 +93,14 @@ impl Service {
         Answer { status, headers: parts.headers }
     }
 
-    /// Removes what an input made, so that a million of them leave no million rows.
+    /// Removes what an input created, so that rows do not accumulate.
     fn remove(&self, place: &str) {
         let delete = Request::delete(place).header("Tus-Resumable", "1.0.0");
         self.send(delete.body(Body::empty()).expect("a request"));
     }
 }
 
-/// Calls `with` with the one service of this process.
+/// Calls `with` with the service of this process.
 fn with_service(with: impl FnOnce(&Service)) {
     static SERVICE: OnceLock<Mutex<Service>> = OnceLock::new();
     let service = SERVICE.get_or_init(|| Mutex::new(Service::start()));
@@ -132,7 +132,7 @@ fn request(method: Method, uri: &str, usual: &[(&str, &str)], told: &[u8]) -> Op
     Some(request)
 }
 
-/// A body that arrives in several pieces, the first of one byte: boundaries fall between them.
+/// A body in several chunks, the first of one byte, so that boundaries are split.
 fn chunks(body: &[u8]) -> Body {
     let first = body.len().min(1);
     let chunks: Vec<Vec<u8>> = std::iter::once(&body[..first])
@@ -155,7 +155,7 @@ pub fn multipart(bytes: &[u8]) {
     });
 }
 
-/// The beginning of a resumable upload, and the piece after it: headers, an empty line, a body, each.
+/// The creation of a resumable upload and its next part; each has headers, an empty line and a body.
 pub fn tus(bytes: &[u8]) {
     let split = bytes.windows(NEXT.len()).position(|window| window == NEXT);
     let (first, second) = split.map_or((bytes, &[][..]), |at| (&bytes[..at], &bytes[at + NEXT.len()..]));

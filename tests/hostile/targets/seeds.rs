@@ -1,4 +1,4 @@
-//! Inputs to begin with: sound ones, from which the fuzzer goes on. The rest of the corpus lies in files.
+//! Seeds: valid inputs that the fuzzer mutates. The rest of the corpus is in files.
 
 use std::io::Cursor;
 

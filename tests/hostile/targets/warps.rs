@@ -1,4 +1,4 @@
-//! Resampling: the addresses that vector code reads come from homographies and sizes that clients send.
+//! Resampling: vector code reads addresses that depend on homographies and sizes from clients.
 
 use pinstack_science::{
     imaging::{Sample, warp::Warp},
@@ -8,17 +8,16 @@ use pinstack_science::{
 /// Longest side of slices and canvases, px.
 const MOST_SIDE: usize = 96;
 
-/// Bytes before the samples: nine numbers, a gain, four sides, and what the numbers and samples are.
+/// Size of the head, bytes: nine numbers, a gain, four sides, and flags for the type of the numbers and samples.
 const HEAD: usize = 10 * 8 + 4 + 1;
 
 /// Bits of the last byte of the head.
 const SIXTEEN_BITS: u8 = 1;
 const COLOUR: u8 = 2;
-/// The numbers are small changes of the identity, not the bits of floats.
+/// The numbers are small changes of the identity instead of float bits.
 const NEAR_IDENTITY: u8 = 4;
 
-/// A warp from bytes: whatever the homography, vector code gives the bits of the portable code, and pixels that are not
-/// covered are 0.
+/// A warp from bytes. For any homography, vector code gives the same bits as portable code, and uncovered pixels are 0.
 pub fn warp(bytes: &[u8]) {
     let Some((head, samples)) = bytes.split_at_checked(HEAD) else { return };
     let (numbers, rest) = head.split_at(80);
@@ -42,7 +41,7 @@ pub fn warp(bytes: &[u8]) {
     }
 }
 
-/// How much the elements of a homography change at most in the mode near the identity.
+/// Maximum change of the elements of a homography in the mode near the identity.
 const SPREAD: [f64; 9] = [1.0, 1.0, 64.0, 1.0, 1.0, 64.0, 0.02, 0.02, 0.0];
 
 fn number(bytes: [u8; 8], flags: u8) -> f64 {
@@ -71,7 +70,7 @@ fn compare<S: Sample>(warp: &Warp, given: &[u8], (width, height): (usize, usize)
     }
 }
 
-/// Warps as calibrations make them, and some that no camera makes.
+/// Typical warps of calibrations, and some that no camera produces.
 pub fn seeds() -> Vec<(String, Vec<u8>)> {
     let exact = |homography: [f64; 9], gain: f64, sides: [u8; 4], flags: u8| {
         let mut bytes: Vec<u8> = homography.iter().chain([&gain]).flat_map(|v| v.to_le_bytes()).collect();
