@@ -172,7 +172,7 @@ async fn hostile_numpy_files_are_refused_with_a_reason() {
 async fn parameters_for_matrices_are_required_and_checked() {
     let app = TestApp::start().await;
     let cases = [
-        (URL.to_owned(), "image_width is missing: matrices do not tell how large the slices are"),
+        (URL.to_owned(), "image_width is missing: matrices do not contain the size of the slices"),
         (format!("{SIZED}&widht=3"), "unknown parameter 'widht'"),
         (
             format!("{SIZED}&direction=back"),

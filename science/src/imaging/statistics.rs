@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn three_definitions_agree_on_the_upper_median() {
-        for count in 1..9_u8 {
+        for count in 1..9_u16 {
             let values: Vec<f64> = (0..count).map(|i| f64::from(i * 37 % 11)).collect();
             let of = |f: &dyn Fn(&mut [f64]) -> Option<f64>| f(&mut values.clone());
             let expected = of(&|values| median(values));

@@ -46,7 +46,7 @@ worker_test! {
         let deps = Deps { disk: DiskBudget::new(&small, 0), ..stage.deps.clone() };
         let _pool = Pool::start(deps, config(1));
         let (cancelled, waiting) = (stage.accept().await, stage.accept().await);
-        let waits = |job: &Job| job.state == JobState::Running && job.progress.stage.contains("room on the disk");
+        let waits = |job: &Job| job.state == JobState::Running && job.progress.stage.contains("disk space");
         stage.until(cancelled, waits).await;
         stage.deps.store.metadata.cancel(cancelled).await.unwrap();
         assert_eq!(stage.ended(cancelled).await.state, JobState::Cancelled);
@@ -67,7 +67,7 @@ worker_test! {
         let upload = deps.disk.reserve(500).await.unwrap().expect("an upload is first");
         let _pool = Pool::start(deps.clone(), config(1));
         let id = stage.accept().await;
-        stage.until(id, |job| job.progress.stage.contains("room on the disk")).await;
+        stage.until(id, |job| job.progress.stage.contains("disk space")).await;
         drop(upload);
         stage.order(Order::Report(0.5));
         stage.until(id, |job| job.progress.fraction == 0.5).await;
