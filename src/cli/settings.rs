@@ -39,6 +39,8 @@ macro_rules! settings {
         )* }
     ) => {
         /// The settings of a server.
+        // the help texts are for terminals, which show addresses as they are
+        #[allow(rustdoc::bare_urls)]
         #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields)]
         pub struct ServeConfig {

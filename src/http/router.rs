@@ -1,6 +1,6 @@
 //! Every URL of the service, and the layers around all of them.
 //!
-//! A new endpoint is a file with its handler and a line in [`routes`]. Its scopes follow from the path, by the table at
+//! A new endpoint is a file with its handler and a line in [`routes()`]. Its scopes follow from the path, by the table at
 //! [`super::auth::needs`]; a path outside that table needs the scope `admin`.
 
 use std::sync::LazyLock;
@@ -23,7 +23,7 @@ use super::{
     system, uploads,
 };
 
-/// The OpenAPI document of [`routes`], built at its first use.
+/// The OpenAPI document of [`routes()`], built at its first use.
 pub static DOCUMENT: LazyLock<system::openapi::Document> =
     LazyLock::new(|| system::openapi::Document::of(routes().into_openapi()));
 
