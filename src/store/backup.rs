@@ -18,9 +18,10 @@ use super::{
     BlobStore, Job, JobFilter, MetadataStore, PageRequest, Retention, SpoolFile, Store, StoreError, StoreResult,
     Workspace,
     blobs::LocalBlob,
-    data_folder::{DATABASE, open, open_database, remove_database, replace_database},
+    data_folder::{open, open_database, remove_database, replace_database},
     failpoint::step,
-    folder, gc,
+    folder::{self, DATABASE},
+    gc,
     local::{self, remove},
 };
 

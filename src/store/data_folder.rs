@@ -14,12 +14,10 @@ use std::{
 use super::{
     Clock, MetadataStore, Store, StoreResult, SystemClock,
     failpoint::step,
-    local::{self, remove, sync_folder},
+    folder::{DATABASE, sync_folder},
+    local::{self, remove},
     sqlite::SqliteMetadata,
 };
-
-/// Name of the database.
-pub const DATABASE: &str = "pinstack.sqlite";
 
 /// Opens the store in `data_dir`, creates what is missing, and migrates the schema.
 ///

@@ -1,13 +1,16 @@
 //! Folders and files of a store: durable, and private to the account that the service runs under.
 
 use std::{
-    fs::{self, DirBuilder, Permissions},
+    fs::{self, DirBuilder, File, Permissions},
     io,
     os::unix::fs::{DirBuilderExt, PermissionsExt},
     path::Path,
 };
 
-use super::{data_folder::DATABASE, failpoint::step, local::sync_folder};
+use super::failpoint::step;
+
+/// Name of the database of a store.
+pub const DATABASE: &str = "pinstack.sqlite";
 
 /// Mode of a folder of a store.
 pub const FOLDER: u32 = 0o700;
@@ -35,6 +38,12 @@ pub fn make(folder: &Path) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Makes the names in a folder durable.
+pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
+    step("folder.sync")?;
+    File::open(folder)?.sync_all()
 }
 
 /// Removes the permissions that `mode` does not allow. A missing file is ignored. The mode of a file of another account

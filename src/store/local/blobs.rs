@@ -16,11 +16,12 @@ use tokio::{
 };
 use tokio_util::io::ReaderStream;
 
-use super::{blocking, make_private, probe, remove, sync_folder};
+use super::{blocking, make_private, probe, remove};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
     blobs::{BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, UPLOADS, require_key, require_prefix},
     failpoint::step,
+    folder::sync_folder,
     workspace::disk_capacity,
 };
 

@@ -16,11 +16,7 @@ mod probe;
 pub use blobs::LocalBlobStore;
 pub use parts::LocalUploadParts;
 
-use std::{
-    fs::{self, File},
-    io,
-    path::Path,
-};
+use std::{fs, io, path::Path};
 
 use anyhow::Context;
 
@@ -39,7 +35,7 @@ fn open_folders(data_dir: &Path) -> io::Result<(LocalBlobStore, LocalUploadParts
     folder::make(data_dir)?;
     let parts = LocalUploadParts::open(data_dir)?;
     let root = LocalBlobStore::make_folders(data_dir)?;
-    sync_folder(data_dir)?;
+    folder::sync_folder(data_dir)?;
     let workspace = Workspace::open(data_dir)?;
     let blobs = LocalBlobStore::open(root, &workspace, parts.folder())?;
     Ok((blobs, parts, workspace))
@@ -64,12 +60,6 @@ pub(super) fn remove(path: &Path) -> io::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         other => other,
     }
-}
-
-/// Makes the names in a folder durable.
-pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
-    step("folder.sync")?;
-    File::open(folder)?.sync_all()
 }
 
 /// Runs blocking file work off the async threads.
