@@ -1,7 +1,7 @@
 //! Every URL of the service, and the layers around all of them.
 //!
-//! A new endpoint is a file with its handler and a line in [`routes()`]. Its scopes follow from the path, by the table at
-//! [`super::auth::needs`]; a path outside that table needs the scope `admin`.
+//! A new endpoint is a file with its handler and a line in [`routes()`]. Its scopes follow from the path, by the table
+//! at [`super::auth::needs`]; a path outside that table needs the scope `admin`.
 
 use std::sync::LazyLock;
 
