@@ -69,7 +69,7 @@ fn find(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
 /// Path and text of every file of the project with one of these extensions.
 fn files(project: &Path, extensions: &[&str]) -> Vec<(String, String)> {
     let mut paths = vec![project.join("README.md")];
-    for folder in ["docs", "science/src", "src", "tests", "benches", "openapi"] {
+    for folder in ["docs", "science/src", "src", "science/benches", "tests", "openapi"] {
         find(&project.join(folder), extensions, &mut paths);
     }
     paths

@@ -108,6 +108,8 @@ fn print_edges(arguments: &Arguments, files: &[PathBuf]) {
 }
 
 fn main() {
+    // paths in arguments are relative to the root of the project; cargo starts a bench in its crate
+    std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).expect("the root of the project");
     let arguments = arguments().unwrap_or_else(|why| {
         eprintln!("{why}");
         std::process::exit(2)
