@@ -1,18 +1,16 @@
 //! Findings: sentences about problems, each with the slices concerned and what to do.
 
 use super::gains::MAX_SIGMA;
+use super::grade::{Finding, GOOD};
 use super::lattice::Places;
 use super::rail_anomalies::RailAnomaly;
 use super::solve::Solution;
 use super::tracking::Tracked;
 use super::{camera, capture};
 use crate::imaging::Slices;
-use crate::types::Warning;
 use crate::types::profile::ProfileSlice;
-use crate::types::report::{CameraReport, CaptureReport};
+use crate::types::report::{CameraReport, CaptureReport, Grade};
 
-/// Largest uncertainty of the worst corner of a good calibration, px.
-pub(super) const GOOD: f64 = 0.3;
 /// Perspective (relative change of scale over the image) beyond which the centre of a disc's image differs from the
 /// image of its centre.
 const PERSPECTIVE: f64 = 1e-3;
@@ -49,39 +47,43 @@ fn list(slices: &dyn Slices, indices: &[usize]) -> String {
 }
 
 /// All findings, the most serious first.
-pub(super) fn findings(facts: &Facts) -> Vec<Warning> {
+pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
     let mut out = rail(facts);
     out.extend(light(facts));
     out.extend(dots(facts));
     out.extend(target(facts));
+    // stable: findings of the same weight keep their order
+    out.sort_by_key(|finding| std::cmp::Reverse(finding.allows));
     out
 }
 
 /// Findings about the rail and the rig.
-fn rail(facts: &Facts) -> Vec<Warning> {
+fn rail(facts: &Facts) -> Vec<Finding> {
     let name = |i: usize| facts.slices.name(i);
-    let mut out: Vec<Warning> = facts
+    let mut out: Vec<Finding> = facts
         .solution
         .anomalies
         .iter()
         .map(|event| match *event {
-            RailAnomaly::Missing { after } => Warning::new(
+            RailAnomaly::Missing { after } => Finding::remark(
                 "slice_missing",
                 format!("a slice seems to be missing between {} and {}: the step between them is twice the usual one; check the rail and the files", name(after), name(after + 1)),
             ),
-            RailAnomaly::Doubled { first } => Warning::new(
+            RailAnomaly::Doubled { first } => Finding::remark(
                 "slice_doubled",
                 format!("{} and {} were taken at the same rail position: remove one of them, or check whether the rail is stuck", name(first), name(first + 1)),
             ),
-            RailAnomaly::Backwards { after } => Warning::new(
+            RailAnomaly::Backwards { after } => Finding::limiting(
+                Grade::Usable,
                 "slices_out_of_order",
                 format!("the rail seems to move backwards between {} and {}: check that the files are in the order of capture", name(after), name(after + 1)),
             ),
-            RailAnomaly::Uneven { after, steps } => Warning::new(
+            RailAnomaly::Uneven { after, steps } => Finding::remark(
                 "uneven_step",
                 format!("the step between {} and {} is {steps:.2} times the usual one: check the rail for backlash or a missed step", name(after), name(after + 1)),
             ),
-            RailAnomaly::Bumped { from, by } => Warning::new(
+            RailAnomaly::Bumped { from, by } => Finding::limiting(
+                Grade::Usable,
                 "rig_bumped",
                 format!("the image jumps by {:.1} px between {} and {}: the rig was bumped; fix it and calibrate again", by[0].hypot(by[1]), name(from.saturating_sub(1)), name(from)),
             ),
@@ -92,10 +94,13 @@ fn rail(facts: &Facts) -> Vec<Warning> {
     {
         let detail =
             format!("capture_mode specifies {}, but the slices show {}", capture::name(given), capture::name(found));
-        out.push(Warning::new("capture_mode_disagrees", detail));
+        out.push(Finding::remark("capture_mode_disagrees", detail));
     }
     if camera::is_contradictory(facts.camera) {
-        out.push(Warning::new("principal_distance_disagrees", format!("principal distance {}", facts.camera.detail)));
+        out.push(Finding::remark(
+            "principal_distance_disagrees",
+            format!("principal distance {}", facts.camera.detail),
+        ));
     }
     out
 }
@@ -104,7 +109,7 @@ fn which(facts: &Facts, test: impl Fn(usize) -> bool) -> Vec<usize> {
     (0..facts.profile.len()).filter(|&i| test(i)).collect()
 }
 
-fn light(facts: &Facts) -> Vec<Warning> {
+fn light(facts: &Facts) -> Vec<Finding> {
     let mut out = Vec::new();
     let clipped = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.clipped > 0.05));
     if !clipped.is_empty() {
@@ -112,7 +117,7 @@ fn light(facts: &Facts) -> Vec<Warning> {
             "the white of the target is clipped in {}: their gains are unreliable; reduce the exposure",
             list(facts.slices, &clipped)
         );
-        out.push(Warning::new("clipped_white", detail));
+        out.push(Finding::remark("clipped_white", detail));
     }
     let sigma = |i: usize| facts.solution.slices[i].gain_sigma;
     let unsure = which(facts, |i| sigma(i) > MAX_SIGMA);
@@ -124,12 +129,12 @@ fn light(facts: &Facts) -> Vec<Warning> {
              images",
             list(facts.slices, &unsure)
         );
-        out.push(Warning::new("uncertain_gains", detail));
+        out.push(Finding::remark("uncertain_gains", detail));
     }
     out
 }
 
-fn dots(facts: &Facts) -> Vec<Warning> {
+fn dots(facts: &Facts) -> Vec<Finding> {
     let (profile, reference) = (facts.profile, facts.solution.reference);
     let mut out = Vec::new();
     let interpolated = which(facts, |i| profile[i].interpolated);
@@ -138,7 +143,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
             "too blurred to be measured, and therefore predicted from the other slices: {}",
             list(facts.slices, &interpolated)
         );
-        out.push(Warning::new("slice_interpolated", detail));
+        out.push(Finding::remark("slice_interpolated", detail));
     }
     let inverted = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.modulation < 0.0));
     if !inverted.is_empty() {
@@ -146,7 +151,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
             "blur has inverted the dots in {}: they were measured, but a target with more widely spaced dots is better",
             list(facts.slices, &inverted)
         );
-        out.push(Warning::new("dots_inverted", detail));
+        out.push(Finding::remark("dots_inverted", detail));
     }
     let unsure = which(facts, |i| !profile[i].interpolated && profile[i].corner_sigma_px.is_some_and(|s| s > GOOD));
     if !unsure.is_empty() {
@@ -155,7 +160,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
              dots",
             list(facts.slices, &unsure)
         );
-        out.push(Warning::new("uncertain_corners", detail));
+        out.push(Finding::remark("uncertain_corners", detail));
     }
     let lossy = which(facts, |i| match (profile[i].inliers, profile[i].dots_found) {
         (Some(inliers), Some(found)) if !profile[i].interpolated && i != reference => 4 * inliers < 3 * found,
@@ -167,7 +172,7 @@ fn dots(facts: &Facts) -> Vec<Warning> {
              and bending",
             list(facts.slices, &lossy)
         );
-        out.push(Warning::new("many_outliers", detail));
+        out.push(Finding::limiting(Grade::Usable, "many_outliers", detail));
     }
     let tilted = which(facts, |i| {
         let h = profile[i].homography.0;
@@ -180,13 +185,13 @@ fn dots(facts: &Facts) -> Vec<Warning> {
              not rotate",
             list(facts.slices, &tilted)
         );
-        out.push(Warning::new("perspective", detail));
+        out.push(Finding::remark("perspective", detail));
     }
     out
 }
 
 /// Findings about the target in the reference slice.
-fn target(facts: &Facts) -> Vec<Warning> {
+fn target(facts: &Facts) -> Vec<Finding> {
     let Some(base) = facts.tracked.detections[facts.solution.reference].as_ref() else { return Vec::new() };
     let mut out = Vec::new();
     let share = coverage(facts.tracked, facts.solution.reference);
@@ -195,7 +200,7 @@ fn target(facts: &Facts) -> Vec<Warning> {
             "the dots cover {:.0} % of the reference slice: the corners are extrapolated; use a larger target",
             100.0 * share
         );
-        out.push(Warning::new("small_target", detail));
+        out.push(Finding::remark("small_target", detail));
     }
     if let Some(stretch) = stretch(&base.places).filter(|s| *s > ASLANT) {
         let detail = format!(
@@ -203,14 +208,14 @@ fn target(facts: &Facts) -> Vec<Warning> {
             100.0 * (stretch - 1.0),
             (1.0 / stretch).acos().to_degrees()
         );
-        out.push(Warning::new("target_aslant", detail));
+        out.push(Finding::remark("target_aslant", detail));
     }
     if facts.blurs[facts.solution.reference].is_some_and(|b| b > 0.3) {
         let detail =
             "the target is blurred in the reference slice, on which all others depend: move the target to where \
                       the reference slice is in focus, or set reference_index to a sharper slice"
                 .to_owned();
-        out.push(Warning::new("blurred_reference", detail));
+        out.push(Finding::remark("blurred_reference", detail));
     }
     out
 }

@@ -12,7 +12,7 @@
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
 //! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
 //! | gains | `dot_photometry`, `gains` | compares the brightness of the target dot by dot |
-//! | report | `report`, `findings`, `capture`, `camera` | capture mode, camera, verdict, findings |
+//! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
 //! Each slice is decoded once and no pixels are kept, so memory does not grow with the number of slices. The method is
 //! described in `docs/METHOD.md`.
@@ -29,6 +29,7 @@ mod drift;
 mod findings;
 mod flat_field;
 mod gains;
+mod grade;
 mod inpainting;
 mod lattice;
 mod model_selection;

@@ -2,17 +2,18 @@
 
 use super::camera::{self, Known};
 use super::capture::{self, ScaleSample};
-use super::findings::{self, Facts, GOOD};
+use super::findings::{self, Facts};
 use super::flat_field::Polarity;
 use super::gains;
+use super::grade::{self, Finding};
 use super::solve::Solution;
 use super::tracking::Tracked;
 use super::{Calibration, Dot, DotUse};
 use crate::imaging::Slices;
-use crate::types::Homography;
 use crate::types::calibration_options::CalibrationOptions;
 use crate::types::profile::ProfileSlice;
 use crate::types::report::{CalibrationReport, DotReport, Grade, RailReport, SliceReport, TargetReport};
+use crate::types::{Homography, Warning};
 
 /// Most dots per slice that a report keeps.
 const MAX_DOTS: usize = 2000;
@@ -77,8 +78,9 @@ pub(super) fn report(
         capture: &capture,
         camera: &camera,
     };
-    let warnings = findings::findings(&facts);
-    let (grade, verdict) = verdict(&profile, &blurs, reference, pitch, options.target_pitch_mm);
+    let findings = findings::findings(&facts);
+    let (grade, verdict) = verdict(&profile, &findings, &blurs, reference, pitch, options.target_pitch_mm);
+    let warnings: Vec<Warning> = findings.into_iter().map(|finding| finding.warning).collect();
     let target = TargetReport {
         pitch_px: pitch,
         pitch_mm: options.target_pitch_mm,
@@ -213,6 +215,7 @@ fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
 
 fn verdict(
     profile: &[ProfileSlice],
+    findings: &[Finding],
     blurs: &[Option<f64>],
     reference: usize,
     pitch_px: f64,
@@ -222,10 +225,14 @@ fn verdict(
     let worst = others().filter_map(|s| s.corner_sigma_px).fold(0.0, f64::max);
     let rms = others().filter(|s| !s.interpolated).filter_map(|s| s.rms_px).fold(0.0, f64::max);
     let dots = profile.iter().filter(|s| !s.interpolated).filter_map(|s| s.inliers).min().unwrap_or(0);
-    let (grade, word) = match worst {
-        w if w <= GOOD => (Grade::Good, "Good"),
-        w if w <= 2.0 * GOOD => (Grade::Usable, "Usable"),
-        _ => (Grade::Poor, "Poor"),
+    let (grade, limit) = grade::grade(worst, findings);
+    let corners = match (grade, limit) {
+        (Grade::Good, _) => format!("the image corners are good to {worst:.2} px"),
+        (_, None) => format!("the image corners are uncertain by {worst:.2} px"),
+        // the finding says what is wrong, and the corners are only as good as what it doubts
+        (_, Some(finding)) => {
+            format!("see {}; apart from that the image corners are good to {worst:.2} px", finding.warning.code)
+        }
     };
     let predicted: Vec<usize> = profile.iter().filter(|s| s.interpolated).map(|s| s.index as usize).collect();
     let blur = blurs.iter().flatten().fold(0.0_f64, |m, b| m.max(*b));
@@ -249,8 +256,9 @@ fn verdict(
     let same = others().all(|s| s.homography.corner_distance(&Homography::IDENTITY, 1000, 1000) < 1e-3);
     let still = if same { "; all slices have the same geometry" } else { "" };
     let text = format!(
-        "{word}: the image corners are good to {worst:.2} px; dots fit to {rms:.3} px RMS or better, at least {dots} \
-         dots per slice, {tail}{still}"
+        "{}: {corners}; dots fit to {rms:.3} px RMS or better, at least {dots} \
+         dots per slice, {tail}{still}",
+        grade::word(grade)
     );
     (grade, text)
 }

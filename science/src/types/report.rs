@@ -41,15 +41,15 @@ pub struct CalibrationReport {
     pub slices: Vec<SliceReport>,
 }
 
-/// Quality of a calibration by its corner uncertainty.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Quality of a calibration by its corner uncertainty, limited by its findings. Ordered from the best to the worst.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// The worst image corner has a standard deviation of at most 0.3 px.
+    /// The worst image corner has a standard deviation of at most 0.3 px, and no finding makes it doubtful.
     Good,
-    /// The worst image corner has a standard deviation of at most 0.6 px.
+    /// The worst image corner has a standard deviation of at most 0.6 px, or a finding makes the result doubtful.
     Usable,
-    /// The worst image corner has a larger standard deviation.
+    /// The worst image corner has a larger standard deviation, or a finding shows that the result is wrong.
     Poor,
 }
 
