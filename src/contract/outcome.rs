@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use pinstack_science::types::{intrinsics::Intrinsics, metrics::Metrics, profile::ProfileSlice};
+use pinstack_science::types::{intrinsics::Intrinsics, metrics::Metrics, profile::ProfileSlice, report::Grade};
 
 /// A result file of a job. It becomes visible with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -56,10 +56,12 @@ pub struct StackOutcome {
 pub struct CalibrationOutcome {
     /// The files: one overlay per slice, and the report.
     pub artifacts: Vec<Artifact>,
-    /// Number of the profile revision that was stored.
-    pub profile_revision: u32,
+    /// Number of the profile revision that was stored; `None` when the option `keep` excluded it.
+    #[serde(default)]
+    pub profile_revision: Option<u32>,
     /// SHA-256 of its geometry and gains, hex.
-    pub profile_digest: String,
+    #[serde(default)]
+    pub profile_digest: Option<String>,
     /// SHA-256 of its camera data, hex; `None` in rows older than this member.
     #[serde(default)]
     pub profile_optics_digest: Option<String>,
@@ -73,6 +75,9 @@ pub struct CalibrationOutcome {
     pub magnification: Option<f64>,
     /// A one-sentence summary for the operator of the rig.
     pub verdict: String,
+    /// The verdict in one word; `None` in rows older than this member.
+    #[serde(default)]
+    pub grade: Option<Grade>,
 }
 
 /// The outcome of a job.

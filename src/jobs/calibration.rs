@@ -24,7 +24,7 @@ use pinstack_science::{
     archive::{self, ArchiveLimits},
     calibration::{self, Calibration},
     imaging::{Slices, codec::Metadata},
-    types::{Control, profile::ProfileInput},
+    types::{Control, Warning, calibration_options::Keep, profile::ProfileInput},
 };
 
 /// Stages of the measurement with their weights.
@@ -62,7 +62,8 @@ pub fn run(
     written.push(writer.json(artifact::REPORT, &measured.report)?);
     let (artifacts, files) = written.into_iter().unzip();
 
-    let draft = ProfileDraft {
+    let keep = request.options.keep;
+    let draft = keep.admits(measured.report.grade).then(|| ProfileDraft {
         input,
         source: ProfileSource::Calibration,
         calibration_id: Some(context.job.id),
@@ -70,22 +71,41 @@ pub fn run(
         slices: measured.slices.clone(),
         origin: None,
         warnings: Vec::new(),
-    };
+    });
     let mut warnings = archive.warnings().to_vec();
+    if draft.is_none() {
+        warnings.push(Warning::new("profile_not_kept", not_kept(keep)));
+    }
     warnings.extend(measured.warnings);
     let outcome = JobOutcome::Calibration(CalibrationOutcome {
         artifacts,
         // the store assigns these three
-        profile_revision: 0,
-        profile_digest: String::new(),
+        profile_revision: None,
+        profile_digest: None,
         profile_optics_digest: None,
         reference_index: u32::try_from(measured.reference_index).unwrap_or(u32::MAX),
         slices: measured.slices,
         dot_pitch_px: Some(measured.dot_pitch_px).filter(|pitch| pitch.is_finite()),
         magnification: measured.magnification,
         verdict: measured.verdict,
+        grade: Some(measured.report.grade),
     });
-    Ok(JobOutput { outcome, warnings, profile: Some(Box::new(draft)), files })
+    Ok(JobOutput { outcome, warnings, profile: draft.map(Box::new), files })
+}
+
+/// Why the profile has no new revision.
+fn not_kept(keep: Keep) -> &'static str {
+    match keep {
+        Keep::Always => "the calibration was not kept",
+        Keep::Usable => {
+            "the calibration is poor and keep=usable excludes it, so the profile has no new revision: correct what the \
+             report names and calibrate again, or send keep=always to store it"
+        }
+        Keep::Good => {
+            "the calibration is not good and keep=good excludes it, so the profile has no new revision: correct what the \
+             report names and calibrate again, or send keep=usable or keep=always to store it"
+        }
+    }
 }
 
 fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> ProfileInput {
@@ -132,9 +152,16 @@ mod tests {
     use super::*;
     use crate::{
         contract::{Code, request::JobRequest},
-        jobs::testkit::{Recorder, TestJob, front_zip, picture, rig, target_zip},
+        jobs::testkit::{Recorder, TestJob, front_zip, members, picture, rig, target_zip, zip},
     };
-    use pinstack_science::types::{Homography, calibration_options::CalibrationOptions, report::CalibrationReport};
+    use pinstack_science::{
+        synth::{DotTarget, target_stack},
+        types::{
+            Homography,
+            calibration_options::CalibrationOptions,
+            report::{CalibrationReport, Grade},
+        },
+    };
 
     fn run_with(job: &TestJob, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
         let JobRequest::Calibration(request) = &job.context.job.request else { panic!("a calibration") };
@@ -170,6 +197,27 @@ mod tests {
         );
         let reports = recorder.reports.into_inner().unwrap();
         assert_eq!(reports.last().map(|progress| progress.fraction), Some(1.0));
+    }
+
+    #[test]
+    fn a_calibration_below_the_grade_of_keep_makes_no_revision() {
+        // a tenth of the width: the corners are far outside
+        let mut target = DotTarget::for_rig(&rig(), 12);
+        target.columns = 5;
+        target.rows = 5;
+        let zip = zip(members("front", &target_stack(&rig(), &target)));
+        for (keep, kept) in [(Keep::Always, true), (Keep::Good, false)] {
+            let job = TestJob::calibration(&zip, CalibrationOptions { keep, ..CalibrationOptions::default() });
+            let output = run_with(&job, &Recorder::default()).expect("a result");
+            let JobOutcome::Calibration(outcome) = &output.outcome else { panic!("a calibration") };
+            assert_ne!(outcome.grade, Some(Grade::Good), "{}", outcome.verdict);
+            assert_eq!(output.profile.is_some(), kept);
+            assert_eq!(output.warnings.iter().any(|warning| warning.code == "profile_not_kept"), !kept);
+            assert!(outcome.artifacts.iter().any(|artifact| artifact.name == "report"));
+        }
+        let options = CalibrationOptions { keep: Keep::Good, ..CalibrationOptions::default() };
+        let good = run_with(&TestJob::calibration(&target_zip(), options), &Recorder::default()).expect("a result");
+        assert!(good.profile.is_some());
     }
 
     #[test]

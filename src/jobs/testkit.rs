@@ -66,7 +66,7 @@ pub(crate) fn png(picture: &Raster) -> Vec<u8> {
     out
 }
 
-fn members(folder: &str, slices: &[Raster]) -> Vec<(String, Vec<u8>)> {
+pub(crate) fn members(folder: &str, slices: &[Raster]) -> Vec<(String, Vec<u8>)> {
     slices.iter().enumerate().map(|(i, slice)| (format!("{folder}/img_{i}.png"), png(slice))).collect()
 }
 

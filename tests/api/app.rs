@@ -14,7 +14,7 @@ use pinstack::{
 };
 use pinstack_science::{
     imaging::{Raster, codec},
-    types::metrics::Metrics,
+    types::{metrics::Metrics, report::Grade},
 };
 use reqwest::{Client, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
@@ -142,14 +142,15 @@ impl TestApp {
                     self.artifact(job, "overlay-0", png(WIDTH, HEIGHT, 3, 1)).await,
                     self.artifact(job, "overlay-1", png(WIDTH, HEIGHT, 3, 2)).await,
                 ],
-                profile_revision: 1,
-                profile_digest: "0".repeat(64),
+                profile_revision: Some(1),
+                profile_digest: Some("0".repeat(64)),
                 profile_optics_digest: Some("1".repeat(64)),
                 reference_index: 1,
                 slices: Vec::new(),
                 dot_pitch_px: Some(12.5),
                 magnification: None,
                 verdict: "good".into(),
+                grade: Some(Grade::Good),
             }),
         };
         let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: None };

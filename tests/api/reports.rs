@@ -79,6 +79,44 @@ async fn kept(app: &TestApp, job: &Job, report: &CalibrationReport) -> Artifact 
     Artifact { name: "report".into(), key, media_type: "application/json".into(), bytes: bytes.len() as u64, sha256 }
 }
 
+/// The URL of a finished calibration that the option `keep` excluded.
+async fn not_kept(app: &TestApp) -> String {
+    let answer = app.post(&format!("{POST}?keep=good")).body(stack_zip(2, 0)).send().await.unwrap();
+    assert_eq!(answer.status(), StatusCode::ACCEPTED);
+    let url = answer.headers()["location"].to_str().unwrap().to_owned();
+    let job = app.claim().await;
+    let outcome = JobOutcome::Calibration(CalibrationOutcome {
+        artifacts: vec![kept(app, &job, &report(0.0)).await],
+        profile_revision: None,
+        profile_digest: None,
+        profile_optics_digest: None,
+        reference_index: 1,
+        slices: Vec::new(),
+        dot_pitch_px: None,
+        magnification: None,
+        verdict: "usable".into(),
+        grade: Some(Grade::Usable),
+    });
+    let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: None };
+    assert!(app.store.metadata.finish(job.id, job.lease_token, &finish).await.unwrap());
+    url
+}
+
+#[tokio::test]
+async fn a_calibration_that_is_not_kept_has_a_report_and_no_revision() {
+    let app = TestApp::start().await;
+    let url = not_kept(&app).await;
+    let shown: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
+    assert_eq!(shown["options"]["keep"], "good");
+    assert_eq!((&shown["result"]["profile_revision"], &shown["result"]["grade"]), (&Value::Null, &json!("usable")));
+    assert!(shown["links"].get("profile").is_none(), "{}", shown["links"]);
+    let page = app.get(&format!("{url}/report")).send().await.unwrap().text().await.unwrap();
+    assert!(page.contains("Not kept as a profile revision"));
+    problem(app.get("/v1/profiles/rig/lens?revision=2").send().await.unwrap(), 404, "profile_not_found").await;
+    let answer = app.post(&format!("{POST}?keep=best")).body(stack_zip(2, 0)).send().await.unwrap();
+    problem(answer, 400, "invalid_request").await;
+}
+
 /// The URL of a finished calibration whose profile has a shifted first slice.
 async fn calibrated(app: &TestApp, shift: f64) -> String {
     let answer = app.post(&format!("{POST}?note=after%20%3Cb%3Ecleaning")).body(stack_zip(2, 0)).send().await.unwrap();
@@ -105,14 +143,15 @@ async fn calibrated(app: &TestApp, shift: f64) -> String {
     };
     let outcome = JobOutcome::Calibration(CalibrationOutcome {
         artifacts: vec![kept(app, &job, &report(shift)).await],
-        profile_revision: 0,
-        profile_digest: String::new(),
+        profile_revision: None,
+        profile_digest: None,
         profile_optics_digest: None,
         reference_index: 1,
         slices,
         dot_pitch_px: Some(5.0),
         magnification: None,
         verdict: "good".into(),
+        grade: None,
     });
     let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: Some(Box::new(draft)) };
     assert!(app.store.metadata.finish(job.id, job.lease_token, &finish).await.unwrap());
@@ -143,7 +182,7 @@ async fn the_content_policy_of_the_report_page_allows_only_its_own_style() {
     let page = answer.text().await.unwrap();
     assert!(page.contains("The image corners are good to 0.10 px") && page.contains("Profile revision 1"));
     assert!(page.contains("href=\"overlay?slice=1\""), "links lie beside the page");
-    assert!(page.contains("There is no earlier revision"));
+    assert!(page.contains("There are no two revisions"));
     assert!(!page.contains("<script") && !page.contains("<b>"), "names and notes stay text");
     assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt;.png") && page.contains("after &lt;b&gt;cleaning"));
     // other responses keep the policy for data

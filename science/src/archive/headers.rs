@@ -54,6 +54,7 @@ pub(super) fn check(
     }
     refuse_turned(&found)?;
     let (width, height) = refuse_sizes(&found)?;
+    warn_of_times(&found, warnings);
     let largest = |of: fn(&Header) -> u8| found.iter().map(|f| of(&f.header)).max().unwrap_or_default();
     let (bit_depth, channels) = (largest(|h| h.bit_depth), largest(|h| h.channels));
     // the two lights may differ: grey is sufficient for a silhouette
@@ -66,6 +67,34 @@ pub(super) fn check(
     }
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
     Ok(Common { width, height, bit_depth, channels, orientation })
+}
+
+/// Warns when slices were not taken in the order in which they are used. Equal times are normal: EXIF times are whole
+/// seconds. A stack that was taken from its last slice to its first is in order.
+fn warn_of_times(found: &[Found<'_>], warnings: &mut Vec<Warning>) {
+    for light in [Light::Front, Light::Back] {
+        let of: Vec<&Found<'_>> = found.iter().filter(|f| f.light == light).collect();
+        let Some(times) = of.iter().map(|f| f.header.taken).collect::<Option<Vec<_>>>() else { continue };
+        let later = |ascending: bool| {
+            (1..times.len())
+                .filter(|&i| if ascending { times[i] > times[i - 1] } else { times[i] < times[i - 1] })
+                .count()
+        };
+        let (forward, backward) = (later(true), later(false));
+        if forward == 0 || backward == 0 {
+            continue;
+        }
+        let ascending = forward >= backward;
+        let odd = (1..times.len()).find(|&i| if ascending { times[i] < times[i - 1] } else { times[i] > times[i - 1] });
+        let Some(odd) = odd else { continue };
+        let (before, after) = (of[odd - 1].name, of[odd].name);
+        let (first, second) = if ascending { (after, before) } else { (before, after) };
+        let detail = format!(
+            "the slices were not taken in the order of their names: by its EXIF time {first} was taken before {second}; if \
+             the names are wrong, rename the files or list them in manifest.json"
+        );
+        warnings.push(Warning::new("order_contradicts_times", detail));
+    }
 }
 
 fn differ(found: &[Found<'_>], value: impl Fn(&Header) -> u8) -> bool {

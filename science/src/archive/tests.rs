@@ -56,6 +56,35 @@ fn opened(names: &[&str]) -> StackArchive {
     open_bytes(&zip(&pictures(names))).unwrap()
 }
 
+/// A picture with the EXIF time of capture `10:00:{second}`.
+fn taken_at(second: u8) -> Vec<u8> {
+    use exif::{Field, In, Tag, Value};
+    let text = format!("2026:05:01 10:00:{second:02}").into_bytes();
+    let field = Field { tag: Tag::DateTimeOriginal, ifd_num: In::PRIMARY, value: Value::Ascii(vec![text]) };
+    let mut writer = exif::experimental::Writer::new();
+    writer.push_field(&field);
+    let mut block = std::io::Cursor::new(Vec::new());
+    writer.write(&mut block, true).unwrap();
+    png_of(&raster(second), &Metadata { icc: None, exif: Some(block.into_inner()) })
+}
+
+#[test]
+fn slices_that_were_not_taken_in_their_order_are_reported() {
+    let times = |seconds: &[u8]| {
+        let name = |i: usize| format!("s{i}.png");
+        let entries: Vec<Entry> = (0..).zip(seconds).map(|(i, &second)| entry(&name(i), &taken_at(second))).collect();
+        open_bytes(&zip(&entries)).unwrap().warnings().to_vec()
+    };
+    for in_order in [&[1, 2, 3, 4][..], &[4, 3, 2, 1], &[1, 1, 2, 2], &[3, 3, 3]] {
+        assert_eq!(times(in_order), [], "{in_order:?}");
+    }
+    let found = times(&[1, 2, 4, 3, 5]);
+    assert_eq!((found.len(), found[0].code.as_str()), (1, "order_contradicts_times"));
+    assert!(found[0].detail.contains("s3.png was taken before s2.png"), "{}", found[0].detail);
+    let found = times(&[5, 4, 2, 3, 1]);
+    assert!(found[0].detail.contains("s2.png was taken before s3.png"), "{}", found[0].detail);
+}
+
 #[test]
 fn slices_come_in_natural_order_with_their_own_pixels() {
     let archive = opened(&["front/img_10.png", "front/img_2.png", "back/b10.png", "back/b9.png", "front/", "back/"]);

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::profile::CaptureMode;
+use super::report::Grade;
 
 /// Transform model of a calibration.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -26,6 +27,35 @@ impl ModelChoice {
     /// True for `auto`, the default.
     pub fn is_auto(&self) -> bool {
         *self == Self::Auto
+    }
+}
+
+/// The calibrations that become the current revision of their profile.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Keep {
+    /// All.
+    #[default]
+    Always,
+    /// Those whose grade is good or usable.
+    Usable,
+    /// Those whose grade is good.
+    Good,
+}
+
+impl Keep {
+    /// True for `always`, the default.
+    pub fn is_always(&self) -> bool {
+        *self == Self::Always
+    }
+
+    /// Whether a calibration of this grade becomes a revision of its profile.
+    pub fn admits(self, grade: Grade) -> bool {
+        match self {
+            Self::Always => true,
+            Self::Usable => grade <= Grade::Usable,
+            Self::Good => grade <= Grade::Good,
+        }
     }
 }
 
@@ -59,6 +89,10 @@ pub struct CalibrationOptions {
     /// because stacks of the old size would no longer fit the profile.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_new_size: bool,
+    /// Grade from which the calibration becomes the current revision of the profile; default `always`. Below it, the
+    /// calibration has its report but no revision, and the profile stays as it is.
+    #[serde(skip_serializing_if = "Keep::is_always")]
+    pub keep: Keep,
     /// Free text, stored in the profile.
     pub note: Option<String>,
 }

@@ -97,8 +97,8 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
     Ok(response)
 }
 
-/// The stored report of a calibration, and the number of the revision that it made.
-fn stored(job: &Job) -> ApiResult<(&Artifact, u32)> {
+/// The stored report of a calibration, and the number of the revision that it made, if it made one.
+fn stored(job: &Job) -> ApiResult<(&Artifact, Option<u32>)> {
     let outcome = outcome::of_calibration(job)?;
     let artifact = outcome.artifacts.iter().find(|artifact| artifact.name == REPORT);
     let missing = || {
@@ -117,13 +117,14 @@ async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
 }
 
 /// The drift from the previous revision to the one that the job made, even if that was deleted meanwhile.
-async fn drift_since_previous(app: &App, job: &Job, revision: u32) -> ApiResult<Option<Drift>> {
+async fn drift_since_previous(app: &App, job: &Job, revision: Option<u32>) -> ApiResult<Option<Drift>> {
+    let Some(revision) = revision else { return Ok(None) };
     let Some(own) = app.store.metadata.profile_of_job(&job.rig, &job.lens, revision).await? else { return Ok(None) };
     let before = drift::before(app, &job.rig, &job.lens, revision).await?;
     Ok(before.map(|before| drift::between(&before, &own)))
 }
 
-fn answer(form: Form, job: &Job, revision: u32, bytes: &[u8], drift: Option<Drift>) -> ApiResult<Response> {
+fn answer(form: Form, job: &Job, revision: Option<u32>, bytes: &[u8], drift: Option<Drift>) -> ApiResult<Response> {
     let report = serde_json::from_slice(bytes).map_err(ApiError::internal)?;
     if form == Form::Json {
         return Ok(Json(ReportView { report, drift }).into_response());

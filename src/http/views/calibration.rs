@@ -15,7 +15,7 @@ use crate::{
 use pinstack_science::types::{
     calibration_options::CalibrationOptions,
     profile::ProfileSlice,
-    report::{CalibrationReport, Drift},
+    report::{CalibrationReport, Drift, Grade},
     stack_layout::StackLayout,
 };
 
@@ -40,11 +40,12 @@ pub struct Calibration {
 /// What a calibration measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CalibrationResult {
-    /// Number of the profile revision that was stored.
-    pub profile_revision: u32,
-    /// SHA-256 of the geometry and gains of that revision, hex.
-    pub profile_digest: String,
-    /// SHA-256 of what that revision states about the camera, hex. Null for a calibration older than this member.
+    /// Number of the profile revision that was stored. Null when the option `keep` excluded the calibration.
+    pub profile_revision: Option<u32>,
+    /// SHA-256 of the geometry and gains of that revision, hex. Null without a revision.
+    pub profile_digest: Option<String>,
+    /// SHA-256 of what that revision states about the camera, hex. Null without a revision, and for a calibration older
+    /// than this member.
     pub profile_optics_digest: Option<String>,
     /// 0-based index of the reference slice.
     pub reference_index: u32,
@@ -56,6 +57,8 @@ pub struct CalibrationResult {
     pub magnification: Option<f64>,
     /// A one-sentence summary for the operator of the rig.
     pub verdict: String,
+    /// The verdict in one word. Null for a calibration older than this member.
+    pub grade: Option<Grade>,
 }
 
 /// The report of a calibration, as data.
@@ -79,7 +82,7 @@ pub struct CalibrationLinks {
     /// `POST` here to cancel it; absent once it has ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cancel: Option<String>,
-    /// The profile revision that it stored.
+    /// The profile revision that it stored, if it stored one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// The reference slice with the detected dots drawn in; `?slice=N` shows another slice.
@@ -117,11 +120,12 @@ impl Calibration {
             dot_pitch_px: o.dot_pitch_px,
             magnification: o.magnification,
             verdict: o.verdict.clone(),
+            grade: o.grade,
         });
         let links = CalibrationLinks {
             events: format!("{url}/events"),
             cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),
-            profile: outcome.map(|o| profile_url(job, o.profile_revision)),
+            profile: outcome.and_then(|o| Some(profile_url(job, o.profile_revision?))),
             overlay: outcome.map(|_| format!("{url}/overlay")),
             report: has_report.then(|| format!("{url}/report")),
             this: url,

@@ -186,14 +186,15 @@ pub fn stack_outcome() -> JobOutcome {
 pub fn calibration_outcome() -> JobOutcome {
     JobOutcome::Calibration(CalibrationOutcome {
         artifacts: vec![],
-        profile_revision: 0,
-        profile_digest: String::new(),
+        profile_revision: None,
+        profile_digest: None,
         profile_optics_digest: None,
         reference_index: 0,
         slices: vec![],
         dot_pitch_px: None,
         magnification: None,
         verdict: "good".into(),
+        grade: None,
     })
 }
 

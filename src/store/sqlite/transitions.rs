@@ -61,8 +61,8 @@ async fn write_finish(store: &SqliteMetadata, id: Uuid, lease_token: i64, finish
                     let (rig, lens) = (row::name(rig)?, row::name(lens)?);
                     let stored = profiles::insert(&mut tx, &rig, &lens, draft, now).await?;
                     if let JobOutcome::Calibration(calibration) = &mut outcome {
-                        calibration.profile_revision = stored.revision;
-                        calibration.profile_digest = stored.digest;
+                        calibration.profile_revision = Some(stored.revision);
+                        calibration.profile_digest = Some(stored.digest);
                         calibration.profile_optics_digest = Some(stored.optics_digest);
                     }
                 }

@@ -7,7 +7,7 @@ use std::io::Cursor;
 
 use exif::{Context, Field, In, Rational, SRational, Tag, Value, experimental::Writer};
 
-use super::orientation;
+use super::{CaptureTime, orientation};
 
 /// Tags of the main directory that describe the picture and not its storage.
 const DESCRIPTIVE: &[u16] = &[
@@ -154,6 +154,23 @@ pub(super) fn orientation(block: &[u8]) -> Option<u8> {
         Value::Short(values) => values.first().map(|&value| orientation::sane(u32::from(value))),
         _ => None,
     }
+}
+
+/// When the picture was taken: the tag `DateTimeOriginal`, `YYYY:MM:DD hh:mm:ss`. `None` without a valid one.
+pub(super) fn taken(block: &[u8]) -> Option<CaptureTime> {
+    let structure = Structure::of(block)?;
+    let primary = structure.entries(structure.long_at(4)?);
+    let exif = structure.child(&primary, Tag::ExifIFDPointer);
+    let found = exif.iter().find(|entry| entry.number == Tag::DateTimeOriginal.number())?;
+    let Value::Ascii(lines) = structure.value(found) else { return None };
+    let text = std::str::from_utf8(lines.first()?).ok()?;
+    let numbers: Vec<u64> = text.trim().split([':', ' ']).map(|part| part.parse().ok()).collect::<Option<_>>()?;
+    let [year, month, day, hour, minute, second] = numbers[..] else { return None };
+    // a camera whose clock is not set writes zeros
+    let valid = (1..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
+    let days = (year * 12 + month) * 31 + day;
+    (valid && hour < 24 && minute < 60 && second <= 60)
+        .then_some(CaptureTime(((days * 24 + hour) * 60 + minute) * 60 + second))
 }
 
 /// The fields of a block (or of a TIFF file) that remain valid in another file with the same pixels, each tag once, and

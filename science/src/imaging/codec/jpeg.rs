@@ -171,7 +171,8 @@ impl Head {
             (width, height) = (height, width);
         }
         limits.check(width, height)?;
-        Ok(Header { width, height, channels, bit_depth: 8, format: Format::Jpeg, orientation })
+        let taken = self.exif.as_deref().and_then(exif_block::taken);
+        Ok(Header { width, height, channels, bit_depth: 8, format: Format::Jpeg, orientation, taken })
     }
 
     fn orientation(&self) -> u8 {

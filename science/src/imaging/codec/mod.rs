@@ -64,7 +64,14 @@ pub struct Header {
     pub format: Format,
     /// EXIF orientation as stored, 1 to 8; 1 without a tag.
     pub orientation: u8,
+    /// When a JPEG or PNG was taken, by its EXIF data; `None` without that, and for TIFF.
+    pub taken: Option<CaptureTime>,
 }
+
+/// A point in time by the clock of a camera, s. It grows with time, and is comparable with others of the same camera;
+/// months count as 31 days.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct CaptureTime(pub u64);
 
 /// Maximum size of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -36,12 +36,13 @@ fn header(info: &Info<'_>, limits: &Limits) -> Result<Header, ImageFault> {
     };
     let bit_depth = if info.bit_depth == BitDepth::Sixteen { 16 } else { 8 };
     let orientation = info.exif_metadata.as_deref().and_then(exif_block::orientation).unwrap_or(1);
+    let taken = info.exif_metadata.as_deref().and_then(exif_block::taken);
     let (mut width, mut height) = (info.width, info.height);
     if orientation::swaps(orientation) {
         (width, height) = (height, width);
     }
     limits.check(width, height)?;
-    Ok(Header { width, height, channels, bit_depth, format: Format::Png, orientation })
+    Ok(Header { width, height, channels, bit_depth, format: Format::Png, orientation, taken })
 }
 
 pub(super) fn probe(reader: impl BufRead + Seek, limits: &Limits) -> Result<Header, ImageFault> {

@@ -141,6 +141,7 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
         bit_depth: channels.bits,
         format: Format::Tiff,
         orientation,
+        taken: None,
     };
     Ok(Opened { decoder, header, stored: channels.stored })
 }

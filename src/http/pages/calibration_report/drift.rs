@@ -13,9 +13,7 @@ use pinstack_science::{
 pub(super) fn section(report: &CalibrationReport, drift: Option<&Drift>) -> String {
     let head = "<section>\n<h2>Drift since the previous revision</h2>\n";
     let Some(drift) = drift else {
-        return format!(
-            "{head}<p>There is no earlier revision of this rig and lens to compare with.</p>\n</section>\n"
-        );
+        return format!("{head}<p>There are no two revisions of this rig and lens to compare.</p>\n</section>\n");
     };
     let detail = escape(&sentence(&drift.detail));
     if drift.worst_px.is_none() {

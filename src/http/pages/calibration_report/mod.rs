@@ -38,8 +38,8 @@ pub struct Subject<'a> {
     pub rig: &'a str,
     /// Name of the lens.
     pub lens: &'a str,
-    /// The profile revision that the calibration made.
-    pub revision: u32,
+    /// The profile revision that the calibration made; `None` when the option `keep` excluded it.
+    pub revision: Option<u32>,
     /// When it was measured, as text.
     pub measured: &'a str,
     /// The user's note.
@@ -49,7 +49,8 @@ pub struct Subject<'a> {
 /// The whole page. `drift` compares with the previous revision, if there is one. Links to the overlay pictures are
 /// relative (`overlay?slice=N`): the page is served beside them.
 pub fn page(subject: &Subject<'_>, report: &CalibrationReport, drift: Option<&Drift>) -> String {
-    let title = format!("Calibration of {} with {}, revision {}", subject.rig, subject.lens, subject.revision);
+    let revision = subject.revision.map_or_else(|| "not kept".to_owned(), |revision| format!("revision {revision}"));
+    let title = format!("Calibration of {} with {}, {revision}", subject.rig, subject.lens);
     let mut out = String::with_capacity(1 << 20);
     out.push_str("<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n");
     out.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
@@ -74,14 +75,16 @@ fn head(subject: &Subject<'_>, report: &CalibrationReport) -> String {
         Grade::Poor => ("poor", "✕", "Poor"),
     };
     let note = subject.note.map(|note| format!("<p class=\"note\">“{}”</p>", escape(note))).unwrap_or_default();
+    let revision = subject
+        .revision
+        .map_or_else(|| "Not kept as a profile revision".to_owned(), |revision| format!("Profile revision {revision}"));
     format!(
         "<header class=\"{class}\">\n<p class=\"over\">Calibration report</p>\n<h1><bdi>{}</bdi> with <bdi>{}</bdi></h1>\n\
-         <p class=\"sub\">Profile revision {} · {}</p>\n\
+         <p class=\"sub\">{revision} · {}</p>\n\
          <div class=\"verdict\"><span class=\"grade\"><span aria-hidden=\"true\">{sign}</span> {word}</span>\n<p>{}</p></div>\n{note}\
          </header>\n",
         escape(subject.rig),
         escape(subject.lens),
-        subject.revision,
         escape(subject.measured),
         escape(&without_grade(&report.verdict, word)),
     )

@@ -9,7 +9,7 @@ use pinstack_science::types::{
 const SUBJECT: Subject<'static> = Subject {
     rig: "bench",
     lens: "macro-65",
-    revision: 4,
+    revision: Some(4),
     measured: "2026-05-04 10:12 UTC",
     note: Some("after cleaning"),
 };
@@ -80,7 +80,7 @@ fn the_page_loads_nothing_and_runs_nothing() {
     }
     assert_eq!(count(&html, "<style>"), 1);
     assert!(html.contains(&format!("<style>{STYLE}</style>")), "the policy names the hash of exactly these bytes");
-    assert!(html.contains("no earlier revision"));
+    assert!(html.contains("no two revisions"));
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn names_and_sentences_are_escaped() {
     report.camera.detail = evil.into();
     let mut drift = testkit::drift(13, 0.1);
     drift.detail = evil.into();
-    let subject = Subject { rig: evil, lens: evil, revision: 1, measured: evil, note: Some(evil) };
+    let subject = Subject { rig: evil, lens: evil, revision: Some(1), measured: evil, note: Some(evil) };
     let html = page(&subject, &report, Some(&drift));
     check_tags(&html);
     assert!(!html.contains("<script") && !html.contains("<svg onload") && !html.contains("<b>"));
