@@ -6,8 +6,14 @@ use std::{
 };
 
 /// The modules of `science/src`, lowest layer first. A module may name only modules of the layers before its own.
-const SCIENCE: &[&[&str]] =
-    &[&["types"], &["imaging"], &["synth"], &["quality", "segmentation"], &["fusion", "calibration"], &["archive"]];
+const SCIENCE: &[&[&str]] = &[
+    &["types"],
+    &["imaging", "target"],
+    &["synth"],
+    &["quality", "segmentation"],
+    &["fusion", "calibration"],
+    &["archive"],
+];
 
 /// The modules of `src`, lowest layer first.
 const SERVICE: &[&[&str]] =

@@ -58,6 +58,7 @@
 #![warn(unreachable_pub)]
 
 pub mod imaging;
+pub mod target;
 pub mod types;
 
 pub mod calibration;

@@ -59,6 +59,8 @@ fn report(shift: f64) -> CalibrationReport {
             dots: 2,
             coverage: 0.5,
             magnification: None,
+            coded: false,
+            code: None,
         },
         model: HomographyModel::Homography,
         model_reason: "it was the only one".into(),

@@ -7,6 +7,7 @@
 //! |---|---|---|
 //! | detection | `detection`, `blobs`, `lattice` | finds the grid in the reference slice, or in another that shows it |
 //! | tracking | `tracking`, `coarse_registration` | follows the grid from slice to slice in both directions |
+//! | code | `code` | recognises a coded target, on which every dot is unique |
 //! | measurement | `phase`, `inpainting`, `radial_profile`, `flat_field` | measures each dot by the phase of the pattern |
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
@@ -22,6 +23,7 @@ mod blur;
 mod camera;
 mod capture;
 mod coarse_registration;
+mod code;
 mod detection;
 mod dlt;
 mod dot_photometry;

@@ -2,6 +2,7 @@
 
 use super::camera::{self, Known};
 use super::capture::{self, ScaleSample};
+use super::code;
 use super::findings::{self, Facts};
 use super::flat_field::Polarity;
 use super::gains;
@@ -90,6 +91,8 @@ pub(super) fn report(
         dots: profile.get(reference).and_then(|s| s.dots_found).unwrap_or(0),
         coverage: findings::coverage(tracked, reference),
         magnification,
+        coded: tracked.target.code.is_some(),
+        code: code::report(tracked, reference),
     };
     let slice_reports = (0..profile.len())
         .map(|i| slice_report(slices.name(i), &profile[i], &solution, tracked, blurs[i], i))

@@ -54,7 +54,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
         }
         loader.size = Some((slice.width, slice.height, index));
         if let Some((target, lattice)) = detection::detect_grid(&slice, control)?
-            && let Some(detection) = detection::measure_grid(&slice, target, &lattice, control)?
+            && let Some((target, detection)) = detection::measure_grid(&slice, target, &lattice, control)?
         {
             first = Some((index, target, detection));
             break;
@@ -70,6 +70,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let mut detections: Vec<Option<Detection>> = down.into_iter().rev().collect();
     detections.push(Some(detection));
     detections.extend(up);
+    same_orientation(slices, &detections, start)?;
     Ok(Tracked { width, height, target, detections })
 }
 
@@ -147,6 +148,9 @@ fn follow(
             };
             detected = detection::relocate_grid(&slice, target, &places, &open, control)?;
         }
+        if detected.is_none() {
+            detected = detection::detect_coded(&slice, target, &places, control)?;
+        }
         match &detected {
             Some(detection) => {
                 course.update(detection);
@@ -158,6 +162,29 @@ fn follow(
         tick();
     }
     Ok(all)
+}
+
+/// Checks that no slice is mirrored or turned against the slice `start`, in which the grid was found. Only the code of a
+/// coded target tells.
+fn same_orientation(slices: &dyn Slices, detections: &[Option<Detection>], start: usize) -> Result<(), Error> {
+    let is_turned = |(index, detection): (usize, &Option<Detection>)| Some((index, detection.as_ref()?.turned?));
+    let turned: Vec<(usize, bool)> = detections.iter().enumerate().filter_map(is_turned).collect();
+    let Some((first, is_mirrored)) = turned.first().copied() else { return Ok(()) };
+    let (how, advice) = if is_mirrored {
+        ("is mirrored", "take it without mirroring")
+    } else {
+        ("is turned by quarter turns", "give all slices the same orientation")
+    };
+    let others = match turned.len() - 1 {
+        0 => String::new(),
+        n => format!(" (and {n} other slices have another orientation)"),
+    };
+    let name = slices.name(first);
+    let detail = format!(
+        "{name} (slice {first}) {how} against {}, by the code of the target{others}: {advice}, or omit it",
+        slices.name(start)
+    );
+    Err(Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(first as u32)))
 }
 
 /// Loads slices and checks that they have one size.

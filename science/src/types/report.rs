@@ -72,6 +72,27 @@ pub struct TargetReport {
     pub coverage: f64,
     /// Image size over target size; null unless the pixel pitch and the target pitch were specified.
     pub magnification: Option<f64>,
+    /// True for a coded target, on which every dot is unique: then no error by a whole pitch is possible.
+    #[serde(default)]
+    pub coded: bool,
+    /// The part of the code in view; null for a target without a code.
+    #[serde(default)]
+    pub code: Option<CodeReport>,
+}
+
+/// The code of a coded target, as seen in the reference slice.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CodeReport {
+    /// Version of the code.
+    pub version: u32,
+    /// First and last column in view. The first is 0 to 255; the code repeats after 256 columns.
+    pub columns: [u32; 2],
+    /// First and last row in view. The first is 0 to 255; the code repeats after 256 rows.
+    pub rows: [u32; 2],
+    /// True when the slices show the target mirrored.
+    pub mirrored: bool,
+    /// Negative decadic logarithm of the probability that the code was recognised by chance.
+    pub certainty: f64,
 }
 
 /// Result of one transform model for the whole stack.

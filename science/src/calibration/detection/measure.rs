@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::windows::{dot_position, grid_steps, in_picture, selected_labels, windows_at};
 use super::{Detection, MAX_SHIFT, MeasuredDot};
 use crate::calibration::coarse_registration::SimilarityMotion;
+use crate::calibration::code::{CodePlace, SizeDifferences};
 use crate::calibration::dlt;
 use crate::calibration::dot_photometry;
 use crate::calibration::flat_field::{FlatField, Polarity};
@@ -26,12 +27,14 @@ const CLIPPED_SIGMA: f64 = 0.04;
 /// Rounds of flat field, inpainting and phase measurement.
 const ROUNDS: usize = 3;
 
-/// Measures all dots, starting from `places` (px of the working image), which are accurate to a tenth of the pitch.
+/// Measures all dots, starting from `places` (px of the working image), which are accurate to a tenth of the pitch. On a
+/// coded target, `code` is where the labels lie in the code.
 pub(super) fn measure(
     image: &WorkingImage,
     mut field: FlatField,
     mut places: Places,
     sign: f64,
+    code: Option<&CodePlace>,
     control: &dyn Control,
 ) -> Result<Option<Detection>, Cancelled> {
     let plane = &image.plane;
@@ -40,6 +43,11 @@ pub(super) fn measure(
         control.check()?;
         let pitch = lattice::pitch_of(&places);
         let contrast = field.contrast(plane);
+        let differences = code.and_then(|code| SizeDifferences::measure(&contrast, &places, pitch, code));
+        let contrast = match &differences {
+            Some(differences) => differences.equalised(contrast),
+            None => contrast,
+        };
         let mut inpainted = None;
         // the grid may extend beyond the dots known so far
         for _ in 0..if round == 0 { 6 } else { 2 } {
@@ -91,7 +99,9 @@ pub(super) fn measure(
             measured.insert(*label, (at, phase));
         }
         let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(image, p)).copied().collect();
-        let refined = field.refine(plane, &inpainted.rendered, &inpainted.ground, &near, 0.8 * pitch, 2 + round.min(2));
+        let restored = differences.map(|differences| differences.restored(&inpainted.rendered));
+        let rendered = restored.as_ref().unwrap_or(&inpainted.rendered);
+        let refined = field.refine(plane, rendered, &inpainted.ground, &near, 0.8 * pitch, 2 + round.min(2));
         last = Some((measured, inpainted, windows.len()));
         field = if round + 1 < ROUNDS { refined } else { field };
     }
@@ -177,6 +187,8 @@ fn detection(
         fill: 2.0 * inpainted.profile.half_width() / pitch,
         merged,
         density: density.min(1.0),
+        identity: None,
+        turned: None,
     })
 }
 

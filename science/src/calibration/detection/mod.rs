@@ -15,6 +15,7 @@ use windows::{dot_position, in_picture, selected_labels, windows_at};
 
 use super::blobs;
 use super::coarse_registration::{CoarseRegistration, RegisteredMotion, SimilarityMotion};
+use super::code::{self, Identification, Identity, RecognisedCode};
 use super::dlt;
 use super::dot_photometry::DotLight;
 use super::flat_field::{FlatField, Polarity};
@@ -61,6 +62,11 @@ pub(super) struct Detection {
     pub merged: bool,
     /// Measured dots over the dots that could have been measured. The lower it is, the less their windows overlap.
     pub density: f64,
+    /// What tells which dot is which, relative to the slice in which the grid was found; `None` when only tracking does.
+    pub identity: Option<Identity>,
+    /// True (mirrored) or false (turned by quarter turns) when the slice does not have the orientation of the slice in
+    /// which the grid was found.
+    pub turned: Option<bool>,
 }
 
 /// Properties of the target that are the same in all slices.
@@ -70,6 +76,8 @@ pub(super) struct Target {
     pub polarity: Polarity,
     /// Pixels per sample, along each axis, of the image in which dots are measured.
     pub bin: usize,
+    /// The code of a coded target, and where the labels lie in it.
+    pub code: Option<RecognisedCode>,
 }
 
 /// Prediction for a slice from the slices before it.
@@ -118,7 +126,7 @@ pub(super) fn detect_grid(slice: &Raster, control: &dyn Control) -> Result<Optio
     Ok(best.map(|(polarity, lattice)| {
         let places = lattice.places.iter().map(|(label, p)| (*label, image.to_slice(*p))).collect();
         let pitch = lattice.pitch * image.bin as f64;
-        let target = Target { polarity, bin: resolution((slice.width * slice.height) as f64, pitch) };
+        let target = Target { polarity, bin: resolution((slice.width * slice.height) as f64, pitch), code: None };
         (target, Lattice { places, pitch })
     }))
 }
@@ -154,20 +162,81 @@ fn resolution(pixels: f64, pitch: f64) -> usize {
     good.max(bounded).max(1.0) as usize
 }
 
-/// Measures the dots of a slice in which the grid was detected. `None` when fewer than 12 can be measured.
+/// Recognises the code of the target and measures the dots of a slice in which the grid was detected. The target is
+/// returned with its code. `None` when fewer than 12 dots can be measured.
 ///
 /// # Errors
 /// When the work is cancelled.
 pub(super) fn measure_grid(
     slice: &Raster,
-    target: Target,
+    mut target: Target,
     found: &Lattice,
     control: &dyn Control,
-) -> Result<Option<Detection>, Cancelled> {
+) -> Result<Option<(Target, Detection)>, Cancelled> {
     let image = WorkingImage::of(slice, target.bin);
     let places: Places = found.places.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
     let field = flat_field(&image, target, &places);
-    measure(&image, field, places, 1.0, control)
+    target.code = code::recognise(&field.contrast(&image.plane), &places);
+    let place = target.code.map(|code| code.place);
+    let Some(mut detection) = measure(&image, field, places, 1.0, place.as_ref(), control)? else { return Ok(None) };
+    detection.identity = target.code.map(|code| Identity { shift: [0; 2], certainty: code.certainty });
+    Ok(Some((target, detection)))
+}
+
+/// Detects the grid of a coded target in a slice without prediction, and measures its dots. `from` are the dots of a
+/// neighbouring slice, px. `None` when the grid or its code is not visible.
+///
+/// # Errors
+/// When the work is cancelled.
+pub(super) fn detect_coded(
+    slice: &Raster,
+    target: Target,
+    from: &Places,
+    control: &dyn Control,
+) -> Result<Option<Detection>, Cancelled> {
+    let Some(known) = target.code else { return Ok(None) };
+    let Some((found, lattice)) = detect_grid(slice, control)?.filter(|(found, _)| found.polarity == target.polarity)
+    else {
+        return Ok(None);
+    };
+    let image = WorkingImage::of(slice, target.bin);
+    let places: Places = lattice.places.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
+    let field = flat_field(&image, found, &places);
+    let Some(code) = code::recognise(&field.contrast(&image.plane), &places) else { return Ok(None) };
+    let places = code::relabelled(&places, &code.place, &known.place);
+    let Some(mut detection) = measure(&image, field, places, 1.0, Some(&known.place), control)? else {
+        return Ok(None);
+    };
+    detection.identity = Some(Identity { shift: [0; 2], certainty: code.certainty });
+    detection.turned = turned(grid_steps(from), grid_steps(&detection.places));
+    detection.motion = motion_between(from, &detection.places, slice_middle(slice));
+    Ok(Some(detection))
+}
+
+/// Whether a grid with steps `to` is mirrored (true) or turned by more than 45 degrees (false) against one with steps
+/// `from`; `None` when it has the same orientation.
+fn turned(from: [[f64; 2]; 2], to: [[f64; 2]; 2]) -> Option<bool> {
+    let area = |[u, v]: [[f64; 2]; 2]| u[0] * v[1] - u[1] * v[0];
+    let along = |k: usize| from[k][0] * to[k][0] + from[k][1] * to[k][1];
+    let across = from[0][0] * to[0][1] - from[0][1] * to[0][0];
+    let is_mirrored = area(from) * area(to) < 0.0;
+    (is_mirrored || along(0) < across.abs()).then_some(is_mirrored)
+}
+
+/// The motion from one slice to another by the dots that both show.
+fn motion_between(from: &Places, to: &Places, middle: [f64; 2]) -> SimilarityMotion {
+    let scale = lattice::pitch_of(to) / lattice::pitch_of(from).max(1e-9);
+    let shifts: Vec<[f64; 2]> = from
+        .iter()
+        .filter_map(|(label, p)| to.get(label).map(|q| [0, 1].map(|a| q[a] - middle[a] - scale * (p[a] - middle[a]))))
+        .collect();
+    let mean = |a: usize| shifts.iter().map(|s| s[a]).sum::<f64>() / shifts.len().max(1) as f64;
+    SimilarityMotion { scale, shift: [mean(0), mean(1)] }
+}
+
+/// The centre of the image, px.
+fn slice_middle(slice: &Raster) -> [f64; 2] {
+    [(slice.width as f64 - 1.0) / 2.0, (slice.height as f64 - 1.0) / 2.0]
 }
 
 /// Relocates the grid of a neighbouring slice in this one and measures its dots. `None` when it is not visible.
@@ -223,15 +292,29 @@ pub(super) fn relocate_grid(
     if 2 * shared.is_inlier.iter().filter(|a| **a).count() < pairs.len() {
         return Ok(None);
     }
-    let places = predicted.into_iter().map(|(label, p)| (label, shared.homography.apply(p))).collect();
-    let mut detection = measure(&image, field, places, sign, control)?;
+    let places: Places = predicted.into_iter().map(|(label, p)| (label, shared.homography.apply(p))).collect();
+    let place = target.code.map(|code| code.place);
+    let identification = place.map_or(Identification::Unreadable, |place| code::identify(&contrast, &places, &place));
+    let (places, identity, turned, is_corrected) = match identification {
+        Identification::Unreadable => (places, None, None, false),
+        Identification::Confirmed(identity) => (places, Some(identity), None, false),
+        Identification::Corrected(places, identity) => (places, Some(identity), None, true),
+        Identification::Turned(is_mirrored) => (places, None, Some(is_mirrored), false),
+    };
+    let mut detection = measure(&image, field, places, sign, place.as_ref().filter(|_| turned.is_none()), control)?;
     if let Some(detection) = &mut detection {
-        let slice_middle = [(slice.width as f64 - 1.0) / 2.0, (slice.height as f64 - 1.0) / 2.0];
+        (detection.identity, detection.turned) = (identity, turned);
+        let slice_middle = slice_middle(slice);
         let back = |p: [f64; 2]| image.to_slice(shared.homography.apply(motion.apply(middle, image.to_plane(p))));
         let goes = back(slice_middle);
-        detection.motion = SimilarityMotion {
-            scale: motion.scale * shared.homography.scale_at(middle),
-            shift: [goes[0] - slice_middle[0], goes[1] - slice_middle[1]],
+        detection.motion = if is_corrected {
+            let before = from.iter().map(|(label, p)| (*label, image.to_slice(*p))).collect();
+            motion_between(&before, &detection.places, slice_middle)
+        } else {
+            SimilarityMotion {
+                scale: motion.scale * shared.homography.scale_at(middle),
+                shift: [goes[0] - slice_middle[0], goes[1] - slice_middle[1]],
+            }
         };
     }
     Ok(detection)

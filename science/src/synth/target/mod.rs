@@ -47,6 +47,9 @@ pub struct DotTarget {
     /// middle of the grid stays at [`DotTarget::depth`]. With a moving lens a tilted plate has parallax: then
     /// `Rig::homography` is exact for the depth of its middle only.
     pub tilt_deg: [f64; 2],
+    /// Column and row of the code at the first dot: the dots are small or large ([`crate::target`]). `None`: all dots
+    /// have one size.
+    pub code: Option<[i64; 2]>,
     /// What is not as it should be.
     pub flaws: Flaws,
 }
@@ -72,6 +75,7 @@ impl DotTarget {
             asymmetric: false,
             missing: Vec::new(),
             tilt_deg: [0.0; 2],
+            code: None,
             flaws: Flaws::default(),
         }
     }

@@ -8,6 +8,7 @@ use crate::imaging::Raster;
 use crate::synth::noise::{between, fractal, key, uniform};
 use crate::synth::rig::Rig;
 use crate::synth::sensor::expose_as;
+use crate::target::dot_size;
 use crate::types::Homography;
 
 /// Second moment of a pixel, as that of a disc: its radius squared.
@@ -85,8 +86,10 @@ struct Grid<'a> {
     target: &'a DotTarget,
     printed: Vec<bool>,
     middle: [f64; 2],
-    /// Radius of a dot in pitches.
+    /// Radius of the largest dot in pitches.
     dot: f64,
+    /// Radius of each dot in pitches, on a coded target.
+    coded: Option<Vec<f64>>,
     /// Per dot the radius of its blur, the pixel's own included, px; one for all when the plate is parallel.
     blurs: Vec<f64>,
     largest: f64,
@@ -108,11 +111,18 @@ impl<'a> Grid<'a> {
             (0..target.columns * target.rows).map(blur_of).collect()
         };
         let (plate, mark) = if target.invert { (target.black, target.white) } else { (target.white, target.black) };
+        let dot = target.dot_diameter_mm / target.pitch_mm / 2.0;
+        let coded = target.code.map(|[column, row]| {
+            let at = |k: usize| [column + (k % target.columns) as i64, row + (k / target.columns) as i64];
+            let radius = |k| dot * dot_size(at(k)[0], at(k)[1]).factor();
+            (0..target.columns * target.rows).map(radius).collect::<Vec<f64>>()
+        });
         Self {
             target,
             printed: target.printed(),
             middle,
-            dot: target.dot_diameter_mm / target.pitch_mm / 2.0,
+            dot: coded.iter().flatten().copied().fold(dot, f64::max),
+            coded,
             largest: blurs.iter().copied().fold(0.0, f64::max),
             blurs,
             plate,
@@ -143,7 +153,8 @@ impl<'a> Grid<'a> {
                 let blur = self.blurs[if self.blurs.len() == 1 { 0 } else { dot }] * zoom;
                 let centre = target.place(c, r);
                 let distance = (column - centre[0]).hypot(line - centre[1]);
-                covered += overlap(self.dot, blur, distance) / (PI * blur * blur);
+                let radius = self.coded.as_ref().map_or(self.dot, |coded| coded[dot]);
+                covered += overlap(radius, blur, distance) / (PI * blur * blur);
             }
         }
         self.plate + (self.mark - self.plate) * covered

@@ -91,6 +91,8 @@ pub(super) fn report(count: usize) -> CalibrationReport {
             dots: 1728,
             coverage: 0.93,
             magnification: Some(0.288),
+            coded: false,
+            code: None,
         },
         model: HomographyModel::RailLinear,
         model_reason: "the rail law has the lowest expected error at the image corners".into(),
