@@ -6,7 +6,7 @@ use super::lattice::Places;
 use super::rail_anomalies::RailAnomaly;
 use super::solve::Solution;
 use super::tracking::Tracked;
-use super::{camera, capture};
+use super::{camera, capture, identity};
 use crate::imaging::Slices;
 use crate::types::profile::ProfileSlice;
 use crate::types::report::{CameraReport, CaptureReport, Grade};
@@ -36,7 +36,7 @@ pub(super) struct Facts<'a> {
 }
 
 /// Names of slices, at most five, as a phrase.
-fn list(slices: &dyn Slices, indices: &[usize]) -> String {
+pub(super) fn list(slices: &dyn Slices, indices: &[usize]) -> String {
     let mut names: Vec<&str> = indices.iter().take(5).map(|&i| slices.name(i)).collect();
     let more = indices.len().saturating_sub(5);
     let rest = format!("{more} more");
@@ -48,7 +48,8 @@ fn list(slices: &dyn Slices, indices: &[usize]) -> String {
 
 /// All findings, the most serious first.
 pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
-    let mut out = rail(facts);
+    let mut out = identity::findings::findings(facts);
+    out.extend(rail(facts));
     out.extend(light(facts));
     out.extend(dots(facts));
     out.extend(target(facts));

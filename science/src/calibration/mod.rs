@@ -8,6 +8,7 @@
 //! | detection | `detection`, `blobs`, `lattice` | finds the grid in the reference slice, or in another that shows it |
 //! | tracking | `tracking`, `coarse_registration` | follows the grid from slice to slice in both directions |
 //! | code | `code` | recognises a coded target, on which every dot is unique |
+//! | identity | `identity` | checks that the same label is the same dot in all slices, and corrects it |
 //! | measurement | `phase`, `inpainting`, `radial_profile`, `flat_field` | measures each dot by the phase of the pattern |
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
@@ -32,6 +33,7 @@ mod findings;
 mod flat_field;
 mod gains;
 mod grade;
+mod identity;
 mod inpainting;
 mod lattice;
 mod model_selection;

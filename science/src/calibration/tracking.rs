@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::coarse_registration::SimilarityMotion;
 use super::detection::{self, Detection, Expected, Target};
+use super::identity::{self, Labelling};
 use super::lattice::Places;
 use super::statistics::median;
 use crate::imaging::{Raster, Slices};
@@ -24,6 +25,8 @@ pub(super) struct Tracked {
     pub target: Target,
     /// Per slice its dots; `None` where the grid was not found.
     pub detections: Vec<Option<Detection>>,
+    /// Per slice whether its labels are certain.
+    pub labelling: Vec<Labelling>,
 }
 
 /// Most slices in which the grid is searched for, besides the reference.
@@ -71,7 +74,8 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     detections.push(Some(detection));
     detections.extend(up);
     same_orientation(slices, &detections, start)?;
-    Ok(Tracked { width, height, target, detections })
+    let labelling = identity::settle(&mut detections, start);
+    Ok(Tracked { width, height, target, detections, labelling })
 }
 
 /// The reference slice, then slices spread over the stack, from the middle outward.

@@ -9,6 +9,7 @@ use crate::calibration::code::{CodePlace, SizeDifferences};
 use crate::calibration::dlt;
 use crate::calibration::dot_photometry;
 use crate::calibration::flat_field::{FlatField, Polarity};
+use crate::calibration::identity::Fingerprint;
 use crate::calibration::inpainting::{self, InpaintedGrid};
 use crate::calibration::lattice::{self, Label, MIN_DOTS, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
@@ -102,12 +103,16 @@ pub(super) fn measure(
         let restored = differences.map(|differences| differences.restored(&inpainted.rendered));
         let rendered = restored.as_ref().unwrap_or(&inpainted.rendered);
         let refined = field.refine(plane, rendered, &inpainted.ground, &near, 0.8 * pitch, 2 + round.min(2));
-        last = Some((measured, inpainted, windows.len()));
+        last = Some((measured, inpainted, windows.len(), contrast));
         field = if round + 1 < ROUNDS { refined } else { field };
     }
-    Ok(last.and_then(|(measured, inpainted, windows)| {
+    Ok(last.and_then(|(measured, inpainted, windows, contrast)| {
         let counted = places.values().filter(|p| in_picture(image, p)).count().max(1);
-        detection(image, &field, &places, &measured, &inpainted, sign, windows as f64 / counted as f64)
+        let density = windows as f64 / counted as f64;
+        let mut detection = detection(image, &field, &places, &measured, &inpainted, sign, density)?;
+        drop(inpainted);
+        detection.fingerprint = Fingerprint::measure(image, &contrast, &places, lattice::pitch_of(&places));
+        Some(detection)
     }))
 }
 
@@ -189,6 +194,7 @@ fn detection(
         density: density.min(1.0),
         identity: None,
         turned: None,
+        fingerprint: None,
     })
 }
 

@@ -19,6 +19,7 @@ use super::code::{self, Identification, Identity, RecognisedCode};
 use super::dlt;
 use super::dot_photometry::DotLight;
 use super::flat_field::{FlatField, Polarity};
+use super::identity::Fingerprint;
 use super::lattice::{self, Label, Lattice, MIN_DOTS, Places};
 use super::phase;
 use super::robust;
@@ -41,7 +42,7 @@ pub(super) struct MeasuredDot {
     pub invalid: f64,
 }
 
-/// The dots of one slice. Contains no pixels.
+/// The dots of one slice. Of its pixels it keeps at most 0.5 MiB of samples, the fingerprint.
 #[derive(Debug, Clone)]
 pub(super) struct Detection {
     /// The dots that were measured.
@@ -67,6 +68,23 @@ pub(super) struct Detection {
     /// True (mirrored) or false (turned by quarter turns) when the slice does not have the orientation of the slice in
     /// which the grid was found.
     pub turned: Option<bool>,
+    /// What makes the cells of the grid differ; `None` when the grid is degenerate.
+    pub fingerprint: Option<Fingerprint>,
+}
+
+impl Detection {
+    /// Adds `shift` to all labels.
+    pub(super) fn relabel(&mut self, shift: Label) {
+        if shift == [0, 0] {
+            return;
+        }
+        let moved = |l: Label| [l[0] + shift[0], l[1] + shift[1]];
+        self.dots = std::mem::take(&mut self.dots).into_iter().map(|(l, d)| (moved(l), d)).collect();
+        self.places = std::mem::take(&mut self.places).into_iter().map(|(l, p)| (moved(l), p)).collect();
+        if let Some(print) = &mut self.fingerprint {
+            print.relabel(shift);
+        }
+    }
 }
 
 /// Properties of the target that are the same in all slices.

@@ -1,0 +1,281 @@
+//! The fingerprint of the grid in one slice: what makes its cells differ from each other.
+//!
+//! Input: the contrast image of a slice and the positions of its dots. Output: per cell of the grid (one dot and the
+//! ground around it), and per cell of the continued grid beyond the outermost dots, its deviation from the mean cell:
+//! missing dots, dirt, errors of print, the end of the grid, the table. The mean cell is removed because it is the same
+//! after any shift by whole steps.
+
+use super::super::dlt;
+use super::super::lattice::{Label, MIN_DOTS, Places};
+use super::super::statistics::median;
+use super::super::working_image::{WorkingImage, sample};
+use crate::imaging::Plane;
+use crate::types::Homography;
+
+/// Samples per cell along each axis.
+pub(super) const SIDE: usize = 4;
+/// Samples per cell.
+pub(super) const CELL: usize = SIDE * SIDE;
+/// Most cells of a fingerprint; at two bytes per sample 0.5 MiB. A larger grid is cut to its middle.
+const MAX_CELLS: usize = 16_384;
+/// Dots that the homography from labels to pixels is fitted to, at most.
+const MAX_PAIRS: usize = 400;
+/// Most points per sample along each axis.
+const MAX_POINTS: usize = 8;
+/// Deviations beyond this many times their RMS are cut: a single cell must not decide.
+const CUT: f64 = 4.0;
+/// Stored value of the RMS deviation.
+const UNIT: f64 = 4096.0;
+/// Strength of the pattern in a cell, relative to the mean cell, below which it shows no dot, and above which it does.
+const PRESENCE: [f64; 2] = [0.25, 0.6];
+/// Scatter of the strengths of known dots beyond which dots cannot be told from gaps (strong blur, noise).
+const MAX_SCATTER: f64 = 0.1;
+/// Largest share of full-scale pixels in a cell.
+const MAX_CLIPPED: f32 = 0.02;
+
+/// Marks samples outside the image.
+pub(super) const OUTSIDE: i16 = i16::MIN;
+/// Fewest samples of a cell that must be in the image.
+const MIN_INSIDE: usize = 8;
+
+/// What a cell shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Presence {
+    /// Not in the image, or at full scale.
+    Invalid,
+    /// No decision.
+    Unclear,
+    /// A dot.
+    Dot,
+    /// No dot.
+    Gap,
+}
+
+/// The fingerprint of a slice.
+#[derive(Debug, Clone)]
+pub(in super::super) struct Fingerprint {
+    /// Label of the first cell.
+    pub(super) origin: Label,
+    /// Cells per row.
+    pub(super) columns: usize,
+    /// Rows of cells.
+    pub(super) rows: usize,
+    /// Per cell what it shows, row by row.
+    pub(super) presence: Vec<Presence>,
+    /// Per cell [`CELL`] deviations from the mean cell, row by row; [`OUTSIDE`] where the image ends.
+    pub(super) samples: Vec<i16>,
+    /// Grid coordinates (labels) -> px of the slice.
+    pub(super) to_slice: Homography,
+    /// Dot pitch, px of the slice.
+    pub(super) pitch: f64,
+}
+
+impl Fingerprint {
+    /// Measures the fingerprint. `places` are px of the working image. `None` when the grid is degenerate.
+    pub(in super::super) fn measure(
+        image: &WorkingImage,
+        contrast: &Plane<f32>,
+        places: &Places,
+        pitch: f64,
+    ) -> Option<Self> {
+        let every = places.len().div_ceil(MAX_PAIRS).max(1);
+        let pairs = |to: &dyn Fn([f64; 2]) -> [f64; 2]| -> Vec<dlt::Pair> {
+            places.iter().step_by(every).map(|(l, p)| (l.map(f64::from), to(*p))).collect()
+        };
+        let grid = dlt::fit(&pairs(&|p| p))?;
+        let to_slice = dlt::fit(&pairs(&|p| image.to_slice(p)))?;
+        let (origin, columns, rows) = extent(&grid, contrast, places)?;
+        let count = columns * rows;
+        let label = |k: usize| [origin[0] + (k % columns) as i32, origin[1] + (k / columns) as i32];
+        let points = ((pitch / SIDE as f64 / 1.5).ceil() as usize).clamp(3, MAX_POINTS);
+        let cells: Vec<Option<Samples>> = (0..count)
+            .map(|k| {
+                let at = label(k);
+                let cell = Cell::new(&grid, at, places.get(&at).copied());
+                let clipped = image.full.as_ref().and_then(|full| cell.samples(full, points));
+                let is_clipped = clipped.is_some_and(|c| c.iter().flatten().any(|share| *share > MAX_CLIPPED));
+                (!is_clipped).then(|| cell.samples(contrast, points)).flatten()
+            })
+            .collect();
+        let known: Vec<usize> = (0..count).filter(|&k| cells[k].is_some() && places.contains_key(&label(k))).collect();
+        if known.len() < MIN_DOTS {
+            return None;
+        }
+        let pattern: [f64; CELL] = std::array::from_fn(|n| {
+            median(&mut known.iter().filter_map(|&k| cells[k].and_then(|c| c[n]).map(f64::from)).collect::<Vec<_>>())
+        });
+        let presence = presence(&cells, &pattern, &known);
+        let samples = deviations(&cells, &pattern, columns);
+        Some(Self { origin, columns, rows, presence, samples, to_slice, pitch: pitch * image.bin as f64 })
+    }
+
+    /// Number of the cell with this label; `None` beyond the fingerprint or where the cell is invalid.
+    pub(super) fn cell(&self, label: Label) -> Option<usize> {
+        let [x, y] = [0, 1].map(|a| usize::try_from(label[a] - self.origin[a]).ok());
+        let (x, y) = (x.filter(|x| *x < self.columns)?, y.filter(|y| *y < self.rows)?);
+        let k = y * self.columns + x;
+        (self.presence[k] != Presence::Invalid).then_some(k)
+    }
+
+    /// Labels and numbers of the valid cells.
+    pub(super) fn cells(&self) -> impl Iterator<Item = (Label, usize)> + '_ {
+        let label = |k: usize| [self.origin[0] + (k % self.columns) as i32, self.origin[1] + (k / self.columns) as i32];
+        (0..self.presence.len()).filter(|&k| self.presence[k] != Presence::Invalid).map(move |k| (label(k), k))
+    }
+
+    /// The deviations of cell `k`.
+    pub(super) fn deviations(&self, k: usize) -> &[i16] {
+        &self.samples[k * CELL..(k + 1) * CELL]
+    }
+
+    /// The deviation at grid coordinates `at`, interpolated; `None` beyond the valid cells.
+    pub(super) fn deviation_at(&self, at: [f64; 2]) -> Option<f64> {
+        // in samples from the first sample of the first cell
+        let [x, y] = [0, 1].map(|a| (at[a] - f64::from(self.origin[a]) + 0.5) * SIDE as f64 - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let value = |x: f64, y: f64| {
+            let label = [0, 1].map(|a| self.origin[a] + ([x, y][a] / SIDE as f64).floor() as i32);
+            let inside = [x, y].map(|v| v.rem_euclid(SIDE as f64) as usize);
+            let sample = self.samples[self.cell(label)? * CELL + inside[1] * SIDE + inside[0]];
+            (sample != OUTSIDE).then(|| f64::from(sample))
+        };
+        let (fx, fy) = (x - x0, y - y0);
+        let top = value(x0, y0)? * (1.0 - fx) + value(x0 + 1.0, y0)? * fx;
+        let bottom = value(x0, y0 + 1.0)? * (1.0 - fx) + value(x0 + 1.0, y0 + 1.0)? * fx;
+        Some(top * (1.0 - fy) + bottom * fy)
+    }
+
+    /// Adds `shift` to all labels.
+    pub(in super::super) fn relabel(&mut self, shift: Label) {
+        self.origin = [self.origin[0] + shift[0], self.origin[1] + shift[1]];
+        let [a, b, c, d, e, f, g, h, i] = self.to_slice.0;
+        let [x, y] = shift.map(f64::from);
+        // the old labels are the new ones minus the shift
+        let moved = [a, b, c - a * x - b * y, d, e, f - d * x - e * y, g, h, i - g * x - h * y];
+        self.to_slice = Homography(moved.map(|v| v / moved[8]));
+    }
+}
+
+/// First label, columns and rows of the cells that the image shows.
+fn extent(grid: &Homography, plane: &Plane<f32>, places: &Places) -> Option<(Label, usize, usize)> {
+    let known = |axis: usize| {
+        let (low, high) = places.keys().fold((i32::MAX, i32::MIN), |b, l| (b.0.min(l[axis]), b.1.max(l[axis])));
+        (low, high)
+    };
+    let back = grid.inverse()?;
+    let (right, bottom) = (plane.width as f64 - 1.0, plane.height as f64 - 1.0);
+    let corners = [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(|p| back.apply(p));
+    let mut ranges = [0, 1].map(|axis: usize| {
+        let (low, high) = known(axis);
+        let seen = corners.iter().fold((low, high), |b, p| {
+            // with strong perspective a corner may lie beyond the horizon
+            let at = p[axis].clamp(f64::from(low) - 64.0, f64::from(high) + 64.0);
+            if at.is_finite() { (b.0.min(at.floor() as i32), b.1.max(at.ceil() as i32)) } else { b }
+        });
+        [seen.0, seen.1]
+    });
+    let size = |r: [i32; 2]| (r[1] - r[0] + 1).max(1) as usize;
+    while size(ranges[0]) * size(ranges[1]) > MAX_CELLS {
+        let longer = usize::from(size(ranges[1]) > size(ranges[0]));
+        ranges[longer] = [ranges[longer][0] + 1, ranges[longer][1] - 1];
+    }
+    Some(([ranges[0][0], ranges[1][0]], size(ranges[0]), size(ranges[1])))
+}
+
+/// The samples of a cell; `None` outside the image.
+type Samples = [Option<f32>; CELL];
+
+/// One cell: its centre and the two grid steps there, px.
+struct Cell {
+    at: [f64; 2],
+    steps: [[f64; 2]; 2],
+}
+
+impl Cell {
+    /// The cell at `label` of the `grid`, centred on the measured position where there is one.
+    fn new(grid: &Homography, label: Label, measured: Option<[f64; 2]>) -> Self {
+        let to = |dx: f64, dy: f64| grid.apply([f64::from(label[0]) + dx, f64::from(label[1]) + dy]);
+        let step = |a: [f64; 2], b: [f64; 2]| [a[0] - b[0], a[1] - b[1]];
+        let steps = [step(to(0.5, 0.0), to(-0.5, 0.0)), step(to(0.0, 0.5), to(0.0, -0.5))];
+        Self { at: measured.unwrap_or_else(|| to(0.0, 0.0)), steps }
+    }
+
+    /// Mean over the points of sample `n`, with `points` points along each axis; `None` when one is outside.
+    fn sample(&self, plane: &Plane<f32>, n: usize, points: usize) -> Option<f32> {
+        let mut sum = 0.0_f32;
+        for q in 0..points * points {
+            let along = |k: usize, q: usize| (k as f64 + (q as f64 + 0.5) / points as f64) / SIDE as f64 - 0.5;
+            let (u, v) = (along(n % SIDE, q % points), along(n / SIDE, q / points));
+            sum += sample(plane, [0, 1].map(|a| self.at[a] + u * self.steps[0][a] + v * self.steps[1][a]))?;
+        }
+        Some(sum / (points * points) as f32)
+    }
+
+    /// `None` when too much of the cell is outside.
+    fn samples(&self, plane: &Plane<f32>, points: usize) -> Option<Samples> {
+        let near = |v: f64, size: usize| v > -1e6 && v < size as f64 + 1e6;
+        if !near(self.at[0], plane.width) || !near(self.at[1], plane.height) {
+            return None;
+        }
+        let out: Samples = std::array::from_fn(|n| self.sample(plane, n, points).filter(|v| v.is_finite()));
+        (out.iter().flatten().count() >= MIN_INSIDE).then_some(out)
+    }
+}
+
+/// Regression coefficient of the samples on the mean cell, with a free offset; `None` when the samples in the image do
+/// not determine it.
+fn strength(cell: &Samples, pattern: &[f64; CELL]) -> Option<f64> {
+    let inside = || cell.iter().zip(pattern).filter_map(|(v, p)| v.map(|v| (f64::from(v), *p)));
+    let n = inside().count() as f64;
+    let (v, p) = inside().fold((0.0, 0.0), |s, (v, p)| (s.0 + v / n, s.1 + p / n));
+    let (both, energy) = inside().fold((0.0, 0.0), |s, x| (s.0 + (x.0 - v) * (x.1 - p), s.1 + (x.1 - p).powi(2)));
+    let mean = pattern.iter().sum::<f64>() / CELL as f64;
+    let whole = pattern.iter().map(|p| (p - mean).powi(2)).sum::<f64>();
+    (energy > 0.4 * whole && whole > 1e-12).then(|| both / energy)
+}
+
+/// What each cell shows, by its strength.
+fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -> Vec<Presence> {
+    let of = |k: usize| cells[k].as_ref().and_then(|c| strength(c, pattern));
+    let mut off: Vec<f64> = known.iter().filter_map(|&k| of(k)).map(|s| (s - 1.0).abs()).collect();
+    let clear = 1.4826 * median(&mut off) < MAX_SCATTER;
+    let shown = |k: usize| match of(k) {
+        _ if cells[k].is_none() => Presence::Invalid,
+        Some(strength) if clear && strength < PRESENCE[0] => Presence::Gap,
+        Some(strength) if clear && strength > PRESENCE[1] => Presence::Dot,
+        _ => Presence::Unclear,
+    };
+    (0..cells.len()).map(shown).collect()
+}
+
+/// Deviations from the mean cell, without what varies slowly from cell to cell (light), in units of their RMS.
+fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) -> Vec<i16> {
+    let off =
+        |cell: &Samples| -> [Option<f64>; CELL] { std::array::from_fn(|n| cell[n].map(|v| f64::from(v) - pattern[n])) };
+    let level = |cell: &Samples| {
+        let (sum, count) = off(cell).iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v, s.1 + 1.0_f64));
+        sum / count.max(1.0)
+    };
+    let levels: Vec<Option<f64>> = cells.iter().map(|c| c.as_ref().map(level)).collect();
+    let (columns, rows) = (columns as i32, (cells.len() / columns) as i32);
+    let around = |k: usize| {
+        let [x, y] = [k as i32 % columns, k as i32 / columns];
+        let near = (-2..=2).flat_map(|j| (-2..=2).map(move |i| [x + i, y + j]));
+        let inside = near.filter(|[x, y]| (0..columns).contains(x) && (0..rows).contains(y));
+        let (sum, count) = inside
+            .filter_map(|[x, y]| levels[(y * columns + x) as usize])
+            .fold((0.0, 0.0), |(sum, count), level| (sum + level, count + 1.0_f64));
+        sum / count.max(1.0)
+    };
+    let mut out: Vec<Option<f64>> = vec![None; cells.len() * CELL];
+    for (k, cell) in cells.iter().enumerate() {
+        let Some(cell) = cell else { continue };
+        let ground = around(k);
+        for (out, v) in out[k * CELL..].iter_mut().zip(off(cell)) {
+            *out = v.map(|v| v - ground);
+        }
+    }
+    let (sum, count) = out.iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v * v, s.1 + 1.0_f64));
+    let rms = (sum / count.max(1.0)).sqrt().max(1e-9);
+    out.iter().map(|v| v.map_or(OUTSIDE, |v| ((v / rms).clamp(-CUT, CUT) * UNIT) as i16)).collect()
+}
