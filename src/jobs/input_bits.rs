@@ -58,7 +58,11 @@ impl Slices for FullScaleSlices<'_> {
     }
 
     fn load(&self, index: usize) -> Result<Raster, Error> {
-        let mut raster = self.slices.load(index)?;
+        self.load_into(index, Vec::new())
+    }
+
+    fn load_into(&self, index: usize, buffer: Vec<u8>) -> Result<Raster, Error> {
+        let mut raster = self.slices.load_into(index, buffer)?;
         if let Samples::Sixteen(samples) = &mut raster.samples {
             let brightest = u32::from(samples.iter().copied().max().unwrap_or(0));
             self.brightest.fetch_max(brightest, Ordering::Relaxed);

@@ -76,9 +76,14 @@ impl Slices for ArchivedSlices {
     }
 
     fn load(&self, index: usize) -> Result<Raster, Error> {
+        self.load_into(index, Vec::new())
+    }
+
+    fn load_into(&self, index: usize, buffer: Vec<u8>) -> Result<Raster, Error> {
         let bytes = self.bytes(index)?;
         let name = self.name(index);
-        let raster = codec::decode(&bytes, &self.limits.image).map_err(|fault| fault.in_file(name, slice(index)))?;
+        let decoded = codec::decode_into(&bytes, &self.limits.image, buffer);
+        let raster = decoded.map_err(|fault| fault.in_file(name, slice(index)))?;
         let size = (raster.width, raster.height);
         if self.size.is_some_and(|expected| expected != size) {
             let detail =

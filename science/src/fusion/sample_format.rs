@@ -38,6 +38,8 @@ pub(super) struct FormattedSlices<'a> {
     height: usize,
     format: SampleFormat,
     first: Mutex<Option<Raster>>,
+    /// Memory of decoded slices that are no longer needed, for the next ones.
+    spare: Mutex<Vec<Vec<u8>>>,
 }
 
 impl<'a> FormattedSlices<'a> {
@@ -48,7 +50,19 @@ impl<'a> FormattedSlices<'a> {
     pub(super) fn open(slices: &'a dyn Slices, width: usize, height: usize) -> Result<Self, Error> {
         let first = slices.load(0)?;
         let format = SampleFormat::of(&first).map_err(|error| error.in_file(slices.name(0), Some(0)))?;
-        Ok(Self { slices, width, height, format, first: Mutex::new(Some(first)) })
+        Ok(Self { slices, width, height, format, first: Mutex::new(Some(first)), spare: Mutex::default() })
+    }
+
+    /// Takes the samples of a slice back, so that the next slice can be decoded into their memory.
+    pub(super) fn recycle<S: Sample>(&self, samples: Vec<S>) {
+        if let Samples::Eight(samples) = S::wrap(samples) {
+            locked(&self.spare).push(samples);
+        }
+    }
+
+    /// Frees the memory of recycled slices.
+    pub(super) fn free_memory(&self) {
+        locked(&self.spare).clear();
     }
 
     pub(super) fn format(&self) -> SampleFormat {
@@ -74,7 +88,10 @@ impl<'a> FormattedSlices<'a> {
         let decoded = if slice == 0 { locked(&self.first).take() } else { None };
         let raster = match decoded {
             Some(raster) => raster,
-            None => self.slices.load(slice)?,
+            None => {
+                let buffer = locked(&self.spare).pop().unwrap_or_default();
+                self.slices.load_into(slice, buffer)?
+            }
         };
         let name = self.slices.name(slice);
         let located = |error: Error| error.in_file(name, Some(slice as u32));

@@ -17,6 +17,16 @@ pub trait Slices: Sync {
     /// # Errors
     /// An error that names the file when it cannot be read or decoded.
     fn load(&self, index: usize) -> Result<Raster, Error>;
+
+    /// The same as [`Slices::load`]. The 8-bit samples of the raster may be in the memory of `buffer`, whose contents
+    /// are lost: fresh memory for a large picture costs a sixth of decoding it.
+    ///
+    /// # Errors
+    /// As [`Slices::load`].
+    fn load_into(&self, index: usize, buffer: Vec<u8>) -> Result<Raster, Error> {
+        drop(buffer);
+        self.load(index)
+    }
 }
 
 /// Slices in memory.
@@ -46,5 +56,9 @@ impl<T: Slices + ?Sized> Slices for &T {
 
     fn load(&self, index: usize) -> Result<Raster, Error> {
         (**self).load(index)
+    }
+
+    fn load_into(&self, index: usize, buffer: Vec<u8>) -> Result<Raster, Error> {
+        (**self).load_into(index, buffer)
     }
 }

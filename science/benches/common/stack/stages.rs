@@ -76,12 +76,14 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
                     Samples::Eight(samples) => {
                         eights = watch
                             .time(|| warp(i).resample_cancellable(samples, 3, eights, going_on))
-                            .expect("not cancelled");
+                            .expect("not cancelled")
+                            .0;
                     }
                     Samples::Sixteen(samples) => {
                         sixteens = watch
                             .time(|| warp(i).resample_cancellable(samples, 3, sixteens, going_on))
-                            .expect("not cancelled");
+                            .expect("not cancelled")
+                            .0;
                     }
                 }
             }

@@ -14,7 +14,10 @@ use crate::{
         plan::UNCOVERED,
         run::{locked, unlocked},
     },
-    imaging::Plane,
+    imaging::{
+        Plane,
+        simd::{self, Avx2},
+    },
 };
 
 /// Side of a cell, px.
@@ -176,32 +179,56 @@ fn noise(samples: &[Vec<f32>]) -> f32 {
 /// `cells` convolved along both axes with the symmetric kernel whose half from the centre on is `half`; borders are
 /// repeated.
 fn smoothed(cells: &[f32], columns: usize, rows: usize, half: &[f32]) -> Vec<f32> {
-    let radius = half.len() - 1;
+    let (radius, simd) = (half.len() - 1, Avx2::detect());
     let mut across = vec![0.0f32; cells.len()];
     let mut padded = vec![0.0f32; columns + 2 * radius];
     for (row, out) in cells.chunks_exact(columns).zip(across.chunks_exact_mut(columns)) {
         padded[radius..radius + columns].copy_from_slice(row);
         padded[..radius].fill(row[0]);
         padded[radius + columns..].fill(row[columns - 1]);
-        add(out, &padded[radius..], &padded[radius..], 0.5 * half[0]);
-        for (d, &weight) in half.iter().enumerate().skip(1) {
-            add(out, &padded[radius - d..], &padded[radius + d..], weight);
-        }
+        simd::run(
+            simd,
+            #[inline(always)]
+            || weigh(half, |d| [&padded[radius - d..][..columns], &padded[radius + d..][..columns]], out),
+        );
     }
     let mut out = vec![0.0f32; cells.len()];
     let row = |y: usize| &across[y * columns..(y + 1) * columns];
     for (y, out) in out.chunks_exact_mut(columns).enumerate() {
-        add(out, row(y), row(y), 0.5 * half[0]);
-        for (d, &weight) in half.iter().enumerate().skip(1) {
-            add(out, row(y.saturating_sub(d)), row((y + d).min(rows - 1)), weight);
-        }
+        simd::run(
+            simd,
+            #[inline(always)]
+            || weigh(half, |d| [row(y.saturating_sub(d)), row((y + d).min(rows - 1))], out),
+        );
     }
     out
 }
 
-fn add(out: &mut [f32], one: &[f32], other: &[f32], weight: f32) {
-    for ((out, one), other) in out.iter_mut().zip(one).zip(other) {
-        *out += weight * (one + other);
+/// Cells whose sums are kept in registers.
+const PART: usize = 32;
+
+/// Adds to `out` the weighted sum of pairs of rows; `pair` gives the two at a distance from the centre.
+#[inline(always)]
+fn weigh<'a>(half: &[f32], pair: impl Fn(usize) -> [&'a [f32]; 2], out: &mut [f32]) {
+    let mut done = 0;
+    for (at, out) in (0..).step_by(PART).zip(out.as_chunks_mut::<PART>().0) {
+        let mut sums = [0.0f32; PART];
+        for (d, &weight) in half.iter().enumerate() {
+            let weight = if d == 0 { 0.5 * weight } else { weight };
+            let [one, other] = pair(d).map(|row| &row[at..at + PART]);
+            for k in 0..PART {
+                sums[k] += weight * (one[k] + other[k]);
+            }
+        }
+        *out = sums;
+        done = at + PART;
+    }
+    for (x, out) in out.iter_mut().enumerate().skip(done) {
+        for (d, &weight) in half.iter().enumerate() {
+            let weight = if d == 0 { 0.5 * weight } else { weight };
+            let [one, other] = pair(d);
+            *out += weight * (one[x] + other[x]);
+        }
     }
 }
 

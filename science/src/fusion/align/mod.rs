@@ -94,6 +94,7 @@ pub(super) fn align<S: Sample, const C: usize>(
             }
         }
     });
+    run.slices.free_memory();
     if let Some((_, stop)) = unlocked(failure) {
         return Err(stop);
     }
@@ -134,7 +135,8 @@ impl<S: Sample> Pass<'_, S> {
             Error::new(ErrorKind::InvalidProfile, format!("the homography of slice {slice} cannot be inverted"))
         })?;
         let buffer = locked(&self.buffers).pop().unwrap_or_default();
-        let warped = warp.resample_cancellable(samples, C, buffer, || control.check())?;
+        let (warped, spare) = warp.resample_cancellable(samples, C, buffer, || control.check())?;
+        self.run.slices.recycle(spare);
         self.scratch.write(slice, &warped)?;
         let coverage = warp.coverage().clone();
         let measurements = self.measure::<C>(slice, &warped, &coverage, fingerprint)?;

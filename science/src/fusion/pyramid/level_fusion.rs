@@ -3,6 +3,8 @@
 //! Rows are processed in order, with the last rows in rings of buffers, so that data that is used several times stays
 //! in the cache.
 
+use std::ops::Range;
+
 use super::{
     filter::{Filters, Level, Patch, SMOOTH, SMOOTHING, WEIGHT, weigh},
     finest::FinestLevel,
@@ -23,6 +25,9 @@ const COMPLETE: f32 = 0.999;
 
 /// Rows of a ring: those that a smoothed energy depends on.
 const RING: usize = SMOOTH.len();
+
+/// Pixels that are kept in registers.
+const PART: usize = 16;
 
 /// A level of a slice.
 pub(super) enum SliceLevel<'a, S> {
@@ -49,7 +54,8 @@ pub(super) struct LevelGeometry<'a> {
 #[derive(Default)]
 pub(super) struct LevelFuser {
     filters: Filters,
-    expanded: Vec<f32>,
+    /// Per channel: a row of the coarser level, expanded.
+    expanded: [Vec<f32>; 3],
     energy: Vec<f32>,
     /// Per channel: the details of the last rows.
     details: [Vec<f32>; 3],
@@ -90,35 +96,41 @@ impl LevelFuser {
             match usize::try_from(at).ok().filter(|y| (rect.y..rect.y + rect.height).contains(y)) {
                 None => smoothed[ring].fill(0.0),
                 Some(y) => {
-                    energy[inner.clone()].fill(0.0);
-                    for c in 0..C {
-                        let coarse = filters.expand(simd, &coarse[c], geometry.coarser, (y, &columns), expanded);
-                        let detail = &mut details[c][slot * rect.width..(slot + 1) * rect.width];
-                        let energy = &mut energy[inner.clone()];
-                        match source {
-                            SliceLevel::Finest(samples, coverage) => {
-                                let span = coverage.span(y);
-                                let (start, end) =
-                                    (span.start.clamp(rect.x, columns.end), span.end.clamp(rect.x, columns.end));
-                                let covered = start - rect.x..end.max(start) - rect.x;
-                                detail[..covered.start].fill(0.0);
-                                detail[covered.end..].fill(0.0);
-                                let samples = &samples.planes[c].part(rect.x, y, rect.width)[covered.clone()];
-                                let (coarse, detail, energy) =
-                                    (&coarse[covered.clone()], &mut detail[covered.clone()], &mut energy[covered]);
-                                simd::run(
-                                    simd,
-                                    #[inline(always)]
-                                    || of_samples(samples, coarse, LUMA[c], detail, energy),
-                                );
-                            }
-                            SliceLevel::Coarser(level) => {
+                    for (c, expanded) in expanded.iter_mut().enumerate().take(C) {
+                        filters.expand(simd, &coarse[c], geometry.coarser, (y, &columns), expanded);
+                    }
+                    let detail = details.each_mut().map(|ring| {
+                        let length = if ring.is_empty() { 0 } else { rect.width };
+                        &mut ring[slot * length..(slot + 1) * length]
+                    });
+                    // an expanded row begins at an even column
+                    let coarse = expanded.each_ref().map(|row| row.get(rect.x % 2..).unwrap_or_default());
+                    let own_energy = &mut energy[inner.clone()];
+                    match source {
+                        SliceLevel::Finest(samples, coverage) => {
+                            let span = coverage.span(y);
+                            let (start, end) =
+                                (span.start.clamp(rect.x, columns.end), span.end.clamp(rect.x, columns.end));
+                            let covered = start - rect.x..end.max(start) - rect.x;
+                            let samples = samples.planes.each_ref().map(|plane| match plane.data.is_empty() {
+                                true => &[][..],
+                                false => plane.part(rect.x, y, rect.width),
+                            });
+                            simd::run(
+                                simd,
+                                #[inline(always)]
+                                || of_samples::<S, C>(samples, coarse, covered, detail, own_energy),
+                            );
+                        }
+                        SliceLevel::Coarser(level) => {
+                            own_energy.fill(0.0);
+                            let weights = level[WEIGHT].part(rect.x, y, rect.width);
+                            for (c, detail) in detail.into_iter().enumerate().take(C) {
                                 let values = level[c].part(rect.x, y, rect.width);
-                                let weights = level[WEIGHT].part(rect.x, y, rect.width);
                                 simd::run(
                                     simd,
                                     #[inline(always)]
-                                    || of_level(values, weights, coarse, LUMA[c], detail, energy),
+                                    || of_level(values, weights, &coarse[c][..rect.width], LUMA[c], detail, own_energy),
                                 );
                             }
                         }
@@ -203,13 +215,53 @@ impl LevelFuser {
     }
 }
 
-/// The detail of a channel of level 0, and its share of the energy; `part` is the luma weight of the channel.
+/// The detail of a row of level 0, and its energy; both are 0 outside the columns `covered`.
 #[inline(always)]
-fn of_samples<S: Sample>(samples: &[S], coarse: &[f32], part: f32, detail: &mut [f32], energy: &mut [f32]) {
+#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+fn of_samples<S: Sample, const C: usize>(
+    samples: [&[S]; 3],
+    coarse: [&[f32]; 3],
+    covered: Range<usize>,
+    detail: [&mut [f32]; 3],
+    energy: &mut [f32],
+) {
     let scale = 255.0 / S::DEPTH.max();
-    for (((detail, energy), &sample), coarse) in detail.iter_mut().zip(energy).zip(samples).zip(coarse) {
-        *detail = sample.value() * scale - coarse;
-        *energy += part * *detail * *detail;
+    energy[..covered.start].fill(0.0);
+    energy[covered.end..].fill(0.0);
+    let count = covered.len();
+    let samples = samples.map(|row| row.get(covered.clone()).unwrap_or_default());
+    let coarse = coarse.map(|row| row.get(covered.clone()).unwrap_or_default());
+    let detail = detail.map(|row| {
+        let end = covered.end.min(row.len());
+        row[end..].fill(0.0);
+        let (before, row) = row[..end].split_at_mut(covered.start.min(end));
+        before.fill(0.0);
+        row
+    });
+    let energy = &mut energy[covered];
+    let mut done = 0;
+    // everything is read before anything is written, so the compiler need not prove that rows do not overlap
+    while done + PART <= count {
+        let mut energies = [0.0f32; PART];
+        for c in 0..C {
+            let mut details = [0.0f32; PART];
+            let (samples, coarse) = (&samples[c][done..done + PART], &coarse[c][done..done + PART]);
+            for k in 0..PART {
+                details[k] = samples[k].value() * scale - coarse[k];
+                energies[k] += LUMA[c] * details[k] * details[k];
+            }
+            detail[c][done..done + PART].copy_from_slice(&details);
+        }
+        energy[done..done + PART].copy_from_slice(&energies);
+        done += PART;
+    }
+    for x in done..count {
+        energy[x] = 0.0;
+        for c in 0..C {
+            let value = samples[c][x].value() * scale - coarse[c][x];
+            detail[c][x] = value;
+            energy[x] += LUMA[c] * value * value;
+        }
     }
 }
 

@@ -294,7 +294,7 @@ pub(super) fn metadata(bytes: &[u8]) -> Metadata {
 }
 
 /// The picture as stored, and its orientation.
-pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), ImageFault> {
+pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(Raster, u8), ImageFault> {
     let head = Head::read(bytes)?;
     let header = head.header(limits)?;
     if u64::from(header.width) * u64::from(header.height) / PIXELS_PER_BYTE > bytes.len() as u64 {
@@ -311,8 +311,9 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
     let ends_by_refining = is_progressive && scans.last().and_then(|scan| Pass::of(scan)).is_some_and(|p| p.refines);
     // Refinement bits may be ones or zeros, so one guard does not reveal missing ones. A decoder that reads beyond the
     // end returns different pictures for different tails.
-    let other = if ends_by_refining { Some(digest(&samples(bytes, &head, end, GUARD_ZEROS)?)) } else { None };
-    let samples = samples(bytes, &head, end, GUARD_ONES)?;
+    let other =
+        if ends_by_refining { Some(digest(&samples(bytes, &head, end, GUARD_ZEROS, Vec::new())?)) } else { None };
+    let samples = samples(bytes, &head, end, GUARD_ONES, buffer)?;
     if other.is_some_and(|other| other != digest(&samples)) {
         return Err(ImageFault::Torn(Format::Jpeg));
     }
@@ -322,8 +323,8 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), Imag
 
 /// The samples as stored, decoded with 256 bits of `guard` in place of the end marker. No Huffman table has a code of
 /// all ones (ITU T.81, annex C), so a decoder that reads the guard fails instead of inventing the rest of the picture.
-/// A complete scan is decoded without reading it.
-fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2]) -> Result<Vec<u8>, ImageFault> {
+/// A complete scan is decoded without reading it. The memory of `buffer` is used again.
+fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2], mut buffer: Vec<u8>) -> Result<Vec<u8>, ImageFault> {
     let mut guarded = Vec::with_capacity(end + 66);
     guarded.extend_from_slice(&bytes[..end]);
     guarded.extend(guard.repeat(32));
@@ -339,11 +340,21 @@ fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2]) -> Result<Vec<
         .set_max_height(usize::MAX);
     let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(guarded.as_slice()), options);
     // the messages of the decoder (a code that is not in the table, ...) do not help users
-    let samples = decoder.decode().map_err(|_| damaged("its picture data are corrupt or incomplete"))?;
-    if samples.len() != usize::from(head.width) * usize::from(head.height) * channels {
+    let corrupt = |_| damaged("its picture data are corrupt or incomplete");
+    decoder.decode_headers().map_err(corrupt)?;
+    let length = decoder.output_buffer_size().ok_or_else(|| damaged("it has no size"))?;
+    // zeros, as in fresh memory: what a decoder leaves out must not show another picture
+    if buffer.capacity() < length {
+        buffer = vec![0; length];
+    } else {
+        buffer.clear();
+        buffer.resize(length, 0);
+    }
+    decoder.decode_into(&mut buffer).map_err(corrupt)?;
+    if buffer.len() != usize::from(head.width) * usize::from(head.height) * channels {
         return Err(damaged("its size differs from the declared size"));
     }
-    Ok(samples)
+    Ok(buffer)
 }
 
 /// A hash, to compare two pictures without keeping both.

@@ -128,9 +128,18 @@ pub fn probe(mut reader: impl BufRead + Seek, limits: &Limits) -> Result<Header,
 /// # Errors
 /// As [`probe`], and when the pixels are truncated or damaged.
 pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
+    decode_into(bytes, limits, Vec::new())
+}
+
+/// The same as [`decode`]. The samples of a JPEG are in the memory of `buffer` if it is large enough; the contents of
+/// `buffer` are lost.
+///
+/// # Errors
+/// As [`decode`].
+pub fn decode_into(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<Raster, ImageFault> {
     let format = sniff::format_of(&mut Cursor::new(bytes))?;
     let (raster, orientation) = catch_panic(format, || match format {
-        Format::Jpeg => jpeg::decode(bytes, limits),
+        Format::Jpeg => jpeg::decode(bytes, limits, buffer),
         Format::Png => png::decode(bytes, limits),
         Format::Tiff => tiff::decode(bytes, limits),
     })?;

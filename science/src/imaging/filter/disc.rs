@@ -85,30 +85,27 @@ impl Disc {
         let pad = reach + 2;
         let (sums, bases) = self.sum_up(plane, reach, pad);
         let (width, stride) = (rect.width, plane.width + 2 * reach);
+        let chord = |(column, half): (usize, &f32)| {
+            // a chord is centred on its pixel
+            let below = pad as f32 + 0.5 + half;
+            let last = below as usize;
+            let first = 2 * pad - last;
+            let row = |y: usize| y * stride + column;
+            let (inner, outer) = ([row(first + 1), row(last)], [row(first), row(last + 1)]);
+            Chord { inner, outer, share: below - last as f32 }
+        };
+        let chords: Vec<Chord> = self.half_chords.iter().enumerate().map(chord).collect();
         let bases = &bases[rect.x..rect.x + width];
-        let row = |y: usize, column: usize| &sums[y * stride + rect.x + column..][..width];
         let mut out = Plane::filled(width, rect.height, 0.0f32);
-        let mut chords = Vec::with_capacity(self.half_chords.len());
-        for y in rect.y..rect.y + rect.height {
-            chords.clear();
-            for (k, &half) in self.half_chords.iter().enumerate() {
-                // a chord is centred on its pixel
-                let below = pad as f32 + 0.5 + half;
-                let last = below.floor() as usize;
-                let first = 2 * pad - last;
-                chords.push(Chord {
-                    inner: [row(y + first + 1, k), row(y + last, k)],
-                    outer: [row(y + first, k), row(y + last + 1, k)],
-                    share: below - below.floor(),
-                });
-            }
-            let target = out.row_mut(y - rect.y);
-            simd::run(
-                self.simd,
-                #[inline(always)]
-                || add_chords(&chords, bases, self.inverse_area, target),
-            );
-        }
+        simd::run(
+            self.simd,
+            #[inline(always)]
+            || {
+                for (y, out) in (rect.y..).zip(out.data.chunks_exact_mut(width.max(1))) {
+                    add_chords(&chords, &sums[y * stride + rect.x..], bases, self.inverse_area, out);
+                }
+            },
+        );
         out
     }
 
@@ -153,47 +150,56 @@ impl Disc {
 }
 
 /// One pixel column of a disc, as column sums at its two ends: `inner` for the whole pixels within it, `outer` for one
-/// more pixel at either end. The outer pixels count with the weight `share`.
-struct Chord<'a> {
-    inner: [&'a [f32]; 2],
-    outer: [&'a [f32]; 2],
+/// more pixel at either end. The outer pixels count with the weight `share`. A sum is given by its offset from the sum
+/// at the top left of the disc.
+struct Chord {
+    inner: [usize; 2],
+    outer: [usize; 2],
     share: f32,
 }
 
 /// Pixels whose sums are kept in registers.
-const PART: usize = 16;
+const PART: usize = 32;
 
+/// The same in narrow rectangles.
+const NARROW: usize = 8;
+
+/// Blurs a row; `sums` begin at the top left of the disc of its first pixel.
 #[inline(always)]
-fn add_chords(chords: &[Chord<'_>], bases: &[f32], share: f32, out: &mut [f32]) {
+fn add_chords(chords: &[Chord], sums: &[f32], bases: &[f32], share: f32, out: &mut [f32]) {
+    // the last part overlaps the one before: rows are often short, and single pixels are slow
     let count = out.len();
-    if count < PART {
-        for (x, out) in out.iter_mut().enumerate() {
-            [*out] = chords_of(chords, bases, share, x);
-        }
-        return;
+    let mut x = 0;
+    while x + NARROW < count && count >= PART {
+        let at = x.min(count - PART);
+        out[at..at + PART].copy_from_slice(&chords_of::<PART>(chords, sums, bases, share, at));
+        x = at + PART;
     }
-    for x in (0..count).step_by(PART) {
-        // the last block overlaps the one before: rows are often short, and single pixels are slow
-        let x = x.min(count - PART);
-        out[x..x + PART].copy_from_slice(&chords_of::<PART>(chords, bases, share, x));
+    while x < count && count >= NARROW {
+        let at = x.min(count - NARROW);
+        out[at..at + NARROW].copy_from_slice(&chords_of::<NARROW>(chords, sums, bases, share, at));
+        x = at + NARROW;
+    }
+    for (x, out) in out.iter_mut().enumerate().skip(x) {
+        [*out] = chords_of(chords, sums, bases, share, x);
     }
 }
 
 /// The blurred pixels starting at `x`.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "several slices side by side")]
-fn chords_of<const N: usize>(chords: &[Chord<'_>], bases: &[f32], share: f32, x: usize) -> [f32; N] {
-    let mut sums = [0.0; N];
-    sums.copy_from_slice(&bases[x..x + N]);
+fn chords_of<const N: usize>(chords: &[Chord], sums: &[f32], bases: &[f32], share: f32, x: usize) -> [f32; N] {
+    let mut blurred = [0.0; N];
+    blurred.copy_from_slice(&bases[x..x + N]);
     for chord in chords {
-        let [i0, i1] = [&chord.inner[0][x..x + N], &chord.inner[1][x..x + N]];
-        let [o0, o1] = [&chord.outer[0][x..x + N], &chord.outer[1][x..x + N]];
+        let row = |start: usize| &sums[start + x..start + x + N];
+        let ([i0, i1], [o0, o1]) = (chord.inner.map(row), chord.outer.map(row));
         for k in 0..N {
             let (inner, outer) = (i1[k] - i0[k], o1[k] - o0[k]);
-            sums[k] += inner + chord.share * (outer - inner);
+            blurred[k] += inner + chord.share * (outer - inner);
         }
     }
-    sums.map(|sum| sum * share)
+    blurred.map(|sum| sum * share)
 }
 
 /// Means of 2x2 pixels; a last odd row or column is repeated.

@@ -89,13 +89,14 @@ impl Warp {
     /// When the number of samples does not match the slice size of [`Warp::new`].
     pub fn apply<S: Sample>(&self, samples: Vec<S>, channels: usize) -> Vec<S> {
         match self.resample_cancellable(samples, channels, Vec::new(), || Ok::<(), std::convert::Infallible>(())) {
-            Ok(warped) => warped,
+            Ok((warped, _)) => warped,
             Err(never) => match never {},
         }
     }
 
-    /// Like [`Warp::apply`], but calls `check` every few rows and stops at its first error. The result reuses `buffer`,
-    /// unless the samples are returned unchanged.
+    /// Like [`Warp::apply`], but calls `check` every few rows and stops at its first error. Returns the warped samples
+    /// and, for reuse, memory that is no longer needed: one of the two is in the memory of `samples`, the other in that
+    /// of `buffer`.
     ///
     /// # Errors
     /// The error of `check`.
@@ -108,19 +109,20 @@ impl Warp {
         channels: usize,
         buffer: Vec<S>,
         check: impl Fn() -> Result<(), E> + Sync,
-    ) -> Result<Vec<S>, E> {
+    ) -> Result<(Vec<S>, Vec<S>), E> {
         assert_eq!(
             samples.len(),
             self.slice.0 * self.slice.1 * channels,
             "the number of samples does not match the slice"
         );
         if self.identity {
-            return Ok(samples);
+            return Ok((samples, buffer));
         }
-        match channels {
-            1 => self.resample::<S, 1, E>(&samples, buffer, check),
-            _ => self.resample::<S, 3, E>(&samples, buffer, check),
-        }
+        let warped = match channels {
+            1 => self.resample::<S, 1, E>(&samples, buffer, check)?,
+            _ => self.resample::<S, 3, E>(&samples, buffer, check)?,
+        };
+        Ok((warped, samples))
     }
 
     fn resample<S: Sample, const C: usize, E: Send>(

@@ -12,32 +12,65 @@ pub(super) fn sliding_maximum<T: Copy + Default + PartialOrd, const REACH: usize
     window: Rect,
     rect: Rect,
 ) -> Vec<T> {
-    let simd = Avx2::detect();
+    let (simd, side, width) = (Avx2::detect(), 2 * REACH + 1, rect.width);
     let (left, top) = (rect.x - window.x, rect.y - window.y);
-    let mut maximum = vec![T::default(); rect.width * rect.height];
-    // the maximum of each column, with `REACH` columns on either side of the rectangle
-    let mut columns = vec![T::default(); rect.width + 2 * REACH];
-    let first = left.saturating_sub(REACH);
-    let end = (left + rect.width + REACH).min(window.width);
+    // the maximum along each row, of the rows up to `REACH` above and below the rectangle; none beyond the window
+    let mut across = vec![T::default(); width * (rect.height + 2 * REACH)];
+    let (mut line, mut spare) = (Vec::new(), Vec::new());
+    let columns = left.saturating_sub(REACH)..(left + width + REACH).min(window.width);
+    let rows = top.saturating_sub(REACH)..(top + rect.height + REACH).min(window.height);
     let at = REACH - left.min(REACH);
-    for (y, out) in maximum.chunks_exact_mut(rect.width.max(1)).enumerate() {
-        let rows = (top + y).saturating_sub(REACH)..(top + y + REACH + 1).min(window.height);
+    for (y, out) in rows.clone().zip(across.chunks_exact_mut(width.max(1)).skip(REACH - top.min(REACH))) {
+        line.clear();
+        line.resize(at, T::default());
+        line.extend_from_slice(&values[y * window.width..][columns.clone()]);
+        line.resize(width + 2 * REACH, T::default());
         simd::run(
             simd,
             #[inline(always)]
             || {
-                columns.fill(T::default());
-                let inside = &mut columns[at..at + end - first];
-                for row in rows {
-                    raise(inside, &values[row * window.width + first..row * window.width + end]);
-                }
-                for by in 0..2 * REACH + 1 {
-                    raise(out, &columns[by..]);
-                }
+                let length = doubled(side, |length| {
+                    spare.clear();
+                    spare.extend_from_slice(&line[length..]);
+                    raise(&mut line, &spare);
+                });
+                out.copy_from_slice(&line[..width]);
+                raise(out, &line[side - length..]);
             },
         );
     }
-    maximum
+    simd::run(
+        simd,
+        #[inline(always)]
+        || {
+            // each row takes up rows below it that have not changed yet
+            let length = doubled(side, |length| {
+                for y in 0..(rect.height + 2 * REACH).saturating_sub(length) {
+                    let (here, below) = across.split_at_mut((y + length) * width);
+                    raise(&mut here[y * width..(y + 1) * width], &below[..width]);
+                }
+            });
+            for y in 0..rect.height {
+                let (here, below) = across.split_at_mut((y + side - length) * width);
+                raise(&mut here[y * width..(y + 1) * width], &below[..width]);
+            }
+        },
+    );
+    across.truncate(width * rect.height);
+    across
+}
+
+/// Calls `double` for the lengths 1, 2, 4 and so on, while twice the length is at most `side`: each time, maxima over
+/// windows of a length become maxima over windows twice as long. Returns the length that is reached; two windows of
+/// this length cover one of `side`.
+#[inline(always)]
+fn doubled(side: usize, mut double: impl FnMut(usize)) -> usize {
+    let mut length = 1;
+    while 2 * length <= side {
+        double(length);
+        length *= 2;
+    }
+    length
 }
 
 /// Raises each value to its counterpart in `to` where that is larger.
