@@ -32,6 +32,8 @@ fn report(shift: f64) -> CalibrationReport {
         blur_radius_px: None,
         contrast: None,
         gain: 1.0,
+        gain_sigma: None,
+        law_gain: None,
         clipped: None,
         dots_found: 2,
         inliers: 2,

@@ -27,12 +27,30 @@ pub(super) fn radius(share: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Bessel function of the first kind of order one, by its power series, which converges fast for the |x| < 6 used here.
+/// Shift of the first harmonic's phase by a disc blur of `radius` steps whose light has a relative gradient of 1 per
+/// step, in steps: `r J2(k r) / (k J1(k r))` with `k = 2 pi`; without limit where the harmonic vanishes.
+pub(super) fn tilt_shift(radius: f64) -> f64 {
+    let x = TAU * radius;
+    if x < 1e-3 { 0.0 } else { radius * (j2(x) / (TAU * j1(x).abs().max(1e-6))).abs() }
+}
+
+/// Bessel function of the first kind of order one.
 fn j1(x: f64) -> f64 {
+    bessel(1, x / 2.0, x)
+}
+
+/// Bessel function of the first kind of order two.
+fn j2(x: f64) -> f64 {
+    bessel(2, x * x / 8.0, x)
+}
+
+/// Bessel function of the first kind, by its power series, which converges fast for the |x| < 6 used here. `first` is
+/// the first term, `(x / 2)^order / order!`.
+fn bessel(order: i32, first: f64, x: f64) -> f64 {
     let quarter = -x * x / 4.0;
-    let (mut term, mut sum) = (x / 2.0, x / 2.0);
+    let (mut term, mut sum) = (first, first);
     for k in 1..40 {
-        term *= quarter / (f64::from(k) * f64::from(k + 1));
+        term *= quarter / (f64::from(k) * f64::from(k + order));
         sum += term;
         if term.abs() < 1e-16 {
             break;
@@ -51,6 +69,9 @@ mod tests {
             [(0.5, 0.242_268_457_7), (1.841_183_8, 0.581_865_224_2), (3.831_705_97, 0.0), (5.0, -0.327_579_137_6)]
         {
             assert!((j1(x) - value).abs() < 1e-8, "J1({x}) = {}", j1(x));
+        }
+        for (x, value) in [(0.5, 0.030_604_023_5), (5.135_622_3, 0.0)] {
+            assert!((j2(x) - value).abs() < 1e-8, "J2({x}) = {}", j2(x));
         }
     }
 

@@ -1,14 +1,13 @@
 //! Dot photometry: the brightness of the target at each dot, from which the gains follow.
 //!
-//! Two measures, because neither is valid everywhere:
+//! Two measures:
 //!
-//! - *Bright level*: the ground midway between four dots, or the centre of a bright dot. Exact for every response
-//!   curve, but affected by blur beyond about 0.4 of the pitch (0.2 for bright dots).
-//! - *Mean* over whole grid steps. Not affected by blur, but biased by a fraction of a percent through the camera's
-//!   response curve.
+//! - *Bright level*: the ground midway between four dots, or the centre of a bright dot. Exact for every tone curve,
+//!   but affected by blur: beyond about 0.4 of the pitch for a disc (0.2 for bright dots), earlier for a Gaussian.
+//! - *Mean* over whole grid steps, of stored values and of light. The mean light is not affected by blur of any shape,
+//!   but the stored values are a tone curve of the light.
 //!
-//! Slices are compared by the bright level while blur allows it, the others by the mean, against the nearest slice that
-//! has both.
+//! `gains` combines them.
 
 use super::flat_field::{FlatField, Polarity};
 use super::phase::{self, PhaseMeasurement, Window};
@@ -99,14 +98,9 @@ pub(super) fn to_light(value: f64) -> f64 {
     if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB value 0..255 of linear light 0..1.
-pub(super) fn from_light(light: f64) -> f64 {
-    let v = light.max(0.0);
-    255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
-}
-
-/// Largest blur radius, in grid steps, that does not affect the bright level, for dots of diameter `fill` steps.
-pub(super) fn clear_blur(fill: f64, polarity: Polarity) -> f64 {
+/// Largest radius of a disc blur, in grid steps, that does not affect the bright level, for dots of diameter `fill`
+/// steps.
+pub(super) fn bright_reach(fill: f64, polarity: Polarity) -> f64 {
     let edge = match polarity {
         // from the centre between four dots to the edge of each
         Polarity::DarkOnLight => std::f64::consts::FRAC_1_SQRT_2 - fill / 2.0,

@@ -1,8 +1,9 @@
 //! Findings: sentences about problems, each with the slices concerned and what to do.
 
-use super::gains::MAX_SIGMA;
+use super::gains::{self, MAX_SIGMA};
 use super::grade::{Finding, GOOD};
 use super::lattice::Places;
+use super::lost::{self, Loss};
 use super::rail_anomalies::RailAnomaly;
 use super::solve::Solution;
 use super::tracking::Tracked;
@@ -16,6 +17,11 @@ use crate::types::report::{CameraReport, CaptureReport, Grade};
 const PERSPECTIVE: f64 = 1e-3;
 /// Stretch of the grid from which a tilted target is reported: 1 / cos(12 degrees).
 const ASLANT: f64 = 1.022;
+
+/// Relative uncertainty of a gain beyond which a calibration is not good.
+const POOR_GAIN: f64 = 0.01;
+/// Relative deviation of the brightness or tint of a slice from which it is named.
+const OUTLIER: f64 = 0.01;
 
 /// Input of the findings.
 pub(super) struct Facts<'a> {
@@ -120,6 +126,8 @@ fn light(facts: &Facts) -> Vec<Finding> {
         );
         out.push(Finding::remark("clipped_white", detail));
     }
+    out.extend(exposure(facts));
+    out.extend(tints(facts));
     let sigma = |i: usize| facts.solution.slices[i].gain_sigma;
     let unsure = which(facts, |i| sigma(i) > MAX_SIGMA);
     if !unsure.is_empty() {
@@ -130,21 +138,89 @@ fn light(facts: &Facts) -> Vec<Finding> {
              images",
             list(facts.slices, &unsure)
         );
-        out.push(Finding::remark("uncertain_gains", detail));
+        let allows = if worst > POOR_GAIN { Grade::Usable } else { Grade::Good };
+        out.push(Finding::limiting(allows, "uncertain_gains", detail));
     }
     out
+}
+
+/// Slices with another exposure than the smooth law expects. Their gains make up for it.
+fn exposure(facts: &Facts) -> Option<Finding> {
+    let off = |i: usize| {
+        let off = facts.solution.slices[i].brightness_off_law?;
+        ((off - 1.0).abs() > OUTLIER).then_some(off)
+    };
+    let some = which(facts, |i| off(i).is_some());
+    let sizes = |i: usize| {
+        let percent = 100.0 * (off(i).unwrap_or(1.0) - 1.0);
+        format!(
+            "{} ({:.1} % {})",
+            facts.slices.name(i),
+            percent.abs(),
+            if percent < 0.0 { "darker" } else { "brighter" }
+        )
+    };
+    (!some.is_empty()).then(|| {
+        Finding::remark(
+            "exposure_outlier",
+            format!(
+                "the exposure differs from what the other slices lead to expect in {}: the gains make up for it, but \
+                 every stack taken with a steady lamp will then be wrong by as much; check the lamp, the flash and the \
+                 exposure time, and calibrate again",
+                listed(&some, sizes)
+            ),
+        )
+    })
+}
+
+/// Slices with another tint than the others.
+fn tints(facts: &Facts) -> Option<Finding> {
+    let tints: Vec<Option<[f64; 2]>> =
+        facts.tracked.detections.iter().map(|d| d.as_ref().and_then(|d| d.tint)).collect();
+    let off = gains::off_tint(&tints, &facts.solution.positions);
+    let large = |i: usize| off[i].filter(|o| o.iter().any(|t| t.abs() > OUTLIER));
+    let some = which(facts, |i| large(i).is_some());
+    let sizes = |i: usize| {
+        let percent = large(i).unwrap_or_default().map(|t| 100.0 * (t.exp() - 1.0));
+        format!("{} (red {:+.1} %, blue {:+.1} %)", facts.slices.name(i), percent[0], percent[1])
+    };
+    (!some.is_empty()).then(|| {
+        Finding::limiting(
+            Grade::Usable,
+            "tint_outlier",
+            format!(
+                "the tint differs from that of the other slices in {}: fix the white balance, and calibrate again",
+                listed(&some, sizes)
+            ),
+        )
+    })
+}
+
+/// At most five items as a phrase.
+fn listed(indices: &[usize], text: impl Fn(usize) -> String) -> String {
+    let mut items: Vec<String> = indices.iter().take(5).map(|&i| text(i)).collect();
+    if indices.len() > 5 {
+        items.push(format!("{} more", indices.len() - 5));
+    }
+    items.join(", ")
 }
 
 fn dots(facts: &Facts) -> Vec<Finding> {
     let (profile, reference) = (facts.profile, facts.solution.reference);
     let mut out = Vec::new();
-    let interpolated = which(facts, |i| profile[i].interpolated);
-    if !interpolated.is_empty() {
+    for cause in lost::ALL {
+        let some = which(facts, |i| profile[i].interpolated && Loss::of(facts.tracked, i) == cause);
+        if some.is_empty() {
+            continue;
+        }
+        let advice = if cause == Loss::Blurred { String::new() } else { format!("; {}", cause.advice()) };
         let detail = format!(
-            "too blurred to be measured, and therefore predicted from the other slices: {}",
-            list(facts.slices, &interpolated)
+            "{}, and therefore predicted from the other slices: {}{advice}",
+            cause.phrase(),
+            list(facts.slices, &some)
         );
-        out.push(Finding::remark("slice_interpolated", detail));
+        let allows = if cause == Loss::Other { Grade::Usable } else { Grade::Good };
+        out.push(Finding::limiting(allows, "slice_interpolated", detail));
     }
     let inverted = which(facts, |i| facts.tracked.detections[i].as_ref().is_some_and(|s| s.modulation < 0.0));
     if !inverted.is_empty() {

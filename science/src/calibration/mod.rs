@@ -13,7 +13,8 @@
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
 //! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
-//! | gains | `dot_photometry`, `gains` | compares the brightness of the target dot by dot |
+//! | light | `dot_photometry`, `gains`, `tint`, `falloff` | gains from the brightness of the target dot by dot; slices that fall out |
+//! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
 //! Each slice is decoded once and no pixels are kept, so memory does not grow with the number of slices. The method is
@@ -29,6 +30,7 @@ mod detection;
 mod dlt;
 mod dot_photometry;
 mod drift;
+mod falloff;
 mod findings;
 mod flat_field;
 mod gains;
@@ -36,6 +38,7 @@ mod grade;
 mod identity;
 mod inpainting;
 mod lattice;
+mod lost;
 mod model_selection;
 mod overlay;
 mod phase;
@@ -48,6 +51,7 @@ mod robust;
 mod solve;
 mod statistics;
 mod target_check;
+mod tint;
 mod tracking;
 mod transform_models;
 mod working_image;
@@ -153,7 +157,8 @@ pub fn calibrate(
         return Err(Error::new(ErrorKind::InvalidParameter, detail).into());
     }
     let given = rail_positions(options, count)?;
-    let tracked = tracking::track_all(slices, reference, control)?;
+    let mut tracked = tracking::track_all(slices, reference, control)?;
+    falloff::doubt_weak_slices(&mut tracked);
     let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options.model, control)?;
     Ok(report::report(slices, options, &tracked, solved, given.is_some()))
 }

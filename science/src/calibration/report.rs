@@ -7,6 +7,7 @@ use super::findings::{self, Facts};
 use super::flat_field::Polarity;
 use super::gains;
 use super::grade::{self, Finding};
+use super::lost::Loss;
 use super::solve::Solution;
 use super::tracking::Tracked;
 use super::{Calibration, Dot, DotUse};
@@ -80,7 +81,11 @@ pub(super) fn report(
         camera: &camera,
     };
     let findings = findings::findings(&facts);
-    let (grade, verdict) = verdict(&profile, &findings, &blurs, reference, pitch, options.target_pitch_mm);
+    // a slice that is lost to blur is blurred at least to where the pattern vanishes
+    let at_least =
+        |i: usize| blurs[i].or_else(|| (Loss::of(tracked, i) == Loss::Blurred).then_some(super::blur::VANISHES));
+    let known: Vec<Option<f64>> = (0..blurs.len()).map(at_least).collect();
+    let (grade, verdict) = verdict(&profile, &findings, &known, reference, pitch, options.target_pitch_mm);
     let warnings: Vec<Warning> = findings.into_iter().map(|finding| finding.warning).collect();
     let target = TargetReport {
         pitch_px: pitch,
@@ -189,6 +194,8 @@ fn slice_report(
         blur_radius_px: blur.zip(detection).map(|(b, s)| b * s.pitch),
         contrast: detection.map(|s| s.modulation / strongest),
         gain: slice.gain,
+        gain_sigma: Some(solved.gain_sigma).filter(|s| s.is_finite()),
+        law_gain: solved.gain_by_law,
         clipped: detection.map(|s| s.clipped),
         dots_found: slice.dots_found.unwrap_or(0),
         inliers: slice.inliers.unwrap_or(0),
@@ -242,14 +249,11 @@ fn verdict(
     let tail = if predicted.is_empty() {
         format!("all {} slices measured", profile.len())
     } else {
-        // a predicted slice without any detection is blurred at least to where the pattern vanishes
-        let unseen = predicted.iter().any(|&i| blurs[i].is_none());
-        let largest = if unseen { blur.max(super::blur::VANISHES) } else { blur };
         let advice = match pitch_mm {
-            Some(mm) => format!("{:.2} mm or more", mm * largest / ADVISED),
-            None => format!("{:.1} times the pitch or more", largest / ADVISED),
+            Some(mm) => format!("{:.2} mm or more", mm * blur / ADVISED),
+            None => format!("{:.1} times the pitch or more", blur / ADVISED),
         };
-        let why = if largest > ADVISED && pitch_px > 0.0 {
+        let why = if blur > ADVISED && pitch_px > 0.0 {
             format!(" (the target's pitch is too fine for their blur: use {advice})")
         } else {
             String::new()

@@ -6,10 +6,11 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::coarse_registration::SimilarityMotion;
-use super::detection::{self, Detection, Expected, Target};
+use super::detection::{self, Detection, Diagnosis, Expected, Target};
 use super::identity::{self, Labelling};
 use super::lattice::Places;
 use super::statistics::median;
+use super::tint;
 use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};
@@ -25,6 +26,8 @@ pub(super) struct Tracked {
     pub target: Target,
     /// Per slice its dots; `None` where the grid was not found.
     pub detections: Vec<Option<Detection>>,
+    /// Per slice without a grid the likely reason.
+    pub diagnoses: Vec<Option<Diagnosis>>,
     /// Per slice whether its labels are certain.
     pub labelling: Vec<Labelling>,
 }
@@ -57,8 +60,9 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
         }
         loader.size = Some((slice.width, slice.height, index));
         if let Some((target, lattice)) = detection::detect_grid(&slice, control)?
-            && let Some((target, detection)) = detection::measure_grid(&slice, target, &lattice, control)?
+            && let Some((target, mut detection)) = detection::measure_grid(&slice, target, &lattice, control)?
         {
+            detection.tint = tint::tint(&slice, &detection);
             first = Some((index, target, detection));
             break;
         }
@@ -70,12 +74,11 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let (up, down) = rayon::join(|| follow((start + 1..count).collect()), || follow((0..start).rev().collect()));
     let (up, down) = (up?, down?);
     let (width, height, _) = loader.size.unwrap_or_default();
-    let mut detections: Vec<Option<Detection>> = down.into_iter().rev().collect();
-    detections.push(Some(detection));
-    detections.extend(up);
+    let found = (Some(detection), None);
+    let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
     same_orientation(slices, &detections, start)?;
     let labelling = identity::settle(&mut detections, start);
-    Ok(Tracked { width, height, target, detections, labelling })
+    Ok(Tracked { width, height, target, detections, diagnoses, labelling })
 }
 
 /// The reference slice, then slices spread over the stack, from the middle outward.
@@ -126,6 +129,9 @@ impl Course {
     }
 }
 
+/// The dots of a slice, or the likely reason why there are none.
+type Followed = (Option<Detection>, Option<Diagnosis>);
+
 /// Follows the grid through `indices`, which lead away from the slice of `from`. Returns one result per index.
 fn follow(
     loader: &Loader,
@@ -134,7 +140,7 @@ fn follow(
     indices: Vec<usize>,
     control: &dyn Control,
     tick: &(dyn Fn() + Sync),
-) -> Result<Vec<Option<Detection>>, Interrupted> {
+) -> Result<Vec<Followed>, Interrupted> {
     let mut places: Places = from.places.clone();
     let mut course = Course { motions: Vec::new(), gap: 1, merged: from.merged };
     let mut all = Vec::with_capacity(indices.len());
@@ -155,14 +161,16 @@ fn follow(
         if detected.is_none() {
             detected = detection::detect_coded(&slice, target, &places, control)?;
         }
-        match &detected {
+        match &mut detected {
             Some(detection) => {
+                detection.tint = tint::tint(&slice, detection);
                 course.update(detection);
                 places.clone_from(&detection.places);
             }
             None => course.gap += 1,
         }
-        all.push(detected);
+        let diagnosis = detected.is_none().then(|| detection::diagnose(&slice));
+        all.push((detected, diagnosis));
         tick();
     }
     Ok(all)
@@ -215,12 +223,12 @@ impl Loader<'_> {
     }
 }
 
-fn no_grid(slices: &dyn Slices, tried: &[(usize, &'static str)]) -> Error {
+fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
     let names: Vec<&str> = tried.iter().take(5).map(|(index, _)| slices.name(*index)).collect();
     let same = tried
         .first()
         .filter(|(_, first)| tried.iter().all(|(_, diagnosis)| diagnosis == first))
-        .map(|(_, diagnosis)| diagnosis);
+        .map(|(_, diagnosis)| diagnosis.phrase());
     let why = same.map_or(String::new(), |diagnosis| format!("; {diagnosis}"));
     let detail = format!(
         "no grid of dots was found in the {} slices that were searched ({}{}){why}: the target needs at least 12 whole \
@@ -232,7 +240,7 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, &'static str)]) -> Error {
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for (index, diagnosis) in tried {
         error = error.at(ErrorLocation {
-            detail: format!("no grid of dots in this slice; {diagnosis}"),
+            detail: format!("no grid of dots in this slice; {}", diagnosis.phrase()),
             pointer: None,
             file: Some(slices.name(*index).to_owned()),
             slice: Some(*index as u32),

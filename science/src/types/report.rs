@@ -185,6 +185,12 @@ pub struct SliceReport {
     pub contrast: Option<f64>,
     /// Factor that makes the slice as bright as the reference slice.
     pub gain: f64,
+    /// Relative standard deviation of the gain; null when it is unknown.
+    #[serde(default)]
+    pub gain_sigma: Option<f64>,
+    /// The gain by the smooth law over the rail; null without one.
+    #[serde(default)]
+    pub law_gain: Option<f64>,
     /// Share of the pixels at full scale.
     pub clipped: Option<f64>,
     /// Number of measured dots.

@@ -4,21 +4,47 @@ use crate::calibration::statistics::quantile;
 use crate::calibration::working_image::WorkingImage;
 use crate::imaging::{Plane, Raster};
 
-/// A likely reason why no grid was found, as a phrase with what to do.
-pub(crate) fn diagnose(slice: &Raster) -> &'static str {
+/// A likely reason why no grid was found in a slice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Diagnosis {
+    /// A large part is at full scale.
+    Clipped,
+    /// Almost no light.
+    Black,
+    /// Light, but almost no differences.
+    NoContrast,
+    /// Differences, but no edges.
+    Blurred,
+    /// Edges, but no grid of dots.
+    Other,
+}
+
+impl Diagnosis {
+    /// The reason as a phrase, with what to do.
+    pub(crate) fn phrase(self) -> &'static str {
+        match self {
+            Self::Clipped => "a large part of it is clipped: reduce the exposure",
+            Self::Black => "it is almost black: increase the exposure, and check the lamp and the shutter",
+            Self::NoContrast => "it has almost no contrast: it is blank, or far out of focus, or shows no target",
+            Self::Blurred => "it is blurred everywhere: focus on the target in at least one slice",
+            Self::Other => "it shows another object, too few dots, or dots too irregular to form a grid",
+        }
+    }
+}
+
+/// The likely reason why no grid was found in `slice`.
+pub(crate) fn diagnose(slice: &Raster) -> Diagnosis {
     let image = WorkingImage::of(slice, slice.width.max(slice.height).div_ceil(1600).max(1));
     let plane = &image.plane;
     let stride = (plane.data.len() / 50_000).max(1) | 1;
     let mut levels: Vec<f64> = plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect();
     let (dark, bright) = (quantile(&mut levels, 0.02), quantile(&mut levels, 0.98));
     match () {
-        () if image.clipped > 0.3 => "a large part of it is clipped: reduce the exposure",
-        () if bright < 20.0 => "it is almost black: increase the exposure",
-        () if bright - dark < 0.12 * bright => "it has almost no contrast: it is far out of focus or shows no target",
-        () if gradient(plane) < 0.02 * (bright - dark) => {
-            "it is blurred everywhere: focus on the target in at least one slice"
-        }
-        () => "it shows another object, or too few dots",
+        () if image.clipped > 0.3 => Diagnosis::Clipped,
+        () if bright < 20.0 => Diagnosis::Black,
+        () if bright - dark < 0.12 * bright => Diagnosis::NoContrast,
+        () if gradient(plane) < 0.02 * (bright - dark) => Diagnosis::Blurred,
+        () => Diagnosis::Other,
     }
 }
 

@@ -170,9 +170,7 @@ fn detection(
             MeasuredDot { at: image.to_slice(*at), sigma: sigma.hypot(shared_sigma), shared_sigma, light, invalid },
         );
     }
-    // brightness is smooth: a selection of the dots is enough
-    let every = dots.len().div_ceil(LIGHT_DOTS);
-    let lit: Vec<Label> = dots.keys().step_by(every).copied().collect();
+    let lit = lit_labels(&dots);
     let windows: Vec<Window> =
         lit.iter().filter_map(|l| measured.get(l)).map(|(at, _)| Window { at: *at, steps }).collect();
     let means = dot_photometry::linear_means(&image.plane, field, &inpainted.filled, &windows);
@@ -194,8 +192,25 @@ fn detection(
         density: density.min(1.0),
         identity: None,
         turned: None,
+        tint: None,
         fingerprint: None,
     })
+}
+
+/// The dots whose brightness is measured in linear light: brightness is smooth, so a selection is enough. Every first,
+/// second or fourth row and column, so that slices with other dots select the same ones.
+fn lit_labels(dots: &BTreeMap<Label, MeasuredDot>) -> Vec<Label> {
+    let every = |n: i32| -> Vec<Label> {
+        dots.keys().filter(|[i, j]| i.rem_euclid(n) == 0 && j.rem_euclid(n) == 0).copied().collect()
+    };
+    let mut step = 1;
+    loop {
+        let selected = every(step);
+        if selected.len() <= 2 * LIGHT_DOTS {
+            return selected;
+        }
+        step *= 2;
+    }
 }
 
 /// Standard deviation of the noise, from second differences along rows, to which the pattern contributes little.

@@ -7,7 +7,7 @@ mod windows;
 
 use std::collections::BTreeMap;
 
-pub(super) use diagnosis::diagnose;
+pub(super) use diagnosis::{Diagnosis, diagnose};
 pub(super) use windows::grid_steps;
 
 use measure::measure;
@@ -68,6 +68,8 @@ pub(super) struct Detection {
     /// True (mirrored) or false (turned by quarter turns) when the slice does not have the orientation of the slice in
     /// which the grid was found.
     pub turned: Option<bool>,
+    /// `ln` of red over green and of blue over green light; `None` for a grey or a clipped slice.
+    pub tint: Option<[f64; 2]>,
     /// What makes the cells of the grid differ; `None` when the grid is degenerate.
     pub fingerprint: Option<Fingerprint>,
 }

@@ -1,15 +1,23 @@
 //! Errors for slices whose dots cannot be measured.
 
+use crate::calibration::lost::{self, Loss};
 use crate::imaging::Slices;
 use crate::types::error::ErrorLocation;
 use crate::types::{Error, ErrorKind};
 
-pub(super) fn reference_without_grid(slices: &dyn Slices, reference: usize) -> Error {
+pub(super) fn reference_without_grid(slices: &dyn Slices, reference: usize, loss: Loss) -> Error {
     let name = slices.name(reference);
-    let detail = format!(
-        "the reference slice {name} (slice {reference}) is too blurred to measure its dots: set reference_index to a \
-         sharper slice"
-    );
+    let detail = match loss {
+        Loss::Blurred => format!(
+            "the reference slice {name} (slice {reference}) is too blurred to measure its dots: set reference_index to \
+             a sharper slice"
+        ),
+        other => format!(
+            "the reference slice {name} (slice {reference}) is {}: {}, or set reference_index to another slice",
+            other.phrase(),
+            other.advice()
+        ),
+    };
     Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(reference as u32))
 }
 
@@ -29,17 +37,35 @@ fn ends(count: usize, lost: &[usize]) -> Option<String> {
     Some([some(first, "first"), some(last, "last")].into_iter().flatten().collect::<Vec<_>>().join(" and "))
 }
 
-pub(super) fn unmeasured_slices(slices: &dyn Slices, indices: &[usize], why: &str) -> Error {
+/// The error for slices that can neither be measured nor predicted. `loss` says why each was not measured.
+pub(super) fn unmeasured_slices(
+    slices: &dyn Slices,
+    indices: &[usize],
+    loss: impl Fn(usize) -> Loss,
+    why: &str,
+) -> Error {
+    let causes: Vec<Loss> = lost::ALL.into_iter().filter(|cause| indices.iter().any(|&i| loss(i) == *cause)).collect();
+    let named: Vec<String> = causes
+        .iter()
+        .filter(|cause| **cause != Loss::Blurred)
+        .map(|cause| {
+            let some: Vec<&str> =
+                indices.iter().filter(|&&i| loss(i) == *cause).take(8).map(|&i| slices.name(i)).collect();
+            format!("{} is {}", some.join(", "), cause.phrase())
+        })
+        .collect();
+    let named = if named.is_empty() { String::new() } else { format!("; {}", named.join("; ")) };
+    let advice: Vec<&str> = causes.iter().map(|cause| cause.advice()).collect();
     let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
     if indices.len() > names.len() {
         names.push("...");
     }
     let detail = format!(
-        "the dots could not be measured in {}{why}: {}use a target with larger, more widely spaced dots (pitch at least \
-         2.5 times the largest blur radius)",
+        "the dots could not be measured in {}{why}{named}: {}{}",
         names.join(", "),
         ends(slices.count(), indices)
             .map_or_else(String::new, |ends| format!("omit {ends}, from the target and from every stack, or ")),
+        advice.join("; "),
     );
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for &index in indices {

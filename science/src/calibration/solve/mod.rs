@@ -11,6 +11,7 @@ use missing::{reference_without_grid, unmeasured_slices};
 use super::detection::{Detection, MeasuredDot};
 use super::gains::{self, Gain};
 use super::lattice::Label;
+use super::lost::Loss;
 use super::model_selection::{self, Evidence, StackModel};
 use super::rail::{self, EstimateSource, Law, OwnEstimate};
 use super::rail_anomalies::{self, RailAnomaly};
@@ -34,6 +35,10 @@ pub(super) struct Solved {
     pub gain: f64,
     /// Its relative standard deviation.
     pub gain_sigma: f64,
+    /// The gain by the smooth law over the rail; `None` without one.
+    pub gain_by_law: Option<f64>,
+    /// Brightness over what that law expects, where they differ significantly.
+    pub brightness_off_law: Option<f64>,
     /// Standard deviation of the worst image corner, px.
     pub corner_sigma: f64,
     /// RMS residual of the inliers in the reference slice, px; `None` when predicted.
@@ -90,7 +95,7 @@ pub(super) fn solve(
 ) -> Result<Solution, Interrupted> {
     let count = tracked.detections.len();
     let Some(base) = tracked.detections[reference].as_ref() else {
-        return Err(reference_without_grid(slices, reference).into());
+        return Err(reference_without_grid(slices, reference, Loss::of(tracked, reference)).into());
     };
     let frame = Frame::new(tracked.width, tracked.height);
     let (width, height) = (tracked.width as u32, tracked.height as u32);
@@ -178,7 +183,7 @@ pub(super) fn solve(
         } else {
             ", and too few other slices were measured to predict them".to_owned()
         };
-        return Err(unmeasured_slices(slices, &unmeasured, &why).into());
+        return Err(unmeasured_slices(slices, &unmeasured, |i| Loss::of(tracked, i), &why).into());
     }
     let all_gains = gains::of(tracked, reference, &positions);
     let mut out = Vec::with_capacity(count);
@@ -187,7 +192,7 @@ pub(super) fn solve(
             Some(map) if index != reference => {
                 solved_slice(map, &inliers[index], tracked, index, base, all_gains[index])
             }
-            _ => reference_slice(base),
+            _ => reference_slice(base, all_gains[index]),
         };
         if let Some(why) = solved.homography.objection(width, height) {
             let name = slices.name(index);
@@ -224,7 +229,7 @@ fn filled(positions_by_scale: &[Option<(f64, f64)>], positions: &[f64]) -> Vec<f
 }
 
 /// The reference slice: the identity by definition.
-fn reference_slice(base: &Detection) -> Solved {
+fn reference_slice(base: &Detection, gain: Gain) -> Solved {
     let dot = |(label, dot): (&Label, &MeasuredDot)| Dot {
         label: *label,
         at: dot.at,
@@ -236,6 +241,8 @@ fn reference_slice(base: &Detection) -> Solved {
         by_law: None,
         gain: 1.0,
         gain_sigma: 0.0,
+        gain_by_law: gain.by_law,
+        brightness_off_law: gain.off_law,
         corner_sigma: 0.0,
         rms: Some(0.0),
         p95: Some(0.0),
@@ -280,6 +287,8 @@ fn solved_slice(
         by_law: estimate.by_law,
         gain: gain.value,
         gain_sigma: gain.sigma,
+        gain_by_law: gain.by_law,
+        brightness_off_law: gain.off_law,
         corner_sigma: estimate.sigma,
         rms,
         p95: rms.map(|_| quantile(&mut errors, 0.95)),

@@ -1,5 +1,9 @@
 //! Calibration end to end, on targets with known truth.
 
+mod degenerate;
+mod gains;
+mod rig;
+
 use std::path::PathBuf;
 
 use super::testkit::{Noise, Shot, render};

@@ -24,6 +24,8 @@ pub(super) struct Mark {
     pub value: f64,
     /// Drawn filled when measured, hollow when predicted.
     pub measured: bool,
+    /// Standard deviation; drawn as a line of twice this length to both sides.
+    pub sigma: Option<f64>,
     /// True for the second of two series: squares instead of circles.
     pub second: bool,
     /// Text for pointers and screen readers.
@@ -205,6 +207,10 @@ impl Chart<'_> {
         let x = self.x(mark.slice);
         let step = self.step();
         let size = (0.35 * step).clamp(1.2, 3.4);
+        if let Some(sigma) = mark.sigma.filter(|sigma| sigma.is_finite()) {
+            let [top, bottom] = [2.0, -2.0].map(|times| at(of(mark.value + times * sigma)));
+            out.push_str(&format!("<path class=\"x\" d=\"M{} {top}V{bottom}\"/>", at(x)));
+        }
         let class = match (mark.second, mark.measured) {
             (false, true) => "p",
             (false, false) => "p h",

@@ -18,7 +18,9 @@ pub(super) fn charts(report: &CalibrationReport) -> String {
         return String::new();
     }
     let sheet = Sheet { report };
-    let figures = [sheet.scale(), sheet.shift(), sheet.off_law(), sheet.blur(), sheet.gain(), sheet.sigma()].concat();
+    let figures =
+        [sheet.scale(), sheet.shift(), sheet.off_law(), sheet.blur(), sheet.contrast(), sheet.gain(), sheet.sigma()]
+            .concat();
     format!("<section>\n<h2>Charts over the slices</h2>\n{KEY}<div class=\"charts\">\n{figures}</div>\n</section>\n")
 }
 
@@ -26,7 +28,7 @@ pub(super) fn charts(report: &CalibrationReport) -> String {
 const KEY: &str = "<p class=\"key\">\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><circle class=\"p\" cx=\"13\" cy=\"8\" r=\"3.4\"/></svg>measured</span>\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><rect class=\"i\" x=\"7\" y=\"0\" width=\"12\" height=\"16\"/><circle class=\"p h\" cx=\"13\" cy=\"8\" r=\"3.4\"/></svg>interpolated: not measured, predicted from the other slices</span>\
-    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"law\" d=\"M1 8H25\"/></svg>rail law</span>\
+    <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"law\" d=\"M1 8H25\"/></svg>rail law, smooth law of the gains</span>\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"lim\" d=\"M1 8H25\"/></svg>limit</span>\
     <span><svg viewBox=\"0 0 26 16\" aria-hidden=\"true\"><path class=\"r\" d=\"M13 0V16\"/></svg>reference slice</span></p>\n";
 
@@ -58,7 +60,7 @@ impl Sheet<'_> {
             let value = value(slice)?;
             let how = if slice.interpolated { ", interpolated" } else { "" };
             let title = format!("slice {i}, {}: {}{unit}{how}", slice.name, number(value, decimals));
-            Some(Mark { slice: i, value, measured: !slice.interpolated, second: false, title })
+            Some(Mark { slice: i, value, measured: !slice.interpolated, sigma: None, second: false, title })
         };
         self.report.slices.iter().enumerate().filter_map(mark).collect()
     }
@@ -108,8 +110,20 @@ impl Sheet<'_> {
     }
 
     fn gain(&self) -> String {
-        let hint = "a slice is multiplied by this to match the reference";
-        self.chart("Gain", hint, "times", self.marks(3, "", |s| Some(s.gain)), Scale::Linear(0.02)).figure()
+        let mut marks = self.marks(4, "", |s| Some(s.gain));
+        for mark in &mut marks {
+            let slice = &self.report.slices[mark.slice];
+            mark.sigma = slice.gain_sigma.map(|sigma| sigma * slice.gain);
+        }
+        let hint = "a slice is multiplied by this to match the reference; bars: two standard deviations";
+        let mut chart = self.chart("Gain", hint, "times", marks, Scale::Linear(0.02));
+        chart.lines.push(self.line(false, None, |s| s.law_gain));
+        chart.figure()
+    }
+
+    fn contrast(&self) -> String {
+        let hint = "of the dots, relative to the sharpest slice; near zero blur hides them, below it inverts them";
+        self.chart("Contrast", hint, "times", self.marks(2, "", |s| s.contrast), Scale::Linear(0.5)).figure()
     }
 
     fn sigma(&self) -> String {

@@ -59,7 +59,7 @@ fn chart<'a>(
     let mark = |(slice, value): (usize, &Option<f64>)| {
         let value = (*value)?;
         let title = format!("slice {slice}: {}{after} since revision {}", number(value, decimals), drift.from_revision);
-        Some(Mark { slice, value, measured: !is_predicted(slice), second: false, title })
+        Some(Mark { slice, value, measured: !is_predicted(slice), sigma: None, second: false, title })
     };
     Chart {
         title,

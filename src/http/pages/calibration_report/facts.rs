@@ -6,6 +6,9 @@ use pinstack_science::types::{
     report::{CalibrationReport, CameraReport, RailReport},
 };
 
+/// Least distance of a slice from its rail position that is stated: steps or mm.
+const NOTICEABLE: f64 = 1e-4;
+
 /// The facts as a definition list.
 pub(super) fn facts(report: &CalibrationReport) -> String {
     let rows = [
@@ -157,6 +160,7 @@ fn rail(rail: Option<&RailReport>) -> String {
         .filter(|(_, off)| off.is_finite())
         .max_by(|a, b| a.1.total_cmp(&b.1));
     let farthest = match farthest {
+        Some((_, off)) if off < NOTICEABLE => "; the scales agree with the rail positions".to_owned(),
         Some((slice, off)) => {
             format!("; by its scale, slice {slice} is {}{unit} from its rail position, the most", significant(off, 2))
         }

@@ -54,6 +54,8 @@ pub(super) fn report(count: usize) -> CalibrationReport {
                 blur_radius_px: (!interpolated).then_some(1.1 + 2.05 * step.abs()),
                 contrast: (!interpolated).then_some(0.93 - 0.1 * step.abs()),
                 gain: 1.0 + 0.006 * step + 0.001 * noise(&mut seed),
+                gain_sigma: None,
+                law_gain: None,
                 clipped: Some(0.002),
                 dots_found: dots.len() as u32,
                 inliers: dots.iter().filter(|dot| dot.inlier).count() as u32,
