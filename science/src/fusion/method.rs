@@ -72,6 +72,14 @@ pub(super) fn focus_measure(plan: &Plan) -> FocusMeasure {
     }
 }
 
+/// Whether the first pass measures the coarse focus.
+pub(super) fn has_coarse_focus(method: Method) -> bool {
+    match method {
+        Method::Guided | Method::Pyramid => false,
+        Method::HaloCorrected => true,
+    }
+}
+
 /// Bytes per pixel of the canvas that the second pass holds beside the index and the fused image, for pixels of `pixel`
 /// bytes.
 pub(super) fn extra_bytes_per_pixel(method: Method, pixel: u64) -> u64 {
@@ -88,11 +96,11 @@ pub(super) fn second_pass<S: Sample, const C: usize>(
 ) -> Result<Blended<S>, Interrupted> {
     match run.plan.method {
         Method::Guided => guided::blend::<S, C>(run, aligned),
-        Method::Pyramid => pyramid::blend::<S, C>(run, aligned),
+        Method::Pyramid => pyramid::blend::<S, C>(run, aligned, None),
         Method::HaloCorrected => {
             let no_energy = || Error::new(ErrorKind::Internal, "the first pass has not measured the focus energy");
-            let (energy, coarse) = aligned.energy.take().ok_or_else(no_energy)?;
-            let (blended, index) = halo_corrected::fuse::<S, C>(run, aligned, &energy, coarse)?;
+            let energy = aligned.energy.take().ok_or_else(no_energy)?;
+            let (blended, index) = halo_corrected::fuse::<S, C>(run, aligned, energy)?;
             aligned.index = index;
             Ok(blended)
         }

@@ -31,10 +31,15 @@ impl Plan {
     }
 
     /// Size of the scratch file that [`fuse`](super::fuse) writes for slices of `channels` samples of `depth`, in
-    /// bytes: the samples of all slices, padded to whole blocks.
+    /// bytes: the samples of all slices, padded to whole blocks; and, for methods that measure the coarse focus, a byte
+    /// per cell and slice.
     pub fn scratch_bytes(&self, channels: usize, depth: Depth) -> u64 {
         let side = |length: usize| length.next_multiple_of(align::SCRATCH_BLOCK) as u64;
-        side(self.width) * side(self.height) * (channels * depth.bytes() * self.slices.len()) as u64
+        let slices = self.slices.len() as u64;
+        let samples = side(self.width) * side(self.height) * (channels * depth.bytes()) as u64;
+        let cells = |length: usize| side(length.div_ceil(align::coarse_focus::CELL));
+        let cells = if method::has_coarse_focus(self.method) { cells(self.width) * cells(self.height) } else { 0 };
+        (samples + cells) * slices
     }
 }
 

@@ -5,6 +5,7 @@
 
 pub(super) mod coarse_focus;
 pub(super) mod focus_measure;
+pub(super) mod relevance;
 mod scratch;
 mod sharpest;
 
@@ -23,6 +24,7 @@ use crate::{
 };
 use coarse_focus::CoarseFocus;
 use focus_measure::{FocusMeasure, RowBuffers};
+use relevance::CellEnergies;
 pub(super) use scratch::{BLOCK as SCRATCH_BLOCK, ScratchFile};
 use sharpest::Sharpest;
 
@@ -42,10 +44,20 @@ pub(super) struct Aligned {
     pub coverages: Vec<Coverage>,
     /// Per pixel: the slice with the largest focus measure.
     pub index: Plane<u16>,
-    /// Per pixel the focus energy in that slice, and the coarse focus; only with [`FocusMeasure::Energy`].
-    pub energy: Option<(Plane<f32>, CoarseFocus)>,
+    /// Only with [`FocusMeasure::Energy`].
+    pub energy: Option<MeasuredEnergy>,
     /// Per slice: what the meter measured; empty without a meter.
     pub measurements: Vec<SliceMeasurements>,
+}
+
+/// What the first pass knows of the focus energy.
+pub(super) struct MeasuredEnergy {
+    /// Per pixel, the largest energy of all slices.
+    pub largest: Plane<f32>,
+    /// The coarse focus.
+    pub coarse: CoarseFocus,
+    /// The energy of each slice in cells.
+    pub cells: CellEnergies,
 }
 
 /// Runs the first pass.
@@ -64,6 +76,10 @@ pub(super) fn align<S: Sample, const C: usize>(
         meter,
         scratch: ScratchFile::create(run.scratch_dir, plan.width, plan.height, C)?,
         sharpest: Sharpest::new(plan.width, plan.height, plan.reference),
+        cells: match focus {
+            FocusMeasure::Saliency(_) => None,
+            FocusMeasure::Energy(..) => Some(CellEnergies::create(run.scratch_dir, plan.width, plan.height)?),
+        },
         focus,
         buffers: Mutex::new(Vec::new()),
     };
@@ -100,12 +116,12 @@ pub(super) fn align<S: Sample, const C: usize>(
     }
     let (coverages, measurements): (Vec<_>, Vec<_>) = results.into_iter().filter_map(OnceLock::into_inner).unzip();
     let measurements = measurements.into_iter().flatten().collect();
-    let (index, energy) = match pass.focus {
-        FocusMeasure::Saliency(_) => (pass.sharpest.finish(), None),
-        FocusMeasure::Energy(_, coarse) => {
-            let (index, values) = pass.sharpest.finish_with_values();
-            (index, Some((values, coarse)))
+    let (index, energy) = match (pass.focus, pass.cells) {
+        (FocusMeasure::Energy(_, coarse), Some(cells)) => {
+            let (index, largest) = pass.sharpest.finish_with_values();
+            (index, Some(MeasuredEnergy { largest, coarse, cells }))
         }
+        (FocusMeasure::Saliency(_) | FocusMeasure::Energy(..), _) => (pass.sharpest.finish(), None),
     };
     Ok(Aligned { scratch: pass.scratch, coverages, index, energy, measurements })
 }
@@ -117,6 +133,8 @@ struct Pass<'a, S> {
     scratch: ScratchFile,
     sharpest: Sharpest,
     focus: FocusMeasure,
+    /// Only with [`FocusMeasure::Energy`].
+    cells: Option<CellEnergies>,
     /// Buffers for warped slices, at most one per lane: fresh memory costs as much as a filter.
     buffers: Mutex<Vec<Vec<S>>>,
 }
@@ -182,6 +200,9 @@ impl<S: Sample> Pass<'_, S> {
         parts.resize_with(self.sharpest.bands(), Default::default);
         let bands = parts.into_par_iter().enumerate();
         let picked: Vec<Vec<f32>> = bands.map_init(RowBuffers::default, of_band).collect::<Result<_, Interrupted>>()?;
+        if let Some(energies) = &self.cells {
+            energies.write(slice, &cells)?;
+        }
         self.focus.enter_cells(slice, cells);
 
         let measurements = self.meter.zip(fingerprint).map(|(meter, fingerprint)| {

@@ -26,7 +26,7 @@ mod pixel_groups;
 mod warped_slices;
 
 use super::{
-    align::{Aligned, coarse_focus::CoarseFocus},
+    align::{Aligned, MeasuredEnergy},
     pyramid,
     run::Run,
     tiles::{Blended, in_tiles},
@@ -51,8 +51,7 @@ use warped_slices::WarpedSlices;
 pub(super) fn fuse<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
-    energy: &Plane<f32>,
-    coarse: CoarseFocus,
+    MeasuredEnergy { largest: energy, coarse, cells }: MeasuredEnergy,
 ) -> Result<(Blended<S>, Plane<u16>), Interrupted> {
     run.control.check()?;
     let plan = run.plan;
@@ -60,8 +59,10 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let coarse = coarse.finish(plan.reference);
     let textured = energy.map(|energy| energy > TEXTURED * coarse.noise);
     let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
-    let map = decision_map::refine(&slices, &aligned.index, textured, energy, &coarse, &model)?;
-    let pyramid = pyramid::blend::<S, C>(run, aligned)?;
+    let map = decision_map::refine(&slices, &aligned.index, textured, &energy, &coarse, &model)?;
+    drop(energy);
+    let relevance = cells.relevance(coarse.noise, &aligned.coverages)?;
+    let pyramid = pyramid::blend::<S, C>(run, aligned, Some(&relevance))?;
     if !model.is_known() {
         return Ok((pyramid, map.slice));
     }

@@ -51,6 +51,12 @@ impl<T: Copy> Patch<T> {
         &mut self.data[(y - self.rect.y) * self.rect.width..][..self.rect.width]
     }
 
+    /// The same part of row `y` as [`Patch::part`], mutable.
+    pub(super) fn part_mut(&mut self, x: usize, y: usize, width: usize) -> &mut [T] {
+        let start = x - self.rect.x;
+        &mut self.row_mut(y)[start..start + width]
+    }
+
     /// Whether row `y` of the plane is in the rectangle.
     fn has_row(&self, y: usize) -> bool {
         (self.rect.y..self.rect.y + self.rect.height).contains(&y)

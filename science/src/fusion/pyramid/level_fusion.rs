@@ -66,7 +66,7 @@ pub(super) struct LevelFuser {
 }
 
 impl LevelFuser {
-    /// Adds the detail of `source` to the whole rectangle of `sums`; `coarse` has the values of the next coarser level
+    /// Adds the detail of `source` to the rectangle `part` of `sums`; `coarse` has the values of the next coarser level
     /// of the slice.
     pub(super) fn add_detail<S: Sample, const C: usize>(
         &mut self,
@@ -74,9 +74,9 @@ impl LevelFuser {
         source: &SliceLevel<'_, S>,
         coarse: &Level,
         geometry: LevelGeometry<'_>,
+        part: Rect,
         sums: &mut Level,
     ) {
-        let part = sums[WEIGHT].rect;
         let rect = part.grown(SMOOTHING, geometry.size.0, geometry.size.1);
         let columns = rect.x..rect.x + rect.width;
         let Self { filters, expanded, energy, details, smoothed, total, covered } = self;
@@ -162,7 +162,7 @@ impl LevelFuser {
             let (across, down) = (&geometry.across[part.x..part.x + part.width], geometry.down[y]);
             let slot = (y + SMOOTHING) % RING * rect.width;
             let [first, second, third, weights] = &mut *sums;
-            let weights = weights.row_mut(y);
+            let weights = weights.part_mut(part.x, y, part.width);
             let sums = [first, second, third];
             simd::run(
                 simd,
@@ -173,7 +173,8 @@ impl LevelFuser {
                 },
             );
             for (c, sum) in sums.into_iter().enumerate().take(C) {
-                let (detail, sum) = (&details[c][slot..slot + rect.width][own.clone()], sum.row_mut(y));
+                let (detail, sum) =
+                    (&details[c][slot..slot + rect.width][own.clone()], sum.part_mut(part.x, y, part.width));
                 let weights = &total[..];
                 simd::run(
                     simd,

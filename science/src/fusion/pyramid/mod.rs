@@ -32,7 +32,10 @@ mod reach;
 use std::mem;
 
 use super::{
-    align::Aligned,
+    align::{
+        Aligned,
+        relevance::{Relevance, Use},
+    },
     plan::UNCOVERED,
     run::Run,
     tiles::{Blended, in_tiles},
@@ -52,11 +55,15 @@ use reach::{Reach, Sizes};
 /// Number of halvings. The base has only what is coarser than about 30 px.
 const LEVELS: usize = 4;
 
-/// Runs the second pass.
-pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Interrupted> {
+/// Runs the second pass. With `relevance`, level 0 is fused from the slices that matter alone.
+pub(super) fn blend<S: Sample, const C: usize>(
+    run: &Run<'_>,
+    aligned: &Aligned,
+    relevance: Option<&Relevance>,
+) -> Result<Blended<S>, Interrupted> {
     let canvas = Canvas::new(run.plan.width, run.plan.height);
     in_tiles::<S, C, _>(run, "fusing", Pyramid::default, |pyramid, rect, out| {
-        pyramid.tile::<C>(&canvas, rect, aligned, run.control, out)
+        pyramid.tile::<C>(&canvas, rect, (aligned, relevance), run.control, out)
     })
 }
 
@@ -95,6 +102,8 @@ struct Pyramid<S> {
     values: Level,
     /// Per level, summed over the slices: detail (or base) times weight, and weight.
     sums: Vec<Level>,
+    /// Level 1, summed over the slices that enter level 0 with equal weights.
+    equal: Level,
     /// The smallest and largest samples of all slices.
     range: SampleRange<S>,
 }
@@ -106,7 +115,7 @@ impl<S: Sample> Pyramid<S> {
         &mut self,
         canvas: &Canvas,
         rect: Rect,
-        aligned: &Aligned,
+        (aligned, relevance): (&Aligned, Option<&Relevance>),
         control: &dyn Control,
         out: &mut Vec<S>,
     ) -> Result<usize, Interrupted> {
@@ -119,6 +128,11 @@ impl<S: Sample> Pyramid<S> {
         }
         let (width, height) = canvas.sizes.0[0];
         self.range.reset::<C>(rect.grown(1, width, height));
+        let mut has_equal = false;
+        if let Some(relevance) = relevance.filter(|_| levels > 1) {
+            relevance.parts(0, rect, Use::Equally, |_| has_equal = true);
+            self.equal.iter_mut().for_each(|plane| plane.reset(reach.result[1], 0.0));
+        }
 
         for (slice, coverage) in aligned.coverages.iter().enumerate() {
             control.check()?;
@@ -145,11 +159,43 @@ impl<S: Sample> Pyramid<S> {
                     _ => SliceLevel::Coarser(&self.levels[level]),
                 };
                 let (geometry, sums) = (canvas.geometry(level), &mut self.sums[level]);
-                self.fuser.add_detail::<S, C>(simd, &source, &self.values, geometry, sums);
+                let (fuser, values) = (&mut self.fuser, &self.values);
+                match relevance.filter(|_| level == 0) {
+                    None => fuser.add_detail::<S, C>(simd, &source, values, geometry, sums[WEIGHT].rect, sums),
+                    Some(relevance) => {
+                        let mut add = |part| fuser.add_detail::<S, C>(simd, &source, values, geometry, part, sums);
+                        relevance.parts(slice, rect, Use::ByEnergy, &mut add);
+                        if has_equal {
+                            add_samples::<S, C>(simd, &self.finest, (relevance, slice, rect), sums);
+                            add_level::<C>(simd, values, &mut self.equal);
+                        }
+                    }
+                }
             }
             self.add_base::<C>(simd, canvas.geometry(levels - 1), reach.detail[levels - 1]);
         }
+        if let Some(relevance) = relevance.filter(|_| has_equal) {
+            self.subtract_coarse::<C>(canvas, relevance, rect, aligned.coverages.len());
+        }
         Ok(self.finish::<C>(canvas, rect, &aligned.index, out))
+    }
+
+    /// Completes the sums of level 0 where all `slices` slices have equal weights: the sum of their details is the sum of
+    /// their samples minus that of their expanded coarser levels.
+    fn subtract_coarse<const C: usize>(&mut self, canvas: &Canvas, relevance: &Relevance, rect: Rect, slices: usize) {
+        let Self { filters, equal, sums, .. } = self;
+        let (simd, mut expanded, sums) = (Avx2::detect(), Vec::new(), &mut sums[0]);
+        relevance.parts(0, rect, Use::Equally, |part| {
+            let columns = part.x..part.x + part.width;
+            for y in part.y..part.y + part.height {
+                for (sum, equal) in sums[..C].iter_mut().zip(&*equal) {
+                    let coarse = filters.expand(simd, equal, canvas.sizes.0[1], (y, &columns), &mut expanded);
+                    let sum = sum.part_mut(part.x, y, part.width);
+                    sum.iter_mut().zip(coarse).for_each(|(sum, coarse)| *sum -= *coarse);
+                }
+                sums[WEIGHT].part_mut(part.x, y, part.width).fill(slices as f32);
+            }
+        });
     }
 
     /// Level 0 of a slice on a canvas too small to be halved: its covered pixels in `rect`, in grey levels of 255.
@@ -263,6 +309,43 @@ impl<S: Sample> Pyramid<S> {
         }
         self.values = result;
         clamped
+    }
+}
+
+/// Adds the samples of a slice, in grey levels of 255, where it enters level 0 with the same weight as all others.
+fn add_samples<S: Sample, const C: usize>(
+    simd: Option<Avx2>,
+    finest: &FinestLevel<S>,
+    (relevance, slice, rect): (&Relevance, usize, Rect),
+    sums: &mut Level,
+) {
+    let scale = 255.0 / S::DEPTH.max();
+    relevance.parts(slice, rect, Use::Equally, |part| {
+        for (sum, plane) in sums[..C].iter_mut().zip(&finest.planes) {
+            for y in part.y..part.y + part.height {
+                let (sum, samples) = (sum.part_mut(part.x, y, part.width), plane.part(part.x, y, part.width));
+                simd::run(
+                    simd,
+                    #[inline(always)]
+                    || sum.iter_mut().zip(samples).for_each(|(sum, sample)| *sum += sample.value() * scale),
+                );
+            }
+        }
+    });
+}
+
+/// Adds the values of a level to the rectangle of `sums`.
+fn add_level<const C: usize>(simd: Option<Avx2>, values: &Level, sums: &mut Level) {
+    for (sum, values) in sums[..C].iter_mut().zip(values) {
+        let rect = sum.rect;
+        for y in rect.y..rect.y + rect.height {
+            let (sum, values) = (sum.row_mut(y), values.part(rect.x, y, rect.width));
+            simd::run(
+                simd,
+                #[inline(always)]
+                || sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value),
+            );
+        }
     }
 }
 

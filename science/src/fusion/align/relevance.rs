@@ -1,0 +1,266 @@
+//! Which slices matter for the finest detail of the pyramid image, per block of 32 x 32 px.
+//!
+//! Level 0 of a pyramid has three quarters of all pixels, and the weight of a slice there falls with the fourth power of
+//! its energy. Most slices are far out of focus in a block: they have no weight, and need not be processed.
+//!
+//! In: the focus energy of each slice in cells of 4 x 4 px, in any order of slices. It is kept in a scratch file, one
+//! byte per cell. Out: [`Relevance`]. With `e_n` the energy of slice `n` in a cell, `e` the largest of all slices, and
+//! `E_0` that of noise:
+//!
+//! | block, with the cells up to 8 px around it | slices |
+//! |---|---|
+//! | `e <= 4 E_0` in all cells, and all of at least 8 slices cover it | all, with equal weights: they show noise alone |
+//! | `e <= 4 E_0` in all cells | all |
+//! | else | those that cover only a part of it, and those with `e_n >= e / 4` in a cell with `e > 4 E_0` |
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::{coarse_focus::CELL, scratch::ScratchFile};
+use crate::{
+    imaging::{
+        Coverage, Rect,
+        simd::{self, Avx2},
+    },
+    types::Error,
+};
+
+/// Side of a block, px.
+pub(in crate::fusion) const BLOCK: usize = 32;
+
+/// Cells around a block that count, on each side.
+const MARGIN: usize = 2;
+
+/// Energy, in multiples of that of noise, from which a cell has texture.
+const TEXTURED: f32 = 4.0;
+
+/// Slices from which noise is averaged with equal weights: the estimate of noise is the lower quartile of the slices.
+const MIN_SLICES: usize = 8;
+
+/// Steps of a code per factor of 2 of the energy.
+const STEPS: u32 = 8;
+/// A slice matters up to a quarter of the largest energy.
+const RELEVANT_STEPS: u8 = 2 * STEPS as u8;
+
+/// The focus energy of all slices in cells.
+pub(in crate::fusion) struct CellEnergies {
+    file: ScratchFile,
+    columns: usize,
+    rows: usize,
+}
+
+impl CellEnergies {
+    /// For slices of `width` x `height` px; creates a file in `folder`.
+    pub(super) fn create(folder: &Path, width: usize, height: usize) -> Result<Self, Error> {
+        let (columns, rows) = (width.div_ceil(CELL), height.div_ceil(CELL));
+        Ok(Self { file: ScratchFile::create(folder, columns, rows, 1)?, columns, rows })
+    }
+
+    /// Keeps the `cells` of slice `slice`.
+    pub(super) fn write(&self, slice: usize, cells: &[f32]) -> Result<(), Error> {
+        let mut codes = vec![0u8; cells.len()];
+        simd::run(
+            Avx2::detect(),
+            #[inline(always)]
+            || codes.iter_mut().zip(cells).for_each(|(code, &energy)| *code = code_of(energy)),
+        );
+        self.file.write(slice, &codes)
+    }
+
+    /// The slices that matter. `noise` is the energy of noise, `coverages` what each slice covers.
+    pub(in crate::fusion) fn relevance(&self, noise: f32, coverages: &[Coverage]) -> Result<Relevance, Error> {
+        let (height, width) =
+            (coverages.first().map_or(0, Coverage::height), coverages.first().map_or(0, Coverage::width));
+        let (columns, words) = (width.div_ceil(BLOCK), coverages.len().div_ceil(64));
+        let textured = code_of(TEXTURED * noise);
+        let rows: Vec<Vec<Block>> = (0..height.div_ceil(BLOCK))
+            .into_par_iter()
+            .map_init(Buffers::default, |buffers, row| self.row_of_blocks((row, columns), textured, coverages, buffers))
+            .collect::<Result<_, Error>>()?;
+        let (mut uniform, mut slices) = (Vec::new(), Vec::new());
+        for block in rows.into_iter().flatten() {
+            uniform.push(block.uniform);
+            slices.extend(block.slices);
+        }
+        Ok(Relevance { columns, words, uniform, slices })
+    }
+
+    fn row_of_blocks(
+        &self,
+        (row, columns): (usize, usize),
+        textured: u8,
+        coverages: &[Coverage],
+        buffers: &mut Buffers,
+    ) -> Result<Vec<Block>, Error> {
+        const CELLS: usize = BLOCK / CELL;
+        let (first, end) = ((row * CELLS).saturating_sub(MARGIN), ((row + 1) * CELLS + MARGIN).min(self.rows));
+        let band = Rect { x: 0, y: first, width: self.columns, height: end - first };
+        let Buffers { largest, codes, bytes } = buffers;
+        largest.clear();
+        largest.resize(band.width * band.height, 0);
+        for slice in 0..coverages.len() {
+            self.file.read(slice, band, codes, bytes)?;
+            largest.iter_mut().zip(&*codes).for_each(|(largest, &code)| *largest = code.max(*largest));
+        }
+        let around =
+            |column: usize| (column * CELLS).saturating_sub(MARGIN)..((column + 1) * CELLS + MARGIN).min(self.columns);
+        let any = |column: usize, of: &dyn Fn(usize) -> bool| {
+            (0..band.height).any(|y| around(column).any(|x| of(y * band.width + x)))
+        };
+        let words = coverages.len().div_ceil(64);
+        let blank = Block { uniform: false, slices: vec![0; words] };
+        let mut blocks = vec![blank; columns];
+        let has_texture: Vec<bool> = (0..columns).map(|column| any(column, &|at| largest[at] > textured)).collect();
+        for (column, block) in blocks.iter_mut().enumerate() {
+            block.uniform = !has_texture[column] && coverages.len() >= MIN_SLICES;
+        }
+        for (slice, coverage) in coverages.iter().enumerate() {
+            self.file.read(slice, band, codes, bytes)?;
+            for (column, block) in blocks.iter_mut().enumerate() {
+                let rect = Rect { x: column * BLOCK, y: row * BLOCK, width: BLOCK, height: BLOCK };
+                let covered = coverage.contains(rect.grown(MARGIN * CELL, coverage.width(), coverage.height()));
+                block.uniform &= covered;
+                let sharp =
+                    |at: usize| largest[at] > textured && codes[at].saturating_add(RELEVANT_STEPS) >= largest[at];
+                if !has_texture[column] || !covered || any(column, &sharp) {
+                    block.slices[slice / 64] |= 1 << (slice % 64);
+                }
+            }
+        }
+        Ok(blocks)
+    }
+}
+
+#[derive(Default)]
+struct Buffers {
+    largest: Vec<u8>,
+    codes: Vec<u8>,
+    bytes: Vec<u8>,
+}
+
+#[derive(Clone)]
+struct Block {
+    uniform: bool,
+    /// One bit per slice.
+    slices: Vec<u64>,
+}
+
+/// How a slice enters a block of level 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::fusion) enum Use {
+    /// It has no weight there.
+    None,
+    /// Weighted by the energy of its detail.
+    ByEnergy,
+    /// With the same weight as all other slices.
+    Equally,
+}
+
+/// The slices that matter, per block of [`BLOCK`] x [`BLOCK`] px.
+#[derive(Debug, PartialEq)]
+pub(in crate::fusion) struct Relevance {
+    columns: usize,
+    /// Words of 64 slices per block.
+    words: usize,
+    uniform: Vec<bool>,
+    slices: Vec<u64>,
+}
+
+impl Relevance {
+    /// How `slice` enters the block in which the pixel (`x`, `y`) lies.
+    pub(in crate::fusion) fn of(&self, slice: usize, x: usize, y: usize) -> Use {
+        let block = y / BLOCK * self.columns + x / BLOCK;
+        let matters = self.slices[block * self.words + slice / 64] >> (slice % 64) & 1 == 1;
+        match (self.uniform[block], matters) {
+            (true, _) => Use::Equally,
+            (false, true) => Use::ByEnergy,
+            (false, false) => Use::None,
+        }
+    }
+
+    /// Calls `part` with each part of `rect` in which `slice` is used as `how`: blocks side by side are one part.
+    pub(in crate::fusion) fn parts(&self, slice: usize, rect: Rect, how: Use, mut part: impl FnMut(Rect)) {
+        let (right, bottom) = (rect.x + rect.width, rect.y + rect.height);
+        let mut y = rect.y;
+        while y < bottom {
+            let below = ((y / BLOCK + 1) * BLOCK).min(bottom);
+            let mut x = rect.x;
+            while x < right {
+                let start = x;
+                while x < right && self.of(slice, x, y) == how {
+                    x = ((x / BLOCK + 1) * BLOCK).min(right);
+                }
+                if start < x {
+                    part(Rect { x: start, y, width: x - start, height: below - y });
+                } else {
+                    x = ((x / BLOCK + 1) * BLOCK).min(right);
+                }
+            }
+            y = below;
+        }
+    }
+}
+
+/// The energy as a byte: [`STEPS`] steps per factor of 2, from 2^-12 to 2^20 squared grey levels.
+#[inline(always)]
+fn code_of(energy: f32) -> u8 {
+    /// The code of 1 without the shift: the exponent and the first three bits of the mantissa of a float.
+    const ONE: i32 = (1.0f32.to_bits() >> 20) as i32;
+    let code = (energy.max(0.0).to_bits() >> 20) as i32 - ONE + 12 * STEPS as i32;
+    code.clamp(0, 255) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten slices of 96 x 64 px, of which the blocks on the left have noise alone, and those on the right a texture
+    /// that slice 3 shows sharp and slice 4 half as sharp.
+    fn relevance(coverage_of_last: Coverage) -> Relevance {
+        let energies = CellEnergies::create(&std::env::temp_dir(), 96, 64).unwrap();
+        let energy = |slice: usize, column: usize| match (slice, column >= 16) {
+            (3, true) => 90.0,
+            (4, true) => 45.0,
+            (slice, _) => 1.0 + 0.1 * slice as f32,
+        };
+        let mut coverages = vec![Coverage::full(96, 64); 9];
+        coverages.push(coverage_of_last);
+        for slice in 0..10 {
+            let cells: Vec<f32> = (0..24 * 16).map(|at| energy(slice, at % 24)).collect();
+            energies.write(slice, &cells).unwrap();
+        }
+        energies.relevance(1.2, &coverages).unwrap()
+    }
+
+    #[test]
+    fn slices_far_out_of_focus_do_not_matter_where_there_is_texture() {
+        let relevance = relevance(Coverage::full(96, 64));
+        let used = |x: usize| -> Vec<Use> { (0..10).map(|slice| relevance.of(slice, x, 40)).collect() };
+        assert_eq!(used(10), [Use::Equally; 10]);
+        for x in [40, 80] {
+            let sharp = [3, 4];
+            let expected = |slice: usize| if sharp.contains(&slice) { Use::ByEnergy } else { Use::None };
+            assert_eq!(used(x), (0..10).map(expected).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_slice_that_covers_a_part_of_a_block_matters_there() {
+        let shifted = crate::types::Homography::similarity(1.0, [-20.0, 0.0]);
+        let relevance = relevance(Coverage::of(&shifted, (96, 64), 96, 64));
+        // nothing left of column 20
+        assert_eq!(relevance.of(9, 10, 0), Use::ByEnergy);
+        assert_eq!(relevance.of(0, 10, 0), Use::ByEnergy);
+        assert_eq!(relevance.of(9, 80, 0), Use::None);
+    }
+
+    #[test]
+    fn parts_are_the_blocks_side_by_side() {
+        let relevance = relevance(Coverage::full(96, 64));
+        let mut parts = Vec::new();
+        relevance.parts(3, Rect { x: 20, y: 10, width: 70, height: 30 }, Use::ByEnergy, |part| parts.push(part));
+        let part = |y: usize, height: usize| Rect { x: 32, y, width: 58, height };
+        assert_eq!(parts, [part(10, 22), part(32, 8)]);
+    }
+}
