@@ -100,7 +100,7 @@ fn shade_points(
     let shade = |shape: &Shape, x: usize, y: usize| {
         let px = [origin[0] + (x as f64 - 0.5) * step, origin[1] + (y as f64 - 0.5) * step];
         let point = frame.to_scene(px);
-        let place = shape.place(point);
+        let Some(place) = shape.place_within(point, soft) else { return [0.0; 4] };
         let windows = part.holes.iter().map(|(centre, radius)| radius - distance(point, *centre));
         let outline = windows.fold(place.distance, f64::max);
         let coverage = (0.5 - outline / soft).clamp(0.0, 1.0) as f32;
@@ -164,7 +164,8 @@ fn shadow(casters: &[Caster], part: &Part, point: [f64; 2]) -> f32 {
         let shift = UNITS_PER_DEPTH * gap;
         let seen = [x - 0.7 * shift, y - shift];
         let soft = 0.006 + 0.6 * shift;
-        let cover = (0.5 - caster.shape.place(seen).distance / soft).clamp(0.0, 1.0);
+        let Some(place) = caster.shape.place_within(seen, soft) else { continue };
+        let cover = (0.5 - place.distance / soft).clamp(0.0, 1.0);
         light *= 1.0 - 0.45 * cover * cover;
     }
     light.max(0.3) as f32

@@ -10,6 +10,7 @@ use super::scene::Scene;
 use super::sensor::{Light, expose, expose_clean, quantise};
 use crate::imaging::{Plane, Raster};
 use crate::types::Homography;
+use crate::types::profile::CaptureMode;
 
 /// Side of the tiles in which images are rendered, px.
 const TILE: usize = 96;
@@ -81,7 +82,7 @@ impl Stage {
         let picture = self.front(&view);
         let light = expose_clean(rig, 1.0, copy_rows(&picture, rig.width));
         let sharp = quantise(rig, &light, |_, value| value);
-        let coverage = self.picture::<1>(&view, |_| [0.0], |[below], [cover]| [below * (1.0 - cover) + cover]);
+        let coverage = self.coverage();
         let mask = coverage.iter().map(|&[cover]| if cover >= 0.5 { 255 } else { 0 }).collect();
         let cover = coverage.iter().map(|&[cover]| (255.0 * cover).round() as u8).collect();
         let slice = (0..rig.width * rig.height)
@@ -91,6 +92,18 @@ impl Stage {
         let bytes = |data: Vec<u8>| Plane { width: rig.width, height: rig.height, data };
         let slice = Plane { width: rig.width, height: rig.height, data: slice };
         Truth { sharp, mask: bytes(mask), cover: bytes(cover), slice }
+    }
+
+    /// [`Truth::mask`] alone, without the rest of the truth.
+    pub fn mask(&self) -> Plane<u8> {
+        let data = self.coverage().iter().map(|&[cover]| if cover >= 0.5 { 255 } else { 0 }).collect();
+        Plane { width: self.rig.width, height: self.rig.height, data }
+    }
+
+    /// Fraction of each pixel that the object covers.
+    fn coverage(&self) -> Vec<[f32; 1]> {
+        let view = View { straight: Homography::IDENTITY, slice: None };
+        self.picture::<1>(&view, |_| [0.0], |[below], [cover]| [below * (1.0 - cover) + cover])
     }
 
     /// The part that contributes most to the pixel decides.
@@ -158,13 +171,16 @@ impl Stage {
             radii.fold(0.0, f64::max)
         });
         let discs = Discs::up_to(largest);
+        // with a fixed lens every depth is seen at the same place
+        let shares_places = view.slice.is_some() && self.rig.mode == CaptureMode::FixedLens;
         let columns = width.div_ceil(TILE);
         let tiles: Vec<Vec<[f32; C]>> = (0..columns * height.div_ceil(TILE))
             .into_par_iter()
             .map(|tile| {
-                let area = Area::new(tile % columns * TILE, tile / columns * TILE, width, height);
+                let mut area = Area::new(tile % columns * TILE, tile / columns * TILE, width, height);
                 let ground_at = |x: usize, y: usize| ground(self.to_reference(view, [x as f64, y as f64], None));
                 let mut out: Vec<[f32; C]> = area.pixels().map(|(x, y)| ground_at(x, y)).collect();
+                area.places = shares_places.then(|| Places::new(self, view, &area, margin(largest)));
                 for part in &self.parts {
                     self.lay_over(view, part, &area, &discs, &mut out, &over);
                 }
@@ -197,12 +213,15 @@ impl Stage {
             part.relief.depth(point[0], point[1]).clamp(part.depths[0], part.depths[1])
         };
         let blur_at = |depth: f64| view.slice.map_or(0.0, |i| self.rig.blur_radius_px(i, depth));
-        let margin = part.depths.into_iter().map(blur_at).fold(0.0, f64::max).ceil() as usize + 1;
+        let margin = margin(part.depths.into_iter().map(blur_at).fold(0.0, f64::max));
         if !self.touches(view, part, area, margin as f64) {
             return;
         }
         let (width, height) = (area.width + 2 * margin, area.height + 2 * margin);
         let look = |x: usize, y: usize| {
+            if let Some(places) = &area.places {
+                return places.at(x, y, margin);
+            }
             let at = [(area.x + x) as f64 - margin as f64, (area.y + y) as f64 - margin as f64];
             self.to_reference(view, at, Some(part))
         };
@@ -250,7 +269,7 @@ impl Stage {
         let Some(part) = part else { return at_depth(1.0) };
         let middle = (part.depths[0] + part.depths[1]) / 2.0;
         let first = at_depth(middle);
-        if self.rig.mode == crate::types::profile::CaptureMode::FixedLens {
+        if self.rig.mode == CaptureMode::FixedLens {
             return first;
         }
         // with a moving lens the place depends on the depth, which depends on the place, a little
@@ -277,17 +296,49 @@ impl Stage {
     }
 }
 
+/// Px around a tile that blur of `radius` px brings into it.
+fn margin(radius: f64) -> usize {
+    radius.ceil() as usize + 1
+}
+
+/// Per pixel of a tile and its margin: the px of the reference picture that is seen there, where it is the same for all
+/// depths.
+struct Places {
+    margin: usize,
+    width: usize,
+    places: Vec<[f64; 2]>,
+}
+
+impl Places {
+    fn new(stage: &Stage, view: &View, area: &Area, margin: usize) -> Self {
+        let (width, height) = (area.width + 2 * margin, area.height + 2 * margin);
+        let place = |k: usize| {
+            let at = |start: usize, by: usize| (start + by) as f64 - margin as f64;
+            stage.to_reference(view, [at(area.x, k % width), at(area.y, k / width)], None)
+        };
+        Self { margin, width, places: (0..width * height).map(place).collect() }
+    }
+
+    /// The place of pixel (x, y) of the tile with a margin of `margin` px, which is at most that of all places.
+    fn at(&self, x: usize, y: usize, margin: usize) -> [f64; 2] {
+        let by = self.margin - margin;
+        self.places[(y + by) * self.width + x + by]
+    }
+}
+
 /// A tile of the picture.
 struct Area {
     x: usize,
     y: usize,
     width: usize,
     height: usize,
+    /// Where its pixels lie in the reference picture.
+    places: Option<Places>,
 }
 
 impl Area {
     fn new(x: usize, y: usize, width: usize, height: usize) -> Self {
-        Self { x, y, width: TILE.min(width - x), height: TILE.min(height - y) }
+        Self { x, y, width: TILE.min(width - x), height: TILE.min(height - y), places: None }
     }
 
     fn pixels(&self) -> impl Iterator<Item = (usize, usize)> {

@@ -16,13 +16,18 @@ pub(crate) struct Rendered {
 /// `scene` taken by `rig` under `light`, with the true geometry of the rig as its plan.
 pub(crate) fn rendered(rig: &Rig, scene: &Scene, light: Light) -> Rendered {
     let stage = Stage::new(rig, scene);
-    let plan = Plan {
+    let slices = (0..rig.slices()).map(|i| stage.render(light, i)).collect();
+    Rendered { slices, plan: true_plan(rig), truth: stage.truth() }
+}
+
+/// The plan with the true geometry and brightness of `rig`.
+pub(crate) fn true_plan(rig: &Rig) -> Plan {
+    Plan {
         slices: slice_plans(rig),
         reference: rig.reference,
         near_first: Some(true),
         ..Plan::aligned(rig.width, rig.height, rig.slices())
-    };
-    Rendered { slices: (0..rig.slices()).map(|i| stage.render(light, i)).collect(), plan, truth: stage.truth() }
+    }
 }
 
 /// The true geometry and brightness of the slices of `rig`.

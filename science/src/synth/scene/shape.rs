@@ -129,6 +129,24 @@ impl Shape {
         Cow::Owned(Self::Strokes(strokes.iter().filter(near).copied().collect()))
     }
 
+    /// Where `point` lies relative to the outline; `None` if it is certainly farther than `reach` outside. Much cheaper
+    /// than [`Shape::place`] for points far from the shape.
+    pub(crate) fn place_within(&self, point: [f64; 2], reach: f64) -> Option<Place> {
+        match self {
+            Self::Strokes(strokes) => {
+                let near = strokes.iter().filter(|stroke| stroke.is_near(point, reach));
+                near.map(|stroke| stroke.place(point)).min_by(|a, b| a.distance.total_cmp(&b.distance))
+            }
+            Self::Blade { from, to, half_width, .. } => {
+                let stroke = Stroke { from: *from, to: *to, radii: [*half_width; 2] };
+                // within `reach` beyond the ends, and within `reach` and the largest half width beside the axis
+                let reach = reach.hypot(reach + half_width) - half_width + 1e-9;
+                (stroke.is_near(point, reach) && stroke.place(point).distance <= reach).then(|| self.place(point))
+            }
+            Self::Ellipse { .. } | Self::Plate { .. } => Some(self.place(point)),
+        }
+    }
+
     /// Where `point` lies relative to the outline.
     pub(crate) fn place(&self, point: [f64; 2]) -> Place {
         match self {
@@ -173,6 +191,17 @@ impl Shape {
 }
 
 impl Stroke {
+    /// False if `point` is certainly farther than `reach` outside.
+    #[inline]
+    fn is_near(&self, point: [f64; 2], reach: f64) -> bool {
+        // rounding must not exclude a point
+        let reach = self.radii[0].max(self.radii[1]) + reach + 1e-9;
+        (0..2).all(|axis| {
+            let (from, to) = (self.from[axis], self.to[axis]);
+            point[axis] >= from.min(to) - reach && point[axis] <= from.max(to) + reach
+        })
+    }
+
     fn bounds(&self) -> [f64; 4] {
         let reach = self.radii[0].max(self.radii[1]);
         [
@@ -198,6 +227,34 @@ impl Stroke {
             distance: away - radius,
             normal: [off[0] * slope, off[1] * slope],
             local: [t * length_squared.sqrt(), side * away],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_within_reach_gets_its_place_and_only_farther_ones_get_none() {
+        let stroke = |x: f64| Stroke { from: [x, -0.2], to: [0.5 * x, 0.3], radii: [0.02, 0.002] };
+        let shapes = [
+            Shape::Strokes((0..8).map(|k| stroke(0.1 * f64::from(k) - 0.4)).collect()),
+            Shape::Blade { from: [-0.3, 0.1], to: [0.35, -0.05], half_width: 0.12, fullness: 0.6 },
+            Shape::Ellipse { centre: [0.1, 0.0], radii: [0.3, 0.1], angle: 0.4 },
+            Shape::Plate { centre: [0.0, 0.1], half: [0.2, 0.1], angle: 1.1, corner: 0.03 },
+        ];
+        for shape in &shapes {
+            for k in 0..4_000_u32 {
+                let point = [f64::from(k % 80) / 50.0 - 0.8, f64::from(k / 80) / 30.0 - 0.8];
+                for reach in [0.002, 0.1] {
+                    let place = shape.place(point);
+                    match shape.place_within(point, reach) {
+                        Some(found) => assert!(found == place || place.distance > reach, "{shape:?} {point:?}"),
+                        None => assert!(place.distance > reach, "{shape:?} {point:?}"),
+                    }
+                }
+            }
         }
     }
 }
