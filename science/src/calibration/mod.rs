@@ -13,7 +13,8 @@
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
 //! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
-//! | light | `dot_photometry`, `gains`, `tint`, `falloff` | gains from the brightness of the target dot by dot; slices that fall out |
+//! | gains | `dot_photometry`, `gains`, `tint` | compares the brightness and the tint of the target |
+//! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!

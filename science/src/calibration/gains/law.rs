@@ -24,7 +24,8 @@ pub(super) struct SmoothLaw {
     covariance: Matrix3<f64>,
     /// Scatter of the values about the law beyond their own standard deviations: the flicker of the light.
     pub scatter: f64,
-    /// Sum of the squared deviations in standard deviations, each at most [`CUT`] squared, and of the squared curvature.
+    /// Sum of the squared deviations in standard deviations, each at most [`CUT`] squared, and of the squared curvature
+    /// in its standard deviation.
     pub cost: f64,
 }
 

@@ -5,8 +5,8 @@
 //!
 //! `light_t(v) = (1 - t) v + t srgb(v)`, with `v` the stored value, 0 to 1, and `srgb` the decoding of IEC 61966-2-1.
 //!
-//! `t = 0` is a linear camera, `t = 1` sRGB, more than 1 a curve with more contrast. The family is linear in `t`, so the
-//! mean light for any `t` follows from two measured means.
+//! `t = 0` is a linear camera, `t = 1` sRGB, more than 1 a curve with more contrast. The family is linear in `t`, so
+//! the mean light for any `t` follows from two measured means.
 
 use crate::calibration::dot_photometry::{DotLight, to_light};
 
