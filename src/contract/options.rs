@@ -103,6 +103,9 @@ pub enum UnderAlpha {
     Black,
     /// The fused colour.
     Keep,
+    /// The colour of the object continued by 4 px beyond its outline, black farther out: without the step from the
+    /// object to black that feature detectors and the interpolation of textures would see.
+    Pad,
 }
 
 /// Part of the reference slice's canvas that the results show.

@@ -20,7 +20,7 @@ use pinstack_science::{
     imaging::{
         Depth, Plane, Raster, Rect,
         codec::{Metadata, OutputCamera},
-        compositing, thumbnail,
+        compositing, padding, thumbnail,
     },
     segmentation::Silhouette,
     types::{Control, Warning, intrinsics::Intrinsics, profile::ProfileInput},
@@ -70,7 +70,10 @@ impl Pictures<'_> {
         let info = self.info();
         let metadata = source.for_output(info.width, info.height, &self.camera());
         let keep_hidden_colour = options.under_alpha == UnderAlpha::Keep;
-        let image = compositing::rgba(&front.image, &self.alpha(), rect, self.depth(), keep_hidden_colour);
+        let mut image = compositing::rgba(&front.image, &self.alpha(), rect, self.depth(), keep_hidden_colour);
+        if options.under_alpha == UnderAlpha::Pad {
+            padding::pad(&mut image);
+        }
         let others = || -> Result<Vec<WrittenArtifact>, JobError> {
             // a web page needs the colour profile, and no EXIF
             let colours = Metadata { icc: metadata.icc.clone(), exif: None };

@@ -8,7 +8,8 @@
 //! along the gradient, with `g` the relative gradient of the light, `r` the blur radius and `k = 2 pi / pitch`. The
 //! shift is small until the harmonic nearly vanishes (`J1(k r) = 0` at 0.61 of the pitch), where it grows without
 //! limit. How much of the gradient arises before the blur is unknown (vignetting of the sensor side arises after it).
-//! So the dots are not corrected: their uncertainty grows by the shift, and the rail law decides where they say nothing.
+//! So the dots are not corrected: their uncertainty grows by the shift, and the rail law decides where they say
+//! nothing.
 
 use nalgebra::{SMatrix, SVector};
 

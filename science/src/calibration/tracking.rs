@@ -176,8 +176,8 @@ fn follow(
     Ok(all)
 }
 
-/// Checks that no slice is mirrored or turned against the slice `start`, in which the grid was found. Only the code of a
-/// coded target tells.
+/// Checks that no slice is mirrored or turned against the slice `start`, in which the grid was found. Only the code of
+/// a coded target tells.
 fn same_orientation(slices: &dyn Slices, detections: &[Option<Detection>], start: usize) -> Result<(), Error> {
     let is_turned = |(index, detection): (usize, &Option<Detection>)| Some((index, detection.as_ref()?.turned?));
     let turned: Vec<(usize, bool)> = detections.iter().enumerate().filter_map(is_turned).collect();

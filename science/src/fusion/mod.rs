@@ -120,9 +120,21 @@ impl Run<'_> {
         let (width, height) = (self.plan.width, self.plan.height);
         let covered = valid.data.iter().filter(|&&v| v != 0).count();
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
-        let warnings = warnings(width * height, covered, blended.clamped);
+        let mut warnings = warnings(width * height, covered, blended.clamped);
+        warnings.extend(blended.contradicts_near_end.then(|| depth_order_disagrees(self.plan)));
         Ok(Fused { image, index: aligned.index, valid, quality, warnings })
     }
+}
+
+/// The warning about a stack whose depth steps contradict the near end of the plan.
+fn depth_order_disagrees(plan: &Plan) -> Warning {
+    let (near, other) = if plan.near_first == Some(true) { ("first", "last") } else { ("last", "first") };
+    let detail = format!(
+        "by the profile the {near} slice is focused nearest to the camera, but the outlines in the stack show that the \
+         {other} one is; if halos beside outlines are worse than with method=pyramid, correct capture_mode in the profile, \
+         or the order of the slices"
+    );
+    Warning::new("depth_order_disagrees", detail)
 }
 
 /// The warnings about a canvas of `pixels` px, of which `covered` are covered and `clamped` have a clamped sample.

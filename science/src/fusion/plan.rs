@@ -13,6 +13,8 @@ use crate::{
 /// Value of [`Fused::index`] where no slice covers the canvas.
 pub const UNCOVERED: u16 = u16::MAX;
 
+/// Largest distance of the slope of the gains from that of a fixed lens. A moving lens has slopes near 0.
+const GAIN_SLOPE_TOLERANCE: f64 = 0.5;
 /// Smallest change of scale over the stack, as |ln(first / last)|, that decides which end of the stack is near.
 const MIN_LOG_SCALE_CHANGE: f64 = 2e-3;
 
@@ -134,17 +136,38 @@ impl Plan {
 /// | fixed lens | the sensor moves back: the image grows, so `s` falls, and the focus comes nearer | smaller `s` |
 /// | moving lens | the camera moves back: the image shrinks, so `s` grows, and the focus comes nearer | larger `s` |
 ///
-/// `None` if the capture mode is unknown or the scales differ by less than [`MIN_LOG_SCALE_CHANGE`].
+/// Without a capture mode, gains of a fixed lens identify it: light falls off with the squared distance of the sensor,
+/// as the area of the image grows, so `ln g = -2 ln s`.
+///
+/// `None` if neither decides, or if the scales differ by less than [`MIN_LOG_SCALE_CHANGE`].
 fn near_first(profile: &ProfileInput) -> Option<bool> {
-    let scale =
-        |homography: &Homography| (homography.0[0] * homography.0[4] - homography.0[1] * homography.0[3]).sqrt();
     let (first, last) = (scale(profile.homographies.first()?), scale(profile.homographies.last()?));
     let growth = (first / last).ln();
-    match profile.capture_mode? {
+    match profile.capture_mode.or_else(|| fixed_lens_by_gains(profile))? {
         _ if growth.abs() < MIN_LOG_SCALE_CHANGE || !growth.is_finite() => None,
         CaptureMode::FixedLens => Some(growth < 0.0),
         CaptureMode::MovingLens => Some(growth > 0.0),
     }
+}
+
+/// The fixed lens, if the gains follow its law: the slope of `ln g` over `ln s`, by least squares through the reference
+/// slice, is -2 within [`GAIN_SLOPE_TOLERANCE`]. Gains of a moving lens stay near 1, and so do those of a camera that
+/// sets its exposure itself; they decide nothing.
+fn fixed_lens_by_gains(profile: &ProfileInput) -> Option<CaptureMode> {
+    let gains = profile.gains.as_ref()?;
+    let (mut squares, mut products) = (0.0, 0.0);
+    for (homography, gain) in profile.homographies.iter().zip(gains) {
+        let (scale, gain) = (scale(homography).ln(), gain.ln());
+        squares += scale * scale;
+        products += scale * gain;
+    }
+    let slope = products / squares;
+    ((slope + 2.0).abs() <= GAIN_SLOPE_TOLERANCE).then_some(CaptureMode::FixedLens)
+}
+
+/// Scale of the linear part of a homography; its perspective is neglected.
+fn scale(homography: &Homography) -> f64 {
+    (homography.0[0] * homography.0[4] - homography.0[1] * homography.0[3]).sqrt()
 }
 
 /// Which metrics [`fuse`](super::fuse) measures. The default is none.
@@ -201,9 +224,25 @@ mod tests {
             (moving, 0.98, Some(false)),
             (moving, 1.02, Some(true)),
             (fixed, 1.0004, None),
-            (None, 0.98, None),
         ] {
             assert_eq!(near_first(&profile(mode, scale)), expected, "{mode:?}, {scale}");
+        }
+    }
+
+    #[test]
+    fn without_a_capture_mode_the_gains_of_a_fixed_lens_give_the_near_end() {
+        let with_gains = |scale: f64, exponent: f64| {
+            let gains = [scale, 1.0, 1.0 / scale].map(|scale| scale.powf(exponent));
+            ProfileInput { gains: Some(gains.to_vec()), ..profile(None, scale) }
+        };
+        for scale in [0.98, 1.02] {
+            let fixed = near_first(&profile(Some(CaptureMode::FixedLens), scale));
+            assert_eq!(near_first(&with_gains(scale, -2.0)), fixed);
+            assert_eq!(near_first(&with_gains(scale, -1.7)), fixed, "gains are measured within a few percent");
+            for other in [0.0, -1.0, 2.0, -4.0] {
+                assert_eq!(near_first(&with_gains(scale, other)), None, "{scale}, {other}");
+            }
+            assert_eq!(near_first(&ProfileInput { gains: None, ..profile(None, scale) }), None);
         }
     }
 

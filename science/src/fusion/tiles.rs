@@ -19,6 +19,8 @@ pub(super) struct Blended<S> {
     pub pixels: Vec<S>,
     /// Number of pixels with a sample that was clamped.
     pub clamped: usize,
+    /// Whether the stack contradicts the plan about its near end.
+    pub contradicts_near_end: bool,
 }
 
 /// Makes an image of `C` channels, tile by tile; `stage` names its progress.
@@ -73,7 +75,7 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
         .collect::<Result<Vec<_>, Interrupted>>()?;
     drop(bands);
 
-    Ok(Blended { pixels, clamped: clamped.into_iter().sum() })
+    Ok(Blended { pixels, clamped: clamped.into_iter().sum(), contradicts_near_end: false })
 }
 
 /// `length` divided into the fewest pieces of at most `max`, as equal as possible: (start, length) of each.

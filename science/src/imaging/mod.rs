@@ -15,6 +15,7 @@ pub mod compositing;
 pub mod coverage;
 pub mod filter;
 pub mod grey;
+pub mod padding;
 pub mod raster;
 pub mod sample;
 pub mod simd;

@@ -291,6 +291,28 @@ fn a_jpeg_has_the_colours_of_the_png_and_no_alpha() {
 }
 
 #[test]
+fn padding_continues_the_colours_of_the_object_beyond_its_outline_and_changes_no_other_pixel() {
+    let of = |under_alpha: UnderAlpha| {
+        let job = TestJob::stack(&both_zip(), StackOptions { under_alpha, ..options() });
+        picture_of(&done(&job).0)
+    };
+    let (black, padded) = (of(UnderAlpha::Black), of(UnderAlpha::Pad));
+    let changed = black.chunks_exact(4).zip(padded.chunks_exact(4)).filter(|(a, b)| a != b);
+    let (mut count, mut hidden) = (0, 0);
+    for (a, b) in changed {
+        count += 1;
+        hidden += usize::from(a == [0; 4] && b[3] == 0 && b != [0; 4]);
+    }
+    assert!(count > 500 && hidden == count, "{hidden} of {count} changed pixels were black and transparent");
+}
+
+/// The samples of the RGBA image, as stored in its PNG.
+fn picture_of(output: &crate::jobs::JobOutput) -> Vec<u8> {
+    let at = output.outcome.artifacts().iter().position(|artifact| artifact.name == "image").expect("an image");
+    image::open(&output.files[at].path).expect("a picture").to_rgba8().into_raw()
+}
+
+#[test]
 fn what_the_profile_knows_of_the_camera_stands_beside_the_image() {
     let crop = Crop::Rect { x: 20, y: 10, width: 100, height: 80 };
     let mut job = TestJob::stack(&front_zip(), StackOptions { crop, ..options() });

@@ -2,9 +2,9 @@
 //!
 //! A neighbour that is larger than the others shifts the phase of a dot towards itself. The sizes follow from the code,
 //! and the difference between a large and a small dot, blurred as in this slice, is a radial profile as that of a dot
-//! is. With `M` the mean profile, `D` half the difference and `c_k` = 1 or -1 the code, the contrast is
-//! `sum_k M(|x - x_k|) + c_k D(|x - x_k|)`. The signs of the code are random, so `M` and `D` are estimated one after the
-//! other: `M` from the contrast, `D` from the rest.
+//! is. With `M` the mean profile, `D` half the difference and `c_k` = 1 or -1 the code, the contrast is `sum_k M(|x -
+//! x_k|) + c_k D(|x - x_k|)`. The signs of the code are random, so `M` and `D` are estimated one after the other: `M`
+//! from the contrast, `D` from the rest.
 
 use super::CodePlace;
 use crate::calibration::inpainting::REACH;

@@ -28,8 +28,8 @@ const CLIPPED_SIGMA: f64 = 0.04;
 /// Rounds of flat field, inpainting and phase measurement.
 const ROUNDS: usize = 3;
 
-/// Measures all dots, starting from `places` (px of the working image), which are accurate to a tenth of the pitch. On a
-/// coded target, `code` is where the labels lie in the code.
+/// Measures all dots, starting from `places` (px of the working image), which are accurate to a tenth of the pitch. On
+/// a coded target, `code` is where the labels lie in the code.
 pub(super) fn measure(
     image: &WorkingImage,
     mut field: FlatField,

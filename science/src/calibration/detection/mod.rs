@@ -63,7 +63,8 @@ pub(super) struct Detection {
     pub merged: bool,
     /// Measured dots over the dots that could have been measured. The lower it is, the less their windows overlap.
     pub density: f64,
-    /// What tells which dot is which, relative to the slice in which the grid was found; `None` when only tracking does.
+    /// What tells which dot is which, relative to the slice in which the grid was found; `None` when only tracking
+    /// does.
     pub identity: Option<Identity>,
     /// True (mirrored) or false (turned by quarter turns) when the slice does not have the orientation of the slice in
     /// which the grid was found.

@@ -10,15 +10,9 @@
 
 use rayon::prelude::*;
 
-use super::warped_slices::WarpedSlices;
+use super::{depth_order, warped_slices::WarpedSlices};
 use crate::{
-    imaging::{
-        Plane, Rect, Sample,
-        filter::{
-            disc::Disc,
-            focus::{FocusEnergy, Rows},
-        },
-    },
+    imaging::{Plane, Rect, Sample, filter::disc::Disc},
     types::Interrupted,
 };
 
@@ -44,11 +38,6 @@ const SMALLEST: f32 = 0.7;
 const RATIO: f32 = 1.35;
 const RADII: usize = 12;
 
-/// Number of depth steps that vote on the direction, at most; how many votes are needed, and by which majority.
-const MAX_VOTERS: usize = 200;
-const MIN_VOTES: usize = 30;
-const MAJORITY: f64 = 0.65;
-
 /// How focus changes from slice to slice.
 #[derive(Debug, Clone)]
 pub(crate) struct DefocusModel {
@@ -58,6 +47,8 @@ pub(crate) struct DefocusModel {
     radius_per_step: f32,
     /// Whether positions increase away from the camera; none when neither the profile nor the stack determines it.
     increasing_depth: Option<bool>,
+    /// Whether the stack contradicts the direction of the profile.
+    contradicts_profile: bool,
 }
 
 impl DefocusModel {
@@ -69,6 +60,11 @@ impl DefocusModel {
     /// Whether the blur could be measured.
     pub(super) fn is_known(&self) -> bool {
         self.radius_per_step > 0.0
+    }
+
+    /// Whether slice `a` has a smaller position than slice `b`.
+    pub(super) fn is_before(&self, a: usize, b: usize) -> bool {
+        self.positions[a] < self.positions[b]
     }
 
     /// Whether what is sharp in one slice is clearly blurred in the other.
@@ -93,7 +89,13 @@ impl DefocusModel {
         self.increasing_depth.is_some() && self.separable(0, last)
     }
 
-    /// Measures the blur in dense texture, and the direction at depth steps when `near_first` does not give it.
+    /// Whether the stack shows the opposite of the direction that the profile gives. The profile is followed.
+    pub(super) fn contradicts_profile(&self) -> bool {
+        self.contradicts_profile
+    }
+
+    /// Measures the blur in dense texture and the direction at depth steps. The direction of the profile, `near_first`,
+    /// is followed.
     ///
     /// `map` is the sharpest slice per pixel, `textured` is where its focus energy is more than noise, `rail` are the
     /// positions of the slices in any unit.
@@ -107,65 +109,17 @@ impl DefocusModel {
         let positions = positions(slices.count(), rail);
         let radius_per_step = radius_per_step(slices, map, textured, &positions)?;
         let decreasing = positions.first() > positions.last();
-        let increasing_depth = near_first.map(|near_first| near_first != decreasing);
-        let mut model = Self { positions, radius_per_step, increasing_depth };
-        if model.increasing_depth.is_none() && model.radius_per_step > 0.0 {
-            model.increasing_depth = model.vote_on_direction(slices, map, textured)?;
+        let by_profile = near_first.map(|near_first| near_first != decreasing);
+        let mut model = Self { positions, radius_per_step, increasing_depth: by_profile, contradicts_profile: false };
+        if radius_per_step <= 0.0 {
+            return Ok(model);
+        }
+        let votes = depth_order::votes(slices, map, textured, &model)?;
+        match by_profile {
+            None => model.increasing_depth = votes.decision(&depth_order::DECISIVE),
+            Some(given) => model.contradicts_profile = votes.decision(&depth_order::CONTRADICTING) == Some(!given),
         }
         Ok(model)
-    }
-
-    /// Lets depth steps vote: at the outline of a near part, the slice of the near part shows a sharp edge, and the
-    /// slice of what is behind it does not.
-    fn vote_on_direction<S: Sample, const C: usize>(
-        &self,
-        slices: &WarpedSlices<'_, S, C>,
-        map: &Plane<u16>,
-        textured: &Plane<bool>,
-    ) -> Result<Option<bool>, Interrupted> {
-        const AROUND: usize = 6;
-        let of_row = |y: usize| -> Vec<(usize, usize, usize, usize)> {
-            let (map, textured) = (map.row(y), textured.row(y));
-            let step = |x: usize| {
-                let (left, right) = (map[x - 1], map[x]);
-                let is_step = textured[x - 1]
-                    && textured[x]
-                    && left != right
-                    && self.separable(usize::from(left), usize::from(right));
-                is_step.then(|| (x, y, usize::from(left.min(right)), usize::from(left.max(right))))
-            };
-            (1..map.len()).filter_map(step).collect()
-        };
-        let steps = (0..map.height).into_par_iter().map(of_row).collect::<Vec<_>>().concat();
-        let stride = steps.len().div_ceil(MAX_VOTERS).max(1);
-        let fine = FocusEnergy::for_edges();
-        let votes: Vec<Option<bool>> = steps
-            .par_iter()
-            .step_by(stride)
-            .map(|&(x, y, first, second)| -> Result<Option<bool>, Interrupted> {
-                let at = Rect { x, y, width: 1, height: 1 };
-                let window = at.grown(AROUND + fine.reach(), map.width, map.height);
-                let core = at.grown(AROUND, map.width, map.height);
-                if !slices.covers(first, window) || !slices.covers(second, window) {
-                    return Ok(None);
-                }
-                let strongest = |slice: usize| -> Result<f32, Interrupted> {
-                    let energy = fine.plane(&slices.luma(slice, window)?, &mut Rows::default());
-                    let (x, y) = (core.x - window.x, core.y - window.y);
-                    let rows = (y..y + core.height).map(|y| &energy.row(y)[x..x + core.width]);
-                    Ok(rows.flatten().copied().fold(0.0, f32::max))
-                };
-                let (one, other) = (strongest(first)?, strongest(second)?);
-                Ok((one != other).then_some((one > other) == (self.positions[first] < self.positions[second])))
-            })
-            .collect::<Result<_, Interrupted>>()?;
-        let votes: Vec<bool> = votes.into_iter().flatten().collect();
-        let share = votes.iter().filter(|&&increasing| increasing).count() as f64 / votes.len().max(1) as f64;
-        Ok(match votes.len() >= MIN_VOTES {
-            true if share >= MAJORITY => Some(true),
-            true if share <= 1.0 - MAJORITY => Some(false),
-            _ => None,
-        })
     }
 }
 

@@ -21,6 +21,7 @@ mod confidence;
 mod correction;
 mod decision_map;
 mod defocus_model;
+mod depth_order;
 mod mosaic;
 mod pixel_groups;
 mod warped_slices;
@@ -70,6 +71,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let mut blended =
         in_tiles::<S, C, _>(run, "correcting halos", Rows::default, |rows, rect, out| fusion.tile(rect, out, rows))?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
+    blended.contradicts_near_end = model.contradicts_profile();
     Ok((blended, map.slice))
 }
 

@@ -180,8 +180,8 @@ impl<S: Sample> Pyramid<S> {
         Ok(self.finish::<C>(canvas, rect, &aligned.index, out))
     }
 
-    /// Completes the sums of level 0 where all `slices` slices have equal weights: the sum of their details is the sum of
-    /// their samples minus that of their expanded coarser levels.
+    /// Completes the sums of level 0 where all `slices` slices have equal weights: the sum of their details is the sum
+    /// of their samples minus that of their expanded coarser levels.
     fn subtract_coarse<const C: usize>(&mut self, canvas: &Canvas, relevance: &Relevance, rect: Rect, slices: usize) {
         let Self { filters, equal, sums, .. } = self;
         let (simd, mut expanded, sums) = (Avx2::detect(), Vec::new(), &mut sums[0]);

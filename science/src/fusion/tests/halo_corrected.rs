@@ -123,6 +123,23 @@ fn a_stack_taken_from_far_to_near_gives_the_same_picture() {
 }
 
 #[test]
+fn without_a_depth_order_in_the_profile_the_stack_gives_it_or_nothing_is_corrected() {
+    let scenes = [Scene::insect(5), Scene::plates(4), Scene::flower(2), Scene::weave(3), Scene::wing(2)];
+    for (scene, seed) in scenes.iter().zip([2, 1, 3, 4, 5]) {
+        let rig = Rig { seed, ..Rig::sized(300, 200, 9) };
+        let Rendered { slices, plan, .. } = rendered(&rig, scene, Light::Front);
+        let of = |near_first: Option<bool>| fused(&slices, &halo_corrected(Plan { near_first, ..plan.clone() }));
+        let warned = |fused: &Fused| fused.warnings.iter().any(|warning| warning.code == "depth_order_disagrees");
+        let (given, inferred, wrong) = (of(Some(true)), of(None), of(Some(false)));
+        assert!(given.image != wrong.image && !warned(&given), "scene {seed}");
+        assert!(inferred.image != wrong.image && !warned(&inferred), "scene {seed}");
+        if seed == 2 {
+            assert!(inferred.image == given.image && warned(&wrong), "the insect has clear outlines");
+        }
+    }
+}
+
+#[test]
 fn the_decision_map_names_the_slice_that_shows_each_strip_sharp() {
     let slices = strips(160, 60, 4);
     let fused = fused(&slices, &halo_corrected(Plan::aligned(160, 60, 4)));
