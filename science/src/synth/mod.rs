@@ -27,4 +27,4 @@ pub use scene::Scene;
 pub use sensor::Light;
 pub use stack::{Rendered, render, target_stack, truth};
 pub use stage::{Stage, Truth};
-pub use target::{DotTarget, Flaws, Glare, Surround, render_target};
+pub use target::{Banding, DotTarget, Faults, Flaws, Glare, Kernel, Moved, Replacement, Surround, render_target};

@@ -36,6 +36,9 @@ pub struct Rig {
     pub reference: usize,
     /// In-plane drift of the image, px over the whole rail (plus a jitter of a tenth of it per slice).
     pub drift_px: [f64; 2],
+    /// One per slice: further displacement of the image, px: jumps, backlash, steady drift. A slice without entry has
+    /// none; that of the reference is subtracted from all.
+    pub displaced_px: Vec<[f64; 2]>,
     /// Rotation of the image about its centre over the whole rail, degrees.
     pub rotation_deg: f64,
     /// Keystone over the whole rail: how much larger the right (bottom) border gets than the centre,
@@ -93,6 +96,7 @@ impl Rig {
             rail_mm: (0..slices).map(|i| travel * (0.5 - i as f64 / steps)).collect(),
             reference: slices / 2,
             drift_px: [6.0 * scale, -4.0 * scale],
+            displaced_px: Vec::new(),
             rotation_deg: 0.15,
             keystone: [4e-4, -3e-4],
             vignetting: 0.15,
@@ -108,7 +112,15 @@ impl Rig {
     /// The same rig without drift, rotation, keystone, vignetting and noise: pure optics.
     #[must_use]
     pub fn ideal(self) -> Self {
-        Self { drift_px: [0.0; 2], rotation_deg: 0.0, keystone: [0.0; 2], vignetting: 0.0, noise: 0.0, ..self }
+        Self {
+            drift_px: [0.0; 2],
+            displaced_px: Vec::new(),
+            rotation_deg: 0.0,
+            keystone: [0.0; 2],
+            vignetting: 0.0,
+            noise: 0.0,
+            ..self
+        }
     }
 
     /// The same range of focus, but camera and lens move together towards the object.
@@ -246,7 +258,11 @@ impl Rig {
         }
         let along = self.focus_fraction(i) - self.focus_fraction(self.reference);
         let jitter = |axis: u64| between(key(&[self.seed, 0xd1f7, i as u64, axis]), -0.1, 0.1);
-        let shift = [self.drift_px[0] * (along + jitter(0)), self.drift_px[1] * (along + jitter(1))];
+        let displaced = |axis: usize| {
+            let at = |slice: usize| self.displaced_px.get(slice).map_or(0.0, |by| by[axis]);
+            at(i) - at(self.reference)
+        };
+        let shift = [0, 1].map(|axis| self.drift_px[axis] * (along + jitter(axis as u64)) + displaced(axis));
         let (sin, cos) = (self.rotation_deg * along).to_radians().sin_cos();
         let [cx, cy] = self.centre();
         let perspective = [-self.keystone[0] * along / cx.max(1.0), -self.keystone[1] * along / cy.max(1.0)];

@@ -1,5 +1,7 @@
 //! Defects of a target, its light and its surroundings.
 
+use super::Faults;
+
 /// The defects. The default is a perfect target in front of a linear sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flaws {
@@ -19,6 +21,8 @@ pub struct Flaws {
     pub gamma: bool,
     /// All light times this: a plate of light `white` clips above `1 / white`.
     pub overexposure: f64,
+    /// Faults of the capture.
+    pub faults: Faults,
     /// Places and sizes of all random things follow from it.
     pub seed: u64,
 }
@@ -33,6 +37,7 @@ impl Default for Flaws {
             raster_px: None,
             gamma: false,
             overexposure: 1.0,
+            faults: Faults::default(),
             seed: 1,
         }
     }

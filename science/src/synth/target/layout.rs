@@ -15,7 +15,8 @@ impl DotTarget {
     /// Grid units: pitches, the first dot at (0, 0). Place of a dot.
     pub(super) fn place(&self, column: usize, row: usize) -> [f64; 2] {
         let shift = if self.asymmetric && row % 2 == 1 { 0.5 } else { 0.0 };
-        [column as f64 + shift, row as f64 * self.row_step()]
+        let [across, down, _] = self.flaws.faults.print_error(self.flaws.seed, column, row);
+        [column as f64 + shift + across, row as f64 * self.row_step() + down]
     }
 
     /// Distance of neighbouring rows in pitches.
@@ -57,6 +58,7 @@ impl DotTarget {
     /// Grid units from the middle of the grid -> px of slice `i`.
     pub(super) fn to_slice(&self, rig: &Rig, i: usize) -> Matrix3<f64> {
         let ideal = if self.tilt_deg == [0.0; 2] { self.parallel(rig, i) } else { self.tilted(rig, i) };
+        let ideal = self.flaws.faults.moved(i).map_or(ideal, |moved| ideal * moved);
         rig.disturbance(i) * ideal
     }
 
@@ -103,7 +105,13 @@ impl DotTarget {
         (0..self.rows)
             .flat_map(|row| (0..self.columns).map(move |column| self.place(column, row)))
             .map(|place| map.apply([place[0] - middle[0], place[1] - middle[1]]))
+            .map(|ideal| self.flaws.faults.distort(rig, ideal))
             .collect()
+    }
+
+    /// Index of the slice in which the middle of the target is in focus, with a fraction between two slices.
+    pub(super) fn slice_in_focus(&self, rig: &Rig) -> f64 {
+        rig.slice_in_focus(self.depth_fraction(rig))
     }
 
     /// Pitch in the middle of slice `i`, px.
@@ -123,9 +131,10 @@ impl DotTarget {
     }
 
     /// What slice `i` stores at `px` for the bright one of plate and dots, 0..1 of full scale, without blur,
-    /// dust, glare and noise. The ratio of two slices is the gain between them at this place.
+    /// dust, glare, stripes, uneven light on the plate and noise. The ratio of two slices is the gain between them at this place.
     pub fn stored_white(&self, rig: &Rig, i: usize, px: [f64; 2]) -> f64 {
-        let light = self.white.max(self.black) * rig.exposure(i) * transmission(rig, px);
+        let exposure = rig.exposure(i) * self.flaws.faults.grey_exposure(i);
+        let light = self.white.max(self.black) * exposure * transmission(rig, px);
         f64::from(self.flaws.response(light as f32)).min(1.0)
     }
 }

@@ -1,5 +1,8 @@
 //! The dot target: its geometry, its rendering, and typical defects of a real setup.
 
+#[cfg(test)]
+mod fault_tests;
+mod faults;
 mod flaws;
 mod layout;
 mod optics;
@@ -10,6 +13,7 @@ mod tests;
 use super::noise::{key, uniform};
 use super::rig::Rig;
 
+pub use faults::{Banding, Faults, Kernel, Moved, Replacement};
 pub use flaws::{Flaws, Glare, Surround};
 pub use render::render_target;
 

@@ -18,6 +18,25 @@ pub(super) fn overlap(a: f64, b: f64, distance: f64) -> f64 {
     segment(a, alpha) + segment(b, beta)
 }
 
+/// Distance of the centre of gravity of the area shared by two circles from the centre of the one of radius `b`,
+/// towards the other, whose radius is `a` and whose centre is `distance` away; 0 when they share nothing.
+pub(super) fn overlap_middle(a: f64, b: f64, distance: f64) -> f64 {
+    if distance >= a + b {
+        return 0.0;
+    }
+    if distance <= (a - b).abs() {
+        return if a < b { distance } else { 0.0 };
+    }
+    // the chord's distance from the centre of b; on each side of it lies a segment of the other circle
+    let chord = (distance * distance + b * b - a * a) / (2.0 * distance);
+    let half = (b * b - chord * chord).max(0.0).sqrt();
+    let cap =
+        |radius: f64, to_chord: f64| radius * radius * (to_chord / radius).clamp(-1.0, 1.0).acos() - to_chord * half;
+    // each segment has the first moment 2/3 half^3 about the centre of its circle, away from the other's: they cancel
+    let of_a = cap(a, distance - chord);
+    distance * of_a / (cap(b, chord) + of_a)
+}
+
 /// Share of a disc of radius `blur` that lies on the positive side of a straight border `inside` away from
 /// its centre.
 pub(super) fn half_plane(inside: f64, blur: f64) -> f64 {
