@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn a_calibration_below_the_grade_of_keep_makes_no_revision() {
         // few dots far from the corners, in noise
-        let noisy = Rig { noise: 12.0, ..rig() };
+        let noisy = Rig { noise: 20.0, ..rig() };
         let small = DotTarget { columns: 5, rows: 5, ..DotTarget::for_rig(&noisy, 12) };
         let zip = zip(members("front", &target_stack(&noisy, &small)));
         for (keep, kept) in [(Keep::Always, true), (Keep::Good, false)] {
