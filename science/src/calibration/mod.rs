@@ -18,8 +18,8 @@
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
-//! Each slice is decoded once and no pixels are kept, so memory does not grow with the number of slices. The method is
-//! described in `docs/METHOD.md`.
+//! Each slice is decoded once. Of its pixels only a fingerprint of at most 0.5 MiB is kept. The method is described in
+//! `docs/METHOD.md`.
 
 mod blobs;
 mod blur;
