@@ -1,9 +1,12 @@
 //! Fusion quality: synthetic stacks with known truth, fused by every method and by the other programs that are
 //! installed.
 //!
-//! `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--softness PX] [--blur TIMES] [--crops FOLDER]`
-//! prints tables of PSNR; `-- --edges FILE ...` prints the softness of the edges of the scenes and of image files
-//! instead.
+//! `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--method NAME] [--softness PX] [--blur TIMES]
+//! [--unknown-near-end] [--crops FOLDER]` prints tables of PSNR; `-- --edges FILE ...` prints the softness of the edges
+//! of the scenes and of image files instead.
+//!
+//! The row "true decision map" is `halo_corrected` with the decision map of the truth: the bound of what a better
+//! decision map can gain.
 //!
 //! The other programs are `enfuse`, if it is on the path, and shinestacker, if the environment variable
 //! PINSTACK_SHINESTACKER names a Python interpreter that can import it. All get the same slices, warped by the true
@@ -24,6 +27,9 @@ use pinstack_science::{
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
 
+/// The row of the bound.
+const BOUND: &str = "true decision map";
+
 /// Softness of the lens (standard deviation of a Gaussian), px: the sharpest edges of the scenes are then as sharp as
 /// the sharpest hundredth of the edges in photographs.
 const SOFTNESS: f64 = 0.7;
@@ -31,6 +37,10 @@ const SOFTNESS: f64 = 0.7;
 struct Arguments {
     quick: bool,
     scene: Option<String>,
+    /// The only method to run, instead of all methods, the bound and the other programs.
+    method: Option<String>,
+    /// Whether the methods are told which end of the stack is near.
+    near_end_known: bool,
     softness: f64,
     /// Factor on the blur per step of all stacks.
     blur: f64,
@@ -40,7 +50,16 @@ struct Arguments {
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let mut found = Arguments { quick: false, scene: None, softness: SOFTNESS, blur: 1.0, crops: None, edges: None };
+    let mut found = Arguments {
+        quick: false,
+        scene: None,
+        method: None,
+        near_end_known: true,
+        softness: SOFTNESS,
+        blur: 1.0,
+        crops: None,
+        edges: None,
+    };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
         let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
@@ -49,6 +68,12 @@ fn arguments() -> Result<Arguments, String> {
             "--bench" => {}
             "--quick" => found.quick = true,
             "--scene" => found.scene = Some(value()?),
+            "--method" => {
+                let value = value()?;
+                let known = METHODS.iter().any(|(name, _)| *name == value) || value == BOUND;
+                found.method = Some(known.then_some(value.clone()).ok_or(format!("--method {value}: no such method"))?);
+            }
+            "--unknown-near-end" => found.near_end_known = false,
             "--softness" => {
                 let value = value()?;
                 let softness = value.parse().ok().filter(|softness| (0.0..=4.0).contains(softness));
@@ -65,7 +90,8 @@ fn arguments() -> Result<Arguments, String> {
             }
             other => {
                 return Err(format!(
-                    "unknown argument {other}; use --quick, --scene NAME, --softness PX, --blur TIMES, --crops FOLDER, --edges FILE ..."
+                    "unknown argument {other}; use --quick, --scene NAME, --method NAME, --softness PX, --blur TIMES, \
+                     --unknown-near-end, --crops FOLDER, --edges FILE ..."
                 ));
             }
         }
@@ -76,8 +102,9 @@ fn arguments() -> Result<Arguments, String> {
 /// Seven stacks of a scene: three seeds in two sizes, and one small stack with more blur. With `--quick` the first
 /// alone.
 fn cases(arguments: &Arguments, scene: &'static str, make: fn(u64) -> pinstack_science::synth::Scene) -> Vec<Case> {
+    let (softness, near_end_known) = (arguments.softness, arguments.near_end_known);
     let case =
-        |seed, size, blur| Case { scene, make, seed, size, blur: blur * arguments.blur, softness: arguments.softness };
+        |seed, size, blur: f64| Case { scene, make, seed, size, blur: blur * arguments.blur, softness, near_end_known };
     let (small, large) = ((600, 400), (1200, 800));
     if arguments.quick {
         return vec![case(1, small, 1.0)];
@@ -95,7 +122,8 @@ fn print_edges(arguments: &Arguments, files: &[PathBuf]) {
         println!("| {name} | {} | {:.2} | {:.2} | {:.2} |", spreads.len(), at(0.01), at(0.05), at(0.5));
     };
     for (scene, make) in SCENES {
-        let case = Case { scene, make, seed: 1, size: (1200, 800), blur: 1.0, softness: arguments.softness };
+        let (softness, size) = (arguments.softness, (1200, 800));
+        let case = Case { scene, make, seed: 1, size, blur: 1.0, softness, near_end_known: true };
         print(&format!("{scene}, softness {}", arguments.softness), &spreads(&case.render().truth.sharp));
     }
     for file in files {
@@ -117,7 +145,7 @@ fn main() {
     if let Some(files) = &arguments.edges {
         return print_edges(&arguments, files);
     }
-    let peers = Peers::detect();
+    let peers = arguments.method.is_none().then(Peers::detect);
     let mut all = Table::default();
     for (scene, make) in SCENES {
         if arguments.scene.as_ref().is_some_and(|wanted| wanted != scene) {
@@ -128,10 +156,17 @@ fn main() {
             let stack = case.render();
             let mut pictures: Vec<(&str, bool, Raster)> = Vec::new();
             let regions = Regions::of(&stack.truth, stack.covered());
-            for (name, method) in METHODS {
+            let wanted = |name: &str| arguments.method.as_ref().is_none_or(|wanted| wanted == name);
+            for (name, method) in METHODS.into_iter().filter(|(name, _)| wanted(name)) {
                 pictures.push((name, true, stack.fuse(method).image));
             }
-            pictures.extend(peers.fuse(&stack.warped()).into_iter().map(|(name, picture)| (name, false, picture)));
+            if wanted(BOUND) {
+                pictures.push((BOUND, true, stack.fuse_by_truth().image));
+            }
+            let peers = peers.iter();
+            pictures.extend(
+                peers.flat_map(|peers| peers.fuse(&stack.warped())).map(|(name, picture)| (name, false, picture)),
+            );
             let mut best: Option<(f64, usize)> = None;
             for (at, (name, ours, picture)) in pictures.iter().enumerate() {
                 let scores = Scores::of(picture, &stack.truth, &regions);
@@ -143,7 +178,7 @@ fn main() {
                 }
             }
             if let Some(folder) = arguments.crops.as_ref().filter(|_| number == 0) {
-                let ours = pictures.iter().filter(|picture| picture.1);
+                let ours = pictures.iter().filter(|picture| picture.1 && picture.0 != BOUND);
                 let shown = best.map(|(_, at)| &pictures[at]).into_iter().chain(ours);
                 let beside: Vec<&Raster> =
                     std::iter::once(&stack.truth.sharp).chain(shown.map(|picture| &picture.2)).collect();

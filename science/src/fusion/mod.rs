@@ -50,7 +50,7 @@ pub use plan::{Fused, MetricsRequest, Plan, SlicePlan, UNCOVERED};
 pub use resources::slices_in_flight;
 
 use crate::{
-    imaging::{Depth, Raster, Sample, Slices},
+    imaging::{Depth, Plane, Raster, Sample, Slices},
     quality::score::ScoreSums,
     types::{Control, Error, ErrorKind, Interrupted, Warning},
 };
@@ -84,14 +84,47 @@ pub fn fuse(
     scratch_dir: &Path,
     control: &dyn Control,
 ) -> Result<Fused, Interrupted> {
+    check(slices, plan, request)?;
+    control.check()?;
+    control.progress("aligning", 0, slices.count());
+    let slices = FormattedSlices::open(slices, plan.width, plan.height)?;
+    Run { slices, plan, request, scratch_dir, control, tile: tiles::TILE, decision_map: None }.fuse()
+}
+
+/// [`fuse`] by [`Method::HaloCorrected`](crate::types::fusion_options::Method::HaloCorrected) with a given decision map
+/// instead of the one that is found in the stack; other methods ignore it.
+///
+/// For benches: with the true decision map the result is the bound of what a better decision map can gain.
+/// `decision_map` is of the size of the canvas and contains 0-based indices of slices. Where that slice does not cover
+/// the pixel, or is none of the stack, the sharpest slice is used.
+///
+/// # Errors
+/// As [`fuse`], and if the size of the decision map is not that of the canvas.
+#[doc(hidden)]
+pub fn fuse_by_decision_map(
+    slices: &dyn Slices,
+    plan: &Plan,
+    decision_map: &Plane<u16>,
+    scratch_dir: &Path,
+    control: &dyn Control,
+) -> Result<Fused, Interrupted> {
+    let request = &MetricsRequest::default();
+    check(slices, plan, request)?;
+    if (decision_map.width, decision_map.height) != (plan.width, plan.height) {
+        return Err(Error::new(ErrorKind::Internal, "the decision map does not have the size of the canvas").into());
+    }
+    let slices = FormattedSlices::open(slices, plan.width, plan.height)?;
+    let decision_map = Some(decision_map);
+    Run { slices, plan, request, scratch_dir, control, tile: tiles::TILE, decision_map }.fuse()
+}
+
+/// Checks what a stack is to be fused by.
+fn check(slices: &dyn Slices, plan: &Plan, request: &MetricsRequest<'_>) -> Result<(), Interrupted> {
     plan.check(slices.count())?;
     if request.object.is_some_and(|object| (object.width, object.height) != (plan.width, plan.height)) {
         return Err(Error::new(ErrorKind::Internal, "the silhouette does not have the size of the canvas").into());
     }
-    control.check()?;
-    control.progress("aligning", 0, slices.count());
-    let slices = FormattedSlices::open(slices, plan.width, plan.height)?;
-    Run { slices, plan, request, scratch_dir, control, tile: tiles::TILE }.fuse()
+    Ok(())
 }
 
 impl Run<'_> {

@@ -9,7 +9,7 @@ use super::{
     plan::{MetricsRequest, Plan},
     sample_format::FormattedSlices,
 };
-use crate::types::Control;
+use crate::{imaging::Plane, types::Control};
 
 /// One call of [`fuse`](super::fuse).
 pub(super) struct Run<'a> {
@@ -18,6 +18,8 @@ pub(super) struct Run<'a> {
     pub request: &'a MetricsRequest<'a>,
     pub scratch_dir: &'a Path,
     pub control: &'a dyn Control,
+    /// The slice of each pixel, where [`fuse_by_decision_map`](super::fuse_by_decision_map) gives it.
+    pub decision_map: Option<&'a Plane<u16>>,
     /// Largest side of a tile of the second pass, px. It does not affect the result.
     pub tile: usize,
 }

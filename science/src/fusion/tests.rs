@@ -86,7 +86,9 @@ fn fused(slices: &[Raster], plan: &Plan) -> Fused {
 fn fused_in_tiles(slices: &[Raster], plan: &Plan, tile: usize) -> Fused {
     let (request, folder) = (MetricsRequest::default(), std::env::temp_dir());
     let slices = FormattedSlices::open(&slices, plan.width, plan.height).unwrap();
-    Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, tile }.fuse().unwrap()
+    Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, decision_map: None, tile }
+        .fuse()
+        .unwrap()
 }
 
 fn values(raster: &Raster) -> Vec<f64> {

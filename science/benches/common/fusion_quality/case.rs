@@ -1,8 +1,8 @@
 //! A scene and a rig, rendered as a stack with its truth, and fused.
 
 use pinstack_science::{
-    fusion::{Fused, MetricsRequest, Plan, SlicePlan, fuse},
-    imaging::{Coverage, Raster, Sample, Samples, warp::Warp},
+    fusion::{Fused, MetricsRequest, Plan, SlicePlan, UNCOVERED, fuse, fuse_by_decision_map},
+    imaging::{Coverage, Plane, Raster, Sample, Samples, warp::Warp},
     synth::{Light, Rig, Stage, Truth, scene::Make},
     types::{
         NoControl,
@@ -24,6 +24,8 @@ pub struct Case {
     pub blur: f64,
     /// Softness of the lens, px.
     pub softness: f64,
+    /// Whether the plan says which end of the stack is near.
+    pub near_end_known: bool,
 }
 
 impl Case {
@@ -37,7 +39,7 @@ impl Case {
         rig.f_number /= self.blur;
         let stage = Stage::new(&rig, &(self.make)(self.seed));
         let slices = (0..SLICES).map(|i| stage.render(Light::Front, i)).collect();
-        Stack { truth: stage.truth(), slices, rig }
+        Stack { truth: stage.truth(), slices, rig, near_end_known: self.near_end_known }
     }
 }
 
@@ -46,26 +48,42 @@ pub struct Stack {
     pub rig: Rig,
     pub slices: Vec<Raster>,
     pub truth: Truth,
+    near_end_known: bool,
 }
 
 impl Stack {
-    pub fn fuse(&self, method: Method) -> Fused {
+    fn plan(&self, method: Method) -> Plan {
         let slice = |i: usize| SlicePlan {
             homography: self.rig.homography(i),
             gain: self.rig.gain(i),
             rail_mm: Some(self.rig.rail_mm[i]),
         };
-        let plan = Plan {
+        Plan {
             width: self.rig.width,
             height: self.rig.height,
             slices: (0..self.slices.len()).map(slice).collect(),
             reference: self.rig.reference,
             method,
             params: GuidedParams::default(),
-            near_first: Some(true),
-        };
+            near_first: self.near_end_known.then_some(true),
+        }
+    }
+
+    pub fn fuse(&self, method: Method) -> Fused {
         let (slices, folder) = (&self.slices[..], std::env::temp_dir());
-        fuse(&slices, &plan, &MetricsRequest::default(), &folder, &NoControl).expect("the stack can be fused")
+        let request = MetricsRequest::default();
+        fuse(&slices, &self.plan(method), &request, &folder, &NoControl).expect("the stack can be fused")
+    }
+
+    /// The default method with the true decision map on the object, and its own on the background: there a slice in
+    /// which the silhouette is in focus is better than the last one, which it covers with its blur.
+    pub fn fuse_by_truth(&self) -> Fused {
+        let (slices, folder) = (&self.slices[..], std::env::temp_dir());
+        let slice = |slice: &f32| if slice.is_nan() { UNCOVERED } else { slice.round().max(0.0) as u16 };
+        let of = &self.truth.slice;
+        let map = Plane { width: of.width, height: of.height, data: of.data.iter().map(slice).collect() };
+        let plan = self.plan(Method::HaloCorrected);
+        fuse_by_decision_map(&slices, &plan, &map, &folder, &NoControl).expect("the stack can be fused")
     }
 
     /// The pixels that all slices cover. Elsewhere the slice in focus may be missing, and no method can show it.

@@ -28,6 +28,7 @@ fn sampled_and_whole(rig: &Rig, scene: &Scene, masked: bool) -> [FusionMetrics; 
         scratch_dir: &folder,
         control: &NoControl,
         tile: tiles::TILE,
+        decision_map: None,
     };
     let aligned = align::align::<u8, 3>(&run, method::focus_measure(&plan), None).unwrap();
     let fused = guided::blend::<u8, 3>(&run, &aligned).unwrap().pixels;

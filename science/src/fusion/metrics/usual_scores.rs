@@ -28,6 +28,7 @@ fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
         scratch_dir: &folder,
         control: &NoControl,
         tile: tiles::TILE,
+        decision_map: None,
     };
     let aligned = align::align::<u8, 3>(&run, focus_measure(&plan), None).unwrap();
     let blocks = Blocks::of(rig.width, rig.height, request.object);

@@ -222,3 +222,43 @@ fn extreme_pictures_stay_in_range() {
         assert!(fused.index.data.iter().all(|&slice| usize::from(slice) < count));
     }
 }
+
+/// The share of the ground 2 to 8 px beside the object that is more than 3 grey levels darker than the truth.
+fn share_of_dark_line(seed: u64, blur: f64) -> f64 {
+    let (width, height) = (300usize, 200usize);
+    let plain = Rig::sized(width, height, 28);
+    let rig = Rig { seed, softness_px: 0.7, f_number: plain.f_number / blur, ..plain };
+    let Rendered { slices, plan, truth } = rendered(&rig, &Scene::rim(seed), Light::Front);
+    let fused = fused(&slices, &halo_corrected(plan)).image.luma();
+    let sharp = truth.sharp.luma();
+    let object_within = |x: usize, y: usize, reach: usize| {
+        let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
+        let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
+        rows.into_iter().any(|y| truth.cover.row(y)[columns.clone()].iter().any(|&cover| cover > 0))
+    };
+    let places = (10..height - 10).flat_map(|y| (10..width - 10).map(move |x| (x, y)));
+    let ring = places.filter(|&(x, y)| object_within(x, y, 8) && !object_within(x, y, 1));
+    let too_dark: Vec<bool> = ring.map(|(x, y)| fused.at(x, y) < sharp.at(x, y) - 3.0).collect();
+    assert!(too_dark.len() > 1000, "the ring has {} pixels", too_dark.len());
+    too_dark.iter().filter(|&&dark| dark).count() as f64 / too_dark.len() as f64
+}
+
+#[test]
+fn no_dark_line_surrounds_a_bright_outline_on_black_ground_when_steps_are_fine() {
+    for (seed, blur) in [(2, 0.6), (3, 0.5)] {
+        let share = share_of_dark_line(seed, blur);
+        assert!(share < 0.002, "seed {seed}: {:.2} % of the ground beside the object is too dark", 100.0 * share);
+    }
+}
+
+#[test]
+fn a_given_decision_map_replaces_the_one_that_is_found() {
+    let (slices, folder) = (strips(180, 90, 3), std::env::temp_dir());
+    let plan = halo_corrected(Plan::aligned(180, 90, 3));
+    let given = Plane::from_fn(180, 90, |x, _| if x < 90 { 2 } else { UNCOVERED });
+    let found = fused(&slices, &plan).index;
+    let of = |given: &Plane<u16>| fuse_by_decision_map(&&slices[..], &plan, given, &folder, &NoControl);
+    let index = of(&given).unwrap().index;
+    assert!((0..180 * 90).all(|at| index.data[at] == if at % 180 < 90 { 2 } else { found.data[at] }));
+    assert!(of(&Plane::filled(60, 90, 0)).is_err());
+}

@@ -7,6 +7,7 @@
 mod flower;
 mod insect;
 mod plates;
+mod rim;
 mod shape;
 mod skin;
 mod weave;
@@ -142,6 +143,11 @@ impl Scene {
     /// Nine overlapping plates at hard steps of depth, with windows in them and hairs across.
     pub fn plates(seed: u64) -> Self {
         plates::scene(seed)
+    }
+
+    /// Two dark domes with bright rims before a black ground. It is none of [`SCENES`]: it serves tests.
+    pub fn rim(seed: u64) -> Self {
+        rim::scene(seed)
     }
 
     /// A thicket of blades and bristles that cross each other at many depths.

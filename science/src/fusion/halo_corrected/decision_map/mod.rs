@@ -11,11 +11,17 @@
 //! | pixel | when |
 //! |---|---|
 //! | without texture | `a` and `b` are separable, or nothing around the pixel has texture |
+//! | textured, but `E(I_b) <= 0.045 E_around` at the narrow scale | both are separable |
 //! | textured | both are separable, `E(I_b) <= max(8 / r^2, 1 / 12) E_around`, and `E(I_b - D * I_a) < 0.2 E(I_b)` |
 //!
-//! The middle condition saves time: blur leaves little of the energy of detail, so a pixel with more than that has
-//! detail of its own, and no prediction is made for it. At last a median filter removes outliers.
+//! Beside strong detail, such as a bright outline on black ground, the rim of its disc has weak energy at every distance
+//! in one slice or another. That slice would be taken for a part of its own, and blur would be removed that is not
+//! there. No prediction is exact enough to tell, so such a pixel counts as one without texture.
+//!
+//! The first condition of the last row saves time: blur leaves little of the energy of detail, so a pixel with more than
+//! that has detail of its own, and no prediction is made for it. At last a median filter removes outliers.
 
+mod given;
 mod median_filter;
 
 use std::collections::BTreeMap;
@@ -41,6 +47,7 @@ use crate::{
     },
     types::Interrupted,
 };
+pub(super) use given::given;
 use median_filter::median_filter;
 
 /// Focus energy, in multiples of that of noise, from which a pixel has texture.
@@ -53,6 +60,10 @@ const MAX_UNEXPLAINED: f32 = 0.2;
 /// explain it: `REMAINING / r^2`, and at least `MIN_REMAINING`, because the rim of a large disc is sharp.
 const REMAINING: f32 = 8.0;
 const MIN_REMAINING: f32 = 1.0 / 12.0;
+
+/// Energy of a textured pixel, in multiples of the mean energy around it at the narrow scale, up to which it counts as
+/// one without texture: the rim of a disc of blur has as much.
+const WEAK: f32 = 0.045;
 
 /// Side of the tiles, px. Tiles consist of whole cells of the coarse focus and give two planes, so the tile driver of
 /// the second pass, which cuts the canvas into equal parts and gives samples, does not serve here.
@@ -139,17 +150,18 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
             slice: (0..rect.height).flat_map(|y| &self.sharpest.row(cut(y))[columns.clone()]).copied().collect(),
             textured,
         };
-        for scale in &self.coarse.scales {
+        for (number, scale) in self.coarse.scales.iter().enumerate() {
+            let weak = if number == 0 { WEAK } else { 0.0 };
             // textured pixels, by (slice that is sharpest around them, own slice)
             let mut candidates = PixelGroups::new();
             for row in 0..rect.height {
                 let y = rect.y + row;
                 let line = row * rect.width..(row + 1) * rect.width;
-                let (slices, textured) = (&mut tile.slice[line.clone()], &tile.textured[line.clone()]);
+                let (slices, textured) = (&mut tile.slice[line.clone()], &mut tile.textured[line.clone()]);
                 let energies = &self.energy.row(y)[columns.clone()];
                 let around = scale.slice.row(y / CELL).iter().zip(scale.energy.row(y / CELL));
                 let around = around.zip(self.coarse.textureless.row(y / CELL)).skip(rect.x / CELL);
-                let cells = slices.chunks_mut(CELL).zip(textured.chunks(CELL)).zip(around);
+                let cells = slices.chunks_mut(CELL).zip(textured.chunks_mut(CELL)).zip(around);
                 for (i, ((slices, textured), ((&around, &around_energy), &textureless))) in cells.enumerate() {
                     if around == UNCOVERED || slices.iter().all(|&own| own == around) {
                         continue;
@@ -158,12 +170,13 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                     for (k, (own, textured)) in slices.iter_mut().zip(textured).enumerate() {
                         let column = i * CELL + k;
                         let (known, there) = (*own != UNCOVERED, covered.contains(&(rect.x + column)));
+                        let has_texture = *textured && energies[column] > weak * around_energy;
                         let separable = || self.model.separable(usize::from(*own), usize::from(around));
-                        if !known || !there || !((textureless && !textured) || separable()) {
+                        if !known || !there || !((textureless && !has_texture) || separable()) {
                             continue;
                         }
-                        if !textured {
-                            *own = around;
+                        if !has_texture {
+                            (*own, *textured) = (around, false);
                         } else if energies[column]
                             <= explicable(around_energy, self.model.radius(around.into(), (*own).into()))
                         {
