@@ -21,6 +21,8 @@
 //! - [`Method::Pyramid`]: Laplacian pyramid fusion (Burt & Adelson, IEEE Trans. Commun. 1983). At each level a slice
 //!   counts by the local energy of its detail.
 //!
+//! If the plan asks for it, a third step measures a height map around the index ([`height`]).
+//!
 //! Properties of all methods:
 //!
 //! - Memory does not depend on the number of slices ([`Plan::memory_bytes`]); the scratch file does
@@ -32,6 +34,7 @@ mod align;
 pub mod crop;
 mod guided;
 mod halo_corrected;
+pub mod height;
 pub mod method;
 mod metrics;
 mod plan;
@@ -143,6 +146,7 @@ impl Run<'_> {
         let mut aligned = align::align::<S, C>(self, method::focus_measure(self.plan), meter.as_ref())?;
         let alignment = metrics::alignment::<S>(self, &aligned)?;
         let blended = method::second_pass::<S, C>(self, &mut aligned)?;
+        let height_map = height::measure::<S, C>(self, &aligned)?;
         let scores = match &meter {
             Some(meter) => metrics::score::<S, C>(self, &aligned, meter.blocks(), &blended.pixels)?,
             None => ScoreSums::default(),
@@ -155,7 +159,7 @@ impl Run<'_> {
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let mut warnings = warnings(width * height, covered, blended.clamped);
         warnings.extend(blended.contradicts_near_end.then(|| depth_order_disagrees(self.plan)));
-        Ok(Fused { image, index: aligned.index, valid, quality, warnings })
+        Ok(Fused { image, index: aligned.index, height_map, valid, quality, warnings })
     }
 }
 

@@ -1,5 +1,6 @@
-//! What [`fuse`](super::fuse) is asked for, and what it returns. This file imports nothing from its siblings.
+//! What [`fuse`](super::fuse) is asked for, and what it returns.
 
+use super::height::{HeightMap, axis::HeightAxis};
 use crate::{
     imaging::{Plane, Raster},
     quality::StackQuality,
@@ -36,6 +37,8 @@ pub struct Plan {
     /// Whether the first slice is focused nearest to the camera and the last farthest from it. `None` if unknown: then
     /// [`Method::HaloCorrected`] estimates it from the slices.
     pub near_first: Option<bool>,
+    /// Measure a height map on this axis. `None`: do not.
+    pub height_map: Option<HeightAxis>,
 }
 
 /// One slice of a [`Plan`].
@@ -66,6 +69,7 @@ impl Plan {
             method: Method::Guided,
             params: GuidedParams::default(),
             near_first: None,
+            height_map: None,
         }
     }
 
@@ -85,7 +89,14 @@ impl Plan {
             method,
             params,
             near_first: near_first(profile),
+            height_map: None,
         }
+    }
+
+    /// The same plan with a height map, in the unit that follows from `profile`.
+    #[must_use]
+    pub fn with_height_map(self, profile: &ProfileInput) -> Self {
+        Self { height_map: Some(HeightAxis::from_profile(profile, self.near_first)), ..self }
     }
 
     /// Rail positions of all slices, mm; `None` if any is unknown.
@@ -111,6 +122,9 @@ impl Plan {
         }
         if self.width == 0 || self.height == 0 || self.reference >= slices {
             return internal("an empty canvas or a reference slice that does not exist");
+        }
+        if self.height_map.as_ref().is_some_and(|axis| axis.heights.len() != slices) {
+            return internal("an axis of heights for another number of slices");
         }
         let params = &self.params;
         if params.average.is_multiple_of(2) || params.average > 255 || params.r1 > 512 || params.r2 > 512 {
@@ -175,7 +189,8 @@ fn scale(homography: &Homography) -> f64 {
 pub struct MetricsRequest<'a> {
     /// Whether [`Fused::quality`] is measured.
     pub enabled: bool,
-    /// Silhouette of the object: 255 inside, 0 outside, of the size of the canvas. The metrics are restricted to it.
+    /// Silhouette of the object: 255 inside, 0 outside, of the size of the canvas. The metrics are restricted to it,
+    /// and so is [`Fused::height_map`].
     pub object: Option<&'a Plane<u8>>,
 }
 
@@ -188,6 +203,8 @@ pub struct Fused {
     /// 0-based slice per pixel, [`UNCOVERED`] where no slice covers the canvas: the decision map of
     /// [`Method::HaloCorrected`], and for the other methods the slice with the largest focus measure.
     pub index: Plane<u16>,
+    /// The height map, if the plan asked for it.
+    pub height_map: Option<HeightMap>,
     /// 255 where at least one slice covers the canvas, else 0.
     pub valid: Plane<u8>,
     /// The metrics, if they were requested.

@@ -1,6 +1,6 @@
 //! Memory and disk space that [`fuse`](super::fuse) needs, for callers that share a machine between jobs.
 
-use super::{align, method, plan::Plan};
+use super::{align, height, method, plan::Plan};
 use crate::imaging::Depth;
 
 /// One mebibyte.
@@ -16,8 +16,9 @@ impl Plan {
     /// ```text
     /// bytes  = P max(first, second) + (48 threads + 32 + M) MiB
     /// first  = 6 + 9 s L             largest focus measure and its slice; per slice: decoded, warped, and a buffer
-    /// second = 3 + 3 s + X           index, validity, fused image; X is the need of the method
+    /// second = 3 + 3 s + max(X, Z)   index, validity, fused image; X is the need of the method, Z of the height map
     /// X      = 14 + 3 s  for Method::HaloCorrected (decision map, pyramid image), else 0
+    /// Z      = 13 with a height map (estimate and confidence per pixel and per cell, the map), else 0
     /// M      = 32 with metrics (sampled points and blocks), else 0
     /// ```
     pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
@@ -25,7 +26,8 @@ impl Plan {
         let pixel = 3 * depth.bytes() as u64;
         let in_flight = 3 * pixel;
         let first_pass = 6 + in_flight * slices_in_flight(threads, self.slices.len()) as u64;
-        let second_pass = 3 + pixel + method::extra_bytes_per_pixel(self.method, pixel);
+        let height = if self.height_map.is_some() { height::BYTES_PER_PIXEL } else { 0 };
+        let second_pass = 3 + pixel + method::extra_bytes_per_pixel(self.method, pixel).max(height);
         let sampled = if metrics { 32 } else { 0 };
         pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + sampled) * MIB
     }

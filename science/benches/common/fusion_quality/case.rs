@@ -66,6 +66,7 @@ impl Stack {
             method,
             params: GuidedParams::default(),
             near_first: self.near_end_known.then_some(true),
+            height_map: None,
         }
     }
 

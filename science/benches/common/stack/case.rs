@@ -64,6 +64,7 @@ impl Case {
             method: method(),
             params: GuidedParams::default(),
             near_first: Some(true),
+            height_map: None,
         }
     }
 

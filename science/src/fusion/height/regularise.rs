@@ -1,0 +1,246 @@
+//! Averages estimates of the same surface, and fills gaps from reliable neighbours.
+//!
+//! In: the [`Estimates`] of single pixels and the index. Out, per pixel: position and standard deviation. Let `h_q` and
+//! `c_q = 1 / sigma_q^2` be the estimate of pixel `q` and its confidence, `G` a Gaussian over the distance in the
+//! image, and `T` Tukey's biweight, which is 0 where two positions differ by [`SAME_SURFACE`] steps or more:
+//!
+//! ```text
+//! h(p) = sum G(p - q) T(h_q - r_p) c_q h_q / sum G(p - q) T(h_q - r_p) c_q
+//! ```
+//!
+//! The reference `r_p` is the pixel's own estimate if its neighbours confirm it, else their median. So nothing is mixed
+//! across a step between surfaces, and a step stays where it is. A pixel that remains uncertain takes the mean of the
+//! reliable cells of 4 x 4 px around it: of all if they lie on one surface, else of those near the slice of the index.
+
+use rayon::prelude::*;
+
+use super::Estimates;
+use crate::{fusion::plan::UNCOVERED, imaging::Plane};
+
+/// Radius of the window, px, and standard deviation of its Gaussian.
+const RADIUS: usize = 4;
+const GAUSSIAN: f32 = 2.0;
+/// Difference of positions, steps, from which two estimates belong to different surfaces.
+const SAME_SURFACE: f32 = 1.5;
+/// Standard deviation, steps, up to which an estimate is reliable.
+const RELIABLE: f32 = 0.5;
+/// Side of a cell, px.
+pub(super) const CELL: usize = 4;
+/// Radius of the window of cells, and standard deviation of its Gaussian, cells.
+const CELL_RADIUS: usize = 8;
+const CELL_GAUSSIAN: f32 = 3.0;
+/// Spread of the positions of cells, steps, up to which they lie on one surface.
+const ONE_SURFACE: f32 = 0.5;
+/// Least sum of the Gaussian over reliable cells.
+const MIN_CELLS: f32 = 1.5;
+/// How much a surface may depart from the mean of its neighbours, steps per px of distance.
+const ROUGHNESS: f32 = 0.015;
+
+pub(super) fn tune(name: &str, default: f32) -> f32 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+/// A position and its standard deviation, steps.
+pub(super) type Estimate = (f32, f32);
+
+/// The regularisation of a stack.
+pub(super) struct Regularisation<'a> {
+    raw: &'a Estimates,
+    index: &'a Plane<u16>,
+    positions: &'a [f64],
+    weights: [[f32; 2 * RADIUS + 1]; 2 * RADIUS + 1],
+    cell_weights: [f32; 2 * CELL_RADIUS + 1],
+    t: [f32; 8],
+}
+
+/// Buffers of [`Regularisation::fill`] for a row of cells.
+#[derive(Default)]
+pub(super) struct Filled {
+    /// Per cell: the last slice of the index it was filled for, and the result.
+    cells: Vec<Option<(u16, Option<Estimate>)>>,
+}
+
+impl Filled {
+    /// Prepares for another row of cells.
+    pub(super) fn clear(&mut self) {
+        self.cells.clear();
+    }
+}
+
+impl<'a> Regularisation<'a> {
+    /// `positions`: of each slice, steps.
+    pub(super) fn new(raw: &'a Estimates, index: &'a Plane<u16>, positions: &'a [f64]) -> Self {
+        let gaussian =
+            |d: usize, centre: usize, sigma: f32| (-(d.abs_diff(centre).pow(2) as f32) / (2.0 * sigma * sigma)).exp();
+        let g = tune("H_G", GAUSSIAN);
+        let weights = std::array::from_fn(|v| std::array::from_fn(|u| gaussian(u, RADIUS, g) * gaussian(v, RADIUS, g)));
+        let cell_weights = std::array::from_fn(|d| gaussian(d, CELL_RADIUS, CELL_GAUSSIAN));
+        let t = [
+            tune("H_T", SAME_SURFACE),
+            tune("H_A", 0.5),
+            tune("H_B", 0.25),
+            tune("H_R", ROUGHNESS),
+            tune("H_F", 0.03),
+            tune("H_O", ONE_SURFACE),
+            0.0,
+            0.0,
+        ];
+        Self { raw, index, positions, weights, cell_weights, t }
+    }
+
+    /// The position of the slice of the index at (x, y); `None` where no slice covers the pixel.
+    fn decided(&self, x: usize, y: usize) -> Option<f32> {
+        let slice = self.index.at(x, y);
+        if slice == UNCOVERED { None } else { self.positions.get(usize::from(slice)).map(|&position| position as f32) }
+    }
+
+    /// The position that the window of (x, y) is compared with.
+    fn reference(&self, x: usize, y: usize) -> Option<f32> {
+        let (own, confidence) = (self.raw.position.at(x, y), self.raw.confidence.at(x, y));
+        let mut around = [(0.0f32, 0.0f32); 9];
+        let mut total = 0.0;
+        for (i, slot) in around.iter_mut().enumerate() {
+            let place = |at: usize, by: usize, length: usize| (at + 2 * by).saturating_sub(2).min(length - 1);
+            let at = (place(x, i % 3, self.index.width), place(y, i / 3, self.index.height));
+            let weight = self.raw.confidence.at(at.0, at.1) * if i == 4 { 2.0 } else { 1.0 };
+            *slot = (self.raw.position.at(at.0, at.1), weight);
+            total += weight;
+        }
+        if total <= 0.0 {
+            return self.decided(x, y);
+        }
+        around.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut below = 0.0;
+        let median = around.iter().find(|(_, weight)| {
+            below += weight;
+            below >= 0.5 * total
+        });
+        let median = median.map_or(own, |found| found.0);
+        let confirmed = confidence >= 1.0 / (RELIABLE * RELIABLE) && (own - median).abs() < 0.5 * self.t[0];
+        Some(if confirmed { own } else { median })
+    }
+
+    /// The mean over the window of (x, y); `None` where nothing is known.
+    pub(super) fn smooth(&self, x: usize, y: usize) -> Option<Estimate> {
+        let reference = self.reference(x, y)?;
+        let (width, height) = (self.index.width, self.index.height);
+        let columns = x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(width);
+        let left = columns.start + RADIUS - x;
+        let limit = 1.0 / self.t[0];
+        // sums of G T, G T c, G T c d, G T c d^2 with d = h - r, and of G c
+        let [mut shares, mut total, mut first, mut second, mut all] = [0.0f32; 5];
+        for v in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(height) {
+            let weights = &self.weights[v + RADIUS - y][left..];
+            let heights = &self.raw.position.row(v)[columns.clone()];
+            let confidences = &self.raw.confidence.row(v)[columns.clone()];
+            for ((&weight, &height), &confidence) in weights.iter().zip(heights).zip(confidences) {
+                let difference = height - reference;
+                let u = (difference * limit).powi(2);
+                let share = weight * (1.0 - u).max(0.0).powi(2);
+                let known = if confidence > 0.0 { share } else { 0.0 };
+                let c = share * confidence;
+                shares += known;
+                total += c;
+                first += c * difference;
+                second += c * difference * difference;
+                all += weight * confidence;
+            }
+        }
+        if total <= 0.0 {
+            return None;
+        }
+        let mean = first / total;
+        let spread = (second / total - mean * mean).max(0.0);
+        let mixed = (all / total).min(10.0);
+        let variance = (self.t[1] * shares / total + self.t[2] * spread) * mixed + self.t[4] * self.t[4];
+        Some((reference + mean, variance.sqrt()))
+    }
+
+    /// Per cell, the mean at its most confident pixel if that is reliable; otherwise a confidence of 0.
+    pub(super) fn cells(&self) -> Estimates {
+        let (width, height) = (self.index.width, self.index.height);
+        let best = |column: usize, row: usize| {
+            let pixels = (row * CELL..(row * CELL + CELL).min(height))
+                .flat_map(|y| (column * CELL..(column * CELL + CELL).min(width)).map(move |x| (x, y)));
+            let confidence = |&(x, y): &(usize, usize)| self.raw.confidence.at(x, y);
+            let (x, y) = pixels.max_by(|a, b| confidence(a).total_cmp(&confidence(b)))?;
+            self.smooth(x, y).filter(|_| confidence(&(x, y)) > 0.0).filter(|&(_, sigma)| sigma <= RELIABLE)
+        };
+        let (columns, rows) = (width.div_ceil(CELL), height.div_ceil(CELL));
+        let mut cells =
+            Estimates { position: Plane::filled(columns, rows, 0.0), confidence: Plane::filled(columns, rows, 0.0) };
+        let lines = cells.position.data.par_chunks_mut(columns).zip(cells.confidence.data.par_chunks_mut(columns));
+        lines.enumerate().for_each(|(row, (position, confidence))| {
+            for (column, (position, confidence)) in position.iter_mut().zip(confidence).enumerate() {
+                if let Some((mean, sigma)) = best(column, row) {
+                    (*position, *confidence) = (mean, 1.0 / (sigma * sigma));
+                }
+            }
+        });
+        cells
+    }
+
+    /// The final estimate at (x, y). `filled` belongs to the row of cells of `y`.
+    pub(super) fn at(&self, x: usize, y: usize, cells: &Estimates, filled: &mut Filled) -> Option<Estimate> {
+        let slice = self.index.at(x, y);
+        if slice == UNCOVERED {
+            return None;
+        }
+        let smooth = self.smooth(x, y);
+        if let Some((_, sigma)) = smooth
+            && sigma <= RELIABLE
+        {
+            return smooth;
+        }
+        filled.cells.resize(cells.position.width, None);
+        let slot = &mut filled.cells[x / CELL];
+        let fill = match *slot {
+            Some((of, result)) if of == slice => result,
+            _ => {
+                let result = self.decided(x, y).and_then(|decided| self.fill(x / CELL, y / CELL, decided, cells));
+                *slot = Some((slice, result));
+                result
+            }
+        };
+        match (smooth, fill) {
+            (Some(smooth), Some(fill)) => Some(if fill.1 < smooth.1 { fill } else { smooth }),
+            (one, other) => one.or(other),
+        }
+    }
+
+    /// The mean of the reliable cells around a cell.
+    fn fill(&self, column: usize, row: usize, decided: f32, cells: &Estimates) -> Option<Estimate> {
+        let (columns, rows) = (cells.position.width, cells.position.height);
+        let mean_of = |accepts: &dyn Fn(f32) -> bool| {
+            // sums of G, G c, G c d, G c d^2, and G c times the squared distance in cells
+            let [mut shares, mut total, mut first, mut second, mut distance] = [0.0f32; 5];
+            for v in row.saturating_sub(CELL_RADIUS)..(row + CELL_RADIUS + 1).min(rows) {
+                for u in column.saturating_sub(CELL_RADIUS)..(column + CELL_RADIUS + 1).min(columns) {
+                    let confidence = cells.confidence.at(u, v);
+                    let difference = cells.position.at(u, v) - decided;
+                    if confidence <= 0.0 || !accepts(difference) {
+                        continue;
+                    }
+                    let share = self.cell_weights[u + CELL_RADIUS - column] * self.cell_weights[v + CELL_RADIUS - row];
+                    let weight = share * confidence.min(100.0);
+                    shares += share;
+                    total += weight;
+                    first += weight * difference;
+                    second += weight * difference * difference;
+                    distance += weight * (u.abs_diff(column).pow(2) + v.abs_diff(row).pow(2)) as f32;
+                }
+            }
+            (shares >= MIN_CELLS).then(|| {
+                let mean = first / total;
+                let spread = (second / total - mean * mean).max(0.0);
+                let away = self.t[3] * CELL as f32 * (distance / total).sqrt();
+                (decided + mean, spread, (spread + shares / total + away * away).sqrt())
+            })
+        };
+        let (position, spread, sigma) = mean_of(&|_| true)?;
+        if spread.sqrt() <= self.t[5] {
+            return Some((position, sigma));
+        }
+        mean_of(&|difference| difference.abs() < SAME_SURFACE).map(|(position, _, sigma)| (position, sigma))
+    }
+}
