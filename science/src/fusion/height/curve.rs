@@ -66,6 +66,13 @@ pub(super) fn maximum(window: &Window<'_>, noise: f64) -> Option<Maximum> {
     while end < last && usable(end + 1) && usable(end) {
         end += 1;
     }
+    // at an end of the stack, three values whatever their drop
+    if end < first + 2 && end < last && energies[end + 1] >= 0.0 {
+        end += 1;
+    }
+    if end < first + 2 && first > 0 && energies[first - 1] >= 0.0 {
+        first -= 1;
+    }
     if end < first + 2 {
         return None;
     }

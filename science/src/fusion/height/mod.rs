@@ -54,7 +54,8 @@ pub(super) fn measure<S: Sample, const C: usize>(
     let positions = positions(run.plan);
     let survey = survey::survey::<S, C>(run, aligned)?;
     let raw = estimate::estimate::<S, C>(run, aligned, &positions, &survey)?;
-    let regular = regularise::Regularisation::new(&raw, &aligned.index, &positions);
+    let refined = run.plan.method.refines_the_index();
+    let regular = regularise::Regularisation::new(&raw, &aligned.index, refined, &positions);
     Ok(Some(map::HeightMap::of(run, axis, &positions, &regular)?))
 }
 

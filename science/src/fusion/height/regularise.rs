@@ -11,6 +11,9 @@
 //! The reference `r_p` is the pixel's own estimate if its neighbours confirm it, else their median. So nothing is mixed
 //! across a step between surfaces, and a step stays where it is. A pixel that remains uncertain takes the mean of the
 //! reliable cells of 4 x 4 px around it: of all if they lie on one surface, else of those near the slice of the index.
+//!
+//! The variance of the mean is a share of the mean variance of its estimates and of their spread, times
+//! `sum G c / sum G T c`, which is more than 1 near other surfaces, plus the squared departure from the decision map.
 
 use rayon::prelude::*;
 
@@ -24,6 +27,16 @@ const GAUSSIAN: f32 = 2.0;
 const SAME_SURFACE: f32 = 1.5;
 /// Standard deviation, steps, up to which an estimate is reliable.
 const RELIABLE: f32 = 0.5;
+/// Share of the mean variance of the estimates of a window that their weighted mean has: their errors are correlated.
+const CORRELATION: f32 = 0.35;
+/// Share of the variance between the estimates of a window that counts as an error of their mean.
+const SPREAD: f32 = 0.25;
+/// Least standard deviation of a mean, steps.
+const LEAST_SIGMA: f32 = 0.05;
+/// Distance from the slice of a decision map, steps, up to which an estimate agrees with it; beyond it, the standard
+/// deviation per step.
+const WITHIN_INDEX: f32 = 0.6;
+const DEPARTURE: f32 = 0.7;
 /// Side of a cell, px.
 pub(super) const CELL: usize = 4;
 /// Radius of the window of cells, and standard deviation of its Gaussian, cells.
@@ -36,10 +49,6 @@ const MIN_CELLS: f32 = 1.5;
 /// How much a surface may depart from the mean of its neighbours, steps per px of distance.
 const ROUGHNESS: f32 = 0.015;
 
-pub(super) fn tune(name: &str, default: f32) -> f32 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
-}
-
 /// A position and its standard deviation, steps.
 pub(super) type Estimate = (f32, f32);
 
@@ -47,10 +56,10 @@ pub(super) type Estimate = (f32, f32);
 pub(super) struct Regularisation<'a> {
     raw: &'a Estimates,
     index: &'a Plane<u16>,
+    refined: bool,
     positions: &'a [f64],
     weights: [[f32; 2 * RADIUS + 1]; 2 * RADIUS + 1],
     cell_weights: [f32; 2 * CELL_RADIUS + 1],
-    t: [f32; 8],
 }
 
 /// Buffers of [`Regularisation::fill`] for a row of cells.
@@ -68,24 +77,17 @@ impl Filled {
 }
 
 impl<'a> Regularisation<'a> {
-    /// `positions`: of each slice, steps.
-    pub(super) fn new(raw: &'a Estimates, index: &'a Plane<u16>, positions: &'a [f64]) -> Self {
-        let gaussian =
-            |d: usize, centre: usize, sigma: f32| (-(d.abs_diff(centre).pow(2) as f32) / (2.0 * sigma * sigma)).exp();
-        let g = tune("H_G", GAUSSIAN);
-        let weights = std::array::from_fn(|v| std::array::from_fn(|u| gaussian(u, RADIUS, g) * gaussian(v, RADIUS, g)));
+    /// `positions`: of each slice, steps. `refined`: whether the index is a decision map, whose steps are those of the
+    /// surface; otherwise it is only the largest focus measure of each pixel.
+    pub(super) fn new(raw: &'a Estimates, index: &'a Plane<u16>, refined: bool, positions: &'a [f64]) -> Self {
+        let gaussian = |d: usize, centre: usize, sigma: f32| {
+            let squared = d.abs_diff(centre).pow(2) as f32;
+            (-squared / (2.0 * sigma * sigma)).exp()
+        };
+        let weight = |d: usize| gaussian(d, RADIUS, GAUSSIAN);
+        let weights = std::array::from_fn(|v| std::array::from_fn(|u| weight(u) * weight(v)));
         let cell_weights = std::array::from_fn(|d| gaussian(d, CELL_RADIUS, CELL_GAUSSIAN));
-        let t = [
-            tune("H_T", SAME_SURFACE),
-            tune("H_A", 0.5),
-            tune("H_B", 0.25),
-            tune("H_R", ROUGHNESS),
-            tune("H_F", 0.03),
-            tune("H_O", ONE_SURFACE),
-            0.0,
-            0.0,
-        ];
-        Self { raw, index, positions, weights, cell_weights, t }
+        Self { raw, index, refined, positions, weights, cell_weights }
     }
 
     /// The position of the slice of the index at (x, y); `None` where no slice covers the pixel.
@@ -116,8 +118,10 @@ impl<'a> Regularisation<'a> {
             below >= 0.5 * total
         });
         let median = median.map_or(own, |found| found.0);
-        let confirmed = confidence >= 1.0 / (RELIABLE * RELIABLE) && (own - median).abs() < 0.5 * self.t[0];
-        Some(if confirmed { own } else { median })
+        let confirmed = confidence >= 1.0 / (RELIABLE * RELIABLE) && (own - median).abs() < 0.5 * SAME_SURFACE;
+        let reference = if confirmed { own } else { median };
+        let on_another_surface = |decided: f32| self.refined && (reference - decided).abs() >= SAME_SURFACE;
+        self.decided(x, y).filter(|&decided| on_another_surface(decided)).or(Some(reference))
     }
 
     /// The mean over the window of (x, y); `None` where nothing is known.
@@ -126,7 +130,7 @@ impl<'a> Regularisation<'a> {
         let (width, height) = (self.index.width, self.index.height);
         let columns = x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(width);
         let left = columns.start + RADIUS - x;
-        let limit = 1.0 / self.t[0];
+        let limit = 1.0 / SAME_SURFACE;
         // sums of G T, G T c, G T c d, G T c d^2 with d = h - r, and of G c
         let [mut shares, mut total, mut first, mut second, mut all] = [0.0f32; 5];
         for v in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(height) {
@@ -152,7 +156,12 @@ impl<'a> Regularisation<'a> {
         let mean = first / total;
         let spread = (second / total - mean * mean).max(0.0);
         let mixed = (all / total).min(10.0);
-        let variance = (self.t[1] * shares / total + self.t[2] * spread) * mixed + self.t[4] * self.t[4];
+        let departs = self
+            .decided(x, y)
+            .filter(|_| self.refined)
+            .map_or(0.0, |decided| ((reference + mean - decided).abs() - WITHIN_INDEX).max(0.0) * DEPARTURE);
+        let variance =
+            departs * departs + (CORRELATION * shares / total + SPREAD * spread) * mixed + LEAST_SIGMA * LEAST_SIGMA;
         Some((reference + mean, variance.sqrt()))
     }
 
@@ -233,12 +242,12 @@ impl<'a> Regularisation<'a> {
             (shares >= MIN_CELLS).then(|| {
                 let mean = first / total;
                 let spread = (second / total - mean * mean).max(0.0);
-                let away = self.t[3] * CELL as f32 * (distance / total).sqrt();
+                let away = ROUGHNESS * CELL as f32 * (distance / total).sqrt();
                 (decided + mean, spread, (spread + shares / total + away * away).sqrt())
             })
         };
         let (position, spread, sigma) = mean_of(&|_| true)?;
-        if spread.sqrt() <= self.t[5] {
+        if spread.sqrt() <= ONE_SURFACE {
             return Some((position, sigma));
         }
         mean_of(&|difference| difference.abs() < SAME_SURFACE).map(|(position, _, sigma)| (position, sigma))

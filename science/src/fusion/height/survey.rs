@@ -88,8 +88,8 @@ fn reach(curves: &[Vec<f32>], noise: f32) -> usize {
         let after = curve[peak + 1..].iter().position(|&energy| below(energy));
         before.into_iter().chain(after).min().map(|steps| steps as f32 + 1.0)
     };
-    let median = median(curves.iter().filter_map(width).collect()).unwrap_or(MIN_REACH as f32);
-    (median as usize + 1).clamp(MIN_REACH, MAX_REACH)
+    let median = median(curves.iter().filter_map(width).collect());
+    median.map_or(MIN_REACH, |steps| (steps as usize + 1).clamp(MIN_REACH, MAX_REACH))
 }
 
 fn median(mut values: Vec<f32>) -> Option<f32> {
