@@ -6,6 +6,8 @@
 //! | `mask` | silhouette, 8-bit grey | PNG | TIFF |
 //! | `backlight` | fused back-light stack | PNG | TIFF, JPEG |
 //! | `depth` | index of the sharpest slice, 16-bit grey | PNG | TIFF |
+//! | `height` | height map, 16-bit grey (option `height`) | PNG | TIFF |
+//! | `height-sigma` | standard deviation of the heights, 16-bit grey | PNG | TIFF |
 //! | `preview` | small image for web pages | JPEG | |
 //! | `overlay-{slice}` | slice of a calibration with the detected dots | PNG | |
 //! | `report` | report of a calibration | JSON | |
@@ -66,6 +68,10 @@ pub enum StackArtifact {
     Backlight,
     /// The index of the sharpest slice.
     Depth,
+    /// The height map.
+    Height,
+    /// The standard deviations of the heights.
+    HeightSigma,
     /// A small image for web pages.
     Preview,
 }
@@ -77,6 +83,8 @@ struct Row {
     formats: &'static [FileFormat],
     /// True when only stacks with a back light have it.
     needs_back_light: bool,
+    /// True when only stacks with the option `height` have it.
+    needs_height: bool,
     /// Bytes per pixel of the canvas, uncompressed.
     pixel_bytes: fn(&PixelSizes) -> u64,
 }
@@ -97,28 +105,45 @@ const LOSSLESS: &[FileFormat] = &[FileFormat::Png, FileFormat::Tiff];
 
 impl StackArtifact {
     /// All artifacts of stacks.
-    pub const ALL: [Self; 5] = [Self::Image, Self::Mask, Self::Backlight, Self::Depth, Self::Preview];
+    pub const ALL: [Self; 7] =
+        [Self::Image, Self::Mask, Self::Backlight, Self::Depth, Self::Height, Self::HeightSigma, Self::Preview];
 
     fn row(self) -> Row {
+        let height_map =
+            |name| Row { name, formats: LOSSLESS, needs_back_light: false, needs_height: true, pixel_bytes: |_| 2 };
         match self {
             Self::Image => Row {
                 name: "image",
                 formats: VIEWABLE,
                 needs_back_light: false,
+                needs_height: false,
                 // RGBA
                 pixel_bytes: |sizes| 4 * sizes.image_sample,
             },
-            Self::Mask => Row { name: "mask", formats: LOSSLESS, needs_back_light: true, pixel_bytes: |_| 1 },
+            Self::Mask => {
+                Row { name: "mask", formats: LOSSLESS, needs_back_light: true, needs_height: false, pixel_bytes: |_| 1 }
+            }
             Self::Backlight => Row {
                 name: "backlight",
                 formats: VIEWABLE,
                 needs_back_light: true,
+                needs_height: false,
                 // RGB at least
                 pixel_bytes: |sizes| sizes.slice_pixel.max(3),
             },
-            Self::Depth => Row { name: "depth", formats: LOSSLESS, needs_back_light: false, pixel_bytes: |_| 2 },
+            Self::Depth => Row {
+                name: "depth",
+                formats: LOSSLESS,
+                needs_back_light: false,
+                needs_height: false,
+                pixel_bytes: |_| 2,
+            },
+            Self::Height => height_map("height"),
+            Self::HeightSigma => height_map("height-sigma"),
             // its size is bounded, whatever the size of the canvas
-            Self::Preview => Row { name: "preview", formats: &[], needs_back_light: false, pixel_bytes: |_| 0 },
+            Self::Preview => {
+                Row { name: "preview", formats: &[], needs_back_light: false, needs_height: false, pixel_bytes: |_| 0 }
+            }
         }
     }
 
@@ -135,6 +160,11 @@ impl StackArtifact {
     /// True when only stacks with a back light have it.
     pub fn needs_back_light(self) -> bool {
         self.row().needs_back_light
+    }
+
+    /// True when only stacks with the option `height` have it.
+    pub fn needs_height(self) -> bool {
+        self.row().needs_height
     }
 
     /// Bytes per pixel of the canvas, uncompressed; 0 when the size does not depend on the canvas.

@@ -47,6 +47,17 @@ pub enum ImageFormat {
     Jpeg,
 }
 
+/// Whether a height map is measured.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HeightMode {
+    /// No.
+    #[default]
+    None,
+    /// Yes, in the unit that the profile allows: millimetres in the object, millimetres of the rail, or steps.
+    Auto,
+}
+
 /// Bits per sample of the image: `auto`, `8` or `16`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "TextOrNumber", into = "String")]
@@ -197,6 +208,8 @@ pub struct StackOptions {
     pub crop: Crop,
     /// Colour of pixels whose alpha is 0: `black`, or `keep` (the fused colour).
     pub under_alpha: UnderAlpha,
+    /// Height map: `none`, or `auto` (measured, in the unit that the profile allows; it takes time and memory).
+    pub height: HeightMode,
     /// Fusion method. `guided` is the method of the paper; `r1`, `eps1`, `r2`, `eps2`, `average`, `r_g` and `sigma_g`
     /// are its parameters and have no effect on the others.
     pub method: Method,
@@ -243,6 +256,7 @@ impl Default for StackOptions {
             input_bits: InputBits::default(),
             crop: Crop::default(),
             under_alpha: UnderAlpha::default(),
+            height: HeightMode::default(),
             method: Method::default(),
             r1,
             eps1,

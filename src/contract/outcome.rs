@@ -3,12 +3,16 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use pinstack_science::fusion::height::{
+    HeightMap, INVALID,
+    axis::{HeightDirection, HeightUnit},
+};
 use pinstack_science::types::{intrinsics::Intrinsics, metrics::Metrics, profile::ProfileSlice, report::Grade};
 
 /// A result file of a job. It becomes visible with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Artifact {
-    /// `image`, `mask`, `backlight`, `depth`, `preview`, `overlay-{slice}`, or `report`.
+    /// `image`, `mask`, `backlight`, `depth`, `height`, `height-sigma`, `preview`, `overlay-{slice}`, or `report`.
     pub name: String,
     /// Key in the blob store; not shown to clients.
     #[serde(skip_serializing_if = "String::is_empty", default)]
@@ -37,6 +41,37 @@ pub struct ImageInfo {
     pub intrinsics: Option<Intrinsics>,
 }
 
+/// How to read a height map. A pixel with the value `v` above 0 has the height `offset + (v - 1) scale`, with the
+/// standard deviation `s scale`, where `s` is the value of the same pixel of `height-sigma`. The plane in focus in the
+/// reference slice has the height 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HeightInfo {
+    /// Unit of `offset`, `scale` and `median_sigma`: `mm` in the object, `rail_mm` (travel of the rail), or `steps`
+    /// from slice to slice.
+    pub unit: HeightUnit,
+    /// `towards_camera`: larger is nearer to the camera. `with_slice_number`: larger is focused in a later slice; which
+    /// end of the stack is near is unknown.
+    pub direction: HeightDirection,
+    /// Height of the value 1.
+    pub offset: f64,
+    /// Difference of the heights of neighbouring values.
+    pub scale: f64,
+    /// Value of pixels without a height, in both files: 0.
+    pub invalid: u16,
+    /// Median standard deviation of all heights; null if no pixel has a height.
+    pub median_sigma: Option<f64>,
+    /// Fraction of the object (without a mask, of the canvas) that has a height.
+    pub valid_fraction: f64,
+}
+
+impl HeightInfo {
+    /// The description of `map`.
+    pub fn of(map: &HeightMap) -> Self {
+        let &HeightMap { unit, direction, offset, scale, median_sigma, valid_fraction, .. } = map;
+        Self { unit, direction, offset, scale, invalid: INVALID, median_sigma, valid_fraction }
+    }
+}
+
 /// The outcome of a stack.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StackOutcome {
@@ -44,6 +79,9 @@ pub struct StackOutcome {
     pub artifacts: Vec<Artifact>,
     /// Properties of the fused image.
     pub image: ImageInfo,
+    /// How to read the height map; null without one.
+    #[serde(default)]
+    pub height: Option<HeightInfo>,
     /// Quality metrics.
     pub metrics: Metrics,
     /// Program and version that made it, as in the EXIF tag `Software`; null for results older than this member.

@@ -55,6 +55,8 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::artifacts::mask))
         .routes(routes!(stacks::artifacts::backlight))
         .routes(routes!(stacks::artifacts::depth))
+        .routes(routes!(stacks::artifacts::height))
+        .routes(routes!(stacks::artifacts::height_sigma))
         .routes(routes!(stacks::artifacts::preview))
         .routes(routes!(stacks::cancel::cancel))
         .routes(routes!(stacks::rerun::rerun))

@@ -2,11 +2,12 @@
 
 use crate::contract::{
     artifact::{PixelSizes, StackArtifact},
+    options::HeightMode,
     request::{CalibrationRequest, JobRequest, StackRequest},
 };
 use pinstack_science::{
     calibration::MAX_SAMPLES,
-    fusion::{self, Plan},
+    fusion::{self, Plan, height::axis::HeightAxis},
     imaging::Depth,
     types::{mask_options::MaskEdge, stack_layout::StackLayout},
 };
@@ -19,7 +20,7 @@ const BASE: u64 = 64 << 20;
 /// file, and the copy that a decoder may make of it.
 ///
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
-///   (fused picture, its index, validity and silhouette, and the RGBA picture).
+///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture).
 /// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes
 ///   of the detector, whose size is bounded. Afterwards only small pictures.
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
@@ -33,8 +34,12 @@ pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
 fn stack(request: &StackRequest, threads: usize) -> u64 {
     let layout = &request.layout;
     let slices = layout.front.len();
-    let plan =
-        Plan { method: request.options.method, ..Plan::aligned(layout.width as usize, layout.height as usize, slices) };
+    let with_height = request.options.height != HeightMode::None;
+    let plan = Plan {
+        method: request.options.method,
+        height_map: with_height.then(|| HeightAxis::steps(slices, 0, None)),
+        ..Plan::aligned(layout.width as usize, layout.height as usize, slices)
+    };
     // a hard and, when it is asked for, a soft one
     let silhouettes = match request.options.mask_edge {
         _ if layout.back.is_empty() => 0,
@@ -46,8 +51,10 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     let image_sample = request.options.bit_depth.sample_bytes(layout.bit_depth);
     let sizes = PixelSizes { image_sample, slice_pixel };
     let outputs = [StackArtifact::Image, StackArtifact::Depth].map(|artifact| artifact.pixel_bytes(&sizes));
+    // the map of heights and deviations, and the one of both that is being written
+    let heights = if with_height { 4 + 2 } else { 0 };
     // the fused picture; validity and alpha; what comes out
-    let composing = slice_pixel + 2 + silhouettes + outputs.iter().sum::<u64>();
+    let composing = slice_pixel + 2 + silhouettes + heights + outputs.iter().sum::<u64>();
     let composing = pixels(layout).saturating_mul(composing);
     fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
 }
@@ -84,7 +91,7 @@ fn sample(layout: &StackLayout) -> u64 {
 mod tests {
     use super::*;
     use crate::contract::request::Upload;
-    use pinstack_science::types::calibration_options::CalibrationOptions;
+    use pinstack_science::types::{calibration_options::CalibrationOptions, fusion_options::Method};
 
     fn layout(slices: usize, width: u32, bit_depth: u8) -> StackLayout {
         StackLayout {
@@ -128,6 +135,20 @@ mod tests {
             assert!(need(10, 6000, 16) > need(10, 6000, 8));
             assert!(need(10, 12_000, 8) > need(10, 6000, 8));
             assert!(need(10, 6000, 8) > 24_000_000 * 10);
+        }
+    }
+
+    #[test]
+    fn a_height_map_never_lowers_the_need() {
+        for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+            let need = |height| {
+                let JobRequest::Stack(mut request) = stack(10, 6000, 8) else { panic!("a stack") };
+                (request.options.height, request.options.method) = (height, method);
+                memory_need(&JobRequest::Stack(request), 1)
+            };
+            assert!(need(HeightMode::Auto) >= need(HeightMode::None), "{method:?}");
+            // two planes of floats and the map of 4 bytes beside the fused picture and its index
+            assert!(need(HeightMode::Auto) >= 24_000_000 * (8 + 4 + 3 + 3), "{method:?}");
         }
     }
 

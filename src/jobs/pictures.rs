@@ -1,7 +1,7 @@
 //! The image files of a stack.
 //!
-//! In: the fused front light, the silhouette, the options and the profile. Out: the files image, preview, mask and
-//! depth, and the description of the image. The image takes longest, so it is encoded in parallel with the others.
+//! In: the fused front light, the silhouette, the options and the profile. Out: the files image, preview, mask,
+//! depth and heights, and the description of the image. The image takes longest, so it is encoded in parallel with the others.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -58,7 +58,8 @@ impl Pictures<'_> {
         source: &Metadata,
     ) -> Result<(ImageInfo, Vec<WrittenArtifact>), JobError> {
         let (rect, options, front) = (self.rect, self.options, self.front);
-        let (steps, done) = (if self.silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
+        let heights = if front.height_map.is_some() { 2 } else { 0 };
+        let (steps, done) = (heights + if self.silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
         let step = |picture: WrittenArtifact| {
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
@@ -88,6 +89,13 @@ impl Pictures<'_> {
             }
             let index = Raster::sixteen(rect.width, rect.height, 1, front.index.crop(rect).data);
             written.push(step(writer.png(StackArtifact::Depth.name(), &index, &Metadata::default())?));
+            if let Some(map) = &front.height_map {
+                let pictures =
+                    [(StackArtifact::Height, map.picture(rect)), (StackArtifact::HeightSigma, map.sigma_picture(rect))];
+                for (artifact, picture) in pictures {
+                    written.push(step(writer.png(artifact.name(), &picture, &Metadata::default())?));
+                }
+            }
             Ok(written)
         };
         let main = || writer.picture(StackArtifact::Image.name(), Encoding::of(options), &image, &metadata).map(step);

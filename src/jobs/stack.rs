@@ -1,6 +1,6 @@
 //! Fuses one stack: archive -> back light and silhouette -> front light -> artifacts.
 //!
-//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index and metrics. The
+//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index, height map and metrics. The
 //! science does the work; this module decides what is computed, reports the progress, and collects the warnings.
 
 use std::time::Instant;
@@ -18,8 +18,8 @@ use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
     input::SliceOrder,
-    options::MaskMode,
-    outcome::{JobOutcome, StackOutcome},
+    options::{HeightMode, MaskMode},
+    outcome::{HeightInfo, JobOutcome, StackOutcome},
     request::StackRequest,
 };
 use pinstack_science::{
@@ -111,6 +111,10 @@ pub fn run(
     };
 
     // front light
+    let plan = match options.height {
+        HeightMode::None => plan,
+        HeightMode::Auto => plan.with_height_map(&profile.input),
+    };
     let control = Phase::new(sink, plan.method.progress_stages(), middle, FUSED);
     let metrics_request = MetricsRequest { enabled: true, object: silhouette.as_ref().map(|s| &s.mask) };
     let front = fusion::fuse(&front_slices, &plan, &metrics_request, &context.scratch, &control)?;
@@ -128,12 +132,14 @@ pub fn run(
     written.extend(files);
     times.end("writing");
 
+    let height = front.height_map.as_ref().map(HeightInfo::of);
     let metrics = metrics(front, silhouette, times);
     // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
     let (artifacts, files) = written.into_iter().unzip();
-    let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, metrics, software: Some(SOFTWARE.to_owned()) });
+    let software = Some(SOFTWARE.to_owned());
+    let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, height, metrics, software });
     Ok(JobOutput { outcome, warnings: without_repetitions(warnings), profile: None, files })
 }
 

@@ -5,7 +5,8 @@ use std::{io::Write, sync::Arc, time::Duration};
 use pinstack::{
     contract::{
         Fault,
-        outcome::{Artifact, CalibrationOutcome, ImageInfo, JobOutcome, StackOutcome},
+        options::HeightMode,
+        outcome::{Artifact, CalibrationOutcome, HeightInfo, ImageInfo, JobOutcome, StackOutcome},
         request::JobRequest,
     },
     disk_budget::Reservation,
@@ -13,6 +14,7 @@ use pinstack::{
     store::{self, Finish, Job, MetadataStore, SpoolFile, Store, blobs::result_key, gc},
 };
 use pinstack_science::{
+    fusion::height::axis::{HeightDirection, HeightUnit},
     imaging::{Raster, codec},
     types::{metrics::Metrics, report::Grade},
 };
@@ -175,7 +177,28 @@ impl TestApp {
             artifacts.push(self.artifact(job, "backlight", png(WIDTH, HEIGHT, 1, 7)).await);
         }
         let image = ImageInfo { width: WIDTH, height: HEIGHT, bit_depth: 8, crop_offset_px: [0, 0], intrinsics: None };
-        StackOutcome { artifacts, image, metrics: Metrics::default(), software: Some("pinstack test".into()) }
+        let height = self.heights(job, &mut artifacts).await;
+        let software = Some("pinstack test".into());
+        StackOutcome { artifacts, image, height, metrics: Metrics::default(), software }
+    }
+
+    /// Adds the files of a height map, if the stack asks for one.
+    async fn heights(&self, job: &Job, artifacts: &mut Vec<Artifact>) -> Option<HeightInfo> {
+        let JobRequest::Stack(request) = &job.request else { return None };
+        if request.options.height == HeightMode::None {
+            return None;
+        }
+        artifacts.push(self.artifact(job, "height", png(WIDTH, HEIGHT, 1, 8)).await);
+        artifacts.push(self.artifact(job, "height-sigma", png(WIDTH, HEIGHT, 1, 9)).await);
+        Some(HeightInfo {
+            unit: HeightUnit::Mm,
+            direction: HeightDirection::TowardsCamera,
+            offset: -2.5,
+            scale: 1e-4,
+            invalid: 0,
+            median_sigma: Some(0.01),
+            valid_fraction: 0.9,
+        })
     }
 
     async fn artifact(&self, job: &Job, name: &str, bytes: Vec<u8>) -> Artifact {

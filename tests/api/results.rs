@@ -1,4 +1,5 @@
 use reqwest::StatusCode;
+use serde_json::{Value, json};
 
 use crate::app::{HEIGHT, TestApp, WIDTH, id, png, problem};
 
@@ -77,6 +78,43 @@ async fn the_image_is_available_in_other_formats_with_the_same_pixels() {
     assert_eq!(mask.headers()["content-type"], "image/tiff");
     let depth = app.get(&format!("{url}/depth")).header("accept", "image/jpeg").send().await.unwrap();
     assert_eq!(depth.headers()["content-type"], "image/png", "a JPEG would change the numbers");
+}
+
+#[tokio::test]
+async fn a_height_map_is_served_with_what_is_needed_to_read_it() {
+    let (app, url) = finished("&height=auto").await;
+    let stack: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
+    assert_eq!(stack["options"]["height"], "auto");
+    let height = &stack["height"];
+    assert_eq!(
+        (&height["unit"], &height["direction"], &height["invalid"]),
+        (&json!("mm"), &json!("towards_camera"), &json!(0))
+    );
+    assert_eq!((&height["offset"], &height["scale"]), (&json!(-2.5), &json!(1e-4)));
+    for (link, path) in [("height", "height"), ("height_sigma", "height-sigma")] {
+        assert_eq!(stack["links"][link], format!("{url}/{path}"));
+        let stored = app.get(&format!("{url}/{path}")).send().await.unwrap();
+        assert_eq!(
+            (stored.status(), &stored.headers()["content-type"]),
+            (StatusCode::OK, &"image/png".parse().unwrap())
+        );
+        let tiff = app.get(&format!("{url}/{path}")).header("accept", "image/tiff").send().await.unwrap();
+        assert_eq!(tiff.headers()["content-type"], "image/tiff");
+        let jpeg = app.get(&format!("{url}/{path}")).header("accept", "image/jpeg").send().await.unwrap();
+        assert_eq!(jpeg.headers()["content-type"], "image/png", "a JPEG would change the numbers");
+    }
+}
+
+#[tokio::test]
+async fn without_the_option_there_is_no_height_map() {
+    let (app, url) = finished("").await;
+    let stack: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
+    assert_eq!((&stack["height"], &stack["options"]["height"]), (&Value::Null, &json!("none")));
+    assert_eq!(stack["links"].get("height"), None);
+    for what in ["height", "height-sigma"] {
+        let told = problem(app.get(&format!("{url}/{what}")).send().await.unwrap(), 404, "no_result").await;
+        assert!(told["detail"].as_str().unwrap().contains("height=auto"), "{told}");
+    }
 }
 
 #[tokio::test]

@@ -155,6 +155,8 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         ("/v1/stacks/{id}/mask", "get"),
         ("/v1/stacks/{id}/backlight", "get"),
         ("/v1/stacks/{id}/depth", "get"),
+        ("/v1/stacks/{id}/height", "get"),
+        ("/v1/stacks/{id}/height-sigma", "get"),
         ("/v1/stacks/{id}/preview", "get"),
         ("/v1/stacks/{id}/metrics", "get"),
         ("/v1/stacks/{id}/cancel", "post"),

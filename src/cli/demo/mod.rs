@@ -18,7 +18,7 @@ use serde_json::Value;
 
 use self::{
     client::Client,
-    sheet::{Cell, contact_sheet, depth_colours},
+    sheet::{Cell, contact_sheet, depth_colours, shaded},
     truth::{Known, Score},
 };
 use super::{config::ServeConfig, serve::Service};
@@ -106,7 +106,7 @@ impl Demo {
         let calibrated = begin_calibration.elapsed();
         let begin_stack = Instant::now();
         let stack = client
-            .run_job(&format!("/v1/stacks?rig={RIG}&lens={LENS}&label=demo"), &stack_zip, |stage, share| {
+            .run_job(&format!("/v1/stacks?rig={RIG}&lens={LENS}&label=demo&height=auto"), &stack_zip, |stage, share| {
                 show(&bar, "fusing", stage, share);
             })
             .await?;
@@ -132,7 +132,7 @@ impl Demo {
             begin.elapsed().as_secs_f64()
         );
         println!(
-            "results in  {}: contact-sheet.png image.png mask.png depth.png backlight.png overlay.png metrics.json profile.json",
+            "results in  {}: contact-sheet.png image.png mask.png depth.png height.png backlight.png overlay.png metrics.json profile.json",
             self.out.display()
         );
         if self.keep {
@@ -164,6 +164,7 @@ struct Results {
     image: Raster,
     mask: Raster,
     depth: Raster,
+    height: Raster,
     backlight: Raster,
     overlay: Raster,
 }
@@ -184,6 +185,7 @@ impl Results {
             (format!("{stack_path}/image"), "image.png"),
             (format!("{stack_path}/mask"), "mask.png"),
             (format!("{stack_path}/depth"), "depth.png"),
+            (format!("{stack_path}/height"), "height.png"),
             (format!("{stack_path}/backlight"), "backlight.png"),
             (format!("{calibration_path}/overlay?slice={reference}"), "overlay.png"),
         ] {
@@ -195,12 +197,21 @@ impl Results {
             );
         }
         let mut next = pictures.into_iter();
-        let mut take = || next.next().context("five pictures were fetched");
-        Ok(Self { profile, image: take()?, mask: take()?, depth: take()?, backlight: take()?, overlay: take()? })
+        let mut take = || next.next().context("six pictures were fetched");
+        Ok(Self {
+            profile,
+            image: take()?,
+            mask: take()?,
+            depth: take()?,
+            height: take()?,
+            backlight: take()?,
+            overlay: take()?,
+        })
     }
 
     fn write_contact_sheet(&self, known: &Known, score: &Score, path: &Path) -> Result<()> {
         let depth = depth_colours(&self.depth, known.rig.slices());
+        let relief = shaded(&self.height);
         let end = known.rig.slices() - 1;
         let cell = |caption: String, picture| Cell { caption, picture };
         let sheet = contact_sheet(
@@ -214,8 +225,9 @@ impl Results {
                 cell("fused back light".into(), &self.backlight),
                 cell(format!("mask: IoU {:.4}", score.iou), &self.mask),
                 cell("slice in focus: first violet, last yellow".into(), &depth),
+                cell("height map: shaded relief".into(), &relief),
             ],
-            3,
+            4,
         );
         let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
         codec::encode_png(&mut file, &sheet, &Metadata::default())

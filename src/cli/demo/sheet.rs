@@ -2,7 +2,10 @@
 
 use font8x8::UnicodeFonts;
 
-use pinstack_science::imaging::{Raster, Samples};
+use pinstack_science::{
+    fusion::height::relief::relief,
+    imaging::{Plane, Raster, Samples},
+};
 
 /// Size of one cell's picture, px.
 const CELL: (usize, usize) = (480, 320);
@@ -125,6 +128,16 @@ pub(super) fn depth_colours(index: &Raster, slices: usize) -> Raster {
         n => ramp(n as f32 / last),
     });
     Raster::eight(index.width, index.height, 3, pixels.collect())
+}
+
+/// A height map as a shaded relief; a checkerboard where the height is unknown.
+pub(super) fn shaded(heights: &Raster) -> Raster {
+    let (width, height, channels) = (heights.width, heights.height, heights.channels);
+    let data = match &heights.samples {
+        Samples::Eight(samples) => samples.iter().step_by(channels).copied().map(u16::from).collect(),
+        Samples::Sixteen(samples) => samples.iter().step_by(channels).copied().collect(),
+    };
+    relief(&Plane { width, height, data })
 }
 
 /// A perceptually uniform colour ramp: viridis at five points, interpolated.

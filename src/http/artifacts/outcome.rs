@@ -71,6 +71,10 @@ pub fn artifact<'a>(job: &'a Job, name: &str) -> ApiResult<&'a Artifact> {
 
 /// The error for an artifact that a succeeded job did not make.
 pub fn missing(job: &Job, name: &str) -> ApiError {
+    if StackArtifact::of_name(name).is_some_and(StackArtifact::needs_height) {
+        let detail = format!("there is no {name}: the stack was fused with height=none; rerun it with height=auto");
+        return ApiError::new(Code::NoResult, detail);
+    }
     let needs_back_light = StackArtifact::of_name(name).is_some_and(StackArtifact::needs_back_light);
     let has_back_light = !job.request.layout().back.is_empty();
     let detail = match (needs_back_light, has_back_light) {

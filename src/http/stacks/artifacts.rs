@@ -1,5 +1,5 @@
-//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,backlight,depth,preview}`. One endpoint per row of
-//! [`StackArtifact`]; all of them do the same.
+//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,backlight,depth,height,height-sigma,preview}`. One
+//! endpoint per row of [`StackArtifact`]; all of them do the same.
 
 use axum::{
     extract::State,
@@ -105,6 +105,27 @@ endpoint! {
     /// `Accept: image/tiff`.
     depth, Depth, "/v1/stacks/{id}/depth", "get_stack_depth", ["image/png", "image/tiff"],
     "`not_found`; `no_result`: the stack failed or was cancelled"
+}
+
+endpoint! {
+    converted
+    /// Get the height map
+    ///
+    /// 16-bit grey PNG of a stack with `height=auto`. A value `v` above 0 is the height `offset + (v - 1) scale`; the
+    /// member `height` of the stack has both numbers and their unit. 0 where the height is unknown. TIFF with
+    /// `Accept: image/tiff`.
+    height, Height, "/v1/stacks/{id}/height", "get_stack_height", ["image/png", "image/tiff"],
+    "`not_found`; `no_result`: the stack failed, was cancelled, or was fused with `height=none`"
+}
+
+endpoint! {
+    converted
+    /// Get the standard deviations of the heights
+    ///
+    /// 16-bit grey PNG of a stack with `height=auto`: a value times `height.scale` is the standard deviation of the
+    /// height of the pixel. 0 where the height is unknown. TIFF with `Accept: image/tiff`.
+    height_sigma, HeightSigma, "/v1/stacks/{id}/height-sigma", "get_stack_height_sigma", ["image/png", "image/tiff"],
+    "`not_found`; `no_result`: the stack failed, was cancelled, or was fused with `height=none`"
 }
 
 endpoint! {

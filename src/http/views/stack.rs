@@ -9,7 +9,7 @@ use crate::{
     contract::{
         artifact::StackArtifact,
         options::StackOptions,
-        outcome::{ImageInfo, JobOutcome},
+        outcome::{HeightInfo, ImageInfo, JobOutcome},
         request::StackRequest,
     },
     store::Job,
@@ -37,6 +37,8 @@ pub struct Stack {
     pub slices: StackLayout,
     /// Properties of the fused image; null until the stack has succeeded.
     pub image: Option<ImageInfo>,
+    /// How to read the height map; null without one.
+    pub height: Option<HeightInfo>,
     /// Program and version that made the results; null until the stack has succeeded.
     pub software: Option<String>,
     /// Quality metrics; null until the stack has succeeded.
@@ -81,6 +83,12 @@ pub struct StackLinks {
     /// The slice-index map.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<String>,
+    /// The height map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<String>,
+    /// The standard deviations of the heights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_sigma: Option<String>,
     /// A small JPEG for web pages.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preview: Option<String>,
@@ -109,6 +117,8 @@ impl Stack {
             mask: link(StackArtifact::Mask),
             backlight: link(StackArtifact::Backlight),
             depth: link(StackArtifact::Depth),
+            height: link(StackArtifact::Height),
+            height_sigma: link(StackArtifact::HeightSigma),
             preview: link(StackArtifact::Preview),
             this: url,
         };
@@ -121,6 +131,7 @@ impl Stack {
             options: request.options.clone(),
             slices: request.layout.clone(),
             image: outcome.map(|o| o.image.clone()),
+            height: outcome.and_then(|o| o.height.clone()),
             software: outcome.and_then(|o| o.software.clone()),
             metrics: outcome.map(|o| o.metrics.clone()),
             artifacts,

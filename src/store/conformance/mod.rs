@@ -180,7 +180,13 @@ pub fn stack_outcome() -> JobOutcome {
         sha256: "ab".into(),
     };
     let image = ImageInfo { width: 64, height: 48, bit_depth: 8, crop_offset_px: [0, 0], intrinsics: None };
-    JobOutcome::Stack(StackOutcome { artifacts: vec![artifact], image, metrics: Default::default(), software: None })
+    JobOutcome::Stack(StackOutcome {
+        artifacts: vec![artifact],
+        image,
+        height: None,
+        metrics: Default::default(),
+        software: None,
+    })
 }
 
 pub fn calibration_outcome() -> JobOutcome {
