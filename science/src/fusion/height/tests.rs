@@ -16,7 +16,9 @@ use crate::{
 fn fused(slices: &[Raster], plan: &Plan, object: Option<&Plane<u8>>, tile: usize) -> Fused {
     let (request, folder) = (MetricsRequest { enabled: false, object }, std::env::temp_dir());
     let slices = FormattedSlices::open(&slices, plan.width, plan.height).unwrap();
-    Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, tile }.fuse().unwrap()
+    Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, tile, decision_map: None }
+        .fuse()
+        .unwrap()
 }
 
 /// A plan with a height map in steps, 0 in the first slice.
