@@ -1,17 +1,16 @@
 //! The course of saliency over three consecutive slices, and where its peak lies.
 
-/// A peak farther before the end slice than this, in steps between slices, is outside the range.
-const OUTSIDE: f32 = 0.75;
 /// Where saliency sinks into the noise within two slices, the peak is outside if the fall from the end slice to the
 /// next is by less than this factor: the flank of a peak is steep only near the peak.
 const STEEP: f32 = 1.5;
 
 /// Whether a pixel is in focus before the end of the stack, so that the stack misses it. `saliency` is that of the end
-/// slice and of the two slices next to it; `noise` is the saliency of noise alone.
+/// slice and of the two slices next to it; `noise` is the saliency of noise alone. A peak farther before the end slice
+/// than `outside`, in steps between slices, is missed.
 ///
 /// Saliency falls with defocus `z` about as `s0 / (1 + (z / w)^2)`. Its inverse is a parabola, and the minimum of the
 /// parabola through the three values is the position of focus, also when the step is large.
-pub(super) fn peaks_before(saliency: [f32; 3], noise: f32) -> bool {
+pub(super) fn peaks_before(saliency: [f32; 3], noise: f32, outside: f32) -> bool {
     let [end, next, third] = saliency;
     if !(end > next && next > third && third > 0.0) {
         return false;
@@ -24,7 +23,7 @@ pub(super) fn peaks_before(saliency: [f32; 3], noise: f32) -> bool {
         // the third value has sunk into the noise: a steep fall means that focus is near the end slice
         return u1 < STEEP * u0;
     }
-    -slope / (2.0 * curvature) < -OUTSIDE
+    -slope / (2.0 * curvature) < -outside
 }
 
 #[cfg(test)]
@@ -40,7 +39,7 @@ mod tests {
     fn focus_at_the_end_slice_is_inside_whatever_the_step() {
         for w in [0.3, 0.6, 1.0, 2.0, 4.0] {
             for z in [-0.4, 0.0, 0.3] {
-                assert!(!peaks_before(slices(z, w), 3.0), "z {z}, w {w}");
+                assert!(!peaks_before(slices(z, w), 3.0, 0.75), "z {z}, w {w}");
             }
         }
     }
@@ -49,15 +48,15 @@ mod tests {
     fn focus_steps_before_the_end_slice_is_outside() {
         for w in [1.0, 2.0, 4.0] {
             for z in [-1.5, -3.0, -5.0] {
-                assert!(peaks_before(slices(z, w), 3.0), "z {z}, w {w}");
+                assert!(peaks_before(slices(z, w), 3.0, 0.75), "z {z}, w {w}");
             }
         }
     }
 
     #[test]
     fn saliency_that_does_not_fall_steadily_is_not_outside() {
-        assert!(!peaks_before([10.0, 12.0, 9.0], 1.0));
-        assert!(!peaks_before([10.0, 8.0, 9.0], 1.0));
-        assert!(!peaks_before([10.0, 8.0, 0.0], 1.0));
+        for saliency in [[10.0, 12.0, 9.0], [10.0, 8.0, 9.0], [10.0, 8.0, 0.0]] {
+            assert!(!peaks_before(saliency, 1.0, 0.75), "{saliency:?}");
+        }
     }
 }
