@@ -3,7 +3,7 @@
 use super::*;
 use crate::{
     contract::{
-        options::{BitDepth, Crop, ImageFormat, StackOptions, UnderAlpha},
+        options::{BitDepth, Crop, HeightMode, ImageFormat, StackOptions, UnderAlpha},
         outcome::ImageInfo,
         request::JobRequest,
     },
@@ -129,6 +129,25 @@ fn parameters_of_guided_filtering_that_do_not_count_are_named() {
     };
     assert!(warned(Method::HaloCorrected) && warned(Method::Pyramid));
     assert!(!warned(Method::Guided));
+}
+
+#[test]
+fn a_height_map_comes_with_its_deviations_and_with_what_is_needed_to_read_it() {
+    let job = TestJob::stack(&both_zip(), StackOptions { height: HeightMode::Auto, ..options() });
+    let (output, outcome) = done(&job);
+    let names: Vec<&str> = outcome.artifacts.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(names, ["backlight", "image", "preview", "mask", "depth", "height", "height-sigma"]);
+    let info = outcome.height.expect("a height map was made");
+    assert!(info.scale > 0.0 && info.offset < 0.0 && info.median_sigma.is_some(), "{info:?}");
+    let sixteen = |name: &str| match picture(&output, name).1.samples {
+        Samples::Sixteen(samples) => samples,
+        Samples::Eight(_) => panic!("{name} has 16 bits"),
+    };
+    let (heights, sigmas) = (sixteen("height"), sixteen("height-sigma"));
+    assert!(heights.iter().zip(&sigmas).all(|(&height, &sigma)| (height == 0) == (sigma == 0)));
+    let Samples::Eight(mask) = picture(&output, "mask").1.samples else { panic!("8 bits") };
+    assert!(heights.iter().zip(&mask).all(|(&height, &mask)| height == 0 || mask == 255));
+    assert!(heights.iter().any(|&height| height != 0));
 }
 
 #[test]
