@@ -1,7 +1,8 @@
 //! Fuses one stack: archive -> back light and silhouette -> front light -> artifacts.
 //!
-//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index, height map and metrics. The
-//! science does the work; this module decides what is computed, reports the progress, and collects the warnings.
+//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index, height map and
+//! metrics. The science does the work; this module decides what is computed, reports the progress, and collects the
+//! warnings.
 
 use std::time::Instant;
 

@@ -42,11 +42,12 @@ impl HeightAxis {
     /// The axis of a stack taken with the rig of `profile`. `near_first`: whether the first slice is focused nearest to
     /// the camera.
     ///
-    /// Let `z_i` be the rail position of slice `i`, which increases towards the object, and `r` the reference slice.
+    /// Let `z_i` be the rail position of slice `i`, which increases towards the object, `r` the reference slice, `d2`
+    /// the principal distance, `M` the magnification, `f = d2 / (1 + M)`, and `a(d) = f d / (d - f)` (thin lens).
     ///
     /// | capture mode | known | unit | height of slice `i` |
     /// |---|---|---|---|
-    /// | fixed lens | rail, principal distance `d2`, magnification `M` | mm | `a(d2) - a(d2 - z_i + z_r)`, where `a(d) = f d / (d - f)` and `f = d2 / (1 + M)` |
+    /// | fixed lens | rail, `d2`, `M` | mm | `a(d2) - a(d2 - z_i + z_r)` |
     /// | moving lens | rail | mm | `z_r - z_i` |
     /// | other | rail | mm of the rail | `z_r - z_i` |
     /// | any | nothing | steps | `r - i` if the first slice is nearest, else `i - r` |

@@ -32,8 +32,8 @@ fn beetle() -> Rendered {
     rendered(&rig, &Scene::insect(4), Light::Front)
 }
 
-/// Root mean square of the errors of the heights, and of those of the index, over the pixels of the object with a height
-/// whose index is on the right surface: within a step and a half of the truth.
+/// Root mean square of the errors of the heights, and of those of the index, over the pixels of the object with a
+/// height whose index is on the right surface: within a step and a half of the truth.
 fn errors(case: &Rendered, fused: &Fused, map: &HeightMap) -> [f64; 2] {
     let mut sums = [0.0, 0.0, 0.0];
     for (at, &truth) in case.truth.slice.data.iter().enumerate().filter(|(_, truth)| !truth.is_nan()) {
