@@ -5,8 +5,8 @@
 //! [--unknown-near-end] [--crops FOLDER]` prints tables of PSNR; `-- --edges FILE ...` prints the softness of the edges
 //! of the scenes and of image files instead.
 //!
-//! The row "true decision map" is `halo_corrected` with the decision map of the truth: the bound of what a better
-//! decision map can gain.
+//! The row "true decision map" is `halo_corrected` with the true slice of each pixel of the object. It tells how much a
+//! better decision map can gain.
 //!
 //! The other programs are `enfuse`, if it is on the path, and shinestacker, if the environment variable
 //! PINSTACK_SHINESTACKER names a Python interpreter that can import it. All get the same slices, warped by the true
@@ -27,8 +27,8 @@ use pinstack_science::{
 const METHODS: [(&str, Method); 3] =
     [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
 
-/// The row of the bound.
-const BOUND: &str = "true decision map";
+/// The row of the default method with the true decision map.
+const BY_TRUTH: &str = "true decision map";
 
 /// Softness of the lens (standard deviation of a Gaussian), px: the sharpest edges of the scenes are then as sharp as
 /// the sharpest hundredth of the edges in photographs.
@@ -37,7 +37,7 @@ const SOFTNESS: f64 = 0.7;
 struct Arguments {
     quick: bool,
     scene: Option<String>,
-    /// The only method to run, instead of all methods, the bound and the other programs.
+    /// The only method to run, instead of all methods, the true decision map and the other programs.
     method: Option<String>,
     /// Whether the methods are told which end of the stack is near.
     near_end_known: bool,
@@ -70,7 +70,7 @@ fn arguments() -> Result<Arguments, String> {
             "--scene" => found.scene = Some(value()?),
             "--method" => {
                 let value = value()?;
-                let known = METHODS.iter().any(|(name, _)| *name == value) || value == BOUND;
+                let known = METHODS.iter().any(|(name, _)| *name == value) || value == BY_TRUTH;
                 found.method = Some(known.then_some(value.clone()).ok_or(format!("--method {value}: no such method"))?);
             }
             "--unknown-near-end" => found.near_end_known = false,
@@ -160,8 +160,8 @@ fn main() {
             for (name, method) in METHODS.into_iter().filter(|(name, _)| wanted(name)) {
                 pictures.push((name, true, stack.fuse(method).image));
             }
-            if wanted(BOUND) {
-                pictures.push((BOUND, true, stack.fuse_by_truth().image));
+            if wanted(BY_TRUTH) {
+                pictures.push((BY_TRUTH, true, stack.fuse_by_truth().image));
             }
             let peers = peers.iter();
             pictures.extend(
@@ -178,7 +178,7 @@ fn main() {
                 }
             }
             if let Some(folder) = arguments.crops.as_ref().filter(|_| number == 0) {
-                let ours = pictures.iter().filter(|picture| picture.1 && picture.0 != BOUND);
+                let ours = pictures.iter().filter(|picture| picture.1 && picture.0 != BY_TRUTH);
                 let shown = best.map(|(_, at)| &pictures[at]).into_iter().chain(ours);
                 let beside: Vec<&Raster> =
                     std::iter::once(&stack.truth.sharp).chain(shown.map(|picture| &picture.2)).collect();

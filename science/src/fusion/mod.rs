@@ -97,7 +97,7 @@ pub fn fuse(
 /// [`fuse`] by [`Method::HaloCorrected`](crate::types::fusion_options::Method::HaloCorrected) with a given decision map
 /// instead of the one that is found in the stack; other methods ignore it.
 ///
-/// For benches: with the true decision map the result is the bound of what a better decision map can gain.
+/// For benches: with the true decision map the result tells how much a better decision map can gain.
 /// `decision_map` is of the size of the canvas and contains 0-based indices of slices. Where that slice does not cover
 /// the pixel, or is none of the stack, the sharpest slice is used.
 ///
