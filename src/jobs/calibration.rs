@@ -121,6 +121,7 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
         note: request.options.note.clone(),
         principal_distance_mm: measured.report.camera.principal_distance_mm,
         magnification: measured.magnification,
+        distortion: measured.distortion,
         ..ProfileInput::default()
     }
 }

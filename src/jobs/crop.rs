@@ -12,7 +12,7 @@ pub(super) fn crop_rect(crop: Crop, profile: &ProfileInput) -> Result<Rect, Faul
     let (columns, rows) = (profile.image_width, profile.image_height);
     match crop {
         Crop::None => Ok(Rect::whole(columns as usize, rows as usize)),
-        Crop::Valid => valid_rect(&profile.homographies, columns, rows).ok_or_else(|| {
+        Crop::Valid => valid_rect(&profile.homographies, profile.distortion.as_ref(), columns, rows).ok_or_else(|| {
             let detail =
                 "crop=valid is empty: the slices of this profile have no pixel in common; use crop=none or recalibrate";
             Fault::new(Code::InvalidProfile, detail)

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use pinstack_science::types::profile::{CaptureMode, ProfileInput};
 
 /// SHA-256 (hex) of what determines the pixels of a result: image size, reference slice, and for each slice the nine
-/// elements of its homography and its gain (1 if absent). Note, rail positions and origin are not included: profiles
+/// elements of its homography and its gain (1 if absent); and the lens distortion if there is any. Note, rail positions and origin are not included: profiles
 /// with the same digest give the same image.
 pub fn profile_digest(input: &ProfileInput) -> String {
     let mut hash = Sha256::new();
@@ -23,6 +23,12 @@ pub fn profile_digest(input: &ProfileInput) -> String {
         let gain = input.gain(index);
         for number in homography.0.into_iter().chain([gain]) {
             // -0.0 + 0.0 = 0.0: both zeros get the same digest
+            hash.update((number + 0.0).to_le_bytes());
+        }
+    }
+    if let Some(lens) = &input.distortion {
+        hash.update(b"distortion\0");
+        for number in [lens.centre_px[0], lens.centre_px[1], lens.k1, lens.k2, lens.radius_px] {
             hash.update((number + 0.0).to_le_bytes());
         }
     }

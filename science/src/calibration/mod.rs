@@ -10,6 +10,7 @@
 //! | code | `code` | recognises a coded target, on which every dot is unique |
 //! | identity | `identity` | checks that the same label is the same dot in all slices, and corrects it |
 //! | measurement | `phase`, `inpainting`, `radial_profile`, `flat_field` | measures each dot by the phase of the pattern |
+//! | distortion | `distortion` | measures lens distortion that stays with the sensor |
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
 //! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
@@ -28,6 +29,7 @@ mod capture;
 mod coarse_registration;
 mod code;
 mod detection;
+mod distortion;
 mod dlt;
 mod dot_photometry;
 mod drift;
@@ -69,6 +71,7 @@ pub use target_check::dot_target;
 
 use crate::imaging::Slices;
 use crate::types::calibration_options::CalibrationOptions;
+use crate::types::distortion::Distortion;
 use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
 use crate::types::report::CalibrationReport;
 use crate::types::{Control, Error, ErrorKind, Interrupted, Warning};
@@ -118,6 +121,8 @@ pub struct Calibration {
     pub capture_mode: Option<CaptureMode>,
     /// The transform model of the homographies.
     pub model: HomographyModel,
+    /// Lens distortion that stays with the sensor; the homographies are then between images without it. `None`: none.
+    pub distortion: Option<Distortion>,
     /// Findings for the user.
     pub warnings: Vec<Warning>,
     /// The verdict in one sentence.
@@ -160,8 +165,10 @@ pub fn calibrate(
     let given = rail_positions(options, count)?;
     let mut tracked = tracking::track_all(slices, reference, control)?;
     falloff::doubt_weak_slices(&mut tracked);
+    let (lens, straight) = distortion::analyse(&tracked, reference, control)?;
+    let tracked = straight.unwrap_or(tracked);
     let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options.model, control)?;
-    Ok(report::report(slices, options, &tracked, solved, given.is_some()))
+    Ok(report::report(slices, options, &tracked, solved, given.is_some(), &lens))
 }
 
 /// The rail positions that the user specified, mm.

@@ -36,7 +36,11 @@ pub fn overlay(slice: &Raster, calibration: &Calibration, index: usize) -> Raste
         && let Some(back) = profile.homography.inverse()
     {
         for dot in calibration.dots.get(calibration.reference_index).into_iter().flatten() {
-            canvas.mark(place(back.apply(dot.at)), radius, BLUE);
+            let at = match &calibration.distortion {
+                None => back.apply(dot.at),
+                Some(lens) => lens.distort(back.apply(lens.undistort(dot.at))),
+            };
+            canvas.mark(place(at), radius, BLUE);
         }
     }
     for Dot { at, used, .. } in dots {

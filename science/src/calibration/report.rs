@@ -3,6 +3,7 @@
 use super::camera::{self, Known};
 use super::capture::{self, ScaleSample};
 use super::code;
+use super::distortion::LensAnalysis;
 use super::findings::{self, Facts};
 use super::flat_field::Polarity;
 use super::gains;
@@ -22,14 +23,20 @@ const MAX_DOTS: usize = 2000;
 /// Largest advised blur radius over pitch (the pitch is 2.5 times the largest blur radius).
 const ADVISED: f64 = 0.4;
 
-/// Assembles the result. `in_mm`: rail positions were specified in mm.
+/// Assembles the result. `in_mm`: rail positions were specified in mm. `lens`: the distortion without which `tracked` and
+/// `solution` are.
 pub(super) fn report(
     slices: &dyn Slices,
     options: &CalibrationOptions,
     tracked: &Tracked,
-    solution: Solution,
+    mut solution: Solution,
     in_mm: bool,
+    lens: &LensAnalysis,
 ) -> Calibration {
+    for (slice, more) in solution.slices.iter_mut().zip(&lens.corner_sigma) {
+        slice.corner_sigma = slice.corner_sigma.hypot(*more);
+    }
+    let seen_at = |p: [f64; 2]| lens.distortion.map_or(p, |distortion| distortion.distort(p));
     let (width, height) = (tracked.width as u32, tracked.height as u32);
     let reference = solution.reference;
     let profile: Vec<ProfileSlice> = solution
@@ -80,7 +87,9 @@ pub(super) fn report(
         capture: &capture,
         camera: &camera,
     };
-    let findings = findings::findings(&facts);
+    let mut findings = findings::findings(&facts);
+    findings.extend(lens.finding.clone());
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.allows));
     // a slice that is lost to blur is blurred at least to where the pattern vanishes
     let at_least =
         |i: usize| blurs[i].or_else(|| (Loss::of(tracked, i) == Loss::Blurred).then_some(super::blur::VANISHES));
@@ -100,7 +109,11 @@ pub(super) fn report(
         code: code::report(tracked, reference),
     };
     let slice_reports = (0..profile.len())
-        .map(|i| slice_report(slices.name(i), &profile[i], &solution, tracked, blurs[i], i))
+        .map(|i| {
+            let mut report = slice_report(slices.name(i), &profile[i], &solution, tracked, blurs[i], i);
+            report.dots.iter_mut().for_each(|dot| dot.at = seen_at(dot.at));
+            report
+        })
         .collect();
     let report = CalibrationReport {
         width,
@@ -129,7 +142,12 @@ pub(super) fn report(
         verdict,
         warnings,
         slices: profile,
-        dots: solution.slices.into_iter().map(|s| s.dots).collect(),
+        dots: solution
+            .slices
+            .into_iter()
+            .map(|s| s.dots.into_iter().map(|dot| Dot { at: seen_at(dot.at), ..dot }).collect())
+            .collect(),
+        distortion: lens.distortion,
         report,
     }
 }

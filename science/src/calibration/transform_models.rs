@@ -234,7 +234,7 @@ pub(super) fn map_point(p: &Parameters, [x, y]: [f64; 2]) -> [f64; 2] {
 }
 
 /// Jacobian of [`map_point`] with respect to the eight parameters, one row per coordinate.
-fn jacobian(p: &Parameters, at: [f64; 2]) -> [Parameters; 2] {
+pub(super) fn jacobian(p: &Parameters, at: [f64; 2]) -> [Parameters; 2] {
     let [x, y] = at;
     let w = p[6] * x + p[7] * y + 1.0;
     let [u, v] = map_point(p, at);

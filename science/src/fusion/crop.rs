@@ -1,26 +1,34 @@
 //! The part of the canvas that every slice covers.
 
 use crate::{
-    imaging::{Coverage, Rect},
-    types::Homography,
+    imaging::{Coverage, Rect, SliceMapping},
+    types::{Homography, distortion::Distortion},
 };
 
 /// The largest rectangle of the canvas that every slice covers; `None` if no pixel is covered by every slice.
 ///
 /// Slices and canvas are `width` x `height` px. Coverage follows the same rule as resampling, so no slice has an
-/// uncovered pixel in the rectangle. The result depends only on the homographies: all views of a scan are cropped
-/// alike.
-pub fn valid_rect(homographies: &[Homography], width: u32, height: u32) -> Option<Rect> {
+/// uncovered pixel in the rectangle. The result depends only on the profile: all views of a scan are cropped alike.
+pub fn valid_rect(
+    homographies: &[Homography],
+    distortion: Option<&Distortion>,
+    width: u32,
+    height: u32,
+) -> Option<Rect> {
     let size = (width as usize, height as usize);
     let mut common = Coverage::full(size.0, size.1);
     for homography in homographies.iter().filter(|homography| !homography.is_identity()) {
-        common = common.intersection(&Coverage::of(&homography.inverse()?, size, size.0, size.1));
+        let to_slice = homography.inverse()?;
+        let coverage = match distortion {
+            None => Coverage::of(&to_slice, size, size.0, size.1),
+            Some(distortion) => Coverage::of_mapping(&SliceMapping::new(to_slice, *distortion, size), size),
+        };
+        common = common.intersection(&coverage);
     }
     largest_rect(&common)
 }
 
-/// The largest rectangle of covered pixels. The covered area is convex, so a rectangle fits if its top and bottom rows
-/// do.
+/// The largest rectangle of covered pixels.
 fn largest_rect(common: &Coverage) -> Option<Rect> {
     let rows = common.height();
     let mut best = Rect::default();
@@ -30,9 +38,10 @@ fn largest_rect(common: &Coverage) -> Option<Rect> {
         if first.len() * (rows - top) <= best.width * best.height {
             continue;
         }
+        let (mut left, mut right) = (first.start, first.end);
         for bottom in top..rows {
             let last = common.span(bottom);
-            let (left, right) = (first.start.max(last.start), first.end.min(last.end));
+            (left, right) = (left.max(last.start), right.min(last.end));
             if left >= right {
                 break;
             }
@@ -56,13 +65,13 @@ mod tests {
     #[test]
     fn aligned_slices_are_not_cropped() {
         let all = [Homography::IDENTITY; 3];
-        assert_eq!(valid_rect(&all, 60, 40), Some(Rect::whole(60, 40)));
+        assert_eq!(valid_rect(&all, None, 60, 40), Some(Rect::whole(60, 40)));
     }
 
     #[test]
     fn a_shift_crops_the_sides_that_it_uncovers() {
         let all = [Homography::similarity(1.0, [3.5, 0.0]), Homography::similarity(1.0, [-2.0, 4.0])];
-        assert_eq!(valid_rect(&all, 60, 40), Some(Rect { x: 4, y: 4, width: 54, height: 36 }));
+        assert_eq!(valid_rect(&all, None, 60, 40), Some(Rect { x: 4, y: 4, width: 54, height: 36 }));
     }
 
     #[test]
@@ -73,7 +82,7 @@ mod tests {
         };
         let all = [turn(4.0), turn(-3.0), Homography::similarity(0.95, [1.0, 1.0])];
         let (width, height) = (48usize, 32usize);
-        let found = valid_rect(&all, 48, 32).unwrap();
+        let found = valid_rect(&all, None, 48, 32).unwrap();
         let coverages: Vec<Coverage> =
             all.iter().map(|h| Coverage::of(&h.inverse().unwrap(), (width, height), width, height)).collect();
         let covered = |rect: Rect| coverages.iter().all(|coverage| coverage.contains(rect));
@@ -94,6 +103,6 @@ mod tests {
     #[test]
     fn slices_without_a_common_pixel_have_no_rectangle() {
         let all = [Homography::similarity(1.0, [40.0, 0.0]), Homography::similarity(1.0, [-40.0, 0.0])];
-        assert_eq!(valid_rect(&all, 60, 40), None);
+        assert_eq!(valid_rect(&all, None, 60, 40), None);
     }
 }

@@ -6,6 +6,7 @@ use crate::{
     quality::StackQuality,
     types::{
         Error, ErrorKind, Homography, Warning,
+        distortion::Distortion,
         fusion_options::{GuidedParams, Method},
         profile::{CaptureMode, ProfileInput},
     },
@@ -39,6 +40,8 @@ pub struct Plan {
     pub near_first: Option<bool>,
     /// Measure a height map on this axis. `None`: do not.
     pub height_map: Option<HeightAxis>,
+    /// Lens distortion of all slices and of the canvas, if there is any.
+    pub distortion: Option<Distortion>,
 }
 
 /// One slice of a [`Plan`].
@@ -70,6 +73,7 @@ impl Plan {
             params: GuidedParams::default(),
             near_first: None,
             height_map: None,
+            distortion: None,
         }
     }
 
@@ -90,6 +94,7 @@ impl Plan {
             params,
             near_first: near_first(profile),
             height_map: None,
+            distortion: profile.distortion,
         }
     }
 

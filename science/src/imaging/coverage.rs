@@ -2,12 +2,14 @@
 
 use std::ops::Range;
 
-use super::{Plane, Rect};
+use super::{Plane, Rect, SliceMapping};
 use crate::types::Homography;
 
 /// Tolerance for points outside the outermost pixel centres of a slice, px. A homography that equals the identity up to
 /// rounding must not lose the border.
 const TOLERANCE: f64 = 1e-6;
+/// Distance of the pixels at which a row is probed for a bent border, px.
+const PROBE: usize = 4;
 
 /// The pixels of a canvas that a warped slice covers, as one span per row.
 ///
@@ -48,6 +50,38 @@ impl Coverage {
                 };
                 let last = (start..width).rev().find(|&x| inside(x, y)).unwrap_or(start);
                 start..last + 1
+            })
+            .collect();
+        Self { width, spans }
+    }
+
+    /// The coverage of a canvas of `slice` = (width, height) px by a slice of the same size with lens distortion.
+    ///
+    /// The borders of such a slice are bent. Where they cut a row into several parts, only the longest counts.
+    pub fn of_mapping(mapping: &SliceMapping, slice: (usize, usize)) -> Self {
+        let (width, height) = slice;
+        let limit = [width as f64 - 1.0 + TOLERANCE, height as f64 - 1.0 + TOLERANCE];
+        let inside = |x: usize, y: usize| {
+            let [u, v] = mapping.apply([x as f64, y as f64]);
+            u >= -TOLERANCE && v >= -TOLERANCE && u <= limit[0] && v <= limit[1]
+        };
+        let spans = (0..height)
+            .map(|y| {
+                let Some(start) = (0..width).find(|&x| inside(x, y)) else { return 0..0 };
+                let end = (start..width).rev().find(|&x| inside(x, y)).unwrap_or(start) + 1;
+                if (start..end).step_by(PROBE).all(|x| inside(x, y)) {
+                    return start..end;
+                }
+                let (mut longest, mut from) = (0..0, start);
+                for x in start..=end {
+                    if x == end || !inside(x, y) {
+                        if x - from > longest.len() {
+                            longest = from..x;
+                        }
+                        from = x + 1;
+                    }
+                }
+                longest
             })
             .collect();
         Self { width, spans }

@@ -15,6 +15,7 @@ pub mod compositing;
 pub mod coverage;
 pub mod filter;
 pub mod grey;
+pub mod mapping;
 pub mod padding;
 pub mod raster;
 pub mod sample;
@@ -26,6 +27,7 @@ pub mod warp;
 
 pub use coverage::Coverage;
 pub use grey::LUMA;
+pub use mapping::SliceMapping;
 pub use raster::{Depth, Plane, Raster, Rect, Samples};
 pub use sample::Sample;
 pub use slices::Slices;

@@ -5,6 +5,7 @@
 
 pub mod calibration_options;
 pub mod control;
+pub mod distortion;
 pub mod error;
 pub mod fusion_options;
 pub mod homography;

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Error, ErrorKind, Homography, error::ErrorLocation};
+use super::{Error, ErrorKind, Homography, distortion::Distortion, error::ErrorLocation};
 
 /// What moves between slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -75,6 +75,9 @@ pub struct ProfileInput {
     /// Free text, at most 4,000 characters.
     #[serde(default)]
     pub note: Option<String>,
+    /// Radial lens distortion that stays with the sensor. The homographies are then between images without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<Distortion>,
 }
 
 impl ProfileInput {
@@ -193,6 +196,11 @@ impl ProfileInput {
         {
             let detail = format!("magnification is {magnification}; it must be 0.0001 to 1000");
             object("/magnification".into(), detail, None);
+        }
+        if let Some(distortion) = &self.distortion
+            && let Some(why) = distortion.objection(self.image_width, self.image_height)
+        {
+            object("/distortion".into(), format!("the distortion {why}"), None);
         }
         if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
             object("/note".into(), "the note is longer than 4,000 characters".into(), None);

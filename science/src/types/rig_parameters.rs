@@ -113,6 +113,7 @@ impl RigParameters {
             principal_point_px: Some(point),
             magnification: Some(self.magnification),
             note: self.note.clone(),
+            distortion: None,
         };
         profile.check()?;
         Ok(profile)

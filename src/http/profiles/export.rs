@@ -106,5 +106,9 @@ fn as_npz(profile: &Profile) -> ApiResult<Vec<u8>> {
     if let Some(rail) = &input.rail_positions_mm {
         arrays.push(("rail_positions_mm", npy::of_floats(&[rail.len()], rail.iter().copied())));
     }
+    if let Some(lens) = &input.distortion {
+        let numbers = [lens.centre_px[0], lens.centre_px[1], lens.k1, lens.k2, lens.radius_px];
+        arrays.push(("distortion", npy::of_floats(&[5], numbers)));
+    }
     npz::packed(arrays).map_err(ApiError::internal)
 }

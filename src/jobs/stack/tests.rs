@@ -345,6 +345,7 @@ fn what_the_profile_knows_of_the_camera_stands_beside_the_image() {
         principal_distance_mm: 121.0,
         pixel_pitch_mm: 0.05,
         principal_point_px: Some([98.5, 81.0]),
+        distortion: None,
     };
     assert_eq!(outcome.image.intrinsics, Some(expected));
 }

@@ -67,6 +67,7 @@ impl Stack {
             params: GuidedParams::default(),
             near_first: self.near_end_known.then_some(true),
             height_map: None,
+            distortion: None,
         }
     }
 

@@ -65,6 +65,7 @@ impl Case {
             params: GuidedParams::default(),
             near_first: Some(true),
             height_map: None,
+            distortion: None,
         }
     }
 

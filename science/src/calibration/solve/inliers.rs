@@ -24,15 +24,15 @@ const NEIGHBOURS: f64 = 9.0;
 
 /// The dots that a slice shares with the reference slice, and which of them are inliers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Inliers {
+pub(in crate::calibration) struct Inliers {
     /// The inliers.
-    pub(super) evidence: Evidence,
+    pub(in crate::calibration) evidence: Evidence,
     /// For every shared dot, whether it is an inlier.
     pub(super) is_inlier: BTreeMap<Label, bool>,
 }
 
 /// Finds the inliers of a slice. `None` when there are too few.
-pub(super) fn find_inliers(detection: &Detection, base: &Detection, frame: &Frame) -> Option<Inliers> {
+pub(in crate::calibration) fn find_inliers(detection: &Detection, base: &Detection, frame: &Frame) -> Option<Inliers> {
     let shared: Vec<(Label, Pair, [f64; 2])> = detection
         .dots
         .iter()

@@ -5,7 +5,8 @@ mod inliers;
 mod missing;
 
 use estimates::{Estimate, Setting, corner_errors, estimates, floors};
-use inliers::{Inliers, drop_mistaken_grids, find_inliers, own_estimates};
+pub(super) use inliers::find_inliers;
+use inliers::{Inliers, drop_mistaken_grids, own_estimates};
 use missing::{reference_without_grid, unmeasured_slices};
 
 use super::detection::{Detection, MeasuredDot};

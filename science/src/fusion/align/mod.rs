@@ -149,9 +149,13 @@ impl<S: Sample> Pass<'_, S> {
         let fingerprint = self.meter.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
 
         let (size, planned) = ((plan.width, plan.height), &plan.slices[slice]);
-        let warp = Warp::new(&planned.homography, planned.gain, size, size).ok_or_else(|| {
-            Error::new(ErrorKind::InvalidProfile, format!("the homography of slice {slice} cannot be inverted"))
-        })?;
+        let warp = Warp::with_distortion(&planned.homography, planned.gain, size, plan.distortion.as_ref())
+            .ok_or_else(|| {
+                Error::new(
+                    ErrorKind::InvalidProfile,
+                    format!("the homography of slice {slice} or the lens distortion of the profile cannot be inverted"),
+                )
+            })?;
         let buffer = locked(&self.buffers).pop().unwrap_or_default();
         let (warped, spare) = warp.resample_cancellable(samples, C, buffer, || control.check())?;
         self.run.slices.recycle(spare);

@@ -10,6 +10,7 @@
 //!
 //! 8-bit samples are weighted in fixed point ([`fixed`]), 16-bit samples in floating point ([`float`]).
 
+mod distorted;
 mod fixed;
 #[cfg(target_arch = "x86_64")]
 mod fixed_avx2;
@@ -25,10 +26,11 @@ use rayon::prelude::*;
 
 use super::{
     coverage::Coverage,
+    mapping::SliceMapping,
     sample::Sample,
     simd::{self, Avx2},
 };
-use crate::types::Homography;
+use crate::types::{Homography, distortion::Distortion};
 use fixed::Fixed;
 use float::Float;
 
@@ -48,6 +50,8 @@ pub struct Warp {
     slice: (usize, usize),
     coverage: Coverage,
     simd: Option<Avx2>,
+    /// Replaces `to_slice` where there is lens distortion.
+    distorted: Option<SliceMapping>,
 }
 
 impl Warp {
@@ -68,7 +72,38 @@ impl Warp {
         let to_slice = if stays { Homography::IDENTITY } else { to_canvas.inverse()? };
         let coverage =
             if stays { Coverage::full(width, height) } else { Coverage::of(&to_slice, slice, width, height) };
-        Some(Self { to_slice: to_slice.0, gain, identity: stays && gain == 1.0, slice, coverage, simd: Avx2::detect() })
+        Some(Self {
+            to_slice: to_slice.0,
+            gain,
+            identity: stays && gain == 1.0,
+            slice,
+            coverage,
+            simd: Avx2::detect(),
+            distorted: None,
+        })
+    }
+
+    /// Like [`Warp::new`], for slices with lens distortion: `to_canvas` maps ideal pixels of the slice to ideal pixels
+    /// of the canvas, which has the size of the slice and keeps the distortion. `None` also when the distortion is not
+    /// valid for the slice ([`Distortion::objection`]).
+    pub fn with_distortion(
+        to_canvas: &Homography,
+        gain: f64,
+        slice: (usize, usize),
+        distortion: Option<&Distortion>,
+    ) -> Option<Self> {
+        let plain = Self::new(to_canvas, gain, slice, slice)?;
+        let Some(distortion) = distortion else { return Some(plain) };
+        if distortion.objection(slice.0 as u32, slice.1 as u32).is_some() {
+            return None;
+        }
+        // without a homography the two distortions cancel
+        if to_canvas.is_identity() {
+            return Some(plain);
+        }
+        let mapping = SliceMapping::new(to_canvas.inverse()?, *distortion, slice);
+        let coverage = Coverage::of_mapping(&mapping, slice);
+        Some(Self { coverage, distorted: Some(mapping), ..plain })
     }
 
     /// The same warp without vector instructions. It gives the same bits; tests compare the two.
@@ -161,11 +196,21 @@ impl Warp {
         let mut start = span.start;
         while start < span.end {
             let count = BLOCK.min(span.end - start);
-            simd::run(
-                self.simd,
-                #[inline(always)]
-                || positions(&self.to_slice, start, y, &mut us, &mut vs),
-            );
+            match &self.distorted {
+                None => simd::run(
+                    self.simd,
+                    #[inline(always)]
+                    || positions(&self.to_slice, start, y, &mut us, &mut vs),
+                ),
+                Some(mapping) => {
+                    let curves = mapping.row(start, start + count - 1, y);
+                    simd::run(
+                        self.simd,
+                        #[inline(always)]
+                        || distorted::positions(&curves, count, &mut us, &mut vs),
+                    );
+                }
+            }
             weights.weigh(source, (&us[..count], &vs[..count]), &mut out[start * C..(start + count) * C]);
             start += count;
         }
