@@ -52,9 +52,18 @@ pub(super) fn list(slices: &dyn Slices, indices: &[usize]) -> String {
     names.join(", ")
 }
 
+/// Names of slices in order, at most twelve, as a phrase.
+fn named(slices: &dyn Slices, order: &[usize]) -> String {
+    let mut names: Vec<&str> = order.iter().take(12).map(|&i| slices.name(i)).collect();
+    if order.len() > names.len() {
+        names.push("...");
+    }
+    names.join(", ")
+}
+
 /// All findings, the most serious first.
 pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
-    let mut out = identity::findings::findings(facts);
+    let mut out: Vec<Finding> = identity::findings::findings(facts).into_iter().collect();
     out.extend(rail(facts));
     out.extend(light(facts));
     out.extend(dots(facts));
@@ -71,7 +80,7 @@ fn rail(facts: &Facts) -> Vec<Finding> {
         .solution
         .anomalies
         .iter()
-        .map(|event| match *event {
+        .map(|event| match event.clone() {
             RailAnomaly::Missing { after } => Finding::remark(
                 "slice_missing",
                 format!("a slice seems to be missing between {} and {}: the step between them is twice the usual one; check the rail and the files", name(after), name(after + 1)),
@@ -93,6 +102,16 @@ fn rail(facts: &Facts) -> Vec<Finding> {
                 Grade::Usable,
                 "rig_bumped",
                 format!("the image jumps by {:.1} px between {} and {}: the rig was bumped; fix it and calibrate again", by[0].hypot(by[1]), name(from.saturating_sub(1)), name(from)),
+            ),
+            RailAnomaly::Displaced { slice, by } => Finding::limiting(
+                Grade::Usable,
+                "slice_displaced",
+                format!("{} is displaced by {:.1} px against the line of the other slices; its own dots were used: check the rail for backlash, and take the slice again", name(slice), by[0].hypot(by[1])),
+            ),
+            RailAnomaly::OutOfOrder { order } => Finding::limiting(
+                Grade::Usable,
+                "slices_out_of_order",
+                format!("by the size of the target the slices were taken in the order {} or the reverse, which is not the order of the files: rename them (a camera's counter may have started again), or check that the rail moves in one direction", named(facts.slices, &order)),
             ),
         })
         .collect();

@@ -14,6 +14,7 @@
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
 //! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
+//! | order | `rail_order` | finds slices out of order, and single displaced ones |
 //! | gains | `dot_photometry`, `gains`, `tint` | compares the brightness and the tint of the target |
 //! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
@@ -49,6 +50,7 @@ mod radial_profile;
 mod rail;
 mod rail_anomalies;
 mod rail_fit;
+mod rail_order;
 mod report;
 mod robust;
 mod solve;

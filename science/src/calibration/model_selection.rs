@@ -52,6 +52,8 @@ impl StackModel {
 
 /// A simpler model is kept up to this factor above the least expected squared error.
 const TOLERANCE: f64 = 1.2;
+/// RMS residual of the dots of one slice, px, beyond twice that under a homography, from which a model is not selected.
+const MISSED: f64 = 0.2;
 /// Residuals below this explain nothing, px.
 const FLOOR: f64 = 0.01;
 
@@ -121,6 +123,14 @@ pub(super) fn select_model(
         (maps, held, 3)
     };
     let models = [StackModel::RailLinear].into_iter().chain(transform_models::ALL.map(StackModel::PerSlice));
+    let full: Vec<Option<f64>> = measured
+        .iter()
+        .map(|&i| {
+            let own = fitted(TransformModel::Homography, &evidence[i].matches)?;
+            slice_rms(own, &evidence[i], half)
+        })
+        .collect();
+    let mut missed: Vec<StackModel> = Vec::new();
     let mut judged: Vec<(StackModel, ModelCandidate)> = models
         .map(|model| {
             let (maps, held, parameters) = match model {
@@ -129,6 +139,15 @@ pub(super) fn select_model(
             };
             let rms = |all: Vec<f64>| (all.iter().sum::<f64>() / all.len().max(1) as f64).sqrt() * half;
             let score = maps.as_ref().map(|maps| score(evidence, &measured, maps, parameters, half));
+            // a mean over all slices would hide one slice whose dots the model misses
+            let misses = |(k, p): (usize, &Parameters)| {
+                let own = full[k].unwrap_or(0.0);
+                slice_rms(*p, &evidence[measured[k]], half)
+                    .is_some_and(|rms| rms * rms > 4.0 * own * own + MISSED * MISSED)
+            };
+            if maps.as_ref().is_some_and(|maps| maps.iter().enumerate().any(misses)) {
+                missed.push(model);
+            }
             let rms_px = maps.map(|maps| {
                 rms(measured
                     .iter()
@@ -160,7 +179,7 @@ pub(super) fn select_model(
         let variance = corners.iter().map(|c| c.sigma.powi(2)).sum::<f64>() / corners.len().max(1) as f64;
         (!corners.is_empty()).then(|| variance + bias(&corners).0)
     };
-    let fitted = judged.iter().filter(|(_, c)| c.bic.is_some());
+    let fitted = judged.iter().filter(|(model, c)| c.bic.is_some() && !missed.contains(model));
     let risks: Vec<(f64, StackModel)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
     let least = risks.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
     // simplest first: it wins unless another is clearly better
@@ -199,6 +218,12 @@ fn squares<'a>(p: &'a Parameters, matches: &'a [Match]) -> impl Iterator<Item = 
         let sent = transform_models::map_point(p, m.base);
         (m.here[0] - sent[0]).powi(2) + (m.here[1] - sent[1]).powi(2)
     })
+}
+
+/// RMS residual of the dots of one slice, px; `None` without dots.
+fn slice_rms(p: Parameters, evidence: &Evidence, half: f64) -> Option<f64> {
+    let count = evidence.matches.len();
+    (count > 0).then(|| half * (squares(&p, &evidence.matches).sum::<f64>() / count as f64).sqrt())
 }
 
 /// BIC: the sum over the slices of `n ln(mean square)`, plus `k ln(n)` for k parameters.

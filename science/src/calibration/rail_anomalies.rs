@@ -3,7 +3,7 @@
 use super::statistics::median;
 
 /// An anomaly between or at slices (0-based).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum RailAnomaly {
     /// The step is about two ordinary steps: a slice is missing.
     Missing {
@@ -33,6 +33,18 @@ pub(super) enum RailAnomaly {
         from: usize,
         /// Size of the jump, px.
         by: [f64; 2],
+    },
+    /// A single slice lies beside the line of the others.
+    Displaced {
+        /// The slice.
+        slice: usize,
+        /// Its distance from the line, px.
+        by: [f64; 2],
+    },
+    /// The files are not in the order of the rail positions.
+    OutOfOrder {
+        /// The measured slices in the order of the rail positions.
+        order: Vec<usize>,
     },
 }
 

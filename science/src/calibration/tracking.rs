@@ -76,8 +76,8 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let (width, height, _) = loader.size.unwrap_or_default();
     let found = (Some(detection), None);
     let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
-    same_orientation(slices, &detections, start)?;
     let labelling = identity::settle(&mut detections, start);
+    same_orientation(slices, &detections, start, target.code.is_some())?;
     Ok(Tracked { width, height, target, detections, diagnoses, labelling })
 }
 
@@ -149,7 +149,7 @@ fn follow(
         let slice = loader.load(index)?;
         let expected = course.expected();
         let mut detected = detection::relocate_grid(&slice, target, &places, &expected, control)?;
-        if detected.is_none() && expected.confident && !expected.maybe_inverted {
+        if detected.is_none() && expected.confident {
             // the rail may have jumped: try again without assuming a shift
             let open = Expected {
                 motion: SimilarityMotion { shift: [0.0; 2], ..expected.motion },
@@ -157,6 +157,9 @@ fn follow(
                 ..expected
             };
             detected = detection::relocate_grid(&slice, target, &places, &open, control)?;
+            if let Some(detection) = &mut detected {
+                detection.is_tentative = expected.maybe_inverted && detection.identity.is_none();
+            }
         }
         if detected.is_none() {
             detected = detection::detect_coded(&slice, target, &places, control)?;
@@ -164,8 +167,12 @@ fn follow(
         match &mut detected {
             Some(detection) => {
                 detection.tint = tint::tint(&slice, detection);
-                course.update(detection);
-                places.clone_from(&detection.places);
+                if detection.is_tentative {
+                    course.gap += 1;
+                } else {
+                    course.update(detection);
+                    places.clone_from(&detection.places);
+                }
             }
             None => course.gap += 1,
         }
@@ -176,9 +183,14 @@ fn follow(
     Ok(all)
 }
 
-/// Checks that no slice is mirrored or turned against the slice `start`, in which the grid was found. Only the code of
-/// a coded target tells.
-fn same_orientation(slices: &dyn Slices, detections: &[Option<Detection>], start: usize) -> Result<(), Error> {
+/// Checks that no slice is mirrored or turned against the slice `start`, in which the grid was found. The code of a
+/// coded target tells, or missing and dirty dots of another one.
+fn same_orientation(
+    slices: &dyn Slices,
+    detections: &[Option<Detection>],
+    start: usize,
+    is_coded: bool,
+) -> Result<(), Error> {
     let is_turned = |(index, detection): (usize, &Option<Detection>)| Some((index, detection.as_ref()?.turned?));
     let turned: Vec<(usize, bool)> = detections.iter().enumerate().filter_map(is_turned).collect();
     let Some((first, is_mirrored)) = turned.first().copied() else { return Ok(()) };
@@ -193,8 +205,9 @@ fn same_orientation(slices: &dyn Slices, detections: &[Option<Detection>], start
     };
     let name = slices.name(first);
     let detail = format!(
-        "{name} (slice {first}) {how} against {}, by the code of the target{others}: {advice}, or omit it",
-        slices.name(start)
+        "{name} (slice {first}) {how} against {}, by {}{others}: {advice}, or omit it",
+        slices.name(start),
+        if is_coded { "the code of the target" } else { "its missing or dirty dots" }
     );
     Err(Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(first as u32)))
 }

@@ -193,6 +193,7 @@ fn detection(
         identity: None,
         turned: None,
         tint: None,
+        is_tentative: false,
         fingerprint: None,
     })
 }

@@ -71,6 +71,9 @@ pub(super) struct Detection {
     pub turned: Option<bool>,
     /// `ln` of red over green and of blue over green light; `None` for a grey or a clipped slice.
     pub tint: Option<[f64; 2]>,
+    /// True when the slice was found where the motion of the other slices does not lead. It counts only if the
+    /// fingerprint confirms it.
+    pub is_tentative: bool,
     /// What makes the cells of the grid differ; `None` when the grid is degenerate.
     pub fingerprint: Option<Fingerprint>,
 }

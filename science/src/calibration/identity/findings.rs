@@ -5,11 +5,11 @@ use super::super::grade::Finding;
 use crate::types::report::Grade;
 
 /// Slices whose labels may be wrong by whole steps.
-pub(in super::super) fn findings(facts: &Facts) -> Vec<Finding> {
+pub(in super::super) fn findings(facts: &Facts) -> Option<Finding> {
     let labelling = &facts.tracked.labelling;
     let ambiguous: Vec<usize> = (0..labelling.len()).filter(|&i| labelling[i].ambiguous).collect();
     if ambiguous.is_empty() {
-        return Vec::new();
+        return None;
     }
     let detail = format!(
         "the grid looks the same after a shift by one pitch ({:.0} px), and nothing in the image tells such shifts apart \
@@ -17,5 +17,5 @@ pub(in super::super) fn findings(facts: &Facts) -> Vec<Finding> {
         facts.tracked.detections[facts.solution.reference].as_ref().map_or(0.0, |d| d.pitch),
         list(facts.slices, &ambiguous)
     );
-    vec![Finding::limiting(Grade::Usable, "shift_ambiguous", detail)]
+    Some(Finding::limiting(Grade::Usable, "shift_ambiguous", detail))
 }

@@ -25,7 +25,7 @@ const MAX_POINTS: usize = 8;
 /// Deviations beyond this many times their RMS are cut: a single cell must not decide.
 const CUT: f64 = 4.0;
 /// Stored value of the RMS deviation.
-const UNIT: f64 = 4096.0;
+const UNIT: f64 = 256.0;
 /// Strength of the pattern in a cell, relative to the mean cell, below which it shows no dot, and above which it does.
 const PRESENCE: [f64; 2] = [0.25, 0.6];
 /// Scatter of the strengths of known dots beyond which dots cannot be told from gaps (strong blur, noise).
@@ -143,6 +143,36 @@ impl Fingerprint {
         let top = value(x0, y0)? * (1.0 - fx) + value(x0 + 1.0, y0)? * fx;
         let bottom = value(x0, y0 + 1.0)? * (1.0 - fx) + value(x0 + 1.0, y0 + 1.0)? * fx;
         Some(top * (1.0 - fy) + bottom * fy)
+    }
+
+    /// The fingerprint of the target turned or mirrored about its middle cell: the cell at `middle + d` becomes that at
+    /// `middle + turn(d)`. `turn` is one of the 8 symmetries of the square grid.
+    pub(super) fn turned(&self, turn: impl Fn([i32; 2]) -> [i32; 2]) -> Self {
+        let middle = [self.origin[0] + self.columns as i32 / 2, self.origin[1] + self.rows as i32 / 2];
+        let about = |l: Label| {
+            let [x, y] = turn([l[0] - middle[0], l[1] - middle[1]]);
+            [middle[0] + x, middle[1] + y]
+        };
+        let last = [self.origin[0] + self.columns as i32 - 1, self.origin[1] + self.rows as i32 - 1];
+        let (a, b) = (about(self.origin), about(last));
+        let origin = [a[0].min(b[0]), a[1].min(b[1])];
+        let columns = (a[0] - b[0]).unsigned_abs() as usize + 1;
+        let rows = (a[1] - b[1]).unsigned_abs() as usize + 1;
+        let mut presence = vec![Presence::Invalid; columns * rows];
+        let mut samples = vec![OUTSIDE; columns * rows * CELL];
+        for (label, k) in self.cells() {
+            let to = about(label);
+            let n = (to[1] - origin[1]) as usize * columns + (to[0] - origin[0]) as usize;
+            presence[n] = self.presence[k];
+            for (i, value) in self.deviations(k).iter().enumerate() {
+                // positions of samples in a cell are odd multiples of half a sample
+                let side = SIDE as i32;
+                let [x, y] = turn([2 * (i as i32 % side) - side + 1, 2 * (i as i32 / side) - side + 1]);
+                let [x, y] = [x, y].map(|v| ((v + side - 1) / 2) as usize);
+                samples[n * CELL + y * SIDE + x] = *value;
+            }
+        }
+        Self { origin, columns, rows, presence, samples, ..*self }
     }
 
     /// Adds `shift` to all labels.

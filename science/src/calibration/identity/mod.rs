@@ -20,61 +20,70 @@ mod tests;
 pub(super) use fingerprint::Fingerprint;
 
 use super::detection::Detection;
-use super::lattice::Label;
 use shifts::{Comparison, Decision, decide};
 
 /// How certain the labels of one slice are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Labelling {
-    /// Grid steps that were added to the labels of the slice, relative to its neighbour nearer to the first slice that
-    /// was detected.
-    pub(super) corrected: Label,
     /// True when the labels may be wrong by whole steps.
     pub(super) ambiguous: bool,
+    /// True when the image itself confirms the labels: no other shift, by whole or half steps, agrees as well.
+    pub(super) confirmed: bool,
+}
+
+/// What the comparisons with other slices tell about a slice.
+#[derive(Debug, Clone, Copy)]
+struct Settled {
+    /// Added to the labels.
+    decision: Decision,
+    /// See [`Detection::turned`].
+    turned: Option<bool>,
+    /// True when a shift by half steps agrees better: gaps were taken for dots.
+    is_half_off: bool,
+}
+
+impl Settled {
+    const SEED: Self = Self { decision: Decision { shift: [0, 0], certain: true }, turned: None, is_half_off: false };
 }
 
 /// Checks and corrects the labels of all slices. `seed` is the slice in which the grid was detected; its labels define
-/// those of the others.
+/// those of the others. Removes tentative detections that are not confirmed.
 pub(super) fn settle(detections: &mut [Option<Detection>], seed: usize) -> Vec<Labelling> {
-    let first = decisions(detections, seed, true);
-    let moved = |decisions: &[Option<Decision>]| -> Vec<Option<Fingerprint>> {
-        let shifted = |(d, decision): (&Option<Detection>, &Option<Decision>)| {
-            let mut print = d.as_ref()?.fingerprint.clone()?;
-            print.relabel(decision.as_ref()?.shift);
-            Some(print)
-        };
-        detections.iter().zip(decisions).map(shifted).collect()
+    let first = compared(detections, seed, true);
+    let shifted = |(detection, settled): (&Option<Detection>, &Option<Settled>)| {
+        let mut print = detection.as_ref()?.fingerprint.clone()?;
+        print.relabel(settled.as_ref()?.decision.shift);
+        Some(print)
     };
-    let prints = moved(&first);
-    let known: Vec<&Fingerprint> = prints.iter().flatten().collect();
-    let settled = if sensor::moves_with_target(&known) { first } else { decisions(detections, seed, false) };
-    for (detection, decision) in detections.iter_mut().zip(&settled) {
-        if let (Some(detection), Some(decision)) = (detection, decision) {
-            detection.relabel(decision.shift);
+    let prints: Vec<Fingerprint> = detections.iter().zip(&first).filter_map(shifted).collect();
+    let known: Vec<&Fingerprint> = prints.iter().collect();
+    let settled = if sensor::moves_with_target(&known) { first } else { compared(detections, seed, false) };
+    let is_confirmed = |s: &Settled| s.decision.certain && !s.is_half_off;
+    for (slot, settled) in detections.iter_mut().zip(&settled) {
+        if let (Some(detection), Some(settled)) = (slot.as_mut(), settled) {
+            detection.relabel(settled.decision.shift);
+            detection.turned = detection.turned.or(settled.turned);
+            if detection.is_tentative && !is_confirmed(settled) {
+                *slot = None;
+            }
         }
     }
-    let unsure: Vec<bool> = settled.iter().map(|d| d.is_some_and(|d| !d.certain)).collect();
+    let settled: Vec<Option<Settled>> =
+        settled.into_iter().zip(&*detections).map(|(s, d)| s.filter(|_| d.is_some())).collect();
+    let unsure: Vec<bool> = settled.iter().map(|s| s.is_some_and(|s| !s.decision.certain)).collect();
     let by_law = law::confirmed(detections, &unsure);
-    let shift = |i: usize| settled[i].map_or([0, 0], |d| d.shift);
-    (0..detections.len())
-        .map(|i| {
-            let inner = match i.cmp(&seed) {
-                std::cmp::Ordering::Less => (i + 1..=seed).find(|&k| settled[k].is_some()),
-                std::cmp::Ordering::Equal => None,
-                std::cmp::Ordering::Greater => (seed..i).rev().find(|&k| settled[k].is_some()),
-            };
-            let before = inner.map_or([0, 0], shift);
-            let corrected = if settled[i].is_some() { [0, 1].map(|a| shift(i)[a] - before[a]) } else { [0, 0] };
-            Labelling { corrected, ambiguous: unsure[i] && !by_law[i] }
-        })
-        .collect()
+    let labelling = |(i, s): (usize, &Option<Settled>)| Labelling {
+        ambiguous: unsure[i] && !by_law[i],
+        confirmed: s.as_ref().is_some_and(is_confirmed),
+    };
+    settled.iter().enumerate().map(labelling).collect()
 }
 
-/// The shift of each slice's labels, outward from `seed`; `None` where the grid was not found.
-fn decisions(detections: &[Option<Detection>], seed: usize, correlate: bool) -> Vec<Option<Decision>> {
-    let mut out: Vec<Option<Decision>> = vec![None; detections.len()];
+/// Compares the slices outward from `seed`; `None` where the grid was not found.
+fn compared(detections: &[Option<Detection>], seed: usize, correlate: bool) -> Vec<Option<Settled>> {
+    let mut out: Vec<Option<Settled>> = vec![None; detections.len()];
     let Some(start) = detections.get(seed).and_then(Option::as_ref) else { return out };
-    out[seed] = Some(Decision { shift: [0, 0], certain: true });
+    out[seed] = Some(Settled::SEED);
     let outward: [Vec<usize>; 2] = [(seed + 1..detections.len()).collect(), (0..seed).rev().collect()];
     for indices in outward {
         let mut inner = (start.fingerprint.clone(), Decision { shift: [0, 0], certain: true });
@@ -82,39 +91,40 @@ fn decisions(detections: &[Option<Detection>], seed: usize, correlate: bool) -> 
             let Some(detection) = &detections[index] else { continue };
             if detection.identity.is_some() {
                 // the code of the target has identified its dots
-                let decision = Decision { shift: [0, 0], certain: true };
-                out[index] = Some(decision);
-                inner = (detection.fingerprint.clone(), decision);
+                out[index] = Some(Settled::SEED);
+                inner = (detection.fingerprint.clone(), Settled::SEED.decision);
                 continue;
             }
             // the slice was tracked from its neighbour, so it shares the error of its labels
             let carried = inner.1.shift;
-            let mut print = detection.fingerprint.clone();
-            if let Some(print) = &mut print {
-                print.relabel(carried);
-            }
-            let compared: Vec<Comparison> = print.as_ref().map_or_else(Vec::new, |print| {
-                let others = [inner.0.as_ref(), start.fingerprint.as_ref()];
-                let distinct = usize::from(index.abs_diff(seed) > 1) + 1;
-                others.into_iter().take(distinct).flatten().map(|other| Comparison::new(print, other)).collect()
-            });
-            let found = if compared.is_empty() {
-                Decision { shift: [0, 0], certain: false }
-            } else {
-                decide(&compared, correlate)
+            let Some(mut print) = detection.fingerprint.clone() else {
+                out[index] = Some(Settled { decision: Decision { shift: carried, certain: false }, ..Settled::SEED });
+                continue;
             };
-            if let Some(print) = &mut print {
-                print.relabel(found.shift);
-            }
-            let shift = [0, 1].map(|a| carried[a] + found.shift[a]);
+            print.relabel(carried);
+            let neighbour = inner.0.as_ref().map(|other| (Comparison::new(&print, other), other));
+            let first = start.fingerprint.as_ref().filter(|_| index.abs_diff(seed) > 1);
+            let comparisons: Vec<Comparison> =
+                neighbour.iter().map(|(c, _)| c.clone()).chain(first.map(|s| Comparison::new(&print, s))).collect();
+            let found = decide(&comparisons, correlate);
+            let turned = neighbour.as_ref().and_then(|(c, other)| c.orientation(&print, other, correlate));
+            print.relabel(found.shift);
+            let is_half_off =
+                detection.merged && inner.0.as_ref().is_some_and(|other| shifts::is_half_step_off(&print, other));
             // a chain is as certain as its weakest link, except where the first slice itself confirms the slice
-            let by_start = print.as_ref().zip(start.fingerprint.as_ref()).is_some_and(|(print, start)| {
-                let confirmed = decide(&[Comparison::new(print, start)], correlate);
-                confirmed.certain && confirmed.shift == [0, 0]
-            });
-            let decision = Decision { shift, certain: by_start || (found.certain && inner.1.certain) };
-            out[index] = Some(decision);
-            inner = (print, decision);
+            let by_first = || {
+                first.is_some_and(|first| {
+                    let alone = decide(&[Comparison::new(&print, first)], correlate);
+                    alone.certain && alone.shift == [0, 0]
+                })
+            };
+            let certain = (found.certain && inner.1.certain) || by_first();
+            let shift = [0, 1].map(|a| carried[a] + found.shift[a]);
+            let decision = Decision { shift, certain };
+            out[index] = Some(Settled { decision, turned, is_half_off });
+            if turned.is_none() && (!detection.is_tentative || (certain && !is_half_off)) {
+                inner = (Some(print), decision);
+            }
         }
     }
     out

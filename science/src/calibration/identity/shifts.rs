@@ -8,10 +8,12 @@
 //!   counts only where [`super::sensor`] finds that the deviations move with the target.
 
 use super::super::lattice::Label;
-use super::fingerprint::{CELL, Fingerprint, OUTSIDE, Presence};
+use super::fingerprint::{CELL, Fingerprint, OUTSIDE, Presence, SIDE};
 
 /// Largest shift along each grid direction, steps.
 pub(super) const REACH: i32 = 4;
+/// Largest distance over which deviations extend, steps along each grid direction.
+const NEAR: i32 = 2;
 /// Fewest cells that two slices must share under a shift.
 const MIN_CELLS: usize = 12;
 /// Correlation that chance does not reach, in its standard deviations under a wrong shift.
@@ -48,15 +50,17 @@ pub(super) fn agreement(a: &Fingerprint, b: &Fingerprint, shift: Label) -> Agree
         cells += 1;
         let pair = (a.presence[k], b.presence[n]);
         conflicts += usize::from(matches!(pair, (Presence::Dot, Presence::Gap) | (Presence::Gap, Presence::Dot)));
+        let mut sums = [0_i32; 3];
         for (x, y) in a.deviations(k).iter().zip(b.deviations(n)) {
-            if *x == OUTSIDE || *y == OUTSIDE {
-                continue;
-            }
-            let (x, y) = (i64::from(*x), i64::from(*y));
-            both += x * y;
-            first += x * x;
-            second += y * y;
+            let inside = i32::from(*x != OUTSIDE && *y != OUTSIDE);
+            let (x, y) = (inside * i32::from(*x), inside * i32::from(*y));
+            sums[0] += x * y;
+            sums[1] += x * x;
+            sums[2] += y * y;
         }
+        both += i64::from(sums[0]);
+        first += i64::from(sums[1]);
+        second += i64::from(sums[2]);
     }
     let correlation = both as f64 / ((first as f64).sqrt() * (second as f64).sqrt()).max(1.0);
     Agreement { shift, cells, conflicts, correlation }
@@ -76,13 +80,49 @@ impl Comparison {
         let agreements: Vec<Agreement> = all().map(|shift| agreement(a, b, shift)).collect();
         let cells = agreements[agreements.len() / 2].cells.max(1) as f64;
         // Bartlett: deviations that extend over several cells leave fewer independent ones
-        let overlap: f64 = all().map(|s| agreement(a, a, s).correlation * agreement(b, b, s).correlation).sum();
+        let near = || all().filter(|s| s[0].abs() <= NEAR && s[1].abs() <= NEAR);
+        let overlap: f64 = near().map(|s| agreement(a, a, s).correlation * agreement(b, b, s).correlation).sum();
         let bound = (overlap.max(1.0) / cells).sqrt();
         let best = agreements.iter().map(|g| g.correlation).fold(f64::MIN, f64::max);
         let others: Vec<f64> =
             agreements.iter().filter(|g| g.correlation < best).map(|g| g.correlation.powi(2)).collect();
         let seen = (others.iter().sum::<f64>() / others.len().max(1) as f64).sqrt();
         Self { chance: bound.min(seen.max(1.0 / (cells * CELL as f64).sqrt())), agreements }
+    }
+
+    /// True (mirrored) or false (turned) when the first slice, `a`, shows the target in another orientation than the
+    /// second, `b`: one of the other symmetries of the square grid agrees clearly better than every shift.
+    pub(super) fn orientation(&self, a: &Fingerprint, b: &Fingerprint, correlate: bool) -> Option<bool> {
+        let conflicts = |list: &[Agreement], least: usize| {
+            list.iter().filter(|g| g.cells >= least).map(|g| g.conflicts).min().unwrap_or(usize::MAX)
+        };
+        let correlation = |list: &[Agreement]| list.iter().map(|g| g.correlation).fold(f64::MIN, f64::max);
+        let least = 4 * self.at([0, 0]).cells / 5;
+        let straight = (conflicts(&self.agreements, least), correlation(&self.agreements));
+        // an agreement that cannot be outdone
+        if (straight.0 as f64) < CONFLICTS && (!correlate || straight.1 > 0.5) {
+            return None;
+        }
+        let mut best: Option<(usize, f64, bool)> = None;
+        for k in 1..8 {
+            let [x, y] = [1, 2].map(|bit| if k & bit == 0 { 1 } else { -1 });
+            let turn = |d: Label| if k & 4 == 0 { [x * d[0], y * d[1]] } else { [x * d[1], y * d[0]] };
+            let is_mirrored = (x * y < 0) == (k & 4 == 0);
+            let turned = a.turned(turn);
+            let list: Vec<Agreement> = all().map(|shift| agreement(&turned, b, shift)).collect();
+            let found = (conflicts(&list, least), correlation(&list), is_mirrored);
+            if best.is_none_or(|b| (found.0, -found.1) < (b.0, -b.1)) {
+                best = Some(found);
+            }
+        }
+        let (fewest, most, is_mirrored) = best?;
+        let by_conflicts = straight.0 as f64 - fewest as f64 >= 2.0 * CONFLICTS + 3.0 * (fewest as f64).sqrt();
+        let scatter = (2.0 * (1.0 - most * most).max(0.0)).sqrt() * self.chance;
+        let by_correlation = correlate
+            && fewest <= straight.0
+            && most >= SIGNIFICANT * self.chance
+            && most - straight.1 >= 0.1 + SIGNIFICANT * scatter;
+        (by_conflicts || by_correlation).then_some(is_mirrored)
     }
 
     fn at(&self, shift: Label) -> &Agreement {
@@ -145,4 +185,26 @@ pub(super) fn decide(comparisons: &[Comparison], correlate: bool) -> Decision {
     // not certain, but better than no shift
     let better = candidates.iter().skip(1).find(|s| **s != [0, 0] && beats(**s, [0, 0]));
     Decision { shift: better.copied().unwrap_or([0, 0]), certain: false }
+}
+
+/// True when the deviations of `a` agree better with those of `b` after a shift by half a step in both directions. Where
+/// blur inverts the dots, gaps may be taken for dots.
+pub(super) fn is_half_step_off(a: &Fingerprint, b: &Fingerprint) -> bool {
+    let correlation = |shift: [f64; 2]| {
+        let (mut both, mut first, mut second) = (0.0, 0.0, 0.0);
+        for (label, k) in a.cells() {
+            for (n, value) in a.deviations(k).iter().enumerate().filter(|(_, value)| **value != OUTSIDE) {
+                let inside = [n % SIDE, n / SIDE].map(|i| (i as f64 + 0.5) / SIDE as f64 - 0.5);
+                let at = [0, 1].map(|axis| f64::from(label[axis]) + inside[axis] + shift[axis]);
+                if let Some(there) = b.deviation_at(at) {
+                    both += f64::from(*value) * there;
+                    first += f64::from(*value).powi(2);
+                    second += there * there;
+                }
+            }
+        }
+        both / (f64::sqrt(first) * f64::sqrt(second)).max(1e-9)
+    };
+    let halves = [[0.5, 0.5], [0.5, -0.5], [-0.5, 0.5], [-0.5, -0.5]];
+    halves.into_iter().map(correlation).fold(f64::MIN, f64::max) >= correlation([0.0, 0.0])
 }

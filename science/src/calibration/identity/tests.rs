@@ -3,8 +3,8 @@
 use crate::calibration::{Calibration, CalibrationOptions, calibrate};
 use crate::imaging::{Raster, Samples};
 use crate::synth::{DotTarget, Flaws, Rig, render_target};
-use crate::types::NoControl;
 use crate::types::report::Grade;
+use crate::types::{ErrorKind, Interrupted, NoControl};
 
 fn rig(slices: usize) -> Rig {
     Rig { channels: 1, noise: 1.0, ..Rig::sized(400, 300, slices) }
@@ -32,14 +32,16 @@ fn part(whole: &Raster, from: [i32; 2]) -> Raster {
     Raster::eight(400, 300, 1, data)
 }
 
+/// The rig with a margin around its image.
+fn wide(rig: &Rig) -> Rig {
+    let [width, height] = [rig.width + 2 * MARGIN[0] as usize, rig.height + 2 * MARGIN[1] as usize];
+    Rig { width, height, ..rig.clone() }
+}
+
 impl Case {
     /// Calibrates on a target that fills 400 x 300 px. Slice `i` shows it `by(i)` pitches further right and down.
     fn new(rig: &Rig, target: &DotTarget, by: impl Fn(usize) -> [f64; 2]) -> Self {
-        let wide = Rig {
-            width: rig.width + 2 * MARGIN[0] as usize,
-            height: rig.height + 2 * MARGIN[1] as usize,
-            ..rig.clone()
-        };
+        let wide = wide(rig);
         let pitch = target.pitch_px(&wide, wide.reference);
         let from: Vec<[i32; 2]> =
             (0..rig.slices()).map(|i| [0, 1].map(|a| MARGIN[a] - (by(i)[a] * pitch).round() as i32)).collect();
@@ -64,7 +66,11 @@ impl Case {
     }
 
     fn is_ambiguous(&self) -> bool {
-        self.calibration.warnings.iter().any(|w| w.code == "shift_ambiguous")
+        self.says("shift_ambiguous")
+    }
+
+    fn says(&self, code: &str) -> bool {
+        self.calibration.warnings.iter().any(|w| w.code == code)
     }
 }
 
@@ -120,4 +126,54 @@ fn dust_on_the_sensor_does_not_prove_that_nothing_moved() {
     let calibration = calibrate(&&pictures[..], &CalibrationOptions::default(), &NoControl).expect("a calibration");
     println!("{} {:?}", calibration.verdict, calibration.warnings);
     assert!(calibration.warnings.iter().any(|w| w.code == "shift_ambiguous"));
+}
+
+/// A finite grid whose blur reaches `share` of the pitch at the ends of the stack.
+fn finite(slices: usize, share: f64) -> (Rig, DotTarget) {
+    let rig = rig(slices);
+    let target = DotTarget { columns: 10, rows: 7, ..DotTarget::for_rig(&rig, 14) };
+    let now = target.blur_radius_px(&rig, slices - 1) / target.pitch_px(&rig, slices - 1);
+    (Rig { f_number: rig.f_number * now / share, ..rig }, target)
+}
+
+#[test]
+fn a_displaced_slice_is_measured_by_its_own_dots_and_named_alone() {
+    let (rig, target) = finite(7, 0.5);
+    let case = Case::new(&rig, &target, |i| if i == 6 { [0.45, 0.15] } else { [0.0; 2] });
+    assert!(case.worst < 0.3, "{}", case.worst);
+    assert!(case.says("slice_displaced") && !case.says("rig_bumped") && !case.says("slice_interpolated"));
+    assert!(case.calibration.slices.iter().all(|s| !s.interpolated));
+}
+
+#[test]
+fn slices_that_are_not_in_the_order_of_the_rail_are_named() {
+    let (rig, target) = finite(6, 0.2);
+    let narrow: Vec<Raster> = (0..6).map(|i| part(&render_target(&wide(&rig), &target, i), MARGIN)).collect();
+    for order in [[4, 5, 0, 1, 2, 3], [3, 2, 4, 1, 5, 0]] {
+        let pictures = order.map(|i: usize| narrow[i].clone());
+        let calibration = calibrate(&&pictures[..], &CalibrationOptions::default(), &NoControl).expect("a calibration");
+        let codes: Vec<&str> = calibration.warnings.iter().map(|w| w.code.as_str()).collect();
+        assert_eq!(codes, ["slices_out_of_order"], "{:?}", calibration.warnings);
+        assert!(calibration.report.grade > Grade::Good);
+    }
+}
+
+#[test]
+fn mirrored_and_turned_slices_are_refused_by_name() {
+    let (rig, target) = finite(5, 0.2);
+    let marked = target.without(0.08, 3);
+    let narrow: Vec<Raster> = (0..5).map(|i| part(&render_target(&wide(&rig), &marked, i), MARGIN)).collect();
+    let edited = |index: usize, edit: &dyn Fn(&mut [u8])| {
+        let mut pictures = narrow.clone();
+        let Samples::Eight(samples) = &mut pictures[index].samples else { panic!("rendered with 8 bits") };
+        edit(samples);
+        calibrate(&&pictures[..], &CalibrationOptions::default(), &NoControl)
+    };
+    let mirror = |s: &mut [u8]| s.chunks_exact_mut(400).for_each(<[u8]>::reverse);
+    let turn = |s: &mut [u8]| s.reverse();
+    for (index, edit, word) in [(3, &mirror as &dyn Fn(&mut [u8]), "is mirrored"), (0, &turn, "is turned")] {
+        let Err(Interrupted::Failed(fault)) = edited(index, edit) else { panic!("not refused") };
+        assert_eq!(fault.kind, ErrorKind::TargetNotFound);
+        assert!(fault.detail.contains(word) && fault.detail.contains(&format!("slice {index}")), "{}", fault.detail);
+    }
 }

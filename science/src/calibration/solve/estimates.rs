@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use super::inliers::{FLOOR, Inliers, own_estimates};
 use crate::calibration::detection::Detection;
 use crate::calibration::model_selection::{CornerError, StackModel};
-use crate::calibration::rail::{self, EstimateSource, Law};
+use crate::calibration::rail::{self, EstimateSource, Law, OwnEstimate};
 use crate::calibration::rail_fit::RailFit;
 use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
@@ -30,6 +30,8 @@ pub(super) struct Setting<'a> {
     pub(super) offsets: &'a [f64],
     /// The first slice after a sideways jump, if there is one.
     pub(super) jump: Option<usize>,
+    /// Per slice: true when it lies beside the line of the others. The rail law does not apply to it.
+    pub(super) displaced: &'a [bool],
     /// Uncertainty per slice that no number of dots reduces, px (see [`floors`]).
     pub(super) floors: &'a [f64],
 }
@@ -88,10 +90,14 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
 fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
     let own = own_estimates(model, inliers, s.reference, s.frame, [s.width, s.height]);
     let map = |free: &DVector<f64>| s.frame.homography(&model.parameters(free));
+    let in_line: Vec<Option<OwnEstimate>> =
+        own.iter().zip(s.displaced).map(|(o, displaced)| o.clone().filter(|_| !displaced)).collect();
     (0..own.len())
         .map(|index| {
-            let (combined, source) = rail::combine(&own, s.positions, s.jump, index)?;
-            let mut others = own.clone();
+            // the dots of a displaced slice outrank the law
+            let alone = own[index].clone().filter(|_| s.displaced[index]).map(|own| (own, EstimateSource::Dots));
+            let (combined, source) = alone.or_else(|| rail::combine(&in_line, s.positions, s.jump, index))?;
+            let mut others = in_line.clone();
             others[index] = None;
             let by_law = Law::fit(&others, s.positions, s.jump).and_then(|law| map(&law.predict(index)));
             let alone = own[index].as_ref().and_then(|o| map(&o.free));
@@ -102,8 +108,11 @@ fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) 
                 transform_models::corner_sigma(model, &o.free, &o.covariance, s.frame, s.width, s.height)
             });
             // the dots contributed too little for the slice to count as measured
-            let source =
-                if by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself { EstimateSource::Law } else { source };
+            let source = if !s.displaced[index] && by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself {
+                EstimateSource::Law
+            } else {
+                source
+            };
             Some(Estimate {
                 homography: map(&combined.free)?,
                 by_law,

@@ -114,7 +114,10 @@ pub(super) fn drop_mistaken_grids(
     base: &Detection,
 ) {
     let frame = Frame::new(tracked.width, tracked.height);
-    let merged = |i: usize| tracked.detections[i].as_ref().is_some_and(|s| s.merged && s.identity.is_none());
+    let merged = |i: usize| {
+        tracked.detections[i].as_ref().is_some_and(|s| s.merged && s.identity.is_none())
+            && !tracked.labelling[i].confirmed
+    };
     let mut trusted: Vec<Option<OwnEstimate>> =
         own.iter().enumerate().map(|(i, o)| o.clone().filter(|_| !merged(i))).collect();
     loop {

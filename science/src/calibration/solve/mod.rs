@@ -16,6 +16,7 @@ use super::lost::Loss;
 use super::model_selection::{self, Evidence, StackModel};
 use super::rail::{self, EstimateSource, Law, OwnEstimate};
 use super::rail_anomalies::{self, RailAnomaly};
+use super::rail_order;
 use super::statistics::quantile;
 use super::tracking::Tracked;
 use super::transform_models::{self, Frame, TransformModel};
@@ -118,18 +119,35 @@ pub(super) fn solve(
     let scale = |own: &[Option<OwnEstimate>]| {
         own.iter().map(|o| o.as_ref().map(|o| (o.free[0], sigma(o, 0)))).collect::<Vec<_>>()
     };
+    let order = rail_order::true_order(&scale(&own));
+    if let (Some(order), None) = (&order, given) {
+        positions = rail_order::ranks(order, count);
+    }
     let positions_by_scale = rail::positions_by_scale(&scale(&own), &positions, reference);
-    let mut anomalies = positions_by_scale
-        .as_ref()
-        .map_or_else(Vec::new, |positions_by_scale| rail_anomalies::step_anomalies(positions_by_scale, &positions));
+    let mut anomalies = match (order, &positions_by_scale) {
+        (Some(order), _) => vec![RailAnomaly::OutOfOrder { order }],
+        (None, Some(positions_by_scale)) => rail_anomalies::step_anomalies(positions_by_scale, &positions),
+        (None, None) => Vec::new(),
+    };
     if let (Some(positions_by_scale), false) = (&positions_by_scale, anomalies.is_empty() || given.is_some()) {
         positions = filled(positions_by_scale, &positions);
     }
     let shifts: Vec<Option<[f64; 2]>> =
         own.iter().map(|o| o.as_ref().map(|o| [o.free[2] * frame.half, o.free[3] * frame.half])).collect();
     anomalies.extend(rail_anomalies::find_bump(&shifts, &positions, 0.5));
-    let jump = anomalies.iter().find_map(|a| if let RailAnomaly::Bumped { from, .. } = a { Some(*from) } else { None });
-    let slopes = Law::fit(&own, &positions, jump).map(|law| std::array::from_fn(|n| law.slopes()[n]));
+    let bump = anomalies.iter().find_map(|a| match a {
+        RailAnomaly::Bumped { from, by } => Some((*from, *by)),
+        _ => None,
+    });
+    let jump = bump.map(|(from, _)| from);
+    let found = rail_order::find_displaced(&shifts, &positions, bump);
+    let displaced: Vec<bool> = (0..count)
+        .map(|i| found.iter().any(|a| matches!(a, RailAnomaly::Displaced { slice, .. } if *slice == i)))
+        .collect();
+    anomalies.extend(found);
+    let in_line: Vec<Option<OwnEstimate>> =
+        own.iter().zip(&displaced).map(|(o, displaced)| o.clone().filter(|_| !displaced)).collect();
+    let slopes = Law::fit(&in_line, &positions, jump).map(|law| std::array::from_fn(|n| law.slopes()[n]));
 
     let offsets: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
     let evidence: Vec<Evidence> = inliers.iter().map(|a| a.evidence.clone()).collect();
@@ -142,6 +160,7 @@ pub(super) fn solve(
         positions: &positions,
         offsets: &offsets,
         jump,
+        displaced: &displaced,
         floors: &floors,
     };
     let by_model: Vec<(StackModel, Vec<Option<Estimate>>)> = [StackModel::RailLinear]
