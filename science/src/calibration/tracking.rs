@@ -184,7 +184,7 @@ fn follow(
 }
 
 /// Checks that no slice is mirrored or turned against the slice `start`, in which the grid was found. The code of a
-/// coded target tells, or missing and dirty dots of another one.
+/// coded target tells, or the missing dots of another one.
 fn same_orientation(
     slices: &dyn Slices,
     detections: &[Option<Detection>],
@@ -207,7 +207,7 @@ fn same_orientation(
     let detail = format!(
         "{name} (slice {first}) {how} against {}, by {}{others}: {advice}, or omit it",
         slices.name(start),
-        if is_coded { "the code of the target" } else { "its missing or dirty dots" }
+        if is_coded { "the code of the target" } else { "its missing dots" }
     );
     Err(Error::new(ErrorKind::TargetNotFound, detail).in_file(name, Some(first as u32)))
 }

@@ -107,7 +107,7 @@ fn compared(detections: &[Option<Detection>], seed: usize, correlate: bool) -> V
             let comparisons: Vec<Comparison> =
                 neighbour.iter().map(|(c, _)| c.clone()).chain(first.map(|s| Comparison::new(&print, s))).collect();
             let found = decide(&comparisons, correlate);
-            let turned = neighbour.as_ref().and_then(|(c, other)| c.orientation(&print, other, correlate));
+            let turned = neighbour.as_ref().and_then(|(c, other)| c.orientation(&print, other));
             print.relabel(found.shift);
             let is_half_off =
                 detection.merged && inner.0.as_ref().is_some_and(|other| shifts::is_half_step_off(&print, other));

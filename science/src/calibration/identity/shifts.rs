@@ -91,38 +91,26 @@ impl Comparison {
     }
 
     /// True (mirrored) or false (turned) when the first slice, `a`, shows the target in another orientation than the
-    /// second, `b`: one of the other symmetries of the square grid agrees clearly better than every shift.
-    pub(super) fn orientation(&self, a: &Fingerprint, b: &Fingerprint, correlate: bool) -> Option<bool> {
-        let conflicts = |list: &[Agreement], least: usize| {
-            list.iter().filter(|g| g.cells >= least).map(|g| g.conflicts).min().unwrap_or(usize::MAX)
-        };
-        let correlation = |list: &[Agreement]| list.iter().map(|g| g.correlation).fold(f64::MIN, f64::max);
+    /// second, `b`: another symmetry of the square grid has clearly fewer conflicts than every shift. Only conflicts
+    /// count, because the end of a blurred grid is symmetric and correlates in every orientation.
+    pub(super) fn orientation(&self, a: &Fingerprint, b: &Fingerprint) -> Option<bool> {
         let least = 4 * self.at([0, 0]).cells / 5;
-        let straight = (conflicts(&self.agreements, least), correlation(&self.agreements));
-        // an agreement that cannot be outdone
-        if (straight.0 as f64) < CONFLICTS && (!correlate || straight.1 > 0.5) {
+        let fewest = |list: &[Agreement]| list.iter().filter(|g| g.cells >= least).map(|g| g.conflicts).min();
+        let straight = fewest(&self.agreements)?;
+        if (straight as f64) < 2.0 * CONFLICTS {
             return None;
         }
-        let mut best: Option<(usize, f64, bool)> = None;
-        for k in 1..8 {
+        let turned = (1..8).filter_map(|k| {
             let [x, y] = [1, 2].map(|bit| if k & bit == 0 { 1 } else { -1 });
             let turn = |d: Label| if k & 4 == 0 { [x * d[0], y * d[1]] } else { [x * d[1], y * d[0]] };
             let is_mirrored = (x * y < 0) == (k & 4 == 0);
             let turned = a.turned(turn);
             let list: Vec<Agreement> = all().map(|shift| agreement(&turned, b, shift)).collect();
-            let found = (conflicts(&list, least), correlation(&list), is_mirrored);
-            if best.is_none_or(|b| (found.0, -found.1) < (b.0, -b.1)) {
-                best = Some(found);
-            }
-        }
-        let (fewest, most, is_mirrored) = best?;
-        let by_conflicts = straight.0 as f64 - fewest as f64 >= 2.0 * CONFLICTS + 3.0 * (fewest as f64).sqrt();
-        let scatter = (2.0 * (1.0 - most * most).max(0.0)).sqrt() * self.chance;
-        let by_correlation = correlate
-            && fewest <= straight.0
-            && most >= SIGNIFICANT * self.chance
-            && most - straight.1 >= 0.1 + SIGNIFICANT * scatter;
-        (by_conflicts || by_correlation).then_some(is_mirrored)
+            Some((fewest(&list)?, is_mirrored))
+        });
+        let (conflicts, is_mirrored) = turned.min()?;
+        let lead = straight as f64 - conflicts as f64;
+        (lead >= 2.0 * CONFLICTS + 3.0 * (conflicts as f64).sqrt()).then_some(is_mirrored)
     }
 
     fn at(&self, shift: Label) -> &Agreement {
