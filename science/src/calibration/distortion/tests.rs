@@ -55,6 +55,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
             fill: 0.5,
             merged: false,
             density: 1.0,
+            is_tentative: false,
             identity: None,
             turned: None,
             tint: None,
@@ -62,7 +63,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
         })
     };
     let detections = (0..SLICES).map(&mut detection).collect();
-    let labelling = Labelling { corrected: [0; 2], ambiguous: false };
+    let labelling = Labelling { ambiguous: false, confirmed: true };
     let target = Target { polarity: Polarity::DarkOnLight, bin: 1, code: None };
     Tracked {
         width: SIZE.0,
