@@ -6,7 +6,7 @@ use crate::contract::{
     request::{CalibrationRequest, JobRequest, StackRequest},
 };
 use pinstack_science::{
-    calibration::MAX_SAMPLES,
+    calibration::{MAX_SAMPLES, SLICE_BYTES},
     fusion::{self, Plan, height::axis::HeightAxis},
     imaging::Depth,
     types::{mask_options::MaskEdge, stack_layout::StackLayout},
@@ -15,14 +15,14 @@ use pinstack_science::{
 /// Constant part: the directory of the archive, codecs, thread stacks.
 const BASE: u64 = 64 << 20;
 
-/// Peak memory of a job with `threads` threads, bytes. It does not grow with the number of slices, because warped
-/// slices are kept in files. In addition to the terms below, each slice in flight takes twice the largest file: the
-/// file, and the copy that a decoder may make of it.
+/// Peak memory of a job with `threads` threads, bytes. In addition to the terms below, each slice in flight takes twice
+/// the largest file: the file, and the copy that a decoder may make of it.
 ///
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
-///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture).
+///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture). Neither grows with the number of
+///   slices, because warped slices are kept in files.
 /// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes
-///   of the detector, whose size is bounded. Afterwards only small pictures.
+///   of the detector, whose size is bounded; and for each slice its dots and its fingerprint ([`SLICE_BYTES`]).
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),
@@ -72,7 +72,9 @@ fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let samples = pixels(layout).min(MAX_SAMPLES as u64);
     // six planes of floats, four of bytes, and one of both while dots are told from what is not
     let planes = samples * in_flight * (6 * 4 + 4 + 8);
-    pixels(layout).saturating_mul(in_flight * decoded).saturating_add(planes).saturating_add(files(layout, lanes))
+    let kept = (SLICE_BYTES as u64).saturating_mul(layout.front.len() as u64);
+    let decoding = pixels(layout).saturating_mul(in_flight * decoded);
+    decoding.saturating_add(planes).saturating_add(kept).saturating_add(files(layout, lanes))
 }
 
 fn pixels(layout: &StackLayout) -> u64 {
@@ -128,10 +130,11 @@ mod tests {
     }
 
     #[test]
-    fn memory_grows_with_the_pixels_and_not_with_the_number_of_slices() {
+    fn memory_grows_with_the_pixels_and_with_the_dots_of_each_slice() {
         for request in [stack, calibration] {
             let need = |slices, width, depth| memory_need(&request(slices, width, depth), 4);
-            assert_eq!(need(10, 6000, 8), need(200, 6000, 8));
+            let per_slice = if let JobRequest::Stack(_) = request(1, 1, 8) { 0 } else { SLICE_BYTES as u64 };
+            assert_eq!(need(10, 6000, 8) + 190 * per_slice, need(200, 6000, 8));
             assert!(need(10, 6000, 16) > need(10, 6000, 8));
             assert!(need(10, 12_000, 8) > need(10, 6000, 8));
             assert!(need(10, 6000, 8) > 24_000_000 * 10);

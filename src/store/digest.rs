@@ -11,8 +11,8 @@ use sha2::{Digest, Sha256};
 use pinstack_science::types::profile::{CaptureMode, ProfileInput};
 
 /// SHA-256 (hex) of what determines the pixels of a result: image size, reference slice, and for each slice the nine
-/// elements of its homography and its gain (1 if absent); and the lens distortion if there is any. Note, rail positions and origin are not included: profiles
-/// with the same digest give the same image.
+/// elements of its homography and its gain (1 if absent); and the lens distortion if there is any. Note, rail positions
+/// and origin are not included: profiles with the same digest give the same image.
 pub fn profile_digest(input: &ProfileInput) -> String {
     let mut hash = Sha256::new();
     hash.update(b"pinstack profile 1\0");

@@ -20,7 +20,7 @@
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
-//! Each slice is decoded once. Of its pixels only a fingerprint of at most 0.5 MiB is kept. The method is described in
+//! Each slice is decoded once. Of its pixels only a fingerprint is kept, and with its dots at most 1.4 MB. The method is described in
 //! `docs/METHOD.md`.
 
 mod blobs;
@@ -66,7 +66,7 @@ mod testkit;
 #[cfg(test)]
 mod tests;
 
-pub use detection::MAX_SAMPLES;
+pub use detection::{MAX_SAMPLES, SLICE_BYTES};
 pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use overlay::overlay;
 pub use target_check::dot_target;
@@ -167,8 +167,10 @@ pub fn calibrate(
     let given = rail_positions(options, count)?;
     let mut tracked = tracking::track_all(slices, reference, control)?;
     falloff::doubt_weak_slices(&mut tracked);
-    let (lens, straight) = distortion::analyse(&tracked, reference, control)?;
-    let tracked = straight.unwrap_or(tracked);
+    let lens = distortion::analyse(&tracked, reference, control)?;
+    if let Some(distortion) = &lens.distortion {
+        tracked = distortion::straightened(tracked, distortion);
+    }
     let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options.model, control)?;
     Ok(report::report(slices, options, &tracked, solved, given.is_some(), &lens))
 }

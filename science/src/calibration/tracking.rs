@@ -176,6 +176,9 @@ fn follow(
             }
             None => course.gap += 1,
         }
+        if let Some(detection) = &mut detected {
+            detection.shrink();
+        }
         let diagnosis = detected.is_none().then(|| detection::diagnose(&slice));
         all.push((detected, diagnosis));
         tick();

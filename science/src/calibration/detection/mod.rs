@@ -19,13 +19,21 @@ use super::code::{self, Identification, Identity, RecognisedCode};
 use super::dlt;
 use super::dot_photometry::DotLight;
 use super::flat_field::{FlatField, Polarity};
-use super::identity::Fingerprint;
+use super::identity::{self, Fingerprint};
 use super::lattice::{self, Label, Lattice, MIN_DOTS, Places};
 use super::phase;
 use super::robust;
+use super::statistics::median;
 use super::working_image::WorkingImage;
 use crate::imaging::Raster;
 use crate::types::{Cancelled, Control};
+
+/// Most memory that is kept of a slice after its detection, bytes: the fingerprint, the measured dots and the places of
+/// the known ones. Nodes of a map are two thirds full on average.
+pub const SLICE_BYTES: usize = identity::MAX_BYTES
+    + (windows::MAX_DOTS * size_of::<(Label, MeasuredDot)>() + MAX_PLACES * size_of::<(Label, [f64; 2])>()) * 3 / 2;
+/// Most places of dots that are kept of a slice: those in its middle.
+const MAX_PLACES: usize = identity::MAX_CELLS;
 
 /// A measured dot, in px of its slice.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +50,7 @@ pub(super) struct MeasuredDot {
     pub invalid: f64,
 }
 
-/// The dots of one slice. Of its pixels it keeps at most 0.5 MiB of samples, the fingerprint.
+/// The dots of one slice; at most [`SLICE_BYTES`].
 #[derive(Debug, Clone)]
 pub(super) struct Detection {
     /// The dots that were measured.
@@ -79,6 +87,11 @@ pub(super) struct Detection {
 }
 
 impl Detection {
+    /// Forgets what later stages do not need, so that a slice takes at most [`SLICE_BYTES`].
+    pub(super) fn shrink(&mut self) {
+        middle_places(&mut self.places);
+    }
+
     /// Adds `shift` to all labels.
     pub(super) fn relabel(&mut self, shift: Label) {
         if shift == [0, 0] {
@@ -90,6 +103,21 @@ impl Detection {
         if let Some(print) = &mut self.fingerprint {
             print.relabel(shift);
         }
+    }
+}
+
+/// Keeps the [`MAX_PLACES`] places in the middle of the grid.
+fn middle_places(places: &mut Places) {
+    if places.len() <= MAX_PLACES {
+        return;
+    }
+    let middle = |axis: usize| median(&mut places.keys().map(|l| f64::from(l[axis])).collect::<Vec<_>>());
+    let middle = [middle(0), middle(1)];
+    let off = |l: &Label| (0..2).map(|a| (f64::from(l[a]) - middle[a]).abs()).fold(0.0, f64::max);
+    let mut labels: Vec<Label> = places.keys().copied().collect();
+    labels.sort_by(|a, b| off(a).total_cmp(&off(b)).then(a.cmp(b)));
+    for label in &labels[MAX_PLACES..] {
+        places.remove(label);
     }
 }
 
@@ -348,4 +376,24 @@ pub(super) fn relocate_grid(
 fn flat_field(image: &WorkingImage, target: Target, places: &Places) -> FlatField {
     let near: Vec<[f64; 2]> = places.values().filter(|p| in_picture(image, p)).copied().collect();
     FlatField::estimate(&image.plane, target.polarity, Some((&near, 0.6 * lattice::pitch_of(places))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_very_large_grid_the_middle_is_kept() {
+        let mut places: Places =
+            (0..200).flat_map(|y| (0..150).map(move |x| ([x - 40, y], [f64::from(x), f64::from(y)]))).collect();
+        middle_places(&mut places);
+        assert_eq!(places.len(), MAX_PLACES);
+        let (low, high) = places.keys().fold(([i32::MAX; 2], [i32::MIN; 2]), |(low, high), l| {
+            ([0, 1].map(|a| low[a].min(l[a])), [0, 1].map(|a| high[a].max(l[a])))
+        });
+        assert!((low[0] + high[0] - 69).abs() <= 1 && (low[1] + high[1] - 199).abs() <= 1, "{low:?} {high:?}");
+        let before = places.clone();
+        middle_places(&mut places);
+        assert_eq!(places, before);
+    }
 }

@@ -6,7 +6,7 @@ use crate::calibration::statistics::median;
 use crate::calibration::working_image::WorkingImage;
 
 /// Most dots that are measured per slice; more do not improve its homography.
-const MAX_DOTS: usize = 1200;
+pub(super) const MAX_DOTS: usize = 1200;
 
 /// The dots whose windows lie in the image; an even selection when there are very many.
 pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Label> {

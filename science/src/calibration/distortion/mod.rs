@@ -57,7 +57,7 @@ const ACCORD: f64 = 0.35;
 /// Relative accuracy of the estimate from the printed grid, which need not be flat and regular.
 const GRID_ACCURACY: f64 = 0.05;
 
-/// Analyses the dots of all slices. Returns the analysis, and the stack without distortion if there is one.
+/// Analyses the dots of all slices.
 ///
 /// # Errors
 /// When the work is cancelled.
@@ -65,65 +65,61 @@ pub(super) fn analyse(
     tracked: &Tracked,
     reference: usize,
     control: &dyn Control,
-) -> Result<(LensAnalysis, Option<Tracked>), Cancelled> {
+) -> Result<LensAnalysis, Cancelled> {
     control.check()?;
-    let none = (LensAnalysis::default(), None);
-    let Some(base) = tracked.detections[reference].as_ref() else { return Ok(none) };
+    let Some(base) = tracked.detections[reference].as_ref() else { return Ok(LensAnalysis::default()) };
     let frame = Frame::new(tracked.width, tracked.height);
     let views = views(tracked, reference, base, &frame, None);
     if views.len() < 2 {
-        return Ok(none);
+        return Ok(LensAnalysis::default());
     }
-    let Some(between) = fit(&views, 3, [0.0; 4]) else { return Ok(none) };
+    let Some(between) = fit(&views, 3, [0.0; 4]) else { return Ok(LensAnalysis::default()) };
     control.check()?;
     let stack = Stack { tracked, reference, base, frame };
     let grid = stack.printed_grid();
     let within = grid.as_ref().and_then(|grid| fit(std::slice::from_ref(grid), 3, [0.0; 4]));
     let (k, sigma) = (between.coefficients[0], between.sigma(0));
     let effect = stack.effect(&views, &between);
-    if k.abs() > CERTAIN * sigma && effect > MODELLED {
-        let confirmed = within.as_ref().zip(grid).filter(|(within, _)| {
-            let other = within.coefficients[0];
-            let allowed = (ACCORD * other.abs()).max(3.0 * sigma.hypot(within.sigma(0)));
-            k * other > 0.0 && (k - other).abs() < allowed
-        });
-        if let Some((within, grid)) = confirmed
-            && let Some((distortion, joint, views)) = stack.joint(&between, within, grid)
-        {
-            control.check()?;
-            let analysis = stack.modelled(distortion, &joint, &views);
-            return Ok((analysis, Some(without(tracked, &distortion))));
-        }
-        if effect > REPORTED {
-            let finding = Finding::limiting(
-                Grade::Usable,
-                "lens_distortion",
-                format!(
-                    "the dots are displaced radially, by up to {effect:.1} px at the image corners and differently in \
-                     each slice, but the printed grid does not show the same distortion: check that the target is flat; \
-                     if it is, fill the image with the target, so that the distortion can be measured"
-                ),
-            );
-            return Ok((LensAnalysis { finding: Some(finding), ..LensAnalysis::default() }, None));
-        }
-        return Ok(none);
+    if k.abs() <= CERTAIN * sigma || effect <= MODELLED {
+        let finding = within.and_then(|within| stack.ambiguous(&views, &between, &within));
+        return Ok(LensAnalysis { finding, ..LensAnalysis::default() });
     }
-    let finding = within.and_then(|within| stack.ambiguous(&views, &between, &within));
-    Ok((LensAnalysis { finding, ..LensAnalysis::default() }, None))
+    let confirmed = within.as_ref().zip(grid).filter(|(within, _)| {
+        let other = within.coefficients[0];
+        let allowed = (ACCORD * other.abs()).max(3.0 * sigma.hypot(within.sigma(0)));
+        k * other > 0.0 && (k - other).abs() < allowed
+    });
+    if let Some((within, grid)) = confirmed
+        && let Some((distortion, joint, views)) = stack.joint(&between, within, grid)
+    {
+        control.check()?;
+        return Ok(stack.modelled(distortion, &joint, &views));
+    }
+    let finding = (effect > REPORTED).then(|| {
+        Finding::limiting(
+            Grade::Usable,
+            "lens_distortion",
+            format!(
+                "the dots are displaced radially, by up to {effect:.1} px at the image corners and differently in each \
+                 slice, but the printed grid does not show the same distortion: check that the target is flat; if it \
+                 is, fill the image with the target, so that the distortion can be measured"
+            ),
+        )
+    });
+    Ok(LensAnalysis { finding, ..LensAnalysis::default() })
 }
 
 /// The stack without distortion: all dots at their ideal positions.
-fn without(tracked: &Tracked, distortion: &Distortion) -> Tracked {
-    let detections = tracked.detections.iter().map(|d| d.as_ref().map(|d| ideal(d, distortion))).collect();
-    let (diagnoses, labelling) = (tracked.diagnoses.clone(), tracked.labelling.clone());
-    Tracked { width: tracked.width, height: tracked.height, target: tracked.target, detections, diagnoses, labelling }
+pub(super) fn straightened(mut tracked: Tracked, distortion: &Distortion) -> Tracked {
+    for detection in tracked.detections.iter_mut().flatten() {
+        straighten(detection, distortion);
+    }
+    tracked
 }
 
-fn ideal(detection: &Detection, distortion: &Distortion) -> Detection {
-    let mut out = detection.clone();
-    out.dots.values_mut().for_each(|dot| dot.at = distortion.undistort(dot.at));
-    out.places.values_mut().for_each(|place| *place = distortion.undistort(*place));
-    out
+fn straighten(detection: &mut Detection, distortion: &Distortion) {
+    detection.dots.values_mut().for_each(|dot| dot.at = distortion.undistort(dot.at));
+    detection.places.values_mut().for_each(|place| *place = distortion.undistort(*place));
 }
 
 /// The views of all slices but the reference: their inliers, as far as the distortion is known, at the positions where
@@ -135,7 +131,13 @@ fn views(
     frame: &Frame,
     known: Option<&Distortion>,
 ) -> Vec<View> {
-    let straight = |detection: &Detection| known.map_or_else(|| detection.clone(), |known| ideal(detection, known));
+    let straight = |detection: &Detection| {
+        let mut detection = detection.clone();
+        if let Some(known) = known {
+            straighten(&mut detection, known);
+        }
+        detection
+    };
     let straight_base = straight(base);
     let others = tracked.detections.iter().enumerate().filter(|(index, _)| *index != reference);
     let others: Vec<(usize, &Detection)> = others.filter_map(|(i, d)| d.as_ref().map(|d| (i, d))).collect();

@@ -75,8 +75,18 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
     }
 }
 
+/// The analysis, and the stack without the distortion if one was found.
 fn analysed(tracked: &Tracked) -> (LensAnalysis, Option<Tracked>) {
-    analyse(tracked, REFERENCE, &NoControl).expect("not cancelled")
+    let analysis = analyse(tracked, REFERENCE, &NoControl).expect("not cancelled");
+    let straight = analysis.distortion.map(|distortion| without(tracked, &distortion));
+    (analysis, straight)
+}
+
+fn without(tracked: &Tracked, distortion: &Distortion) -> Tracked {
+    let Tracked { width, height, target, .. } = *tracked;
+    let (detections, diagnoses) = (tracked.detections.clone(), tracked.diagnoses.clone());
+    let labelling = tracked.labelling.clone();
+    straightened(Tracked { width, height, target, detections, diagnoses, labelling }, distortion)
 }
 
 /// Largest distance, px, between where the corners of the reference slice truly lie in the slices and where the found

@@ -5,6 +5,8 @@
 //! missing dots, dirt, errors of print, the end of the grid, the table. The mean cell is removed because it is the same
 //! after any shift by whole steps.
 
+use std::sync::Arc;
+
 use super::super::dlt;
 use super::super::lattice::{Label, MIN_DOTS, Places};
 use super::super::statistics::median;
@@ -16,16 +18,18 @@ use crate::types::Homography;
 pub(super) const SIDE: usize = 4;
 /// Samples per cell.
 pub(super) const CELL: usize = SIDE * SIDE;
-/// Most cells of a fingerprint; at two bytes per sample 0.5 MiB. A larger grid is cut to its middle.
-const MAX_CELLS: usize = 16_384;
+/// Most cells of a fingerprint. A larger grid is cut to its middle.
+pub(in super::super) const MAX_CELLS: usize = 16_384;
+/// Most memory of a fingerprint, bytes: one per sample, and one per cell.
+pub(in super::super) const MAX_BYTES: usize = MAX_CELLS * (CELL + 1);
 /// Dots that the homography from labels to pixels is fitted to, at most.
 const MAX_PAIRS: usize = 400;
 /// Most points per sample along each axis.
 const MAX_POINTS: usize = 8;
 /// Deviations beyond this many times their RMS are cut: a single cell must not decide.
 const CUT: f64 = 4.0;
-/// Stored value of the RMS deviation.
-const UNIT: f64 = 256.0;
+/// Stored value of the RMS deviation; [`CUT`] times it fits into a byte.
+const UNIT: f64 = 31.0;
 /// Strength of the pattern in a cell, relative to the mean cell, below which it shows no dot, and above which it does.
 const PRESENCE: [f64; 2] = [0.25, 0.6];
 /// Scatter of the strengths of known dots beyond which dots cannot be told from gaps (strong blur, noise).
@@ -34,7 +38,7 @@ const MAX_SCATTER: f64 = 0.1;
 const MAX_CLIPPED: f32 = 0.02;
 
 /// Marks samples outside the image.
-pub(super) const OUTSIDE: i16 = i16::MIN;
+pub(super) const OUTSIDE: i8 = i8::MIN;
 /// Fewest samples of a cell that must be in the image.
 const MIN_INSIDE: usize = 8;
 
@@ -51,7 +55,7 @@ pub(super) enum Presence {
     Gap,
 }
 
-/// The fingerprint of a slice.
+/// The fingerprint of a slice. Copies share what they hold.
 #[derive(Debug, Clone)]
 pub(in super::super) struct Fingerprint {
     /// Label of the first cell.
@@ -61,9 +65,9 @@ pub(in super::super) struct Fingerprint {
     /// Rows of cells.
     pub(super) rows: usize,
     /// Per cell what it shows, row by row.
-    pub(super) presence: Vec<Presence>,
+    pub(super) presence: Arc<[Presence]>,
     /// Per cell [`CELL`] deviations from the mean cell, row by row; [`OUTSIDE`] where the image ends.
-    pub(super) samples: Vec<i16>,
+    pub(super) samples: Arc<[i8]>,
     /// Grid coordinates (labels) -> px of the slice.
     pub(super) to_slice: Homography,
     /// Dot pitch, px of the slice.
@@ -106,6 +110,7 @@ impl Fingerprint {
         });
         let presence = presence(&cells, &pattern, &known);
         let samples = deviations(&cells, &pattern, columns);
+        let (presence, samples) = (presence.into(), samples.into());
         Some(Self { origin, columns, rows, presence, samples, to_slice, pitch: pitch * image.bin as f64 })
     }
 
@@ -124,7 +129,7 @@ impl Fingerprint {
     }
 
     /// The deviations of cell `k`.
-    pub(super) fn deviations(&self, k: usize) -> &[i16] {
+    pub(super) fn deviations(&self, k: usize) -> &[i8] {
         &self.samples[k * CELL..(k + 1) * CELL]
     }
 
@@ -172,7 +177,7 @@ impl Fingerprint {
                 samples[n * CELL + y * SIDE + x] = *value;
             }
         }
-        Self { origin, columns, rows, presence, samples, ..*self }
+        Self { origin, columns, rows, presence: presence.into(), samples: samples.into(), ..*self }
     }
 
     /// Adds `shift` to all labels.
@@ -279,7 +284,7 @@ fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -
 }
 
 /// Deviations from the mean cell, without what varies slowly from cell to cell (light), in units of their RMS.
-fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) -> Vec<i16> {
+fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) -> Vec<i8> {
     let off =
         |cell: &Samples| -> [Option<f64>; CELL] { std::array::from_fn(|n| cell[n].map(|v| f64::from(v) - pattern[n])) };
     let level = |cell: &Samples| {
@@ -307,5 +312,5 @@ fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) 
     }
     let (sum, count) = out.iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v * v, s.1 + 1.0_f64));
     let rms = (sum / count.max(1.0)).sqrt().max(1e-9);
-    out.iter().map(|v| v.map_or(OUTSIDE, |v| ((v / rms).clamp(-CUT, CUT) * UNIT) as i16)).collect()
+    out.iter().map(|v| v.map_or(OUTSIDE, |v| ((v / rms).clamp(-CUT, CUT) * UNIT).round() as i8)).collect()
 }

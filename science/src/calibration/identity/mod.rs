@@ -17,7 +17,7 @@ mod shifts;
 #[cfg(test)]
 mod tests;
 
-pub(super) use fingerprint::Fingerprint;
+pub(super) use fingerprint::{Fingerprint, MAX_BYTES, MAX_CELLS};
 
 use super::detection::Detection;
 use shifts::{Comparison, Decision, decide};
