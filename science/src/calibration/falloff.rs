@@ -15,11 +15,12 @@ use nalgebra::{SMatrix, SVector};
 
 use super::blur;
 use super::detection::Detection;
+use super::statistics::median;
 use super::tracking::Tracked;
 
 /// Share of the strongest modulation below which the shift matters.
 const WEAK: f64 = 0.3;
-/// Uncertainty of a dot over its shift: all dots of a slice share the error, so their number does not reduce it.
+/// Uncertainty of a dot over its shift. All dots of a slice share the error, so their number does not reduce it.
 const SHARED: f64 = 1.5;
 /// Largest uncertainty, grid steps.
 const MOST: f64 = 0.3;
@@ -39,6 +40,8 @@ fn doubt(detection: &mut Detection, share: f64) {
     let Some(light) = LightSurface::fit(detection) else { return };
     let shift = blur::tilt_shift(blur::radius(share)) * detection.pitch * detection.pitch;
     let most = MOST * detection.pitch;
+    let gradients = detection.dots.values().map(|dot| light.gradient(dot.at));
+    detection.common_sigma = SHARED * shift * median(&mut gradients.collect::<Vec<_>>());
     for dot in detection.dots.values_mut() {
         let sigma = (SHARED * light.gradient(dot.at) * shift).min(most);
         dot.sigma = dot.sigma.hypot(sigma);

@@ -4,7 +4,7 @@ use super::gains::{self, MAX_SIGMA};
 use super::grade::{Finding, GOOD};
 use super::lattice::Places;
 use super::lost::{self, Loss};
-use super::rail_anomalies::RailAnomaly;
+use super::rail_anomalies::{Jump, RailAnomaly};
 use super::solve::Solution;
 use super::tracking::Tracked;
 use super::{camera, capture, identity};
@@ -22,6 +22,9 @@ const ASLANT: f64 = 1.022;
 const POOR_GAIN: f64 = 0.01;
 /// Relative deviation of the brightness or tint of a slice from which it is named.
 const OUTLIER: f64 = 0.01;
+
+/// Lateral colour at the image corners that is reported, px.
+const FRINGE: f64 = 0.3;
 
 /// Input of the findings.
 pub(super) struct Facts<'a> {
@@ -59,6 +62,16 @@ fn named(slices: &dyn Slices, order: &[usize]) -> String {
         names.push("...");
     }
     names.join(", ")
+}
+
+/// How far the image jumps, as a predicate.
+fn jumps(by: Jump) -> String {
+    let px = by.shift[0].hypot(by.shift[1]);
+    match (px > 0.0, by.turn != 0.0) {
+        (true, true) => format!("jumps by {px:.1} px and turns by {:.2} degrees", by.turn.abs()),
+        (false, true) => format!("turns by {:.2} degrees", by.turn.abs()),
+        _ => format!("jumps by {px:.1} px"),
+    }
 }
 
 /// All findings, the most serious first.
@@ -101,12 +114,12 @@ fn rail(facts: &Facts) -> Vec<Finding> {
             RailAnomaly::Bumped { from, by } => Finding::limiting(
                 Grade::Usable,
                 "rig_bumped",
-                format!("the image jumps by {:.1} px between {} and {}: the rig was bumped; fix it and calibrate again", by[0].hypot(by[1]), name(from.saturating_sub(1)), name(from)),
+                format!("the image {} between {} and {}: the rig was bumped or the target moved; fix both and calibrate again", jumps(by), name(from.saturating_sub(1)), name(from)),
             ),
             RailAnomaly::Displaced { slice, by } => Finding::limiting(
                 Grade::Usable,
                 "slice_displaced",
-                format!("{} is displaced by {:.1} px against the line of the other slices; its own dots were used: check the rail for backlash, and take the slice again", name(slice), by[0].hypot(by[1])),
+                format!("{} lies beside the line of the other slices: its image {}; its own dots were used: check the rail for backlash, and take the slice again", name(slice), jumps(by)),
             ),
             RailAnomaly::OutOfOrder { order } => Finding::limiting(
                 Grade::Usable,
@@ -258,8 +271,15 @@ fn dots(facts: &Facts) -> Vec<Finding> {
         );
         out.push(Finding::remark("uncertain_corners", detail));
     }
-    let lossy = which(facts, |i| match (profile[i].inliers, profile[i].dots_found) {
-        (Some(inliers), Some(found)) if !profile[i].interpolated && i != reference => 4 * inliers < 3 * found,
+    let base = facts.tracked.detections[reference].as_ref();
+    let shared = |i: usize| {
+        let (slice, base) = (facts.tracked.detections[i].as_ref()?, base?);
+        Some(slice.dots.keys().filter(|label| base.dots.contains_key(*label)).count())
+    };
+    let lossy = which(facts, |i| match (profile[i].inliers, shared(i)) {
+        (Some(inliers), Some(shared)) if !profile[i].interpolated && i != reference => {
+            4 * (inliers as usize) < 3 * shared
+        }
         _ => false,
     });
     if !lossy.is_empty() {
@@ -305,6 +325,18 @@ fn target(facts: &Facts) -> Vec<Finding> {
             (1.0 / stretch).acos().to_degrees()
         );
         out.push(Finding::remark("target_aslant", detail));
+    }
+    let half = 0.5 * (facts.tracked.width as f64).hypot(facts.tracked.height as f64);
+    if let Some(scales) = facts.tracked.colour_scales
+        && scales.iter().any(|(scale, sigma)| scale.abs() * half > FRINGE && scale.abs() > 5.0 * sigma)
+    {
+        let [red, blue] = scales.map(|(scale, _)| scale * half);
+        let detail = format!(
+            "the lens has lateral colour: relative to green, the image corners move outward in red by {red:.1} px and in \
+             blue by {blue:.1} px; slices are aligned by green, and the coloured fringes stay in the result: correct \
+             them in the raw converter, alike in all slices and before the calibration"
+        );
+        out.push(Finding::remark("lateral_colour", detail));
     }
     if facts.blurs[facts.solution.reference].is_some_and(|b| b > 0.3) {
         let detail =

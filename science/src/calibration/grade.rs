@@ -7,8 +7,11 @@
 use crate::types::Warning;
 use crate::types::report::Grade;
 
-/// Largest uncertainty of the worst corner of a good calibration, px.
-pub(super) const GOOD: f64 = 0.3;
+/// Largest standard deviation of the worst corner of a good calibration, px: at three of them, 0.3 px, an error is a
+/// defect.
+pub(super) const GOOD: f64 = 0.1;
+/// The same of a usable one.
+const USABLE: f64 = 0.6;
 
 /// A finding with its effect on the grade.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,7 +38,7 @@ impl Finding {
 fn by_corners(worst: f64) -> Grade {
     match worst {
         w if w <= GOOD => Grade::Good,
-        w if w <= 2.0 * GOOD => Grade::Usable,
+        w if w <= USABLE => Grade::Usable,
         _ => Grade::Poor,
     }
 }
@@ -68,9 +71,9 @@ mod tests {
         let first = Finding::limiting(Grade::Usable, "rig_bumped", "b");
         let second = Finding::limiting(Grade::Usable, "many_outliers", "c");
         let poor = Finding::limiting(Grade::Poor, "other", "d");
-        assert_eq!(grade(0.1, std::slice::from_ref(&remark)), (Grade::Good, None));
-        assert_eq!(grade(0.3, &[]).0, Grade::Good);
-        assert_eq!(grade(0.31, &[]).0, Grade::Usable);
+        assert_eq!(grade(0.05, std::slice::from_ref(&remark)), (Grade::Good, None));
+        assert_eq!(grade(0.1, &[]).0, Grade::Good);
+        assert_eq!(grade(0.11, &[]).0, Grade::Usable);
         assert_eq!(grade(0.61, &[]).0, Grade::Poor);
         assert_eq!(grade(f64::NAN, &[]).0, Grade::Poor, "an unknown uncertainty is not good");
         let some = [remark, first.clone(), second, poor.clone()];

@@ -14,8 +14,9 @@
 //! | inliers | `solve`, `robust`, `dlt` | finds the dots that agree with one homography to the reference slice |
 //! | model | `transform_models`, `rail_fit`, `model_selection` | fits the transform models and selects one |
 //! | rail law | `rail`, `rail_anomalies` | improves blurred slices, predicts missing ones, finds irregular steps |
-//! | order | `rail_order` | finds slices out of order, and single displaced ones |
+//! | order | `rail_order`, `rail_jumps` | finds slices out of order, jumps of the image, and single displaced slices |
 //! | gains | `dot_photometry`, `gains`, `tint` | compares the brightness and the tint of the target |
+//! | colour | `lateral_colour` | measures the scale of red and blue relative to green |
 //! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
@@ -41,6 +42,7 @@ mod gains;
 mod grade;
 mod identity;
 mod inpainting;
+mod lateral_colour;
 mod lattice;
 mod lost;
 mod model_selection;
@@ -50,6 +52,7 @@ mod radial_profile;
 mod rail;
 mod rail_anomalies;
 mod rail_fit;
+mod rail_jumps;
 mod rail_order;
 mod report;
 mod robust;

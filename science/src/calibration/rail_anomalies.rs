@@ -2,6 +2,15 @@
 
 use super::statistics::median;
 
+/// A motion of the image that is not along the rail.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Jump {
+    /// Sideways, px.
+    pub(super) shift: [f64; 2],
+    /// Turn about the middle of the image, degrees.
+    pub(super) turn: f64,
+}
+
 /// An anomaly between or at slices (0-based).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum RailAnomaly {
@@ -27,19 +36,19 @@ pub(super) enum RailAnomaly {
         /// Its length in ordinary steps.
         steps: f64,
     },
-    /// The image jumped sideways and stayed there: the rig was bumped.
+    /// The image jumped sideways or turned, and stayed there: the rig was bumped, or the target moved.
     Bumped {
         /// The first slice after the jump.
         from: usize,
-        /// Size of the jump, px.
-        by: [f64; 2],
+        /// How far it jumped.
+        by: Jump,
     },
     /// A single slice lies beside the line of the others.
     Displaced {
         /// The slice.
         slice: usize,
-        /// Its distance from the line, px.
-        by: [f64; 2],
+        /// Its distance from the line.
+        by: Jump,
     },
     /// The files are not in the order of the rail positions.
     OutOfOrder {
@@ -84,50 +93,8 @@ pub(super) fn step_anomalies(by_scale: &[Option<(f64, f64)>], expected: &[f64]) 
     anomalies
 }
 
-/// Finds a lasting sideways jump: a line with a step explains the shifts much better than a line. `shifts` per slice in
-/// px, `None` where nothing was measured; jumps up to `least` px are not reported.
-pub(super) fn find_bump(shifts: &[Option<[f64; 2]>], positions: &[f64], least: f64) -> Option<RailAnomaly> {
-    let known: Vec<(usize, f64, [f64; 2])> =
-        shifts.iter().enumerate().filter_map(|(i, s)| s.map(|s| (i, positions[i], s))).collect();
-    if known.len() < 7 {
-        return None;
-    }
-    let all: Vec<(f64, f64, [f64; 2])> = known.iter().map(|k| (k.1, 0.0, k.2)).collect();
-    let before = with_step(&all, false)?;
-    let mut best: Option<(f64, usize, [f64; 2])> = None;
-    for cut in 2..known.len() - 1 {
-        let points: Vec<(f64, f64, [f64; 2])> =
-            known.iter().enumerate().map(|(k, p)| (p.1, f64::from(u8::from(k >= cut)), p.2)).collect();
-        let Some((left, step)) = with_step(&points, true) else { continue };
-        if best.is_none_or(|b| left < b.0) {
-            best = Some((left, known[cut].0, step));
-        }
-    }
-    let (left, from, by) = best?;
-    let scatter = (left / (2.0 * known.len() as f64 - 6.0)).sqrt();
-    let size = by[0].hypot(by[1]);
-    (left < 0.15 * before.0 && size > least.max(6.0 * scatter)).then_some(RailAnomaly::Bumped { from, by })
-}
-
-/// Residual sum of squares of a line (with a free step if `step`) through both coordinates, and the step.
-fn with_step(points: &[(f64, f64, [f64; 2])], step: bool) -> Option<(f64, [f64; 2])> {
-    use nalgebra::{DMatrix, DVector};
-    let unknowns = 2 + usize::from(step);
-    let rows = DMatrix::from_fn(points.len(), unknowns, |k, c| [1.0, points[k].0, points[k].1][c]);
-    let inverse = (rows.transpose() * &rows).try_inverse()?;
-    let (mut left, mut by) = (0.0, [0.0; 2]);
-    for (a, by) in by.iter_mut().enumerate() {
-        let values = DVector::from_iterator(points.len(), points.iter().map(|p| p.2[a]));
-        let solved = &inverse * rows.transpose() * &values;
-        left += (&values - &rows * &solved).norm_squared();
-        *by = if step { solved[2] } else { 0.0 };
-    }
-    Some((left, by))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::testkit::Noise;
     use super::*;
 
     fn judged(positions: &[f64]) -> Vec<RailAnomaly> {
@@ -144,24 +111,5 @@ mod tests {
         assert!(
             matches!(judged(&[0.0, 1.0, 2.0, 3.5, 4.5, 5.5])[..], [RailAnomaly::Uneven { after: 2, steps }] if (steps - 1.5).abs() < 0.1)
         );
-    }
-
-    #[test]
-    fn a_bump_is_distinguished_from_drift() {
-        let mut noise = Noise(3);
-        let positions: Vec<f64> = (0..13).map(f64::from).collect();
-        let mut shifts: Vec<Option<[f64; 2]>> = positions
-            .iter()
-            .map(|z| Some([0.6 * z + 0.05 * noise.normal(), -0.3 * z + 0.05 * noise.normal()]))
-            .collect();
-        assert_eq!(find_bump(&shifts, &positions, 0.5), None);
-        for shift in shifts.iter_mut().skip(8).flatten() {
-            shift[0] += 3.0;
-            shift[1] -= 1.0;
-        }
-        shifts[3] = None;
-        let Some(RailAnomaly::Bumped { from, by }) = find_bump(&shifts, &positions, 0.5) else { panic!("not found") };
-        assert_eq!(from, 8);
-        assert!((by[0] - 3.0).abs() < 0.3 && (by[1] + 1.0).abs() < 0.3, "{by:?}");
     }
 }

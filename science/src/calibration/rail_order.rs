@@ -1,8 +1,5 @@
-//! The order of the slices on the rail, by their scales, and slices that lie beside the line of the others.
+//! The order of the slices on the rail, by their scales.
 
-use nalgebra::{Matrix2, Vector2};
-
-use super::rail_anomalies::RailAnomaly;
 use super::statistics::median;
 
 /// Fewest measured slices that have an order.
@@ -50,66 +47,8 @@ pub(super) fn ranks(order: &[usize], count: usize) -> Vec<f64> {
     out
 }
 
-/// Fewest slices of a line.
-const MIN_LINE: usize = 5;
-/// Least distance from the line of the others, px.
-const LEAST: f64 = 1.0;
-/// Standard deviations of the others that a displaced slice must be away from their line.
-const AWAY: f64 = 8.0;
-
-/// Finds single slices that are displaced sideways against the line of the others. `shifts` per slice in px, `None`
-/// where nothing was measured. `jump`: the first slice after a lasting jump of `by` px.
-pub(super) fn find_displaced(
-    shifts: &[Option<[f64; 2]>],
-    positions: &[f64],
-    jump: Option<(usize, [f64; 2])>,
-) -> Vec<RailAnomaly> {
-    let before = |i: usize, s: [f64; 2]| match jump {
-        Some((from, by)) if i >= from => [s[0] - by[0], s[1] - by[1]],
-        _ => s,
-    };
-    let mut line: Vec<(usize, f64, [f64; 2])> =
-        shifts.iter().enumerate().filter_map(|(i, s)| s.map(|s| (i, positions[i], before(i, s)))).collect();
-    let most = line.len() / 4;
-    let mut out = Vec::new();
-    while out.len() < most && line.len() > MIN_LINE {
-        let off = |k: usize| {
-            let others: Vec<(f64, [f64; 2])> =
-                line.iter().enumerate().filter(|(n, _)| *n != k).map(|(_, p)| (p.1, p.2)).collect();
-            let (at, sigma) = predict(&others, line[k].1)?;
-            let by = [line[k].2[0] - at[0], line[k].2[1] - at[1]];
-            let size = by[0].hypot(by[1]);
-            (size > LEAST.max(AWAY * sigma)).then_some((size / sigma.max(1e-6), k, by))
-        };
-        let farthest = (0..line.len()).filter_map(off).max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, k, by)) = farthest else { break };
-        out.push(RailAnomaly::Displaced { slice: line[k].0, by });
-        line.remove(k);
-    }
-    out.sort_by_key(|a| if let RailAnomaly::Displaced { slice, .. } = a { *slice } else { usize::MAX });
-    out
-}
-
-/// Shift at a position by the line through `points`, and the standard deviation of a slice there (per coordinate).
-fn predict(points: &[(f64, [f64; 2])], at: f64) -> Option<([f64; 2], f64)> {
-    let count = points.len() as f64;
-    let middle = points.iter().map(|p| p.0).sum::<f64>() / count;
-    let row = |z: f64| Vector2::new(1.0, z - middle);
-    let normal: Matrix2<f64> = points.iter().map(|p| row(p.0) * row(p.0).transpose()).sum();
-    let inverse = normal.try_inverse()?;
-    let numbers = [0, 1].map(|a| inverse * points.iter().map(|p| row(p.0) * p.1[a]).sum::<Vector2<f64>>());
-    let left: f64 =
-        points.iter().map(|p| (0..2).map(|a| (p.1[a] - numbers[a].dot(&row(p.0))).powi(2)).sum::<f64>()).sum();
-    let freedom = 2.0 * count - 4.0;
-    let leverage = (row(at).transpose() * inverse * row(at))[(0, 0)];
-    // few slices determine their scatter poorly
-    let sigma = (left / freedom * (1.0 + leverage)).sqrt() * (1.0 + 2.5 / freedom);
-    Some((numbers.map(|n| n.dot(&row(at))), sigma))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::testkit::Noise;
     use super::*;
 
     #[test]
@@ -126,22 +65,5 @@ mod tests {
         doubled[3] = None;
         assert_eq!(true_order(&doubled), None);
         assert_eq!(ranks(&[3, 1, 0, 4], 5), [2.0, 1.0, 1.5, 0.0, 3.0]);
-    }
-
-    #[test]
-    fn a_slice_beside_the_line_is_found_and_scatter_is_not() {
-        let mut noise = Noise(4);
-        let positions: Vec<f64> = (0..9).map(f64::from).collect();
-        let mut shifts: Vec<Option<[f64; 2]>> =
-            positions.iter().map(|z| Some([0.7 * z + 0.3 * noise.normal(), 0.3 * noise.normal()])).collect();
-        assert!(find_displaced(&shifts, &positions, None).is_empty());
-        for displaced in [8, 3] {
-            let before = shifts.clone();
-            shifts[displaced] = shifts[displaced].map(|s| [s[0] + 9.0, s[1] - 3.0]);
-            let found = find_displaced(&shifts, &positions, None);
-            let [RailAnomaly::Displaced { slice, by }] = found[..] else { panic!("{found:?}") };
-            assert!(slice == displaced && (by[0] - 9.0).abs() < 2.5, "{found:?}");
-            shifts = before;
-        }
     }
 }

@@ -6,7 +6,7 @@ use crate::imaging::{Raster, Samples};
 
 /// Most pixels that are read per slice, along each axis.
 const SIDE: usize = 700;
-/// Largest share of pixels at full scale, which have lost their tint.
+/// Largest share of pixels with several channels at full scale, which have lost their tint.
 const MAX_CLIPPED: f64 = 0.02;
 
 /// `ln` of red over green and of blue over green: ratios of the mean light within the bounding box of the dots, with
@@ -35,14 +35,15 @@ pub(super) fn tint(slice: &Raster, detection: &Detection) -> Option<[f64; 2]> {
     for y in rows.step_by(stride) {
         for x in columns.clone().step_by(stride) {
             let first = (y * slice.width + x) * slice.channels;
-            let mut full = false;
+            let mut full = 0;
             for (k, sum) in sums.iter_mut().enumerate() {
                 let light = value(first + k)?;
                 *sum += light;
-                full |= light >= 0.99;
+                full += u8::from(light >= 0.99);
             }
             count += 1.0;
-            clipped += f64::from(u8::from(full));
+            // where one channel alone is full, the tint is still visible, though larger than measured
+            clipped += f64::from(u8::from(full > 1));
         }
     }
     let dark = sums.iter().any(|s| *s < 1e-4 * count);

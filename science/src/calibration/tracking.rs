@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::coarse_registration::SimilarityMotion;
 use super::detection::{self, Detection, Diagnosis, Expected, Target};
 use super::identity::{self, Labelling};
+use super::lateral_colour::{self, ColourScales};
 use super::lattice::Places;
 use super::statistics::median;
 use super::tint;
@@ -30,6 +31,8 @@ pub(super) struct Tracked {
     pub diagnoses: Vec<Option<Diagnosis>>,
     /// Per slice whether its labels are certain.
     pub labelling: Vec<Labelling>,
+    /// Lateral colour in the slice in which the grid was found first; `None` for grey slices.
+    pub colour_scales: Option<ColourScales>,
 }
 
 /// Most slices in which the grid is searched for, besides the reference.
@@ -63,12 +66,13 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
             && let Some((target, mut detection)) = detection::measure_grid(&slice, target, &lattice, control)?
         {
             detection.tint = tint::tint(&slice, &detection);
-            first = Some((index, target, detection));
+            let colour_scales = lateral_colour::measure(&slice, target, &detection, control)?;
+            first = Some((index, target, detection, colour_scales));
             break;
         }
         tried.push((index, detection::diagnose(&slice)));
     }
-    let Some((start, target, detection)) = first else { return Err(no_grid(slices, &tried).into()) };
+    let Some((start, target, detection, colour_scales)) = first else { return Err(no_grid(slices, &tried).into()) };
     tick();
     let follow = |indices: Vec<usize>| follow(&loader, target, &detection, indices, control, &tick);
     let (up, down) = rayon::join(|| follow((start + 1..count).collect()), || follow((0..start).rev().collect()));
@@ -78,7 +82,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
     let labelling = identity::settle(&mut detections, start);
     same_orientation(slices, &detections, start, target.code.is_some())?;
-    Ok(Tracked { width, height, target, detections, diagnoses, labelling })
+    Ok(Tracked { width, height, target, detections, diagnoses, labelling, colour_scales })
 }
 
 /// The reference slice, then slices spread over the stack, from the middle outward.

@@ -39,6 +39,14 @@ impl TransformModel {
         }
     }
 
+    /// Which of the free parameters are the shift, x and y.
+    pub(super) fn shift(self) -> [usize; 2] {
+        match self {
+            Self::Similarity => [2, 3],
+            Self::Affine | Self::Homography => [2, 5],
+        }
+    }
+
     /// The model as named in a profile.
     pub(super) fn homography_model(self) -> HomographyModel {
         match self {

@@ -22,17 +22,27 @@ pub(super) struct WorkingImage {
 const FULL: f32 = 254.5;
 
 impl WorkingImage {
-    /// Rec. 601 luma of `slice`, averaged over cells of `bin` pixels. Incomplete cells at the right and bottom are
-    /// dropped. One pass over the slice.
+    /// The green channel of `slice`, or its Rec. 601 luma where green shows too little, averaged over cells of `bin`
+    /// pixels. Incomplete cells at the right and bottom are dropped. One pass over the slice.
+    ///
+    /// A lens with lateral colour images red and blue at other scales than green, and luma would mix their positions.
     pub(super) fn of(slice: &Raster, bin: usize) -> Self {
-        let bin = bin.clamp(1, slice.width.min(slice.height).max(1));
-        let step = slice.channels;
         match &slice.samples {
-            Samples::Eight(s) => Self::averaged(slice, bin, |k| luma(&s[k * step..(k + 1) * step], f32::from)),
+            Samples::Eight(s) => Self::of_samples(slice, s, bin, f32::from),
             Samples::Sixteen(s) => {
                 let scale = 255.0 / 65_535.0;
-                Self::averaged(slice, bin, |k| luma(&s[k * step..(k + 1) * step], |v| f32::from(v) * scale))
+                Self::of_samples(slice, s, bin, move |v| f32::from(v) * scale)
             }
+        }
+    }
+
+    fn of_samples<T: Copy + Sync>(slice: &Raster, s: &[T], bin: usize, value: impl Fn(T) -> f32 + Sync) -> Self {
+        let bin = bin.clamp(1, slice.width.min(slice.height).max(1));
+        let step = slice.channels;
+        if step >= 3 && green_is_clear(s, step, &value) {
+            Self::averaged(slice, bin, |k| value(s[k * step + 1]))
+        } else {
+            Self::averaged(slice, bin, |k| luma(&s[k * step..(k + 1) * step], &value))
         }
     }
 
@@ -74,6 +84,25 @@ impl WorkingImage {
         let k = self.bin as f64;
         p.map(|v| (v - (k - 1.0) / 2.0) / k)
     }
+}
+
+/// Pixels by which the channels are compared.
+const COMPARED: usize = 20_000;
+/// Least contrast of green, relative to the strongest channel.
+const CLEAR: f64 = 0.5;
+
+/// True when green has at least half of the contrast of the strongest channel.
+fn green_is_clear<T: Copy>(samples: &[T], channels: usize, value: impl Fn(T) -> f32) -> bool {
+    let every = (samples.len() / channels).div_ceil(COMPARED).max(1);
+    let mut sums = [[0.0_f64; 3]; 3];
+    for pixel in samples.chunks_exact(channels).step_by(every) {
+        for (sum, v) in sums.iter_mut().zip(pixel) {
+            let v = f64::from(value(*v));
+            *sum = [sum[0] + 1.0, sum[1] + v, sum[2] + v * v];
+        }
+    }
+    let variance = sums.map(|[n, sum, squares]| (squares / n.max(1.0) - (sum / n.max(1.0)).powi(2)).max(0.0));
+    variance[1].sqrt() >= CLEAR * variance.iter().fold(0.0_f64, |most, v| most.max(*v)).sqrt()
 }
 
 #[inline]

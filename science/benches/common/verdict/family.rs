@@ -69,7 +69,7 @@ const FAMILIES: [Family; 31] = [
     }),
     fault("end slice displaced", &[0.2, 0.4, 0.7], MOVED, |s, pitches| jump(s, pitches, 8, 9)),
     fault("middle slice displaced", &[0.2, 0.6, 1.0], MOVED, |s, pitches| jump(s, pitches, 2, 3)),
-    fault("steady drift", &[0.5, 1.0], MOVED, drift),
+    fault("steady drift", &[0.5, 1.0], &[], drift),
     fault("steady drift, endless grid", &[0.7, 1.0], MOVED, |s, pitches| {
         endless(s);
         drift(s, pitches);
@@ -111,7 +111,7 @@ const FAMILIES: [Family; 31] = [
         faults(s).banding = Some(Banding { period_px, strength: 0.05 });
     }),
     fault("one slice darker", &[0.9, 0.65, 0.3], GAIN, |s, light| set_exposure(s, 6, [light; 3])),
-    fault("flash missed", &[0.05], SLICE, |s, light| set_exposure(s, 6, [light; 3])),
+    fault("flash missed", &[0.05], GAIN, |s, light| set_exposure(s, 6, [light; 3])),
     fault("white balance", &[1.19], GAIN, |s, factor| {
         s.rig.channels = 3;
         set_exposure(s, 6, [factor, 1.0, 1.0 / factor]);
@@ -193,7 +193,8 @@ fn typical(seed: u64) -> Stack {
     stack
 }
 
-/// `seeds` stacks of each strength of each family whose name contains `only`, then `mixtures` random ones.
+/// `seeds` stacks of each strength of each family whose name contains `only`, then `mixtures` random ones, or the one
+/// that `only` names, as in "mixture 7".
 pub fn stacks(seeds: u64, mixtures: u64, only: Option<&str>) -> Vec<Stack> {
     let wanted = |name: &str| only.is_none_or(|only| name.contains(only));
     let mut out = Vec::new();
@@ -208,8 +209,9 @@ pub fn stacks(seeds: u64, mixtures: u64, only: Option<&str>) -> Vec<Stack> {
             }
         }
     }
-    if wanted("mixture") {
-        out.extend((0..mixtures).map(mixture));
+    let ends = |stack: &Stack| only.is_none_or(|only| only == "mixture" || stack.what.ends_with(only));
+    if only.is_none_or(|only| only.starts_with("mixture")) {
+        out.extend((0..mixtures).map(mixture).filter(ends));
     }
     out
 }

@@ -13,7 +13,7 @@ use super::family::Stack;
 const WRONG: f64 = 0.3;
 /// A corner farther off than three told sigmas and this is dishonest, px.
 const DISHONEST: f64 = 0.1;
-/// Where all corners are as near as this, a clean stack deserves Good, px.
+/// Where all corners are as near as this, and all gains right, a clean stack deserves Good, px.
 const RIGHT: f64 = 0.15;
 /// A gain farther off than this must be named, as a share.
 const GAIN: f64 = 0.005;
@@ -87,7 +87,11 @@ fn compare(stack: &Stack, found: &Calibration, out: &mut Judgement) {
         let error = map.map_or(f64::INFINITY, |map| {
             let corners = Homography::corners(rig.width as u32, rig.height as u32);
             let off = corners.iter().map(|&corner| {
-                let (truth, found) = (faults.to_reference(rig, &map, corner), own.homography.apply(corner));
+                let truth = faults.to_reference(rig, &map, corner);
+                let found = match &found.distortion {
+                    None => own.homography.apply(corner),
+                    Some(lens) => lens.distort(own.homography.apply(lens.undistort(corner))),
+                };
                 (truth[0] - found[0]).hypot(truth[1] - found[1])
             });
             off.fold(0.0, f64::max)
@@ -101,9 +105,13 @@ fn compare(stack: &Stack, found: &Calibration, out: &mut Judgement) {
     }
     out.wrong = out.corner > WRONG;
     let grade = found.report.grade;
-    out.downgraded = stack.clean && grade != Grade::Good && out.corner <= RIGHT && !codes.contains(&"shift_ambiguous");
-    out.gain_untold = out.gain > GAIN && !codes.iter().any(|code| code.contains("gain") || code.contains("exposure"));
+    // without an edge in view nothing excludes a shift by a whole pitch
+    let is_ambiguous = codes.contains(&"shift_ambiguous") && stack.target.flaws.surround.is_none();
+    out.downgraded = stack.clean && grade != Grade::Good && out.corner <= RIGHT && out.gain <= GAIN && !is_ambiguous;
+    let told = |code: &&str| ["gain", "exposure", "tint"].iter().any(|part| code.contains(part));
+    out.gain_untold = out.gain > GAIN && !codes.iter().any(told);
     out.named = (!stack.codes.is_empty()).then(|| codes.iter().any(|code| stack.codes.contains(code)));
     out.grade = Some(grade);
-    out.told = codes.join(" ");
+    let sigma = found.slices.iter().filter_map(|slice| slice.corner_sigma_px).fold(0.0, f64::max);
+    out.told = format!("told {sigma:.2} px {}", codes.join(" "));
 }

@@ -194,6 +194,7 @@ fn detection(
         turned: None,
         tint: None,
         is_tentative: false,
+        common_sigma: 0.0,
         fingerprint: None,
     })
 }

@@ -82,6 +82,8 @@ pub(super) struct Detection {
     /// True when the slice was found where the motion of the other slices does not lead. It counts only if the
     /// fingerprint confirms it.
     pub is_tentative: bool,
+    /// Standard deviation, per coordinate, of an error that all dots of the slice share, px.
+    pub common_sigma: f64,
     /// What makes the cells of the grid differ; `None` when the grid is degenerate.
     pub fingerprint: Option<Fingerprint>,
 }
@@ -141,6 +143,12 @@ pub(super) struct Expected {
     pub confident: bool,
     /// True when blur may have inverted the dots.
     pub maybe_inverted: bool,
+}
+
+impl Expected {
+    /// The slice from which the places are.
+    pub(super) const NOTHING_MOVES: Self =
+        Self { motion: SimilarityMotion::NONE, confident: true, maybe_inverted: false };
 }
 
 /// Longer side of the image in which the grid is detected, samples.

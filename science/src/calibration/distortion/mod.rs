@@ -61,11 +61,7 @@ const GRID_ACCURACY: f64 = 0.05;
 ///
 /// # Errors
 /// When the work is cancelled.
-pub(super) fn analyse(
-    tracked: &Tracked,
-    reference: usize,
-    control: &dyn Control,
-) -> Result<LensAnalysis, Cancelled> {
+pub(super) fn analyse(tracked: &Tracked, reference: usize, control: &dyn Control) -> Result<LensAnalysis, Cancelled> {
     control.check()?;
     let Some(base) = tracked.detections[reference].as_ref() else { return Ok(LensAnalysis::default()) };
     let frame = Frame::new(tracked.width, tracked.height);

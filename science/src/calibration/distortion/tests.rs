@@ -56,6 +56,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
             merged: false,
             density: 1.0,
             is_tentative: false,
+            common_sigma: 0.0,
             identity: None,
             turned: None,
             tint: None,
@@ -71,6 +72,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
         target,
         detections,
         labelling: vec![labelling; SLICES],
+        colour_scales: None,
         diagnoses: vec![None; SLICES],
     }
 }
@@ -83,10 +85,10 @@ fn analysed(tracked: &Tracked) -> (LensAnalysis, Option<Tracked>) {
 }
 
 fn without(tracked: &Tracked, distortion: &Distortion) -> Tracked {
-    let Tracked { width, height, target, .. } = *tracked;
+    let Tracked { width, height, target, colour_scales, .. } = *tracked;
     let (detections, diagnoses) = (tracked.detections.clone(), tracked.diagnoses.clone());
     let labelling = tracked.labelling.clone();
-    straightened(Tracked { width, height, target, detections, diagnoses, labelling }, distortion)
+    straightened(Tracked { width, height, target, detections, diagnoses, labelling, colour_scales }, distortion)
 }
 
 /// Largest distance, px, between where the corners of the reference slice truly lie in the slices and where the found

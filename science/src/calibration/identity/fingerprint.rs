@@ -37,7 +37,11 @@ const MAX_SCATTER: f64 = 0.1;
 /// Largest share of full-scale pixels in a cell.
 const MAX_CLIPPED: f32 = 0.02;
 
-/// Marks samples outside the image.
+/// Cells nearer to the border of the image than this, in grid steps, have deviations only where the grid ends before the
+/// border. Dots that the border cuts disturb the flat field, which would be taken for a property of the target.
+const BORDER: f64 = 1.0;
+
+/// Marks samples outside the image, and near its border.
 pub(super) const OUTSIDE: i8 = i8::MIN;
 /// Fewest samples of a cell that must be in the image.
 const MIN_INSIDE: usize = 8;
@@ -109,7 +113,25 @@ impl Fingerprint {
             median(&mut known.iter().filter_map(|&k| cells[k].and_then(|c| c[n]).map(f64::from)).collect::<Vec<_>>())
         });
         let presence = presence(&cells, &pattern, &known);
-        let samples = deviations(&cells, &pattern, columns);
+        // distance from the border of the image, grid steps
+        let inside = |l: Label| {
+            let [x, y] = grid.apply(l.map(f64::from));
+            let (right, bottom) = (contrast.width as f64 - 1.0 - x, contrast.height as f64 - 1.0 - y);
+            x.min(y).min(right).min(bottom) / pitch
+        };
+        let is_no_dot = |[x, y]: Label| {
+            let [x, y] = [x - origin[0], y - origin[1]].map(|v| usize::try_from(v).ok());
+            let (x, y) = (x.filter(|x| *x < columns), y.filter(|y| *y < rows));
+            x.zip(y).is_some_and(|(x, y)| matches!(presence[y * columns + x], Presence::Gap | Presence::Unclear))
+        };
+        let is_clear = |k: usize| {
+            let [x, y] = label(k);
+            let mut around = (-1..=1).flat_map(|j| (-1..=1).map(move |i| [x + i, y + j]));
+            inside([x, y]) >= BORDER || around.all(|l| !(-0.1..1.0).contains(&inside(l)) || is_no_dot(l))
+        };
+        let clear: Vec<Option<Samples>> =
+            cells.into_iter().enumerate().map(|(k, cell)| cell.filter(|_| is_clear(k))).collect();
+        let samples = deviations(&clear, &pattern, columns);
         let (presence, samples) = (presence.into(), samples.into());
         Some(Self { origin, columns, rows, presence, samples, to_slice, pitch: pitch * image.bin as f64 })
     }
@@ -283,31 +305,32 @@ fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -
     (0..cells.len()).map(shown).collect()
 }
 
-/// Deviations from the mean cell, without what varies slowly from cell to cell (light), in units of their RMS.
+/// Deviations from the mean cell, without what varies slowly from cell to cell (light, contrast, the shape of the dots),
+/// in units of their RMS. What varies slowly looks the same after a shift by one step, and would outweigh what does not.
 fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) -> Vec<i8> {
     let off =
         |cell: &Samples| -> [Option<f64>; CELL] { std::array::from_fn(|n| cell[n].map(|v| f64::from(v) - pattern[n])) };
-    let level = |cell: &Samples| {
-        let (sum, count) = off(cell).iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v, s.1 + 1.0_f64));
-        sum / count.max(1.0)
-    };
-    let levels: Vec<Option<f64>> = cells.iter().map(|c| c.as_ref().map(level)).collect();
+    let offs: Vec<Option<[Option<f64>; CELL]>> = cells.iter().map(|cell| cell.as_ref().map(off)).collect();
     let (columns, rows) = (columns as i32, (cells.len() / columns) as i32);
-    let around = |k: usize| {
+    // per sample the mean over the cells around
+    let around = |k: usize| -> [f64; CELL] {
         let [x, y] = [k as i32 % columns, k as i32 / columns];
         let near = (-2..=2).flat_map(|j| (-2..=2).map(move |i| [x + i, y + j]));
         let inside = near.filter(|[x, y]| (0..columns).contains(x) && (0..rows).contains(y));
-        let (sum, count) = inside
-            .filter_map(|[x, y]| levels[(y * columns + x) as usize])
-            .fold((0.0, 0.0), |(sum, count), level| (sum + level, count + 1.0_f64));
-        sum / count.max(1.0)
+        let mut sums = [[0.0; 2]; CELL];
+        for off in inside.filter_map(|[x, y]| offs[(y * columns + x) as usize].as_ref()) {
+            for (sum, v) in sums.iter_mut().zip(off) {
+                *sum = v.map_or(*sum, |v| [sum[0] + v, sum[1] + 1.0]);
+            }
+        }
+        sums.map(|[sum, count]| sum / count.max(1.0))
     };
     let mut out: Vec<Option<f64>> = vec![None; cells.len() * CELL];
-    for (k, cell) in cells.iter().enumerate() {
-        let Some(cell) = cell else { continue };
-        let ground = around(k);
-        for (out, v) in out[k * CELL..].iter_mut().zip(off(cell)) {
-            *out = v.map(|v| v - ground);
+    for (k, off) in offs.iter().enumerate() {
+        let Some(off) = off else { continue };
+        let slow = around(k);
+        for ((out, v), slow) in out[k * CELL..].iter_mut().zip(off).zip(slow) {
+            *out = v.map(|v| v - slow);
         }
     }
     let (sum, count) = out.iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v * v, s.1 + 1.0_f64));

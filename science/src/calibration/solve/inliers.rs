@@ -29,6 +29,8 @@ pub(in crate::calibration) struct Inliers {
     pub(in crate::calibration) evidence: Evidence,
     /// For every shared dot, whether it is an inlier.
     pub(super) is_inlier: BTreeMap<Label, bool>,
+    /// Standard deviation, per coordinate, of an error that all dots of the slice share, units.
+    common_sigma: f64,
 }
 
 /// Finds the inliers of a slice. `None` when there are too few.
@@ -72,7 +74,8 @@ pub(in crate::calibration) fn find_inliers(detection: &Detection, base: &Detecti
     let chosen = (pairs.len() as f64 / count as f64).powi(4);
     let overlap = (WINDOW_OVERLAP * detection.density).max(1.0) * chosen * alike;
     let is_inlier = shared.iter().map(|s| s.0).zip(consensus.is_inlier.iter().copied()).collect();
-    Some(Inliers { evidence: Evidence { labels, matches, overlap }, is_inlier })
+    let common_sigma = detection.common_sigma / frame.half;
+    Some(Inliers { evidence: Evidence { labels, matches, overlap }, is_inlier, common_sigma })
 }
 
 /// Each slice's estimate from its own dots under one model; the reference slice is exactly the identity.
@@ -98,7 +101,11 @@ pub(super) fn own_estimates(
             let at_corners =
                 |c: &DMatrix<f64>| transform_models::corner_sigma(model, &fit.free, c, frame, width, height);
             let more = (at_corners(&fit.block_covariance) / at_corners(&covariance).max(1e-12)).max(1.0);
-            Some(OwnEstimate { covariance: covariance * (more * more), free: fit.free })
+            let mut covariance = covariance * (more * more);
+            for n in model.shift() {
+                covariance[(n, n)] += inliers.common_sigma * inliers.common_sigma;
+            }
+            Some(OwnEstimate { covariance, free: fit.free })
         })
         .collect()
 }

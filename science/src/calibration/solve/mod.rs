@@ -16,6 +16,7 @@ use super::lost::Loss;
 use super::model_selection::{self, Evidence, StackModel};
 use super::rail::{self, EstimateSource, Law, OwnEstimate};
 use super::rail_anomalies::{self, RailAnomaly};
+use super::rail_jumps;
 use super::rail_order;
 use super::statistics::quantile;
 use super::tracking::Tracked;
@@ -132,19 +133,14 @@ pub(super) fn solve(
     if let (Some(positions_by_scale), false) = (&positions_by_scale, anomalies.is_empty() || given.is_some()) {
         positions = filled(positions_by_scale, &positions);
     }
-    let shifts: Vec<Option<[f64; 2]>> =
-        own.iter().map(|o| o.as_ref().map(|o| [o.free[2] * frame.half, o.free[3] * frame.half])).collect();
-    anomalies.extend(rail_anomalies::find_bump(&shifts, &positions, 0.5));
-    let bump = anomalies.iter().find_map(|a| match a {
-        RailAnomaly::Bumped { from, by } => Some((*from, *by)),
-        _ => None,
-    });
-    let jump = bump.map(|(from, _)| from);
-    let found = rail_order::find_displaced(&shifts, &positions, bump);
+    let motion = |o: &OwnEstimate| [o.free[2], o.free[3], o.free[1]].map(|v| v * frame.half);
+    let motions: Vec<Option<[f64; 3]>> = own.iter().map(|o| o.as_ref().map(motion)).collect();
+    let jumps = rail_jumps::find(&motions, &positions, frame.half);
+    let jump = jumps.iter().find_map(|a| if let RailAnomaly::Bumped { from, .. } = a { Some(*from) } else { None });
     let displaced: Vec<bool> = (0..count)
-        .map(|i| found.iter().any(|a| matches!(a, RailAnomaly::Displaced { slice, .. } if *slice == i)))
+        .map(|i| jumps.iter().any(|a| matches!(a, RailAnomaly::Displaced { slice, .. } if *slice == i)))
         .collect();
-    anomalies.extend(found);
+    anomalies.extend(jumps);
     let in_line: Vec<Option<OwnEstimate>> =
         own.iter().zip(&displaced).map(|(o, displaced)| o.clone().filter(|_| !displaced)).collect();
     let slopes = Law::fit(&in_line, &positions, jump).map(|law| std::array::from_fn(|n| law.slopes()[n]));
