@@ -194,9 +194,16 @@ async fn a_mistyped_name_is_refused_with_similar_names() {
 async fn unknown_values_of_a_profile_are_null() {
     let app = TestApp::start().await;
     let shown: Value = app.put(URL).json(&profile(2)).send().await.unwrap().json().await.unwrap();
-    for name in
-        ["gains", "rail_positions_mm", "pixel_pitch_mm", "capture_mode", "note", "origin", "principal_distance_px"]
-    {
+    for name in [
+        "gains",
+        "rail_positions_mm",
+        "pixel_pitch_mm",
+        "capture_mode",
+        "note",
+        "origin",
+        "principal_distance_px",
+        "distortion",
+    ] {
         assert_eq!(shown.get(name), Some(&Value::Null), "{name}");
     }
     let again = app.put(URL).json(&shown).send().await.unwrap();

@@ -271,21 +271,28 @@ async fn impossible_rig_parameters_are_refused_with_their_location() {
 async fn the_pinhole_of_a_client_is_stored_and_checked() {
     let app = TestApp::start().await;
     let mut body = json!({ "image_width": 640, "image_height": 480, "reference_index": 2, "homographies": stack(),
-        "principal_distance_mm": 121.0, "principal_point_px": [320.5, 239.0], "magnification": 0.86, "pixel_pitch_mm": 0.00625 });
+        "principal_distance_mm": 121.0, "principal_point_px": [320.5, 239.0], "magnification": 0.86, "pixel_pitch_mm": 0.00625,
+        "distortion": { "centre_px": [320.0, 240.0], "k1": 0.02, "k2": 0.0, "radius_px": 400.0 } });
     stored(app.put(URL).json(&body)).await;
     let shown: Value = app.get(URL).send().await.unwrap().json().await.unwrap();
-    for name in ["principal_distance_mm", "principal_point_px", "magnification", "pixel_pitch_mm"] {
+    for name in ["principal_distance_mm", "principal_point_px", "magnification", "pixel_pitch_mm", "distortion"] {
         assert_eq!(shown[name], body[name], "{name}");
     }
     assert_eq!(shown["principal_distance_px"], 19_360.0);
     // a profile can be sent back as it was shown
     assert_eq!(stored(app.put(URL).json(&shown)).await["digest"], shown["digest"]);
-    for (name, wrong) in
-        [("principal_distance_mm", json!(0)), ("principal_point_px", json!([1e9, 0])), ("magnification", json!(-1))]
-    {
+    let folded = json!({ "centre_px": [320.0, 240.0], "k1": -0.9, "radius_px": 400.0 });
+    for (name, wrong) in [
+        ("principal_distance_mm", json!(0)),
+        ("principal_point_px", json!([1e9, 0])),
+        ("magnification", json!(-1)),
+        ("distortion", folded),
+    ] {
         let right = body[name].clone();
         body[name] = wrong;
         assert!(refused(app.put(URL).json(&body), 422, "invalid_profile").await.contains(name));
         body[name] = right;
     }
+    body["distortion"] = Value::Null;
+    assert_ne!(stored(app.put(URL).json(&body)).await["digest"], shown["digest"], "distortion moves pixels");
 }

@@ -18,8 +18,8 @@ pub struct Intrinsics {
     /// Intersection of the optical axis with the image, `[x, y]` px, after the crop. The centre of the top-left pixel
     /// is (0, 0); COLMAP counts from its corner: add 0.5. Null when unknown.
     pub principal_point_px: Option<[f64; 2]>,
-    /// Radial lens distortion of the image; absent when none was measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Radial lens distortion of the image; null when none was measured.
+    #[serde(default)]
     pub distortion: Option<ImageDistortion>,
 }
 
@@ -87,6 +87,6 @@ mod tests {
         assert!((310.0 + 2400.0 * factor * x - expected[0]).abs() < 1e-9);
         assert!((205.0 + 2400.0 * factor * y - expected[1]).abs() < 1e-9);
         let none = Intrinsics::of(&ProfileInput { distortion: None, ..profile }, [0, 0]).expect("known");
-        assert!(!serde_json::to_string(&none).expect("JSON").contains("distortion"));
+        assert!(serde_json::to_string(&none).expect("JSON").contains("\"distortion\":null"));
     }
 }

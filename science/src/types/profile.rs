@@ -76,7 +76,7 @@ pub struct ProfileInput {
     #[serde(default)]
     pub note: Option<String>,
     /// Radial lens distortion that stays with the sensor. The homographies are then between images without it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub distortion: Option<Distortion>,
 }
 
