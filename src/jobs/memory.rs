@@ -19,8 +19,8 @@ const BASE: u64 = 64 << 20;
 /// the largest file: the file, and the copy that a decoder may make of it.
 ///
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
-///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture). Neither grows with the number of
-///   slices, because warped slices are kept in files.
+///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture). Neither grows with the number
+///   of slices, because warped slices are kept in files.
 /// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes
 ///   of the detector, whose size is bounded; and for each slice its dots and its fingerprint ([`SLICE_BYTES`]).
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {

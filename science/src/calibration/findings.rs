@@ -160,6 +160,7 @@ fn light(facts: &Facts) -> Vec<Finding> {
     }
     out.extend(exposure(facts));
     out.extend(tints(facts));
+    out.extend(banding(facts));
     let sigma = |i: usize| facts.solution.slices[i].gain_sigma;
     let unsure = which(facts, |i| sigma(i) > MAX_SIGMA);
     if !unsure.is_empty() {
@@ -223,6 +224,24 @@ fn tints(facts: &Facts) -> Option<Finding> {
             format!(
                 "the tint differs from that of the other slices in {}: fix the white balance, and calibrate again",
                 listed(&some, sizes)
+            ),
+        )
+    })
+}
+
+/// Slices with stripes of light.
+fn banding(facts: &Facts) -> Option<Finding> {
+    let stripes = |i: usize| facts.tracked.detections[i].as_ref().and_then(|d| d.stripes);
+    let some = which(facts, |i| stripes(i).is_some());
+    let size = |i: usize| format!("{} ({:.1} %)", facts.slices.name(i), 100.0 * stripes(i).unwrap_or_default());
+    (!some.is_empty()).then(|| {
+        Finding::limiting(
+            Grade::Usable,
+            "lamp_banding",
+            format!(
+                "stripes of light cross {}: the lamp flickers while the shutter runs, which displaces the dots and makes \
+                 stacks uneven; use a lamp on direct current, a longer exposure, or the mechanical shutter",
+                listed(&some, size)
             ),
         )
     })

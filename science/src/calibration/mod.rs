@@ -17,13 +17,15 @@
 //! | order | `rail_order`, `rail_jumps` | finds slices out of order, jumps of the image, and single displaced slices |
 //! | gains | `dot_photometry`, `gains`, `tint` | compares the brightness and the tint of the target |
 //! | colour | `lateral_colour` | measures the scale of red and blue relative to green |
+//! | banding | `banding` | finds stripes of a flickering lamp |
 //! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
-//! Each slice is decoded once. Of its pixels only a fingerprint is kept, and with its dots at most 1.4 MB. The method is described in
-//! `docs/METHOD.md`.
+//! Each slice is decoded once. Of its pixels only a fingerprint is kept, and with its dots at most 1.4 MB. The method
+//! is described in `docs/METHOD.md`.
 
+mod banding;
 mod blobs;
 mod blur;
 mod camera;

@@ -1,8 +1,8 @@
 //! Motions of the image that are not along the rail: lasting jumps, and single slices beside the line of the others.
 //!
-//! On a straight rail the shift and the turn of the image are linear in the rail position. A line is fitted with at most
-//! one step, and single slices far from it are left out; the step and the slices left out are found together, because
-//! either hides the other.
+//! On a straight rail the shift and the turn of the image are linear in the rail position. A line is fitted with at
+//! most one step, and single slices far from it are left out; the step and the slices left out are found together,
+//! because either hides the other.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -25,8 +25,8 @@ const LEAST_AWAY: f64 = 1.0;
 /// Standard deviations of the others that a single slice must be away from their line.
 const AWAY: f64 = 8.0;
 
-/// The jumps of the image. `motions` per slice, relative to the reference slice: shift x and y, and turn, the turn in px
-/// at the image corner; `None` where nothing was measured. `half`: distance of the corner from the middle, px.
+/// The jumps of the image. `motions` per slice, relative to the reference slice: shift x and y, and turn, the turn in
+/// px at the image corner; `None` where nothing was measured. `half`: distance of the corner from the middle, px.
 pub(super) fn find(motions: &[Option<[f64; 3]>], positions: &[f64], half: f64) -> Vec<RailAnomaly> {
     // apart, because turns scatter more than shifts
     let shifts = of_part(&part(motions, positions, |[x, y, _]| [x, y]));

@@ -23,8 +23,8 @@ const MAX_DOTS: usize = 2000;
 /// Largest advised blur radius over pitch (the pitch is 2.5 times the largest blur radius).
 const ADVISED: f64 = 0.4;
 
-/// Assembles the result. `in_mm`: rail positions were specified in mm. `lens`: the distortion without which `tracked` and
-/// `solution` are.
+/// Assembles the result. `in_mm`: rail positions were specified in mm. `lens`: the distortion without which `tracked`
+/// and `solution` are.
 pub(super) fn report(
     slices: &dyn Slices,
     options: &CalibrationOptions,

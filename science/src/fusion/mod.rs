@@ -99,7 +99,7 @@ pub fn fuse(
 ///
 /// For benches: with the true decision map the result tells how much a better decision map can gain.
 /// `decision_map` is of the size of the canvas and contains 0-based indices of slices. Where that slice does not cover
-/// the pixel, or is none of the stack, the sharpest slice is used.
+/// the pixel, or is not in the stack, the sharpest slice is used.
 ///
 /// # Errors
 /// As [`fuse`], and if the size of the decision map is not that of the canvas.

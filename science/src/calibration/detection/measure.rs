@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::windows::{dot_position, grid_steps, in_picture, selected_labels, windows_at};
 use super::{Detection, MAX_SHIFT, MeasuredDot};
+use crate::calibration::banding;
 use crate::calibration::coarse_registration::SimilarityMotion;
 use crate::calibration::code::{CodePlace, SizeDifferences};
 use crate::calibration::dlt;
@@ -110,8 +111,10 @@ pub(super) fn measure(
         let counted = places.values().filter(|p| in_picture(image, p)).count().max(1);
         let density = windows as f64 / counted as f64;
         let mut detection = detection(image, &field, &places, &measured, &inpainted, sign, density)?;
+        let pitch = lattice::pitch_of(&places);
+        detection.stripes = banding::amplitude(&contrast, &inpainted.rendered, &inpainted.ground, pitch);
         drop(inpainted);
-        detection.fingerprint = Fingerprint::measure(image, &contrast, &places, lattice::pitch_of(&places));
+        detection.fingerprint = Fingerprint::measure(image, &contrast, &places, pitch);
         Some(detection)
     }))
 }
@@ -195,6 +198,7 @@ fn detection(
         tint: None,
         is_tentative: false,
         common_sigma: 0.0,
+        stripes: None,
         fingerprint: None,
     })
 }

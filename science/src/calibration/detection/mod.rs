@@ -84,6 +84,8 @@ pub(super) struct Detection {
     pub is_tentative: bool,
     /// Standard deviation, per coordinate, of an error that all dots of the slice share, px.
     pub common_sigma: f64,
+    /// Amplitude of stripes across the image, as a share of the light; `None` without stripes.
+    pub stripes: Option<f64>,
     /// What makes the cells of the grid differ; `None` when the grid is degenerate.
     pub fingerprint: Option<Fingerprint>,
 }

@@ -1,9 +1,9 @@
 //! The joint least-squares fit of a lens distortion and of one homography per view.
 //!
 //! All coordinates are in units (see [`super::super::transform_models`]). With the distortion `D`, a dot that is at `x`
-//! in the reference slice is at `D(H_i D^-1(x))` in slice i; and a dot of the printed grid that is at `g` on the plate is
-//! at `D(H g)` in the reference slice. The homographies are eliminated from the normal equations (Schur complement), so
-//! the system to solve has the size of the distortion, whatever the number of slices.
+//! in the reference slice is at `D(H_i D^-1(x))` in slice i; and a dot of the printed grid that is at `g` on the plate
+//! is at `D(H g)` in the reference slice. The homographies are eliminated from the normal equations (Schur complement),
+//! so the system to solve has the size of the distortion, whatever the number of slices.
 
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, Vector2};
 

@@ -288,7 +288,8 @@ impl Stack<'_> {
         }
     }
 
-    /// The finding when the printed grid shows a distortion and the slices cannot tell whether it stays with the sensor.
+    /// The finding when the printed grid shows a distortion and the slices cannot tell whether it stays with the
+    /// sensor.
     fn ambiguous(&self, views: &[View], between: &JointFit, within: &JointFit) -> Option<Finding> {
         let (k, sigma) = (within.coefficients[0], within.sigma(0).hypot(GRID_ACCURACY * within.coefficients[0]));
         let is_visible = k.abs() > CERTAIN * sigma;

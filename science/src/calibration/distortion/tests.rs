@@ -57,6 +57,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
             density: 1.0,
             is_tentative: false,
             common_sigma: 0.0,
+            stripes: None,
             identity: None,
             turned: None,
             tint: None,

@@ -37,8 +37,8 @@ const MAX_SCATTER: f64 = 0.1;
 /// Largest share of full-scale pixels in a cell.
 const MAX_CLIPPED: f32 = 0.02;
 
-/// Cells nearer to the border of the image than this, in grid steps, have deviations only where the grid ends before the
-/// border. Dots that the border cuts disturb the flat field, which would be taken for a property of the target.
+/// Cells nearer to the border of the image than this, in grid steps, have deviations only where the grid ends before
+/// the border. Dots that the border cuts disturb the flat field, which would be taken for a property of the target.
 const BORDER: f64 = 1.0;
 
 /// Marks samples outside the image, and near its border.
@@ -305,8 +305,9 @@ fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -
     (0..cells.len()).map(shown).collect()
 }
 
-/// Deviations from the mean cell, without what varies slowly from cell to cell (light, contrast, the shape of the dots),
-/// in units of their RMS. What varies slowly looks the same after a shift by one step, and would outweigh what does not.
+/// Deviations from the mean cell, without what varies slowly from cell to cell (light, contrast, the shape of the
+/// dots), in units of their RMS. What varies slowly looks the same after a shift by one step, and would outweigh what
+/// does not.
 fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) -> Vec<i8> {
     let off =
         |cell: &Samples| -> [Option<f64>; CELL] { std::array::from_fn(|n| cell[n].map(|v| f64::from(v) - pattern[n])) };

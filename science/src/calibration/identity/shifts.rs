@@ -175,8 +175,8 @@ pub(super) fn decide(comparisons: &[Comparison], correlate: bool) -> Decision {
     Decision { shift: better.copied().unwrap_or([0, 0]), certain: false }
 }
 
-/// True when the deviations of `a` agree better with those of `b` after a shift by half a step in both directions. Where
-/// blur inverts the dots, gaps may be taken for dots.
+/// True when the deviations of `a` agree better with those of `b` after a shift by half a step in both directions.
+/// Where blur inverts the dots, gaps may be taken for dots.
 pub(super) fn is_half_step_off(a: &Fingerprint, b: &Fingerprint) -> bool {
     let correlation = |shift: [f64; 2]| {
         let (mut both, mut first, mut second) = (0.0, 0.0, 0.0);

@@ -1,4 +1,5 @@
-//! The focus range of rendered stacks: whether the object extends beyond an end of the stack, by the map of each method.
+//! The focus range of rendered stacks: whether the object extends beyond an end of the stack, by the map of each
+//! method.
 
 use super::{
     rendered::{Rendered, rendered},

@@ -145,7 +145,7 @@ impl Scene {
         plates::scene(seed)
     }
 
-    /// Two dark domes with bright rims before a black ground. It is none of [`SCENES`]: it serves tests.
+    /// Two dark domes with bright rims before a black ground. It is not one of [`SCENES`]: it serves tests.
     pub fn rim(seed: u64) -> Self {
         rim::scene(seed)
     }

@@ -14,12 +14,12 @@
 //! | textured, but `E(I_b) <= 0.045 E_around` at the narrow scale | both are separable |
 //! | textured | both are separable, `E(I_b) <= max(8 / r^2, 1 / 12) E_around`, and `E(I_b - D * I_a) < 0.2 E(I_b)` |
 //!
-//! Beside strong detail, such as a bright outline on black ground, the rim of its disc has weak energy at every distance
-//! in one slice or another. That slice would be taken for a part of its own, and blur would be removed that is not
-//! there. No prediction is exact enough to tell, so such a pixel counts as one without texture.
+//! Beside strong detail, such as a bright outline on black ground, the rim of its disc has weak energy at every
+//! distance in one slice or another. That slice would be taken for a part of its own, and blur would be removed that is
+//! not there. No prediction is exact enough to tell, so such a pixel counts as one without texture.
 //!
-//! The first condition of the last row saves time: blur leaves little of the energy of detail, so a pixel with more than
-//! that has detail of its own, and no prediction is made for it. At last a median filter removes outliers.
+//! The first condition of the last row saves time: blur leaves little of the energy of detail, so a pixel with more
+//! than that has detail of its own, and no prediction is made for it. At last a median filter removes outliers.
 
 mod given;
 mod median_filter;
