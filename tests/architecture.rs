@@ -12,7 +12,7 @@ const SCIENCE: &[&[&str]] = &[
     &["synth"],
     &["quality", "segmentation"],
     &["fusion", "calibration"],
-    &["archive"],
+    &["archive", "optics", "photogrammetry"],
 ];
 
 /// The modules of `src`, lowest layer first.

@@ -68,3 +68,5 @@ pub mod segmentation;
 pub mod synth;
 
 pub mod archive;
+pub mod optics;
+pub mod photogrammetry;

@@ -18,6 +18,7 @@ pub mod report;
 pub mod rig_parameters;
 pub mod stack_layout;
 pub mod text_or_number;
+pub mod view;
 
 pub use control::{Cancelled, Control, Interrupted, NoControl};
 pub use error::{Error, ErrorKind, Warning};

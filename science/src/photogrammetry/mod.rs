@@ -1,0 +1,1 @@
+//! From fused views to a reconstruction: bundles for reconstruction programs, and reports on the poses they find.
