@@ -25,16 +25,14 @@ pub(super) fn sort(
     limits: &ArchiveLimits,
     warnings: &mut Vec<Warning>,
 ) -> Result<SortedSlices, Error> {
-    let members = container.members()?;
-    refuse_same_names(&members)?;
-    warn_of_names(&members, warnings);
-    let (pictures, others) = split(members, warnings)?;
+    let members = checked_members(container, warnings)?;
+    let Split { pictures, raw: _, others } = split(members, warnings)?;
     if pictures.is_empty() {
         return Err(no_pictures(&others));
     }
-    let (pictures, wrapper) = unwrapped(pictures);
     refuse_twins(&pictures)?;
     refuse_too_much(&pictures, limits)?;
+    let (pictures, wrapper) = unwrapped(pictures);
 
     let manifest = manifest::find(container, &others, &wrapper, limits, warnings)?;
     let used = manifest.as_ref().map(|(member, _)| member.index);
@@ -53,8 +51,16 @@ pub(super) fn sort(
     Ok(sorted)
 }
 
+/// All files of the zip, with checked names.
+pub(super) fn checked_members(container: &Container, warnings: &mut Vec<Warning>) -> Result<Vec<Member>, Error> {
+    let members = container.members()?;
+    refuse_same_names(&members)?;
+    warn_of_names(&members, warnings);
+    Ok(members)
+}
+
 /// The error for a zip without pictures. Most often a zip was zipped again.
-fn no_pictures(others: &[Member]) -> Error {
+pub(super) fn no_pictures(others: &[Member]) -> Error {
     let is_archive = |member: &&Member| {
         let name = member.name.to_lowercase();
         [".zip", ".7z", ".rar", ".tar", ".gz", ".tgz"].iter().any(|extension| name.ends_with(extension))
@@ -104,9 +110,19 @@ fn refuse_same_names(members: &[Member]) -> Result<(), Error> {
     Ok(())
 }
 
+/// The files of a zip by what they are.
+pub(super) struct Split {
+    /// Pictures.
+    pub pictures: Vec<Member>,
+    /// Camera raw files next to a picture of the same name.
+    pub raw: Vec<Member>,
+    /// Other files.
+    pub others: Vec<Member>,
+}
+
 /// Separates pictures from other files. A camera raw file next to a picture of the same name is ignored, with a
 /// warning. A raw file without one is refused.
-fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<(Vec<Member>, Vec<Member>), Error> {
+pub(super) fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<Split, Error> {
     let (mut pictures, mut raw, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for member in members {
         if let Some(format) = codec::raw_extension(&member.name) {
@@ -129,7 +145,8 @@ fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<(Vec<Membe
             format!("{names}: camera raw files were ignored, because there are pictures of the same name"),
         ));
     }
-    Ok((pictures, others))
+    let raw = raw.into_iter().map(|(member, _)| member).collect();
+    Ok(Split { pictures, raw, others })
 }
 
 /// Strips the folders that enclose all pictures. Returns the stripped prefix too.
@@ -153,10 +170,9 @@ fn common_folder(pictures: &[Member], from: usize) -> Option<String> {
 }
 
 /// Refuses names that differ only in their extension: one slice in two formats would count twice.
-fn refuse_twins(pictures: &[Picture]) -> Result<(), Error> {
+pub(super) fn refuse_twins(pictures: &[Member]) -> Result<(), Error> {
     let mut seen: HashMap<String, &str> = HashMap::new();
-    for picture in pictures {
-        let name = &picture.member.name;
+    for Member { name, .. } in pictures {
         if let Some(other) = seen.insert(member_names::stem(name).to_lowercase(), name) {
             let detail =
                 format!("{other} and {name} seem to be one slice in two formats; keep only one of the formats");
@@ -166,8 +182,8 @@ fn refuse_twins(pictures: &[Picture]) -> Result<(), Error> {
     Ok(())
 }
 
-fn refuse_too_much(pictures: &[Picture], limits: &ArchiveLimits) -> Result<(), Error> {
-    let total = pictures.iter().fold(0u64, |sum, picture| sum.saturating_add(picture.member.size));
+pub(super) fn refuse_too_much(pictures: &[Member], limits: &ArchiveLimits) -> Result<(), Error> {
+    let total = pictures.iter().fold(0u64, |sum, picture| sum.saturating_add(picture.size));
     if total > limits.max_total_bytes {
         let most = limits.max_total_bytes;
         let detail = format!(
@@ -178,7 +194,7 @@ fn refuse_too_much(pictures: &[Picture], limits: &ArchiveLimits) -> Result<(), E
     Ok(())
 }
 
-fn warn_of_others<'a>(others: impl Iterator<Item = &'a Member>, warnings: &mut Vec<Warning>) {
+pub(super) fn warn_of_others<'a>(others: impl Iterator<Item = &'a Member>, warnings: &mut Vec<Warning>) {
     let names: Vec<&str> = others.map(|member| member.name.as_str()).collect();
     if !names.is_empty() {
         warnings.push(Warning::new(
@@ -225,7 +241,7 @@ fn unknown_folders(unknown: &BTreeMap<String, String>) -> String {
     if unknown.len() > 1 && unknown.keys().all(looks_like_a_view) {
         return format!(
             "the pictures are in {} folders that are neither front nor back ({folders}), like the views of a scan; one \
-             zip holds one stack: send each folder as a zip of its own",
+             zip holds one stack: send the zip to /v1/scans/{{scan}}/archive, or each folder as a zip of its own",
             unknown.len()
         );
     }

@@ -31,6 +31,7 @@ pub mod npy;
 pub mod npz;
 mod numbering_gaps;
 mod png_trailer;
+pub mod scan;
 mod seek_window;
 mod slice_counts;
 mod slices;
@@ -46,6 +47,7 @@ pub use container::pack;
 pub use light::Light;
 pub use natural_order::natural_order;
 pub use numbering_gaps::skipped;
+pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
 pub use slices::ArchivedSlices;
 
 use container::Container;
@@ -63,6 +65,14 @@ pub struct ArchiveLimits {
     pub max_directory_bytes: u64,
     /// Limits of one picture.
     pub image: codec::Limits,
+}
+
+impl ArchiveLimits {
+    /// The limits of a zip that holds a whole scan: 100,000 members, and no limit on their sum but that of the upload.
+    /// The directory takes about 1 KiB of memory per member. Each view has the limits of a stack when it is opened.
+    pub fn scan() -> Self {
+        Self { max_members: 100_000, max_total_bytes: u64::MAX, max_directory_bytes: 512 << 20, ..Self::default() }
+    }
 }
 
 impl Default for ArchiveLimits {

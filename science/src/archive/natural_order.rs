@@ -1,6 +1,6 @@
 //! The order in which slices were taken, inferred from their names.
 
-use std::cmp::Ordering;
+use std::{cmp::Ordering, ops::Range};
 
 use super::member_names;
 use crate::types::Warning;
@@ -16,32 +16,43 @@ pub(super) enum Piece<'a> {
     },
 }
 
-/// Splits a name into text and numbers. A minus is a sign at the start of the name and after `_`, `=` or `/`
-/// (`_step_-08000_`), not after a letter or digit (`IMG-0001`, `2024-01-02`).
-pub(super) fn pieces(name: &str) -> Vec<Piece<'_>> {
+/// The numbers in a name, with their signs. A minus or plus is a sign at the start of the name and after `_`, `=` or
+/// `/` (`_step_-08000_`), not after a letter or digit (`IMG-0001`, `2024-01-02`).
+pub(super) fn numbers(name: &str) -> Vec<Range<usize>> {
     let bytes = name.as_bytes();
+    let is_digit = |at: usize| bytes.get(at).is_some_and(u8::is_ascii_digit);
     let mut out = Vec::new();
     let mut at = 0;
-    let mut text_start = 0;
     while at < bytes.len() {
         let signed = matches!(bytes[at], b'-' | b'+')
-            && bytes.get(at + 1).is_some_and(u8::is_ascii_digit)
+            && is_digit(at + 1)
             && (at == 0 || matches!(bytes[at - 1], b'_' | b'=' | b'/'));
-        if !signed && !bytes[at].is_ascii_digit() {
+        if !signed && !is_digit(at) {
             at += 1;
             continue;
         }
-        if text_start < at {
-            out.push(Piece::Text(name[text_start..at].to_lowercase()));
-        }
-        let digits_start = at + usize::from(signed);
-        let negative = signed && bytes[at] == b'-';
-        at = digits_start;
-        while bytes.get(at).is_some_and(u8::is_ascii_digit) {
+        let start = at;
+        at += usize::from(signed);
+        while is_digit(at) {
             at += 1;
         }
-        out.push(Piece::Number { negative, digits: &name[digits_start..at] });
-        text_start = at;
+        out.push(start..at);
+    }
+    out
+}
+
+/// Splits a name into text and [`numbers`].
+pub(super) fn pieces(name: &str) -> Vec<Piece<'_>> {
+    let mut out = Vec::new();
+    let mut text_start = 0;
+    for number in numbers(name) {
+        if text_start < number.start {
+            out.push(Piece::Text(name[text_start..number.start].to_lowercase()));
+        }
+        text_start = number.end;
+        let signed = &name[number];
+        let digits = signed.strip_prefix(['-', '+']).unwrap_or(signed);
+        out.push(Piece::Number { negative: signed.starts_with('-'), digits });
     }
     if text_start < name.len() {
         out.push(Piece::Text(name[text_start..].to_lowercase()));

@@ -78,6 +78,9 @@ pub struct FusionMetrics {
     /// Share of pixels at full scale or at zero.
     #[serde(default)]
     pub clipped_fraction: Option<f64>,
+    /// Mean grey level, 0 to 255. Compare it between the views of a scan.
+    #[serde(default)]
+    pub mean_level: Option<f64>,
 }
 
 /// Coverage in depth.

@@ -1,0 +1,105 @@
+//! What is wrong with the views of a scan, as far as names and numbers tell.
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::view::Group;
+use crate::{
+    archive::listed,
+    types::{Error, ErrorKind, Warning, error::ErrorLocation},
+};
+
+/// Views whose errors are listed.
+const MOST_LISTED: usize = 50;
+
+/// Checks that there are views, that each has slices in both lights or in the front light alone, and that no two have
+/// the same angles.
+///
+/// # Errors
+/// As [`super::open_scan`].
+pub(super) fn check(groups: &[Group], is_listed: bool) -> Result<(), Error> {
+    if groups.is_empty() {
+        let detail = "the zip holds no views: its pictures are in folders of results or of a calibration target; put the \
+                      slices of each view into a folder of its own";
+        return Err(Error::new(ErrorKind::InvalidArchive, detail));
+    }
+    if let ([one], false) = (groups, is_listed) {
+        let (front, back) = (one.front.len(), one.back.len());
+        let detail = format!(
+            "the zip holds one stack ({front} front-light and {back} back-light slices), or its names do not tell the views \
+             apart; send one stack to /v1/stacks; for a scan, put each view into a folder of its own, name the views in \
+             the file names (bee_pan020_tilt06_focus_03.jpg), or list them in a manifest.json"
+        );
+        return Err(Error::new(ErrorKind::InvalidArchive, detail));
+    }
+    refuse_counts(groups)?;
+    refuse_same(groups)
+}
+
+fn refuse_counts(groups: &[Group]) -> Result<(), Error> {
+    let wrong: Vec<(&Group, String)> = groups.iter().filter_map(|group| Some((group, wrong_counts(group)?))).collect();
+    let Some((_, first)) = wrong.first() else { return Ok(()) };
+    let detail = match wrong.len() {
+        1 => first.clone(),
+        n => format!("{n} of {} views have wrong numbers of slices; the first: {first}", groups.len()),
+    };
+    let mut error = Error::new(ErrorKind::SliceCountMismatch, detail);
+    for (group, detail) in wrong.into_iter().take(MOST_LISTED) {
+        error = error.at(ErrorLocation { detail, file: Some(group.name.clone()), ..ErrorLocation::default() });
+    }
+    Err(error)
+}
+
+fn wrong_counts(group: &Group) -> Option<String> {
+    let (name, front, back) = (&group.name, group.front.len(), group.back.len());
+    match (front, back) {
+        (0, _) => {
+            Some(format!("{name} has {back} back-light slices and no front-light slices; add them, or remove it"))
+        }
+        (1, _) => Some(format!("{name} has one front-light slice; a stack needs two or more: add them, or remove it")),
+        (_, 0) => None,
+        _ if front != back => Some(format!(
+            "{name} has {front} front-light and {back} back-light slices; both need the same number: add what is missing, \
+             or remove the view"
+        )),
+        _ => None,
+    }
+}
+
+/// Two views with the same angles and label would replace each other.
+fn refuse_same(groups: &[Group]) -> Result<(), Error> {
+    let rounded = |angle: Option<f64>| angle.map(|angle| (angle * 1000.0).round() as i64);
+    let mut seen: HashMap<_, &str> = HashMap::new();
+    for group in groups {
+        let key = (rounded(group.pan_deg), rounded(group.tilt_deg));
+        let key = match group.angles() {
+            // equal angles are an error whatever the labels say
+            Some(_) => (key, None),
+            None => (key, Some(group.label.as_deref().unwrap_or_default().to_lowercase())),
+        };
+        if let Some(other) = seen.insert(key, &group.name) {
+            let detail = format!(
+                "{other} and {} have the same angles or the same name; one zip holds each view once: remove or rename one",
+                group.name
+            );
+            let location =
+                ErrorLocation { detail: detail.clone(), file: Some(group.name.clone()), ..ErrorLocation::default() };
+            return Err(Error::new(ErrorKind::InvalidArchive, detail).at(location));
+        }
+    }
+    Ok(())
+}
+
+/// Warns of views whose number of slices differs from that of most.
+pub(super) fn warn(groups: &[Group], warnings: &mut Vec<Warning>) {
+    let mut counts: BTreeMap<(usize, bool), usize> = BTreeMap::new();
+    let of = |group: &Group| (group.front.len(), group.back.is_empty());
+    groups.iter().for_each(|group| *counts.entry(of(group)).or_default() += 1);
+    let Some((usual, _)) = counts.into_iter().max_by_key(|(_, count)| *count) else { return };
+    let others: Vec<&str> = groups.iter().filter(|group| of(group) != usual).map(|group| group.name.as_str()).collect();
+    if !others.is_empty() {
+        let (slices, no_back) = usual;
+        let lights = if no_back { "front light only" } else { "both lights" };
+        let detail = format!("{} differ from the other views, which have {slices} slices and {lights}", listed(others));
+        warnings.push(Warning::new("views_differ", detail));
+    }
+}

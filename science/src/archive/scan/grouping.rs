@@ -1,0 +1,186 @@
+//! Sorts the members of a zip into views.
+//!
+//! 1. Files that are no pictures, and pictures in folders of results, are ignored.
+//! 2. A manifest names the views, or
+//! 3. the folders of a picture give view and light ([`folders`]), and
+//! 4. within a folder, the names of the files may give a light and several views ([`file_names`]).
+//! 5. Views are checked and sorted ([`checks`]).
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use super::{
+    angles, checks,
+    file_names::{self, Rule},
+    folders::{self, Place},
+    manifest,
+    view::{Group, Ignored, ScanRules},
+};
+use crate::{
+    archive::{
+        ArchiveLimits,
+        container::Container,
+        layout::{self, Split},
+        light::Light,
+        member_names,
+        members::Member,
+        natural_order,
+    },
+    types::{Error, Warning},
+};
+
+/// A picture with what its folders and its name say.
+struct Sorted {
+    member: Member,
+    light: Light,
+    /// The name without folder, extension and light.
+    stem: String,
+}
+
+/// The views, and what belongs to none.
+pub(super) fn group(
+    container: &Container,
+    members: Vec<Member>,
+    limits: &ArchiveLimits,
+    rules: &ScanRules,
+    warnings: &mut Vec<Warning>,
+) -> Result<(Vec<Group>, Vec<Ignored>), Error> {
+    let Split { pictures, raw, others } = layout::split(members, warnings)?;
+    if pictures.is_empty() {
+        return Err(layout::no_pictures(&others));
+    }
+    layout::refuse_twins(&pictures)?;
+    layout::refuse_too_much(&pictures, limits)?;
+    let mut ignored = Vec::new();
+    let ignore = |member: &Member, reason: &str| Ignored { name: member.name.clone(), reason: reason.to_owned() };
+    ignored.extend(raw.iter().map(|member| ignore(member, "a camera raw file; the picture of the same name is used")));
+    let listed = manifest::find(container, &others, &pictures, limits)?;
+    let used = listed.as_ref().map(|(index, _)| *index);
+    let unused = others.iter().filter(|other| Some(other.index) != used);
+    ignored.extend(unused.map(|member| ignore(member, "neither a JPEG, PNG or TIFF picture nor a manifest")));
+    let is_listed = listed.is_some();
+    let mut groups = match listed {
+        Some((_, groups)) => {
+            let named: HashSet<usize> =
+                groups.iter().flat_map(|group| group.front.iter().chain(&group.back)).map(|m| m.index).collect();
+            let rest = pictures.iter().filter(|picture| !named.contains(&picture.index));
+            ignored.extend(rest.map(|member| ignore(member, "not in the manifest")));
+            groups
+        }
+        None => {
+            let (views, rest): (Vec<Member>, Vec<Member>) =
+                pictures.into_iter().partition(|picture| folders::no_view(folder(picture)).is_none());
+            ignored.extend(rest.iter().filter_map(|member| Some(ignore(member, folders::no_view(folder(member))?))));
+            by_names(views, rules, &mut ignored, warnings)?
+        }
+    };
+    checks::check(&groups, is_listed)?;
+    checks::warn(&groups, warnings);
+    sort(&mut groups);
+    natural_order::sort(&mut ignored, |file| &file.name, &mut Vec::new());
+    Ok((groups, ignored))
+}
+
+fn folder(member: &Member) -> &str {
+    member.name.rsplit_once('/').map_or("", |(folder, _)| folder)
+}
+
+/// Views by folders and file names.
+fn by_names(
+    pictures: Vec<Member>,
+    rules: &ScanRules,
+    ignored: &mut Vec<Ignored>,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<Group>, Error> {
+    let names: HashSet<String> = pictures.iter().map(|member| folder(member).to_owned()).collect();
+    let places = folders::places(&names.iter().map(String::as_str).collect())?;
+    let with_light = folders_with_lights_in_names(&pictures, &places);
+    let mut views: BTreeMap<String, (String, Vec<Sorted>)> = BTreeMap::new();
+    for member in pictures {
+        let Some(place) = places.get(folder(&member)) else { continue };
+        let stem = member_names::stem(member_names::base(&member.name)).to_owned();
+        let in_name = if with_light.contains(folder(&member)) { folders::light_in(&stem) } else { None };
+        let (light, stem) = match (place.light, in_name) {
+            (Some(light), _) => (light, stem),
+            (None, Some((light, rest))) => (light, rest),
+            (None, None) => (Light::Front, stem),
+        };
+        let view = views.entry(place.view.to_lowercase()).or_insert_with(|| (place.view.clone(), Vec::new()));
+        view.1.push(Sorted { member, light, stem });
+    }
+    let mut groups = Vec::new();
+    for (name, pictures) in views.into_values() {
+        groups.extend(of_folder(&name, pictures, rules, ignored, warnings));
+    }
+    Ok(groups)
+}
+
+/// The folders whose file names tell the lights: without a light of their own, and with both lights in the names.
+fn folders_with_lights_in_names<'a>(pictures: &'a [Member], places: &HashMap<&str, Place>) -> HashSet<String> {
+    let mut lights: HashMap<&'a str, HashSet<Option<Light>>> = HashMap::new();
+    for member in pictures {
+        if places.get(folder(member)).is_some_and(|place| place.light.is_none()) {
+            let stem = member_names::stem(member_names::base(&member.name));
+            lights.entry(folder(member)).or_default().insert(folders::light_in(stem).map(|(light, _)| light));
+        }
+    }
+    let has_both = |lights: &HashSet<Option<Light>>| lights.contains(&Some(Light::Back)) && lights.len() > 1;
+    lights.into_iter().filter(|(_, lights)| has_both(lights)).map(|(folder, _)| folder.to_owned()).collect()
+}
+
+/// The views of one folder: one, or several by the names of the files.
+fn of_folder(
+    folder: &str,
+    pictures: Vec<Sorted>,
+    rules: &ScanRules,
+    ignored: &mut Vec<Ignored>,
+    warnings: &mut Vec<Warning>,
+) -> Vec<Group> {
+    let Some(rule) = rule_of(&pictures) else { return vec![view(folder, pictures, rules, warnings)] };
+    let mut views: BTreeMap<String, (String, Vec<Sorted>)> = BTreeMap::new();
+    for picture in pictures {
+        match file_names::parts(&picture.stem, rule) {
+            Some(parts) => views.entry(parts.key).or_insert_with(|| (parts.label, Vec::new())).1.push(picture),
+            None => ignored.push(Ignored {
+                name: picture.member.name,
+                reason: "its name has no number of a slice, unlike the other files of its folder".to_owned(),
+            }),
+        }
+    }
+    let name = |label: &str| if folder.is_empty() { label.to_owned() } else { format!("{folder}/{label}") };
+    views.into_values().map(|(label, pictures)| view(&name(&label), pictures, rules, warnings)).collect()
+}
+
+/// The rule by which the files of a folder fall into views, from the light with more files.
+fn rule_of(pictures: &[Sorted]) -> Option<Rule> {
+    let stems = |light: Light| -> Vec<&str> {
+        pictures.iter().filter(|picture| picture.light == light).map(|picture| picture.stem.as_str()).collect()
+    };
+    let (front, back) = (stems(Light::Front), stems(Light::Back));
+    file_names::several_views(if front.len() >= back.len() { &front } else { &back })
+}
+
+/// One view, its slices in natural order.
+fn view(name: &str, pictures: Vec<Sorted>, rules: &ScanRules, warnings: &mut Vec<Warning>) -> Group {
+    let (mut front, mut back) = (Vec::new(), Vec::new());
+    for Sorted { member, light, .. } in pictures {
+        match light {
+            Light::Front => front.push(member),
+            Light::Back => back.push(member),
+        }
+    }
+    natural_order::sort(&mut front, |member| &member.name, warnings);
+    natural_order::sort(&mut back, |member| &member.name, warnings);
+    let angles::NamedAngles { pan_deg, tilt_deg, rest } = angles::read(name, rules);
+    let shown = if name.is_empty() { "the root of the zip" } else { name };
+    Group { label: rest, pan_deg, tilt_deg, name: shown.to_owned(), front, back }
+}
+
+/// By tilt, then by pan; then those without angles, in natural order.
+fn sort(groups: &mut [Group]) {
+    natural_order::sort(groups, |group| &group.name, &mut Vec::new());
+    let angle = |angle: Option<f64>| angle.unwrap_or(f64::INFINITY);
+    groups.sort_by(|a, b| {
+        let tilt = angle(a.tilt_deg).total_cmp(&angle(b.tilt_deg));
+        tilt.then(angle(a.pan_deg).total_cmp(&angle(b.pan_deg)))
+    });
+}

@@ -1,0 +1,108 @@
+//! The `manifest.json` of a scan: the views, given explicitly.
+
+use std::collections::HashMap;
+
+use serde::Deserialize;
+
+use super::view::Group;
+use crate::{
+    archive::{ArchiveLimits, container::Container, invalid, member_names, members::Member},
+    types::Error,
+};
+
+/// Name of the file.
+const FILE: &str = "manifest.json";
+/// Maximum size, bytes: 400 views of 120 slices with names of 100 bytes.
+const MAX_BYTES: u64 = 16 << 20;
+
+#[derive(Deserialize)]
+struct Manifest {
+    views: Vec<ListedView>,
+}
+
+#[derive(Deserialize)]
+struct ListedView {
+    #[serde(default)]
+    label: Option<String>,
+    #[serde(default)]
+    pan_deg: Option<f64>,
+    #[serde(default)]
+    tilt_deg: Option<f64>,
+    front: Vec<String>,
+    #[serde(default)]
+    back: Vec<String>,
+}
+
+/// The manifest of a scan among the files that are not pictures: its position, and its views. A file without `views` is
+/// none.
+///
+/// # Errors
+/// When it is too large, is no JSON, or lists a picture that is not in the zip or was listed before.
+pub(super) fn find(
+    container: &Container,
+    others: &[Member],
+    pictures: &[Member],
+    limits: &ArchiveLimits,
+) -> Result<Option<(usize, Vec<Group>)>, Error> {
+    let depth = |member: &Member| member.name.matches('/').count();
+    let is_manifest = |member: &&Member| member_names::base(&member.name).eq_ignore_ascii_case(FILE);
+    let Some(member) = others.iter().filter(is_manifest).min_by_key(|member| depth(member)) else { return Ok(None) };
+    let name = &member.name;
+    if member.size > MAX_BYTES {
+        return Err(invalid(
+            name,
+            format!("{name} is larger than 16 MiB, the maximum for a list of views; shorten it"),
+        ));
+    }
+    let bytes = container.read(member, limits)?;
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
+    let advice = r#"it must look like {"views": [{"label": "side", "front": ["a.jpg", "b.jpg"], "back": []}]}"#;
+    let value: serde_json::Value = serde_json::from_slice(text)
+        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")).caused_by(error))?;
+    if value.get("views").is_none() {
+        return Ok(None);
+    }
+    let manifest: Manifest = serde_json::from_value(value).map_err(|error| {
+        invalid(name, format!("{name} is not a list of views ({error}); {advice}")).caused_by(error)
+    })?;
+    let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
+    let mut pictures = Pictures::new(pictures, folder);
+    let groups = manifest.views.into_iter().enumerate().map(|(at, view)| pictures.group(name, at, view));
+    Ok(Some((member.index, groups.collect::<Result<_, _>>()?)))
+}
+
+/// The pictures that are not listed yet, by their names in lower case.
+struct Pictures<'a> {
+    by_name: HashMap<String, &'a Member>,
+    folder: String,
+}
+
+impl<'a> Pictures<'a> {
+    fn new(pictures: &'a [Member], folder: &str) -> Self {
+        let by_name = pictures.iter().map(|member| (member.name.to_lowercase(), member)).collect();
+        let folder = if folder.is_empty() { String::new() } else { format!("{}/", folder.to_lowercase()) };
+        Self { by_name, folder }
+    }
+
+    /// Names are relative to the folder of the manifest, or to the root.
+    fn take(&mut self, file: &str, view: &str, name: &str) -> Result<Member, Error> {
+        let small = name.replace('\\', "/").to_lowercase();
+        let relative = format!("{}{small}", self.folder);
+        let found = self.by_name.remove(&relative).or_else(|| self.by_name.remove(&small));
+        found.cloned().ok_or_else(|| {
+            let shown: String = name.chars().take(200).collect();
+            let detail = format!("{file} lists {shown} in {view}, which is not in the zip or was listed before");
+            invalid(file, detail)
+        })
+    }
+
+    fn group(&mut self, file: &str, at: usize, view: ListedView) -> Result<Group, Error> {
+        let ListedView { label, pan_deg, tilt_deg, front, back } = view;
+        let name = label.clone().unwrap_or_else(|| format!("view {}", at + 1));
+        let mut take = |names: &[String]| -> Result<Vec<Member>, Error> {
+            names.iter().map(|slice| self.take(file, &name, slice)).collect()
+        };
+        let (front, back) = (take(&front)?, take(&back)?);
+        Ok(Group { label: label.filter(|label| !label.is_empty()), pan_deg, tilt_deg, name, front, back })
+    }
+}
