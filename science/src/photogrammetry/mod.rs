@@ -1,1 +1,4 @@
 //! From fused views to a reconstruction: bundles for reconstruction programs, and reports on the poses they find.
+
+pub mod bundle;
+pub mod outliers;

@@ -42,6 +42,8 @@ pub struct ScoreSums {
     overshoot_levels: Ratio,
     /// Clipped pixels of the fused image; all pixels.
     clipped: Ratio,
+    /// Grey levels of the fused image; all pixels.
+    level: Ratio,
 }
 
 /// Numerator and denominator of a ratio, which are summed separately.
@@ -72,7 +74,7 @@ impl ScoreSums {
         }
     }
 
-    fn ratios(&mut self) -> [&mut Ratio; 11] {
+    fn ratios(&mut self) -> [&mut Ratio; 12] {
         let Self {
             q_g,
             q_w,
@@ -85,6 +87,7 @@ impl ScoreSums {
             overshoot,
             overshoot_levels,
             clipped,
+            level,
         } = self;
         [
             q_g,
@@ -98,6 +101,7 @@ impl ScoreSums {
             overshoot,
             overshoot_levels,
             clipped,
+            level,
         ]
     }
 
@@ -121,6 +125,7 @@ impl ScoreSums {
             overshoot_fraction: self.overshoot.quotient(),
             overshoot_levels: self.overshoot_levels.quotient(),
             clipped_fraction: self.clipped.quotient(),
+            mean_level: self.level.quotient(),
         }
     }
 }
@@ -194,7 +199,7 @@ impl<'a> Scorer<'a> {
         sums
     }
 
-    /// Sums the overshoot beyond the range of the slices, and clipped pixels.
+    /// Sums the overshoot beyond the range of the slices, clipped pixels, and grey levels.
     fn range(&self, counts: &PixelWeights, sums: &mut ScoreSums) {
         let width = self.fused.width;
         let (mut beyond, mut outside, mut clipped) = (vec![0.0; width], vec![0.0; width], vec![0.0; width]);
@@ -217,6 +222,7 @@ impl<'a> Scorer<'a> {
             sums.overshoot.add(deterministic_sum::dot(&outside, weights), count);
             sums.overshoot_levels.add(deterministic_sum::dot(&beyond, weights), count);
             sums.clipped.add(deterministic_sum::dot(&clipped, weights), count);
+            sums.level.add(deterministic_sum::dot(self.fused.row(y), weights), count);
         }
     }
 }

@@ -1,0 +1,67 @@
+//! What the README of every bundle says.
+
+use super::Bundle;
+
+/// The beginning of the README: what the bundle holds, the camera, the poses.
+pub(super) fn begin(bundle: &Bundle<'_>, program: &str, masks: &str) -> String {
+    let scan = bundle.scan;
+    let with_mask = scan.views.iter().filter(|view| view.has_mask).count();
+    let mut out = format!(
+        "Scan {name} for {program}\n\n{views} views of {width} x {height} px in images/. {masks}\n\n",
+        name = scan.name,
+        views = scan.views.len(),
+        width = scan.width,
+        height = scan.height,
+        masks = match with_mask {
+            0 => "There are no masks: the stacks had no back light.".to_owned(),
+            n => format!("Masks: {masks}; white is the object, black is to be ignored ({n} views have one)."),
+        },
+    );
+    out.push_str(&camera(bundle));
+    out.push_str(&poses(bundle));
+    out
+}
+
+fn camera(bundle: &Bundle<'_>) -> String {
+    let Some(camera) = &bundle.camera else {
+        return "Camera: unknown. The calibration profile lacks the principal distance or the pixel pitch, so the program \
+                has to estimate the focal length. At the narrow field of view of macro photography that is uncertain. Give \
+                the calibration focal_mm, target_pitch_mm and pixel_pitch_mm, and fuse the scan again.\n\n"
+            .to_owned();
+    };
+    let [cx, cy] = camera.centre_by_corner();
+    let centre = match camera.centre_is_known {
+        true => "measured".to_owned(),
+        false => "assumed: the centre of the uncropped image, because it was not measured".to_owned(),
+    };
+    let distortion = match camera.is_distorted() {
+        true => format!("Radial distortion k1 = {:.8}, k2 = {:.8} (OpenCV).\n", camera.radial[0], camera.radial[1]),
+        false => "No lens distortion.\n".to_owned(),
+    };
+    format!(
+        "Camera: one for all views. Focal length {:.4} px ({:.4} mm at {:.6} mm per pixel): this is the distance from the \
+         lens to the sensor, not the focal length engraved on the lens. Principal point ({cx:.3}, {cy:.3}) px from the \
+         corner of the image ({centre}). {distortion}Keep these values fixed: a free focal length drifts by more than 1 % at \
+         such a narrow field of view.\n\n",
+        camera.focal, camera.focal_mm, camera.pixel_mm
+    )
+}
+
+fn poses(bundle: &Bundle<'_>) -> String {
+    if bundle.poses.is_none() {
+        return "Poses: none, because pan or tilt of some views is unknown.\n\n".to_owned();
+    }
+    let scale = match bundle.scan.radius_mm {
+        Some(radius) => format!("The cameras are {radius} mm from the point where the axes of pan and tilt meet."),
+        None => {
+            "The distance of the cameras from the axes is unknown and set to 1, so lengths have no unit; set radius_mm \
+                 of the scan."
+                .to_owned()
+        }
+    };
+    format!(
+        "Poses: from the commanded pan and tilt. z is the axis of the turntable, upwards; at pan 0 and tilt 0 the camera is \
+         on the x axis and looks at the origin. {scale} They are as exact as the turntable and its alignment with the \
+         camera: use them as a start or a check, and let the program refine them.\n\n"
+    )
+}
