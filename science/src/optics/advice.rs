@@ -1,0 +1,149 @@
+//! The dot target that a capture needs: a pitch that its blur cannot hide, and enough dots for the field of view.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::plan::CapturePlan;
+
+/// Smallest pitch of a plain target over the largest blur radius. A blur radius of 0.61 pitches erases the dots.
+const PLAIN_PITCH: f64 = 2.5;
+/// The same for a coded target, which is read up to a blur radius of half the pitch.
+const CODED_PITCH: f64 = 2.0;
+/// Smallest pitch, px: below it dots have too few pixels.
+const LEAST_PX: f64 = 16.0;
+/// Fewest dots along the shorter side of the image. The code needs 7.
+const FEWEST_DOTS: f64 = 8.0;
+/// Dots beyond the field of view on each side, so that the grid fills the image when it is not centred.
+const BEYOND: f64 = 3.0;
+/// Below this pitch, a laser printer does not print round dots.
+const LASER_MM: f64 = 1.0;
+/// Below this pitch, no paper print has round dots.
+const FILM_MM: f64 = 0.2;
+
+/// The target for a capture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TargetAdvice {
+    /// Largest blur radius of a target that is in focus in the reference slice, px.
+    pub largest_blur_px: f64,
+    /// Smallest pitch for a plain target, mm.
+    pub least_pitch_plain_mm: f64,
+    /// Smallest pitch for a coded target, mm.
+    pub least_pitch_coded_mm: f64,
+    /// Largest pitch that leaves 8 dots along the shorter side of the image, mm; null without the size of the image.
+    pub largest_pitch_mm: Option<f64>,
+    /// The pitch to print: the smallest for a coded target, rounded up to two digits, mm.
+    pub pitch_mm: f64,
+    /// The same in the reference slice, px.
+    pub pitch_px: f64,
+    /// Columns that fill the field of view, with some to spare; null without the size of the image.
+    pub columns: Option<u32>,
+    /// Rows that fill the field of view, with some to spare; null without the size of the image.
+    pub rows: Option<u32>,
+    /// The target as `GET /v1/targets/dots` makes it; null without the size of the image.
+    pub target: Option<String>,
+    /// What to consider.
+    pub notes: Vec<String>,
+}
+
+/// The target for a plan.
+pub fn advice(plan: &CapturePlan) -> TargetAdvice {
+    let largest_blur_px = plan.slices.iter().map(|slice| slice.target_blur_px).fold(0.0, f64::max);
+    // px of the reference slice -> mm on the target
+    let mm_per_px = plan.principal_distance_mm / plan.principal_distance_px / plan.magnification;
+    let least = |factor: f64| (factor * largest_blur_px).max(LEAST_PX) * mm_per_px;
+    let (plain, coded) = (least(PLAIN_PITCH), least(CODED_PITCH));
+    let pitch_mm = rounded_up(coded);
+    let dots = |side: f64| (side / pitch_mm + 2.0 * BEYOND).ceil().min(MOST_DOTS) as u32;
+    let size = plan.field_of_view_mm.map(|size| size.map(dots));
+    let largest_pitch_mm = plan.field_of_view_mm.map(|[width, height]| width.min(height) / FEWEST_DOTS);
+    let target = size.map(|[columns, rows]| {
+        format!("/v1/targets/dots?pitch_mm={pitch_mm}&columns={columns}&rows={rows}&coded=true&paper=fit&format=pdf")
+    });
+    let mut notes = Vec::new();
+    if largest_pitch_mm.is_some_and(|largest| largest < pitch_mm) {
+        notes.push(
+            "no pitch suits this capture: the blur needs a larger one than leaves 8 dots in the image; calibrate with a \
+             smaller aperture than the capture has (the geometry is the same), or with less depth"
+                .to_owned(),
+        );
+    }
+    if pitch_mm < FILM_MM {
+        notes.push("dots of this size need chrome on glass (a calibration slide)".to_owned());
+    } else if pitch_mm < LASER_MM {
+        notes.push(
+            "dots of this size need a photo print on film or a photo plotter of at least 2400 dpi; on paper of a laser \
+             printer they are not round"
+                .to_owned(),
+        );
+    }
+    if plain > coded {
+        notes.push(format!("a plain target needs a pitch of at least {} mm", rounded_up(plain)));
+    }
+    TargetAdvice {
+        largest_blur_px,
+        least_pitch_plain_mm: plain,
+        least_pitch_coded_mm: coded,
+        largest_pitch_mm,
+        pitch_mm,
+        pitch_px: pitch_mm / mm_per_px,
+        columns: size.map(|[columns, _]| columns),
+        rows: size.map(|[_, rows]| rows),
+        target,
+        notes,
+    }
+}
+
+/// Most dots along a side: the code repeats after 256.
+const MOST_DOTS: f64 = 256.0;
+
+/// A number rounded up to two digits.
+fn rounded_up(value: f64) -> f64 {
+    let unit = 10f64.powf(value.log10().floor() - 1.0);
+    let rounded = (value / unit - 1e-9).ceil() * unit;
+    // without the error of the multiplication, which would be printed
+    format!("{rounded:.2e}").parse().unwrap_or(rounded)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::plan::{PlanInput, plan};
+
+    fn input() -> PlanInput {
+        serde_json::from_value(serde_json::json!({
+            "focal_mm": 65.0, "f_number": 8.0, "magnification": 1.0, "pixel_pitch_um": 4.14, "object_depth_mm": 5.0,
+            "mode": "fixed_lens", "image_width": 8688, "image_height": 5792
+        }))
+        .expect("a plan")
+    }
+
+    #[test]
+    fn the_blur_at_the_ends_gives_the_pitch() {
+        let plan = plan(&input()).expect("a plan");
+        let advice = advice(&plan);
+        let blur = plan.slices[0].target_blur_px.max(plan.slices[plan.slices.len() - 1].target_blur_px);
+        assert_eq!(advice.largest_blur_px, blur);
+        let mm = 0.00414 / plan.magnification;
+        assert!((advice.least_pitch_plain_mm - 2.5 * blur * mm).abs() < 1e-9);
+        assert!(advice.pitch_mm >= advice.least_pitch_coded_mm && advice.pitch_mm < 1.11 * advice.least_pitch_coded_mm);
+        assert!(advice.pitch_px >= 2.0 * blur);
+        let [width, _] = plan.field_of_view_mm.expect("the size is known");
+        let columns = f64::from(advice.columns.expect("the size is known"));
+        assert!(columns * advice.pitch_mm > width);
+        assert!(advice.target.expect("the size is known").contains(&format!("pitch_mm={}", advice.pitch_mm)));
+    }
+
+    #[test]
+    fn a_blur_that_hides_every_pitch_is_told() {
+        let blurred = PlanInput { object_depth_mm: 40.0, f_number: 4.0, slice_count: Some(100), ..input() };
+        let advice = advice(&plan(&blurred).expect("a plan"));
+        assert!(advice.notes.iter().any(|note| note.starts_with("no pitch suits")), "{advice:?}");
+    }
+
+    #[test]
+    fn numbers_are_rounded_up_to_two_digits() {
+        for (value, rounded) in [(0.123, 0.13), (0.12, 0.12), (1.01, 1.1), (9.91, 10.0), (25.0, 25.0)] {
+            assert_eq!(rounded_up(value), rounded, "{value}");
+        }
+    }
+}

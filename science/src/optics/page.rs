@@ -1,0 +1,213 @@
+//! A printable dot target: positions and sizes of the dots on a page, as SVG or PDF at true scale.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{pdf, refused, require, svg};
+use crate::{
+    target::{CODE_VERSION, dot_size},
+    types::Error,
+};
+
+/// Largest number of dots of a page.
+const MOST_DOTS: u64 = 65_536;
+/// Margin of a page of paper, mm: printers do not reach farther.
+const MARGIN_MM: f64 = 10.0;
+/// Height of the caption of a page of paper, mm.
+const CAPTION_MM: f64 = 12.0;
+/// Margin of a page that fits the target, pitches.
+const FIT_MARGIN: f64 = 2.0;
+/// Lengths of the check line, mm: the longest that fits is drawn.
+const CHECK_LINES_MM: [f64; 4] = [200.0, 100.0, 50.0, 20.0];
+
+/// What is printed: the query parameters of `GET /v1/targets/dots`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TargetInput {
+    /// Distance of neighbouring dots, mm.
+    pub pitch_mm: f64,
+    /// Number of columns.
+    pub columns: u32,
+    /// Number of rows.
+    pub rows: u32,
+    /// Dots of two sizes, which make every dot unique.
+    #[serde(default)]
+    pub coded: bool,
+    /// Diameter of a dot over the pitch; of a coded target the nominal diameter.
+    #[serde(default = "half")]
+    pub dot_ratio: f64,
+    /// White dots on black.
+    #[serde(default)]
+    pub inverted: bool,
+    /// Size of the page.
+    #[serde(default)]
+    pub paper: Paper,
+    /// File format.
+    #[serde(default)]
+    pub format: PageFormat,
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+/// Size of a page.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Paper {
+    /// 210 x 297 mm, upright or on its side, with a caption and a line of known length.
+    #[default]
+    A4,
+    /// 8.5 x 11 inches, upright or on its side, with a caption and a line of known length.
+    Letter,
+    /// The size of the target with a margin of two pitches, without a caption: for photo services.
+    Fit,
+}
+
+/// File format of a target.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PageFormat {
+    /// PDF 1.7 with vector circles.
+    #[default]
+    Pdf,
+    /// SVG in millimetres.
+    Svg,
+}
+
+/// A dot on the page.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PageDot {
+    /// Distance from the left edge, mm.
+    pub x: f64,
+    /// Distance from the upper edge, mm.
+    pub y: f64,
+    /// Diameter, mm.
+    pub diameter: f64,
+}
+
+/// A page with a dot target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TargetPage {
+    /// Width, mm.
+    pub width: f64,
+    /// Height, mm.
+    pub height: f64,
+    /// The dots, row by row.
+    pub dots: Vec<PageDot>,
+    /// White dots on black.
+    pub inverted: bool,
+    /// What it is, in one line.
+    pub title: String,
+    /// Lines of text below the dots; empty on a page that fits the target.
+    pub caption: Vec<String>,
+    /// Where the first line of text begins: distances from the left and the upper edge, mm.
+    pub caption_at: [f64; 2],
+    /// A line of known length: left end, length and distance from the upper edge, mm.
+    pub check_line: Option<[f64; 3]>,
+}
+
+impl TargetPage {
+    /// Lays out a target.
+    ///
+    /// # Errors
+    /// [`crate::types::ErrorKind::InvalidParameter`] with the parameter: a number outside its range, more than 65,536
+    /// dots, dots that would touch, or a grid that does not fit on the paper (with the number of dots that do).
+    pub fn new(input: &TargetInput) -> Result<Self, Error> {
+        require("pitch_mm", input.pitch_mm, 0.01, 100.0)?;
+        require("columns", f64::from(input.columns), 2.0, 1000.0)?;
+        require("rows", f64::from(input.rows), 2.0, 1000.0)?;
+        // two large dots of a code beside each other leave a gap
+        require("dot_ratio", input.dot_ratio, 0.2, if input.coded { 0.7 } else { 0.8 })?;
+        let count = u64::from(input.columns) * u64::from(input.rows);
+        if count > MOST_DOTS {
+            return Err(refused("columns", format!("columns x rows is {count}; at most {MOST_DOTS} dots are printed")));
+        }
+        let grid = [input.columns, input.rows].map(|n| f64::from(n - 1) * input.pitch_mm);
+        let [width, height] = page_size(input, grid)?;
+        let area = match input.paper {
+            Paper::Fit => height,
+            Paper::A4 | Paper::Letter => height - CAPTION_MM,
+        };
+        let first = [(width - grid[0]) / 2.0, (area - grid[1]) / 2.0];
+        let diameter = |column: u32, row: u32| {
+            let code = if input.coded { dot_size(column.into(), row.into()).factor() } else { 1.0 };
+            input.dot_ratio * input.pitch_mm * code
+        };
+        let dots = (0..input.rows).flat_map(|row| (0..input.columns).map(move |column| (column, row)));
+        let dots = dots.map(|(column, row)| PageDot {
+            x: first[0] + f64::from(column) * input.pitch_mm,
+            y: first[1] + f64::from(row) * input.pitch_mm,
+            diameter: diameter(column, row),
+        });
+        let title = title(input);
+        let has_caption = input.paper != Paper::Fit;
+        let length = CHECK_LINES_MM.into_iter().find(|length| *length <= width - 2.0 * MARGIN_MM);
+        let check_line = length.filter(|_| has_caption).map(|length| [MARGIN_MM, length, height - MARGIN_MM]);
+        let caption = match check_line {
+            Some([_, length, _]) => {
+                vec![
+                    title.clone(),
+                    format!("Print at 100 % (actual size). The line below is {length} mm long: measure it."),
+                ]
+            }
+            None => Vec::new(),
+        };
+        Ok(Self {
+            width,
+            height,
+            dots: dots.collect(),
+            inverted: input.inverted,
+            title,
+            caption,
+            caption_at: [MARGIN_MM, height - MARGIN_MM - CAPTION_MM + 5.0],
+            check_line,
+        })
+    }
+
+    /// The page as SVG, in millimetres.
+    pub fn svg(&self) -> String {
+        svg::write(self)
+    }
+
+    /// The page as PDF, at true scale.
+    pub fn pdf(&self) -> Vec<u8> {
+        pdf::write(self)
+    }
+}
+
+fn title(input: &TargetInput) -> String {
+    let code = if input.coded { format!(", coded (version {CODE_VERSION})") } else { String::new() };
+    format!(
+        "pinstack dot target: {} x {} dots, pitch {} mm, dots {:.4} mm{code}",
+        input.columns,
+        input.rows,
+        input.pitch_mm,
+        input.dot_ratio * input.pitch_mm
+    )
+}
+
+/// Width and height of the page, mm.
+fn page_size(input: &TargetInput, grid: [f64; 2]) -> Result<[f64; 2], Error> {
+    let upright = match input.paper {
+        Paper::Fit => return Ok(grid.map(|side| side + 2.0 * FIT_MARGIN * input.pitch_mm)),
+        Paper::A4 => [210.0, 297.0],
+        Paper::Letter => [215.9, 279.4],
+    };
+    let room = |page: [f64; 2]| [page[0] - 2.0 * MARGIN_MM, page[1] - 2.0 * MARGIN_MM - CAPTION_MM];
+    let pages = [upright, [upright[1], upright[0]]];
+    let fits = |page: &[f64; 2]| (0..2).all(|axis| grid[axis] + input.pitch_mm <= room(*page)[axis]);
+    if let Some(page) = pages.into_iter().find(fits) {
+        return Ok(page);
+    }
+    let [columns, rows] = room(pages[usize::from(grid[0] > grid[1])]).map(|side| (side / input.pitch_mm).floor());
+    let detail = format!(
+        "{} x {} dots with a pitch of {} mm do not fit on the page; {columns} x {rows} do; choose fewer dots, a smaller \
+         pitch, or paper=fit",
+        input.columns, input.rows, input.pitch_mm
+    );
+    Err(refused("columns", detail))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,174 @@
+//! Plans against the paper, the literature and the renderer.
+
+use super::*;
+use crate::synth::Rig;
+use proptest::prelude::*;
+
+fn macro_lens(mode: CaptureMode) -> PlanInput {
+    PlanInput {
+        focal_mm: 65.0,
+        f_number: 8.0,
+        magnification: Some(1.0),
+        object_distance_mm: None,
+        pixel_pitch_um: 4.14,
+        object_depth_mm: 5.0,
+        mode,
+        image_width: Some(8688),
+        image_height: Some(5792),
+        pupil_ratio: 1.0,
+        overlap: 0.5,
+        wavelength_nm: 550.0,
+        coc_um: None,
+        rail_resolution_um: None,
+        slice_count: None,
+    }
+}
+
+/// Equations 1 to 6 of Li and Nguyen (2019), in every printed form that is right.
+#[test]
+fn depth_of_focus_and_field_are_those_of_the_paper() {
+    for (magnification, coc_um) in [(0.5, 25.0), (1.0, 25.0), (1.7, 10.0)] {
+        let input = PlanInput {
+            magnification: Some(magnification),
+            coc_um: Some(coc_um),
+            ..macro_lens(CaptureMode::MovingLens)
+        };
+        let plan = plan(&input).expect("a plan");
+        let (f, n, c) = (65.0, 8.0, coc_um * 1e-3);
+        let (d2, aperture) = (f * (1.0 + magnification), f / n);
+        let d1 = d2 / magnification;
+        let focus = [2.0 * c / aperture * d2, 2.0 * n * c / f * d2];
+        let field = [2.0 * c / (magnification * aperture) * d1, 2.0 * d1 * d1 * c / (d2 * aperture)];
+        for expected in focus {
+            assert!((plan.depth_of_focus_mm.geometric - expected).abs() < 1e-12);
+        }
+        for expected in field {
+            assert!((plan.depth_of_field_mm.geometric - expected).abs() < 1e-12);
+        }
+        // the last form of equation 6, with f and d1 - f exchanged back
+        let corrected = 2.0 * c * d1 * (d1 - f) / (f * aperture);
+        assert!((plan.depth_of_field_mm.geometric - corrected).abs() < 1e-12);
+        let printed = 2.0 * d1 * f * c / ((d1 - f) * aperture);
+        assert!((printed / corrected - magnification * magnification).abs() < 1e-12, "wrong by M^2");
+    }
+}
+
+#[test]
+fn diffraction_is_that_of_the_literature() {
+    // M = 1, f/16: 4 lambda N_eff^2 = 2.253 mm, and the classic depth of field with c = 0.03 mm is 1.92 mm
+    let input = PlanInput { f_number: 16.0, coc_um: Some(30.0), ..macro_lens(CaptureMode::MovingLens) };
+    let plan = plan(&input).expect("a plan");
+    assert!((plan.depth_of_field_mm.wave - 2.253).abs() < 1e-3, "{:?}", plan.depth_of_field_mm);
+    assert!((plan.depth_of_field_mm.geometric - 1.92).abs() < 1e-12);
+    assert_eq!(plan.effective_f_number, 32.0);
+    assert!((plan.airy_um - 42.944).abs() < 1e-9);
+}
+
+#[test]
+fn the_ends_of_the_object_are_in_focus_in_the_first_and_the_last_slice() {
+    for mode in [CaptureMode::FixedLens, CaptureMode::MovingLens] {
+        let plan = plan(&macro_lens(mode)).expect("a plan");
+        let (first, last) = (plan.slices.first().expect("slices"), plan.slices.last().expect("slices"));
+        assert!(first.depth_mm.abs() < 1e-9 && (last.depth_mm - 5.0).abs() < 1e-9, "{first:?} {last:?}");
+        assert!(plan.step_mm <= plan.largest_step_mm);
+        assert_eq!(plan.rail_positions_mm.len() as u32, plan.slice_count);
+        let reference = plan.slices[plan.reference_index as usize];
+        assert_eq!((reference.scale, reference.exposure_ratio, reference.target_blur_px), (1.0, 1.0, 0.0));
+        let field = plan.field_of_view_mm.expect("the size of the image is known");
+        assert!((field[0] - 35.968).abs() < 1e-3);
+    }
+}
+
+/// The renderer has optics of its own.
+#[test]
+fn scale_exposure_and_blur_are_those_of_a_rendered_rig() {
+    for mode in [CaptureMode::FixedLens, CaptureMode::MovingLens] {
+        let input = PlanInput { slice_count: Some(7), ..macro_lens(mode) };
+        let plan = plan(&input).expect("a plan");
+        let sign = if mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
+        let reference = plan.reference_index as usize;
+        let rig = Rig {
+            mode,
+            focal_mm: 65.0,
+            f_number: 8.0,
+            pixel_pitch_mm: 0.00414,
+            magnification: plan.slices[reference].magnification,
+            // the renderer counts the position of the sensor away from the lens
+            rail_mm: plan.rail_positions_mm.iter().map(|z| sign * z).collect(),
+            reference,
+            ..Rig::sized(600, 400, 7).ideal()
+        };
+        for (i, slice) in plan.slices.iter().enumerate() {
+            let in_focus = rig.focus_fraction(reference);
+            assert!((1.0 / rig.scale(i, in_focus) - slice.scale).abs() < 1e-12, "{mode:?} {i}");
+            assert!((rig.exposure(i) - slice.exposure_ratio).abs() < 1e-12, "{mode:?} {i}");
+            assert!((rig.blur_radius_px(i, in_focus) - slice.target_blur_px).abs() < 1e-6, "{mode:?} {i}");
+        }
+    }
+}
+
+#[test]
+fn warnings_name_what_limits_the_capture() {
+    let codes = |change: fn(&mut PlanInput)| {
+        let mut input = PlanInput { f_number: 5.6, ..macro_lens(CaptureMode::FixedLens) };
+        change(&mut input);
+        let plan = plan(&input).expect("a plan");
+        plan.warnings.into_iter().map(|warning| warning.code).collect::<Vec<_>>()
+    };
+    assert_eq!(codes(|_| {}), Vec::<String>::new());
+    assert_eq!(codes(|input| input.f_number = 16.0), ["diffraction_limited", "oversampled"]);
+    assert_eq!(codes(|input| input.slice_count = Some(3)), ["too_few_slices"]);
+    assert_eq!(codes(|input| input.rail_resolution_um = Some(500.0)), ["step_below_rail_resolution"]);
+    assert_eq!(
+        codes(|input| (input.magnification, input.object_depth_mm, input.coc_um) = (Some(1e-3), 1000.0, Some(30.0))),
+        ["first_order"]
+    );
+}
+
+#[test]
+fn what_cannot_be_planned_is_refused_with_its_parameter() {
+    let refused = |change: fn(&mut PlanInput)| {
+        let mut input = macro_lens(CaptureMode::FixedLens);
+        change(&mut input);
+        plan(&input).expect_err("it breaks a rule").locations[0].pointer.clone().expect("a parameter")
+    };
+    assert_eq!(refused(|input| input.focal_mm = f64::NAN), "focal_mm");
+    assert_eq!(refused(|input| input.object_depth_mm = 200.0), "object_depth_mm");
+    assert_eq!(refused(|input| (input.object_depth_mm, input.f_number) = (60.0, 0.5)), "object_depth_mm");
+    assert_eq!(refused(|input| input.magnification = None), "magnification");
+    assert_eq!(refused(|input| input.object_distance_mm = Some(130.0)), "object_distance_mm");
+    assert_eq!(
+        refused(|input| (input.magnification, input.object_distance_mm) = (None, Some(60.0))),
+        "object_distance_mm"
+    );
+}
+
+proptest! {
+    #[test]
+    fn every_plan_is_finite_and_ordered(
+        focal_mm in 1.0..300.0f64,
+        f_number in 1.0..64.0f64,
+        magnification in 0.05..20.0f64,
+        object_depth_mm in 0.01..50.0f64,
+        is_fixed: bool,
+    ) {
+        let mode = if is_fixed { CaptureMode::FixedLens } else { CaptureMode::MovingLens };
+        let magnification = Some(magnification);
+        let input = PlanInput { focal_mm, f_number, magnification, object_depth_mm, ..macro_lens(mode) };
+        let Ok(plan) = plan(&input) else { return Ok(()) };
+        prop_assert!((2..=MAX_SLICES as u32).contains(&plan.slice_count));
+        prop_assert!(plan.rail_positions_mm.windows(2).all(|pair| pair[0] < pair[1]));
+        prop_assert!(plan.slices.windows(2).all(|pair| pair[0].depth_mm < pair[1].depth_mm));
+        let numbers = plan.slices.iter().flat_map(|s| [s.scale, s.exposure_ratio, s.target_blur_px]);
+        prop_assert!(numbers.chain([plan.step_mm, plan.travel_mm]).all(f64::is_finite));
+        // by distance instead of magnification
+        let by_distance = PlanInput {
+            magnification: None,
+            object_distance_mm: Some(plan.object_distance_mm),
+            slice_count: Some(plan.slice_count),
+            ..input
+        };
+        let same = super::plan(&by_distance).expect("the same optics");
+        prop_assert!((same.travel_mm / plan.travel_mm - 1.0).abs() < 1e-6);
+    }
+}
