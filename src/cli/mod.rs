@@ -2,6 +2,7 @@
 
 pub mod access;
 pub mod backup;
+pub mod bundle;
 pub mod config;
 pub mod demo;
 pub mod environment;
@@ -10,9 +11,11 @@ pub mod gc;
 pub mod health;
 pub mod logging;
 pub mod openapi;
+pub mod plan;
 pub mod serve;
 pub mod settings;
 pub mod store;
+pub mod target;
 pub mod tls;
 pub mod token;
 pub mod verify;
@@ -45,6 +48,9 @@ enum Command {
     Verify(verify::Verify),
     Backup(backup::Backup),
     Restore(backup::Restore),
+    Bundle(bundle::Bundle),
+    Plan(plan::Plan),
+    Target(target::Target),
     /// Check whether a running server is ready; the exit code is 0 if it is
     Health(health::Flags),
 }
@@ -63,6 +69,9 @@ pub fn main() -> ExitCode {
         Some(Command::Verify(verify)) => verify.run(),
         Some(Command::Backup(backup)) => backup.run(),
         Some(Command::Restore(restore)) => restore.run(),
+        Some(Command::Bundle(bundle)) => bundle.run(),
+        Some(Command::Plan(plan)) => plan.run(),
+        Some(Command::Target(target)) => target.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };
     match done {

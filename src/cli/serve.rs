@@ -134,6 +134,7 @@ impl Service {
 fn policy(config: &ServeConfig) -> Policy {
     Policy {
         max_upload_bytes: config.max_upload_bytes,
+        max_scan_bytes: config.max_scan_bytes,
         queue_limit: config.queue_limit,
         min_free_bytes: config.min_free_bytes,
         upload_reserve_bytes: config.upload_reserve_bytes,

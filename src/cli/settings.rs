@@ -129,6 +129,9 @@ settings! {
         max_upload_bytes: u64 = http().max_upload_bytes, "BYTES",
             "Largest upload, bytes",
             at_least 1024;
+        max_scan_bytes: u64 = http().max_scan_bytes, "BYTES",
+            "Largest upload with all views of a scan, bytes",
+            at_least 1024;
         queue_limit: u64 = http().queue_limit, "N",
             "Largest number of queued jobs",
             at_least 1;

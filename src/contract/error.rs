@@ -29,6 +29,10 @@ pub enum Code {
     MethodNotImplemented,
     /// No profile is stored under this rig and lens.
     ProfileNotFound,
+    /// No scan is stored under this name.
+    ScanNotFound,
+    /// The stack is of another rig or lens than the scan, or the views of a scan do not fit together.
+    ScanMismatch,
     /// The job has not ended, so the result does not exist yet.
     NotFinished,
     /// The job ended without this result (failed, cancelled, or made without a back light).

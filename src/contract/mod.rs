@@ -15,6 +15,8 @@ pub mod profile;
 pub mod profile_summary;
 pub mod ranges;
 pub mod request;
+pub mod scan;
+pub mod upload_purpose;
 
 pub use error::{Code, Fault, Problem};
 pub use job::{JobKind, JobState, Progress};
@@ -22,3 +24,5 @@ pub use job_error::JobError;
 pub use name::Name;
 pub use one_line::one_line;
 pub use profile_summary::ProfileSummary;
+pub use scan::{Scan, ScanInput};
+pub use upload_purpose::UploadPurpose;

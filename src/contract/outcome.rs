@@ -23,6 +23,9 @@ pub struct Artifact {
     pub bytes: u64,
     /// SHA-256, hex; also its `ETag`.
     pub sha256: String,
+    /// CRC-32, for zips that contain the file; `None` in rows older than this member.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crc32: Option<u32>,
 }
 
 /// Properties of the fused image.

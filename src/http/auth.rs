@@ -105,7 +105,8 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
 /// | other requests below `/v1/uploads` | `stacks:write` or `profiles:write`; the purpose decides at the creation |
 /// | other `GET` and `HEAD` | `read` |
 /// | below `/v1/profiles` and `/v1/calibrations` | `profiles:write` |
-/// | below `/v1/stacks` | `stacks:write` |
+/// | `POST /v1/scans/{scan}/poses` (nothing is stored) | `read` |
+/// | below `/v1/stacks` and `/v1/scans` | `stacks:write` |
 /// | everything else | `admin` |
 ///
 /// The table goes by prefix and denies by default: a new route below `/v1/stacks` is protected before anyone thinks of
@@ -131,7 +132,9 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
         &[Scope::Read]
     } else if below("/v1/profiles") || below("/v1/calibrations") {
         &[Scope::ProfilesWrite]
-    } else if below("/v1/stacks") {
+    } else if below("/v1/scans") && path.ends_with("/poses") {
+        &[Scope::Read]
+    } else if below("/v1/stacks") || below("/v1/scans") {
         &[Scope::StacksWrite]
     } else {
         &[Scope::Admin]
@@ -174,6 +177,10 @@ mod tests {
             (Method::GET, "/v1/stacks/x/image", Some("read")),
             (Method::POST, "/v1/stacks", Some("stacks:write")),
             (Method::DELETE, "/v1/stacks/x", Some("stacks:write")),
+            (Method::PUT, "/v1/scans/bee", Some("stacks:write")),
+            (Method::POST, "/v1/scans/bee/archive", Some("stacks:write")),
+            (Method::POST, "/v1/scans/bee/poses", Some("read")),
+            (Method::GET, "/v1/scans/bee/bundle", Some("read")),
             (Method::PUT, "/v1/profiles/a/b", Some("profiles:write")),
             (Method::POST, "/v1/profiles/a/b/calibrations", Some("profiles:write")),
             (Method::POST, "/v1/calibrations/x/cancel", Some("profiles:write")),

@@ -69,6 +69,17 @@ pub async fn delete(app: &App, id: Uuid, kind: JobKind) -> ApiResult<StatusCode>
     Ok(StatusCode::NO_CONTENT)
 }
 
+/// Deletes a stack of a scan that is deleted. No error when it is gone already.
+///
+/// # Errors
+/// When the store cannot be written.
+pub async fn delete_stack_of_scan(app: &App, id: Uuid) -> ApiResult<()> {
+    match delete(app, id, JobKind::Stack).await {
+        Err(error) if error.fault().code != Code::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
 /// The job with this id. Its rig and lens are noted in the log lines of the request.
 ///
 /// # Errors

@@ -138,6 +138,23 @@ pub fn problem_type(code: Code) -> ProblemType {
             "The job ended without this result: it failed, was cancelled, or had no back light. The job shows why.",
             "the stack has no back light, so it has no mask",
         ),
+        Code::ScanNotFound => row(
+            S::NOT_FOUND,
+            Later,
+            "Scan not found",
+            "No scan is stored under this name. Create it with PUT /v1/scans/{scan} before stacks are sent to it, or correct \
+             the name.",
+            "there is no scan 'bee-24' (there is 'bee-42'); create it with PUT /v1/scans/bee-24, or correct the name",
+        ),
+        Code::ScanMismatch => row(
+            S::UNPROCESSABLE_ENTITY,
+            Later,
+            "Views do not fit together",
+            "All views of a scan need one camera and one canvas: the same rig and lens, and for a bundle images of one size, \
+             crop and profile revision. The detail names the views that differ.",
+            "the scan 'bee-42' is of rig 'turntable-1' and lens 'mpe65-2x', the stack is of rig 'turntable-2' and lens \
+             'mpe65-2x'",
+        ),
         Code::UploadRemoved => row(
             S::GONE,
             Never,

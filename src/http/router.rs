@@ -18,9 +18,9 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 use super::{
     calibrations,
     middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot},
-    profiles, stacks,
+    optics, profiles, scans, stacks,
     state::App,
-    system, uploads,
+    system, targets, uploads,
 };
 
 /// The OpenAPI document of [`routes()`], built at its first use.
@@ -61,6 +61,17 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::cancel::cancel))
         .routes(routes!(stacks::rerun::rerun))
         .routes(routes!(stacks::upload::upload))
+        // scans
+        .routes(routes!(scans::list::list))
+        .routes(routes!(scans::get::get, scans::put::put, scans::delete::delete))
+        .routes(routes!(scans::csv::csv))
+        .routes(routes!(scans::archive::archive))
+        .routes(routes!(scans::rerun::rerun))
+        .routes(routes!(scans::bundle::bundle))
+        // capture planning
+        .routes(routes!(optics::plan::plan))
+        .routes(routes!(targets::advice::advice))
+        .routes(routes!(targets::dots::dots))
         // resumable uploads (tus)
         .routes(routes!(uploads::list::list, uploads::create::create, uploads::options::options))
         .routes(routes!(uploads::get::get, uploads::head::head, uploads::patch::patch, uploads::delete::delete))
@@ -79,6 +90,7 @@ pub fn service(app: App) -> Router {
     documented
         // `curl -T stack.zip` sends PUT
         .route("/v1/stacks", put(stacks::create::create))
+        .route("/v1/scans/{scan}/archive", put(scans::archive::archive))
         .route("/v1/profiles/{rig}/{lens}/calibrations", put(calibrations::create::create))
         .route("/v1/profiles/{rig}/{lens}/import", put(profiles::import::import))
         // tus behind proxies that pass only GET and POST

@@ -37,6 +37,8 @@ const READINESS_AGE: Duration = Duration::from_secs(1);
 pub struct Policy {
     /// Largest upload, bytes.
     pub max_upload_bytes: u64,
+    /// Largest upload with all views of a scan, bytes.
+    pub max_scan_bytes: u64,
     /// Limits of a zip.
     pub archive: ArchiveLimits,
     /// Largest number of queued jobs.
@@ -84,6 +86,7 @@ impl Default for Policy {
     fn default() -> Self {
         Self {
             max_upload_bytes: 64 << 30,
+            max_scan_bytes: 512 << 30,
             archive: ArchiveLimits::default(),
             queue_limit: 1000,
             min_free_bytes: 512 << 20,

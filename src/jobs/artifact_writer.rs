@@ -16,7 +16,12 @@ use crate::{
         options::{ImageFormat, StackOptions},
         outcome::Artifact,
     },
-    store::{blobs::result_key, digest::sha256_of, failpoint::step, is_full},
+    store::{
+        blobs::result_key,
+        digest::{FileDigests, digests_of},
+        failpoint::step,
+        is_full,
+    },
 };
 use pinstack_science::imaging::{
     Raster,
@@ -98,10 +103,11 @@ impl<'a> ArtifactWriter<'a> {
         let file_name = format!("{name}.{}", format.extension());
         let path = self.context.scratch.join(&file_name);
         let written = self.write(&path, fill);
-        let (bytes, sha256) = written.map_err(|error| self.failure(&error))?;
+        let FileDigests { bytes, sha256, crc32 } = written.map_err(|error| self.failure(&error))?;
         let key = result_key(self.context.job.id, self.context.job.lease_token, &file_name);
         let media_type = format.media_type().to_owned();
-        let artifact = Artifact { name: name.to_owned(), key: key.clone(), media_type, bytes, sha256 };
+        let artifact =
+            Artifact { name: name.to_owned(), key: key.clone(), media_type, bytes, sha256, crc32: Some(crc32) };
         Ok((artifact, OutputFile { path, key }))
     }
 
@@ -109,7 +115,7 @@ impl<'a> ArtifactWriter<'a> {
         &self,
         path: &std::path::Path,
         fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
-    ) -> io::Result<(u64, String)> {
+    ) -> io::Result<FileDigests> {
         step("artifact.make")?;
         let file = File::options().create_new(true).read(true).write(true).open(path)?;
         let mut out = BufWriter::with_capacity(1 << 20, Cancellable { file, sink: self.sink });
@@ -117,7 +123,7 @@ impl<'a> ArtifactWriter<'a> {
         let mut written = out.into_inner().map_err(io::IntoInnerError::into_error)?;
         // hashed afterwards, because the TIFF encoder seeks back
         written.file.seek(SeekFrom::Start(0))?;
-        sha256_of(written)
+        digests_of(written)
     }
 
     fn failure(&self, error: &io::Error) -> JobError {

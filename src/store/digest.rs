@@ -86,16 +86,38 @@ pub fn sha256_of_file(path: &Path) -> io::Result<(u64, String)> {
 ///
 /// # Errors
 /// When the reader fails.
-pub fn sha256_of(mut reader: impl Read) -> io::Result<(u64, String)> {
-    let mut hash = Sha256::new();
+pub fn sha256_of(reader: impl Read) -> io::Result<(u64, String)> {
+    let FileDigests { bytes, sha256, .. } = digests_of(reader)?;
+    Ok((bytes, sha256))
+}
+
+/// Size and digests of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileDigests {
+    /// Size, bytes.
+    pub bytes: u64,
+    /// SHA-256, hex.
+    pub sha256: String,
+    /// CRC-32 as in zips.
+    pub crc32: u32,
+}
+
+/// Number and digests of the bytes that a reader returns.
+///
+/// # Errors
+/// When the reader fails.
+pub fn digests_of(mut reader: impl Read) -> io::Result<FileDigests> {
+    let (mut hash, mut crc) = (Sha256::new(), crc32fast::Hasher::new());
     let mut block = vec![0; 1 << 20];
     let mut bytes = 0;
     loop {
         let read = reader.read(&mut block)?;
         if read == 0 {
-            return Ok((bytes, hex(&hash.finalize())));
+            return Ok(FileDigests { bytes, sha256: hex(&hash.finalize()), crc32: crc.finalize() });
         }
-        hash.update(block.get(..read).unwrap_or_default());
+        let block = block.get(..read).unwrap_or_default();
+        hash.update(block);
+        crc.update(block);
         bytes += read as u64;
     }
 }

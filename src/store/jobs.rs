@@ -99,6 +99,17 @@ pub enum Enqueue {
     },
     /// The upload exceeds the quota of its token.
     OverQuota(OverQuota),
+    /// The stack names a scan that does not exist, or is of another rig or lens.
+    NoSuchScan(Name),
+}
+
+/// Result of accepting several jobs: all of them or none.
+#[derive(Debug, Clone, PartialEq)]
+pub enum EnqueueAll {
+    /// Every job is stored durably, in the order given.
+    Accepted(Vec<Job>),
+    /// No job is stored: this is the result of the first job that is not accepted.
+    Refused(Enqueue),
 }
 
 /// Why an upload exceeds the quota of a token.
@@ -155,6 +166,8 @@ pub trait JobQueue: Send + Sync + 'static {
     /// Accepts a job: on return it is durable. At most `queue_limit` jobs may be queued, and the upload must fit into
     /// the quota of its owner.
     async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue>;
+    /// Accepts all of these jobs, or none, in one transaction. The limits hold for all of them together.
+    async fn enqueue_all(&self, jobs: &[NewJob], queue_limit: u64) -> StoreResult<EnqueueAll>;
     /// The job that an `Idempotency-Key` created, and the fingerprint of its request.
     async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>>;
     /// One job.

@@ -2,7 +2,7 @@
 //!
 //! | part of [`Store`] | trait | engine |
 //! |---|---|---|
-//! | profiles, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`] |
+//! | profiles, scans, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`] |
 //! | uploads and results by key | [`BlobStore`] | [`local`] |
 //! | bytes of resumable uploads while they arrive | [`UploadParts`] | [`local`] |
 //! | scratch of this process | [`Workspace`], not a trait | |
@@ -31,6 +31,7 @@ pub mod metadata;
 pub mod page;
 pub mod parts;
 pub mod profiles;
+pub mod scans;
 pub mod sqlite;
 pub mod tokens;
 pub mod totals;
@@ -46,12 +47,13 @@ pub use clock::{Clock, ManualClock, SystemClock};
 pub use data_folder::{open, open_metadata, open_with_clock};
 pub use error::{StoreError, StoreResult, is_full};
 pub use expiry::{Expiry, Retention};
-pub use jobs::{BlobOwner, CancelRequest, Enqueue, Job, JobCounts, JobFilter, JobQueue, NewJob, OverQuota};
+pub use jobs::{BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, OverQuota};
 pub use leases::{Attempt, Finish, Heartbeat, Leases};
 pub use metadata::MetadataStore;
 pub use page::{Page, PageRequest, Skipped};
 pub use parts::UploadParts;
 pub use profiles::{Precondition, ProfileDraft, ProfileStore, PutProfile};
+pub use scans::ScanStore;
 pub use tokens::Tokens;
 pub use totals::Totals;
 pub use uploads::UploadRecords;
@@ -62,7 +64,7 @@ use std::sync::Arc;
 /// The store of the service: one handle per part. Cheap to clone.
 #[derive(Clone)]
 pub struct Store {
-    /// Profiles, jobs, uploads, tokens.
+    /// Profiles, scans, jobs, uploads, tokens.
     pub metadata: Arc<dyn MetadataStore>,
     /// Uploads and results.
     pub blobs: Arc<dyn BlobStore>,

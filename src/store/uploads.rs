@@ -10,8 +10,8 @@ use async_trait::async_trait;
 use jiff::Timestamp;
 use uuid::Uuid;
 
-use super::{Enqueue, NewJob, OverQuota, Page, PageRequest, StoreResult};
-use crate::contract::{Fault, JobKind};
+use super::{Enqueue, EnqueueAll, NewJob, OverQuota, Page, PageRequest, StoreResult};
+use crate::contract::{Fault, UploadPurpose};
 
 /// An upload that is to be created.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,8 +48,8 @@ pub struct Advance {
 pub enum UploadState {
     /// Bytes are missing, or the job could not be created yet.
     Receiving,
-    /// The job was created; it has the id of the upload.
-    Complete(JobKind),
+    /// The job was created; it has the id of the upload. Of a scan: its stacks were created, with other ids.
+    Complete(UploadPurpose),
     /// The content was refused for good, and is removed.
     Refused(Box<Fault>),
 }
@@ -130,6 +130,15 @@ pub trait UploadRecords: Send + Sync + 'static {
     /// upload that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload does not exist or was
     /// refused.
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>>;
+    /// Creates the stacks of an upload that holds a whole scan, all or none, and records it in the upload, in one
+    /// transaction. An upload that has its stacks returns [`EnqueueAll::Accepted`] without jobs. `None` when the upload
+    /// is not complete, does not exist or was refused.
+    async fn complete_scan_upload(
+        &self,
+        id: Uuid,
+        jobs: &[NewJob],
+        queue_limit: u64,
+    ) -> StoreResult<Option<EnqueueAll>>;
     /// Records that the content was refused. False when there is no such upload, or it has its job.
     async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool>;
     /// Removes an upload, but not the job that it became; false when there is no such upload.

@@ -119,6 +119,13 @@ impl TestApp {
         assert!(answer.status().is_success(), "{}", answer.text().await.unwrap_or_default());
     }
 
+    /// Creates a scan of `rig` and `lens`.
+    pub async fn with_scan(&self, name: &str) {
+        let scan = json!({ "rig": "rig", "lens": "lens" });
+        let answer = self.put(&format!("/v1/scans/{name}")).json(&scan).send().await.expect("an answer");
+        assert!(answer.status().is_success(), "{}", answer.text().await.unwrap_or_default());
+    }
+
     /// Sends a stack of two slices with back light for `rig/lens`. Returns its JSON.
     pub async fn with_stack(&self, options: &str) -> Value {
         self.with_profile(2).await;
@@ -205,7 +212,14 @@ impl TestApp {
         let key = result_key(job.id, job.lease_token, &format!("{name}.png"));
         self.put_blob(&key, &bytes).await;
         let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
-        Artifact { name: name.into(), key, media_type: "image/png".into(), bytes: bytes.len() as u64, sha256 }
+        Artifact {
+            name: name.into(),
+            key,
+            media_type: "image/png".into(),
+            bytes: bytes.len() as u64,
+            sha256,
+            crc32: None,
+        }
     }
 
     /// Size of the file of an upload, synced or not; 0 without a file.

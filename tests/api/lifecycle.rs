@@ -124,6 +124,7 @@ async fn a_repeat_with_the_same_key_returns_the_first_stack() {
 #[tokio::test]
 async fn stacks_are_listed_newest_first_and_by_state() {
     let app = TestApp::start().await;
+    app.with_scan("bee").await;
     let first = app.with_stack("&scan=bee").await;
     let second: Value = app.post(POST).body(stack_zip(2, 0)).send().await.unwrap().json().await.unwrap();
     app.claim().await;

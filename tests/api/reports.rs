@@ -80,7 +80,14 @@ async fn kept(app: &TestApp, job: &Job, report: &CalibrationReport) -> Artifact 
     let key = result_key(job.id, job.lease_token, "report.json");
     app.put_blob(&key, &bytes).await;
     let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
-    Artifact { name: "report".into(), key, media_type: "application/json".into(), bytes: bytes.len() as u64, sha256 }
+    Artifact {
+        name: "report".into(),
+        key,
+        media_type: "application/json".into(),
+        bytes: bytes.len() as u64,
+        sha256,
+        crc32: None,
+    }
 }
 
 /// The URL of a finished calibration that the option `keep` excluded.

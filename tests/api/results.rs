@@ -251,6 +251,7 @@ async fn a_precondition_on_a_result_is_honoured() {
 #[tokio::test]
 async fn a_view_keeps_its_file_name_in_a_rerun() {
     let app = TestApp::start().await;
+    app.with_scan("bee").await;
     let mut names = Vec::new();
     for _ in 0..2 {
         let stack = app.with_stack("&scan=bee&pan_deg=20&tilt_deg=-7.5").await;

@@ -6,6 +6,10 @@ use std::{
     process::Command,
 };
 
+use pinstack_science::{
+    photogrammetry::bundle::{self, BundleScan, BundleView, Content, Layout},
+    types::{intrinsics::Intrinsics, view::ViewAngles},
+};
 use serde_json::{Value, json};
 
 use crate::{
@@ -168,4 +172,67 @@ fn write_deep(zip: &Path) {
         (format!("front/{i:02}.png"), png)
     });
     pinstack_science::archive::pack(fs::File::create(zip).expect("a file"), members).expect("a zip");
+}
+
+#[test]
+fn colmap_reads_the_model_of_a_bundle() {
+    if !have(&["colmap"]) {
+        return;
+    }
+    let view = |pan_deg: f64| {
+        let angles = ViewAngles { pan_deg, tilt_deg: 12.5 };
+        BundleView { stem: angles.file_stem(), extension: "png".into(), has_mask: true, angles: Some(angles) }
+    };
+    let scan = BundleScan {
+        name: "bee".into(),
+        width: 810,
+        height: 540,
+        intrinsics: Some(Intrinsics {
+            principal_distance_px: 2712.5,
+            principal_distance_mm: 120.55,
+            pixel_pitch_mm: 0.044_442_4,
+            principal_point_px: None,
+            distortion: None,
+        }),
+        canvas_centre_px: [404.5, 269.5],
+        radius_mm: Some(141.0),
+        pan_is_clockwise: false,
+        views: [0.0, 20.0, 40.0].map(view).to_vec(),
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    for entry in bundle::plan(Layout::Colmap, &scan).expect("a bundle") {
+        let Content::Text(text) = entry.content else { continue };
+        let path = folder.path().join(entry.path);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+        fs::write(path, text).expect("written");
+    }
+    let (from, to) = (folder.path().join("sparse/0"), folder.path().join("again"));
+    fs::create_dir(&to).expect("made");
+    let convert = |from: &Path, to: &Path, kind: &str| {
+        let mut colmap = Command::new("colmap");
+        colmap.env("QT_QPA_PLATFORM", "offscreen").arg("model_converter").arg("--input_path").arg(from);
+        run(colmap.arg("--output_path").arg(to).args(["--output_type", kind]))
+    };
+    convert(&from, &to, "BIN");
+    assert!(to.join("images.bin").exists());
+    convert(&to, &to, "TXT");
+    let images = fs::read_to_string(to.join("images.txt")).expect("text");
+    let written = fs::read_to_string(from.join("images.txt")).expect("text");
+    for view in &scan.views {
+        let name = format!("{}.png", view.stem);
+        let numbers = |text: &str| -> Vec<f64> {
+            let line = text.lines().find(|line| line.ends_with(&name)).expect("the view");
+            line.split(' ').filter_map(|number| number.parse().ok()).collect()
+        };
+        let (ours, theirs) = (numbers(&written), numbers(&images));
+        assert_eq!(ours.len(), theirs.len());
+        // a quaternion and its negative are the same rotation
+        let sign = if ours[1] * theirs[1] < 0.0 { -1.0 } else { 1.0 };
+        for (at, (our, their)) in ours.iter().zip(&theirs).enumerate() {
+            let their = if (1..5).contains(&at) { sign * their } else { *their };
+            assert!((our - their).abs() < 1e-9, "{name}: {ours:?} {theirs:?}");
+        }
+    }
+    let cameras = fs::read_to_string(to.join("cameras.txt")).expect("text");
+    assert!(cameras.contains("1 PINHOLE 810 540 2712.5 2712.5 405 270"), "{cameras}");
 }

@@ -44,6 +44,16 @@ async fn day(fault: &str) -> Vec<String> {
     let mut story = Story::begin(fault).await;
     insist!(story.profile());
 
+    insist!(story.scan());
+    let views = insist!(story.archive("scan"));
+    assert_eq!(views.len(), 2, "both views became stacks");
+    assert_eq!(insist!(story.archive("scan")), views, "a repeat is answered with the first stacks");
+    let scan = insist!(story.begin_scan());
+    while !insist!(story.rest_of_scan(&scan)) {}
+    assert_eq!(insist!(story.count()), 4, "each zip became two stacks");
+    insist!(story.delete("/v1/scans/bee?stacks=delete"));
+    assert_eq!(insist!(story.count()), 0, "the stacks are deleted with their scan");
+
     let whole = insist!(story.post("first"));
     assert_eq!(insist!(story.post("first")), whole, "a repeat is answered with the first stack");
     assert_eq!(insist!(story.count()), 1, "however often it was asked for");

@@ -60,6 +60,16 @@ pub struct Story {
 
 /// Two lights of three slices each.
 pub fn zip() -> Vec<u8> {
+    zip_of(&[""])
+}
+
+/// A scan of two views.
+fn scan_zip() -> Vec<u8> {
+    zip_of(&["pan000_tilt00/", "pan020_tilt00/"])
+}
+
+/// Two lights of three slices each in every one of these folders.
+fn zip_of(views: &[&str]) -> Vec<u8> {
     let slice = |seed: u32| {
         let value = |i: u32| ((i / 3 % SIDE / 4 * 37 + i / 3 / SIDE / 4 * (91 + seed)) % 251) as u8;
         codec::encode_jpeg(
@@ -67,8 +77,10 @@ pub fn zip() -> Vec<u8> {
             90,
         )
     };
-    let members =
-        ["front", "back"].into_iter().flat_map(|folder| (0..3).map(move |i| (format!("{folder}/{i}.jpg"), i)));
+    let members = views.iter().flat_map(|view| {
+        let slices = |light: &'static str| (0..3).map(move |i| (format!("{view}{light}/{i}.jpg"), i));
+        slices("front").chain(slices("back"))
+    });
     let file = tempfile::NamedTempFile::new().expect("a file");
     archive::pack(file.reopen().expect("a file"), members.map(|(name, i)| (name, slice(i)))).expect("a zip");
     std::fs::read(file.path()).expect("the zip")
@@ -185,6 +197,58 @@ impl Story {
             .await?;
         assert_eq!(posted.status, StatusCode::ACCEPTED, "{}", posted.json());
         Ok(posted.header("location").to_owned())
+    }
+
+    /// Creates the scan `bee`.
+    pub async fn scan(&mut self) -> Told<()> {
+        let scan = json!({ "rig": "rig", "lens": "lens" });
+        let put = self.send(|client, url| client.put(format!("{url}/v1/scans/bee")).json(&scan)).await?;
+        assert!([StatusCode::CREATED, StatusCode::OK].contains(&put.status), "{}", put.json());
+        Ok(())
+    }
+
+    /// Sends the scan in one zip with an idempotency key: the paths of its stacks.
+    pub async fn archive(&mut self, key: &str) -> Told<Vec<String>> {
+        let posted = self
+            .send(|client, url| {
+                let archive = client.post(format!("{url}/v1/scans/bee/archive")).header("idempotency-key", key);
+                archive.body(scan_zip())
+            })
+            .await?;
+        assert_eq!(posted.status, StatusCode::ACCEPTED, "{}", posted.json());
+        let views = posted.json()["views"].take();
+        let views = views.as_array().cloned().unwrap_or_default();
+        Ok(views.iter().filter_map(|view| view["stack"].as_str().map(str::to_owned)).collect())
+    }
+
+    /// Creates a resumable upload of the scan: its path.
+    pub async fn begin_scan(&mut self) -> Told<String> {
+        let metadata = format!("purpose {},scan {}", BASE64_STANDARD.encode("scan"), BASE64_STANDARD.encode("bee"));
+        let begun = self
+            .send(|client, url| {
+                let creation = Self::tus(client, Method::POST, &format!("{url}/v1/uploads"));
+                creation.header("upload-length", scan_zip().len()).header("upload-metadata", metadata)
+            })
+            .await?;
+        assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.json());
+        Ok(begun.header("location").to_owned())
+    }
+
+    /// Sends the rest of an upload of the scan: true once it has become the stacks.
+    pub async fn rest_of_scan(&mut self, path: &str) -> Told<bool> {
+        let (at, scan) = self.offset(path).await?;
+        if scan.is_some() {
+            return Ok(true);
+        }
+        let bytes = scan_zip().split_off(at);
+        let sent = self
+            .send(|client, url| {
+                let piece = Self::tus(client, Method::PATCH, &format!("{url}{path}")).header("upload-offset", at);
+                piece.header("content-type", "application/offset+octet-stream").body(bytes)
+            })
+            .await?;
+        assert_eq!(sent.status, StatusCode::NO_CONTENT, "{}", sent.json());
+        Ok(sent.header("pinstack-job") == "/v1/scans/bee")
     }
 
     /// Reruns a stack with an idempotency key: the path of the new one.

@@ -23,6 +23,7 @@ use crate::{
     http::{
         extract::conditional::{etag, not_modified, require_match},
         problem::{ApiError, ApiResult},
+        scans::stored_zip::StoredZip,
         state::App,
     },
     store::{BlobStore, Job},
@@ -68,6 +69,8 @@ pub enum Source {
     Blob(Arc<dyn BlobStore>, String),
     /// In an open file.
     File(File),
+    /// A zip of stored files.
+    Zip(Arc<dyn BlobStore>, StoredZip),
 }
 
 impl Source {
@@ -78,6 +81,7 @@ impl Source {
                 let deleted = || ApiError::new(Code::NotFound, "the file was deleted");
                 Ok(Body::from_stream(blobs.read(&key, first..first + length).await?.ok_or_else(deleted)?))
             }
+            Self::Zip(blobs, zip) => Ok(Body::from_stream(zip.stream(blobs, first, length))),
             Self::File(mut file) => {
                 file.seek(SeekFrom::Start(first)).await.map_err(ApiError::internal)?;
                 Ok(Body::from_stream(ReaderStream::with_capacity(file.take(length), CHUNK)))

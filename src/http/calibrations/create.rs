@@ -84,7 +84,7 @@ pub async fn create(
     fields.set("rig", key.rig.to_string());
     fields.set("lens", key.lens.to_string());
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
-    let (submission, zip) = request.receive(JobKind::Calibration, fields, body).await?;
+    let (submission, zip) = request.receive(&JobKind::Calibration, fields, body).await?;
     let calibration = request.submit(submission, zip).await?;
     request.answer(calibration).await
 }

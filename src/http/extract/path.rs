@@ -72,6 +72,14 @@ async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<HashMa
     }
 }
 
+/// A checked name in a path.
+///
+/// # Errors
+/// `invalid_request`.
+pub async fn named_segment<S: Send + Sync>(parts: &mut Parts, state: &S, what: &'static str) -> Result<Name, ApiError> {
+    name_segment(&segments(parts, state).await?, what)
+}
+
 fn name_segment(segments: &HashMap<String, String>, what: &'static str) -> Result<Name, ApiError> {
     let text = segments.get(what).cloned().unwrap_or_default();
     name(what, text)

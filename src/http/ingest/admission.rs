@@ -26,7 +26,7 @@ pub async fn admit(request: &IngestRequest<'_>, max_body: u64, job_bytes: u64) -
     let IngestRequest { app, caller, headers, key } = request;
     let length = content_length(headers);
     if length.is_some_and(|length| length > max_body) {
-        return Err(too_large(app.policy.max_upload_bytes).into());
+        return Err(too_large(max_body).into());
     }
     let quota = match key.is_repeat {
         true => QuotaClaim::default(),

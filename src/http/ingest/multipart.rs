@@ -17,13 +17,13 @@ use super::{
     fields::Fields,
     filename,
     form_body::FormBody,
+    receive::Receivable,
     request::IngestRequest,
     reservation::UploadReservation,
     spool::{SpooledZip, spool},
-    submission::Submission,
 };
 use crate::{
-    contract::{Code, JobKind},
+    contract::Code,
     http::problem::{ApiError, ApiResult},
 };
 
@@ -41,14 +41,14 @@ const FILE_PARTS: [&str; 2] = ["stack", "file"];
 ///
 /// # Errors
 /// `invalid_request` for a form that cannot be parsed or lacks the file; the rest as for a bare body.
-pub(super) async fn receive(
+pub(super) async fn receive<S: Receivable>(
     request: &IngestRequest<'_>,
-    kind: JobKind,
+    target: &S::Target,
     body: WatchedBody,
     mut fields: Fields,
     reservation: UploadReservation,
-) -> ApiResult<(Submission, SpooledZip)> {
-    let (app, headers) = (request.app, request.headers);
+) -> ApiResult<(S, SpooledZip)> {
+    let (app, caller, headers) = (request.app, request.caller, request.headers);
     let mut body = FormBody::new(body);
     let mut form = open(headers, body.clone()).await?;
     let mut reservation = Some(reservation);
@@ -73,7 +73,7 @@ pub(super) async fn receive(
                 return Err(ApiError::new(Code::InvalidRequest, "the form has two files; send one stack per request"));
             };
             if fields.name_profile() {
-                Submission::read(app, kind, &fields).await?;
+                S::read(app, caller, target, &fields).await?;
             }
             let filename = part.file_name().and_then(filename::tidy);
             let data = part.inspect_ok(|chunk| body.data_came(chunk.len() as u64));
@@ -93,7 +93,7 @@ pub(super) async fn receive(
         seen.push(name);
     }
     body.drain().await.map_err(|EndedEarly| body.verdict().error())?;
-    let submission = Submission::read(app, kind, &fields).await?;
+    let submission = S::read(app, caller, target, &fields).await?;
     match file {
         Some(file) => Ok((submission, file)),
         None => Err(ApiError::new(Code::InvalidRequest, "the form has no part 'stack'; send the zip in it")),

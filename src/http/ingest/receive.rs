@@ -1,24 +1,27 @@
 //! From the body of a request to a checked submission and a complete zip in a spool file.
 
+use std::future::Future;
+
 use axum::{
     body::Body,
     http::{HeaderMap, header},
 };
 
 use super::{
-    admission::{FORM_OVERHEAD, admit, waits_for_continue},
+    admission::{FORM_OVERHEAD, admit, content_length, waits_for_continue},
     body::{EndedEarly, WatchedBody},
     fields::Fields,
     filename, multipart,
     request::IngestRequest,
     spool::{SpooledZip, spool},
-    submission::Submission,
 };
 use crate::{
-    contract::{Code, JobKind},
+    contract::Code,
     http::{
+        auth::Caller,
         extract::json,
         problem::{ApiError, ApiResult},
+        state::App,
     },
 };
 
@@ -33,35 +36,59 @@ const ZIP_TYPES: [&str; 5] = [
     "binary/octet-stream",
 ];
 
+/// What a zip is received for. It is checked before the zip is read.
+pub trait Receivable: Sized + Send {
+    /// What the URL names beside the fields.
+    type Target: Sync;
+
+    /// Parses and checks the fields of a request, and reads what they name from the store.
+    ///
+    /// # Errors
+    /// `invalid_request` that names the field; the codes of what does not exist.
+    fn read(
+        app: &App,
+        caller: &Caller,
+        target: &Self::Target,
+        fields: &Fields,
+    ) -> impl Future<Output = ApiResult<Self>> + Send;
+
+    /// Bytes that will be written beyond an upload of `announced` bytes.
+    fn disk_need(&self, announced: u64) -> u64;
+
+    /// Largest upload, bytes.
+    fn max_bytes(app: &App) -> u64;
+}
+
 /// Receives an upload, bare or in a form. Nothing of a bare body is read before the submission is checked and admitted,
 /// so a client that sends `Expect: 100-continue` never sends a file in vain.
 ///
 /// # Errors
 /// Whatever is wrong with submission, admission or body. The spool file is removed in that case.
-pub(super) async fn receive(
+pub(super) async fn receive<S: Receivable>(
     request: &IngestRequest<'_>,
-    kind: JobKind,
+    target: &S::Target,
     fields: Fields,
     body: Body,
-) -> ApiResult<(Submission, SpooledZip)> {
-    let (app, headers) = (request.app, request.headers);
+) -> ApiResult<(S, SpooledZip)> {
+    let (app, caller, headers) = (request.app, request.caller, request.headers);
+    let announced = content_length(headers).unwrap_or(0);
     let media_type = media_type(headers);
     let is_form = media_type == "multipart/form-data";
-    let max_bytes = app.policy.max_upload_bytes;
+    let max_bytes = S::max_bytes(app);
     let max_body = if is_form { max_bytes.saturating_add(FORM_OVERHEAD) } else { max_bytes };
     let body = WatchedBody::new(body, max_body, app.policy.body_idle_timeout, waits_for_continue(headers));
     if is_form {
         // what the URL contains can be checked now, what the form contains only when it arrives
         let job_bytes = match fields.name_profile() {
-            true => Submission::read(app, kind, &fields).await?.disk_need(),
+            true => S::read(app, caller, target, &fields).await?.disk_need(announced),
             false => 0,
         };
         let reservation = admit(request, max_body, job_bytes).await?;
-        return multipart::receive(request, kind, body, fields, reservation).await;
+        return multipart::receive(request, target, body, fields, reservation).await;
     }
     require_zip(&media_type)?;
-    let submission = Submission::read(app, kind, &fields).await?;
-    let reservation = admit(request, max_body, submission.disk_need()).await?;
+    let submission = S::read(app, caller, target, &fields).await?;
+    let reservation = admit(request, max_body, submission.disk_need(announced)).await?;
     let verdict = body.verdict();
     let zip = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
     Ok((submission, zip))

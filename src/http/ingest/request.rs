@@ -17,23 +17,20 @@ use axum::{
 use super::{
     fields::Fields,
     idempotency::{self, IdempotencyKey},
-    receive::receive,
+    receive::{Receivable, receive},
     spool::SpooledZip,
     submission::Submission,
     submit::{IncomingZip, Origin, Submitted, ZipFile, submit},
 };
-use crate::{
-    contract::JobKind,
-    http::{
-        auth::Caller,
-        background,
-        extract::prefer,
-        log,
-        problem::{ApiError, ApiResult},
-        state::App,
-        views::{JobDocument, job::url},
-        waiting::until_final,
-    },
+use crate::http::{
+    auth::Caller,
+    background,
+    extract::prefer,
+    log,
+    problem::{ApiError, ApiResult},
+    state::App,
+    views::{JobDocument, job::url},
+    waiting::until_final,
 };
 
 /// A request that makes a job.
@@ -61,10 +58,15 @@ impl<'a> IngestRequest<'a> {
     /// Checks the submission, then receives its zip, as the whole body or as a part of a form.
     ///
     /// # Errors
-    /// What [`Submission::read`] and [`super::admission::admit`] refuse; `unsupported_media_type`;
+    /// What [`Receivable::read`] and [`super::admission::admit`] refuse; `unsupported_media_type`;
     /// `upload_too_large`; `upload_incomplete`.
-    pub async fn receive(&self, kind: JobKind, fields: Fields, body: Body) -> ApiResult<(Submission, SpooledZip)> {
-        receive(self, kind, fields, body).await
+    pub async fn receive<S: Receivable>(
+        &self,
+        target: &S::Target,
+        fields: Fields,
+        body: Body,
+    ) -> ApiResult<(S, SpooledZip)> {
+        receive(self, target, fields, body).await
     }
 
     /// Makes the job. It is made even when the client disconnects: all bytes are here.

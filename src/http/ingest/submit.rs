@@ -13,7 +13,10 @@ use uuid::Uuid;
 
 use super::{admission::queue_full, idempotency, quota::over_quota, submission::Submission};
 use crate::{
-    contract::{Fault, request::Upload},
+    contract::{
+        Code, Fault,
+        request::{JobRequest, Upload},
+    },
     http::{
         background,
         problem::{ApiError, ApiResult},
@@ -58,7 +61,8 @@ pub enum ZipFile {
 }
 
 impl ZipFile {
-    fn path(&self) -> &Path {
+    /// Its path on the local disk.
+    pub fn path(&self) -> &Path {
         match self {
             Self::Spooled(file) => file.path(),
             Self::Stored(blob) => blob.path(),
@@ -97,11 +101,9 @@ pub struct Submitted {
 /// `insufficient_storage`; `not_found` when a resumable upload was deleted meanwhile.
 pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> ApiResult<Submitted> {
     let IncomingZip { id, file, bytes, sha256, filename, origin } = zip;
-    let (layout, mut warnings) = inspect(app, file.path().to_owned()).await?;
     let key = upload_key(id);
     let upload = Upload { key: key.clone(), bytes, sha256, filename };
-    let (request, more_warnings) = submission.to_request(upload, layout)?;
-    warnings.extend(more_warnings);
+    let (request, warnings) = checked(app, submission, file.path(), upload).await?;
     if let ZipFile::Spooled(file) = file {
         app.store.blobs.put(&key, file).await?;
     }
@@ -119,11 +121,7 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
     let outcome = match stored {
         Some(Enqueue::Accepted(job)) => return Ok(Submitted { job: *job, replayed: false }),
         Some(Enqueue::Repeated(job)) => Ok(Submitted { job: *job, replayed: true }),
-        Some(Enqueue::KeyReused) => {
-            Err(idempotency::reused(job.idempotency.as_ref().map_or("", |(key, _)| key.as_str())))
-        }
-        Some(Enqueue::QueueFull { waiting }) => Err(queue_full(waiting)),
-        Some(Enqueue::OverQuota(over)) => Err(over_quota(bytes, &over)),
+        Some(refused) => Err(refusal(refused, bytes, job.idempotency.as_ref().map_or("", |(key, _)| key.as_str()))),
         None => Err(not_found(id)),
     };
     match origin {
@@ -136,6 +134,41 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
         Origin::ResumableUpload => {}
     }
     outcome
+}
+
+/// Inspects a zip and builds the request of its job.
+///
+/// # Errors
+/// What is wrong with the zip, or that it does not match the submission.
+pub async fn checked(
+    app: &App,
+    submission: &Submission,
+    zip: &Path,
+    upload: Upload,
+) -> ApiResult<(JobRequest, Vec<Warning>)> {
+    let (layout, mut warnings) = inspect(app, zip.to_owned()).await?;
+    let (request, more_warnings) = submission.to_request(upload, layout)?;
+    warnings.extend(more_warnings);
+    Ok((request, warnings))
+}
+
+/// The error for a job that was not accepted.
+pub fn refusal(refused: Enqueue, bytes: u64, key: &str) -> ApiError {
+    match refused {
+        Enqueue::KeyReused => idempotency::reused(key),
+        Enqueue::QueueFull { waiting } => queue_full(waiting),
+        Enqueue::OverQuota(over) => over_quota(bytes, &over),
+        Enqueue::NoSuchScan(scan) => {
+            let detail = format!(
+                "the scan '{scan}' was deleted, or its rig or lens was changed, while the upload arrived; create it \
+                 again with PUT /v1/scans/{scan}, and send the upload again"
+            );
+            ApiError::new(Code::ScanNotFound, detail)
+        }
+        Enqueue::Accepted(_) | Enqueue::Repeated(_) => {
+            ApiError::internal("an accepted job was taken for a refused one")
+        }
+    }
 }
 
 /// Reads the directory of a zip and the headers of its images.

@@ -7,7 +7,7 @@ pub mod file;
 pub mod get;
 pub mod import;
 pub mod list;
-mod near;
+pub mod near;
 pub mod numbers;
 pub mod put;
 pub mod revisions;

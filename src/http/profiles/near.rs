@@ -1,4 +1,5 @@
-//! Suggests profiles with similar names: another capital letter, a missing hyphen, another setting of the lens.
+//! Suggests profiles and scans with similar names: another capital letter, a missing hyphen, another setting of the
+//! lens.
 
 use crate::contract::Name;
 
@@ -33,6 +34,15 @@ pub(super) fn sentence(near: &[&(Name, Name)]) -> String {
     }
 }
 
+/// The names that are most similar to `name`, nearest first.
+pub fn names<'a>(name: &Name, known: &'a [Name]) -> Vec<&'a Name> {
+    let own = folded(name);
+    let mut found: Vec<(usize, &Name)> =
+        known.iter().filter_map(|other| Some((distance(&own, &folded(other))?, other))).collect();
+    found.sort_by_key(|(distance, _)| *distance);
+    found.into_iter().take(MAX_SUGGESTIONS).map(|(_, name)| name).collect()
+}
+
 fn folded(name: &Name) -> String {
     name.as_str().chars().filter(|c| !"._-".contains(*c)).map(|c| c.to_ascii_lowercase()).collect()
 }
@@ -51,6 +61,13 @@ mod tests {
 
     fn key(rig: &str, lens: &str) -> (Name, Name) {
         (Name::new(rig).expect("a name"), Name::new(lens).expect("a name"))
+    }
+
+    #[test]
+    fn similar_names_of_scans_are_suggested() {
+        let known = ["bee-41", "bee-42", "wasp-7"].map(|name| Name::new(name).expect("a name"));
+        let near = |text: &str| names(&Name::new(text).expect("a name"), &known).first().map(|name| name.as_str());
+        assert_eq!((near("Bee_42"), near("bee-4"), near("beetle")), (Some("bee-42"), Some("bee-41"), None));
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub async fn create(
 ) -> ApiResult<Response> {
     let fields = Fields::of_query(&uri)?;
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
-    let (submission, zip) = request.receive(JobKind::Stack, fields, body).await?;
+    let (submission, zip) = request.receive(&JobKind::Stack, fields, body).await?;
     let stack = request.submit(submission, zip).await?;
     request.answer(stack).await
 }

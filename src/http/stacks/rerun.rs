@@ -21,13 +21,14 @@ use crate::{
         extract::{JobId, json, params},
         ingest::{
             admission::require_admissible,
+            receive::Receivable,
             request::IngestRequest,
             spool::SpooledZip,
             submission::{Submission, stack::StackSubmission},
         },
         job_resource::{load, not_found},
         problem::{ApiError, ApiResult},
-        profiles,
+        profiles, scans,
         state::App,
         views::Stack,
     },
@@ -87,22 +88,43 @@ pub async fn rerun(
     let changes = changes(&app, &headers, body).await?;
     let first = load(&app, id, JobKind::Stack).await?;
     let JobRequest::Stack(stored) = &first.request else { return Err(not_found(id, JobKind::Stack)) };
-    let (options, profile) = changed(&app, &first, stored, changes).await?;
-    let submission = Submission::Stack(Box::new(StackSubmission::new(profile, options, Some(id))?));
+    let submission = submission(&app, &caller, &first, stored, changes).await?;
     if first.upload_removed {
         return Err(removed());
     }
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
     if !request.key.is_repeat {
         // the zip is shared and needs no space of its own
-        require_admissible(&app, &caller, 0, submission.disk_need()).await?;
+        require_admissible(&app, &caller, 0, submission.disk_need(0)).await?;
     }
     let zip = stored_zip(&app, &first).await?;
     let stack = request.submit(submission, zip).await?;
     request.answer(stack).await
 }
 
-async fn stored_zip(app: &App, stack: &Job) -> ApiResult<SpooledZip> {
+/// The submission of a stack that is fused again with changed options.
+///
+/// # Errors
+/// `invalid_request` for an invalid option; `profile_not_found`; `scan_not_found`; `scan_mismatch`.
+pub async fn submission(
+    app: &App,
+    caller: &Caller,
+    first: &Job,
+    stored: &StackRequest,
+    changes: Map<String, Value>,
+) -> ApiResult<Submission> {
+    let (options, profile) = changed(app, first, stored, changes).await?;
+    if let Some(scan) = &options.scan {
+        scans::require_joinable(app, caller, scan, &first.rig, &first.lens).await?;
+    }
+    Ok(Submission::Stack(Box::new(StackSubmission::new(profile, options, Some(first.id))?)))
+}
+
+/// The stored zip of a stack.
+///
+/// # Errors
+/// `upload_removed`.
+pub async fn stored_zip(app: &App, stack: &Job) -> ApiResult<SpooledZip> {
     if let Some(zip) = SpooledZip::of_stored(app, stack.request.upload()).await? {
         return Ok(zip);
     }
@@ -112,7 +134,10 @@ async fn stored_zip(app: &App, stack: &Job) -> ApiResult<SpooledZip> {
 }
 
 /// The members of the body.
-async fn changes(app: &App, headers: &HeaderMap, body: Body) -> ApiResult<Map<String, Value>> {
+///
+/// # Errors
+/// `unsupported_media_type`, `upload_too_large`, `invalid_request`.
+pub async fn changes(app: &App, headers: &HeaderMap, body: Body) -> ApiResult<Map<String, Value>> {
     json::require_json(headers)?;
     let bytes = json::read(app, headers, body).await?;
     if bytes.iter().all(u8::is_ascii_whitespace) {

@@ -75,7 +75,7 @@ pub async fn upload(State(app): State<App>, JobId(id): JobId, headers: HeaderMap
 }
 
 /// The error for a zip that was removed at the end of its retention period.
-pub(super) fn removed() -> ApiError {
+pub fn removed() -> ApiError {
     let detail = "the zip of this stack was removed at the end of its retention period (keep_uploads_days of the server); \
                   its results are kept; send the zip again to fuse it with other options";
     ApiError::new(Code::UploadRemoved, detail)

@@ -32,6 +32,8 @@ pub struct Info {
 pub struct LimitsInfo {
     /// Largest upload, bytes.
     max_upload_bytes: u64,
+    /// Largest upload with all views of a scan, bytes.
+    max_scan_bytes: u64,
     /// Largest number of slices of a stack.
     max_slices: usize,
     /// Largest number of members of a zip.
@@ -77,6 +79,7 @@ pub async fn info(State(app): State<App>) -> Json<Info> {
         version: env!("CARGO_PKG_VERSION"),
         limits: LimitsInfo {
             max_upload_bytes: policy.max_upload_bytes,
+            max_scan_bytes: policy.max_scan_bytes,
             max_slices: MAX_SLICES,
             max_archive_members: archive.max_members,
             max_member_bytes: archive.max_member_bytes,

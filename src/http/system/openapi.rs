@@ -44,7 +44,9 @@ use pinstack_science::types::error::ErrorLocation;
         (name = "profiles", description = "One homography and one gain per slice, for each rig and lens"),
         (name = "calibrations", description = "Profiles measured from a dot-target stack"),
         (name = "stacks", description = "Focus stacks: upload, fusion, results"),
-        (name = "uploads", description = "Resumable uploads of stacks and dot targets: tus 1.0.0"),
+        (name = "scans", description = "Many views of one object: table, upload in one zip, bundles for reconstruction programs"),
+        (name = "optics", description = "Planning a capture, and printable dot targets"),
+        (name = "uploads", description = "Resumable uploads of stacks, dot targets and scans: tus 1.0.0"),
         (name = "service", description = "Health, limits, metrics and documentation of the service"),
     ),
     components(schemas(Problem, Code, ErrorLocation))
@@ -135,7 +137,12 @@ fn completed(mut document: Value) -> Value {
 
 /// Documents PUT for the operations that accept files, because `curl -T` sends PUT.
 fn uploads_by_put(document: &mut Value) {
-    for path in ["/v1/stacks", "/v1/profiles/{rig}/{lens}/calibrations", "/v1/profiles/{rig}/{lens}/import"] {
+    for path in [
+        "/v1/stacks",
+        "/v1/scans/{scan}/archive",
+        "/v1/profiles/{rig}/{lens}/calibrations",
+        "/v1/profiles/{rig}/{lens}/import",
+    ] {
         let mut by_put = document["paths"][path]["post"].clone();
         for (member, suffix) in [("summary", " by PUT"), ("operationId", "_by_put")] {
             by_put[member] = json!(format!("{}{suffix}", by_put[member].as_str().unwrap_or_default()));
@@ -143,7 +150,7 @@ fn uploads_by_put(document: &mut Value) {
         document["paths"][path]["put"] = by_put;
     }
     // optional bodies: the first bytes of a new upload, the changed options of a rerun
-    for path in ["/v1/uploads", "/v1/stacks/{id}/rerun"] {
+    for path in ["/v1/uploads", "/v1/stacks/{id}/rerun", "/v1/scans/{scan}/rerun"] {
         document["paths"][path]["post"]["requestBody"]["required"] = json!(false);
     }
 }

@@ -9,7 +9,8 @@ use crate::contract::ranges::{self, Range};
 const CHECKSUM: &str = "^(sha1 [A-Za-z0-9+/]{26}[AEIMQUYcgkosw048]=|sha256 [A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=)$";
 
 /// Media types of binary bodies.
-const FILES: [&str; 5] = [
+const FILES: [&str; 6] = [
+    "application/pdf",
     "application/zip",
     "application/x-npy",
     "application/x-npz",
@@ -21,9 +22,11 @@ const NUMBERS: &str = r"^-?[0-9]{1,6}(\.[0-9]{1,6})?(,-?[0-9]{1,6}(\.[0-9]{1,6})
 
 /// The operations that take options as query parameters, and the schema of the options. The descriptions of the
 /// parameters are those of the schema.
-const OPERATIONS_WITH_OPTIONS: [(&str, &str); 4] = [
+const OPERATIONS_WITH_OPTIONS: [(&str, &str); 6] = [
     ("send_stack", "StackOptionsInput"),
     ("send_stack_by_put", "StackOptionsInput"),
+    ("send_scan", "StackOptionsInput"),
+    ("send_scan_by_put", "StackOptionsInput"),
     ("calibrate", "CalibrationOptions"),
     ("calibrate_by_put", "CalibrationOptions"),
 ];

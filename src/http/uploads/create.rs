@@ -17,10 +17,16 @@ use super::{
     receive::require_fit,
 };
 use crate::{
-    contract::{Code, JobKind},
+    contract::{Code, JobKind, UploadPurpose},
     http::{
         auth::Caller,
-        ingest::{admission::require_admissible, body::too_large, quota::over_quota, submission::Submission},
+        ingest::{
+            admission::require_admissible,
+            body::too_large,
+            quota::over_quota,
+            receive::Receivable,
+            submission::{Submission, scan::ScanSubmission},
+        },
         problem::{ApiError, ApiResult},
         state::App,
     },
@@ -33,9 +39,9 @@ use crate::{
 /// Begin a resumable upload
 ///
 /// tus 1.0.0: `creation`, and `creation-with-upload` when the request has a body. `Upload-Metadata` describes the
-/// upload: `rig`, `lens`, `options` (JSON, as in a form), `filename`, and `purpose` (`stack`, the default, or
-/// `calibration` for a dot target). Names, options, profile, length, quota, disk space and queue are checked now. Send
-/// the bytes with `PATCH` to the URL in `Location`.
+/// upload: `rig`, `lens`, `options` (JSON, as in a form), `filename`, and `purpose`: `stack` (the default),
+/// `calibration` for a dot target, or `scan` for a zip with all views of the scan that `scan` names. Names, options,
+/// profile, length, quota, disk space and queue are checked now. Send the bytes with `PATCH` to the URL in `Location`.
 #[utoipa::path(
     post,
     path = "/v1/uploads",
@@ -44,7 +50,7 @@ use crate::{
     params(
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
         ("Upload-Length" = u64, Header, description = "Size of the zip, bytes"),
-        ("Upload-Metadata" = Option<String>, Header, description = "`name base64,name base64`: rig, lens, options, filename, purpose"),
+        ("Upload-Metadata" = Option<String>, Header, description = "`name base64,name base64`: rig, lens, options, filename, purpose, scan"),
         ("Upload-Checksum" = Option<String>, Header, description = "`sha1` or `sha256` and the checksum of the body in base64"),
     ),
     request_body(description = "Empty, or the first bytes of the zip", content((Vec<u8> = "application/offset+octet-stream"))),
@@ -55,7 +61,7 @@ use crate::{
             ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
             ("Pinstack-Job" = String, description = "URL of the job, if the body was the whole zip"))),
         (status = 400, description = "`invalid_request`: an invalid header, name or option; `upload_incomplete`: the connection closed or timed out (what arrived is kept)"),
-        (status = 404, description = "`profile_not_found`"),
+        (status = 404, description = "`profile_not_found`, `scan_not_found`"),
         (status = 409, description = "`conflict`: a newer request took over the upload"),
         (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
         (status = 413, description = "`upload_too_large`: `Upload-Length` exceeds the limit"),
@@ -101,17 +107,21 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
             "Upload-Length is 0, but an empty file is not a zip; send its size in bytes",
         ));
     }
-    if length > app.policy.max_upload_bytes {
-        return Err(too_large(app.policy.max_upload_bytes).into());
-    }
     let (text, metadata) = Metadata::of_request(headers)?;
-    let kind = metadata.purpose()?;
-    caller.require(match kind {
-        JobKind::Stack => &[Scope::StacksWrite],
-        JobKind::Calibration => &[Scope::ProfilesWrite],
+    let purpose = metadata.purpose()?;
+    caller.require(match purpose {
+        UploadPurpose::Stack | UploadPurpose::Scan => &[Scope::StacksWrite],
+        UploadPurpose::Calibration => &[Scope::ProfilesWrite],
     })?;
-    let submission = Submission::read(app, kind, &metadata.fields()).await?;
-    require_admissible(app, caller, length, submission.disk_need()).await?;
+    match purpose {
+        UploadPurpose::Stack => require::<Submission>(app, caller, &JobKind::Stack, &metadata, length).await?,
+        UploadPurpose::Calibration => {
+            require::<Submission>(app, caller, &JobKind::Calibration, &metadata, length).await?;
+        }
+        UploadPurpose::Scan => {
+            require::<ScanSubmission>(app, caller, &metadata.scan()?, &metadata, length).await?;
+        }
+    }
     let new = NewUpload {
         id: Uuid::now_v7(),
         length,
@@ -133,6 +143,21 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
             Err(ApiError::new(Code::QueueFull, detail))
         }
     }
+}
+
+/// Checks names, options, length, disk space, quota and queue.
+async fn require<S: Receivable>(
+    app: &App,
+    caller: &Caller,
+    target: &S::Target,
+    metadata: &Metadata,
+    length: u64,
+) -> ApiResult<()> {
+    if length > S::max_bytes(app) {
+        return Err(too_large(S::max_bytes(app)).into());
+    }
+    let submission = S::read(app, caller, target, &metadata.fields()).await?;
+    require_admissible(app, caller, length, submission.disk_need(length)).await
 }
 
 fn has_body(headers: &HeaderMap) -> bool {

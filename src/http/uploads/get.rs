@@ -14,7 +14,7 @@ use super::{
     protocol::{job_url, url},
 };
 use crate::{
-    contract::{JobKind, Problem},
+    contract::{Problem, UploadPurpose},
     http::{
         extract::UploadId,
         problem::{ApiResult, problem},
@@ -38,7 +38,7 @@ pub enum UploadProgress {
 /// A resumable upload.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ResumableUpload {
-    /// Id. The job that is made from it has the same id.
+    /// Id. The job that is made from it has the same id; the stacks of a scan have other ids.
     #[schema(value_type = String, format = Uuid)]
     pub id: Uuid,
     /// State of the upload.
@@ -47,8 +47,8 @@ pub struct ResumableUpload {
     pub offset: u64,
     /// Size of the zip, bytes.
     pub length: u64,
-    /// The kind of job that it becomes.
-    pub purpose: JobKind,
+    /// What it becomes.
+    pub purpose: UploadPurpose,
     /// File name that the client gave; null when it gave none.
     pub filename: Option<String>,
     /// The decoded `Upload-Metadata`.
@@ -59,7 +59,7 @@ pub struct ResumableUpload {
     /// When it expires unless more bytes arrive. The job does not expire with it.
     #[schema(value_type = String, format = DateTime)]
     pub expires_at: Timestamp,
-    /// URL of the job that was made from it; null before.
+    /// URL of the job, or of the scan, that was made from it; null before.
     pub job: Option<String>,
     /// Why it was refused; null unless `state` is `refused`.
     pub error: Option<Problem>,
@@ -70,7 +70,7 @@ impl ResumableUpload {
         let metadata = Metadata::parse(&upload.metadata)?;
         let (state, job, error) = match &upload.state {
             UploadState::Receiving => (UploadProgress::Receiving, None, None),
-            UploadState::Complete(kind) => (UploadProgress::Complete, Some(job_url(upload.id, *kind)), None),
+            UploadState::Complete(_) => (UploadProgress::Complete, job_url(upload), None),
             UploadState::Refused(fault) => (UploadProgress::Refused, None, Some(problem(fault, Some(url(upload.id))))),
         };
         Ok(Self {

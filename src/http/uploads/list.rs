@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use super::metadata::Metadata;
 use crate::{
-    contract::JobKind,
+    contract::UploadPurpose,
     http::{
         extract::{PageQuery, params},
         problem::ApiResult,
@@ -25,8 +25,8 @@ pub struct OpenUpload {
     pub id: Uuid,
     /// File name that the client gave; null when it gave none.
     pub filename: Option<String>,
-    /// The kind of job that it becomes.
-    pub purpose: JobKind,
+    /// What it becomes.
+    pub purpose: UploadPurpose,
     /// Rig of the profile.
     pub rig: Option<String>,
     /// Lens of the profile.

@@ -7,8 +7,9 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 
 use super::protocol::UPLOAD_METADATA;
 use crate::{
-    contract::{Code, JobKind},
+    contract::{Code, Name, UploadPurpose},
     http::{
+        extract::path::name,
         ingest::{fields::Fields, filename},
         problem::{ApiError, ApiResult},
     },
@@ -61,18 +62,26 @@ impl Metadata {
         Ok(Self(pairs))
     }
 
-    /// The kind of job that the upload becomes.
+    /// What the upload becomes.
     ///
     /// # Errors
     /// `invalid_request` for an unknown purpose.
-    pub fn purpose(&self) -> ApiResult<JobKind> {
-        match self.0.get("purpose").map(String::as_str) {
-            None | Some("stack") => Ok(JobKind::Stack),
-            Some("calibration") => Ok(JobKind::Calibration),
-            Some(other) => {
-                let other: String = other.chars().take(80).collect();
-                Err(refuse(&format!("Upload-Metadata: purpose is '{other}'; it must be stack or calibration")))
-            }
+    pub fn purpose(&self) -> ApiResult<UploadPurpose> {
+        let Some(name) = self.0.get("purpose") else { return Ok(UploadPurpose::Stack) };
+        UploadPurpose::of_name(name).ok_or_else(|| {
+            let name: String = name.chars().take(80).collect();
+            refuse(&format!("Upload-Metadata: purpose is '{name}'; it must be stack, calibration or scan"))
+        })
+    }
+
+    /// The scan of an upload with the purpose `scan`.
+    ///
+    /// # Errors
+    /// `invalid_request` when it is missing or no name.
+    pub fn scan(&self) -> ApiResult<Name> {
+        match self.0.get("scan") {
+            Some(text) => name("scan", text.clone()),
+            None => Err(refuse("Upload-Metadata: purpose is 'scan', but 'scan' is missing; it names the scan")),
         }
     }
 
@@ -102,12 +111,16 @@ mod tests {
         assert_eq!(read.0["rig"], "rig-1");
         assert_eq!((read.0["relativePath"].as_str(), read.0["is_secret"].as_str()), ("null", ""));
         assert_eq!(read.fields().pairs, [("rig".into(), "rig-1".into()), ("lens".into(), "lens".into())]);
-        assert_eq!(read.purpose().expect("the default"), JobKind::Stack);
+        assert_eq!(read.purpose().expect("the default"), UploadPurpose::Stack);
         assert_eq!(Metadata::parse("").expect("nothing is fine"), Metadata::default());
     }
 
     #[test]
     fn an_invalid_value_is_refused_with_its_name() {
+        let scan = Metadata::parse("purpose c2Nhbg==,scan YmVl").expect("valid");
+        assert_eq!(scan.purpose().expect("known"), UploadPurpose::Scan);
+        assert_eq!(scan.scan().expect("given").as_str(), "bee");
+        assert!(Metadata::default().scan().is_err());
         for (text, expected) in [
             ("rig %%%", "'rig' is not UTF-8"),
             ("rig /w==", "'rig' is not UTF-8"),

@@ -9,8 +9,9 @@ use axum::{
 use jiff::{Timestamp, fmt::rfc2822::DateTimePrinter};
 use uuid::Uuid;
 
+use super::metadata::Metadata;
 use crate::{
-    contract::{Code, JobKind},
+    contract::{Code, UploadPurpose},
     http::problem::{ApiError, ApiResult},
     store::uploads::{PartialUpload, UploadState},
 };
@@ -39,7 +40,7 @@ pub const UPLOAD_CHECKSUM: HeaderName = HeaderName::from_static("upload-checksum
 pub const UPLOAD_DEFER_LENGTH: HeaderName = HeaderName::from_static("upload-defer-length");
 /// For clients behind proxies that pass only GET and POST.
 pub const METHOD_OVERRIDE: HeaderName = HeaderName::from_static("x-http-method-override");
-/// URL of the job that was made from the upload.
+/// URL of the job, or of the scan, that was made from the upload.
 pub const PINSTACK_JOB: HeaderName = HeaderName::from_static("pinstack-job");
 
 /// The supported version.
@@ -97,12 +98,15 @@ pub fn url(id: Uuid) -> String {
     format!("/v1/uploads/{id}")
 }
 
-/// URL of the job that was made from an upload.
-pub fn job_url(id: Uuid, kind: JobKind) -> String {
-    match kind {
-        JobKind::Stack => format!("/v1/stacks/{id}"),
-        JobKind::Calibration => format!("/v1/calibrations/{id}"),
-    }
+/// URL of what was made from an upload: the job, or the scan. `None` before.
+pub fn job_url(upload: &PartialUpload) -> Option<String> {
+    let id = upload.id;
+    let UploadState::Complete(purpose) = upload.state else { return None };
+    Some(match purpose {
+        UploadPurpose::Stack => format!("/v1/stacks/{id}"),
+        UploadPurpose::Calibration => format!("/v1/calibrations/{id}"),
+        UploadPurpose::Scan => format!("/v1/scans/{}", Metadata::parse(&upload.metadata).ok()?.scan().ok()?),
+    })
 }
 
 /// Writes the headers that describe the state of an upload.
@@ -112,9 +116,7 @@ pub fn write_headers(headers: &mut HeaderMap, upload: &PartialUpload) {
     if let Some(date) = http_date(upload.expires_at) {
         headers.insert(UPLOAD_EXPIRES, date);
     }
-    if let UploadState::Complete(kind) = upload.state
-        && let Ok(job) = HeaderValue::from_str(&job_url(upload.id, kind))
-    {
+    if let Some(Ok(job)) = job_url(upload).map(|url| HeaderValue::from_str(&url)) {
         headers.insert(PINSTACK_JOB, job);
     }
 }

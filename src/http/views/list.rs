@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::{Calibration, Stack};
 use crate::{
-    contract::{ProfileSummary, request::JobRequest},
+    contract::{ProfileSummary, Scan, request::JobRequest},
     store::{Job, Page, Skipped},
 };
 
@@ -17,6 +17,18 @@ pub struct ProfileList {
     /// Pass it as `cursor` to get the next page; null on the last page.
     pub next_cursor: Option<String>,
     /// Revisions that cannot be read and are omitted from `items`; absent when there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skipped: Vec<Skipped>,
+}
+
+/// A page of scans, newest first.
+#[derive(Debug, Serialize, Deserialize, ToSchema)]
+pub struct ScanList {
+    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
+    pub items: Vec<Scan>,
+    /// Pass it as `cursor` to get the next page; null on the last page.
+    pub next_cursor: Option<String>,
+    /// Scans that cannot be read and are omitted from `items`; absent when there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skipped: Vec<Skipped>,
 }
@@ -47,6 +59,12 @@ pub struct CalibrationList {
 
 impl From<Page<ProfileSummary>> for ProfileList {
     fn from(page: Page<ProfileSummary>) -> Self {
+        Self { items: page.items, next_cursor: page.next_cursor, skipped: page.skipped }
+    }
+}
+
+impl From<Page<Scan>> for ScanList {
+    fn from(page: Page<Scan>) -> Self {
         Self { items: page.items, next_cursor: page.next_cursor, skipped: page.skipped }
     }
 }

@@ -3,12 +3,15 @@
 pub mod calibration;
 pub mod job;
 pub mod list;
+pub mod scan;
+pub mod scan_archive;
 pub mod stack;
 
 use serde::Serialize;
 
 pub use calibration::Calibration;
-pub use list::{CalibrationList, ProfileList, StackList};
+pub use list::{CalibrationList, ProfileList, ScanList, StackList};
+pub use scan::ScanWithViews;
 pub use stack::Stack;
 
 use crate::{contract::request::JobRequest, store::Job};

@@ -9,6 +9,7 @@ use pinstack_science::types::Warning;
 
 pub async fn an_accepted_job_is_queued_with_its_whole_request(store: Fresh) {
     let metadata = &*store.metadata;
+    super::scans::with_scan(metadata, "beetle").await;
     let mut asked = stack_with(|request| {
         request.options.scan = Some(name("beetle"));
         request.options.mask_threshold = pinstack_science::types::mask_options::MaskThreshold::Fixed(0.25);
@@ -61,6 +62,7 @@ pub async fn a_full_queue_refuses_until_a_worker_takes_one(store: Fresh) {
 
 pub async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
     let metadata = &*store.metadata;
+    super::scans::with_scan(metadata, "s").await;
     let mut ids = Vec::new();
     for i in 0..5 {
         let job = if i == 2 { calibration() } else { stack_with(|r| r.options.scan = (i > 2).then(|| name("s"))) };

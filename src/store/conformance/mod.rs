@@ -26,6 +26,7 @@ pub mod leases;
 pub mod memory;
 pub mod parts;
 pub mod profiles;
+pub mod scans;
 pub mod tokens;
 pub mod totals;
 pub mod uploads;
@@ -178,6 +179,7 @@ pub fn stack_outcome() -> JobOutcome {
         media_type: "image/png".into(),
         bytes: 3,
         sha256: "ab".into(),
+        crc32: Some(7),
     };
     let image = ImageInfo { width: 64, height: 48, bit_depth: 8, crop_offset_px: [0, 0], intrinsics: None };
     JobOutcome::Stack(StackOutcome {
@@ -257,6 +259,13 @@ macro_rules! metadata_conformance {
                 every_visible_change_is_announced_and_counted,
                 a_page_ends_at_its_size_limit,
                 a_result_that_could_not_be_read_again_fails_the_job;
+            scans:
+                a_scan_comes_back_as_it_was_put_and_counts_its_versions,
+                scans_are_listed_newest_first_filtered_and_by_owner,
+                a_stack_joins_only_a_scan_of_its_rig_and_lens,
+                a_scan_with_stacks_keeps_its_camera_and_is_not_deleted,
+                several_jobs_are_accepted_together_or_not_at_all,
+                an_upload_becomes_the_stacks_of_a_scan_once;
             uploads:
                 open_uploads_are_listed_newest_first_with_their_tokens,
                 a_quota_holds_under_concurrent_requests,

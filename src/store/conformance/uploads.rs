@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{Fresh, name, page, stack};
 use crate::{
-    contract::{Code, Fault, JobKind},
+    contract::{Code, Fault, UploadPurpose},
     store::{
         Enqueue, NewJob, OverQuota, StoreError, UploadRecords,
         tokens::NewToken,
@@ -72,7 +72,7 @@ pub async fn a_complete_upload_becomes_one_job_and_an_incomplete_one_none(store:
     let Some(Enqueue::Accepted(first)) = made else { panic!("{made:?}") };
     assert_eq!(metadata.complete_upload(&job(id), 10).await.unwrap(), Some(Enqueue::Repeated(first.clone())));
     assert_eq!(metadata.job(id).await.unwrap(), Some(*first));
-    assert_eq!(metadata.upload(id).await.unwrap().unwrap().state, UploadState::Complete(JobKind::Stack));
+    assert_eq!(metadata.upload(id).await.unwrap().unwrap().state, UploadState::Complete(UploadPurpose::Stack));
     assert!(!metadata.upload_is_open(id).await.unwrap());
     assert!(!metadata.refuse_upload(id, &Fault::new(Code::InvalidArchive, "no")).await.unwrap());
     assert!(metadata.delete_upload(id).await.unwrap());

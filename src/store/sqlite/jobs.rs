@@ -10,13 +10,14 @@ use super::{
     page::Window,
     quota,
     row::{JobRow, kind, signed, state},
+    scans,
     transitions::{Transition, apply, state_and_lease},
 };
 use crate::{
     contract::{JobKind, JobState, Name, request::JobRequest},
     store::{
-        BlobOwner, CancelRequest, Enqueue, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest, Skipped,
-        json,
+        BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
+        Skipped, json,
     },
 };
 use pinstack_science::types::Warning;
@@ -32,6 +33,16 @@ impl JobQueue for SqliteMetadata {
         if let Enqueue::Accepted(_) = &enqueued {
             self.commit(tx, "rows.enqueue").await?;
             self.changed(job.id);
+        }
+        Ok(enqueued)
+    }
+
+    async fn enqueue_all(&self, jobs: &[NewJob], queue_limit: u64) -> StoreResult<EnqueueAll> {
+        let mut tx = self.write().await?;
+        let enqueued = insert_all(self, &mut tx, jobs, queue_limit).await?;
+        if let EnqueueAll::Accepted(_) = &enqueued {
+            self.commit(tx, "rows.enqueue_all").await?;
+            jobs.iter().for_each(|job| self.changed(job.id));
         }
         Ok(enqueued)
     }
@@ -182,6 +193,23 @@ impl JobQueue for SqliteMetadata {
     }
 }
 
+/// Enqueues all jobs within a transaction that the caller commits if all of them are accepted.
+pub(super) async fn insert_all(
+    store: &SqliteMetadata,
+    connection: &mut SqliteConnection,
+    jobs: &[NewJob],
+    queue_limit: u64,
+) -> StoreResult<EnqueueAll> {
+    let mut accepted = Vec::with_capacity(jobs.len());
+    for job in jobs {
+        match insert(store, &mut *connection, job, queue_limit).await? {
+            Enqueue::Accepted(job) => accepted.push(*job),
+            refused => return Ok(EnqueueAll::Refused(refused)),
+        }
+    }
+    Ok(EnqueueAll::Accepted(accepted))
+}
+
 /// Enqueues a job within a transaction that the caller commits.
 pub(super) async fn insert(
     store: &SqliteMetadata,
@@ -194,6 +222,11 @@ pub(super) async fn insert(
     {
         let same = its_fingerprint == *fingerprint;
         return Ok(if same { Enqueue::Repeated(Box::new(first)) } else { Enqueue::KeyReused });
+    }
+    if let Some(scan) = job.request.scan()
+        && !scans::accepts(&mut *connection, scan, &job.rig, &job.lens).await?
+    {
+        return Ok(Enqueue::NoSuchScan(scan.clone()));
     }
     let waiting: i64 =
         sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *connection).await?;

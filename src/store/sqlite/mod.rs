@@ -14,6 +14,7 @@ mod page;
 mod profiles;
 mod quota;
 mod row;
+mod scans;
 mod tokens;
 mod totals;
 mod transitions;
@@ -43,7 +44,7 @@ const ROWS_AHEAD: usize = 4;
 const CHANGES: usize = 1024;
 
 /// The migrations of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 7] = [
+const SCHEMA: [(i64, &str, &str); 8] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
@@ -51,6 +52,7 @@ const SCHEMA: [(i64, &str, &str); 7] = [
     (5, "totals", include_str!("schema/0005_totals.sql")),
     (6, "heads", include_str!("schema/0006_heads.sql")),
     (7, "pauses", include_str!("schema/0007_pauses.sql")),
+    (8, "scans", include_str!("schema/0008_scans.sql")),
 ];
 
 /// The metadata store in one SQLite file.

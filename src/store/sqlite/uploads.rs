@@ -1,16 +1,18 @@
 //! Resumable uploads.
 
+use anyhow::Context;
 use async_trait::async_trait;
+use sqlx::SqliteConnection;
 use uuid::Uuid;
 
 use super::{
     SqliteMetadata, StoreError, StoreResult, clock_gaps, jobs, page, quota,
-    row::{JobRow, kind, signed, time, unsigned},
+    row::{JobRow, signed, time, unsigned},
 };
 use crate::{
-    contract::Fault,
+    contract::{Fault, UploadPurpose},
     store::{
-        Enqueue, NewJob, Page, PageRequest, Skipped,
+        Enqueue, EnqueueAll, NewJob, Page, PageRequest, Skipped,
         clock::later,
         json,
         uploads::{
@@ -39,7 +41,10 @@ impl TryFrom<UploadRow> for PartialUpload {
 
     fn try_from(row: UploadRow) -> StoreResult<Self> {
         let state = match (row.job_kind, row.fault) {
-            (Some(name), _) => UploadState::Complete(kind(&name)?),
+            (Some(name), _) => {
+                let purpose = UploadPurpose::of_name(&name);
+                UploadState::Complete(purpose.with_context(|| format!("a row contains the unknown purpose '{name}'"))?)
+            }
             (None, Some(fault)) => {
                 UploadState::Refused(json::read(format_args!("the row of upload {}", row.id), &fault)?)
             }
@@ -213,13 +218,43 @@ impl UploadRecords for SqliteMetadata {
                 .bind(jobs::kind_name(job.request.kind()))
                 .execute(&mut *tx)
                 .await?;
-            // the job belongs to the token that created the upload, whichever token completed it
-            sqlx::query("UPDATE jobs SET owner = (SELECT owner FROM uploads WHERE id = ?1) WHERE id = ?1")
-                .bind(job.id)
-                .execute(&mut *tx)
-                .await?;
+            own_by_upload(&mut tx, job.id, job.id).await?;
             self.commit(tx, "rows.complete_upload").await?;
             self.changed(job.id);
+        }
+        Ok(Some(enqueued))
+    }
+
+    async fn complete_scan_upload(
+        &self,
+        id: Uuid,
+        jobs: &[NewJob],
+        queue_limit: u64,
+    ) -> StoreResult<Option<EnqueueAll>> {
+        let mut tx = self.write().await?;
+        let made: Option<(Option<String>, Option<String>)> =
+            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = ?1 AND received = length")
+                .bind(id)
+                .fetch_optional(&mut *tx)
+                .await?;
+        match made {
+            None | Some((_, Some(_))) => return Ok(None),
+            Some((Some(_), None)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
+            Some((None, None)) => {}
+        }
+        let enqueued = jobs::insert_all(self, &mut tx, jobs, queue_limit).await?;
+        if let EnqueueAll::Accepted(accepted) = &enqueued {
+            sqlx::query("UPDATE uploads SET job_kind = ?2 WHERE id = ?1")
+                .bind(id)
+                .bind(UploadPurpose::Scan.as_str())
+                .execute(&mut *tx)
+                .await?;
+            for job in accepted {
+                own_by_upload(&mut tx, job.id, id).await?;
+            }
+            self.commit(tx, "rows.complete_scan_upload").await?;
+            jobs.iter().for_each(|job| self.changed(job.id));
+            self.changed(id);
         }
         Ok(Some(enqueued))
     }
@@ -283,4 +318,14 @@ impl UploadRecords for SqliteMetadata {
         .await?;
         Ok(unsigned(bytes))
     }
+}
+
+/// Gives a job to the token that created the upload, whichever token completed it.
+async fn own_by_upload(connection: &mut SqliteConnection, job: Uuid, upload: Uuid) -> StoreResult<()> {
+    sqlx::query("UPDATE jobs SET owner = (SELECT owner FROM uploads WHERE id = ?2) WHERE id = ?1")
+        .bind(job)
+        .bind(upload)
+        .execute(connection)
+        .await?;
+    Ok(())
 }

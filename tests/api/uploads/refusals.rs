@@ -14,7 +14,7 @@ async fn an_invalid_upload_is_refused_at_its_creation() {
         (metadata(&[("lens", "lens")]), "the rig is missing"),
         (metadata(&[("rig", "rig"), ("lens", "lens"), ("options", r#"{"r1": 0}"#)]), "r1 must be 1 to 200"),
         (metadata(&[("rig", "rig"), ("lens", "lens"), ("options", "{")]), "options"),
-        (metadata(&[("rig", "rig"), ("lens", "lens"), ("purpose", "lunch")]), "stack or calibration"),
+        (metadata(&[("rig", "rig"), ("lens", "lens"), ("purpose", "lunch")]), "stack, calibration or scan"),
         ("rig !!!".to_owned(), "base64"),
     ] {
         let refused = problem(creation(&app, 1000, &text).send().await.unwrap(), 400, "invalid_request").await;

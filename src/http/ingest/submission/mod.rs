@@ -4,19 +4,20 @@
 //! zip is read; later the request of the job, checked against the contents of the zip.
 
 pub mod calibration;
+pub mod scan;
 pub mod stack;
 
 use pinstack_science::types::{Warning, stack_layout::StackLayout};
 use serde_json::Value;
 
 use self::{calibration::CalibrationSubmission, stack::StackSubmission};
-use super::fields::Fields;
+use super::{fields::Fields, receive::Receivable};
 use crate::{
     contract::{
         Fault, JobKind, Name,
         request::{JobRequest, Upload},
     },
-    http::{problem::ApiResult, state::App},
+    http::{auth::Caller, problem::ApiResult, state::App},
 };
 
 /// A submission whose names, options and profile are valid.
@@ -27,18 +28,33 @@ pub enum Submission {
     Calibration(Box<CalibrationSubmission>),
 }
 
-impl Submission {
-    /// Parses and checks the fields of a request, and reads the profile they name.
-    ///
+impl Receivable for Submission {
+    type Target = JobKind;
+
     /// # Errors
-    /// `invalid_request` that names the field; `profile_not_found` (stacks only).
-    pub async fn read(app: &App, kind: JobKind, fields: &Fields) -> ApiResult<Self> {
+    /// `invalid_request` that names the field; of a stack `profile_not_found` and `scan_not_found`.
+    async fn read(app: &App, caller: &Caller, kind: &JobKind, fields: &Fields) -> ApiResult<Self> {
         Ok(match kind {
-            JobKind::Stack => Self::Stack(Box::new(StackSubmission::read(app, fields).await?)),
+            JobKind::Stack => Self::Stack(Box::new(StackSubmission::read(app, caller, fields).await?)),
             JobKind::Calibration => Self::Calibration(Box::new(CalibrationSubmission::read(app, fields).await?)),
         })
     }
 
+    /// What the job may write, as far as this is known before the upload arrives. 0 for a calibration: the number of
+    /// slices is unknown, and little is written for each.
+    fn disk_need(&self, _announced: u64) -> u64 {
+        match self {
+            Self::Stack(stack) => stack.disk_need(),
+            Self::Calibration(_) => 0,
+        }
+    }
+
+    fn max_bytes(app: &App) -> u64 {
+        app.policy.max_upload_bytes
+    }
+}
+
+impl Submission {
     /// The kind of job it becomes.
     pub fn kind(&self) -> JobKind {
         match self {
@@ -52,15 +68,6 @@ impl Submission {
         match self {
             Self::Stack(stack) => stack.profile_key(),
             Self::Calibration(calibration) => calibration.profile_key(),
-        }
-    }
-
-    /// Bytes that the job may write beyond its upload, as far as this is known before the upload arrives. 0 for a
-    /// calibration: the number of slices is unknown, and little is written for each.
-    pub fn disk_need(&self) -> u64 {
-        match self {
-            Self::Stack(stack) => stack.disk_need(),
-            Self::Calibration(_) => 0,
         }
     }
 

@@ -11,10 +11,12 @@ use crate::{
         request::{StackRequest, Upload},
     },
     http::{
+        auth::Caller,
         extract::path::name,
         ingest::fields::Fields,
         problem::{ApiError, ApiResult},
         profiles::not_found,
+        scans,
         state::App,
     },
     jobs::disk::disk_need_by_profile,
@@ -40,7 +42,7 @@ impl StackSubmission {
         Ok(Self { profile, options, rerun_of })
     }
 
-    pub(super) async fn read(app: &App, fields: &Fields) -> ApiResult<Self> {
+    pub(super) async fn read(app: &App, caller: &Caller, fields: &Fields) -> ApiResult<Self> {
         let named = |what: &str| match fields.get(what) {
             Some(text) => name(what, text.to_owned()),
             None => Err(ApiError::new(
@@ -54,6 +56,9 @@ impl StackSubmission {
         options.check()?;
         let profile = app.store.metadata.profile(&rig, &lens, options.profile_revision).await?;
         let Some(profile) = profile else { return Err(not_found(app, &rig, &lens, options.profile_revision).await) };
+        if let Some(scan) = &options.scan {
+            scans::require_joinable(app, caller, scan, &rig, &lens).await?;
+        }
         Self::new(profile, options, None)
     }
 
@@ -61,7 +66,8 @@ impl StackSubmission {
         (&self.profile.rig, &self.profile.lens)
     }
 
-    pub(super) fn disk_need(&self) -> u64 {
+    /// Bytes that the job may write beyond its upload.
+    pub fn disk_need(&self) -> u64 {
         disk_need_by_profile(&self.profile.input)
     }
 
@@ -74,7 +80,11 @@ impl StackSubmission {
         input
     }
 
-    pub(super) fn to_request(&self, upload: Upload, layout: StackLayout) -> Result<StackRequest, Fault> {
+    /// Checks the contents of the zip and builds the request that the row of the job keeps.
+    ///
+    /// # Errors
+    /// `size_mismatch`, `slice_count_mismatch` and others, with the number found and the number expected.
+    pub fn to_request(&self, upload: Upload, layout: StackLayout) -> Result<StackRequest, Fault> {
         self.check(&layout)?;
         let layout = match self.options.order {
             SliceOrder::Name => layout,

@@ -1,0 +1,117 @@
+//! Several jobs from one request: all of them are made, or none.
+//!
+//! Every zip is checked before the first one becomes a blob, and all rows are written in one transaction. A crash
+//! before that leaves blobs without jobs, which garbage collection removes.
+
+use uuid::Uuid;
+
+use super::{
+    submission::Submission,
+    submit::{checked, refusal},
+};
+use crate::{
+    contract::{Code, request::Upload},
+    http::{
+        problem::{ApiError, ApiResult},
+        state::App,
+        uploads::lock::not_found,
+    },
+    store::{Enqueue, EnqueueAll, Job, NewJob, SpoolFile, blobs::upload_key, gc::delete_blobs},
+};
+
+/// A job whose zip is checked and not yet stored.
+pub struct CheckedJob {
+    job: NewJob,
+    file: SpoolFile,
+}
+
+/// A zip in a spool file that is to become a job.
+pub struct SpooledUpload {
+    /// The file.
+    pub file: SpoolFile,
+    /// Size, bytes.
+    pub bytes: u64,
+    /// SHA-256, hex.
+    pub sha256: String,
+    /// File name that results refer to.
+    pub filename: Option<String>,
+}
+
+/// Who makes the jobs.
+pub enum ManyOrigin {
+    /// A request of this token.
+    Request(Option<Uuid>),
+    /// The resumable upload with this id. Its row knows the owner.
+    ResumableUpload(Uuid),
+}
+
+/// Checks one zip against its submission.
+///
+/// # Errors
+/// What is wrong with the zip, or that it does not match the submission.
+pub async fn check(
+    app: &App,
+    submission: &Submission,
+    zip: SpooledUpload,
+    idempotency: Option<(String, String)>,
+) -> ApiResult<CheckedJob> {
+    let id = Uuid::now_v7();
+    let SpooledUpload { file, bytes, sha256, filename } = zip;
+    let upload = Upload { key: upload_key(id), bytes, sha256, filename };
+    let (request, warnings) = checked(app, submission, file.path(), upload).await?;
+    let (rig, lens) = submission.profile_key();
+    let job = NewJob { id, rig: rig.clone(), lens: lens.clone(), request, warnings, idempotency, owner: None };
+    Ok(CheckedJob { job, file })
+}
+
+/// Stores the zips and makes the jobs, in the order given. On an error there are no jobs, and the blobs are removed
+/// again.
+///
+/// # Errors `queue_full`; `insufficient_storage`; `conflict` when some of the jobs were made before; `not_found` when a
+/// resumable upload was deleted meanwhile.
+pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin) -> ApiResult<Vec<Job>> {
+    let bytes = checked.iter().map(|checked| checked.job.request.upload().bytes).sum();
+    let key = checked.first().and_then(|first| first.job.idempotency.as_ref()).map(|(key, _)| key.clone());
+    let mut jobs = Vec::with_capacity(checked.len());
+    for CheckedJob { mut job, file } in checked {
+        if let ManyOrigin::Request(owner) = origin {
+            job.owner = owner;
+        }
+        let stored = app.store.blobs.put(&upload_key(job.id), file).await;
+        jobs.push(job);
+        if let Err(error) = stored {
+            remove_blobs(app, &jobs).await;
+            return Err(error.into());
+        }
+    }
+    // an error here does not say whether the rows were stored: garbage collection decides about the blobs
+    let limit = app.policy.queue_limit;
+    let enqueued = match origin {
+        ManyOrigin::Request(_) => Some(app.store.metadata.enqueue_all(&jobs, limit).await?),
+        ManyOrigin::ResumableUpload(id) => app.store.metadata.complete_scan_upload(id, &jobs, limit).await?,
+    };
+    let error = match (enqueued, origin) {
+        (Some(EnqueueAll::Accepted(jobs)), _) => return Ok(jobs),
+        (Some(EnqueueAll::Refused(Enqueue::Repeated(job))), _) => {
+            let detail = format!(
+                "some stacks of an earlier request with this Idempotency-Key still exist ({}), others were deleted; use a \
+                 new key",
+                job.id
+            );
+            ApiError::new(Code::Conflict, detail)
+        }
+        (Some(EnqueueAll::Refused(refused)), _) => refusal(refused, bytes, key.as_deref().unwrap_or_default()),
+        (None, ManyOrigin::ResumableUpload(id)) => not_found(id),
+        (None, ManyOrigin::Request(_)) => ApiError::internal("the jobs of a request were not enqueued"),
+    };
+    remove_blobs(app, &jobs).await;
+    Err(error)
+}
+
+async fn remove_blobs(app: &App, jobs: &[NewJob]) {
+    for job in jobs {
+        if let Err(error) = delete_blobs(&*app.store.blobs, job.id).await {
+            tracing::warn!(%error, id = %job.id, "a blob without a job is left to garbage collection");
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! The submission of a whole scan: one zip that becomes one stack per view.
+
+use serde::Deserialize;
+
+use super::{Submission, stack::StackSubmission};
+use crate::{
+    contract::{Code, Name, Scan, options::StackOptions, profile::Profile},
+    http::{
+        auth::Caller,
+        extract::params,
+        ingest::{fields::Fields, receive::Receivable},
+        problem::{ApiError, ApiResult},
+        profiles, scans,
+        state::App,
+    },
+};
+use pinstack_science::archive::scan::{Angle, AxisRule, ScanRules, ScanView};
+
+/// A zip with all views of a scan.
+pub struct ScanSubmission {
+    /// The scan.
+    pub scan: Scan,
+    /// Only the grouping is requested.
+    pub dry_run: bool,
+    /// How names are read.
+    pub rules: ScanRules,
+    profile: Profile,
+    options: StackOptions,
+}
+
+/// The parameters that belong to the archive and not to its stacks.
+#[derive(Deserialize, Default)]
+#[serde(default, deny_unknown_fields)]
+struct ArchiveParameters {
+    rig: Option<Name>,
+    lens: Option<Name>,
+    dry_run: bool,
+    x: Option<Angle>,
+    x_degrees_per_unit: Option<f64>,
+    x_zero: f64,
+    y: Option<Angle>,
+    y_degrees_per_unit: Option<f64>,
+    y_zero: f64,
+}
+
+/// Their names.
+const PARAMETERS: [&str; 9] =
+    ["rig", "lens", "dry_run", "x", "x_degrees_per_unit", "x_zero", "y", "y_degrees_per_unit", "y_zero"];
+
+impl ArchiveParameters {
+    /// What names mean. If only one of the two axes is given, the other is the other angle.
+    fn rules(&self) -> ApiResult<ScanRules> {
+        let other = |angle| match angle {
+            Angle::Pan => Angle::Tilt,
+            Angle::Tilt => Angle::Pan,
+        };
+        let x = self.x.or(self.y.map(other)).unwrap_or(Angle::Tilt);
+        let y = self.y.unwrap_or(other(x));
+        if x == y {
+            let detail = "x and y are the same angle; one must be pan, the other tilt";
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+        let is_valid = |number: f64| number.is_finite() && number.abs() <= MAX_UNITS;
+        let numbers = [
+            ("x_degrees_per_unit", self.x_degrees_per_unit.unwrap_or(1.0)),
+            ("x_zero", self.x_zero),
+            ("y_degrees_per_unit", self.y_degrees_per_unit.unwrap_or(1.0)),
+            ("y_zero", self.y_zero),
+        ];
+        if let Some((name, _)) = numbers.into_iter().find(|(_, number)| !is_valid(*number)) {
+            let detail = format!("{name} must be a number from -{MAX_UNITS} to {MAX_UNITS}");
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+        Ok(ScanRules {
+            x: AxisRule { angle: x, degrees_per_unit: self.x_degrees_per_unit, zero: self.x_zero },
+            y: AxisRule { angle: y, degrees_per_unit: self.y_degrees_per_unit, zero: self.y_zero },
+        })
+    }
+}
+
+/// Largest number of the rules for axes.
+const MAX_UNITS: f64 = 1e6;
+
+impl Receivable for ScanSubmission {
+    type Target = Name;
+
+    /// # Errors
+    /// `scan_not_found`; `scan_mismatch` for another rig or lens than that of the scan; `profile_not_found`;
+    /// `invalid_request` for an invalid option, or one that belongs to a single view.
+    async fn read(app: &App, caller: &Caller, scan: &Name, fields: &Fields) -> ApiResult<Self> {
+        let of_archive = |name: &str| PARAMETERS.contains(&name);
+        let (archive, options): (Vec<_>, Vec<_>) = fields.pairs.iter().cloned().partition(|(name, _)| of_archive(name));
+        let archive: ArchiveParameters = params::typed(&archive)?;
+        let rules = archive.rules()?;
+        let ArchiveParameters { rig, lens, dry_run, .. } = archive;
+        let options = Fields { pairs: options, options: fields.options.clone() };
+        let mut options: StackOptions = options.options()?;
+        options.check()?;
+        refuse_options_of_one_view(&options, scan)?;
+        let scan = scans::find(app, caller, scan).await?;
+        let (rig, lens) = (rig.unwrap_or(scan.input.rig.clone()), lens.unwrap_or(scan.input.lens.clone()));
+        scans::require_joinable(app, caller, &scan.name, &rig, &lens).await?;
+        let profile = app.store.metadata.profile(&rig, &lens, options.profile_revision).await?;
+        let Some(profile) = profile else {
+            return Err(profiles::not_found(app, &rig, &lens, options.profile_revision).await);
+        };
+        // every view is fused with this revision, also when the profile changes while the zip arrives
+        options.profile_revision = Some(profile.revision);
+        options.scan = Some(scan.name.clone());
+        Ok(Self { scan, dry_run, rules, profile, options })
+    }
+
+    /// The views are written beside the zip, before the zip is removed.
+    fn disk_need(&self, announced: u64) -> u64 {
+        if self.dry_run { 0 } else { announced }
+    }
+
+    fn max_bytes(app: &App) -> u64 {
+        app.policy.max_scan_bytes
+    }
+}
+
+fn refuse_options_of_one_view(options: &StackOptions, scan: &Name) -> ApiResult<()> {
+    let given = [
+        ("label", options.label.is_some()),
+        ("pan_deg", options.pan_deg.is_some()),
+        ("tilt_deg", options.tilt_deg.is_some()),
+        ("scan", options.scan.as_ref().is_some_and(|named| named != scan)),
+    ];
+    let Some((name, _)) = given.into_iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
+    let detail = format!(
+        "'{name}' belongs to one view and cannot be given for a whole scan: label and angles come from the names in the \
+         zip or from its manifest.json, the scan from the URL"
+    );
+    Err(ApiError::new(Code::InvalidRequest, detail))
+}
+
+impl ScanSubmission {
+    /// The submission of one view.
+    ///
+    /// # Errors
+    /// `invalid_request` for a label or angles outside their ranges, or a crop that leaves the canvas.
+    pub fn view(&self, view: &ScanView) -> ApiResult<Submission> {
+        let options = StackOptions {
+            label: view.label.clone(),
+            pan_deg: view.pan_deg,
+            tilt_deg: view.tilt_deg,
+            ..self.options.clone()
+        };
+        Ok(Submission::Stack(Box::new(StackSubmission::new(self.profile.clone(), options, None)?)))
+    }
+
+    /// Number of slices per light that the profile needs.
+    pub fn slice_count(&self) -> usize {
+        self.profile.slice_count as usize
+    }
+
+    /// Part of the fingerprint that tells whether a repeated `Idempotency-Key` comes with the same request.
+    pub fn fingerprint_input(&self) -> serde_json::Value {
+        serde_json::json!({ "scan": self.scan.name, "options": self.options, "rules": self.rules })
+    }
+}

@@ -1,0 +1,3 @@
+//! Capture planning: one endpoint per file.
+
+pub mod plan;

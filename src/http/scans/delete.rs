@@ -1,0 +1,77 @@
+//! `DELETE /v1/scans/{scan}`
+
+use axum::{
+    extract::State,
+    http::{HeaderMap, StatusCode, Uri, header},
+};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use super::{ScanName, find, has_stacks, not_found, precondition, precondition_failed, table::stacks_of};
+use crate::{
+    http::{auth::Caller, extract::params, job_resource, problem::ApiResult, state::App},
+    store::scans::DeleteScan,
+};
+
+/// What happens to the stacks of a scan that is deleted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StacksOfScan {
+    /// A scan with stacks is not deleted.
+    #[default]
+    Keep,
+    /// They are deleted first, with their uploads and results.
+    Delete,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Query {
+    #[serde(default)]
+    stacks: StacksOfScan,
+}
+
+/// Delete a scan
+///
+/// A scan with stacks is deleted only with `stacks=delete`, which deletes their uploads and results too. Running stacks
+/// are cancelled.
+#[utoipa::path(
+    delete,
+    path = "/v1/scans/{scan}",
+    operation_id = "delete_scan",
+    tag = "scans",
+    params(
+        ("scan" = String, Path, description = "Name of the scan"),
+        ("stacks" = inline(Option<StacksOfScan>), Query, description = "`keep` (default): a scan with stacks is not deleted; `delete`: its stacks are deleted too"),
+        ("If-Match" = Option<String>, Header, description = "Only if this is the current version"),
+    ),
+    responses(
+        (status = 204, description = "The scan is deleted"),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter"),
+        (status = 404, description = "`scan_not_found`"),
+        (status = 409, description = "`conflict`: the scan has stacks"),
+        (status = 412, description = "`precondition_failed`: the scan was changed in the meantime; read it again and retry"),
+    )
+)]
+pub async fn delete(
+    State(app): State<App>,
+    caller: Caller,
+    ScanName(name): ScanName,
+    uri: Uri,
+    headers: HeaderMap,
+) -> ApiResult<StatusCode> {
+    let Query { stacks } = params::from_uri(&uri)?;
+    find(&app, &caller, &name).await?;
+    let condition = precondition(&app, &name, &headers).await?;
+    if stacks == StacksOfScan::Delete {
+        for id in stacks_of(&app, &caller, &name).await? {
+            job_resource::delete_stack_of_scan(&app, id).await?;
+        }
+    }
+    match app.store.metadata.delete_scan(&name, condition).await? {
+        DeleteScan::Deleted => Ok(StatusCode::NO_CONTENT),
+        DeleteScan::NotFound => Err(not_found(&app, &caller, &name).await),
+        DeleteScan::PreconditionFailed(current) => Err(precondition_failed(&name, current, &header::IF_MATCH)),
+        DeleteScan::HasStacks(stacks) => Err(has_stacks(&name, stacks, "it cannot be deleted")),
+    }
+}

@@ -1,0 +1,147 @@
+//! Scans: many views of one object. One endpoint per file.
+//!
+//! A scan is a row with its rig, lens and metadata. Its stacks name it; what it knows of its views is read from them
+//! ([`table`]).
+
+pub mod archive;
+pub mod bundle;
+pub mod csv;
+pub mod delete;
+pub mod get;
+pub mod list;
+pub mod put;
+pub mod rerun;
+pub mod stored_zip;
+pub mod table;
+
+use axum::{
+    Json,
+    extract::FromRequestParts,
+    http::{HeaderMap, HeaderName, HeaderValue, header, request::Parts},
+    response::{IntoResponse, Response},
+};
+use serde::Serialize;
+
+use super::{
+    auth::Caller,
+    extract::{
+        conditional::{Tags, etag, not_modified},
+        path::named_segment,
+    },
+    problem::{ApiError, ApiResult},
+    profiles::near,
+    state::App,
+};
+use crate::{
+    contract::{Code, Name, Scan},
+    store::Precondition,
+};
+
+/// Most scans that are searched for similar names.
+const MAX_SEARCHED: u32 = 10_000;
+
+/// `{scan}` in a path.
+#[derive(Debug, Clone)]
+pub struct ScanName(pub Name);
+
+impl<S: Send + Sync> FromRequestParts<S> for ScanName {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        Ok(Self(named_segment(parts, state, "scan").await?))
+    }
+}
+
+/// The scan of this name.
+///
+/// # Errors
+/// `scan_not_found` with similar names, also for a scan that the caller may not see.
+pub async fn find(app: &App, caller: &Caller, name: &Name) -> ApiResult<Scan> {
+    if let Some(own) = caller.sees_only(app)
+        && app.store.metadata.scan_owner(name).await?.is_some_and(|owner| owner != own)
+    {
+        return Err(not_found(app, caller, name).await);
+    }
+    match app.store.metadata.scan(name).await? {
+        Some(scan) => Ok(scan),
+        None => Err(not_found(app, caller, name).await),
+    }
+}
+
+/// Checks that a stack of this rig and lens may join the scan.
+///
+/// # Errors
+/// `scan_not_found`; `scan_mismatch`.
+pub async fn require_joinable(app: &App, caller: &Caller, scan: &Name, rig: &Name, lens: &Name) -> ApiResult<()> {
+    let scan = find(app, caller, scan).await?;
+    if (&scan.input.rig, &scan.input.lens) == (rig, lens) {
+        return Ok(());
+    }
+    let detail = format!(
+        "the scan '{}' is of rig '{}' and lens '{}', the stack is of rig '{rig}' and lens '{lens}'; all views of a scan \
+         need one camera: use another scan, or send the stack with the rig and lens of the scan",
+        scan.name, scan.input.rig, scan.input.lens
+    );
+    Err(ApiError::new(Code::ScanMismatch, detail))
+}
+
+/// The error for a scan that does not exist. It suggests scans with similar names.
+pub async fn not_found(app: &App, caller: &Caller, name: &Name) -> ApiError {
+    // without them the error is still complete
+    let names = app.store.metadata.scan_names(caller.sees_only(app), MAX_SEARCHED).await.unwrap_or_default();
+    let near: Vec<String> = near::names(name, &names).into_iter().map(|near| format!("'{near}'")).collect();
+    let near = if near.is_empty() { String::new() } else { format!(" (there is {})", near.join(", ")) };
+    let detail = format!("there is no scan '{name}'{near}; create it with PUT /v1/scans/{name}, or correct the name");
+    ApiError::new(Code::ScanNotFound, detail)
+}
+
+/// The response with a document of the scan and its `ETag`, or 304 when the copy of the client is current.
+fn response(headers: &HeaderMap, tag: &str, document: &impl Serialize) -> Response {
+    let headers_out = [(header::ETAG, etag(tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
+    if not_modified(headers, tag) {
+        return (axum::http::StatusCode::NOT_MODIFIED, headers_out).into_response();
+    }
+    (headers_out, Json(document)).into_response()
+}
+
+/// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the
+/// current version.
+async fn precondition(app: &App, name: &Name, headers: &HeaderMap) -> ApiResult<Precondition> {
+    if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
+        return Ok(Precondition::Absent);
+    }
+    let list = match Tags::of(headers, &header::IF_MATCH) {
+        None => return Ok(Precondition::Any),
+        Some(Tags::Any) => return Ok(Precondition::Present),
+        Some(list) => list,
+    };
+    let current = app.store.metadata.scan(name).await?.map(|scan| scan.version);
+    match current {
+        Some(version) if list.contains_strong(&version.to_string()) => Ok(Precondition::Revision(version)),
+        _ => Err(precondition_failed(name, current, &header::IF_MATCH)),
+    }
+}
+
+/// The error for a condition that does not hold.
+fn precondition_failed(name: &Name, current: Option<u32>, header: &HeaderName) -> ApiError {
+    let now = match current {
+        Some(version) => format!("is at version {version}"),
+        None => "does not exist".to_owned(),
+    };
+    let detail = format!("the scan '{name}' {now}, which does not satisfy {header}; read the scan again and retry");
+    ApiError::new(Code::PreconditionFailed, detail)
+}
+
+/// The error for a change that a scan with stacks does not allow.
+fn has_stacks(name: &Name, stacks: u64, what: &str) -> ApiError {
+    let detail = format!(
+        "the scan '{name}' has {stacks} stacks, so {what}; delete them first (DELETE /v1/scans/{name}?stacks=delete \
+         deletes scan and stacks), or use another scan"
+    );
+    ApiError::new(Code::Conflict, detail)
+}
+
+/// URL of a scan.
+pub fn url(name: &Name) -> String {
+    format!("/v1/scans/{name}")
+}

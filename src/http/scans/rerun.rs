@@ -1,0 +1,171 @@
+//! `POST /v1/scans/{scan}/rerun`
+
+use axum::{
+    Json,
+    body::Body,
+    extract::State,
+    http::{HeaderMap, StatusCode, Uri},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use super::{
+    ScanName, find,
+    table::{View, views},
+};
+use crate::{
+    contract::{Code, Name, request::JobRequest},
+    http::{
+        auth::Caller,
+        background,
+        extract::params,
+        ingest::{
+            many::{CheckedJob, ManyOrigin, SpooledUpload, check, submit_all},
+            spool::SpooledZip,
+        },
+        problem::{ApiError, ApiResult},
+        stacks::rerun::{changes, stored_zip, submission},
+        state::App,
+        views::job::url,
+    },
+};
+
+/// Options that belong to one view.
+const OF_ONE_VIEW: [&str; 4] = ["label", "scan", "pan_deg", "tilt_deg"];
+
+/// The new stacks of a scan.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ScanRerun {
+    /// The scan.
+    pub scan: Name,
+    /// The views that are fused again.
+    pub views: Vec<RerunView>,
+    /// The views that are not, and why.
+    pub skipped: Vec<SkippedView>,
+}
+
+/// A view that is fused again.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct RerunView {
+    /// Name of the view.
+    pub name: String,
+    /// URL of the new stack.
+    pub stack: String,
+    /// URL of the stack whose zip it uses.
+    pub rerun_of: String,
+}
+
+/// A view that is not fused again.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SkippedView {
+    /// Name of the view.
+    pub name: String,
+    /// URL of its stack.
+    pub stack: String,
+    /// Why.
+    pub detail: String,
+}
+
+/// Fuse every view of a scan again
+///
+/// Makes a new stack from the stored zip of each view, with other options or another revision of the profile; see `POST
+/// /v1/stacks/{id}/rerun` for the body. The new stacks count for the scan from now on; the old ones are kept. File
+/// names stay the same. Either all views are accepted or none, except views whose zip was removed at the end of its
+/// retention period, which `skipped` lists.
+#[utoipa::path(
+    post,
+    path = "/v1/scans/{scan}/rerun",
+    operation_id = "rerun_scan",
+    tag = "scans",
+    params(("scan" = String, Path, description = "Name of the scan")),
+    request_body(content = ref("#/components/schemas/RerunOptions"), content_type = "application/json", description = "The options to change; empty: none"),
+    responses(
+        (status = 202, description = "The new stacks are accepted", body = ScanRerun),
+        (status = 400, description = "`invalid_request`: an invalid option, one that belongs to a single view, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out before the end of the body"),
+        (status = 404, description = "`scan_not_found`; `not_found`: the scan has no views; `profile_not_found`: no such revision"),
+        (status = 410, description = "`upload_removed`: the zips of all views were removed"),
+        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
+        (status = 415, description = "`unsupported_media_type`: not JSON"),
+        (status = 422, description = "`size_mismatch`, `slice_count_mismatch`: a zip does not match the other revision; `mask_failed` (required without a back light)"),
+        (status = 503, description = "`queue_full`, with `Retry-After`"),
+        (status = 507, description = "`insufficient_storage`, with figures"),
+    )
+)]
+pub async fn rerun(
+    State(app): State<App>,
+    caller: Caller,
+    ScanName(name): ScanName,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> ApiResult<(StatusCode, Json<ScanRerun>)> {
+    params::refuse_rest(&params::pairs(&uri)?, "none; the options are members of the JSON body")?;
+    let changes = changes(&app, &headers, body).await?;
+    if let Some(option) = OF_ONE_VIEW.into_iter().find(|option| changes.contains_key(*option)) {
+        let detail = format!("'{option}' belongs to one view; change it with POST /v1/stacks/{{id}}/rerun");
+        return Err(ApiError::new(Code::InvalidRequest, detail));
+    }
+    find(&app, &caller, &name).await?;
+    let views = views(&app, &caller, &name).await?;
+    if views.is_empty() {
+        return Err(ApiError::new(
+            Code::NotFound,
+            format!("the scan '{name}' has no views yet; send its stacks first"),
+        ));
+    }
+    let answering = background::spawn(async move { rerun_views(&app, &caller, name, &views, &changes).await });
+    Ok((StatusCode::ACCEPTED, Json(answering.await.map_err(ApiError::internal)??)))
+}
+
+async fn rerun_views(
+    app: &App,
+    caller: &Caller,
+    scan: Name,
+    views: &[View],
+    changes: &Map<String, Value>,
+) -> ApiResult<ScanRerun> {
+    let (mut checked, mut again, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
+    for view in views {
+        match check_view(app, caller, view, changes).await {
+            Ok(job) => {
+                checked.push(job);
+                again.push(view);
+            }
+            Err(error) if [Code::UploadRemoved, Code::NotFound].contains(&error.fault().code) => {
+                let (name, stack) = (view.stem.clone(), stack_url(view));
+                skipped.push(SkippedView { name, stack, detail: error.fault().detail.clone() });
+            }
+            Err(error) => {
+                let fault = error.fault().clone();
+                let detail = format!("view '{}': {}; no view is fused again", view.stem, fault.detail);
+                return Err(crate::contract::Fault { detail, ..fault }.into());
+            }
+        }
+    }
+    if checked.is_empty() {
+        let detail = format!("the zips of all {} views were removed; send them again", views.len());
+        return Err(ApiError::new(Code::UploadRemoved, detail));
+    }
+    let jobs = submit_all(app, checked, ManyOrigin::Request(caller.id())).await?;
+    let views = jobs.iter().zip(again);
+    let views =
+        views.map(|(job, view)| RerunView { name: view.stem.clone(), stack: url(job), rerun_of: stack_url(view) });
+    Ok(ScanRerun { scan, views: views.collect(), skipped })
+}
+
+async fn check_view(app: &App, caller: &Caller, view: &View, changes: &Map<String, Value>) -> ApiResult<CheckedJob> {
+    let gone = || ApiError::new(Code::NotFound, "the stack was deleted");
+    let first = app.store.metadata.job(view.stack.id).await?.ok_or_else(gone)?;
+    let JobRequest::Stack(stored) = &first.request else { return Err(gone()) };
+    if first.upload_removed {
+        return Err(crate::http::stacks::upload::removed());
+    }
+    let of_view = submission(app, caller, &first, stored, changes.clone()).await?;
+    let SpooledZip { file, bytes, sha256, filename, quota: _ } = stored_zip(app, &first).await?;
+    check(app, &of_view, SpooledUpload { file, bytes, sha256, filename }, None).await
+}
+
+fn stack_url(view: &View) -> String {
+    format!("/v1/stacks/{}", view.stack.id)
+}

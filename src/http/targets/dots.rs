@@ -1,0 +1,47 @@
+//! `GET /v1/targets/dots`
+
+use axum::{
+    http::{HeaderValue, Uri, header},
+    response::{IntoResponse, Response},
+};
+
+use crate::http::{artifacts::name::disposition, extract::params, problem::ApiResult};
+use pinstack_science::optics::page::{PageFormat, Paper, TargetInput, TargetPage};
+
+/// Get a dot target to print
+///
+/// A grid of dots at true scale, as PDF or SVG. Print it at 100 %, and measure the line below the dots. On a coded
+/// target dots of two sizes make every dot unique, so that the calibration cannot mistake a shift by one pitch.
+#[utoipa::path(
+    get,
+    path = "/v1/targets/dots",
+    operation_id = "get_dot_target",
+    tag = "optics",
+    params(
+        ("pitch_mm" = f64, Query, description = "Distance of neighbouring dots, mm, 0.01 to 100", example = 1.0),
+        ("columns" = u32, Query, description = "Number of columns, 2 to 1000", example = 40),
+        ("rows" = u32, Query, description = "Number of rows, 2 to 1000; at most 65,536 dots in all", example = 30),
+        ("coded" = Option<bool>, Query, description = "Dots of two sizes; default false"),
+        ("dot_ratio" = Option<f64>, Query, description = "Diameter of a dot over the pitch; default 0.5"),
+        ("inverted" = Option<bool>, Query, description = "White dots on black; default false"),
+        ("paper" = inline(Option<Paper>), Query, description = "Size of the page; default `a4`. `fit`: the size of the target, for photo services"),
+        ("format" = inline(Option<PageFormat>), Query, description = "File format; default `pdf`"),
+    ),
+    responses(
+        (status = 200, description = "The page", content((Vec<u8> = "application/pdf"), (String = "image/svg+xml"))),
+        (status = 400, description = "`invalid_request`: a parameter that is missing, unknown or outside its range, or dots that do not fit on the page"),
+    )
+)]
+pub async fn dots(uri: Uri) -> ApiResult<Response> {
+    let input: TargetInput = params::from_uri(&uri)?;
+    let page = TargetPage::new(&input)?;
+    let (kind, extension, body) = match input.format {
+        PageFormat::Pdf => ("application/pdf", "pdf", page.pdf()),
+        PageFormat::Svg => ("image/svg+xml", "svg", page.svg().into_bytes()),
+    };
+    let TargetInput { pitch_mm, columns, rows, .. } = input;
+    let name = format!("dots_{columns}x{rows}_{pitch_mm}mm.{extension}");
+    let headers =
+        [(header::CONTENT_TYPE, HeaderValue::from_static(kind)), (header::CONTENT_DISPOSITION, disposition(&name))];
+    Ok((headers, body).into_response())
+}

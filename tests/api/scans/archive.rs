@@ -1,0 +1,168 @@
+//! One zip with all views of a scan.
+
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+use super::{names, scan};
+use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, zip};
+
+/// The members of a scan: a folder per view, each with `slices` slices per light.
+fn members(views: &[&str], slices: usize) -> Vec<(String, Vec<u8>)> {
+    let of_view = |view: &str| {
+        let view = view.to_owned();
+        ["front", "back"].into_iter().flat_map(move |light| {
+            let view = view.clone();
+            (0..slices).map(move |at| (format!("scan/{view}/{light}/img_{at}.png"), png(WIDTH, HEIGHT, 3, at)))
+        })
+    };
+    views.iter().flat_map(|view| of_view(view)).collect()
+}
+
+const VIEWS: [&str; 3] = ["pan000_tilt00", "pan020_tilt00", "pan040_tilt00"];
+
+async fn ready() -> TestApp {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    app.with_scan("bee").await;
+    app
+}
+
+#[tokio::test]
+async fn one_zip_becomes_a_stack_per_view() {
+    let app = ready().await;
+    let mut all = members(&VIEWS, 2);
+    all.push(("scan/notes.txt".into(), b"x".to_vec()));
+    let body = zip(&all);
+    let dry = app.post("/v1/scans/bee/archive?dry_run=true").body(body.clone()).send().await.unwrap();
+    assert_eq!(dry.status(), StatusCode::OK);
+    let dry: Value = dry.json().await.unwrap();
+    assert_eq!(dry["views"].as_array().unwrap().len(), 3);
+    assert_eq!(
+        (&dry["views"][1]["pan_deg"], &dry["views"][1]["front"], &dry["views"][1]["stack"]),
+        (&json!(20.0), &json!(2), &Value::Null)
+    );
+    assert!(dry["ignored"].as_array().unwrap().iter().any(|file| file["name"] == "scan/notes.txt"), "{dry}");
+    assert_eq!(scan(&app, "bee").await["summary"]["views"], 0, "nothing is made");
+
+    let made = app.put("/v1/scans/bee/archive?rig=rig&lens=lens&r1=30").body(body).send().await.unwrap();
+    assert_eq!((made.status(), made.headers()["location"].to_str().unwrap()), (StatusCode::ACCEPTED, "/v1/scans/bee"));
+    let made: Value = made.json().await.unwrap();
+    let table = scan(&app, "bee").await;
+    assert_eq!(names(&table["views"]), VIEWS);
+    for (view, row) in made["views"].as_array().unwrap().iter().zip(table["views"].as_array().unwrap()) {
+        assert_eq!(view["stack"], row["stack"]);
+        let stack: Value = app.get(view["stack"].as_str().unwrap()).send().await.unwrap().json().await.unwrap();
+        assert_eq!((&stack["options"]["r1"], &stack["options"]["scan"]), (&json!(30), &json!("bee")));
+        assert_eq!(stack["slices"]["front"].as_array().unwrap().len(), 2);
+        assert_eq!(stack["slices"]["back"].as_array().unwrap().len(), 2);
+    }
+    assert_eq!(app.spooled(), 0);
+}
+
+#[tokio::test]
+async fn a_refused_view_is_named_and_no_stack_is_made() {
+    let app = ready().await;
+    let mut all = members(&VIEWS[..2], 2);
+    all.extend(members(&VIEWS[2..], 3));
+    let refused = app.post("/v1/scans/bee/archive").body(zip(&all)).send().await.unwrap();
+    let refused = problem(refused, 422, "slice_count_mismatch").await;
+    assert!(refused["detail"].as_str().unwrap().contains("1 of 3 views"), "{refused}");
+    assert!(refused["errors"][0]["file"].as_str().unwrap().contains("pan040_tilt00"), "{refused}");
+    let mut torn = members(&VIEWS, 2);
+    torn[5].1 = b"no picture".to_vec();
+    let refused = app.post("/v1/scans/bee/archive").body(zip(&torn)).send().await.unwrap();
+    problem(refused, 422, "invalid_image").await;
+    assert_eq!(scan(&app, "bee").await["summary"]["views"], 0);
+    assert!(app.jobs_with_blobs().await.is_empty());
+    assert_eq!(app.spooled(), 0);
+}
+
+#[tokio::test]
+async fn what_is_wrong_with_the_request_is_told_before_the_upload() {
+    let app = ready().await;
+    for (query, status, code) in [
+        ("bea/archive", 404, "scan_not_found"),
+        ("bee/archive?lens=other", 422, "scan_mismatch"),
+        ("bee/archive?label=x", 400, "invalid_request"),
+        ("bee/archive?x=pan&y=pan", 400, "invalid_request"),
+        ("bee/archive?x_zero=inf", 400, "invalid_request"),
+        ("bee/archive?r1=0", 400, "invalid_request"),
+        ("bee/archive?profile_revision=9", 404, "profile_not_found"),
+    ] {
+        // the body would never end
+        let endless = reqwest::Body::wrap_stream(futures::stream::pending::<Result<Vec<u8>, std::io::Error>>());
+        let answer = app.post(&format!("/v1/scans/{query}")).body(endless).send().await.unwrap();
+        problem(answer, status, code).await;
+    }
+}
+
+#[tokio::test]
+async fn a_repeated_request_gets_the_stacks_of_the_first() {
+    let app = ready().await;
+    let body = zip(&members(&VIEWS, 2));
+    let send = || {
+        let request = app.post("/v1/scans/bee/archive").header("idempotency-key", "k");
+        request.body(body.clone()).send()
+    };
+    let first: Value = send().await.unwrap().json().await.unwrap();
+    let again = send().await.unwrap();
+    assert_eq!(again.headers()["idempotency-replayed"], "true");
+    assert_eq!((again.status(), again.json::<Value>().await.unwrap()), (StatusCode::ACCEPTED, first.clone()));
+    assert_eq!(scan(&app, "bee").await["summary"]["views"], 3);
+    let other = app.post("/v1/scans/bee/archive?r1=9").header("idempotency-key", "k").body(body.clone());
+    problem(other.send().await.unwrap(), 422, "idempotency_key_reused").await;
+    let stack = first["views"][0]["stack"].as_str().unwrap();
+    app.delete(stack).send().await.unwrap();
+    problem(send().await.unwrap(), 409, "conflict").await;
+}
+
+#[tokio::test]
+async fn a_scan_that_does_not_fit_into_the_queue_makes_no_stack() {
+    let app = TestApp::start_with(|policy| policy.queue_limit = 2).await;
+    app.with_profile(2).await;
+    app.with_scan("bee").await;
+    let refused = app.post("/v1/scans/bee/archive").body(zip(&members(&VIEWS, 2))).send().await.unwrap();
+    problem(refused, 503, "queue_full").await;
+    assert!(app.jobs_with_blobs().await.is_empty());
+}
+
+#[tokio::test]
+async fn a_scan_is_uploaded_in_pieces() {
+    let app = ready().await;
+    let body = zip(&members(&VIEWS, 2));
+    let coded = |text: &str| base64::Engine::encode(&base64::prelude::BASE64_STANDARD, text);
+    let metadata = format!("purpose {},scan {},options {}", coded("scan"), coded("bee"), coded("{\"r1\": 30}"));
+    let begin = |metadata: &str| {
+        let request = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-metadata", metadata);
+        request.header("upload-length", body.len()).send()
+    };
+    let nowhere = format!("purpose {},scan {}", coded("scan"), coded("bea"));
+    problem(begin(&nowhere).await.unwrap(), 404, "scan_not_found").await;
+    problem(begin(&format!("purpose {}", coded("scan"))).await.unwrap(), 400, "invalid_request").await;
+    let created = begin(&metadata).await.unwrap();
+    assert_eq!(created.status(), StatusCode::CREATED);
+    let location = created.headers()["location"].to_str().unwrap().to_owned();
+    let half = body.len() / 2;
+    let mut last = None;
+    for (offset, piece) in [(0, &body[..half]), (half, &body[half..])] {
+        let patch = app.client.patch(format!("{}{location}", app.base)).header("tus-resumable", "1.0.0");
+        let patch = patch.header("upload-offset", offset).header("content-type", "application/offset+octet-stream");
+        last = Some(patch.body(piece.to_vec()).send().await.unwrap());
+    }
+    let last = last.expect("two pieces");
+    assert_eq!(
+        (last.status(), &last.headers()["pinstack-job"]),
+        (StatusCode::NO_CONTENT, &"/v1/scans/bee".parse().unwrap())
+    );
+    let shown: Value = app.get(&location).send().await.unwrap().json().await.unwrap();
+    assert_eq!(
+        (&shown["state"], &shown["purpose"], &shown["job"]),
+        (&json!("complete"), &json!("scan"), &json!("/v1/scans/bee"))
+    );
+    let table = scan(&app, "bee").await;
+    assert_eq!(names(&table["views"]), VIEWS);
+    let stack: Value =
+        app.get(table["views"][0]["stack"].as_str().unwrap()).send().await.unwrap().json().await.unwrap();
+    assert_eq!(stack["options"]["r1"], 30);
+    assert_eq!(app.jobs_with_blobs().await.len(), 3);
+}
