@@ -71,7 +71,7 @@ impl ArchiveLimits {
     /// The limits of a zip that holds a whole scan: 100,000 members, and no limit on their sum but that of the upload.
     /// The directory takes about 1 KiB of memory per member. Each view has the limits of a stack when it is opened.
     pub fn scan() -> Self {
-        Self { max_members: 100_000, max_total_bytes: u64::MAX, max_directory_bytes: 512 << 20, ..Self::default() }
+        Self { max_members: 100_000, max_total_bytes: u64::MAX, ..Self::default() }
     }
 }
 
