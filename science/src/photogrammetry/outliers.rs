@@ -7,6 +7,8 @@
 //! residuals of all views give the scale: a view is an outlier when its residual exceeds [`SIGMAS`] robust standard
 //! deviations and the smallest deviation that matters.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -113,14 +115,16 @@ const RULES: [Rule; 4] = [
     },
 ];
 
-/// The outliers among `views`, by view.
+/// The outliers among `views`, by view. The time grows with the square of their number.
 pub fn outliers(views: &[ViewMeasurements]) -> Vec<Outlier> {
-    let mut found: Vec<Outlier> = RULES.iter().flat_map(|rule| by_rule(views, rule)).collect();
+    let directions: Vec<Option<[f64; 3]>> =
+        views.iter().map(|view| view.angles.map(|angles| angles.direction())).collect();
+    let mut found: Vec<Outlier> = RULES.iter().flat_map(|rule| by_rule(views, &directions, rule)).collect();
     found.sort_by_key(|outlier| (outlier.view, outlier.kind));
     found
 }
 
-fn by_rule(views: &[ViewMeasurements], rule: &Rule) -> Vec<Outlier> {
+fn by_rule(views: &[ViewMeasurements], directions: &[Option<[f64; 3]>], rule: &Rule) -> Vec<Outlier> {
     let is_usable = |value: &f64| value.is_finite() && (!rule.by_ratio || *value > 0.0);
     let values: Vec<(usize, f64)> =
         views.iter().enumerate().filter_map(|(at, view)| Some((at, (rule.value)(view).filter(is_usable)?))).collect();
@@ -129,7 +133,9 @@ fn by_rule(views: &[ViewMeasurements], rule: &Rule) -> Vec<Outlier> {
     }
     let scaled = |value: f64| if rule.by_ratio { value.ln() } else { value };
     let least = scaled(rule.least);
-    let expected: Vec<f64> = values.iter().map(|&(at, _)| expectation(views, &values, at)).collect();
+    let overall = median(values.iter().map(|(_, value)| *value).collect());
+    let expectation = |&(at, _): &(usize, f64)| near(directions, &values, at).map_or(overall, median);
+    let expected: Vec<f64> = values.iter().map(expectation).collect();
     let residuals: Vec<f64> =
         values.iter().zip(&expected).map(|(&(_, value), &expected)| scaled(value) - scaled(expected)).collect();
     let spread = 1.4826 * median(residuals.iter().map(|residual| residual.abs()).collect());
@@ -141,23 +147,23 @@ fn by_rule(views: &[ViewMeasurements], rule: &Rule) -> Vec<Outlier> {
         .collect()
 }
 
-/// The median of the values nearest to view `at` in angle, without its own; of all others where angles are unknown.
-fn expectation(views: &[ViewMeasurements], values: &[(usize, f64)], at: usize) -> f64 {
-    let others = values.iter().filter(|(other, _)| *other != at);
-    let Some(own) = views[at].angles else { return median(others.map(|(_, value)| *value).collect()) };
-    let own = own.direction();
-    let mut near: Vec<(f64, f64)> = others
+/// The values of the views that are nearest in angle to view `at`, without its own; `None` where angles are unknown.
+fn near(directions: &[Option<[f64; 3]>], values: &[(usize, f64)], at: usize) -> Option<Vec<f64>> {
+    let own = directions[at]?;
+    let mut others: Vec<(f64, f64)> = values
+        .iter()
+        .filter(|(other, _)| *other != at)
         .filter_map(|&(other, value)| {
-            let direction = views[other].angles?.direction();
-            let cosine: f64 = own.iter().zip(direction).map(|(a, b)| a * b).sum();
+            let cosine: f64 = own.iter().zip(directions[other]?).map(|(a, b)| a * b).sum();
             Some((-cosine, value))
         })
         .collect();
-    if near.is_empty() {
-        return median(values.iter().map(|(_, value)| *value).collect());
+    if others.len() > NEIGHBOURS {
+        // equal distances are told apart by the values, so that the choice does not depend on the order of the views
+        others.select_nth_unstable_by(NEIGHBOURS, |a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        others.truncate(NEIGHBOURS);
     }
-    near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    median(near.into_iter().take(NEIGHBOURS).map(|(_, value)| value).collect())
+    (!others.is_empty()).then(|| others.into_iter().map(|(_, value)| value).collect())
 }
 
 /// The median; 0 of nothing.
@@ -170,53 +176,61 @@ fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// The angles at which a view is missing from the grid of pan and tilt that the other views form, at most
-/// 200, by tilt and pan. Empty when the views form no grid: fewer than two positions of pan, or rings of
-/// different positions.
+/// The angles at which a view is missing from the grid of pan and tilt that the other views form, by tilt and pan; at
+/// most 200. Empty when the views form no grid: fewer than two positions of pan, or rings of different positions.
 ///
 /// A position belongs to the grid when at least half of the rings (views of equal tilt) have it, or when it closes a
 /// gap of a whole number of steps within a ring.
 pub fn missing_views(angles: &[ViewAngles]) -> Vec<ViewAngles> {
     let rings = rings(angles);
+    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+    rings.iter().flat_map(|(_, pans)| pans).for_each(|&pan| *counts.entry(pan).or_default() += 1);
+    let is_common = |count: usize| rings.len() > 1 && 2 * count >= rings.len();
+    let common: Vec<u32> = counts.into_iter().filter(|(_, count)| is_common(*count)).map(|(pan, _)| pan).collect();
     let mut missing = Vec::new();
     for (tilt_deg, pans) in &rings {
-        let of_other_rings = rings.iter().flat_map(|(_, pans)| pans).copied();
-        let is_common = |pan: f64| 2 * rings.iter().filter(|(_, pans)| has(pans, pan)).count() >= rings.len();
-        let candidates = of_other_rings.filter(|&pan| rings.len() > 1 && is_common(pan)).chain(gaps(pans));
-        for pan_deg in candidates {
-            let is_listed = |view: &ViewAngles| view.tilt_deg == *tilt_deg && same(view.pan_deg, pan_deg);
-            if !has(pans, pan_deg) && !missing.iter().any(is_listed) && missing.len() < MOST_MISSING {
-                missing.push(ViewAngles { pan_deg, tilt_deg: *tilt_deg });
-            }
-        }
+        let candidates: BTreeSet<u32> = common.iter().copied().chain(gaps(pans)).collect();
+        let absent = candidates.into_iter().filter(|pan| !pans.contains(pan));
+        let left = MOST_MISSING - missing.len();
+        missing.extend(absent.take(left).map(|pan| ViewAngles { pan_deg: degrees(pan), tilt_deg: *tilt_deg }));
     }
-    missing.sort_by(|a, b| a.tilt_deg.total_cmp(&b.tilt_deg).then(a.pan_deg.total_cmp(&b.pan_deg)));
     missing
 }
 
-/// The views by tilt: the sorted pans, 0 to 360, of each.
-fn rings(angles: &[ViewAngles]) -> Vec<(f64, Vec<f64>)> {
+/// A pan as a multiple of [`SAME_ANGLE`], from 0 to 360 degrees.
+fn position(pan_deg: f64) -> u32 {
+    let turn = (360.0 / SAME_ANGLE).round();
+    // at most 36000
+    (pan_deg / SAME_ANGLE).round().rem_euclid(turn) as u32
+}
+
+fn degrees(position: u32) -> f64 {
+    // the reciprocal is a whole number: 0.2 and not 0.20000000000000001
+    f64::from(position) / (1.0 / SAME_ANGLE).round()
+}
+
+/// The views by tilt: the positions of pan of each ring.
+fn rings(angles: &[ViewAngles]) -> Vec<(f64, BTreeSet<u32>)> {
     let mut sorted: Vec<ViewAngles> =
         angles.iter().filter(|view| view.pan_deg.is_finite() && view.tilt_deg.is_finite()).copied().collect();
     sorted.sort_by(|a, b| a.tilt_deg.total_cmp(&b.tilt_deg));
-    let mut rings: Vec<(f64, Vec<f64>)> = Vec::new();
+    let mut rings: Vec<(f64, BTreeSet<u32>)> = Vec::new();
     for view in sorted {
-        let pan = view.pan_deg.rem_euclid(360.0);
+        let pan = position(view.pan_deg);
         match rings.last_mut() {
-            Some((tilt, pans)) if view.tilt_deg - *tilt < SAME_ANGLE => pans.push(pan),
-            _ => rings.push((view.tilt_deg, vec![pan])),
+            Some((tilt, pans)) if view.tilt_deg - *tilt < SAME_ANGLE => {
+                pans.insert(pan);
+            }
+            _ => rings.push((view.tilt_deg, BTreeSet::from([pan]))),
         }
-    }
-    for (_, pans) in &mut rings {
-        pans.sort_by(f64::total_cmp);
-        pans.dedup_by(|a, b| same(*a, *b));
     }
     rings
 }
 
 /// The positions that are missing between neighbours of a ring, by the median step. A gap of more than half a turn is
 /// taken for the end of a partial ring.
-fn gaps(pans: &[f64]) -> Vec<f64> {
+fn gaps(pans: &BTreeSet<u32>) -> Vec<u32> {
+    let pans: Vec<f64> = pans.iter().map(|&pan| degrees(pan)).collect();
     if pans.len() < 4 {
         return Vec::new();
     }
@@ -230,19 +244,9 @@ fn gaps(pans: &[f64]) -> Vec<f64> {
         if steps < 1.5 || gap > 180.0 || !is_whole {
             continue;
         }
-        missing.extend((1..steps as usize).map(|k| (pan + gap * k as f64 / steps).rem_euclid(360.0)));
+        missing.extend((1..steps as usize).map(|k| position(pan + gap * k as f64 / steps)));
     }
     missing
-}
-
-fn has(pans: &[f64], pan: f64) -> bool {
-    pans.iter().any(|&other| same(other, pan))
-}
-
-/// Whether two pans are the same direction.
-fn same(a: f64, b: f64) -> bool {
-    let difference = (a - b).rem_euclid(360.0);
-    difference.min(360.0 - difference) < SAME_ANGLE
 }
 
 #[cfg(test)]
@@ -334,5 +338,20 @@ mod tests {
         let partial: Vec<ViewAngles> = grid(36, &[0.0]).into_iter().take(12).collect();
         assert_eq!(missing_views(&partial), []);
         assert_eq!(missing_views(&[]), []);
+    }
+
+    /// Ten thousand views at angles of their own: work that grew with the cube of their number would not end.
+    #[test]
+    fn a_scan_of_many_rings_is_searched_in_bounded_time() {
+        let angles: Vec<ViewAngles> = (0..10_000)
+            .map(|at| ViewAngles { pan_deg: f64::from(at % 360), tilt_deg: -90.0 + f64::from(at) * 0.018 })
+            .collect();
+        assert_eq!(missing_views(&angles), []);
+        let of = |angles: &ViewAngles| ViewMeasurements {
+            angles: Some(*angles),
+            mean_level: Some(90.0),
+            ..ViewMeasurements::default()
+        };
+        assert_eq!(outliers(&angles[..2000].iter().map(of).collect::<Vec<_>>()), []);
     }
 }

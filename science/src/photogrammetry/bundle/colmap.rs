@@ -65,6 +65,14 @@ fn readme(bundle: &Bundle<'_>) -> String {
         true => " \\\n    --ImageReader.mask_path masks",
         false => "",
     };
+    let missing = bundle.without_mask();
+    if missing > 0 && missing < bundle.scan.views.len() {
+        out.push_str(&format!(
+            "{} no mask. COLMAP 3 takes the whole image of these; COLMAP 4 reports MASK_ERROR for them: remove them from images/, or \
+             run without --ImageReader.mask_path.\n\n",
+            readme::views_have(missing)
+        ));
+    }
     let camera = bundle.camera.as_ref().map(parameters);
     let (fixed, refine) = match &camera {
         Some((model, parameters)) => (

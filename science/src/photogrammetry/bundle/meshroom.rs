@@ -1,7 +1,10 @@
 //! Meshroom (AliceVision): an SfM file with views, locked intrinsics and poses.
 //!
-//! The file has version 1.0.0 of the format, which all versions read: the focal length and the principal point are in
-//! px, numbers are strings, and a rotation is stored column by column.
+//! The file has version 1.2.8 of the format. Numbers are strings, and a rotation is stored column by column. The node
+//! CameraInit of Meshroom ignores the version and the poses, and copies the members of views and intrinsics that it
+//! knows: since Meshroom 2023 the focal length in mm, the size of the sensor, and the principal point in px relative to
+//! the middle of the image. A view with an `intrinsicId` counts as complete, and its EXIF is not read; so there is no
+//! file without a camera.
 
 use serde_json::{Value, json};
 
@@ -12,7 +15,8 @@ const INTRINSIC: u32 = 1;
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {
-    let mut out = vec![text("README.txt", readme(bundle)), json("cameras.sfm", &sfm(bundle))];
+    let mut out = vec![text("README.txt", readme(bundle))];
+    out.extend(bundle.camera.as_ref().map(|_| json("cameras.sfm", &sfm(bundle))));
     out.extend(bundle.pictures(|view| format!("masks/{}.png", view.stem)));
     out
 }
@@ -41,14 +45,21 @@ fn sfm(bundle: &Bundle<'_>) -> Value {
         .iter()
         .map(|camera| {
             let (kind, distortion) = match camera.is_distorted() {
-                true => ("radial3", strings([camera.radial[0], camera.radial[1], 0.0])),
-                false => ("pinhole", Vec::new()),
+                true => ("radialk3", strings([camera.radial[0], camera.radial[1], 0.0])),
+                false => ("none", Vec::new()),
             };
+            let focal = (camera.focal * camera.pixel_mm).to_string();
+            let sensor = camera.size.map(|side| (side * camera.pixel_mm).to_string());
             json!({
-                "intrinsicId": INTRINSIC.to_string(), "width": width, "height": height, "type": kind,
-                "serialNumber": format!("pinstack-{}", scan.name), "initializationMode": "calibrated",
-                "pxFocalLength": camera.focal.to_string(), "pxInitialFocalLength": camera.focal.to_string(),
-                "principalPoint": strings(camera.centre_by_corner()), "distortionParams": distortion, "locked": "1"
+                "intrinsicId": INTRINSIC.to_string(), "width": width, "height": height,
+                "sensorWidth": sensor[0], "sensorHeight": sensor[1],
+                "serialNumber": format!("pinstack-{}", scan.name), "type": "pinhole",
+                "initializationMode": "calibrated", "focalLength": focal, "initialFocalLength": focal,
+                "pixelRatio": "1", "pixelRatioLocked": "1", "principalPoint": strings(camera.centre_by_middle()),
+                "distortionType": kind, "distortionInitializationMode": "calibrated",
+                "distortionParams": distortion, "undistortionType": "none", "undistortionParams": [],
+                "undistortionOffset": ["0", "0"], "scaleLocked": "1", "offsetLocked": "1", "distortionLocked": "1",
+                "locked": "1"
             })
         })
         .collect();
@@ -65,16 +76,27 @@ fn sfm(bundle: &Bundle<'_>) -> Value {
             })
         })
         .collect();
-    json!({ "version": ["1", "0", "0"], "views": views, "intrinsics": intrinsics, "poses": poses })
+    json!({ "version": ["1", "2", "8"], "views": views, "intrinsics": intrinsics, "poses": poses })
 }
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "Meshroom", "masks/{name of the image}.png");
-    out.push_str(
-        "cameras.sfm lists the images with the camera (locked) and the poses. Run in this folder:\n\n\
+    let Some(camera) = &bundle.camera else {
+        out.push_str(
+            "Run in this folder:\n\nmeshroom_batch --input images --output mesh \\\n    --paramOverrides \
+             FeatureExtraction:masksFolder=$PWD/masks\n",
+        );
+        return out;
+    };
+    let version = if camera.is_distorted() { "2025.1 (2023.3 does not read the distortion)" } else { "2023.3" };
+    out.push_str(&format!(
+        "cameras.sfm lists the images with the camera, locked. It is for Meshroom {version} or newer. Meshroom needs \
+         absolute paths; run in this folder:\n\nsed -i \"s|\\\"images/|\\\"$PWD/images/|\" cameras.sfm\n\
          meshroom_batch --input cameras.sfm --output mesh \\\n    --paramOverrides FeatureExtraction:masksFolder=$PWD/masks\n\n\
-         Or drop images/ into Meshroom, set the folder of masks in the node FeatureExtraction (and in PrepareDenseScene), \
-         and enter the focal length above in the node CameraInit.\n",
-    );
+         Set masksFolders of the node PrepareDenseScene to the same folder, to mask the depth maps. The node CameraInit takes \
+         no poses: those of cameras.sfm are for the programs of AliceVision.\n\nFor images without cameras.sfm, the \
+         sensor is {} mm wide.\n",
+        camera.size[0] * camera.pixel_mm
+    ));
     out
 }

@@ -9,12 +9,12 @@
 //! | [`meshroom`] | `masks/{stem}.png` | `cameras.sfm` | `cameras.sfm` |
 //! | [`metashape`] | `masks/{stem}_mask.png` | `calibration.xml` | `reference.csv` |
 //! | [`realitycapture`] | `images/{image}.mask.png` | `images/{stem}.xmp` | `images/{stem}.xmp` |
-//! | [`odm`] | `images/{stem}_mask.png` | `cameras.json` | none: ODM reads positions on the earth only |
+//! | [`odm`] | `images/{stem}_mask.png` | `opensfm/camera_models_overrides.json` | none: ODM reads positions on the earth only |
 //! | [`openmvg`] | `images/{stem}_mask.png` | `sfm_data.json` | `sfm_data.json` |
 //! | [`nerfstudio`] | `masks/{stem}.png` | `transforms.json` | `transforms.json` |
 //!
-//! A mask is white where the object is. Poses exist when every view has pan and tilt; see [`crate::types::view`] for
-//! the coordinates.
+//! A mask is white where the object is. Files with a camera exist when the camera is known. Poses exist when every view
+//! has pan and tilt; see [`crate::types::view`] for the coordinates.
 
 mod camera;
 mod colmap;
@@ -145,11 +145,12 @@ pub enum Content {
 /// The files of a bundle, `README.txt` first.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidParameter`] for a scan without views.
+/// [`ErrorKind::InvalidParameter`] for a scan without views, and for a view whose image the program takes for a mask.
 pub fn plan(layout: Layout, scan: &BundleScan) -> Result<Vec<Entry>, Error> {
     if scan.views.is_empty() {
         return Err(Error::new(ErrorKind::InvalidParameter, "the scan has no views to bundle; send them first"));
     }
+    refuse_names_of_masks(layout, scan)?;
     let bundle = Bundle { scan, camera: Camera::of(scan), poses: pose::of(scan) };
     Ok(match layout {
         Layout::Colmap => colmap::files(&bundle),
@@ -160,6 +161,29 @@ pub fn plan(layout: Layout, scan: &BundleScan) -> Result<Vec<Entry>, Error> {
         Layout::Openmvg => openmvg::files(&bundle),
         Layout::Nerfstudio => nerfstudio::files(&bundle),
     })
+}
+
+/// ODM and OpenMVG have masks beside the images: `{stem}_mask.png` is the mask of a view, and `mask.png` that of all.
+fn refuse_names_of_masks(layout: Layout, scan: &BundleScan) -> Result<(), Error> {
+    match layout {
+        Layout::Odm | Layout::Openmvg => {}
+        Layout::Colmap | Layout::Meshroom | Layout::Metashape | Layout::Realitycapture | Layout::Nerfstudio => {
+            return Ok(());
+        }
+    }
+    let is_of_mask = |stem: &str| stem == "mask" || stem.ends_with("_mask");
+    match scan.views.iter().find(|view| is_of_mask(&view.stem.to_ascii_lowercase())) {
+        None => Ok(()),
+        Some(view) => Err(Error::new(
+            ErrorKind::InvalidParameter,
+            format!(
+                "the layout {} has masks named {{view}}_mask.png beside the images, so the image of the view '{}' would be \
+                 taken for a mask; give the view another label, or choose another layout",
+                layout.name(),
+                view.stem
+            ),
+        )),
+    }
 }
 
 /// What the layouts are made from.
@@ -181,6 +205,11 @@ impl Bundle<'_> {
         let masks = views.filter(|(_, view)| view.has_mask);
         let masks = masks.map(|(at, view)| Entry { path: mask(view), content: Content::Mask(at) });
         images.chain(masks).collect()
+    }
+
+    /// How many views have no mask.
+    fn without_mask(&self) -> usize {
+        self.scan.views.iter().filter(|view| !view.has_mask).count()
     }
 
     /// Views with their poses.

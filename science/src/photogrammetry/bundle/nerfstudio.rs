@@ -15,6 +15,8 @@ pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {
 }
 
 fn transforms(bundle: &Bundle<'_>) -> Value {
+    // nerfstudio stops when some frames have a mask and others have none
+    let all_have_masks = bundle.without_mask() == 0;
     let frames: Vec<Value> = bundle
         .posed()
         .map(|(view, pose)| {
@@ -24,7 +26,7 @@ fn transforms(bundle: &Bundle<'_>) -> Value {
                 "file_path": format!("images/{}", view.file()),
                 "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
             });
-            if view.has_mask {
+            if all_have_masks {
                 frame["mask_path"] = json!(format!("masks/{}.png", view.stem));
             }
             frame
@@ -52,8 +54,15 @@ fn transforms(bundle: &Bundle<'_>) -> Value {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "nerfstudio", "masks/{name of the image}.png");
+    let missing = bundle.without_mask();
+    if missing > 0 && missing < bundle.scan.views.len() {
+        out.push_str(&format!(
+            "{} no mask. nerfstudio takes masks for all images or for none, so transforms.json names none.\n\n",
+            readme::views_have(missing)
+        ));
+    }
     out.push_str(match bundle.camera.is_some() && bundle.poses.is_some() {
-        true => "transforms.json holds the camera, the poses and the masks. Run in this folder:\n\nns-train nerfacto --data .\n",
+        true => "transforms.json holds the camera, the poses, and masks if all views have one. Run in this folder:\n\nns-train nerfacto --data .\n",
         false => {
             "Camera or poses are unknown, so there is no transforms.json. Run in this folder:\n\nns-process-data images \
              --data images --output-dir processed\nns-train nerfacto --data processed\n"

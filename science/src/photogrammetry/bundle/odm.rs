@@ -1,4 +1,7 @@
 //! OpenDroneMap: the camera of OpenSfM, masks beside the images.
+//!
+//! The option `--cameras` of ODM takes only cameras with the ids that ODM makes from the EXIF of the images. OpenSfM,
+//! which ODM runs in the folder `opensfm`, reads overrides there that can be for all images.
 
 use serde_json::{Value, json};
 
@@ -7,7 +10,7 @@ use super::{Bundle, Entry, camera::Camera, json, readme, text};
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {
     let mut out = vec![text("README.txt", readme(bundle))];
-    out.extend(bundle.camera.as_ref().map(|camera| json("cameras.json", &cameras(camera))));
+    out.extend(bundle.camera.as_ref().map(|camera| json("opensfm/camera_models_overrides.json", &cameras(camera))));
     out.extend(bundle.pictures(|view| format!("images/{}_mask.png", view.stem)));
     out
 }
@@ -27,12 +30,18 @@ fn cameras(camera: &Camera) -> Value {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "OpenDroneMap", "images/{name of the image}_mask.png");
-    let camera =
-        if bundle.camera.is_some() { " --cameras /datasets/scan/cameras.json --use-fixed-camera-params" } else { "" };
+    let (camera, fixed) = match bundle.camera {
+        Some(_) => (
+            "The camera is in opensfm/camera_models_overrides.json, where ODM finds it without an option; do not run with \
+             --rerun-all, which deletes that folder. ",
+            " --use-fixed-camera-params",
+        ),
+        None => ("", ""),
+    };
     out.push_str(&format!(
-        "ODM reads positions on the earth only, so the poses are not in this bundle. Run in the folder above this one, which \
-         is called scan:\n\ndocker run -ti --rm -v \"$PWD:/datasets\" opendronemap/odm --project-path /datasets \
-         scan{camera}\n"
+        "{camera}ODM reads positions on the earth only, so the poses are not in this bundle. Run in the folder above this \
+         one, which is called scan:\n\ndocker run -ti --rm -v \"$PWD:/datasets\" opendronemap/odm --project-path /datasets \
+         scan{fixed}\n"
     ));
     out
 }

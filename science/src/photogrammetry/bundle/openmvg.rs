@@ -9,14 +9,15 @@ const NEW_OBJECT: u32 = 1 << 31;
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {
-    let mut out = vec![text("README.txt", readme(bundle)), json("sfm_data.json", &sfm_data(bundle))];
+    let mut out = vec![text("README.txt", readme(bundle))];
+    // views without intrinsics cannot be reconstructed
+    out.extend(bundle.camera.as_ref().map(|_| json("sfm_data.json", &sfm_data(bundle))));
     out.extend(bundle.pictures(|view| format!("images/{}_mask.png", view.stem)));
     out
 }
 
 fn sfm_data(bundle: &Bundle<'_>) -> Value {
     let scan = bundle.scan;
-    let has_camera = bundle.camera.is_some();
     let mut next = NEW_OBJECT;
     let mut id = || {
         next += 1;
@@ -29,7 +30,7 @@ fn sfm_data(bundle: &Bundle<'_>) -> Value {
         .map(|(at, view)| {
             json!({ "key": at, "value": { "polymorphic_id": 1 << 30, "ptr_wrapper": { "id": id(), "data": {
                 "local_path": "", "filename": view.file(), "width": scan.width, "height": scan.height,
-                "id_view": at, "id_intrinsic": if has_camera { 0 } else { u32::MAX }, "id_pose": at
+                "id_view": at, "id_intrinsic": 0, "id_pose": at
             } } } })
         })
         .collect();
@@ -69,15 +70,27 @@ fn sfm_data(bundle: &Bundle<'_>) -> Value {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "OpenMVG", "images/{name of the image}_mask.png");
-    out.push_str(
-        "sfm_data.json lists the images with the camera and the poses. Run in this folder:\n\n\
-         mkdir -p matches model\n\
-         openMVG_main_ComputeFeatures -i sfm_data.json -o matches\n\
-         openMVG_main_PairGenerator -i sfm_data.json -o matches/pairs.bin\n\
-         openMVG_main_ComputeMatches -i sfm_data.json -p matches/pairs.bin -o matches/matches.putative.bin\n\
-         openMVG_main_GeometricFilter -i sfm_data.json -m matches/matches.putative.bin -o matches/matches.f.bin\n\
-         openMVG_main_SfM -i sfm_data.json -m matches -M matches.f.bin -o model --sfm_engine INCREMENTAL \
-         --refine_intrinsic_config NONE\n",
-    );
+    let (scene, begin, fixed) = match bundle.camera {
+        Some(_) => {
+            out.push_str("sfm_data.json lists the images with the camera and the poses. Run in this folder:\n\n");
+            ("sfm_data.json", String::new(), " \\\n    --refine_intrinsic_config NONE")
+        }
+        None => {
+            out.push_str("Run in this folder; the option -f is a guess of the focal length in px:\n\n");
+            // 1.2 times the longer side, as programs assume where nothing is known
+            let guess = f64::from(bundle.scan.width.max(bundle.scan.height)) * 1.2;
+            let list = format!("openMVG_main_SfMInit_ImageListing -i images -o matches -f {guess:.0}\n");
+            ("matches/sfm_data.json", list, "")
+        }
+    };
+    out.push_str(&format!(
+        "mkdir -p matches model\n\
+         {begin}\
+         openMVG_main_ComputeFeatures -i {scene} -o matches\n\
+         openMVG_main_PairGenerator -i {scene} -o matches/pairs.bin\n\
+         openMVG_main_ComputeMatches -i {scene} -p matches/pairs.bin -o matches/matches.putative.bin\n\
+         openMVG_main_GeometricFilter -i {scene} -m matches/matches.putative.bin -o matches/matches.f.bin\n\
+         openMVG_main_SfM -i {scene} -m matches -M matches.f.bin -o model --sfm_engine INCREMENTAL{fixed}\n"
+    ));
     out
 }

@@ -81,7 +81,9 @@ pub(super) fn pairs(poses: &[Pose]) -> Vec<(usize, usize)> {
             .filter(|(other, _)| *other != at)
             .map(|(other, of_other)| (-pose.centre.dot(&of_other.centre), other))
             .collect();
-        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        if others.len() > NEIGHBOURS {
+            others.select_nth_unstable_by(NEIGHBOURS, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        }
         pairs.extend(others.into_iter().take(NEIGHBOURS).map(|(_, other)| (at.min(other), at.max(other))));
     }
     pairs.sort_unstable();

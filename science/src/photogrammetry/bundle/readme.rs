@@ -65,3 +65,8 @@ fn poses(bundle: &Bundle<'_>) -> String {
          camera: use them as a start or a check, and let the program refine them.\n\n"
     )
 }
+
+/// The beginning of a sentence: `1 view has`, `2 views have`.
+pub(super) fn views_have(count: usize) -> String {
+    if count == 1 { "1 view has".to_owned() } else { format!("{count} views have") }
+}

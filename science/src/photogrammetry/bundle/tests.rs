@@ -141,13 +141,27 @@ fn text_numbers(value: &serde_json::Value) -> Vec<f64> {
     }
 }
 
+/// As Meshroom 2023.3 and newer read the intrinsics: only these members, with lengths in mm and the principal point
+/// relative to the middle of the image, whatever version the file has.
 fn meshroom_reader(files: &HashMap<&str, &str>, scan: &BundleScan) -> Vec<Seen> {
     let sfm: serde_json::Value = serde_json::from_str(files["cameras.sfm"]).expect("JSON");
     let intrinsic = &sfm["intrinsics"][0];
-    let centre = text_numbers(&intrinsic["principalPoint"]);
+    let value = |name: &str| intrinsic[name].as_str().and_then(|text| text.parse::<f64>().ok()).expect(name);
+    assert_eq!((&intrinsic["type"], value("pixelRatio"), value("locked")), (&serde_json::json!("pinhole"), 1.0, 1.0));
+    let pixels_per_mm = f64::from(WIDTH) / value("sensorWidth");
+    assert!((f64::from(HEIGHT) / value("sensorHeight") - pixels_per_mm).abs() < 1e-9, "square pixels");
+    let offset = text_numbers(&intrinsic["principalPoint"]);
     let radial = text_numbers(&intrinsic["distortionParams"]);
+    let kind = if radial.is_empty() { "none" } else { "radialk3" };
+    assert_eq!(intrinsic["distortionType"], kind);
     let k = |at: usize| radial.get(at).copied().unwrap_or(0.0);
-    let camera = [text_numbers(&intrinsic["pxFocalLength"])[0], centre[0], centre[1], k(0), k(1)];
+    let camera = [
+        value("focalLength") * pixels_per_mm,
+        offset[0] + f64::from(WIDTH) / 2.0,
+        offset[1] + f64::from(HEIGHT) / 2.0,
+        k(0),
+        k(1),
+    ];
     let of = |view: &BundleView| {
         let listed = sfm["views"].as_array().expect("views").iter();
         let path = format!("images/{}", view.file());
@@ -309,9 +323,14 @@ fn images_and_masks_have_the_names_that_each_program_looks_for() {
 }
 
 #[test]
-fn the_camera_of_opendronemap_is_relative_to_the_longer_side() {
+fn the_camera_of_opendronemap_is_relative_to_the_longer_side_and_for_all_images() {
     let entries = plan(Layout::Odm, &scan()).expect("a bundle");
-    let cameras: serde_json::Value = serde_json::from_str(texts(&entries)["cameras.json"]).expect("JSON");
+    let files = texts(&entries);
+    // --cameras refuses ids that are not those of the images' EXIF; OpenSfM knows `all`
+    assert!(!files.contains_key("cameras.json") && !files["README.txt"].contains("--cameras"));
+    let cameras = files["opensfm/camera_models_overrides.json"];
+    let cameras: serde_json::Value = serde_json::from_str(cameras).expect("JSON");
+    assert_eq!(cameras["all"]["projection_type"], "brown");
     let value = |name: &str| cameras["all"][name].as_f64().expect(name) * f64::from(WIDTH);
     assert!((value("focal_x") - 2712.5).abs() < 1e-9);
     assert!((value("c_x") - (401.25 + 0.5 - 405.0)).abs() < 1e-9);
@@ -349,9 +368,62 @@ fn what_is_unknown_is_left_out_and_said() {
         let entries = plan(layout, &scan).expect("a bundle");
         let files = texts(&entries);
         assert!(files["README.txt"].contains("Camera: unknown") && files["README.txt"].contains("Poses: none"));
-        let left_out = ["sparse/0/cameras.txt", "pairs.txt", "calibration.xml", "transforms.json", "cameras.json"];
+        let left_out = [
+            "sparse/0/cameras.txt",
+            "pairs.txt",
+            "calibration.xml",
+            "transforms.json",
+            "sfm_data.json",
+            "opensfm/camera_models_overrides.json",
+        ];
         assert!(left_out.iter().all(|path| !files.contains_key(path)), "{layout:?}");
     }
     let empty = BundleScan { views: Vec::new(), ..scan };
     assert!(plan(Layout::Colmap, &empty).is_err());
+}
+
+#[test]
+fn nerfstudio_gets_masks_for_all_frames_or_for_none() {
+    let mut scan = scan();
+    let frames_with_mask = |scan: &BundleScan| {
+        let entries = plan(Layout::Nerfstudio, scan).expect("a bundle");
+        let transforms: serde_json::Value = serde_json::from_str(texts(&entries)["transforms.json"]).expect("JSON");
+        let frames = transforms["frames"].as_array().expect("frames");
+        frames.iter().filter(|frame| frame.get("mask_path").is_some()).count()
+    };
+    assert_eq!(frames_with_mask(&scan), 4);
+    scan.views[2].has_mask = false;
+    assert_eq!(frames_with_mask(&scan), 0, "nerfstudio stops when some frames have none");
+    for layout in [Layout::Nerfstudio, Layout::Colmap] {
+        let entries = plan(layout, &scan).expect("a bundle");
+        assert!(texts(&entries)["README.txt"].contains("1 view has no mask"), "{layout:?}");
+    }
+}
+
+#[test]
+fn an_image_that_would_be_taken_for_a_mask_is_refused() {
+    let mut scan = scan();
+    scan.views[0].stem = "head".into();
+    for stem in ["head_mask", "Head_Mask", "mask"] {
+        scan.views[1].stem = stem.into();
+        for layout in Layout::ALL {
+            let planned = plan(layout, &scan);
+            match layout {
+                Layout::Odm | Layout::Openmvg => {
+                    let error = planned.expect_err("refused").to_string();
+                    assert!(error.contains(stem) && error.contains(layout.name()), "{error}");
+                }
+                _ => assert!(planned.is_ok(), "{layout:?}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn without_a_camera_openmvg_lists_the_images_itself() {
+    let scan = BundleScan { intrinsics: None, ..scan() };
+    let entries = plan(Layout::Openmvg, &scan).expect("a bundle");
+    let readme = texts(&entries)["README.txt"];
+    assert!(readme.contains("openMVG_main_SfMInit_ImageListing -i images -o matches -f 972\n"), "{readme}");
+    assert!(readme.contains("-i matches/sfm_data.json") && !readme.contains("refine_intrinsic_config"), "{readme}");
 }
