@@ -115,12 +115,13 @@ fn text(plan: &CapturePlan) -> String {
         plan.field_of_view_mm.map(|[w, h]| format!("field of view     {w:.2} x {h:.2} mm\n")).unwrap_or_default();
     let common = plan.common_field.map(|share| format!("seen by all       {:.1} % of the width\n", 100.0 * share));
     let mut out = format!(
-        "magnification     {:.3}\nobject distance   {:.2} mm\nprincipal distance {:.2} mm = {:.1} px\n\
+        "magnification     {:.3} (reference slice {:.3})\nobject distance   {:.2} mm\nprincipal distance {:.2} mm = {:.1} px\n\
          effective f-number {:.1} (Airy disc {:.1} um, circle of confusion {:.1} um)\n\
          depth of field    {:.4} mm (geometric {:.4}, wave {:.4})\n{field}{}\
          slices            {}, reference {}\nrail              {:.4} mm in steps of {:.4} mm (at most {:.4})\n\n\
          slice  rail mm   depth mm  scale     brightness  target blur px\n",
         plan.magnification,
+        plan.reference_magnification,
         plan.object_distance_mm,
         plan.principal_distance_mm,
         plan.principal_distance_px,

@@ -13,10 +13,14 @@ const CODED_PITCH: f64 = 2.0;
 const LEAST_PX: f64 = 16.0;
 /// Fewest dots along the shorter side of the image. The code needs 7.
 const FEWEST_DOTS: f64 = 8.0;
+/// Most dots along a side: the code repeats after 256.
+const MOST_DOTS: f64 = 256.0;
 /// Dots beyond the field of view on each side, so that the grid fills the image when it is not centred.
 const BEYOND: f64 = 3.0;
 /// Below this pitch, a laser printer does not print round dots.
 const LASER_MM: f64 = 1.0;
+/// The finest pitch of `GET /v1/targets/dots`.
+const FINEST_MM: f64 = 0.01;
 /// Below this pitch, no paper print has round dots.
 const FILM_MM: f64 = 0.2;
 
@@ -31,7 +35,8 @@ pub struct TargetAdvice {
     pub least_pitch_coded_mm: f64,
     /// Largest pitch that leaves 8 dots along the shorter side of the image, mm; null without the size of the image.
     pub largest_pitch_mm: Option<f64>,
-    /// The pitch to print: the smallest for a coded target, rounded up to two digits, mm.
+    /// The pitch to print, rounded up to two digits, mm: the smallest for a coded target, or a larger one with which 256
+    /// dots fill the field of view.
     pub pitch_mm: f64,
     /// The same in the reference slice, px.
     pub pitch_px: f64,
@@ -52,8 +57,10 @@ pub fn advice(plan: &CapturePlan) -> TargetAdvice {
     let mm_per_px = plan.principal_distance_mm / plan.principal_distance_px / plan.magnification;
     let least = |factor: f64| (factor * largest_blur_px).max(LEAST_PX) * mm_per_px;
     let (plain, coded) = (least(PLAIN_PITCH), least(CODED_PITCH));
-    let pitch_mm = rounded_up(coded);
-    let dots = |side: f64| (side / pitch_mm + 2.0 * BEYOND).ceil().min(MOST_DOTS) as u32;
+    // where little blur would allow a finer pitch than 256 dots across the field have, the dots fill the field
+    let filling = plan.field_of_view_mm.map_or(0.0, |[width, height]| width.max(height) / (MOST_DOTS - 2.0 * BEYOND));
+    let pitch_mm = rounded_up(coded.max(filling).max(FINEST_MM));
+    let dots = |side: f64| (side / pitch_mm + 2.0 * BEYOND).ceil() as u32;
     let size = plan.field_of_view_mm.map(|size| size.map(dots));
     let largest_pitch_mm = plan.field_of_view_mm.map(|[width, height]| width.min(height) / FEWEST_DOTS);
     let target = size.map(|[columns, rows]| {
@@ -76,7 +83,7 @@ pub fn advice(plan: &CapturePlan) -> TargetAdvice {
                 .to_owned(),
         );
     }
-    if plain > coded {
+    if plain > pitch_mm {
         notes.push(format!("a plain target needs a pitch of at least {} mm", rounded_up(plain)));
     }
     TargetAdvice {
@@ -93,9 +100,6 @@ pub fn advice(plan: &CapturePlan) -> TargetAdvice {
     }
 }
 
-/// Most dots along a side: the code repeats after 256.
-const MOST_DOTS: f64 = 256.0;
-
 /// A number rounded up to two digits.
 fn rounded_up(value: f64) -> f64 {
     let unit = 10f64.powf(value.log10().floor() - 1.0);
@@ -107,6 +111,7 @@ fn rounded_up(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::page::{Paper, TargetInput, TargetPage};
     use crate::optics::plan::{PlanInput, plan};
 
     fn input() -> PlanInput {
@@ -131,6 +136,31 @@ mod tests {
         let columns = f64::from(advice.columns.expect("the size is known"));
         assert!(columns * advice.pitch_mm > width);
         assert!(advice.target.expect("the size is known").contains(&format!("pitch_mm={}", advice.pitch_mm)));
+    }
+
+    #[test]
+    fn the_target_fills_the_field_and_can_be_printed_whatever_the_blur_is() {
+        for (magnification, object_depth_mm, pixel_pitch_um) in
+            [(1.0, 0.5, 4.14), (0.5, 1.0, 3.76), (5.0, 2.0, 4.14), (10.0, 0.05, 1.2), (0.02, 10.0, 4.0)]
+        {
+            let magnification = Some(magnification);
+            let plan = plan(&PlanInput { magnification, object_depth_mm, pixel_pitch_um, ..input() }).expect("a plan");
+            let advice = advice(&plan);
+            let field = plan.field_of_view_mm.expect("the size is known");
+            let dots = [advice.columns, advice.rows].map(|n| n.expect("the size is known"));
+            for axis in 0..2 {
+                let covered = f64::from(dots[axis] - 1) * advice.pitch_mm;
+                assert!(covered > field[axis] && dots[axis] <= 256, "{magnification:?}: {advice:?}");
+            }
+            let [columns, rows] = dots;
+            let page = TargetInput { pitch_mm: advice.pitch_mm, columns, rows, paper: Paper::Fit, ..page() };
+            assert!(TargetPage::new(&page).is_ok(), "{page:?}");
+        }
+    }
+
+    fn page() -> TargetInput {
+        serde_json::from_value(serde_json::json!({ "pitch_mm": 1.0, "columns": 2, "rows": 2, "coded": true }))
+            .expect("a page")
     }
 
     #[test]

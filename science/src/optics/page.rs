@@ -1,7 +1,7 @@
 //! A printable dot target: positions and sizes of the dots on a page, as SVG or PDF at true scale.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 use super::{pdf, refused, require, svg};
 use crate::{
@@ -21,29 +21,38 @@ const FIT_MARGIN: f64 = 2.0;
 const CHECK_LINES_MM: [f64; 4] = [200.0, 100.0, 50.0, 20.0];
 
 /// What is printed: the query parameters of `GET /v1/targets/dots`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub struct TargetInput {
-    /// Distance of neighbouring dots, mm.
+    /// Distance of neighbouring dots, mm, 0.01 to 100.
+    #[param(example = 2.0)]
     pub pitch_mm: f64,
-    /// Number of columns.
+    /// Number of columns, 2 to 1000.
+    #[param(example = 14)]
     pub columns: u32,
-    /// Number of rows.
+    /// Number of rows, 2 to 1000; at most 65,536 dots in all.
+    #[param(example = 10)]
     pub rows: u32,
-    /// Dots of two sizes, which make every dot unique.
+    /// Dots of two sizes, which make every dot unique; default false.
     #[serde(default)]
+    #[param(required = false)]
     pub coded: bool,
-    /// Diameter of a dot over the pitch; of a coded target the nominal diameter.
+    /// Diameter of a dot over the pitch, of a coded target the nominal diameter; default 0.5.
     #[serde(default = "half")]
+    #[param(required = false)]
     pub dot_ratio: f64,
-    /// White dots on black.
+    /// White dots on black; default false.
     #[serde(default)]
+    #[param(required = false)]
     pub inverted: bool,
-    /// Size of the page.
+    /// Size of the page; default `a4`.
     #[serde(default)]
+    #[param(required = false, inline)]
     pub paper: Paper,
-    /// File format.
+    /// File format; default `pdf`.
     #[serde(default)]
+    #[param(required = false, inline)]
     pub format: PageFormat,
 }
 

@@ -6,7 +6,7 @@ use axum::{
 };
 
 use crate::http::{artifacts::name::disposition, extract::params, problem::ApiResult};
-use pinstack_science::optics::page::{PageFormat, Paper, TargetInput, TargetPage};
+use pinstack_science::optics::page::{PageFormat, TargetInput, TargetPage};
 
 /// Get a dot target to print
 ///
@@ -17,16 +17,7 @@ use pinstack_science::optics::page::{PageFormat, Paper, TargetInput, TargetPage}
     path = "/v1/targets/dots",
     operation_id = "get_dot_target",
     tag = "optics",
-    params(
-        ("pitch_mm" = f64, Query, description = "Distance of neighbouring dots, mm, 0.01 to 100", example = 1.0),
-        ("columns" = u32, Query, description = "Number of columns, 2 to 1000", example = 40),
-        ("rows" = u32, Query, description = "Number of rows, 2 to 1000; at most 65,536 dots in all", example = 30),
-        ("coded" = Option<bool>, Query, description = "Dots of two sizes; default false"),
-        ("dot_ratio" = Option<f64>, Query, description = "Diameter of a dot over the pitch; default 0.5"),
-        ("inverted" = Option<bool>, Query, description = "White dots on black; default false"),
-        ("paper" = inline(Option<Paper>), Query, description = "Size of the page; default `a4`. `fit`: the size of the target, for photo services"),
-        ("format" = inline(Option<PageFormat>), Query, description = "File format; default `pdf`"),
-    ),
+    params(TargetInput),
     responses(
         (status = 200, description = "The page", content((Vec<u8> = "application/pdf"), (String = "image/svg+xml"))),
         (status = 400, description = "`invalid_request`: a parameter that is missing, unknown or outside its range, or dots that do not fit on the page"),

@@ -107,6 +107,52 @@ fn scale_exposure_and_blur_are_those_of_a_rendered_rig() {
     }
 }
 
+/// Chief rays and cones of a lens with pupils, traced: the pupils are `f (1 - 1/P)` before and `f (1 - P)` behind the
+/// principal planes, the exit pupil is `P` times as wide, and a ray leaves at `1/P` of the angle.
+#[test]
+fn a_pupil_ratio_moves_the_centre_of_projection() {
+    for (mode, pupil_ratio) in [CaptureMode::FixedLens, CaptureMode::MovingLens]
+        .into_iter()
+        .flat_map(|mode| [(mode, 0.5), (mode, 1.0), (mode, 2.0)])
+    {
+        let plan = plan(&PlanInput { pupil_ratio, slice_count: Some(5), ..macro_lens(mode) }).expect("a plan");
+        let (f, n, p) = (65.0, 8.0, pupil_ratio);
+        let reference = plan.slices[plan.reference_index as usize];
+        let target = f * (1.0 + 1.0 / reference.magnification);
+        let seen = |slice: &PlannedSlice| {
+            let advance = if mode == CaptureMode::MovingLens { slice.rail_mm - reference.rail_mm } else { 0.0 };
+            let (distance, sensor) = (target - advance, f * (1.0 + slice.magnification));
+            let height = (sensor - f * (1.0 - p)) / p / (distance - f * (1.0 - 1.0 / p));
+            let image = f * distance / (distance - f);
+            let blur = p * f / n * (sensor - image).abs() / (image - f * (1.0 - p));
+            (height, blur / 2.0 / 0.00414)
+        };
+        for slice in &plan.slices {
+            let (height, blur) = seen(slice);
+            assert!((seen(&reference).0 / height - slice.scale).abs() < 1e-12, "{mode:?} {p}");
+            assert!((blur - slice.target_blur_px).abs() < 1e-8 * (1.0 + blur), "{mode:?} {p}: {blur} {slice:?}");
+        }
+        let principal = f * (1.0 + reference.magnification / p);
+        assert!((plan.principal_distance_mm - principal).abs() < 1e-9);
+        assert_eq!(plan.reference_magnification, reference.magnification);
+    }
+}
+
+#[test]
+fn a_lens_that_would_reach_the_object_is_refused() {
+    let deep = |object_depth_mm, slice_count| {
+        plan(&PlanInput { object_depth_mm, slice_count, ..macro_lens(CaptureMode::MovingLens) })
+    };
+    for count in [2, 3, 900] {
+        for depth in [130.0, 200.0, 259.0] {
+            let error = deep(depth, Some(count)).expect_err("130 mm are free");
+            assert!(error.detail.contains("would reach the nearest"), "{}", error.detail);
+        }
+        let plan = deep(129.0, Some(count)).expect("just not");
+        assert!(plan.slices.iter().all(|slice| slice.scale > 0.0 && slice.target_blur_px.is_finite()));
+    }
+}
+
 #[test]
 fn warnings_name_what_limits_the_capture() {
     let codes = |change: fn(&mut PlanInput)| {
