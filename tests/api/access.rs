@@ -17,7 +17,7 @@ use crate::app::{TestApp, id, problem, profile, stack_zip};
 
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
-async fn token(app: &TestApp, name: &str, scopes: &[Scope]) -> String {
+pub async fn token(app: &TestApp, name: &str, scopes: &[Scope]) -> String {
     token_with_quota(app, name, scopes, None).await
 }
 

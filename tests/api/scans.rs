@@ -2,6 +2,7 @@
 
 mod archive;
 mod bundle;
+mod owners;
 
 use reqwest::{Response, StatusCode};
 use serde_json::{Value, json};

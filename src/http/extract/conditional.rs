@@ -5,6 +5,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use crate::{
     contract::Code,
     http::problem::{ApiError, ApiResult},
+    store::Precondition,
 };
 
 /// A list of entity tags, or any.
@@ -78,6 +79,30 @@ pub fn require_match(headers: &HeaderMap, opaque: &str) -> ApiResult<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// The condition of a write in `If-Match` and `If-None-Match`, where the tag is a number that grows with each write.
+/// `If-Match` holds if one of its tags is the current number; `current` is read only for that. `Err`: it does not hold.
+///
+/// # Errors
+/// Those of `current`.
+pub async fn precondition(
+    headers: &HeaderMap,
+    current: impl Future<Output = ApiResult<Option<u32>>>,
+) -> ApiResult<Result<Precondition, Option<u32>>> {
+    if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
+        return Ok(Ok(Precondition::Absent));
+    }
+    let list = match Tags::of(headers, &header::IF_MATCH) {
+        None => return Ok(Ok(Precondition::Any)),
+        Some(Tags::Any) => return Ok(Ok(Precondition::Present)),
+        Some(list) => list,
+    };
+    let current = current.await?;
+    Ok(match current {
+        Some(number) if list.contains_strong(&number.to_string()) => Ok(Precondition::Revision(number)),
+        _ => Err(current),
+    })
 }
 
 /// The header value of a strong tag.

@@ -13,7 +13,7 @@ use super::{
     submission::scan::ScanSubmission,
 };
 use crate::{
-    contract::{Fault, Name},
+    contract::{Code, Fault, Name},
     http::{
         background,
         problem::{ApiError, ApiResult},
@@ -93,6 +93,11 @@ impl Grouped {
         submission: &ScanSubmission,
         idempotency: Option<(String, String)>,
     ) -> ApiResult<Vec<CheckedJob>> {
+        // before anything is written; the transaction checks it again
+        let waiting = app.store.metadata.counts().await?.queued;
+        if waiting.saturating_add(self.views() as u64) > app.policy.queue_limit {
+            return Err(queue_too_short(self.views(), waiting, app.policy.queue_limit));
+        }
         let bytes = self.0.views().iter().map(|view| view.bytes).sum();
         let reserved = app.disk.reserve(bytes).await?;
         let mut reserved = reserved.map_err(|state| disk_full(bytes, 0, &state))?;
@@ -133,6 +138,21 @@ impl Grouped {
         let (file, bytes, sha256) = written.await.map_err(ApiError::internal)??;
         Ok(SpooledUpload { file, bytes, sha256, filename })
     }
+}
+
+/// The error for a scan that does not fit into the queue.
+fn queue_too_short(views: usize, waiting: u64, limit: u64) -> ApiError {
+    let detail = if views as u64 > limit {
+        format!(
+            "the scan has {views} views, and at most {limit} jobs may be queued: raise the setting 'queue_limit', or send \
+             the scan in several zips"
+        )
+    } else {
+        format!(
+            "the scan has {views} views, {waiting} jobs are waiting, and at most {limit} may be queued; try again later"
+        )
+    };
+    ApiError::new(Code::QueueFull, detail)
 }
 
 /// The key of a view: that of the request for the first, with a suffix that no client can send for the others.

@@ -23,7 +23,7 @@ use axum::{
 use super::{
     extract::{
         ProfileKey,
-        conditional::{Tags, etag, not_modified},
+        conditional::{self, etag, not_modified},
     },
     problem::{ApiError, ApiResult},
     state::App,
@@ -68,19 +68,9 @@ fn response(headers: &HeaderMap, profile: &Profile) -> Response {
 /// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the
 /// current revision.
 async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiResult<Precondition> {
-    if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
-        return Ok(Precondition::Absent);
-    }
-    let list = match Tags::of(headers, &header::IF_MATCH) {
-        None => return Ok(Precondition::Any),
-        Some(Tags::Any) => return Ok(Precondition::Present),
-        Some(list) => list,
-    };
-    let current = app.store.metadata.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision);
-    match current {
-        Some(revision) if list.contains_strong(&revision.to_string()) => Ok(Precondition::Revision(revision)),
-        _ => Err(precondition_failed(key, current, &header::IF_MATCH)),
-    }
+    let revision = async { Ok(app.store.metadata.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision)) };
+    let condition = conditional::precondition(headers, revision).await?;
+    condition.map_err(|current| precondition_failed(key, current, &header::IF_MATCH))
 }
 
 /// The error for a condition that does not hold.

@@ -29,7 +29,7 @@ use crate::{
         extract::params,
         problem::{ApiError, ApiResult},
         state::App,
-        views::scan::listed,
+        views::scan::{listed, most_common},
     },
     store::digest::digests_of,
 };
@@ -70,7 +70,7 @@ struct Query {
             ("Content-Disposition" = String, description = "`{scan}_{layout}.zip`"))),
         (status = 206, description = "The part that `Range` requests", content((Vec<u8> = "application/zip"))),
         (status = 304, description = "The client has this version already"),
-        (status = 400, description = "`invalid_request`: an invalid name, or a missing or unknown layout"),
+        (status = 400, description = "`invalid_request`: an invalid name, a missing or unknown layout, or a view whose label the program takes for that of a mask"),
         (status = 404, description = "`scan_not_found`; `not_found`: the scan has no views with results"),
         (status = 409, description = "`not_finished`: views are queued or running, or have failed"),
         (status = 412, description = "`precondition_failed`: `If-Match` names another version"),
@@ -111,7 +111,10 @@ pub async fn zip_of(app: &App, caller: &Caller, name: &Name, layout: Layout, par
     let ready = ready(name, &views, partial)?;
     require_one_camera(&ready)?;
     let modified = ready.iter().map(|ready| ready.view.stack.created_at).max().unwrap_or(Timestamp::UNIX_EPOCH);
-    let entries = bundle::plan(layout, &described(&scan, &ready))?;
+    let described = described(&scan, &ready);
+    // the pairs of neighbours take the square of the number of views
+    let planned = background::spawn_blocking(move || bundle::plan(layout, &described));
+    let entries = planned.await.map_err(ApiError::internal)??;
     let mut members = Vec::with_capacity(entries.len());
     for bundle::Entry { path, content } in entries {
         let artifact = |at: usize, of: fn(&Ready<'_>) -> Option<Artifact>| {
@@ -171,16 +174,14 @@ fn ready<'a>(name: &Name, views: &'a [View], partial: bool) -> ApiResult<Vec<Rea
 }
 
 /// All images of a bundle are of one camera: one size, crop, profile, and so one set of intrinsics.
-fn require_one_camera(ready: &[Ready<'_>]) -> ApiResult<()> {
-    let camera = |ready: &Ready<'_>| {
+fn require_one_camera<'a>(ready: &[Ready<'a>]) -> ApiResult<()> {
+    let camera = |ready: &Ready<'a>| {
         let ImageInfo { width, height, crop_offset_px, .. } = ready.result.image_info;
-        (width, height, crop_offset_px, ready.view.stack.profile_digest.clone())
+        (width, height, crop_offset_px, ready.view.stack.profile_digest.as_str())
     };
-    let cameras: Vec<_> = ready.iter().map(camera).collect();
-    let count = |one: &_| cameras.iter().filter(|other| *other == one).count();
-    let Some(usual) = cameras.iter().max_by_key(|one| count(one)) else { return Ok(()) };
+    let Some(usual) = most_common(ready.iter().map(camera)) else { return Ok(()) };
     let others: Vec<String> =
-        ready.iter().zip(&cameras).filter(|(_, one)| *one != usual).map(|(ready, _)| ready.view.stem.clone()).collect();
+        ready.iter().filter(|ready| camera(ready) != usual).map(|ready| ready.view.stem.clone()).collect();
     if others.is_empty() {
         return Ok(());
     }

@@ -2,7 +2,7 @@
 
 use axum::{extract::State, http::HeaderMap, response::Response};
 
-use super::{ScanName, find, response, table::views};
+use super::{ScanName, find, response, table::views, tabulated};
 use crate::{
     contract::Scan,
     http::{auth::Caller, problem::ApiResult, state::App, views::ScanWithViews},
@@ -32,5 +32,5 @@ pub async fn get(State(app): State<App>, caller: Caller, ScanName(name): ScanNam
     let views = views(&app, &caller, &name).await?;
     let tag = scan.version.to_string();
     // the table has no version of its own, so the response is never "not modified"
-    Ok(response(&HeaderMap::new(), &tag, &ScanWithViews::of(scan, &views)))
+    Ok(response(&HeaderMap::new(), &tag, &tabulated(scan, views).await?))
 }

@@ -24,13 +24,15 @@ use serde::Serialize;
 
 use super::{
     auth::Caller,
+    background,
     extract::{
-        conditional::{Tags, etag, not_modified},
+        conditional::{self, etag, not_modified},
         path::named_segment,
     },
     problem::{ApiError, ApiResult},
     profiles::near,
     state::App,
+    views::ScanWithViews,
 };
 use crate::{
     contract::{Code, Name, Scan},
@@ -57,14 +59,22 @@ impl<S: Send + Sync> FromRequestParts<S> for ScanName {
 /// # Errors
 /// `scan_not_found` with similar names, also for a scan that the caller may not see.
 pub async fn find(app: &App, caller: &Caller, name: &Name) -> ApiResult<Scan> {
-    if let Some(own) = caller.sees_only(app)
-        && app.store.metadata.scan_owner(name).await?.is_some_and(|owner| owner != own)
-    {
-        return Err(not_found(app, caller, name).await);
-    }
+    require_own(app, caller, name).await?;
     match app.store.metadata.scan(name).await? {
         Some(scan) => Ok(scan),
         None => Err(not_found(app, caller, name).await),
+    }
+}
+
+/// Checks that a scan does not belong to another token, where tokens see only their own.
+///
+/// # Errors
+/// `scan_not_found`.
+async fn require_own(app: &App, caller: &Caller, name: &Name) -> ApiResult<()> {
+    let Some(own) = caller.sees_only(app) else { return Ok(()) };
+    match app.store.metadata.scan_owner(name).await? {
+        Some(owner) if owner != own => Err(not_found(app, caller, name).await),
+        _ => Ok(()),
     }
 }
 
@@ -95,6 +105,13 @@ pub async fn not_found(app: &App, caller: &Caller, name: &Name) -> ApiError {
     ApiError::new(Code::ScanNotFound, detail)
 }
 
+/// The scan with the table of its views. Comparing the views takes the square of their number, so another thread does
+/// it.
+async fn tabulated(scan: Scan, views: Vec<table::View>) -> ApiResult<ScanWithViews> {
+    let made = background::spawn_blocking(move || ScanWithViews::of(scan, &views));
+    made.await.map_err(ApiError::internal)
+}
+
 /// The response with a document of the scan and its `ETag`, or 304 when the copy of the client is current.
 fn response(headers: &HeaderMap, tag: &str, document: &impl Serialize) -> Response {
     let headers_out = [(header::ETAG, etag(tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
@@ -107,19 +124,9 @@ fn response(headers: &HeaderMap, tag: &str, document: &impl Serialize) -> Respon
 /// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the
 /// current version.
 async fn precondition(app: &App, name: &Name, headers: &HeaderMap) -> ApiResult<Precondition> {
-    if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
-        return Ok(Precondition::Absent);
-    }
-    let list = match Tags::of(headers, &header::IF_MATCH) {
-        None => return Ok(Precondition::Any),
-        Some(Tags::Any) => return Ok(Precondition::Present),
-        Some(list) => list,
-    };
-    let current = app.store.metadata.scan(name).await?.map(|scan| scan.version);
-    match current {
-        Some(version) if list.contains_strong(&version.to_string()) => Ok(Precondition::Revision(version)),
-        _ => Err(precondition_failed(name, current, &header::IF_MATCH)),
-    }
+    let version = async { Ok(app.store.metadata.scan(name).await?.map(|scan| scan.version)) };
+    let condition = conditional::precondition(headers, version).await?;
+    condition.map_err(|current| precondition_failed(name, current, &header::IF_MATCH))
 }
 
 /// The error for a condition that does not hold.

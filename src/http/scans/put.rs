@@ -8,7 +8,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::{ScanName, has_stacks, precondition, precondition_failed, url};
+use super::{ScanName, has_stacks, precondition, precondition_failed, require_own, url};
 use crate::{
     contract::{Code, Scan, ScanInput},
     http::{
@@ -61,6 +61,7 @@ pub async fn put(
     body: Body,
 ) -> ApiResult<Response> {
     json::require_json(&headers)?;
+    require_own(&app, &caller, &name).await?;
     let condition = precondition(&app, &name, &headers).await?;
     let input: ScanInput = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidRequest)?;
     input.check()?;

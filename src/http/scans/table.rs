@@ -218,11 +218,11 @@ async fn each_page(app: &App, caller: &Caller, scan: &Name, mut take: impl FnMut
 
 /// Groups stacks, newest first, into views.
 fn by_view(stacks: Vec<ViewStack>) -> Vec<View> {
-    let origins: HashMap<Uuid, Uuid> = stacks.iter().map(|stack| (stack.id, stack.origin)).collect();
+    let origins = first_origins(&stacks);
     let mut places: HashMap<ViewKey, usize> = HashMap::new();
     let mut groups: Vec<Vec<ViewStack>> = Vec::new();
     for mut stack in stacks {
-        stack.origin = first_origin(&origins, stack.id);
+        stack.origin = origins.get(&stack.id).copied().unwrap_or(stack.origin);
         let place = *places.entry(stack.key()).or_insert(groups.len());
         match groups.get_mut(place) {
             Some(group) => group.push(stack),
@@ -240,19 +240,15 @@ fn by_view(stacks: Vec<ViewStack>) -> Vec<View> {
     views
 }
 
-/// The stack that was sent, at the beginning of a chain of reruns.
-fn first_origin(origins: &HashMap<Uuid, Uuid>, id: Uuid) -> Uuid {
-    let mut at = id;
-    // a chain has no cycle; the bound keeps a damaged row from making one
-    for _ in 0..origins.len() {
-        match origins.get(&at) {
-            Some(&origin) if origin != at => at = origin,
-            Some(_) => return at,
-            // the first stack was deleted
-            None => return at,
-        }
+/// The stack that was sent, for each stack: the beginning of its chain of reruns, as far as it was not deleted.
+fn first_origins(stacks: &[ViewStack]) -> HashMap<Uuid, Uuid> {
+    let mut origins: HashMap<Uuid, Uuid> = HashMap::with_capacity(stacks.len());
+    // the oldest first: the origin of a stack is older than the stack
+    for stack in stacks.iter().rev() {
+        let first = origins.get(&stack.origin).copied().unwrap_or(stack.origin);
+        origins.insert(stack.id, first);
     }
-    at
+    origins
 }
 
 /// The view of its stacks, newest first.
@@ -331,78 +327,4 @@ fn tidy(text: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn stack(label: Option<&str>, pan_deg: Option<f64>, tilt_deg: Option<f64>) -> ViewStack {
-        let id = Uuid::now_v7();
-        ViewStack {
-            id,
-            state: JobState::Succeeded,
-            progress: Progress::default(),
-            error: None,
-            created_at: Timestamp::UNIX_EPOCH,
-            warnings: Vec::new(),
-            label: label.map(Into::into),
-            pan_deg,
-            tilt_deg,
-            filename: Some("stack 7.zip".into()),
-            profile_revision: 1,
-            profile_digest: String::new(),
-            slice_size: [24, 18],
-            upload_removed: false,
-            origin: id,
-            result: None,
-        }
-    }
-
-    fn stems(stacks: Vec<ViewStack>) -> Vec<String> {
-        by_view(stacks).into_iter().map(|view| view.stem).collect()
-    }
-
-    #[test]
-    fn views_are_sorted_by_tilt_and_pan_and_named_by_label_or_angles() {
-        let stacks = vec![
-            stack(None, Some(20.0), Some(6.0)),
-            stack(None, Some(0.0), Some(6.0)),
-            stack(Some("head on"), Some(40.0), Some(0.0)),
-        ];
-        assert_eq!(stems(stacks), ["head_on", "pan000_tilt06", "pan020_tilt06"]);
-    }
-
-    #[test]
-    fn a_label_that_several_views_share_is_told_apart_by_angles() {
-        let stacks = vec![
-            stack(Some("bee"), Some(20.0), Some(0.0)),
-            stack(Some("Bee"), Some(0.0), Some(0.0)),
-            stack(Some("a b"), None, None),
-            stack(Some("a.b"), None, None),
-        ];
-        assert_eq!(stems(stacks), ["Bee_pan000_tilt00", "bee_pan020_tilt00", "a_b_1", "a_b_2"]);
-    }
-
-    #[test]
-    fn the_newest_stack_that_did_not_fail_counts() {
-        let failed = ViewStack { state: JobState::Failed, ..stack(None, Some(20.0), Some(0.0)) };
-        let (newer, older) = (stack(None, Some(20.0), Some(0.0)), stack(None, Some(20.0004), Some(0.0)));
-        let views = by_view(vec![failed.clone(), newer.clone(), older.clone()]);
-        assert_eq!(views.len(), 1);
-        assert_eq!((views[0].stack.id, &views[0].others), (newer.id, &vec![failed.id, older.id]));
-        let all_failed = by_view(vec![failed.clone(), ViewStack { state: JobState::Cancelled, ..older }]);
-        assert_eq!(all_failed[0].stack.id, failed.id);
-    }
-
-    #[test]
-    fn an_unnamed_view_keeps_its_name_when_it_is_fused_again() {
-        let first = stack(None, None, None);
-        let again = ViewStack { origin: first.id, ..stack(None, None, None) };
-        let third = ViewStack { origin: again.id, ..stack(None, None, None) };
-        let other = stack(None, None, None);
-        let name = stems(vec![first.clone()]);
-        let views = by_view(vec![other, third.clone(), again, first]);
-        assert_eq!(views.len(), 2);
-        let view = views.iter().find(|view| view.stack.id == third.id).expect("the newest counts");
-        assert_eq!(view.others.len(), 2);
-        assert!(name[0].starts_with("stack_7_"), "{name:?}");
-    }
-}
+mod tests;

@@ -1,5 +1,7 @@
 //! A scan as the API shows it: what is stored of it, and the table of its views.
 
+use std::{collections::HashMap, hash::Hash};
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -151,7 +153,10 @@ impl ScanWithViews {
         let found = outliers(&views.iter().map(View::measurements).collect::<Vec<_>>());
         let angles: Vec<ViewAngles> = views.iter().filter_map(View::angles).collect();
         let missing = missing_views(&angles);
-        let rows: Vec<ScanView> = views.iter().enumerate().map(|(at, view)| row(view, at, &found)).collect();
+        let mut of_view: HashMap<usize, Vec<ViewOutlier>> = HashMap::new();
+        found.iter().for_each(|outlier| of_view.entry(outlier.view).or_default().push(ViewOutlier::of(outlier)));
+        let outliers = |at: usize| of_view.get(&at).cloned().unwrap_or_default();
+        let rows: Vec<ScanView> = views.iter().enumerate().map(|(at, view)| row(view, outliers(at))).collect();
         let this = url(&scan.name);
         let links = ScanLinks {
             stacks: format!("/v1/stacks?scan={}", scan.name),
@@ -168,7 +173,7 @@ impl ScanWithViews {
     }
 }
 
-fn row(view: &View, at: usize, outliers: &[Outlier]) -> ScanView {
+fn row(view: &View, outliers: Vec<ViewOutlier>) -> ScanView {
     let ViewStack { state, progress, error, label, pan_deg, tilt_deg, profile_revision, result, .. } = &view.stack;
     let measured = view.measurements();
     let metrics = result.as_ref().map(|result| &result.metrics);
@@ -197,7 +202,7 @@ fn row(view: &View, at: usize, outliers: &[Outlier]) -> ScanView {
         unfocused_fraction: metrics.and_then(|metrics| metrics.focus.unfocused_fraction),
         border_contact: mask.map(|mask| mask.border_contact_fraction),
         findings: warnings.unwrap_or_default(),
-        outliers: outliers.iter().filter(|outlier| outlier.view == at).map(ViewOutlier::of).collect(),
+        outliers,
         replaced: view.others.iter().copied().map(stack_url).collect(),
     }
 }
@@ -329,14 +334,10 @@ fn findings(summary: &ScanSummary, views: &[View], rows: &[ScanView], missing: &
 }
 
 /// The value that occurs most often; of equally frequent ones the first.
-fn most_common<T: PartialEq + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
-    let mut counts: Vec<(T, usize)> = Vec::new();
-    for value in values {
-        match counts.iter_mut().find(|(known, _)| *known == value) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((value, 1)),
-        }
+pub fn most_common<T: Eq + Hash + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
+    let mut counts: HashMap<T, (usize, usize)> = HashMap::new();
+    for (at, value) in values.enumerate() {
+        counts.entry(value).or_insert((0, at)).0 += 1;
     }
-    let most = counts.iter().map(|(_, count)| *count).max()?;
-    counts.into_iter().find(|(_, count)| *count == most).map(|(value, _)| value)
+    counts.into_iter().max_by_key(|(_, (count, first))| (*count, usize::MAX - first)).map(|(value, _)| value)
 }
