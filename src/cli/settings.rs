@@ -151,7 +151,7 @@ settings! {
         auth: Auth = Auth::default(), "WHEN",
             "When tokens are required; auto: once a token exists, and whenever other machines can reach the server";
         isolate_tokens: bool = false, "BOOL",
-            "Show a token only the stacks and uploads that it sent; tokens with the scope admin see all",
+            "Show a token only the stacks, scans and uploads that it sent; tokens with the scope admin see all",
             clap(num_args = 0..=1, default_missing_value = "true");
         max_connections: usize = http().max_connections, "N",
             "Largest number of connections; more have to wait",

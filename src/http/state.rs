@@ -59,7 +59,7 @@ pub struct Policy {
     pub auth_required: bool,
     /// Every request needs a token once one exists, made by this process or another.
     pub auth_once_there_are_tokens: bool,
-    /// A token sees only the stacks and uploads that it sent, unless its scope is `admin`.
+    /// A token sees only the stacks, scans and uploads that it sent, unless its scope is `admin`.
     pub isolate_tokens: bool,
     /// Largest number of connections; more have to wait.
     pub max_connections: usize,

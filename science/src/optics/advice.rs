@@ -35,8 +35,8 @@ pub struct TargetAdvice {
     pub least_pitch_coded_mm: f64,
     /// Largest pitch that leaves 8 dots along the shorter side of the image, mm; null without the size of the image.
     pub largest_pitch_mm: Option<f64>,
-    /// The pitch to print, rounded up to two digits, mm: the smallest for a coded target, or a larger one with which 256
-    /// dots fill the field of view.
+    /// The pitch to print, rounded up to two digits, mm: the smallest for a coded target, or a larger one with which
+    /// 256 dots fill the field of view.
     pub pitch_mm: f64,
     /// The same in the reference slice, px.
     pub pitch_px: f64,

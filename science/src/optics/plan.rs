@@ -12,10 +12,10 @@
 //! | wave-optical depth of field | `4 lambda N_eff^2 / M^2` | the same on the side of the object |
 //! | diameter of the Airy disc | `2.44 lambda N_eff` | |
 //!
-//! With a pupil ratio `P` the centre of projection is the entrance pupil, `f (1/M + 1/P)` before the plane in focus, and
-//! light comes from the exit pupil. The pinhole camera of a slice has the principal distance `f (1 + M/P)`; the image of a
-//! fixed lens grows with `M + P`; light per pixel falls with `N_eff^2`; and a point whose image is at `d2'` has on a sensor
-//! at `d2` the blur diameter `|d2 - d2'| / N_eff'`.
+//! With a pupil ratio `P` the centre of projection is the entrance pupil, `f (1/M + 1/P)` before the plane in focus,
+//! and light comes from the exit pupil. The pinhole camera of a slice has the principal distance `f (1 + M/P)`; the
+//! image of a fixed lens grows with `M + P`; light per pixel falls with `N_eff^2`; and a point whose image is at `d2'`
+//! has on a sensor at `d2` the blur diameter `|d2 - d2'| / N_eff'`.
 //!
 //! The step is `1 - overlap` times the smaller of the geometric and the wave-optical depth: with a moving lens of the
 //! depth of field, with a fixed lens of the depth of focus, because there the sensor moves. Of a stack, the slice with

@@ -59,23 +59,20 @@ impl<S: Send + Sync> FromRequestParts<S> for ScanName {
 /// # Errors
 /// `scan_not_found` with similar names, also for a scan that the caller may not see.
 pub async fn find(app: &App, caller: &Caller, name: &Name) -> ApiResult<Scan> {
-    require_own(app, caller, name).await?;
-    match app.store.metadata.scan(name).await? {
+    let scan = match is_of_another(app, caller, name).await? {
+        true => None,
+        false => app.store.metadata.scan(name).await?,
+    };
+    match scan {
         Some(scan) => Ok(scan),
         None => Err(not_found(app, caller, name).await),
     }
 }
 
-/// Checks that a scan does not belong to another token, where tokens see only their own.
-///
-/// # Errors
-/// `scan_not_found`.
-async fn require_own(app: &App, caller: &Caller, name: &Name) -> ApiResult<()> {
-    let Some(own) = caller.sees_only(app) else { return Ok(()) };
-    match app.store.metadata.scan_owner(name).await? {
-        Some(owner) if owner != own => Err(not_found(app, caller, name).await),
-        _ => Ok(()),
-    }
+/// Whether a scan belongs to another token, where tokens see only their own.
+async fn is_of_another(app: &App, caller: &Caller, name: &Name) -> ApiResult<bool> {
+    let Some(own) = caller.sees_only(app) else { return Ok(false) };
+    Ok(app.store.metadata.scan_owner(name).await?.is_some_and(|owner| owner != own))
 }
 
 /// Checks that a stack of this rig and lens may join the scan.

@@ -8,13 +8,13 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::{ScanName, has_stacks, precondition, precondition_failed, require_own, url};
+use super::{ScanName, has_stacks, is_of_another, precondition, precondition_failed, url};
 use crate::{
     contract::{Code, Scan, ScanInput},
     http::{
         auth::Caller,
         extract::{conditional::etag, json},
-        problem::ApiResult,
+        problem::{ApiError, ApiResult},
         state::App,
     },
     store::scans::PutScan,
@@ -46,8 +46,7 @@ use crate::{
         (status = 201, description = "The scan was created", body = Scan, headers(
             ("ETag" = String, description = "The version"), ("Location" = String, description = "URL of the scan"))),
         (status = 400, description = "`invalid_request`: an invalid name or member, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out"),
-        (status = 404, description = "`scan_not_found`: the scan belongs to another token"),
-        (status = 409, description = "`conflict`: rig or lens would change, and the scan has stacks"),
+        (status = 409, description = "`conflict`: rig or lens would change, and the scan has stacks; or the scan belongs to another token"),
         (status = 412, description = "`precondition_failed`: the scan was changed in the meantime; read it again and retry"),
         (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
@@ -61,7 +60,10 @@ pub async fn put(
     body: Body,
 ) -> ApiResult<Response> {
     json::require_json(&headers)?;
-    require_own(&app, &caller, &name).await?;
+    if is_of_another(&app, &caller, &name).await? {
+        let detail = format!("the name '{name}' is that of a scan of another token; choose another name");
+        return Err(ApiError::new(Code::Conflict, detail));
+    }
     let condition = precondition(&app, &name, &headers).await?;
     let input: ScanInput = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidRequest)?;
     input.check()?;
