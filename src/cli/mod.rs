@@ -12,6 +12,7 @@ pub mod health;
 pub mod logging;
 pub mod openapi;
 pub mod plan;
+pub mod poses;
 pub mod serve;
 pub mod settings;
 pub mod store;
@@ -50,6 +51,7 @@ enum Command {
     Restore(backup::Restore),
     Bundle(bundle::Bundle),
     Plan(plan::Plan),
+    Poses(poses::Poses),
     Target(target::Target),
     /// Check whether a running server is ready; the exit code is 0 if it is
     Health(health::Flags),
@@ -71,6 +73,7 @@ pub fn main() -> ExitCode {
         Some(Command::Restore(restore)) => restore.run(),
         Some(Command::Bundle(bundle)) => bundle.run(),
         Some(Command::Plan(plan)) => plan.run(),
+        Some(Command::Poses(poses)) => poses.run(),
         Some(Command::Target(target)) => target.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };

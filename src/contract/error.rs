@@ -77,6 +77,8 @@ pub enum Code {
     SliceCountMismatch,
     /// Homographies that are singular, mirrored or not finite, or other impossible numbers.
     InvalidProfile,
+    /// A file of camera poses that cannot be read, or has no poses.
+    InvalidPoses,
     /// Too few dots, no grid, or a mirrored grid.
     TargetNotFound,
     /// A mask was required and could not be made.
@@ -171,6 +173,7 @@ impl From<ErrorKind> for Code {
             ErrorKind::SizeMismatch => Self::SizeMismatch,
             ErrorKind::SliceCountMismatch => Self::SliceCountMismatch,
             ErrorKind::InvalidProfile => Self::InvalidProfile,
+            ErrorKind::InvalidPoses => Self::InvalidPoses,
             ErrorKind::TargetNotFound => Self::TargetNotFound,
             ErrorKind::DiskFull => Self::InsufficientStorage,
             ErrorKind::ResourcesExhausted => Self::Unavailable,

@@ -105,7 +105,7 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
 /// | other requests below `/v1/uploads` | `stacks:write` or `profiles:write`; the purpose decides at the creation |
 /// | other `GET` and `HEAD` | `read` |
 /// | below `/v1/profiles` and `/v1/calibrations` | `profiles:write` |
-/// | `POST /v1/scans/{scan}/poses` (nothing is stored) | `read` |
+/// | `POST /v1/poses`, `POST /v1/scans/{scan}/poses` (nothing is stored) | `read` |
 /// | below `/v1/stacks` and `/v1/scans` | `stacks:write` |
 /// | everything else | `admin` |
 ///
@@ -132,13 +132,19 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
         &[Scope::Read]
     } else if below("/v1/profiles") || below("/v1/calibrations") {
         &[Scope::ProfilesWrite]
-    } else if below("/v1/scans") && path.ends_with("/poses") {
+    } else if *method == Method::POST && reports_poses(path) {
         &[Scope::Read]
     } else if below("/v1/stacks") || below("/v1/scans") {
         &[Scope::StacksWrite]
     } else {
         &[Scope::Admin]
     })
+}
+
+/// True for the calls that only report on poses. A scan may itself be named `poses`.
+fn reports_poses(path: &str) -> bool {
+    let of_scan = |rest: &str| rest.split_once('/').is_some_and(|(_, call)| call == "poses");
+    path == "/v1/poses" || path.strip_prefix("/v1/scans/").is_some_and(of_scan)
 }
 
 /// The id of the stack or upload in a path. With `isolate_tokens`, only its owner finds it.
@@ -179,7 +185,11 @@ mod tests {
             (Method::DELETE, "/v1/stacks/x", Some("stacks:write")),
             (Method::PUT, "/v1/scans/bee", Some("stacks:write")),
             (Method::POST, "/v1/scans/bee/archive", Some("stacks:write")),
+            (Method::POST, "/v1/poses", Some("read")),
             (Method::POST, "/v1/scans/bee/poses", Some("read")),
+            (Method::PUT, "/v1/scans/poses", Some("stacks:write")),
+            (Method::DELETE, "/v1/scans/poses", Some("stacks:write")),
+            (Method::POST, "/v1/scans/poses/rerun", Some("stacks:write")),
             (Method::GET, "/v1/scans/bee/bundle", Some("read")),
             (Method::PUT, "/v1/profiles/a/b", Some("profiles:write")),
             (Method::POST, "/v1/profiles/a/b/calibrations", Some("profiles:write")),

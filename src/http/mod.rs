@@ -13,6 +13,7 @@ pub mod log;
 pub mod middleware;
 pub mod optics;
 pub mod pages;
+pub mod poses;
 pub mod problem;
 pub mod problem_types;
 pub mod profiles;

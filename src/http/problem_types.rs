@@ -306,6 +306,14 @@ pub fn problem_type(code: Code) -> ProblemType {
              names the place.",
             "the homography of slice 3 is mirrored",
         ),
+        Code::InvalidPoses => row(
+            S::UNPROCESSABLE_ENTITY,
+            Never,
+            "Invalid poses",
+            "The file is none that a reconstruction program writes for camera poses, is truncated, or has no registered \
+             view. The detail names the line or the element.",
+            "line 7 of images.txt has 8 values; the line of an image has 10",
+        ),
         Code::TargetNotFound => row(
             S::UNPROCESSABLE_ENTITY,
             Never,

@@ -18,7 +18,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 use super::{
     calibrations,
     middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot},
-    optics, profiles, scans, stacks,
+    optics, poses, profiles, scans, stacks,
     state::App,
     system, targets, uploads,
 };
@@ -68,6 +68,8 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(scans::archive::archive))
         .routes(routes!(scans::rerun::rerun))
         .routes(routes!(scans::bundle::bundle))
+        .routes(routes!(scans::poses::poses))
+        .routes(routes!(poses::create::create))
         // capture planning
         .routes(routes!(optics::plan::plan))
         .routes(routes!(targets::advice::advice))

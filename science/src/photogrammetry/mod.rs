@@ -2,3 +2,4 @@
 
 pub mod bundle;
 pub mod outliers;
+pub mod poses;

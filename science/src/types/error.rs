@@ -24,6 +24,8 @@ pub enum ErrorKind {
     SliceCountMismatch,
     /// A homography is singular, mirrored or not finite, or another value of the profile is impossible.
     InvalidProfile,
+    /// A file of camera poses cannot be read, or has no poses.
+    InvalidPoses,
     /// Too few dots, no grid, or a mirrored grid.
     TargetNotFound,
     /// The disk of the scratch file is full.

@@ -1,17 +1,13 @@
 //! `GET /v1/calibrations/{id}/report`
 
-use std::sync::LazyLock;
-
 use axum::{
     Json,
     extract::State,
     http::{HeaderMap, HeaderValue, Uri, header},
     response::{IntoResponse, Response},
 };
-use base64::{Engine, prelude::BASE64_STANDARD};
 use bytes::Bytes;
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 
 use crate::{
     contract::{Code, JobKind, artifact::REPORT, outcome::Artifact, request::JobRequest},
@@ -20,7 +16,10 @@ use crate::{
         background,
         extract::{JobId, params},
         job_resource::load,
-        pages::calibration_report::{self, Subject},
+        pages::{
+            self,
+            calibration_report::{self, Subject},
+        },
         problem::{ApiError, ApiResult},
         profiles::drift,
         state::App,
@@ -29,16 +28,6 @@ use crate::{
     store::Job,
 };
 use pinstack_science::types::report::Drift;
-
-/// The content policy of the page: only its inline style sheet, identified by its hash. Nothing may be loaded, run,
-/// sent or framed.
-static POLICY: LazyLock<Option<HeaderValue>> = LazyLock::new(|| {
-    let hash = BASE64_STANDARD.encode(Sha256::digest(calibration_report::STYLE.as_bytes()));
-    let policy = format!(
-        "default-src 'none'; style-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    );
-    HeaderValue::from_str(&policy).ok()
-});
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -137,11 +126,7 @@ fn answer(form: Form, job: &Job, revision: Option<u32>, bytes: &[u8], drift: Opt
     let measured = ended.strftime("%Y-%m-%d %H:%M UTC").to_string();
     let subject = Subject { rig: job.rig.as_str(), lens: job.lens.as_str(), revision, measured: &measured, note };
     let html = calibration_report::page(&subject, &report, drift.as_ref());
-    let mut response = ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], html).into_response();
-    if let Some(policy) = POLICY.as_ref() {
-        response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy.clone());
-    }
-    Ok(response)
+    Ok(pages::answer(html, calibration_report::STYLE))
 }
 
 /// The format that the client prefers; HTML on a tie.

@@ -9,6 +9,7 @@ pub mod csv;
 pub mod delete;
 pub mod get;
 pub mod list;
+pub mod poses;
 pub mod put;
 pub mod rerun;
 pub mod stored_zip;

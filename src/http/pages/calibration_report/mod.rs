@@ -16,7 +16,6 @@ mod chart;
 mod charts;
 mod drift;
 mod facts;
-mod html;
 mod residual_maps;
 mod slice_table;
 mod style;
@@ -28,6 +27,7 @@ mod tests;
 
 pub use style::STYLE;
 
+use super::html;
 use html::{escape, sentence};
 use pinstack_science::types::report::{CalibrationReport, Drift, Grade};
 

@@ -1,0 +1,81 @@
+//! COLMAP `images.bin`, little endian: the number of images, and of each its id (u32), quaternion (4 f64), translation
+//! (3 f64), camera (u32), name (ends with 0), number of points (u64) and points of 24 bytes.
+//!
+//! <https://colmap.github.io/format.html#binary-file-format>
+
+use super::{Found, MAX_NAME, colmap_pose};
+use crate::{photogrammetry::poses::invalid, types::Error};
+
+/// Size of a point: two coordinates and the id of its 3D point.
+const POINT_BYTES: u64 = 24;
+
+pub(super) fn read(bytes: &[u8], found: &mut Found) -> Result<(), Error> {
+    let mut rest = Rest { bytes, at: 0 };
+    let images = u64::from_le_bytes(rest.take().ok_or_else(|| truncated(0))?);
+    for image in 0..images {
+        let place = || format!("image {} of {images}", image + 1);
+        let record = rest.image().ok_or_else(|| truncated(image))?;
+        let pose = colmap_pose(record.name, record.quaternion, record.translation)
+            .ok_or_else(|| invalid(format!("{}: the quaternion has no length", place())))?;
+        found.pose(pose, place)?;
+    }
+    if rest.at < bytes.len() {
+        return Err(invalid(format!(
+            "the file goes on after the last of its {images} images: it is not an images.bin; of COLMAP, send images.bin \
+             and not cameras.bin or points3D.bin"
+        )));
+    }
+    Ok(())
+}
+
+fn truncated(image: u64) -> Error {
+    invalid(format!(
+        "the file ends within image {}: it is truncated, or not an images.bin; of COLMAP, send images.bin and not \
+         cameras.bin or points3D.bin",
+        image + 1
+    ))
+}
+
+struct Record {
+    quaternion: [f64; 4],
+    translation: [f64; 3],
+    name: String,
+}
+
+struct Rest<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Rest<'_> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let taken = self.bytes.get(self.at..self.at.checked_add(N)?)?;
+        self.at += N;
+        taken.try_into().ok()
+    }
+
+    fn numbers<const N: usize>(&mut self) -> Option<[f64; N]> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = f64::from_le_bytes(self.take()?);
+        }
+        Some(numbers)
+    }
+
+    fn image(&mut self) -> Option<Record> {
+        self.take::<4>()?;
+        let (quaternion, translation) = (self.numbers()?, self.numbers()?);
+        self.take::<4>()?;
+        let tail = self.bytes.get(self.at..)?;
+        let length = tail.iter().take(MAX_NAME + 1).position(|byte| *byte == 0)?;
+        let name = String::from_utf8_lossy(tail.get(..length)?).into_owned();
+        self.at += length + 1;
+        let points = u64::from_le_bytes(self.take()?);
+        let end = usize::try_from(points.checked_mul(POINT_BYTES)?).ok()?.checked_add(self.at)?;
+        if end > self.bytes.len() {
+            return None;
+        }
+        self.at = end;
+        Some(Record { quaternion, translation, name })
+    }
+}

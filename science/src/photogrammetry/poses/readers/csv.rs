@@ -1,0 +1,61 @@
+//! CSV with a header: `name`, `x`, `y`, `z`, and perhaps `pan_deg` and `tilt_deg`, in any order; comma, semicolon or
+//! tab. A row without a position is a view that was not registered.
+
+use super::{Found, shown};
+use crate::{
+    photogrammetry::poses::{Pose, invalid},
+    types::Error,
+};
+
+/// A column, and the names that it may have.
+const COLUMNS: [(&str, &[&str]); 6] = [
+    ("name", &["name", "label", "image", "filename", "file"]),
+    ("x", &["x", "cx", "center_x", "centre_x"]),
+    ("y", &["y", "cy", "center_y", "centre_y"]),
+    ("z", &["z", "cz", "center_z", "centre_z"]),
+    ("pan_deg", &["pan_deg", "pan"]),
+    ("tilt_deg", &["tilt_deg", "tilt"]),
+];
+
+pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
+    let header = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+    let delimiter = [b';', b'\t', b','].into_iter().find(|d| header.contains(char::from(*d))).unwrap_or(b',');
+    let mut reader =
+        csv::ReaderBuilder::new().delimiter(delimiter).trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
+    let wrong = |error: csv::Error| invalid(format!("the CSV cannot be read: {error}"));
+    let header = reader.headers().map_err(wrong)?.clone();
+    // some programs write the header as a comment
+    let heading = |field: &str| field.trim_start_matches('#').trim().to_ascii_lowercase();
+    let columns = COLUMNS.map(|(_, names)| header.iter().position(|field| names.contains(&heading(field).as_str())));
+    for ((name, _), column) in COLUMNS.iter().zip(&columns).take(4) {
+        if column.is_none() {
+            return Err(invalid(format!("the CSV has no column '{name}'; its first line must name the columns")));
+        }
+    }
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(wrong)? {
+        let line = record.position().map_or(0, csv::Position::line);
+        let place = || format!("line {line}");
+        let field = |at: usize| columns[at].and_then(|column| record.get(column)).unwrap_or_default();
+        let number = |at: usize| -> Result<Option<f64>, Error> {
+            let text = field(at);
+            if text.is_empty() {
+                return Ok(None);
+            }
+            let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+            let detail = || invalid(format!("line {line}: {} is '{}', not a number", COLUMNS[at].0, shown(text)));
+            value.map(Some).ok_or_else(detail)
+        };
+        let name = field(0).to_owned();
+        let angles = number(4)?.zip(number(5)?).map(|(pan, tilt)| [pan, tilt]);
+        match (number(1)?, number(2)?, number(3)?) {
+            (Some(x), Some(y), Some(z)) => {
+                let pose = Pose { name, centre: [x, y, z], rotation: None, commanded_deg: angles };
+                found.pose(pose, place)?;
+            }
+            (None, None, None) => found.unregistered(name, place)?,
+            _ => return Err(invalid(format!("line {line}: of x, y and z one is missing"))),
+        }
+    }
+    Ok(())
+}

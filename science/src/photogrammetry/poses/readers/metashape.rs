@@ -1,0 +1,115 @@
+//! Metashape: cameras exported as XML.
+//!
+//! `transform` of a camera leads from camera to chunk: four rows of four numbers, with the centre in the last column. A
+//! camera without it was not aligned. The chunk, or the component that the camera belongs to, may have a transform with
+//! `rotation`, `translation` and `scale` from chunk to world.
+
+use std::collections::HashMap;
+
+use nalgebra::{Matrix3, Vector3};
+use roxmltree::{Document, Node, ParsingOptions};
+
+use super::Found;
+use crate::{
+    photogrammetry::poses::{Pose, invalid},
+    types::Error,
+};
+
+/// Most nodes of the document. A camera has about 20.
+const MAX_NODES: u32 = 1_000_000;
+
+pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
+    let options = ParsingOptions { allow_dtd: false, nodes_limit: MAX_NODES, ..ParsingOptions::default() };
+    let document = Document::parse_with_options(text, options)
+        .map_err(|error| invalid(format!("the XML cannot be read: {error}")))?;
+    let mut chunks = document.descendants().filter(|node| node.has_tag_name("chunk") && has_cameras(node));
+    let Some(chunk) = chunks.next() else {
+        let detail = "the XML has no chunk with cameras; export the cameras of Metashape as XML (File, Export, Export \
+                      Cameras)";
+        return Err(invalid(detail));
+    };
+    if chunks.next().is_some() {
+        return Err(invalid("the XML has several chunks with cameras; export one chunk"));
+    }
+    let mut components: HashMap<&str, World> = HashMap::new();
+    for component in chunk.descendants().filter(|node| node.has_tag_name("component")) {
+        if let (Some(id), Some(world)) = (component.attribute("id"), World::of(&component)?) {
+            components.insert(id, world);
+        }
+    }
+    let of_chunk = World::of(&chunk)?.unwrap_or_default();
+    for camera in chunk.descendants().filter(|node| node.has_tag_name("camera") && in_list(node)) {
+        // finding a line reads the text up to it, so only for an error
+        let place = || format!("line {}", camera.document().text_pos_at(camera.range().start).row);
+        let name = camera.attribute("label").unwrap_or_default().to_owned();
+        let Some(transform) = child(&camera, "transform") else {
+            found.unregistered(name, place)?;
+            continue;
+        };
+        let values: [f64; 16] = numbers(&transform)?;
+        let row = |at: usize| [values[at], values[at + 1], values[at + 2]];
+        let from_camera = Matrix3::from_fn(|i, j| row(4 * i)[j]);
+        let centre = Vector3::new(values[3], values[7], values[11]);
+        let world = camera.attribute("component_id").and_then(|id| components.get(id)).unwrap_or(&of_chunk);
+        let rotation = (world.rotation * from_camera).transpose();
+        let centre = world.scale * (world.rotation * centre) + world.translation;
+        let rotation = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)]));
+        found.pose(Pose { name, centre: centre.into(), rotation: Some(rotation), commanded_deg: None }, place)?;
+    }
+    Ok(())
+}
+
+fn has_cameras(chunk: &Node<'_, '_>) -> bool {
+    chunk.descendants().any(|node| node.has_tag_name("camera") && in_list(&node))
+}
+
+/// Cameras are children of `cameras`, or of a group in it.
+fn in_list(camera: &Node<'_, '_>) -> bool {
+    camera.parent().is_some_and(|parent| parent.has_tag_name("cameras") || parent.has_tag_name("group"))
+}
+
+/// A similarity transform from chunk to world.
+struct World {
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    scale: f64,
+}
+
+impl Default for World {
+    fn default() -> Self {
+        Self { rotation: Matrix3::identity(), translation: Vector3::zeros(), scale: 1.0 }
+    }
+}
+
+impl World {
+    /// The transform that is a child of `node`. Parts that are absent are those of the identity.
+    fn of(node: &Node<'_, '_>) -> Result<Option<Self>, Error> {
+        let Some(transform) = child(node, "transform") else { return Ok(None) };
+        let mut world = Self::default();
+        if let Some(rotation) = child(&transform, "rotation") {
+            let values: [f64; 9] = numbers(&rotation)?;
+            world.rotation = Matrix3::from_row_slice(&values);
+        }
+        if let Some(translation) = child(&transform, "translation") {
+            world.translation = numbers::<3>(&translation)?.into();
+        }
+        if let Some(scale) = child(&transform, "scale") {
+            [world.scale] = numbers(&scale)?;
+        }
+        Ok(Some(world))
+    }
+}
+
+fn child<'a, 'input>(node: &Node<'a, 'input>, name: &str) -> Option<Node<'a, 'input>> {
+    node.children().find(|child| child.has_tag_name(name))
+}
+
+/// The numbers that an element contains.
+fn numbers<const N: usize>(node: &Node<'_, '_>) -> Result<[f64; N], Error> {
+    let words = node.text().unwrap_or_default().split_ascii_whitespace().take(N + 1);
+    let numbers: Result<Vec<f64>, _> = words.map(str::parse).collect();
+    numbers.ok().and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
+        let line = node.document().text_pos_at(node.range().start).row;
+        invalid(format!("line {line}: the element '{}' does not have {N} numbers", node.tag_name().name()))
+    })
+}

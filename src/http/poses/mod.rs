@@ -1,0 +1,207 @@
+//! Reports on camera poses: `POST /v1/poses`, and for the views of a scan `POST /v1/scans/{scan}/poses`.
+//!
+//! Nothing is stored. The file is received into scratch, so that memory does not grow with the number of clients, and
+//! few are read at a time.
+
+pub mod create;
+
+use std::path::PathBuf;
+
+use axum::{
+    Json,
+    body::Body,
+    http::{HeaderMap, HeaderValue, Uri, header},
+    response::{IntoResponse, Response},
+};
+use serde::Deserialize;
+use tokio::sync::Semaphore;
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    auth::Caller,
+    background,
+    extract::params,
+    ingest::{
+        admission::{content_length, waits_for_continue},
+        body::{EndedEarly, WatchedBody},
+        quota::QuotaClaim,
+        reservation::UploadReservation,
+        spool::spool,
+    },
+    pages::{self, pose_report},
+    problem::{ApiError, ApiResult},
+    state::App,
+};
+use crate::{
+    contract::{Code, Fault, scan::MAX_VIEWS},
+    store::SpoolFile,
+};
+use pinstack_science::photogrammetry::poses::{self, Commanded, KnownScale, PoseFormat, PoseOptions, PoseReport};
+use pinstack_science::types::error::ErrorLocation;
+
+/// Largest file. COLMAP's `images.txt` has all points: 400 views with 3000 points each have 40 MB.
+pub const MAX_BYTES: u64 = 128 << 20;
+/// Largest known length, mm.
+const MAX_MM: f64 = 100_000.0;
+/// Files that are read at a time.
+static READERS: Semaphore = Semaphore::const_new(2);
+
+/// The query of both calls.
+#[derive(Debug, Clone, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct PoseQuery {
+    /// Format of the file; found from its content if absent.
+    #[param(inline)]
+    pub file_format: Option<PoseFormat>,
+    /// Format of the answer.
+    #[param(inline)]
+    #[serde(default)]
+    pub format: ReportFormat,
+    /// How many views were to be registered. For a scan, the default is its number of views.
+    #[param(minimum = 1, maximum = 10_000)]
+    pub expected: Option<u32>,
+    /// Known distance from the centre of the turntable to the centre of projection, mm: gives the report its scale.
+    #[param(exclusive_minimum = 0.0, maximum = 100_000.0)]
+    pub radius_mm: Option<f64>,
+    /// One of two views whose distance is known. With `pair_to` and `pair_mm`: gives the report its scale.
+    pub pair_from: Option<String>,
+    /// The other.
+    pub pair_to: Option<String>,
+    /// The distance between them, mm.
+    #[param(exclusive_minimum = 0.0, maximum = 100_000.0)]
+    pub pair_mm: Option<f64>,
+}
+
+/// Format of a pose report.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ReportFormat {
+    /// Data.
+    #[default]
+    Json,
+    /// A table to read.
+    Text,
+    /// A table for a paper.
+    Latex,
+    /// A page with a drawing of the sphere and the residuals.
+    Html,
+}
+
+impl PoseQuery {
+    /// Parses the query of a URL.
+    ///
+    /// # Errors
+    /// `invalid_request` that names the parameter.
+    pub fn of(uri: &Uri) -> ApiResult<Self> {
+        let query: Self = params::from_uri(uri)?;
+        for (name, value) in [("radius_mm", query.radius_mm), ("pair_mm", query.pair_mm)] {
+            if value.is_some_and(|mm| !(mm > 0.0 && mm <= MAX_MM)) {
+                return Err(outside(name, &format!("{name} must be greater than 0 and at most {MAX_MM}")));
+            }
+        }
+        if query.expected.is_some_and(|views| !(1..=MAX_VIEWS).contains(&views)) {
+            return Err(outside("expected", &format!("expected must be 1 to {MAX_VIEWS}")));
+        }
+        Ok(query)
+    }
+}
+
+fn outside(name: &str, detail: &str) -> ApiError {
+    let place = ErrorLocation { detail: detail.to_owned(), pointer: Some(name.to_owned()), ..ErrorLocation::default() };
+    Fault::new(Code::InvalidRequest, detail).at(place).into()
+}
+
+/// What is known of the views that the poses should be of.
+#[derive(Debug, Clone, Default)]
+pub struct KnownViews {
+    /// Names, with the commanded angles where they are known.
+    pub commanded: Vec<Commanded>,
+    /// Number of views.
+    pub expected: Option<u32>,
+    /// The commanded radius, mm.
+    pub radius_mm: Option<f64>,
+}
+
+/// Receives a file of poses, and answers with the report on them.
+///
+/// # Errors
+/// `invalid_request` for a file that holds no poses, `upload_too_large` over 128 MiB, `insufficient_storage`.
+pub async fn report(
+    app: &App,
+    caller: &Caller,
+    query: PoseQuery,
+    headers: &HeaderMap,
+    body: Body,
+    known: KnownViews,
+) -> ApiResult<Response> {
+    let scale = scale(&query, known.radius_mm)?;
+    let format = query.format;
+    let options = PoseOptions { expected: query.expected.or(known.expected), scale, commanded: known.commanded };
+    let file = receive(app, caller, headers, body).await?;
+    let _reader = READERS.acquire().await.map_err(ApiError::internal)?;
+    let path: PathBuf = file.path().to_owned();
+    let work = background::spawn_blocking(move || -> ApiResult<Response> {
+        let bytes = std::fs::read(&path).map_err(ApiError::internal)?;
+        let report = poses::report(&poses::read(&bytes, query.file_format)?, &options)?;
+        Ok(written(&report, format))
+    });
+    let answer = work.await.map_err(ApiError::internal)?;
+    drop(file);
+    answer
+}
+
+/// Receives the file into scratch.
+async fn receive(app: &App, caller: &Caller, headers: &HeaderMap, body: Body) -> ApiResult<SpoolFile> {
+    let length = content_length(headers);
+    if length.is_some_and(|length| length > MAX_BYTES) {
+        return Err(too_large());
+    }
+    let body = WatchedBody::new(body, MAX_BYTES, app.policy.body_idle_timeout, waits_for_continue(headers));
+    let verdict = body.verdict();
+    let reservation = UploadReservation::admit(app, caller.id(), length, 0, QuotaClaim::default()).await?;
+    let file = spool(app, body, reservation, None, |EndedEarly| {
+        let error = verdict.error();
+        if error.fault().code == Code::UploadTooLarge { too_large() } else { error }
+    });
+    Ok(file.await?.file)
+}
+
+fn too_large() -> ApiError {
+    let detail = format!(
+        "a file of poses has at most {} MiB; send COLMAP's images.bin, or export the poses without the points",
+        MAX_BYTES >> 20
+    );
+    ApiError::new(Code::UploadTooLarge, detail)
+}
+
+/// The scale that the query or the scan gives.
+fn scale(query: &PoseQuery, of_scan: Option<f64>) -> ApiResult<Option<KnownScale>> {
+    let PoseQuery { radius_mm, pair_from, pair_to, pair_mm, .. } = query;
+    match (radius_mm, (pair_from, pair_to, pair_mm)) {
+        (Some(_), (None, None, None)) => Ok(radius_mm.map(|mm| KnownScale::Radius { mm })),
+        (None, (Some(from), Some(to), Some(mm))) => {
+            Ok(Some(KnownScale::Pair { from: from.clone(), to: to.clone(), mm: *mm }))
+        }
+        (None, (None, None, None)) => Ok(of_scan.map(|mm| KnownScale::Radius { mm })),
+        (Some(_), _) => Err(invalid("radius_mm and a pair give the scale twice; give one of them")),
+        (None, _) => Err(invalid("a known distance needs pair_from, pair_to and pair_mm; one of them is missing")),
+    }
+}
+
+fn invalid(detail: &str) -> ApiError {
+    ApiError::new(Code::InvalidRequest, detail)
+}
+
+/// The report in the format that was asked for.
+fn written(report: &PoseReport, format: ReportFormat) -> Response {
+    let text = |kind: &'static str, text: String| {
+        ([(header::CONTENT_TYPE, HeaderValue::from_static(kind))], text).into_response()
+    };
+    match format {
+        ReportFormat::Json => Json(report).into_response(),
+        ReportFormat::Text => text("text/plain; charset=utf-8", report.text()),
+        ReportFormat::Latex => text("application/x-latex", report.latex()),
+        ReportFormat::Html => pages::answer(pose_report::page(report), pose_report::STYLE),
+    }
+}

@@ -1,0 +1,66 @@
+//! `POST /v1/scans/{scan}/poses`
+
+use axum::{
+    body::Body,
+    extract::State,
+    http::{HeaderMap, Uri},
+    response::Response,
+};
+
+use super::{ScanName, find, table::views};
+use crate::http::{
+    auth::Caller,
+    poses::{KnownViews, PoseQuery, report},
+    problem::ApiResult,
+    state::App,
+};
+use pinstack_science::photogrammetry::poses::{Commanded, PoseReport};
+
+/// Report on the camera poses of a scan
+///
+/// As `POST /v1/poses`. The commanded angles are those of the views of the scan, the number of expected views is its
+/// `expected_views` or the number of its views, and its `radius_mm` gives the scale. Views of the file that the scan
+/// does not have are named.
+#[utoipa::path(
+    post,
+    path = "/v1/scans/{scan}/poses",
+    operation_id = "report_scan_poses",
+    tag = "scans",
+    params(("scan" = String, Path, description = "Name of the scan"), PoseQuery),
+    request_body(description = "The file", content((Vec<u8> = "application/octet-stream"))),
+    responses(
+        (status = 200, description = "The report", content(
+            (PoseReport = "application/json"),
+            (String = "text/plain"),
+            (String = "application/x-latex"),
+            (String = "text/html"),
+        )),
+        (status = 400, description = "`invalid_request`: an invalid name, or a parameter that is unknown or outside its range; `upload_incomplete`: the connection closed or timed out"),
+        (status = 404, description = "`scan_not_found`"),
+        (status = 413, description = "`upload_too_large`: the file exceeds 128 MiB"),
+        (status = 422, description = "`invalid_poses`: not a file of camera poses, or one without a registered view"),
+        (status = 507, description = "`insufficient_storage`: no room for the file while it is read"),
+    )
+)]
+pub async fn poses(
+    State(app): State<App>,
+    caller: Caller,
+    ScanName(name): ScanName,
+    uri: Uri,
+    headers: HeaderMap,
+    body: Body,
+) -> ApiResult<Response> {
+    let query = PoseQuery::of(&uri)?;
+    let scan = find(&app, &caller, &name).await?;
+    let views = views(&app, &caller, &name).await?;
+    let commanded = views.iter().map(|view| Commanded {
+        name: view.stem.clone(),
+        angles_deg: view.angles().map(|angles| [angles.pan_deg, angles.tilt_deg]),
+    });
+    let known = KnownViews {
+        commanded: commanded.collect(),
+        expected: scan.input.expected_views.or(u32::try_from(views.len()).ok()),
+        radius_mm: scan.input.radius_mm,
+    };
+    report(&app, &caller, query, &headers, body, known).await
+}

@@ -1,0 +1,97 @@
+//! Reports on camera poses.
+
+use pinstack_science::types::view::ViewAngles;
+use reqwest::StatusCode;
+use serde_json::{Value, json};
+
+use crate::app::{TestApp, problem};
+
+/// Two rings of 18 views on a sphere of radius 2, as CSV.
+fn csv() -> String {
+    let mut text = "name,x,y,z\n".to_owned();
+    for tilt_deg in [0.0, 12.0] {
+        for pan in 0..18 {
+            let angles = ViewAngles { pan_deg: 20.0 * f64::from(pan), tilt_deg };
+            let [x, y, z] = angles.direction().map(|part| 2.0 * part);
+            text.push_str(&format!("{}.png,{x},{y},{z}\n", angles.file_stem()));
+        }
+    }
+    text
+}
+
+#[tokio::test]
+async fn poses_are_reported_in_every_format() {
+    let app = TestApp::start().await;
+    let ask = async |query: &str| app.post(&format!("/v1/poses{query}")).body(csv()).send().await.unwrap();
+    let report: Value = ask("?radius_mm=141&expected=40").await.json().await.unwrap();
+    assert_eq!(
+        (&report["registered"], &report["expected"], &report["format"]),
+        (&json!(36), &json!(40), &json!("csv"))
+    );
+    assert_eq!((&report["scale"]["unit"], &report["scale"]["source"]), (&json!("mm"), &json!("known_radius")));
+    assert!((report["scale"]["per_file_unit"].as_f64().unwrap() - 70.5).abs() < 1e-9);
+    let step = |name: &str| report[name]["mean_deg"].as_f64().unwrap();
+    assert!((step("pan_steps") - 20.0).abs() < 1e-6 && (step("tilt_steps") - 12.0).abs() < 1e-6, "{report}");
+    assert!(report["surface"]["std_percent"].as_f64().unwrap() < 1e-6);
+    for (format, kind, part) in [
+        ("text", "text/plain; charset=utf-8", "radius of the sphere"),
+        ("latex", "application/x-latex", "\\begin{tabular}"),
+        ("html", "text/html; charset=utf-8", "<svg"),
+    ] {
+        let answer = ask(&format!("?format={format}")).await;
+        assert_eq!((answer.status(), answer.headers()["content-type"].to_str().unwrap()), (StatusCode::OK, kind));
+        let policy = answer.headers()["content-security-policy"].to_str().unwrap().to_owned();
+        assert!(policy.starts_with("default-src 'none'"), "{policy}");
+        assert!(answer.text().await.unwrap().contains(part), "{format}");
+    }
+}
+
+#[tokio::test]
+async fn poses_of_a_scan_are_compared_with_its_views() {
+    let app = TestApp::start().await;
+    app.with_scan("bee").await;
+    for (pan, label) in [("0", "head"), ("20", "left"), ("40", "tail"), ("60", "lost")] {
+        app.with_stack(&format!("&scan=bee&pan_deg={pan}&tilt_deg=0&label={label}")).await;
+    }
+    let mut text = "name,x,y,z\n".to_owned();
+    for (pan_deg, name) in [(0.0, "head.png"), (20.0, "left.png"), (40.0, "tail.png"), (80.0, "wasp.png")] {
+        let [x, y, z] = ViewAngles { pan_deg, tilt_deg: 0.0 }.direction();
+        text.push_str(&format!("{name},{x},{y},{z}\n"));
+    }
+    let answer = app.post("/v1/scans/bee/poses").body(text).send().await.unwrap();
+    assert_eq!(answer.status(), StatusCode::OK);
+    let report: Value = answer.json().await.unwrap();
+    assert_eq!((&report["registered"], &report["expected"]), (&json!(3), &json!(4)));
+    assert_eq!((&report["not_registered"], &report["unknown"]), (&json!(["lost"]), &json!(["wasp.png"])));
+    assert_eq!(report["views"][1]["commanded_pan_deg"], json!(20.0));
+    assert_eq!((&report["surface"]["kind"], &report["pan_steps"]["count"]), (&json!("circle"), &json!(2)));
+    problem(app.post("/v1/scans/wasp/poses").body(csv()).send().await.unwrap(), 404, "scan_not_found").await;
+}
+
+#[tokio::test]
+async fn what_is_no_file_of_poses_is_refused_with_the_reason() {
+    let app = TestApp::start().await;
+    let ask =
+        async |query: &str, body: Vec<u8>| app.post(&format!("/v1/poses{query}")).body(body).send().await.unwrap();
+    let torn = problem(ask("", b"1 0.9 0.1 0 0 1 2\n".to_vec()).await, 422, "invalid_poses").await;
+    assert!(torn["detail"].as_str().unwrap().contains("COLMAP images.txt"), "{torn}");
+    let torn =
+        problem(ask("?file_format=colmap_text", b"1 0.9 0.1 0 0 1 2\n".to_vec()).await, 422, "invalid_poses").await;
+    assert!(torn["detail"].as_str().unwrap().starts_with("line 1: value 8 is ''"), "{torn}");
+    problem(ask("", Vec::new()).await, 422, "invalid_poses").await;
+    for (query, pointer) in [
+        ("?format=pdf", Some("format")),
+        ("?radius_mm=x", Some("radius_mm")),
+        ("?radius_mm=-141", Some("radius_mm")),
+        ("?expected=0", Some("expected")),
+        ("?pair_mm=3", None),
+    ] {
+        let refused = problem(ask(query, csv().into()).await, 400, "invalid_request").await;
+        assert_eq!(refused["errors"][0]["pointer"].as_str(), pointer, "{refused}");
+    }
+    let pair = "?pair_from=pan000_tilt00&pair_to=pan999_tilt00&pair_mm=4";
+    let refused = problem(ask(pair, csv().into()).await, 400, "invalid_request").await;
+    assert_eq!(refused["errors"][0]["pointer"], "pair_to", "{refused}");
+    let left: Vec<_> = std::fs::read_dir(app.store.workspace.path()).unwrap().collect();
+    assert!(left.is_empty(), "the files are removed: {left:?}");
+}
