@@ -43,9 +43,9 @@ pub struct PoseReport {
     pub scale: ScaleReport,
     /// The sphere through the centres of projection, or the circle if they are in one plane; null when there is none.
     pub surface: Option<SurfaceReport>,
-    /// Axis of the turntable in the world of the file, a unit vector; null without commanded angles.
+    /// Axis of the turntable in the world of the file, upwards, a unit vector; null when it is unknown.
     pub axis: Option<[f64; 3]>,
-    /// Pan grows clockwise, seen from above; null without commanded angles.
+    /// Pan grows clockwise, seen from above; null when it is unknown.
     pub pan_is_clockwise: Option<bool>,
     /// Steps of pan between neighbouring views, from the centres of projection.
     pub pan_steps: Option<StepReport>,
@@ -190,6 +190,12 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
     let views = view_poses(&poses, &commanded, surface.as_ref(), angles.as_ref(), scale.per_file_unit);
     let steps = |steps: Option<Steps>| steps.map(StepReport::from);
     let turntable = angles.as_ref().map(|(_, turntable)| turntable);
+    let sense = angles.as_ref().and_then(|(indices, turntable)| {
+        let tilts = indices.iter().filter_map(|at| commanded[*at]).map(|[_, tilt]| tilt);
+        let is_sphere = surface.as_ref().is_some_and(|surface| surface.kind == SurfaceKind::Sphere);
+        let tells_up = is_sphere && tilts.into_iter().any(|tilt| tilt.abs() > 0.01);
+        sense(turntable, &poses, tells_up)
+    });
     let expected = options.expected.or_else(|| match options.commanded.len() {
         0 if file.unregistered.is_empty() => None,
         0 => u32::try_from(file.poses.len() + file.unregistered.len()).ok(),
@@ -204,8 +210,8 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
         duplicates,
         scale,
         surface: surface.as_ref().map(|surface| surface.report(scale.per_file_unit)),
-        axis: turntable.map(|turntable| turntable.axis),
-        pan_is_clockwise: turntable.map(|turntable| turntable.is_clockwise),
+        axis: sense.map(|(axis, _)| axis),
+        pan_is_clockwise: sense.map(|(_, is_clockwise)| is_clockwise),
         pan_steps: steps(turntable.and_then(|turntable| turntable.pan_steps)),
         tilt_steps: steps(turntable.and_then(|turntable| turntable.tilt_steps)),
         pan_steps_of_axes: steps(axes.as_ref().and_then(|turntable| turntable.pan_steps)),
@@ -213,7 +219,7 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
         views,
         findings,
     };
-    let more = findings_of(&report);
+    let more = findings_of(&report, turntable.is_some());
     report.findings.extend(more);
     Ok(report)
 }
@@ -360,6 +366,22 @@ impl Surface {
     }
 }
 
+/// The axis, upwards, and whether pan grows clockwise around it. From centres in one plane alone, a table that turns
+/// one way cannot be told from one that turns the other way upside down: then the cameras tell, whose images are
+/// upright. `None` without rotations.
+fn sense(turntable: &Turntable, poses: &[&Pose], tells_up: bool) -> Option<([f64; 3], bool)> {
+    let Turntable { axis, is_clockwise, .. } = *turntable;
+    if tells_up {
+        return Some((axis, is_clockwise));
+    }
+    let downs = poses.iter().filter_map(|pose| pose.rotation).map(|[_, down, _]| Vector3::from(down));
+    let along = downs.sum::<Vector3<f64>>().dot(&Vector3::from(axis));
+    if along > 0.0 {
+        return Some((axis.map(|value| -value), !is_clockwise));
+    }
+    (along < 0.0).then_some((axis, is_clockwise))
+}
+
 /// Steps from the optical axes: a camera on a turntable looks at its centre.
 fn of_axes(poses: &[&Pose], commanded: &[Option<[f64; 2]>]) -> Option<Turntable> {
     let directions: Vec<Direction> = poses
@@ -460,7 +482,7 @@ fn view_poses(
     poses.iter().zip(commanded).enumerate().map(view).collect()
 }
 
-fn findings_of(report: &PoseReport) -> Vec<Warning> {
+fn findings_of(report: &PoseReport, has_steps: bool) -> Vec<Warning> {
     let mut findings = Vec::new();
     let mut names = |code: &str, names: &[String], what: &str| {
         if !names.is_empty() {
@@ -480,8 +502,14 @@ fn findings_of(report: &PoseReport) -> Vec<Warning> {
             "the commanded angles are unknown, so steps of pan and tilt are not measured; name the views as in \
              pan020_tilt06, or give a CSV file the columns pan_deg and tilt_deg",
         ));
-    } else if report.axis.is_none() {
+    } else if !has_steps {
         findings.push(Warning::new("no_axis", "too few views have angles, or all on one line: the axis is unknown"));
+    } else if report.pan_is_clockwise.is_none() {
+        findings.push(Warning::new(
+            "no_sense",
+            "the centres of one level ring look the same from above and from below, and the file has no rotations: which way \
+             pan grows is unknown",
+        ));
     }
     if report.pan_is_clockwise == Some(true) {
         findings.push(Warning::new(

@@ -207,6 +207,31 @@ fn one_ring_has_a_circle_and_steps_of_pan() {
 }
 
 #[test]
+fn the_sense_of_one_ring_comes_from_the_rotations_or_is_unknown() {
+    for tilt in [0.0, 24.0] {
+        for is_clockwise in [false, true] {
+            let poses: Vec<Pose> = turntable(&[tilt], 0.01, 0.1, 21)
+                .into_iter()
+                .map(|pose| {
+                    let ViewAngles { pan_deg, tilt_deg } = ViewAngles::of_name(&pose.name).expect("its name");
+                    let pan_deg = if is_clockwise { (360.0 - pan_deg) % 360.0 } else { pan_deg };
+                    Pose { name: ViewAngles { pan_deg, tilt_deg }.file_stem(), ..pose }
+                })
+                .collect();
+            let turn = Rotation3::from_euler_angles(2.4, -1.1, 2.0);
+            let report = reported(moved(&poses, turn, 0.1, Vector3::new(1.0, 2.0, 3.0)));
+            assert_eq!(report.pan_is_clockwise, Some(is_clockwise), "tilt {tilt}");
+            let axis = Vector3::from(report.axis.expect("an axis"));
+            assert!((axis - turn * Vector3::z()).norm() < 0.01, "tilt {tilt}: {axis}");
+            let centres = poses.into_iter().map(|pose| Pose { rotation: None, ..pose }).collect();
+            let report = reported(centres);
+            assert_eq!((report.pan_is_clockwise, report.axis), (None, None));
+            assert!(report.pan_steps.is_some() && codes(&report) == ["one_ring", "no_sense"], "{:?}", report.findings);
+        }
+    }
+}
+
+#[test]
 fn what_cannot_be_measured_is_said() {
     let two = reported(turntable(&TILTS, 0.1, 0.0, 6).into_iter().take(2).collect());
     assert_eq!((two.registered, two.surface, two.pan_steps), (2, None, None));
@@ -415,6 +440,10 @@ fn what_would_cost_much_is_refused() {
     assert!(read(many.as_bytes(), None).expect_err("too many").detail.contains("10000"));
     let deep = format!("<document>{}", "<a>".repeat(200_000));
     assert_eq!(read(deep.as_bytes(), None).expect_err("deep").kind, ErrorKind::InvalidPoses);
+    // nested chunks must not be searched again at every level: this took minutes
+    let nested = 300_000;
+    let deep = format!("<document>{}{}</document>", "<chunk>".repeat(nested), "</chunk>".repeat(nested));
+    assert_eq!(read(deep.as_bytes(), None).expect_err("no cameras").kind, ErrorKind::InvalidPoses);
     let entities = "<!DOCTYPE a [<!ENTITY b \"cccccc\">]><document>&b;</document>";
     assert!(read(entities.as_bytes(), None).expect_err("entities").detail.contains("XML"), "entities");
     let deep = format!("{{\"views\":{}", "[".repeat(200_000));

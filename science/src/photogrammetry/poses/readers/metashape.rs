@@ -22,23 +22,26 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
     let options = ParsingOptions { allow_dtd: false, nodes_limit: MAX_NODES, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
         .map_err(|error| invalid(format!("the XML cannot be read: {error}")))?;
-    let mut chunks = document.descendants().filter(|node| node.has_tag_name("chunk") && has_cameras(node));
-    let Some(chunk) = chunks.next() else {
+    // only where Metashape puts them: a search in all depths would cost the square of the size
+    let root = document.root_element();
+    let chunks = std::iter::once(root).chain(root.children()).filter(|node| node.has_tag_name("chunk"));
+    let mut with_cameras = chunks.filter(|chunk| cameras(chunk).next().is_some());
+    let Some(chunk) = with_cameras.next() else {
         let detail = "the XML has no chunk with cameras; export the cameras of Metashape as XML (File, Export, Export \
                       Cameras)";
         return Err(invalid(detail));
     };
-    if chunks.next().is_some() {
+    if with_cameras.next().is_some() {
         return Err(invalid("the XML has several chunks with cameras; export one chunk"));
     }
     let mut components: HashMap<&str, World> = HashMap::new();
-    for component in chunk.descendants().filter(|node| node.has_tag_name("component")) {
+    for component in children(chunk, "components").flat_map(|list| children(list, "component")) {
         if let (Some(id), Some(world)) = (component.attribute("id"), World::of(&component)?) {
             components.insert(id, world);
         }
     }
     let of_chunk = World::of(&chunk)?.unwrap_or_default();
-    for camera in chunk.descendants().filter(|node| node.has_tag_name("camera") && in_list(node)) {
+    for camera in cameras(&chunk) {
         // finding a line reads the text up to it, so only for an error
         let place = || format!("line {}", camera.document().text_pos_at(camera.range().start).row);
         let name = camera.attribute("label").unwrap_or_default().to_owned();
@@ -59,13 +62,16 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
     Ok(())
 }
 
-fn has_cameras(chunk: &Node<'_, '_>) -> bool {
-    chunk.descendants().any(|node| node.has_tag_name("camera") && in_list(&node))
+/// The cameras of a chunk: children of `cameras`, or of a group in it.
+fn cameras<'a, 'input: 'a>(chunk: &Node<'a, 'input>) -> impl Iterator<Item = Node<'a, 'input>> {
+    children(*chunk, "cameras").flat_map(|list| {
+        let grouped = children(list, "group").flat_map(|group| children(group, "camera"));
+        children(list, "camera").chain(grouped)
+    })
 }
 
-/// Cameras are children of `cameras`, or of a group in it.
-fn in_list(camera: &Node<'_, '_>) -> bool {
-    camera.parent().is_some_and(|parent| parent.has_tag_name("cameras") || parent.has_tag_name("group"))
+fn children<'a, 'input: 'a>(node: Node<'a, 'input>, name: &'static str) -> impl Iterator<Item = Node<'a, 'input>> {
+    node.children().filter(move |child| child.has_tag_name(name))
 }
 
 /// A similarity transform from chunk to world.
