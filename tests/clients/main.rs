@@ -13,6 +13,7 @@ mod lint;
 mod metadata;
 mod photogrammetry;
 mod proxy;
+mod python;
 mod server;
 mod tls;
 mod tus;
@@ -20,7 +21,7 @@ mod zips;
 
 use std::process::Command;
 
-/// Whether every program is installed. `tuspy`, `pydantic` and `tus-js-client` are libraries of Python and node.
+/// Whether every program is installed. Some are libraries of Python and node, see [`is_here`].
 fn have(programs: &[&str]) -> bool {
     let missing: Vec<&str> = programs.iter().copied().filter(|p| !is_here(p)).collect();
     if missing.is_empty() {
@@ -36,6 +37,8 @@ fn is_here(program: &str) -> bool {
     let command = match program {
         "tuspy" => "python3 -c 'import tusclient'".to_owned(),
         "pydantic" => "python3 -c 'import pydantic, urllib3, dateutil'".to_owned(),
+        "pytest" => "python3 -c 'import pytest, httpx, typing_extensions'".to_owned(),
+        library @ ("numpy" | "tifffile" | "pandas" | "mypy" | "ruff") => format!("python3 -c 'import {library}'"),
         "tus-js-client" => "node -e 'require(\"tus-js-client\")'".to_owned(),
         program => format!("command -v {program}"),
     };

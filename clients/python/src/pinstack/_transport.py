@@ -1,0 +1,195 @@
+"""Runs operations with httpx: blocking, and asynchronous."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any, AsyncIterator, Dict, Iterator, Optional, TypeVar
+
+import anyio
+import anyio.to_thread
+import httpx
+
+from ._http import Call, Effect, Operation, Request, Response, Send, Sleep, Unreachable
+from ._zips import BLOCK, Source
+
+T = TypeVar("T")
+
+DEFAULT_URL = "http://127.0.0.1:8080"
+#: Longest silence, seconds: of a response, and of one that comes after the service has taken an upload apart.
+SILENCE_S, WORK_S = 60.0, 900.0
+
+
+class Transport:
+    """What both transports share."""
+
+    def __init__(self, url: Optional[str], token: Optional[str]) -> None:
+        self.url = (url or os.environ.get("PINSTACK_URL") or DEFAULT_URL).rstrip("/")
+        token = token or os.environ.get("PINSTACK_TOKEN") or None
+        self.headers = {"user-agent": "pinstack-python"}
+        if token is not None:
+            self.headers["authorization"] = f"Bearer {token}"
+
+    def arguments(self, request: Request) -> Dict[str, Any]:
+        """Arguments of httpx for a request, without its body."""
+        headers = dict(request.headers)
+        length = None if request.body is None else _length(request.body)
+        if length is not None:
+            headers["content-length"] = str(length)
+        if request.sink is not None:
+            # lengths and offsets count the bytes of the file
+            headers["accept-encoding"] = "identity"
+        read = WORK_S if length else SILENCE_S
+        if request.longest_s is not None:
+            read = min(read, max(request.longest_s, 0.01))
+        return {
+            "method": request.method,
+            "url": self.url + request.path,
+            "params": dict(request.query),
+            "headers": headers,
+            "timeout": httpx.Timeout(SILENCE_S, read=read, connect=15.0),
+        }
+
+    def unreachable(self, error: Exception) -> Unreachable:
+        """What a failure of httpx means."""
+        reason = str(error) or type(error).__name__
+        return Unreachable(f"the service at {self.url} cannot be reached: {reason}")
+
+
+def _length(body: Any) -> int:
+    return body.length if isinstance(body, Source) else len(body)
+
+
+def _blocks(request: Request) -> Iterator[bytes]:
+    body = request.body
+    blocks = body.blocks() if isinstance(body, Source) else _parts(body or b"")
+    for block in blocks:
+        yield block
+        if request.on_sent is not None:
+            request.on_sent(len(block))
+
+
+def _parts(data: bytes) -> Iterator[bytes]:
+    for start in range(0, len(data), BLOCK):
+        yield data[start : start + BLOCK]
+
+
+def _response(response: Any) -> Response:
+    return Response(response.status_code, {name.lower(): value for name, value in response.headers.items()})
+
+
+class SyncTransport(Transport):
+    """Runs operations, blocking. May be used by several threads."""
+
+    def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
+        super().__init__(url, token)
+        self._http = httpx.Client(headers=self.headers, **options)
+
+    def run(self, operation: Operation[T]) -> T:
+        try:
+            effect = next(operation)
+            while True:
+                try:
+                    result = self._perform(effect)
+                except Exception as error:
+                    effect = operation.throw(error)
+                else:
+                    effect = operation.send(result)
+        except StopIteration as end:
+            value: T = end.value
+            return value
+        finally:
+            operation.close()
+
+    def _perform(self, effect: Effect) -> Any:
+        if isinstance(effect, Send):
+            return self._send(effect.request)
+        if isinstance(effect, Sleep):
+            return time.sleep(effect.seconds)
+        return effect.function() if isinstance(effect, Call) else time.monotonic()
+
+    def _send(self, request: Request) -> Response:
+        content = None if request.body is None else _blocks(request)
+        began = time.monotonic()
+        try:
+            with self._http.stream(content=content, **self.arguments(request)) as response:
+                told = _response(response)
+                sink = request.sink
+                if sink is None or not told.is_success:
+                    return Response(told.status, told.headers, response.read())
+                sink.start(told)
+                for data in response.iter_raw():
+                    if not sink.write(data) or _is_over(request, began):
+                        break
+                return told
+        except httpx.TransportError as error:
+            raise self.unreachable(error) from error
+
+    def close(self) -> None:
+        self._http.close()
+
+
+class AsyncTransport(Transport):
+    """Runs operations on an event loop (asyncio or trio). Files are read in threads."""
+
+    def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
+        super().__init__(url, token)
+        self._http = httpx.AsyncClient(headers=self.headers, **options)
+
+    async def run(self, operation: Operation[T]) -> T:
+        try:
+            effect = next(operation)
+            while True:
+                try:
+                    result = await self._perform(effect)
+                except Exception as error:
+                    effect = operation.throw(error)
+                else:
+                    effect = operation.send(result)
+        except StopIteration as end:
+            value: T = end.value
+            return value
+        finally:
+            operation.close()
+
+    async def _perform(self, effect: Effect) -> Any:
+        if isinstance(effect, Send):
+            return await self._send(effect.request)
+        if isinstance(effect, Sleep):
+            return await anyio.sleep(effect.seconds)
+        if isinstance(effect, Call):
+            return await anyio.to_thread.run_sync(effect.function)
+        return time.monotonic()
+
+    async def _send(self, request: Request) -> Response:
+        content = None if request.body is None else _blocks_async(request)
+        began = time.monotonic()
+        try:
+            async with self._http.stream(content=content, **self.arguments(request)) as response:
+                told = _response(response)
+                sink = request.sink
+                if sink is None or not told.is_success:
+                    return Response(told.status, told.headers, await response.aread())
+                sink.start(told)
+                async for data in response.aiter_raw():
+                    if not sink.write(data) or _is_over(request, began):
+                        break
+                return told
+        except httpx.TransportError as error:
+            raise self.unreachable(error) from error
+
+    async def close(self) -> None:
+        await self._http.aclose()
+
+
+async def _blocks_async(request: Request) -> AsyncIterator[bytes]:
+    blocks = _blocks(request)
+    while True:
+        block = await anyio.to_thread.run_sync(lambda: next(blocks, None))
+        if block is None:
+            return
+        yield block
+
+
+def _is_over(request: Request, began: float) -> bool:
+    return request.longest_s is not None and time.monotonic() - began >= request.longest_s

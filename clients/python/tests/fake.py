@@ -1,0 +1,89 @@
+"""A service in memory that fails as told, for tests of what a client does then."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from typing import Callable, Dict, List, Optional
+
+import httpx
+
+JOB = "/v1/stacks/0190-job"
+UPLOAD = "/v1/uploads/0190-job"
+
+
+def problem(status: int, code: str, detail: str, **headers: str) -> httpx.Response:
+    """An error as the service sends it."""
+    body = {"type": f"/problems/{code}", "title": code, "status": status, "detail": detail, "code": code}
+    return httpx.Response(status, json=body, headers={"content-type": "application/problem+json", **headers})
+
+
+class Uploads:
+    """The uploads of a service. ``faults`` are taken one by one, each for one ``PATCH``."""
+
+    def __init__(self, faults: Optional[List[str]] = None) -> None:
+        self.faults = list(faults or [])
+        self.stored = b""
+        self.length: Optional[int] = None
+        self.metadata: Dict[str, str] = {}
+        self.job_is_made = True
+        self.requests: List[str] = []
+
+    def __call__(self, request: httpx.Request) -> httpx.Response:
+        self.requests.append(request.method)
+        handler: Dict[str, Callable[[httpx.Request], httpx.Response]] = {
+            "POST": self.create, "HEAD": self.ask, "PATCH": self.append, "GET": self.show,
+        }  # fmt: skip
+        return handler[request.method](request)
+
+    def create(self, request: httpx.Request) -> httpx.Response:
+        assert request.headers["tus-resumable"] == "1.0.0"
+        self.length, self.stored = int(request.headers["upload-length"]), b""
+        pairs = (pair.split(" ") for pair in request.headers["upload-metadata"].split(","))
+        self.metadata = {name: base64.b64decode(value).decode() for name, value in pairs}
+        return httpx.Response(201, headers={"location": UPLOAD, "upload-offset": "0"})
+
+    def state(self) -> Dict[str, str]:
+        headers = {"upload-offset": str(len(self.stored)), "upload-length": str(self.length)}
+        if len(self.stored) == self.length and self.job_is_made:
+            headers["pinstack-job"] = JOB
+        return headers
+
+    def ask(self, request: httpx.Request) -> httpx.Response:
+        if self.length is None:
+            return httpx.Response(404)
+        told = self.state()
+        if len(self.stored) == self.length and not self.job_is_made:
+            self.job_is_made = True
+            return httpx.Response(503, headers={"retry-after": "0"})
+        return httpx.Response(200, headers=told)
+
+    def append(self, request: httpx.Request) -> httpx.Response:
+        fault = self.faults.pop(0) if self.faults else ""
+        data = request.read()
+        if fault == "lost":
+            raise httpx.ReadError("connection reset", request=request)
+        if fault == "no connection":
+            raise httpx.ConnectError("connection refused", request=request)
+        checksum = request.headers["upload-checksum"].split(" ")[1]
+        if fault == "damaged":
+            data = data[:-1] + bytes([data[-1] ^ 1])
+        if base64.b64decode(checksum) != hashlib.sha256(data).digest():
+            return problem(460, "checksum_mismatch", "the bytes do not match")
+        if fault == "locked":
+            return problem(423, "locked", "another request is still writing", **{"retry-after": "0"})
+        if fault == "refused":
+            return problem(422, "invalid_image", "front/3.jpg is torn; copy it again from the camera")
+        if int(request.headers["upload-offset"]) != len(self.stored):
+            return problem(409, "conflict", "the upload is at another offset")
+        self.stored += data
+        if fault == "response lost":
+            raise httpx.ReadError("connection reset", request=request)
+        if fault == "queue full":
+            self.job_is_made = False
+            return problem(503, "queue_full", "1000 jobs are waiting", **{"retry-after": "0"})
+        return httpx.Response(204, headers=self.state())
+
+    def show(self, request: httpx.Request) -> httpx.Response:
+        return httpx.Response(200, content=json.dumps({"id": "0190-job", "path": request.url.path}))
