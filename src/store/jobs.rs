@@ -176,6 +176,8 @@ pub trait JobQueue: Send + Sync + 'static {
     async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>>;
     /// Jobs, newest first.
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>>;
+    /// Ids of the queued jobs, the one that was accepted first first; at most `limit`.
+    async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>>;
     /// Number of jobs by state.
     async fn counts(&self) -> StoreResult<JobCounts>;
     /// Requests the cancellation of a job. `None` when there is no such job.

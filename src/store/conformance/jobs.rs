@@ -60,6 +60,21 @@ pub async fn a_full_queue_refuses_until_a_worker_takes_one(store: Fresh) {
     assert!(matches!(metadata.enqueue(&stack(), 2).await.unwrap(), Enqueue::Accepted(_)));
 }
 
+pub async fn the_queue_is_told_in_the_order_of_acceptance(store: Fresh) {
+    let metadata = &*store.metadata;
+    let mut ids = Vec::new();
+    for _ in 0..4 {
+        let job = stack();
+        ids.push(job.id);
+        assert!(matches!(metadata.enqueue(&job, 10).await.unwrap(), Enqueue::Accepted(_)));
+    }
+    assert_eq!(metadata.queued(10).await.unwrap(), ids);
+    assert_eq!(metadata.queued(2).await.unwrap(), ids[..2]);
+    claim(metadata).await.expect("one waits");
+    metadata.cancel(ids[2]).await.unwrap();
+    assert_eq!(metadata.queued(10).await.unwrap(), [ids[1], ids[3]], "neither running nor cancelled ones wait");
+}
+
 pub async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
     let metadata = &*store.metadata;
     super::scans::with_scan(metadata, "s").await;

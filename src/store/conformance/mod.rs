@@ -246,6 +246,7 @@ macro_rules! metadata_conformance {
                 a_repeated_key_gives_the_first_job_and_another_request_is_refused,
                 concurrent_repeats_of_one_key_make_one_job,
                 a_full_queue_refuses_until_a_worker_takes_one,
+                the_queue_is_told_in_the_order_of_acceptance,
                 lists_are_paged_newest_first_and_filtered,
                 a_success_shows_its_outcome,
                 a_calibration_stores_its_revision_with_its_end,

@@ -102,6 +102,13 @@ impl JobQueue for SqliteMetadata {
         Ok(parsed.await.context("the task that parses rows panicked")?)
     }
 
+    async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
+        let ids = sqlx::query_scalar(
+            "SELECT id FROM jobs WHERE state = 'queued' AND delete_requested = 0 ORDER BY seq LIMIT ?1",
+        );
+        Ok(ids.bind(limit).fetch_all(&self.readers).await?)
+    }
+
     async fn counts(&self) -> StoreResult<JobCounts> {
         let rows: Vec<(String, i64)> =
             sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&self.readers).await?;
