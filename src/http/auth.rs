@@ -4,13 +4,14 @@ use std::convert::Infallible;
 
 use axum::{
     extract::FromRequestParts,
-    http::{HeaderMap, Method, header, request::Parts},
+    http::{Method, header, request::Parts},
 };
 use percent_encoding::percent_decode_str;
 use uuid::Uuid;
 
 use super::{
     problem::{ApiError, ApiResult},
+    session,
     state::App,
 };
 use crate::{
@@ -72,34 +73,52 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
     }
 }
 
-/// Identifies the caller by its token.
+/// Identifies the caller by its token: that of the header `Authorization`, or without one that of the cookie of the
+/// web pages ([`session`]).
 ///
 /// # Errors
-/// `unauthorized`, with the same sentence whatever is wrong with the token: it must not reveal which tokens exist.
-pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
+/// `unauthorized`, with the same sentence whatever is wrong with the token: it must not reveal which tokens exist;
+/// `cross_origin_request` when a page of another origin uses the cookie for a change.
+pub async fn identify(app: &App, request: &Parts) -> ApiResult<Caller> {
     if !app.requires_token().await? {
         return Ok(Caller::default());
     }
-    let refused = || {
-        let detail = "this service requires a token: send 'Authorization: Bearer <token>' with a token made by \
-                      'pinstack token add' that is not revoked";
-        ApiError::new(Code::Unauthorized, detail)
-    };
+    if !request.headers.contains_key(header::AUTHORIZATION)
+        && let Some(text) = session::token(&request.headers)
+    {
+        session::require_own_page(request)?;
+        return by_text(app, &text).await;
+    }
+    let headers = &request.headers;
     let text = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).ok_or_else(refused)?;
     let (kind, text) = text.split_once(' ').ok_or_else(refused)?;
     if !kind.eq_ignore_ascii_case("bearer") {
         return Err(refused());
     }
-    let (id, secret) = parse(text.trim()).ok_or_else(refused)?;
+    by_text(app, text.trim()).await
+}
+
+/// The caller with this token.
+///
+/// # Errors
+/// `unauthorized`.
+pub async fn by_text(app: &App, text: &str) -> ApiResult<Caller> {
+    let (id, secret) = parse(text).ok_or_else(refused)?;
     let token = app.store.metadata.token(id).await?.filter(|token| token.is_opened_by(&secret)).ok_or_else(refused)?;
     Ok(Caller(Some(token)))
 }
 
+fn refused() -> ApiError {
+    let detail = "this service requires a token: send 'Authorization: Bearer <token>' with a token made by \
+                  'pinstack token add' that is not revoked";
+    ApiError::new(Code::Unauthorized, detail)
+}
 /// The scopes of which a request needs one; `None`: no token is needed. First match wins:
 ///
 /// | request | scopes |
 /// |---|---|
-/// | `OPTIONS` anything; `/`, health, `/docs`, `/problems`, `/openapi.json` | no token |
+/// | `OPTIONS` anything; health, `/docs`, `/problems`, `/openapi.json` | no token |
+/// | `/sign-in`, `/sign-out`, `/web` (style sheet and scripts of the pages) | no token |
 /// | `GET /v1/uploads` (the uploads of all tokens) | `admin` |
 /// | `GET /v1/uploads/...` | `read`, `stacks:write` or `profiles:write` |
 /// | other requests below `/v1/uploads` | `stacks:write` or `profiles:write`; the purpose decides at the creation |
@@ -114,9 +133,8 @@ pub async fn identify(app: &App, headers: &HeaderMap) -> ApiResult<Caller> {
 /// `x-required-scopes`.
 pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     let below = |place: &str| path.strip_prefix(place).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
-    let is_open = ["/", "/favicon.ico", "/healthz", "/readyz", "/openapi.json"].contains(&path)
-        || below("/docs")
-        || below("/problems");
+    let is_open = ["/sign-in", "/sign-out", "/favicon.ico", "/healthz", "/readyz", "/openapi.json"].contains(&path)
+        || ["/docs", "/problems", "/web"].into_iter().any(below);
     if is_open || *method == Method::OPTIONS {
         return None;
     }
@@ -149,7 +167,7 @@ fn reports_poses(path: &str) -> bool {
 
 /// The id of the stack or upload in a path. With `isolate_tokens`, only its owner finds it.
 pub fn owned_id(path: &str) -> Option<Uuid> {
-    let rest = path.strip_prefix("/v1/stacks/").or_else(|| path.strip_prefix("/v1/uploads/"))?;
+    let rest = ["/v1/stacks/", "/v1/uploads/", "/stacks/"].into_iter().find_map(|place| path.strip_prefix(place))?;
     // decoded, because handlers get the decoded id
     let id = percent_decode_str(rest.split('/').next()?).decode_utf8().ok()?;
     Uuid::parse_str(&id).ok()
@@ -164,7 +182,8 @@ mod tests {
         let id = Uuid::now_v7();
         let encoded: String = id.to_string().bytes().map(|byte| format!("%{byte:02x}")).collect();
         for written in [id.to_string(), id.simple().to_string(), id.to_string().to_uppercase(), encoded] {
-            for path in [format!("/v1/stacks/{written}"), format!("/v1/uploads/{written}/x")] {
+            for path in ["/v1/stacks/{}", "/v1/uploads/{}/x", "/stacks/{}", "/stacks/{}/tiles/image/0/0/0"] {
+                let path = path.replace("{}", &written);
                 assert_eq!(owned_id(&path), Some(id), "{path}");
             }
         }
@@ -175,7 +194,13 @@ mod tests {
         for (method, path, scopes) in [
             (Method::GET, "/healthz", None),
             (Method::GET, "/docs/index.html", None),
-            (Method::GET, "/", None),
+            (Method::GET, "/", Some("read")),
+            (Method::GET, "/stacks/x/tiles/image/0/0/0", Some("read")),
+            (Method::GET, "/sign-in", None),
+            (Method::POST, "/sign-in", None),
+            (Method::POST, "/sign-out", None),
+            (Method::GET, "/web/0/app.css", None),
+            (Method::POST, "/stacks/x", Some("admin")),
             (Method::GET, "/problems/forbidden", None),
             (Method::OPTIONS, "/v1/uploads", None),
             (Method::GET, "/docsother", Some("read")),

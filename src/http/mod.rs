@@ -21,6 +21,7 @@ pub mod recent;
 pub mod router;
 pub mod scans;
 pub mod serve;
+pub mod session;
 pub mod sse;
 pub mod stacks;
 pub mod state;

@@ -18,7 +18,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 use super::{
     calibrations,
     middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot},
-    optics, poses, profiles, scans, stacks,
+    optics, pages, poses, profiles, scans, stacks,
     state::App,
     system, targets, uploads,
 };
@@ -98,6 +98,7 @@ pub fn service(app: App) -> Router {
         // tus behind proxies that pass only GET and POST
         .route("/v1/uploads/{id}", post(uploads::patch::overridden).options(uploads::options::options))
         .merge(system::docs::routes())
+        .merge(pages::routes::routes())
         .layer(Extension(&*DOCUMENT))
         // uploads count their bytes themselves, and JSON bodies have a limit of their own
         .layer(DefaultBodyLimit::disable())
@@ -106,6 +107,7 @@ pub fn service(app: App) -> Router {
         .layer(CatchPanicLayer::custom(problems::from_panic))
         .layer(from_fn(slot::require))
         .layer(from_fn(method::refuse_unknown))
+        .layer(from_fn(pages::errors::for_people))
         .layer(from_fn(problems::complete))
         .layer(from_fn(security::headers))
         .layer(from_fn(uploads::protocol::name_version))

@@ -20,6 +20,7 @@ use tower::ServiceExt;
 use super::{
     connections::{Reading, Seat, Slots, slots::RESERVE},
     router,
+    session::OverTls,
     state::App,
 };
 use crate::telemetry;
@@ -124,19 +125,22 @@ impl Connection {
     }
 
     async fn greet(self, stream: Reading<TcpStream>, tls: Option<TlsAcceptor>) {
-        let Some(tls) = tls else { return self.speak(stream).await };
+        let Some(tls) = tls else { return self.speak(stream, None).await };
         match timeout(self.header_timeout, tls.accept(stream)).await {
-            Ok(Ok(stream)) => self.speak(stream).await,
+            Ok(Ok(stream)) => self.speak(stream, Some(OverTls)).await,
             Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
             Err(_) => tracing::debug!("TLS handshake timed out"),
         }
     }
 
-    async fn speak(self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
+    async fn speak(self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, tls: Option<OverTls>) {
         let (router, seat) = (self.router, self.seat);
         let service = service_fn(move |request: Request<Incoming>| {
             let mut request = request.map(Body::new);
             request.extensions_mut().insert(Arc::clone(&seat));
+            if let Some(tls) = tls {
+                request.extensions_mut().insert(tls);
+            }
             router.clone().oneshot(request)
         });
         let connection = http1::Builder::new()

@@ -16,6 +16,7 @@ use super::{
     artifacts::conversions::Conversions,
     connections::{AddressRange, Tally},
     ingest::{quota::Claims, reservation::Shares},
+    pages::stacks::thumbnail::Thumbnails,
     recent::Recent,
     system::readyz,
 };
@@ -28,6 +29,9 @@ use pinstack_science::archive::ArchiveLimits;
 /// Zips that are inspected at a time. Each may need the memory of one member of the zip in the worst case (a TIFF whose
 /// parts are out of order).
 const INSPECTIONS: usize = 2;
+
+/// Tiles that are cut at a time.
+const TILES: usize = 4;
 
 /// How long the result of `/readyz` is cached.
 const READINESS_AGE: Duration = Duration::from_secs(1);
@@ -136,6 +140,10 @@ pub struct App {
     has_tokens: Arc<AtomicBool>,
     /// Conversions of stored images to other file formats.
     pub conversions: Arc<Conversions>,
+    /// Thumbnails of the web pages.
+    pub thumbnails: Arc<Thumbnails>,
+    /// Permits to cut a tile out of a picture.
+    pub tile_permits: Arc<Semaphore>,
     /// Requests in progress by token.
     pub tally: Tally,
     /// The cached result of `/readyz`.
@@ -157,6 +165,8 @@ impl App {
             shutdown: CancellationToken::new(),
             has_tokens: Arc::default(),
             conversions: Arc::default(),
+            thumbnails: Arc::default(),
+            tile_permits: Arc::new(Semaphore::new(TILES)),
             tally: Tally::default(),
             readiness: Arc::new(Recent::new(READINESS_AGE)),
             inspection_permits: Arc::new(Semaphore::new(INSPECTIONS)),

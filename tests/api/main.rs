@@ -13,6 +13,7 @@ mod forms;
 mod lifecycle;
 mod logs;
 mod optics;
+mod pages;
 mod poses;
 mod process;
 mod profile_files;

@@ -95,10 +95,10 @@ async fn the_type_of_a_problem_is_a_url_that_explains_it() {
 }
 
 #[tokio::test]
-async fn the_root_page_is_shown_without_a_token() {
+async fn the_root_page_asks_for_a_token_in_a_browser() {
     let app = TestApp::start_with(|policy| policy.auth_required = true).await;
-    let page = app.get("/").send().await.unwrap();
-    assert_eq!((page.status(), page.headers()["content-type"].to_str().unwrap()), (StatusCode::OK, "text/html"));
+    let page = app.get("/").header("accept", "text/html").send().await.unwrap();
+    assert_eq!((page.status(), page.url().path()), (StatusCode::OK, "/sign-in"));
     assert_eq!(app.get("/favicon.ico").send().await.unwrap().status(), StatusCode::NO_CONTENT);
 }
 

@@ -1,6 +1,6 @@
-//! Converts stored pictures to other file formats, with a cache.
+//! Converts stored pictures to other file formats and to pyramids for viewers, with a cache.
 //!
-//! In: a stored picture, its digest, the format. Out: a file. Conversions run one at a time, because each needs a whole
+//! In: a stored picture, its digest, the form. Out: a file. Conversions run one at a time, because each needs a whole
 //! picture in memory. Requests for the same picture and format share one conversion.
 //!
 //! A conversion runs in a task of its own, not in the request: a client that disconnects must not stop work that others
@@ -23,7 +23,10 @@ use std::{
 use tempfile::NamedTempFile;
 use tokio::sync::{Semaphore, watch};
 
-use super::convert::{convert, most_bytes};
+use super::{
+    convert::{convert, most_bytes, size},
+    pyramid::{self, Colours},
+};
 use crate::{
     contract::{Code, Fault, artifact::FileFormat},
     http::{
@@ -56,8 +59,17 @@ impl Converted {
     }
 }
 
-/// Digest of the stored picture, and the requested format.
-type Key = (String, FileFormat);
+/// What a stored picture is converted to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Form {
+    /// A file of another format.
+    File(FileFormat),
+    /// All resolutions, for a viewer.
+    Pyramid(Colours),
+}
+
+/// Digest of the stored picture, and the requested form.
+type Key = (String, Form);
 
 /// The result of a conversion. A fault is reported to all waiting requests.
 type Outcome = Result<Arc<Converted>, Fault>;
@@ -86,18 +98,12 @@ impl Default for Conversions {
 }
 
 impl Conversions {
-    /// The picture with this digest, stored under the key `source`, in `format`. Made when it is not cached.
+    /// The picture with this digest, stored under the key `source`, in `form`. Made when it is not cached.
     ///
     /// # Errors
     /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read.
-    pub async fn get(
-        self: &Arc<Self>,
-        app: &App,
-        source: &str,
-        digest: &str,
-        format: FileFormat,
-    ) -> ApiResult<Arc<Converted>> {
-        let key = (digest.to_owned(), format);
+    pub async fn get(self: &Arc<Self>, app: &App, source: &str, digest: &str, form: Form) -> ApiResult<Arc<Converted>> {
+        let key = (digest.to_owned(), form);
         let mut waiting = {
             let mut entries = self.entries();
             let (map, clock) = &mut *entries;
@@ -128,8 +134,8 @@ impl Conversions {
     }
 
     /// The converted file, if it is cached.
-    pub fn kept(&self, digest: &str, format: FileFormat) -> Option<Arc<Converted>> {
-        match self.entries().0.get(&(digest.to_owned(), format)) {
+    pub fn kept(&self, digest: &str, form: Form) -> Option<Arc<Converted>> {
+        match self.entries().0.get(&(digest.to_owned(), form)) {
             Some(Entry::Kept(file, _)) => Some(Arc::clone(file)),
             _ => None,
         }
@@ -211,19 +217,26 @@ fn evict(map: &mut HashMap<Key, Entry>) {
     }
 }
 
-async fn made(app: &App, source: String, format: FileFormat) -> Outcome {
+async fn made(app: &App, source: String, form: Form) -> Outcome {
     let store = &app.store;
     let picture = store.blobs.fetch(&source, &store.workspace).await.map_err(|e| ApiError::from(e).fault().clone())?;
     let picture = Arc::new(picture.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))?);
     let stored = Arc::clone(&picture);
-    let most = blocking(move || most_bytes(stored.path())).await?;
+    let most = blocking(move || match form {
+        Form::File(_) => most_bytes(stored.path()),
+        Form::Pyramid(_) => size(stored.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
+    })
+    .await?;
     let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
     let Ok(mut space) = reserved else { return Err(disk_full()) };
     let spool = store.workspace.path().to_owned();
     blocking(move || {
         step("convert.make")?;
         let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = convert(picture.path(), file.as_file(), format)?;
+        let length = match form {
+            Form::File(format) => convert(picture.path(), file.as_file(), format)?,
+            Form::Pyramid(colours) => pyramid::write(picture.path(), file.as_file(), colours)?,
+        };
         space.written(length);
         Ok(Arc::new(Converted { file, source, length }))
     })

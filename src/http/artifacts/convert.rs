@@ -27,6 +27,16 @@ pub(super) fn most_bytes(path: &Path) -> anyhow::Result<u64> {
     Ok(samples + samples / 16 + OVERHEAD)
 }
 
+/// Width and height of the picture at `path`.
+///
+/// # Errors
+/// When the file cannot be read.
+pub(super) fn size(path: &Path) -> anyhow::Result<(u32, u32)> {
+    let file = BufReader::new(File::open(path).context("cannot read the picture")?);
+    let header = codec::probe(file, &codec::Limits::default()).context("cannot read the header of the picture")?;
+    Ok((header.width, header.height))
+}
+
 /// Writes the picture at `path` as `format` into `file`. Returns the size in bytes.
 ///
 /// # Errors

@@ -7,4 +7,5 @@ pub mod download;
 pub mod name;
 pub mod outcome;
 pub mod picture;
+pub mod pyramid;
 pub mod range;

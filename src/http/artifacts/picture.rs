@@ -7,6 +7,7 @@ use axum::{
 
 use super::{
     accept,
+    conversions::Form,
     download::{self, Content, Download, Source},
     name, outcome,
 };
@@ -61,13 +62,13 @@ async fn converted(
     let subtype = format.media_type().trim_start_matches("image/");
     let tag = format!("{}-{subtype}-{}", artifact.sha256, env!("CARGO_PKG_VERSION"));
     require_match(headers, &tag)?;
-    let kept = app.conversions.kept(&artifact.sha256, format);
+    let kept = app.conversions.kept(&artifact.sha256, Form::File(format));
     let file = if kept.is_some() || method == Method::HEAD || not_modified(headers, &tag) {
         kept
     } else {
         // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
-        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, format).await?)
+        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Form::File(format)).await?)
     };
     let content = match file {
         Some(converted) => {

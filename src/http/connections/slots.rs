@@ -183,4 +183,10 @@ impl Seat {
         let nearest = forwarded.and_then(|list| list.to_str().ok()?.rsplit(',').next()?.trim().parse().ok());
         nearest.filter(|_| self.slots.is_trusted(self.peer)).unwrap_or(self.peer)
     }
+
+    /// Whether a trusted proxy reports that the client uses TLS.
+    pub fn is_behind_tls(&self, headers: &HeaderMap) -> bool {
+        let scheme = headers.get("x-forwarded-proto").and_then(|scheme| scheme.to_str().ok());
+        self.slots.is_trusted(self.peer) && scheme.is_some_and(|scheme| scheme.trim().eq_ignore_ascii_case("https"))
+    }
 }

@@ -43,7 +43,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
 async fn authorise(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InProgress>)> {
     let path = request.uri.path();
     let Some(scopes) = needs(&request.method, path) else { return Ok((Caller::default(), None)) };
-    let caller = identify(app, &request.headers).await?;
+    let caller = identify(app, request).await?;
     if let Some(name) = caller.name() {
         log::note("token", name);
     }

@@ -8,14 +8,14 @@
 //! | cross-site request that changes something | `Origin` or `Sec-Fetch-Site` of another site | 403 |
 //!
 //! Cross-site reads need no check: the browser withholds the answer from the page ([`super::cors`]). Programs other
-//! than browsers send neither `Origin` nor `Sec-Fetch-Site`. Where tokens are required, pages have none, so only the
-//! syntax of `Host` is checked.
+//! than browsers send neither `Origin` nor `Sec-Fetch-Site`. Where tokens are required, pages of other sites have none,
+//! so only the syntax of `Host` is checked; [`crate::http::session`] guards the cookie of the service's own pages.
 
 use std::net::IpAddr;
 
 use axum::{
     extract::{Request, State},
-    http::{HeaderMap, HeaderName, Method, Version, header, uri::Authority},
+    http::{HeaderMap, HeaderName, Method, Version, header, request::Parts, uri::Authority},
     middleware::Next,
     response::{IntoResponse, Response},
 };
@@ -101,13 +101,9 @@ fn require_own_origin(
     if origin.as_ref().is_some_and(|origin| policy.cors_origins.iter().any(|allowed| allowed == origin)) {
         return Ok(());
     }
-    let is_own = |origin: &str| {
-        let place = origin.split_once("://").map(|(_, place)| place);
-        place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host.as_str()))
-    };
     let is_foreign_site =
-        headers.get(SEC_FETCH_SITE).is_some_and(|site| !["same-origin", "none"].iter().any(|own| site == own));
-    if !is_foreign_site && origin.as_ref().is_none_or(|origin| is_own(origin)) {
+        headers.get(&SEC_FETCH_SITE).is_some_and(|site| !["same-origin", "none"].iter().any(|own| site == own));
+    if !is_foreign_site && origin.as_ref().is_none_or(|origin| is_at(origin, host)) {
         return Ok(());
     }
     let detail = format!(
@@ -118,8 +114,26 @@ fn require_own_origin(
     Err(ApiError::new(Code::CrossOriginRequest, detail))
 }
 
+/// Whether an origin is that of the host of the request.
+fn is_at(origin: &str, host: Option<&Authority>) -> bool {
+    let place = origin.split_once("://").map(|(_, place)| place);
+    place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host.as_str()))
+}
+
+/// Whether a browser says that one of the service's own pages sent the request: by `Sec-Fetch-Site`, or where the
+/// connection is not secure and browsers omit that header, by `Origin`.
+pub fn is_of_own_page(request: &Parts) -> bool {
+    if let Some(site) = request.headers.get(&SEC_FETCH_SITE) {
+        return site == "same-origin";
+    }
+    let host = request.headers.get(header::HOST).and_then(|host| Authority::try_from(host.as_bytes()).ok());
+    let host = request.uri.authority().cloned().or(host);
+    let origin = request.headers.get(header::ORIGIN).and_then(|origin| origin.to_str().ok());
+    origin.is_some_and(|origin| is_at(origin, host.as_ref()))
+}
+
 /// The page that sent a request, for an error message.
-fn sender(origin: Option<&str>) -> String {
+pub fn sender(origin: Option<&str>) -> String {
     match origin {
         None => "a page of another site".to_owned(),
         Some("null") => "a page without an origin (Origin: null), such as a local file or a sandboxed frame".to_owned(),

@@ -11,7 +11,10 @@ use axum::{
 
 use crate::{
     contract::{Code, Fault, Problem},
-    http::problem::{ApiError, code_of, problem, render},
+    http::{
+        pages::errors::ShownAsPage,
+        problem::{ApiError, code_of, problem, render},
+    },
 };
 
 /// The layer: fills in `instance`, and turns bare error answers into problem documents.
@@ -27,6 +30,8 @@ pub async fn complete(request: Request, next: Next) -> Response {
         Some(problem) => problem,
         // the health check answers 503 with its own JSON body
         None if is_json(&response) => return response,
+        // nor is the page that shows an error to a person
+        None if response.extensions().get::<ShownAsPage>().is_some() => return response,
         None => {
             let bare = problem(&bare_fault(status, &method, &instance), None);
             Problem { status: status.as_u16(), ..bare }

@@ -1,8 +1,33 @@
-//! HTML pages: pure functions from results to text, which know no request and no response. [`answer`] sends one.
+//! HTML for people.
+//!
+//! | part | what it is |
+//! |---|---|
+//! | [`routes`] | every page of the web interface |
+//! | [`frame`] | what the pages have in common: head, navigation, style sheet, content policy |
+//! | [`assets`] | style sheet, scripts and icon, embedded in the program |
+//! | [`errors`] | errors of pages as pages |
+//! | [`calibration_report`], [`pose_report`] | reports as single files that load nothing; they can be saved and mailed |
+//!
+//! The pages are written with maud, which escapes what it shows. Reports are pure functions that build their text
+//! themselves, mostly SVG; [`answer`] sends one. Pages show what the same functions return that serve the JSON, so that
+//! the same checks apply. What changes something is a call of the API by a script of the page.
 
+pub mod assets;
 pub mod calibration_report;
+pub mod errors;
+pub mod frame;
 mod html;
+pub mod plan;
 pub mod pose_report;
+pub mod profiles;
+pub mod routes;
+pub mod scan;
+pub mod scans;
+pub mod send;
+pub mod sign_in;
+pub mod stack;
+pub mod stacks;
+pub mod words;
 
 use axum::{
     http::{HeaderValue, header},
@@ -11,7 +36,7 @@ use axum::{
 use base64::{Engine, prelude::BASE64_STANDARD};
 use sha2::{Digest, Sha256};
 
-/// A page as an answer. Its content policy allows only its inline style sheet, identified by its hash: nothing may be
+/// A report as an answer. Its content policy allows only its inline style sheet, identified by its hash: nothing may be
 /// loaded, run, sent or framed.
 pub fn answer(html: String, style: &str) -> Response {
     let hash = BASE64_STANDARD.encode(Sha256::digest(style.as_bytes()));

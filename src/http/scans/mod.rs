@@ -105,7 +105,10 @@ pub async fn not_found(app: &App, caller: &Caller, name: &Name) -> ApiError {
 
 /// The scan with the table of its views. Comparing the views takes the square of their number, so another thread does
 /// it.
-async fn tabulated(scan: Scan, views: Vec<table::View>) -> ApiResult<ScanWithViews> {
+///
+/// # Errors
+/// When that thread panics.
+pub async fn tabulated(scan: Scan, views: Vec<table::View>) -> ApiResult<ScanWithViews> {
     let made = background::spawn_blocking(move || ScanWithViews::of(scan, &views));
     made.await.map_err(ApiError::internal)
 }

@@ -17,7 +17,7 @@ const BOTTOM: f64 = 34.0;
 const MAX_TITLED: usize = 200;
 
 /// A value of one slice.
-pub(super) struct Mark {
+pub(in crate::http::pages) struct Mark {
     /// Index of the slice.
     pub slice: usize,
     /// The value.
@@ -34,7 +34,7 @@ pub(super) struct Mark {
 
 /// How marks are drawn.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum MarkStyle {
+pub(in crate::http::pages) enum MarkStyle {
     /// Circles and squares.
     Points,
     /// Bars from zero.
@@ -43,7 +43,7 @@ pub(super) enum MarkStyle {
 
 /// Scale of the value axis.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Scale {
+pub(in crate::http::pages) enum Scale {
     /// Linear; the axis spans at least this much.
     Linear(f64),
     /// Logarithmic.
@@ -51,7 +51,7 @@ pub(super) enum Scale {
 }
 
 /// A line through values of slices.
-pub(super) struct Line {
+pub(in crate::http::pages) struct Line {
     /// Slice and value, in the order of the slices.
     pub points: Vec<(usize, f64)>,
     /// True for a limit (dashed), false for the rail law (solid).
@@ -61,7 +61,7 @@ pub(super) struct Line {
 }
 
 /// A chart.
-pub(super) struct Chart<'a> {
+pub(in crate::http::pages) struct Chart<'a> {
     /// Heading.
     pub title: &'a str,
     /// One line of explanation below the heading.
@@ -88,7 +88,7 @@ pub(super) struct Chart<'a> {
 
 impl Chart<'_> {
     /// The chart as a figure.
-    pub(super) fn figure(&self) -> String {
+    pub(in crate::http::pages) fn figure(&self) -> String {
         let caption = format!("<figcaption>{}<small>{}</small></figcaption>", escape(self.title), escape(&self.hint));
         if !self.marks.iter().any(|mark| mark.value.is_finite()) {
             return format!("<figure>{caption}<p class=\"none\">{}</p></figure>\n", escape(self.empty));

@@ -12,7 +12,7 @@
 //! Either would replace about 350 lines here (axes and charts) and add dependencies.
 
 mod axes;
-mod chart;
+pub(super) mod chart;
 mod charts;
 mod drift;
 mod facts;

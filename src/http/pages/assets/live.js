@@ -1,0 +1,66 @@
+// Follows what is in progress: asks for a part of this page again, often while something runs, seldom otherwise, and
+// not at all while the page is hidden. One request, whatever the number of stacks.
+import { call } from './page.js';
+
+const BUSY_MS = 1500;
+const CALM_MS = 10000;
+
+/** Keeps `box` equal to the part `part` of this page; `changed` is called with its new content. */
+export function follow(box, part, changed = () => {}) {
+  const url = new URL(location.href);
+  url.searchParams.set('part', part);
+  let last = null;
+  let failures = 0;
+  const isBusy = () => box.querySelector('[data-state=queued], [data-state=running]') !== null;
+  let timer;
+  async function look() {
+    timer = 0;
+    if (document.hidden) return again();
+    try {
+      const response = await call('GET', url);
+      const text = await response.text();
+      failures = 0;
+      if (response.ok && text !== last) {
+        const parsed = new DOMParser().parseFromString(text, 'text/html').body;
+        merge(box, parsed);
+        if (last !== null || text) changed(box);
+        last = text;
+      }
+    } catch {
+      failures += 1;
+    }
+    return again();
+  }
+  function again() {
+    timer = setTimeout(look, (isBusy() ? BUSY_MS : CALM_MS) * Math.min(1 + failures, 10));
+  }
+  document.addEventListener('visibilitychange', () => { if (!document.hidden && timer) { clearTimeout(timer); timer = 0; look(); } });
+  again();
+}
+
+/** Makes the children of `old` those of `fresh`; elements with an id that did not change stay, with their focus. */
+function merge(old, fresh) {
+  const lists = [old.querySelector('.rows'), fresh.querySelector('.rows')];
+  if (!lists[0] || !lists[1]) {
+    if (old.innerHTML !== fresh.innerHTML) keepFocus(() => old.replaceChildren(...fresh.childNodes));
+    return;
+  }
+  keepFocus(() => {
+    const have = new Map([...lists[0].children].map((row) => [row.id, row]));
+    const rows = [...lists[1].children].map((row) => {
+      const before = have.get(row.id);
+      return before && before.outerHTML === row.outerHTML ? before : row;
+    });
+    if (rows.length !== lists[0].children.length || rows.some((row, i) => row !== lists[0].children[i])) {
+      lists[0].replaceChildren(...rows);
+    }
+  });
+}
+
+function keepFocus(change) {
+  const focused = document.activeElement;
+  const href = focused && focused.getAttribute && focused.getAttribute('href');
+  change();
+  if (href && !focused.isConnected) document.querySelector(`main a[href="${CSS.escape(href)}"]`)?.focus();
+  else if (focused && focused.isConnected && focused !== document.activeElement) focused.focus();
+}

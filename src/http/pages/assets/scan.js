@@ -1,0 +1,42 @@
+// The page of a scan: its views as they are fused, its buttons, and the report on poses.
+import { call, confirmed, element, json, tell } from './page.js';
+import { follow } from './live.js';
+
+const box = document.getElementById('views');
+const url = `/v1/scans/${encodeURIComponent(box.dataset.scan)}`;
+const by = (id) => document.getElementById(id);
+follow(box, 'views');
+
+by('rerun')?.addEventListener('click', async () => {
+  if (!await confirmed('Fuse every view again with the current revision of the profile? The present results stay until they are replaced.', 'Fuse all again')) return;
+  tell('told', '');
+  try {
+    const { views, skipped } = await json('POST', `${url}/rerun`, { profile_revision: null });
+    const without = skipped.length ? `; ${skipped.length} have no zip any more` : '';
+    tell('told', `${views.length} views are fused again${without}`, true);
+  } catch (error) { tell('told', error.message); }
+});
+
+by('delete')?.addEventListener('click', async () => {
+  if (!await confirmed('Delete this scan with all its stacks, their results and zips? This cannot be undone.', 'Delete everything')) return;
+  tell('told', '');
+  try {
+    await call('DELETE', `${url}?stacks=delete`);
+    location.assign('/scans');
+  } catch (error) { tell('told', error.message); }
+});
+
+by('poses').addEventListener('submit', async (event) => {
+  event.preventDefault();
+  const [file] = by('poses-file').files;
+  const [report, save] = [by('poses-report'), by('poses-save')];
+  tell('poses-told', '');
+  report.hidden = save.hidden = true;
+  const send = (format) => call('POST', `${url}/poses?format=${format}`, file, { 'content-type': 'application/octet-stream' });
+  try {
+    report.replaceChildren(element('pre', {}, await (await send('text')).text()));
+    report.hidden = false;
+    save.href = URL.createObjectURL(await (await send('html')).blob());
+    save.hidden = false;
+  } catch (error) { tell('poses-told', error.message); }
+});

@@ -1,0 +1,85 @@
+// The page of one stack: its viewer, its progress, and its buttons.
+import { call, confirmed, json, tell } from './page.js';
+import { follow } from './live.js';
+import { Viewer } from './viewer.js';
+
+const state = document.getElementById('state');
+const url = `/v1/stacks/${state.dataset.stack}`;
+const by = (id) => document.getElementById(id);
+
+function isEnded() {
+  return !state.querySelector('[data-state=queued], [data-state=running]');
+}
+if (!isEnded()) follow(state, 'state', () => { if (isEnded()) location.reload(); });
+
+async function act(button, work) {
+  tell('told', '');
+  button.disabled = true;
+  try {
+    await work();
+  } catch (error) {
+    button.disabled = false;
+    tell('told', error.message);
+  }
+}
+
+by('cancel')?.addEventListener('click', async () => {
+  if (!await confirmed('Cancel this stack? What was computed so far is lost. The zip stays.', 'Cancel the stack')) return;
+  await act(by('cancel'), () => call('POST', `${url}/cancel`));
+});
+
+by('delete')?.addEventListener('click', async () => {
+  if (!await confirmed('Delete this stack, its results and the zip that was sent? This cannot be undone.', 'Delete')) return;
+  await act(by('delete'), async () => {
+    await call('DELETE', url);
+    location.assign('/');
+  });
+});
+
+by('rerun')?.addEventListener('submit', async (event) => {
+  event.preventDefault();
+  const options = {};
+  for (const [name, text] of new FormData(event.target)) {
+    const value = text.trim();
+    if (value) options[name] = name === 'profile_revision' ? Number(value) : value;
+  }
+  const button = event.target.querySelector('button');
+  button.disabled = true;
+  try {
+    const made = await json('POST', `${url}/rerun`, options);
+    location.assign(`/stacks/${made.id}`);
+  } catch (error) {
+    button.disabled = false;
+    tell('rerun-told', error.message);
+  }
+});
+
+const canvas = by('viewer');
+if (canvas) {
+  const scene = JSON.parse(canvas.dataset.scene);
+  const [layer, other, divider, behind, readout] = ['layer', 'other', 'divider', 'behind', 'readout'].map(by);
+  const viewer = new Viewer(canvas, {
+    ...scene,
+    moved(scale) {
+      const { width, height } = viewer.first;
+      const percent = 100 * scale;
+      readout.textContent = `${width} × ${height} px, shown at ${percent < 10 ? percent.toFixed(1) : Math.round(percent)} %`;
+    },
+  });
+  // a rerun is shown beside the stack that it was made of
+  if (scene.layers.length > Number(canvas.dataset.own)) other.value = canvas.dataset.own;
+  const choose = () => {
+    viewer.first = viewer.layers[layer.value || 0];
+    viewer.second = other.value === '' ? null : viewer.layers[other.value];
+    viewer.divider = divider.value / 1000;
+    viewer.behind = behind.value;
+    by('divide').hidden = !viewer.second;
+    viewer.draw();
+  };
+  for (const control of [layer, other, divider, behind]) control.addEventListener('input', choose);
+  by('fit').addEventListener('click', () => viewer.fit());
+  by('full').addEventListener('click', () => viewer.full());
+  by('closer').addEventListener('click', () => viewer.zoom(1.5));
+  by('farther').addEventListener('click', () => viewer.zoom(1 / 1.5));
+  choose();
+}

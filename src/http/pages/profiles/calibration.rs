@@ -1,0 +1,77 @@
+//! `/calibrations/{id}`: a calibration while it runs, and its verdict. The report is a page of its own.
+
+use axum::{extract::State, http::Uri, response::Response};
+use jiff::Timestamp;
+use maud::{Markup, html};
+use uuid::Uuid;
+
+use crate::{
+    contract::{JobKind, artifact::REPORT},
+    http::{
+        artifacts::outcome::of_calibration,
+        extract::{JobId, params},
+        job_resource::load,
+        pages::{
+            frame::{Frame, Place, Viewer, respond},
+            stacks::row,
+            words::{sentence, text},
+        },
+        problem::ApiResult,
+        state::App,
+    },
+    store::Job,
+};
+
+/// The page, or its state alone for the script that follows it (`?part=state`).
+///
+/// # Errors
+/// `not_found`.
+pub async fn page(State(app): State<App>, viewer: Viewer, JobId(id): JobId, uri: Uri) -> ApiResult<Response> {
+    let mut pairs = params::pairs(&uri)?;
+    let job = load(&app, id, JobKind::Calibration).await?;
+    let queue = row::queue(&app, std::slice::from_ref(&job)).await?;
+    let state = state(&job, &queue);
+    if params::take(&mut pairs, "part").is_some() {
+        return Ok(respond(state));
+    }
+    let name = row::name(&job);
+    let frame = Frame { title: &name, place: Place::Profiles, viewer: Some(&viewer), script: Some("job.js") };
+    Ok(frame.answer(html! {
+        div.head {
+            div {
+                p.crumbs { a href="/profiles" { "Profiles" } " / Calibration" }
+                h1 { (text(&name)) }
+                p.soft { a href={ "/profiles/" (job.rig) "/" (job.lens) } { (job.rig) " · " (job.lens) } }
+            }
+            @if viewer.profiles && !job.state.is_final() {
+                div.buttons { button type="button" id="cancel" disabled[job.cancel_requested] { "Cancel" } }
+            }
+        }
+        p id="told" role="alert" {}
+        div id="state" data-url={ "/v1/calibrations/" (id) } aria-live="polite" { (state) }
+    }))
+}
+
+fn state(job: &Job, queue: &[Uuid]) -> Markup {
+    let outcome = of_calibration(job).ok();
+    html! {
+        div data-state=(job.state.as_str()) {
+            (row::how(job, queue, Timestamp::now()))
+            @if let Some(error) = &job.error {
+                p.error { (sentence(&error.detail)) }
+                @for place in &error.locations { p.small.soft { (text(&place.detail)) } }
+            }
+            @if let Some(outcome) = outcome {
+                p.lead { (sentence(&outcome.verdict)) }
+                @if outcome.artifacts.iter().any(|artifact| artifact.name == REPORT) {
+                    p { a.button.main href={ "/v1/calibrations/" (job.id) "/report" } { "Open the report" } }
+                }
+                @if let Some(revision) = outcome.profile_revision { p { "It is revision " (revision) " of the profile." } }
+            }
+            @if !job.warnings.is_empty() {
+                h2 { "Warnings" }
+                ul.warnings { @for warning in &job.warnings { li { (sentence(&warning.detail)) } } }
+            }
+        }
+    }
+}

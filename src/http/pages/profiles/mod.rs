@@ -1,0 +1,6 @@
+//! The pages of profiles and of calibrations.
+
+pub mod calibration;
+pub mod drift_plot;
+pub mod list;
+pub mod page;

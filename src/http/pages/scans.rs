@@ -1,0 +1,69 @@
+//! `/scans`: the scans, newest first.
+
+use axum::{extract::State, http::Uri, response::Response};
+use jiff::Timestamp;
+use maud::html;
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+
+use super::{
+    frame::{Frame, Place, Viewer},
+    words::{ago, text},
+};
+use crate::{
+    http::{auth::Caller, extract::params, problem::ApiResult, state::App},
+    store::{PageRequest, scans::ScanFilter},
+};
+
+/// Scans on a page.
+const ROWS: u32 = 50;
+
+/// The page.
+///
+/// # Errors
+/// `invalid_request` for a cursor that is none.
+pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer, uri: Uri) -> ApiResult<Response> {
+    let mut pairs = params::pairs(&uri)?;
+    let cursor = params::take(&mut pairs, "cursor");
+    let is_first = cursor.is_none();
+    let filter = ScanFilter { owner: caller.sees_only(&app), ..ScanFilter::default() };
+    let page = app.store.metadata.scans(&filter, &PageRequest { limit: ROWS, cursor }).await?;
+    let now = Timestamp::now();
+    let frame = Frame { title: "Scans", place: Place::Scans, viewer: Some(&viewer), script: None };
+    Ok(frame.answer(html! {
+        div.head {
+            div { h1 { "Scans" } p.soft { "A scan is many views of one object, taken with one rig and lens." } }
+            @if viewer.stacks { a.button.main href="/send" { "Send a scan" } }
+        }
+        @if page.items.is_empty() {
+            div.empty {
+                p.lead { @if is_first { "There are no scans yet." } @else { "There are no more scans." } }
+                @if viewer.stacks { p { "Send a folder that has a folder for each view, or name a scan when you send a stack." } }
+            }
+        } @else {
+            div.wide tabindex="0" role="region" aria-label="Scans" {
+                table {
+                    thead { tr {
+                        @for head in ["Scan", "Specimen", "Rig", "Lens", "Views", "Created"] { th.l scope="col" { (head) } }
+                    } }
+                    tbody {
+                        @for scan in &page.items {
+                            tr {
+                                td.l { a href={ "/scans/" (scan.name) } { (scan.name) } }
+                                td.l { (text(scan.input.specimen.as_deref().or(scan.input.taxon.as_deref()).unwrap_or("–"))) }
+                                td.l { (scan.input.rig) } td.l { (scan.input.lens) }
+                                td.l { @if let Some(views) = scan.input.expected_views { (views) " expected" } @else { "–" } }
+                                td.l { (ago(scan.created_at, now)) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        div.pager {
+            @if is_first { span {} } @else { a href="/scans" { "Newest" } }
+            @if let Some(next) = &page.next_cursor {
+                a href={ "/scans?cursor=" (utf8_percent_encode(next, NON_ALPHANUMERIC)) } rel="next" { "Older" }
+            }
+        }
+    }))
+}

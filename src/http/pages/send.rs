@@ -1,0 +1,137 @@
+//! `/send`: stacks, scans and calibrations by drag and drop. The browser's script packs folders, uploads in pieces and
+//! goes on after a cut line; the server side is the resumable upload of the API.
+
+use axum::{extract::State, response::Response};
+use maud::{Markup, html};
+
+use super::frame::{Frame, Place, Viewer};
+use crate::{
+    contract::{Code, Name},
+    http::{
+        auth::Caller,
+        problem::{ApiError, ApiResult},
+        state::App,
+    },
+    store::{PageRequest, scans::ScanFilter},
+};
+
+/// Most profiles and scans that the page suggests.
+const SUGGESTED: u32 = 200;
+
+/// The page.
+///
+/// # Errors
+/// `forbidden` for a person who may only read.
+pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer) -> ApiResult<Response> {
+    if !viewer.stacks && !viewer.profiles {
+        let detail = "you are signed in with a token that may only read; sign in with one that may send stacks";
+        return Err(ApiError::new(Code::Forbidden, detail));
+    }
+    let keys = app.store.metadata.profile_keys(SUGGESTED).await?;
+    let request = PageRequest { limit: SUGGESTED, cursor: None };
+    let scans = ScanFilter { owner: caller.sees_only(&app), ..ScanFilter::default() };
+    let scans = app.store.metadata.scans(&scans, &request).await?.items;
+    let scans: Vec<(Name, Name, Name)> =
+        scans.into_iter().map(|scan| (scan.name, scan.input.rig, scan.input.lens)).collect();
+    let frame = Frame { title: "Send", place: Place::Send, viewer: Some(&viewer), script: Some("send.js") };
+    Ok(frame.answer(html! {
+        h1 { "Send pictures" }
+        form id="send" {
+            (purpose(&viewer))
+            (camera(&keys))
+            (view(&scans))
+            div.drop id="drop" {
+                p.lead { "Drop a zip or a folder here" }
+                p.soft { "Folders " code { "front" } " and " code { "back" } " hold the pictures of each light. JPEG, PNG or TIFF." }
+                div.buttons {
+                    input id="folder" type="file" multiple webkitdirectory hidden;
+                    input id="file" type="file" accept=".zip,application/zip" hidden;
+                    button type="button" id="pick-folder" { "Choose a folder" }
+                    button type="button" id="pick-file" { "Choose a zip" }
+                }
+            }
+            div id="chosen" {}
+            p id="told" role="alert" {}
+            div.buttons { button.main type="submit" id="go" disabled { "Send" } }
+        }
+        section aria-label="Uploads" aria-live="polite" {
+            ul.jobs id="uploads" {}
+        }
+        p.soft.small { "An upload goes on after a cut line by itself. After this page was closed, choose the same file or folder again: "
+            "only what is missing is sent." }
+    }))
+}
+
+fn purpose(viewer: &Viewer) -> Markup {
+    html! {
+        fieldset {
+            legend { "What is it?" }
+            div.fields {
+                @if viewer.stacks {
+                    label.check { input type="radio" name="purpose" value="stack" checked; "One stack" }
+                    label.check { input type="radio" name="purpose" value="scan"; "A scan: many stacks, a folder for each" }
+                }
+                @if viewer.profiles {
+                    label.check { input type="radio" name="purpose" value="calibration" checked[!viewer.stacks]; "A calibration: a dot target" }
+                }
+            }
+        }
+    }
+}
+
+fn camera(keys: &[(Name, Name)]) -> Markup {
+    let mut rigs: Vec<&str> = keys.iter().map(|(rig, _)| rig.as_str()).collect();
+    let mut lenses: Vec<&str> = keys.iter().map(|(_, lens)| lens.as_str()).collect();
+    for names in [&mut rigs, &mut lenses] {
+        names.sort_unstable();
+        names.dedup();
+    }
+    let only = |names: &[&str]| (names.len() == 1).then(|| names[0].to_owned());
+    html! {
+        fieldset {
+            legend { "Camera" }
+            div.fields {
+                div {
+                    label for="rig" { "Rig" }
+                    input id="rig" name="rig" list="rigs" required autocomplete="off" spellcheck="false" value=[only(&rigs)];
+                    datalist id="rigs" { @for rig in &rigs { option value=(rig) {} } }
+                }
+                div {
+                    label for="lens" { "Lens" }
+                    input id="lens" name="lens" list="lenses" required autocomplete="off" spellcheck="false" value=[only(&lenses)];
+                    datalist id="lenses" { @for lens in &lenses { option value=(lens) {} } }
+                }
+                div.short data-for="calibration" hidden {
+                    label for="target_pitch_mm" { "Dot pitch, mm" }
+                    input id="target_pitch_mm" name="target_pitch_mm" inputmode="decimal" autocomplete="off";
+                }
+                div.short data-for="calibration" hidden {
+                    label for="pixel_pitch_mm" { "Pixel pitch, mm" }
+                    input id="pixel_pitch_mm" name="pixel_pitch_mm" inputmode="decimal" autocomplete="off";
+                }
+            }
+            p.hint data-for="calibration" hidden { "With both pitches the profile knows the magnification. They may stay empty." }
+        }
+    }
+}
+
+fn view(scans: &[(Name, Name, Name)]) -> Markup {
+    html! {
+        fieldset data-for="stack scan" {
+            legend { "View" }
+            div.fields {
+                div {
+                    label for="scan" { "Scan" }
+                    input id="scan" name="scan" list="scans" autocomplete="off" spellcheck="false" aria-describedby="scan-hint";
+                    datalist id="scans" {
+                        @for (name, rig, lens) in scans { option value=(name) data-rig=(rig) data-lens=(lens) {} }
+                    }
+                    span.hint id="scan-hint" { "A new name makes a new scan." }
+                }
+                div data-for="stack" { label for="label" { "Label" } input id="label" name="label" autocomplete="off"; span.hint { "Optional" } }
+                div.short data-for="stack" { label for="pan_deg" { "Pan, °" } input id="pan_deg" name="pan_deg" inputmode="decimal" autocomplete="off"; span.hint { "Optional" } }
+                div.short data-for="stack" { label for="tilt_deg" { "Tilt, °" } input id="tilt_deg" name="tilt_deg" inputmode="decimal" autocomplete="off"; span.hint { "Optional" } }
+            }
+        }
+    }
+}

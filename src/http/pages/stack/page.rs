@@ -1,0 +1,105 @@
+//! `/stacks/{id}`: one stack. With `?compare={id}` the viewer also has the layers of another stack; a stack that was
+//! fused again is compared with the one that was sent.
+
+use axum::{
+    extract::State,
+    http::{HeaderValue, Uri, header},
+    response::{IntoResponse, Response},
+};
+use jiff::Timestamp;
+use maud::{Markup, html};
+use uuid::Uuid;
+
+use super::{actions, facts, plots, viewer};
+use crate::{
+    contract::{JobKind, JobState, request::JobRequest},
+    http::{
+        artifacts::outcome::of_stack,
+        auth::Caller,
+        extract::{JobId, params},
+        job_resource::{load, not_found},
+        pages::{
+            frame::{Frame, Place, Viewer},
+            stacks::row,
+            words::{sentence, text},
+        },
+        problem::ApiResult,
+        state::App,
+    },
+    store::Job,
+};
+
+/// The page, or its state alone for the script that follows it (`?part=state`).
+///
+/// # Errors
+/// `not_found`.
+pub async fn page(
+    State(app): State<App>,
+    caller: Caller,
+    viewer: Viewer,
+    JobId(id): JobId,
+    uri: Uri,
+) -> ApiResult<Response> {
+    let mut pairs = params::pairs(&uri)?;
+    let job = load(&app, id, JobKind::Stack).await?;
+    let JobRequest::Stack(request) = &job.request else { return Err(not_found(id, JobKind::Stack)) };
+    let queue = row::queue(&app, std::slice::from_ref(&job)).await?;
+    let state = state(&job, &queue);
+    if params::take(&mut pairs, "part").is_some() {
+        let headers = [
+            (header::CONTENT_TYPE, HeaderValue::from_static("text/html; charset=utf-8")),
+            (header::CACHE_CONTROL, HeaderValue::from_static("private, no-store")),
+        ];
+        return Ok((headers, state.into_string()).into_response());
+    }
+    let named = params::take(&mut pairs, "compare").and_then(|id| Uuid::parse_str(&id).ok());
+    let other = compared(&app, &caller, named.or(request.rerun_of).filter(|other| *other != id)).await?;
+    let outcome = of_stack(&job).ok();
+    let name = row::name(&job);
+    let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+    let reference = reference.map(|profile| profile.input.reference_index as usize);
+    let frame = Frame { title: &name, place: Place::Stacks, viewer: Some(&viewer), script: Some("stack.js") };
+    Ok(frame.answer(html! {
+        div.head {
+            div {
+                p.crumbs { a href="/" { "Stacks" } }
+                h1 { (text(&name)) }
+            }
+            (actions::buttons(&job, &viewer))
+        }
+        p id="told" role="alert" {}
+        div id="state" data-stack=(id) aria-live="polite" { (state) }
+        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, other.as_ref())) }
+        (facts::warnings(&job, outcome))
+        (actions::rerun(&job, &viewer))
+        @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }
+        div.columns {
+            (facts::facts(&job, request, outcome))
+            (facts::files(&job, outcome))
+        }
+    }))
+}
+
+fn state(job: &Job, queue: &[Uuid]) -> Markup {
+    html! {
+        div data-state=(job.state.as_str()) {
+            (row::how(job, queue, Timestamp::now()))
+            @if let Some(error) = &job.error {
+                p.error { (sentence(&error.detail)) }
+                @for place in &error.locations { p.small.soft { (text(&place.detail)) } }
+            }
+            @if job.state == JobState::Cancelled { p.soft { "It was cancelled, so it has no results." } }
+        }
+    }
+}
+
+/// The stack to compare with, if the caller may see it.
+async fn compared(app: &App, caller: &Caller, id: Option<Uuid>) -> ApiResult<Option<Job>> {
+    let Some(id) = id else { return Ok(None) };
+    if let Some(own) = caller.sees_only(app)
+        && app.store.metadata.owner(id).await?.is_some_and(|owner| owner != own)
+    {
+        return Ok(None);
+    }
+    Ok(app.store.metadata.job(id).await?.filter(|job| job.request.kind() == JobKind::Stack))
+}

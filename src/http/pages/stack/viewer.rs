@@ -1,0 +1,98 @@
+//! The viewer: which layers it can show, and its controls. `viewer.js` draws.
+
+use maud::{Markup, html};
+use serde::Serialize;
+
+use super::tiles::colours;
+use crate::{
+    contract::{artifact::StackArtifact, outcome::StackOutcome},
+    http::{
+        artifacts::{outcome::of_stack, pyramid::TILE},
+        pages::{stacks::row::name, words::text},
+    },
+    store::Job,
+};
+
+/// A picture that the viewer can show.
+#[derive(Serialize)]
+struct Layer {
+    name: String,
+    /// URL of its tiles; level, x and y follow.
+    tiles: String,
+    /// Version of the tiles.
+    version: String,
+    width: u32,
+    height: u32,
+}
+
+/// What the viewer gets.
+#[derive(Serialize)]
+struct Scene {
+    tile: u32,
+    layers: Vec<Layer>,
+}
+
+fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
+    let named = |artifact: StackArtifact| match artifact {
+        StackArtifact::Image => "Image",
+        StackArtifact::Mask => "Mask",
+        StackArtifact::Backlight => "Back light",
+        StackArtifact::Depth => "Sharpest slice",
+        StackArtifact::Height => "Height",
+        StackArtifact::HeightSigma => "Height uncertainty",
+        StackArtifact::Preview => "Preview",
+    };
+    let shown = StackArtifact::ALL.into_iter().filter(|artifact| colours(*artifact).is_some());
+    let layer = |artifact: StackArtifact| {
+        let stored = outcome.artifacts.iter().find(|stored| stored.name == artifact.name())?;
+        Some(Layer {
+            name: format!("{prefix}{}", named(artifact)),
+            tiles: format!("/stacks/{}/tiles/{}", job.id, artifact.name()),
+            version: stored.sha256.chars().take(12).collect(),
+            width: outcome.image.width,
+            height: outcome.image.height,
+        })
+    };
+    shown.filter_map(layer).collect()
+}
+
+/// The viewer of a stack; `other` is a stack to compare with.
+pub fn viewer(job: &Job, outcome: &StackOutcome, other: Option<&Job>) -> Markup {
+    let mut all = layers(job, outcome, "");
+    let own = all.len();
+    if let Some((other, outcome)) = other.and_then(|other| Some((other, of_stack(other).ok()?))) {
+        all.extend(layers(other, outcome, &format!("{}: ", name(other))));
+    }
+    let names: Vec<String> = all.iter().map(|layer| layer.name.clone()).collect();
+    let scene = serde_json::to_string(&Scene { tile: TILE, layers: all }).unwrap_or_default();
+    let (width, height) = (outcome.image.width, outcome.image.height);
+    html! {
+        section aria-label="Viewer" {
+            div.tools {
+                label { "Show " select id="layer" {
+                    @for (at, name) in names.iter().enumerate() { option value=(at) { (text(name)) } }
+                } }
+                label { "Compare with " select id="other" {
+                    option value="" { "nothing" }
+                    @for (at, name) in names.iter().enumerate() { option value=(at) { (text(name)) } }
+                } }
+                label id="divide" hidden { "Divider " input id="divider" type="range" min="0" max="1000" value="500"; }
+                label { "Behind " select id="behind" {
+                    option value="checks" { "checkerboard" } option value="black" { "black" }
+                    option value="white" { "white" } option value="grey" { "grey" }
+                } }
+                div.buttons {
+                    button type="button" id="fit" { "Whole image" }
+                    button type="button" id="full" { "1 : 1" }
+                    button type="button" id="closer" aria-label="Closer" { "+" }
+                    button type="button" id="farther" aria-label="Farther" { "−" }
+                }
+            }
+            div.viewer {
+                canvas id="viewer" tabindex="0" role="img" data-scene=(scene) data-own=(own)
+                    aria-label={ "Picture of " (width) " by " (height) " pixels. Arrow keys move it, plus and minus zoom, 0 shows all of it, 1 shows every pixel." } {}
+            }
+            p.readout id="readout" { (width) " × " (height) " px" }
+        }
+    }
+}

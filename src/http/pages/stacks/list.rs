@@ -1,0 +1,166 @@
+//! `/`: the stacks, newest first. The filter and the position are in the URL.
+//!
+//! A script of the page asks for the rows again (`?part=rows`) while something is in progress: one request for the
+//! whole page, whatever the number of stacks, answered with 304 when nothing changed.
+
+use axum::{
+    extract::State,
+    http::{HeaderMap, HeaderValue, StatusCode, Uri, header},
+    response::{IntoResponse, Response},
+};
+use jiff::Timestamp;
+use maud::{Markup, html};
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+use sha2::{Digest, Sha256};
+
+use super::row;
+use crate::{
+    contract::{JobKind, JobState},
+    http::{
+        auth::Caller,
+        extract::{
+            conditional::{etag, not_modified},
+            params,
+        },
+        pages::{
+            frame::{Frame, Place, Viewer},
+            words::text,
+        },
+        problem::ApiResult,
+        state::App,
+    },
+    store::{Job, JobFilter, Page, PageRequest},
+};
+
+/// Stacks on a page.
+const ROWS: u32 = 24;
+
+/// The page, or its rows alone.
+///
+/// # Errors
+/// `invalid_request` for a filter or a cursor that is none.
+pub async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    viewer: Viewer,
+    uri: Uri,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let mut pairs = params::pairs(&uri)?;
+    // a form sends its empty fields too
+    pairs.retain(|(_, value)| !value.trim().is_empty());
+    let rows_alone = params::take(&mut pairs, "part").is_some();
+    let cursor = params::take(&mut pairs, "cursor");
+    let filter = JobFilter { owner: caller.sees_only(&app), ..params::job_filter(JobKind::Stack, &pairs)? };
+    let is_first = cursor.is_none();
+    let page = app.store.metadata.jobs(&filter, &PageRequest { limit: ROWS, cursor }).await?;
+    let queue = row::queue(&app, &page.items).await?;
+    let rows = rows(&page, &queue);
+    if rows_alone {
+        return Ok(fragment(&headers, rows));
+    }
+    let frame = Frame { title: "Stacks", place: Place::Stacks, viewer: Some(&viewer), script: Some("list.js") };
+    Ok(frame.answer(html! {
+        div.head {
+            div { h1 { "Stacks" } }
+            @if viewer.stacks { a.button.main href="/send" { "Send a stack" } }
+        }
+        (filters(&filter))
+        @if page.items.is_empty() && page.skipped.is_empty() {
+            (empty(&filter, is_first, &viewer))
+        }
+        div id="rows" { (rows) }
+        p.soft id="told" role="status" {}
+        div.pager {
+            @if is_first { span {} } @else { a href=(link(&pairs, None)) { "Newest" } }
+            @if let Some(next) = &page.next_cursor { a href=(link(&pairs, Some(next))) rel="next" { "Older" } }
+        }
+    }))
+}
+
+fn rows(page: &Page<Job>, queue: &[uuid::Uuid]) -> Markup {
+    let now = Timestamp::now();
+    html! {
+        ol.rows {
+            @for job in &page.items { (row::row(job, queue, now)) }
+            @for skipped in &page.skipped {
+                li { span.thumb {} div.what { p.bad { (text(&skipped.id)) ": " (text(&skipped.detail)) } } }
+            }
+        }
+    }
+}
+
+/// Rows for the script of the page.
+fn fragment(headers: &HeaderMap, rows: Markup) -> Response {
+    let rows = rows.into_string();
+    let digest = Sha256::digest(rows.as_bytes());
+    let tag: String = digest[..12].iter().map(|byte| format!("{byte:02x}")).collect();
+    let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"))];
+    if not_modified(headers, &tag) {
+        return (StatusCode::NOT_MODIFIED, common).into_response();
+    }
+    (common, [(header::CONTENT_TYPE, "text/html; charset=utf-8")], rows).into_response()
+}
+
+fn filters(filter: &JobFilter) -> Markup {
+    let state = |state: JobState| match state {
+        JobState::Queued => "waiting",
+        JobState::Running => "running",
+        JobState::Succeeded => "done",
+        JobState::Failed => "failed",
+        JobState::Cancelled => "cancelled",
+    };
+    let names = [("rig", "Rig", &filter.rig), ("lens", "Lens", &filter.lens), ("scan", "Scan", &filter.scan)];
+    let is_set = filter.state.is_some() || names.iter().any(|(.., value)| value.is_some());
+    html! {
+        form.filters method="get" action="/" role="search" aria-label="Filter the stacks" {
+            div.fields {
+                div {
+                    label for="state" { "State" }
+                    select id="state" name="state" {
+                        option value="" { "all" }
+                        @for one in JobState::ALL {
+                            option value=(one.as_str()) selected[filter.state == Some(one)] { (state(one)) }
+                        }
+                    }
+                }
+                @for (id, label, value) in names {
+                    div {
+                        label for=(id) { (label) }
+                        input id=(id) name=(id) value=[value.as_ref().map(|name| name.as_str())] autocomplete="off" spellcheck="false";
+                    }
+                }
+                div.buttons {
+                    button type="submit" { "Filter" }
+                    @if is_set { a href="/" { "Show all" } }
+                }
+            }
+        }
+    }
+}
+
+fn empty(filter: &JobFilter, is_first: bool, viewer: &Viewer) -> Markup {
+    let is_all = JobFilter { kind: filter.kind, owner: filter.owner, ..JobFilter::default() } == *filter;
+    html! {
+        div.empty {
+            @if is_all && is_first {
+                p.lead { "There are no stacks yet." }
+                p { "A stack needs the profile of its rig and lens. Photograph a " a href="/plan" { "dot target" }
+                    " at every rail position once, and send these pictures as a calibration. Then send your stacks." }
+                @if viewer.stacks { p { a.button.main href="/send" { "Send pictures" } } }
+            } @else {
+                p.lead { "No stack matches." }
+                p { a href="/" { "Show all stacks" } }
+            }
+        }
+    }
+}
+
+/// The URL of the list with these filters, from `cursor` on.
+fn link(pairs: &[(String, String)], cursor: Option<&str>) -> String {
+    let cursor = cursor.map(|cursor| ("cursor", cursor));
+    let all = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str())).chain(cursor);
+    let query: Vec<String> =
+        all.map(|(name, value)| format!("{name}={}", utf8_percent_encode(value, NON_ALPHANUMERIC))).collect();
+    if query.is_empty() { "/".to_owned() } else { format!("/?{}", query.join("&")) }
+}
