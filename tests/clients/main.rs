@@ -17,6 +17,7 @@ mod python;
 mod server;
 mod tls;
 mod tus;
+mod web;
 mod zips;
 
 use std::process::Command;
@@ -39,7 +40,7 @@ fn is_here(program: &str) -> bool {
         "pydantic" => "python3 -c 'import pydantic, urllib3, dateutil'".to_owned(),
         "pytest" => "python3 -c 'import pytest, httpx, typing_extensions'".to_owned(),
         library @ ("numpy" | "tifffile" | "pandas" | "mypy" | "ruff") => format!("python3 -c 'import {library}'"),
-        "tus-js-client" => "node -e 'require(\"tus-js-client\")'".to_owned(),
+        package @ ("tus-js-client" | "playwright-core" | "axe-core") => format!("node -e 'require(\"{package}\")'"),
         program => format!("command -v {program}"),
     };
     let found = Command::new("sh").args(["-c", &command]).output();

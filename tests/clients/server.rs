@@ -31,6 +31,15 @@ impl Server {
         Self { process, url, folder }
     }
 
+    /// The same, with nothing that runs jobs.
+    pub fn start_without_workers() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
+        command.env("PINSTACK_WORKERS", "0");
+        let (process, url) = serve_by(command, &folder);
+        Self { process, url, folder }
+    }
+
     /// The same, requiring this token, which has all rights.
     pub fn start_with_a_token() -> (Self, String) {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,0 +1,122 @@
+//! The web pages in Chromium, driven by Playwright: one scenario of `web/suite.cjs` per test.
+
+use std::{fs, path::Path, process::Command};
+
+use crate::{
+    have, run,
+    server::{Server, small_rig, write_slices, write_stack_of},
+};
+
+const SUITE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clients/web/suite.cjs");
+
+fn is_ready() -> bool {
+    have(&["chromium", "node", "playwright-core", "axe-core"])
+}
+
+/// Writes what the scenarios send: a zip, and folders of slices.
+fn write_files(folder: &Path) {
+    write_stack_of(&small_rig(), &folder.join("stack.zip"));
+    fs::write(folder.join("notes.txt"), "nothing to see").expect("a file");
+    write_slices(&folder.join("slices"));
+    for view in ["pan000_tilt00", "pan020_tilt00"] {
+        for light in ["front", "back"] {
+            let to = folder.join("views").join(view).join(light);
+            fs::create_dir_all(&to).expect("a folder");
+            for slice in fs::read_dir(folder.join("slices").join(light)).expect("a folder") {
+                let slice = slice.expect("a slice");
+                fs::copy(slice.path(), to.join(slice.file_name())).expect("a copy");
+            }
+        }
+    }
+}
+
+fn scenario(name: &str, server: &Server) {
+    write_files(server.folder.path());
+    let chromium = run(Command::new("sh").args(["-c", "command -v chromium"]));
+    let told = run(Command::new("node")
+        .arg(SUITE)
+        .args([name, &server.url])
+        .arg(server.folder.path())
+        .env("CHROMIUM", chromium.trim()));
+    assert!(told.contains("done"), "{told}");
+}
+
+fn with_profile() -> Server {
+    let server = Server::start();
+    server.put_profile(&small_rig());
+    server
+}
+
+/// A server with a stack and a scan.
+fn with_work() -> Server {
+    let server = with_profile();
+    let zip = server.folder.path().join("first.zip");
+    write_stack_of(&small_rig(), &zip);
+    let scan = r#"{"rig":"rig","lens":"lens"}"#;
+    server.curl(&["-X", "PUT", "-H", "Content-Type: application/json", "-d", scan], "/v1/scans/bee");
+    for pan in [0, 20] {
+        let stack = server.fuse(&zip, &format!("&scan=bee&pan_deg={pan}&tilt_deg=0"));
+        assert_eq!(stack["state"], "succeeded", "{stack}");
+    }
+    server
+}
+
+#[test]
+fn a_folder_of_slices_becomes_a_picture_that_can_be_compared() {
+    if is_ready() {
+        scenario("upload", &with_profile());
+    }
+}
+
+#[test]
+fn a_folder_of_views_becomes_a_scan() {
+    if is_ready() {
+        scenario("scan", &with_profile());
+    }
+}
+
+#[test]
+fn an_upload_goes_on_after_a_cut_line_and_after_the_page_was_closed() {
+    if is_ready() {
+        scenario("cut", &with_profile());
+    }
+}
+
+#[test]
+fn a_waiting_stack_is_cancelled_and_deleted_after_confirmation() {
+    if is_ready() {
+        let server = Server::start_without_workers();
+        server.put_profile(&small_rig());
+        scenario("cancel", &server);
+    }
+}
+
+#[test]
+fn an_error_is_told_in_the_words_of_the_server() {
+    if is_ready() {
+        scenario("error", &with_profile());
+    }
+}
+
+#[test]
+fn the_pages_work_without_a_mouse() {
+    if is_ready() {
+        scenario("keyboard", &with_work());
+    }
+}
+
+#[test]
+fn the_pages_have_no_fault_that_axe_finds() {
+    if is_ready() {
+        scenario("axe", &with_work());
+    }
+}
+
+#[test]
+fn a_token_opens_the_pages() {
+    if is_ready() {
+        let (server, token) = Server::start_with_a_token();
+        fs::write(server.folder.path().join("token"), token).expect("a file");
+        scenario("token", &server);
+    }
+}

@@ -1,0 +1,297 @@
+// The web pages in Chromium, as a person uses them. Usage: node suite.cjs SCENARIO URL FOLDER
+// Any script error, any request to another server and anything that the content policy blocks fails the scenario.
+'use strict';
+const assert = require('node:assert/strict');
+const fs = require('node:fs');
+const path = require('node:path');
+const { chromium } = require('playwright-core');
+
+const [scenario, address, folder] = process.argv.slice(2);
+// by its name the service is no secure context for the browser, as in a lab without TLS
+const NAME = 'lab-pc.test';
+const base = scenario === 'token' ? address.replace('127.0.0.1', NAME) : address;
+const TUS = { 'tus-resumable': '1.0.0' };
+const zip = path.join(folder, 'stack.zip');
+
+/** A page that fails the scenario when something is wrong behind it. */
+async function opened(browser, options = {}) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 720 }, ...options });
+  const page = await context.newPage();
+  page.setDefaultTimeout(60000);
+  const wrong = [];
+  page.on('pageerror', (error) => wrong.push(error.message));
+  page.on('console', (line) => { if (/content security policy|refused to/i.test(line.text())) wrong.push(line.text()); });
+  page.on('request', (request) => { if (!/^(blob|data):/.test(request.url()) && !request.url().startsWith(base)) wrong.push(request.url()); });
+  page.settled = () => assert.deepEqual(wrong, []);
+  return page;
+}
+
+/** Fills the form for one stack. */
+async function describe(page, rig = 'rig') {
+  await page.goto(`${base}/send`);
+  await page.fill('#rig', rig);
+  await page.fill('#lens', 'lens');
+}
+
+const send = (page) => page.click('#go');
+const done = (page) => page.waitForSelector('#state .state.good');
+
+/** Opens the stack that was sent, when it is done. */
+async function finished(page) {
+  await page.click('#uploads a');
+  await page.waitForURL(/\/stacks\//);
+  await done(page);
+}
+
+/** Whether the canvas shows different colours. */
+function colours(page) {
+  return page.$eval('#viewer', (canvas) => {
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    const seen = new Set();
+    for (let at = 0; at < data.length; at += 4 * 97) seen.add((data[at] << 16) | (data[at + 1] << 8) | data[at + 2]);
+    return seen.size;
+  });
+}
+
+async function shows(page, least) {
+  await page.waitForFunction(() => document.getElementById('readout').textContent.includes('shown at'));
+  for (let tries = 0; tries < 200; tries += 1) {
+    if (await colours(page) >= least) return;
+    await page.evaluate(() => new Promise(requestAnimationFrame));
+  }
+  assert.fail(`the picture does not appear: ${await colours(page)} colours`);
+}
+
+const scenarios = {
+  // a folder of slices becomes a picture; another run is shown beside it
+  async upload(browser) {
+    const page = await opened(browser);
+    await describe(page);
+    await page.fill('#label', 'from a folder');
+    await page.setInputFiles('#folder', path.join(folder, 'slices'));
+    assert.match(await page.textContent('#chosen'), /8 pictures/);
+    await send(page);
+    await finished(page);
+    await page.waitForSelector('#viewer');
+    await shows(page, 50);
+    await page.selectOption('#layer', { label: 'Sharpest slice' });
+    await page.selectOption('#other', { label: 'Mask' });
+    await page.waitForSelector('#divide:not([hidden])');
+    await page.click('text=Fuse again with other options');
+    await page.selectOption('#rerun-method', 'pyramid');
+    await page.click('#rerun button');
+    await page.waitForSelector('text=Fused again from');
+    await done(page);
+    await page.waitForFunction(() => document.getElementById('other')?.selectedOptions[0]?.text.startsWith('from a folder'));
+    await shows(page, 50);
+    page.settled();
+    await page.goto(base);
+    await page.waitForSelector('.thumb img');
+    assert.equal(await page.locator('li[data-state=succeeded]').count(), 2);
+    // a thumbnail arrives as a picture
+    await page.waitForFunction(() => document.querySelector('.thumb img').naturalWidth > 0);
+    page.settled();
+  },
+
+  // a folder of views becomes a scan, which is grouped before it is sent
+  async scan(browser) {
+    const page = await opened(browser);
+    await describe(page);
+    await page.check('input[value=scan]');
+    await page.fill('#scan', 'bee');
+    await page.setInputFiles('#folder', path.join(folder, 'views'));
+    assert.match(await page.textContent('#chosen'), /pan000_tilt00[^]*pan020_tilt00/);
+    await send(page);
+    await page.click('text=See the scan bee');
+    await page.waitForSelector('.grid .view img');
+    assert.equal(await page.locator('.grid .view').count(), 2);
+    page.settled();
+  },
+
+  // the line is cut in the middle of an upload, and the page is closed in the middle of another
+  async cut(browser) {
+    const bytes = fs.readFileSync(zip);
+    const half = bytes.length >> 1;
+    const page = await opened(browser);
+    let offsets = [];
+    let cuts = 1;
+    await page.route('**/v1/uploads/*', async (route) => {
+      const request = route.request();
+      if (request.method() !== 'PATCH') return route.continue();
+      offsets.push(Number(request.headers()['upload-offset']));
+      if (cuts <= 0) return route.continue();
+      cuts -= 1;
+      // half of it arrives, then the line is cut
+      const headers = { ...TUS, 'upload-offset': '0', 'content-type': 'application/offset+octet-stream' };
+      const answer = await fetch(request.url(), { method: 'PATCH', headers, body: bytes.subarray(0, half) });
+      assert.equal(answer.status, 204);
+      return route.abort('connectionreset');
+    });
+    await describe(page);
+    await page.setInputFiles('#file', zip);
+    await send(page);
+    await finished(page);
+    assert.deepEqual(offsets, [0, half], 'it went on where it was cut');
+
+    offsets = [];
+    cuts = Infinity;
+    await describe(page);
+    await page.fill('#label', 'closed');
+    await page.setInputFiles('#file', zip);
+    // only the first request brings bytes: later ones are refused because of their offset
+    await page.unroute('**/v1/uploads/*');
+    await page.route('**/v1/uploads/*', async (route) => {
+      const request = route.request();
+      if (request.method() !== 'PATCH') return route.continue();
+      const headers = { ...TUS, 'upload-offset': '0', 'content-type': 'application/offset+octet-stream' };
+      await fetch(request.url(), { method: 'PATCH', headers, body: bytes.subarray(0, half) });
+      return route.abort('connectionreset');
+    });
+    await send(page);
+    await page.waitForSelector('#uploads >> text=the next attempt');
+    page.on('dialog', (dialog) => dialog.accept());
+    await page.unroute('**/v1/uploads/*');
+    await page.route('**/v1/uploads/*', (route) => {
+      if (route.request().method() === 'PATCH') offsets.push(Number(route.request().headers()['upload-offset']));
+      return route.continue();
+    });
+    await describe(page);
+    offsets = [];
+    await page.fill('#label', 'closed');
+    await page.setInputFiles('#file', zip);
+    await send(page);
+    await finished(page);
+    assert.deepEqual(offsets, [half], 'a later visit went on');
+    page.settled();
+  },
+
+  // the server has no workers: what is sent waits, and is cancelled and deleted with the keyboard alone
+  async cancel(browser) {
+    const page = await opened(browser);
+    await describe(page);
+    await page.setInputFiles('#file', zip);
+    await send(page);
+    await page.click('#uploads a');
+    await page.waitForSelector('#state .state.soft >> text=Waiting');
+    await page.focus('#cancel');
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('dialog[open]');
+    assert.equal(await page.evaluate(() => document.activeElement.textContent), 'Keep it', 'the safe answer has the focus');
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('dialog', { state: 'detached' });
+    assert.equal(await page.locator('#state >> text=Waiting').count(), 1, 'nothing happened');
+    await page.focus('#cancel');
+    await page.keyboard.press('Enter');
+    await page.keyboard.press('Tab');
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('#state >> text=Cancelled');
+    await page.focus('#delete');
+    await page.keyboard.press('Enter');
+    await page.keyboard.press('Tab');
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('text=There are no stacks yet');
+    page.settled();
+  },
+
+  // what is refused is told in the words of the server, and nothing that was typed is lost
+  async error(browser) {
+    const page = await opened(browser);
+    await describe(page, 'Rig');
+    await page.setInputFiles('#file', zip);
+    await send(page);
+    await page.waitForSelector("#uploads >> text=There is no profile for rig 'Rig'");
+    assert.match(await page.textContent('#uploads'), /there is rig 'rig'/);
+    assert.equal(await page.inputValue('#lens'), 'lens');
+    await page.setInputFiles('#file', path.join(folder, 'notes.txt'));
+    await page.waitForSelector('#told >> text=There are no JPEG, PNG or TIFF pictures');
+    page.settled();
+  },
+
+  // from the list to the pixels without a mouse
+  async keyboard(browser) {
+    const page = await opened(browser);
+    await page.goto(base);
+    await page.keyboard.press('Tab');
+    assert.equal(await page.evaluate(() => document.activeElement.textContent), 'Skip to the content');
+    await page.keyboard.press('Enter');
+    const focused = () => page.evaluate(() => document.activeElement.className || document.activeElement.id);
+    for (let presses = 0; await focused() !== 'name'; presses += 1) {
+      assert.ok(presses < 20, 'the first stack can be reached');
+      await page.keyboard.press('Tab');
+    }
+    const outline = await page.evaluate(() => getComputedStyle(document.activeElement).outlineStyle);
+    assert.notEqual(outline, 'none', 'the focus is visible');
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('#viewer');
+    await shows(page, 50);
+    for (let presses = 0; await focused() !== 'viewer'; presses += 1) {
+      assert.ok(presses < 30, 'the viewer can be reached');
+      await page.keyboard.press('Tab');
+    }
+    const before = await page.textContent('#readout');
+    await page.keyboard.press('+');
+    await page.waitForFunction((text) => document.getElementById('readout').textContent !== text, before);
+    await page.keyboard.press('1');
+    await page.waitForFunction(() => document.getElementById('readout').textContent.includes('100 %'));
+    await page.keyboard.press('ArrowRight');
+    await page.keyboard.press('0');
+    await page.waitForFunction((text) => document.getElementById('readout').textContent === text, before);
+    page.settled();
+  },
+
+  // no page has a fault that axe knows, in either theme
+  async axe(browser) {
+    const { source } = require('axe-core');
+    const { items: [stack] } = await (await fetch(`${base}/v1/stacks`)).json();
+    const pages = ['/', `/stacks/${stack.id}`, '/send', '/scans', '/scans/bee', '/profiles', '/profiles/rig/lens', '/stacks/none',
+      '/plan?focal_mm=65&f_number=5.6&magnification=1&pixel_pitch_um=4.14&object_depth_mm=5&mode=fixed_lens&image_width=6000&image_height=4000'];
+    for (const colorScheme of ['light', 'dark']) {
+      const page = await opened(browser, { colorScheme });
+      for (const where of pages) {
+        await page.goto(base + where);
+        await page.evaluate(source);
+        const { violations } = await page.evaluate(() => globalThis.axe.run());
+        const found = violations.map(({ id, nodes }) => `${colorScheme} ${where}: ${id}: ${nodes.map(({ html, failureSummary }) => `${html} ${failureSummary}`).join('; ')}`);
+        assert.deepEqual(found, []);
+      }
+      page.settled();
+      await page.context().close();
+    }
+  },
+
+  // a token in the form opens the pages, and signing out closes them
+  async token(browser) {
+    const page = await opened(browser);
+    const secret = fs.readFileSync(path.join(folder, 'token'), 'utf8').trim();
+    await page.goto(`${base}/send`);
+    await page.waitForURL(/\/sign-in/);
+    await page.fill('#token', 'pinstack_wrong');
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('[role=alert] >> text=This is not a token');
+    await page.fill('#token', secret);
+    await page.keyboard.press('Enter');
+    await page.waitForSelector('text=Send pictures');
+    assert.equal(new URL(page.url()).pathname, '/send', 'on to the page that was asked for');
+    assert.equal(await page.evaluate(() => document.cookie), '', 'no script sees the token');
+    // a change by the script of a page
+    await page.fill('#rig', 'rig');
+    await page.fill('#lens', 'lens');
+    await page.setInputFiles('#file', zip);
+    await send(page);
+    await page.waitForSelector("#uploads >> text=There is no profile for rig 'rig'");
+    await page.click('text=Sign out');
+    await page.goto(`${base}/scans`);
+    await page.waitForURL(/\/sign-in/);
+    page.settled();
+  },
+};
+
+(async () => {
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM || '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--disable-quic', `--host-resolver-rules=MAP ${NAME} 127.0.0.1`] });
+  try {
+    await scenarios[scenario](browser);
+    console.log(`${scenario}: done`);
+  } finally {
+    await browser.close();
+  }
+})().catch((error) => { console.error(error); process.exitCode = 1; });
