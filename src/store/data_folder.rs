@@ -1,7 +1,7 @@
-//! The data folder: a store in one folder of this machine. The only place that names the engines.
+//! The data folder: a store in one folder. The only place that names the engines.
 //!
 //! ```text
-//! {data_dir}/pinstack.sqlite      metadata, in SQLite
+//! {data_dir}/pinstack.sqlite      metadata, in SQLite, unless it is in Postgres
 //! {data_dir}/blobs, partial, spool    see `store::local`
 //! ```
 
@@ -16,6 +16,7 @@ use super::{
     failpoint::step,
     folder::{DATABASE, sync_folder},
     local::{self, remove},
+    postgres::{DatabaseUrl, PostgresMetadata},
     sqlite::SqliteMetadata,
 };
 
@@ -42,6 +43,39 @@ pub async fn open_with_clock(data_dir: &Path, clock: Arc<dyn Clock>) -> StoreRes
 /// As [`open`].
 pub async fn open_metadata(data_dir: &Path) -> StoreResult<Arc<dyn MetadataStore>> {
     open_database(&data_dir.join(DATABASE)).await
+}
+
+/// Opens the store in `data_dir` with its metadata in Postgres, if `database` names one, or else as [`open`]. Processes
+/// of several machines share such a store: each opens the same database, and the same folder on a common file system.
+///
+/// # Errors
+/// As [`open`]; when the database cannot be reached; and when the folder has a database of its own, whose stacks would
+/// not be seen any more.
+pub async fn open_shared(data_dir: &Path, database: Option<&DatabaseUrl>) -> StoreResult<Store> {
+    if database.is_none() {
+        return open(data_dir).await;
+    }
+    Store::new(open_shared_metadata(data_dir, database).await?, data_dir)
+}
+
+/// The metadata of such a store alone.
+///
+/// # Errors
+/// As [`open_shared`].
+pub async fn open_shared_metadata(
+    data_dir: &Path,
+    database: Option<&DatabaseUrl>,
+) -> StoreResult<Arc<dyn MetadataStore>> {
+    let Some(url) = database else { return open_metadata(data_dir).await };
+    if exists(data_dir) {
+        let error = anyhow::anyhow!(
+            "database_url: {} has a SQLite database already, and its stacks would not be seen; use a new data_dir with \
+             Postgres, or unset database_url",
+            data_dir.display()
+        );
+        return Err(error.into());
+    }
+    Ok(Arc::new(PostgresMetadata::open(url).await?))
 }
 
 /// True when the folder has a database.

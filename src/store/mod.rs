@@ -2,7 +2,7 @@
 //!
 //! | part of [`Store`] | trait | engine |
 //! |---|---|---|
-//! | profiles, scans, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`] |
+//! | profiles, scans, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`], or [`postgres`] for several machines |
 //! | uploads and results by key | [`BlobStore`] | [`local`] |
 //! | bytes of resumable uploads while they arrive | [`UploadParts`] | [`local`] |
 //! | scratch of this process | [`Workspace`], not a trait | |
@@ -30,7 +30,9 @@ pub mod local;
 pub mod metadata;
 pub mod page;
 pub mod parts;
+pub mod postgres;
 pub mod profiles;
+mod rows;
 pub mod scans;
 pub mod sqlite;
 pub mod tokens;
@@ -44,7 +46,7 @@ pub mod conformance;
 
 pub use blobs::BlobStore;
 pub use clock::{Clock, ManualClock, SystemClock};
-pub use data_folder::{open, open_metadata, open_with_clock};
+pub use data_folder::{open, open_metadata, open_shared, open_shared_metadata, open_with_clock};
 pub use error::{StoreError, StoreResult, is_full};
 pub use expiry::{Expiry, Retention};
 pub use jobs::{BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, OverQuota};
@@ -52,6 +54,7 @@ pub use leases::{Attempt, Finish, Heartbeat, Leases};
 pub use metadata::MetadataStore;
 pub use page::{Page, PageRequest, Skipped};
 pub use parts::UploadParts;
+pub use postgres::DatabaseUrl;
 pub use profiles::{Precondition, ProfileDraft, ProfileStore, PutProfile};
 pub use scans::ScanStore;
 pub use tokens::Tokens;

@@ -1,34 +1,7 @@
-//! Jumps of the wall clock. Expiry deletes for ever, so a clock that jumps must not expire anything.
-//!
-//! Each garbage collection stores the time at which it ran. If the wall clock then advances by more than a day that no
-//! process observed, the difference is stored as a gap. Everything created before a gap is kept longer by its length.
-//! Within one process the monotonic clock measures how much time passed, so collections may be far apart.
-
-use std::{sync::Mutex, sync::PoisonError, time::Duration};
+//! Jumps of the wall clock: the statements. See [`crate::store::rows::clock_gaps`].
 
 use super::{SqliteMetadata, StoreResult};
-
-/// Largest unobserved step of the wall clock that counts as time that passed, ms.
-const MAX_STEP_MS: i64 = 24 * 60 * 60 * 1000;
-
-/// The last observation of this process: wall-clock time in ms and monotonic time.
-#[derive(Debug, Default)]
-pub(super) struct LastSeen(Mutex<Option<(i64, Duration)>>);
-
-impl LastSeen {
-    /// The wall-clock time that is expected now, unless the clock was set.
-    fn expected(&self, steady: Duration) -> Option<i64> {
-        let seen = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        seen.map(|(at_ms, then)| {
-            let passed = steady.saturating_sub(then).as_millis();
-            at_ms.saturating_add(i64::try_from(passed).unwrap_or(i64::MAX))
-        })
-    }
-
-    fn set(&self, at_ms: i64, steady: Duration) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some((at_ms, steady));
-    }
-}
+use crate::store::rows::clock_gaps::warn;
 
 /// Observes the clock, and stores a gap if it jumped. To be called before anything expires.
 pub(super) async fn observe(store: &SqliteMetadata) -> StoreResult<()> {
@@ -50,20 +23,13 @@ pub(super) async fn observe(store: &SqliteMetadata) -> StoreResult<()> {
             .await?
         }
     };
-    let last = newest.unwrap_or(now).max(store.last_seen.expected(steady).unwrap_or(i64::MIN));
-    let gap = now.saturating_sub(last);
-    if gap > MAX_STEP_MS {
+    if let Some(gap) = store.last_seen.gap(newest, now, steady) {
         sqlx::query("INSERT OR REPLACE INTO clock_gaps (at_ms, gap_ms) VALUES (?1, ?2)")
             .bind(now)
             .bind(gap)
             .execute(&mut *tx)
             .await?;
-        tracing::error!(
-            days = gap / MAX_STEP_MS,
-            "the clock is more than a day ahead of the last garbage collection: it was set, or no server ran. This time does \
-             not count towards expiry: existing stacks and uploads are kept that much longer. If the clock is right, run \
-             'pinstack gc --clock-is-right' to let them expire by it; if it is wrong, set it"
-        );
+        warn(gap);
     }
     // a clock that is set back removes the gaps after its time
     sqlx::query("DELETE FROM clock_gaps WHERE at_ms > ?1").bind(now).execute(&mut *tx).await?;

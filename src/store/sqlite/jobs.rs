@@ -1,29 +1,22 @@
 //! Jobs as clients see them: accepted, listed, cancelled, deleted.
 
-use anyhow::Context;
 use async_trait::async_trait;
 use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
 use super::{
-    SqliteMetadata, StoreResult,
-    page::Window,
-    quota,
-    row::{JobRow, kind, signed, state},
-    scans,
-    transitions::{Transition, apply, state_and_lease},
+    SqliteMetadata, StoreResult, quota, scans,
+    transitions::{apply, state_and_lease},
 };
 use crate::{
     contract::{JobKind, JobState, Name, request::JobRequest},
     store::{
         BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
-        Skipped, json,
+        json,
+        rows::{JobRow, counts, keep_ms, kind, kind_name, listed, page::Window, signed, state, transition::Transition},
     },
 };
 use pinstack_science::types::Warning;
-
-/// Milliseconds of a day.
-const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;
 
 #[async_trait]
 impl JobQueue for SqliteMetadata {
@@ -87,19 +80,7 @@ impl JobQueue for SqliteMetadata {
         .bind(filter.owner)
         .fetch(&self.readers);
         let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
-        // parsing megabytes of JSON would block a thread that serves requests
-        let parsed = tokio::task::spawn_blocking(move || {
-            let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-            for row in rows {
-                let id = row.id;
-                match Job::try_from(row) {
-                    Ok(job) => page.items.push(job),
-                    Err(error) => page.skipped.push(Skipped::unreadable(id.to_string(), &error)),
-                }
-            }
-            page
-        });
-        Ok(parsed.await.context("the task that parses rows panicked")?)
+        listed(rows, next_cursor).await
     }
 
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
@@ -112,18 +93,7 @@ impl JobQueue for SqliteMetadata {
     async fn counts(&self) -> StoreResult<JobCounts> {
         let rows: Vec<(String, i64)> =
             sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&self.readers).await?;
-        let mut counts = JobCounts::default();
-        for (name, count) in rows {
-            let place = match state(&name)? {
-                JobState::Queued => &mut counts.queued,
-                JobState::Running => &mut counts.running,
-                JobState::Succeeded => &mut counts.succeeded,
-                JobState::Failed => &mut counts.failed,
-                JobState::Cancelled => &mut counts.cancelled,
-            };
-            *place = u64::try_from(count).unwrap_or(0);
-        }
-        Ok(counts)
+        counts(rows)
     }
 
     async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>> {
@@ -145,7 +115,7 @@ impl JobQueue for SqliteMetadata {
             }
             // no worker holds it: it is queued, or its lease has expired
             JobState::Queued | JobState::Running => {
-                apply(&mut tx, id, now, &Transition { state: "cancelled", ..Transition::default() }).await?;
+                apply(&mut tx, id, now, &Transition::cancelled()).await?;
                 sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1").bind(id).execute(&mut *tx).await?;
                 CancelRequest::Cancelled
             }
@@ -279,18 +249,4 @@ async fn find_by_idempotency_key(
     let Some(mut row) = row else { return Ok(None) };
     let fingerprint = row.fingerprint.take().unwrap_or_default();
     Ok(Some((row.try_into()?, fingerprint)))
-}
-
-pub(super) fn kind_name(kind: JobKind) -> &'static str {
-    match kind {
-        JobKind::Stack => "stack",
-        JobKind::Calibration => "calibration",
-    }
-}
-
-fn keep_ms(request: &JobRequest) -> Option<i64> {
-    match request {
-        JobRequest::Stack(stack) => stack.options.keep_days.map(|days| i64::from(days) * MS_PER_DAY),
-        JobRequest::Calibration(_) => None,
-    }
 }

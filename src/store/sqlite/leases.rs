@@ -8,24 +8,21 @@ use async_trait::async_trait;
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{
-    SqliteMetadata, StoreError, StoreResult,
-    expired_leases::Lease,
-    row::{JobRow, kind},
-    transitions,
-};
+use super::{SqliteMetadata, StoreResult, transitions};
 use crate::{
-    contract::{Code, Fault, JobKind, Progress},
+    contract::{Code, JobKind, Progress},
     store::{
         Attempt, Finish, Heartbeat, Job, Leases,
         clock::{later, millis},
-        json,
+        rows::{
+            JobRow,
+            expired_leases::{Lease, LeaseRow, MAX_PAUSE, fraction, release_values},
+            kind,
+            transition::{unreadable, worker_lost},
+        },
     },
     telemetry::events,
 };
-
-/// Longest pause of a released job. A longer one is the result of a clock that was set back; it is treated as over.
-const MAX_PAUSE: Duration = Duration::from_secs(60 * 60);
 
 #[async_trait]
 impl Leases for SqliteMetadata {
@@ -62,7 +59,7 @@ impl Leases for SqliteMetadata {
             Ok(job) => job,
             Err(error) => {
                 if let Some((id, token)) = claimed {
-                    fail_unreadable(self, id, token, &error).await?;
+                    transitions::finish(self, id, token, &unreadable(id, &error)).await?;
                 }
                 return self.claim(lease, max_attempts).await;
             }
@@ -84,7 +81,6 @@ impl Leases for SqliteMetadata {
         lease: Duration,
         progress: &Progress,
     ) -> StoreResult<Heartbeat> {
-        let fraction = if progress.fraction.is_finite() { progress.fraction.clamp(0.0, 1.0) } else { 0.0 };
         let mut tx = self.write().await?;
         // the right-hand sides refer to the row before the update, so only new progress increments the version
         let beat: Option<(bool, i64)> = sqlx::query_as(
@@ -101,7 +97,7 @@ impl Leases for SqliteMetadata {
         .bind(&progress.stage)
         .bind(progress.completed)
         .bind(progress.total)
-        .bind(fraction)
+        .bind(fraction(progress))
         .bind(millis(lease))
         .fetch_optional(&mut *tx)
         .await?;
@@ -117,11 +113,7 @@ impl Leases for SqliteMetadata {
 
     async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
         let now = self.clock.now_ms();
-        let (uncounted, claim_after) = match attempt {
-            Attempt::Counted { pause } if pause.is_zero() => (0, None),
-            Attempt::Counted { pause } => (0, Some(later(now, pause.min(MAX_PAUSE)))),
-            Attempt::NotCounted => (1, None),
-        };
+        let (uncounted, claim_after) = release_values(attempt, now);
         let mut tx = self.write().await?;
         let deleted = sqlx::query(
             "DELETE FROM jobs WHERE id = ?1 AND lease_token = ?2 AND state = 'running' AND delete_requested = 1",
@@ -157,15 +149,6 @@ impl Leases for SqliteMetadata {
     }
 }
 
-/// Fails a job whose row cannot be read: no worker could ever do it.
-async fn fail_unreadable(store: &SqliteMetadata, id: Uuid, token: i64, error: &StoreError) -> StoreResult<()> {
-    tracing::error!(job = %id, ?error, "the row of a job cannot be read");
-    let detail = "the stored request of this job cannot be read any more; the log of the service has the details under the id of \
-                  the job, and 'pinstack verify' finds other damage";
-    transitions::finish(store, id, token, &Finish::Failed(Fault::new(Code::Internal, detail))).await?;
-    Ok(())
-}
-
 /// The jobs whose lease has expired, as a JSON list of their ids in hex.
 async fn expired_leases(
     store: &SqliteMetadata,
@@ -173,18 +156,11 @@ async fn expired_leases(
     lease: Duration,
     now: i64,
 ) -> StoreResult<String> {
-    let rows: Vec<(Uuid, i64, i64, Option<i64>)> =
+    let rows: Vec<LeaseRow> =
         sqlx::query_as("SELECT id, lease_token, COALESCE(lease_until, 0), lease_ms FROM jobs WHERE state = 'running'")
             .fetch_all(connection)
             .await?;
-    let leases: Vec<(Uuid, Lease)> = rows
-        .into_iter()
-        .map(|(id, token, until, ms)| {
-            // NULL when an older version of the program wrote the row
-            let length = ms.map_or(lease, |ms| Duration::from_millis(ms.unsigned_abs()));
-            (id, Lease { token, until, length })
-        })
-        .collect();
+    let leases: Vec<(Uuid, Lease)> = rows.iter().map(|row| Lease::of_row(row, lease)).collect();
     let lost = store.observer.expired(&leases, now, store.clock.steady());
     Ok(serde_json::to_string(&lost.iter().map(|id| id.simple().to_string()).collect::<Vec<_>>())?)
 }
@@ -223,13 +199,6 @@ async fn end_lost_jobs(
         .fetch_all(&mut *connection)
         .await?,
     );
-    let fault = Fault::new(
-        Code::WorkerLost,
-        format!(
-            "the worker died {max_attempts} times on this job, so it is not retried; the usual reason is a stack that needs \
-             too much memory; see the log of the service"
-        ),
-    );
     let failed: Vec<(Uuid, String)> = sqlx::query_as(
         "UPDATE jobs
              SET state = 'failed', error = ?3, finished_at = ?1, lease_until = NULL, version = version + 1
@@ -238,7 +207,7 @@ async fn end_lost_jobs(
     )
     .bind(now)
     .bind(max_attempts)
-    .bind(json::stored::<Fault>("the error of a job", &fault)?)
+    .bind(worker_lost(max_attempts)?)
     .bind(lost)
     .fetch_all(&mut *connection)
     .await?;

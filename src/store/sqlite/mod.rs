@@ -5,15 +5,11 @@
 //! other process writes between the two.
 
 mod clock_gaps;
-mod error;
-mod expired_leases;
 mod expiry;
 mod jobs;
 mod leases;
-mod page;
 mod profiles;
 mod quota;
-mod row;
 mod scans;
 mod tokens;
 mod totals;
@@ -32,7 +28,7 @@ use sqlx::{
 use tokio::sync::broadcast;
 use uuid::Uuid;
 
-use super::{Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, folder};
+use super::{Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, folder, rows};
 
 /// How long a statement waits for a writer in another process.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
@@ -60,8 +56,8 @@ pub struct SqliteMetadata {
     writer: SqlitePool,
     readers: SqlitePool,
     clock: Arc<dyn Clock>,
-    observer: expired_leases::LeaseObserver,
-    last_seen: clock_gaps::LastSeen,
+    observer: rows::expired_leases::LeaseObserver,
+    last_seen: rows::clock_gaps::LastSeen,
     changes: broadcast::Sender<Uuid>,
 }
 
@@ -106,8 +102,8 @@ impl SqliteMetadata {
             writer,
             readers,
             clock,
-            observer: expired_leases::LeaseObserver::default(),
-            last_seen: clock_gaps::LastSeen::default(),
+            observer: rows::expired_leases::LeaseObserver::default(),
+            last_seen: rows::clock_gaps::LastSeen::default(),
             changes,
         })
     }

@@ -1,25 +1,21 @@
 //! Profiles and their revisions. A revision is stored twice: as a whole (`revisions.body`), and as the summary that
 //! lists show (`revision_heads.head`), so that a list does not read megabytes of homographies.
 
-use std::fmt::Display;
-
-use anyhow::Context;
 use async_trait::async_trait;
-use futures::Stream;
 use sqlx::{SqliteConnection, SqlitePool};
 
-use super::{
-    SqliteMetadata, StoreError, StoreResult,
-    page::Window,
-    row::{self, time},
-};
+use super::{SqliteMetadata, StoreError, StoreResult};
 use crate::{
     contract::{Name, ProfileSummary, profile::Profile},
     store::{
-        Page, PageRequest, Precondition, ProfileDraft, ProfileStore, PutProfile, Skipped,
-        digest::{optics_digest, profile_digest},
+        Page, PageRequest, Precondition, ProfileDraft, ProfileStore, PutProfile,
         failpoint::step,
         json,
+        rows::{
+            name,
+            page::Window,
+            profile::{RevisionRow, label, new_revision, parsed, read, stored, summary},
+        },
     },
 };
 
@@ -125,7 +121,7 @@ impl ProfileStore for SqliteMetadata {
         .bind(limit)
         .fetch_all(&self.readers)
         .await?;
-        rows.into_iter().map(|(rig, lens)| Ok((row::name(rig)?, row::name(lens)?))).collect()
+        rows.into_iter().map(|(rig, lens)| Ok((name(rig)?, name(lens)?))).collect()
     }
 
     async fn delete_profile(
@@ -176,32 +172,17 @@ pub(super) async fn insert(
     .bind(lens.as_str())
     .fetch_one(&mut *connection)
     .await?;
-    let profile = Profile {
-        rig: rig.clone(),
-        lens: lens.clone(),
-        revision,
-        digest: profile_digest(&draft.input),
-        optics_digest: optics_digest(&draft.input),
-        created_at: time(now_ms)?,
-        source: draft.source,
-        calibration_id: draft.calibration_id,
-        origin: draft.origin.clone(),
-        model: draft.model,
-        warnings: draft.warnings.clone(),
-        principal_distance_px: draft.input.principal_distance_px(),
-        slice_count: u32::try_from(draft.input.homographies.len()).unwrap_or(u32::MAX),
-        input: draft.input.clone(),
-        slices: draft.slices.clone(),
-    };
+    let profile = new_revision(rig, lens, revision, draft, now_ms)?;
+    let (body, head) = stored(&profile)?;
     let seq: i64 =
         sqlx::query_scalar("INSERT INTO revisions (rig, lens, revision, body) VALUES (?1, ?2, ?3, ?4) RETURNING seq")
             .bind(rig.as_str())
             .bind(lens.as_str())
             .bind(revision)
-            .bind(json::stored::<Profile>("a profile", &profile)?)
+            .bind(body)
             .fetch_one(&mut *connection)
             .await?;
-    insert_head(connection, seq, &profile).await?;
+    insert_head(connection, seq, &head).await?;
     Ok(profile)
 }
 
@@ -222,7 +203,7 @@ pub(super) async fn fill_heads(writer: &SqlitePool) -> StoreResult<()> {
         let Some(row) = row else { break };
         after = row.seq;
         match read(&row.label(), &row.json) {
-            Ok(profile) => insert_head(&mut tx, row.seq, &profile).await?,
+            Ok(profile) => insert_head(&mut tx, row.seq, &summary(&profile)?).await?,
             Err(error) => tracing::error!(row = row.label(), ?error, "a revision cannot be read"),
         }
     }
@@ -241,64 +222,12 @@ async fn current_revision(connection: &mut SqliteConnection, rig: &Name, lens: &
     Ok(current.flatten())
 }
 
-/// The columns of `revisions` that lists read.
-#[derive(sqlx::FromRow)]
-struct RevisionRow {
-    seq: i64,
-    rig: String,
-    lens: String,
-    revision: u32,
-    json: String,
-}
-
-impl RevisionRow {
-    fn label(&self) -> String {
-        label(&self.rig, &self.lens, self.revision)
-    }
-}
-
-/// How messages refer to a revision.
-fn label(rig: impl Display, lens: impl Display, revision: u32) -> String {
-    format!("{rig}/{lens}?revision={revision}")
-}
-
-/// Parses a page of rows. Rows that cannot be read are listed as skipped.
-async fn parsed<T: Send + 'static>(
-    window: &Window,
-    rows: impl Stream<Item = Result<RevisionRow, sqlx::Error>> + Unpin,
-    read: impl Fn(RevisionRow) -> StoreResult<T> + Send + 'static,
-) -> StoreResult<Page<T>> {
-    let (rows, next_cursor) = window.fill(rows, |row: &RevisionRow| (row.seq, row.json.len())).await?;
-    let parsed = tokio::task::spawn_blocking(move || {
-        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-        for row in rows {
-            let id = row.label();
-            match read(row) {
-                Ok(item) => page.items.push(item),
-                Err(error) => page.skipped.push(Skipped::unreadable(id, &error)),
-            }
-        }
-        page
-    });
-    Ok(parsed.await.context("the task that parses rows panicked")?)
-}
-
 /// Stores the summary of a revision.
-async fn insert_head(connection: &mut SqliteConnection, seq: i64, profile: &Profile) -> StoreResult<()> {
-    let head = json::stored::<ProfileSummary>("the summary of a profile", &ProfileSummary::from(profile))?;
+async fn insert_head(connection: &mut SqliteConnection, seq: i64, head: &str) -> StoreResult<()> {
     sqlx::query("INSERT INTO revision_heads (seq, head) VALUES (?1, ?2)")
         .bind(seq)
         .bind(head)
         .execute(connection)
         .await?;
     Ok(())
-}
-
-/// Parses a revision. One that was stored before profiles had an optics digest gets it here.
-fn read(row: &str, body: &str) -> StoreResult<Profile> {
-    let mut profile: Profile = json::read(row, body)?;
-    if profile.optics_digest.is_empty() {
-        profile.optics_digest = optics_digest(&profile.input);
-    }
-    Ok(profile)
 }

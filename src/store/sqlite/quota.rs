@@ -4,11 +4,11 @@
 use sqlx::{Executor, Sqlite, SqliteConnection};
 use uuid::Uuid;
 
-use super::{
-    StoreResult,
-    row::{signed, unsigned},
+use super::StoreResult;
+use crate::store::{
+    OverQuota,
+    rows::{signed, unsigned},
 };
-use crate::store::OverQuota;
 
 /// `None` when `bytes` more fit into the quota of `owner`, or when there is no quota.
 pub(super) async fn exceeded(

@@ -4,44 +4,20 @@ use async_trait::async_trait;
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{
-    SqliteMetadata, StoreError, StoreResult,
-    page::Window,
-    row::{name, time, unsigned},
-};
+use super::{SqliteMetadata, StoreResult};
 use crate::{
     contract::{Name, Scan, ScanInput},
     store::{
-        Page, PageRequest, Precondition, Skipped, json,
+        Page, PageRequest, Precondition, json,
+        rows::{
+            name,
+            page::Window,
+            scan::{ScanRow, listed},
+            unsigned,
+        },
         scans::{DeleteScan, PutScan, ScanFilter, ScanStore},
     },
 };
-
-/// A row of `scans`.
-#[derive(sqlx::FromRow)]
-struct ScanRow {
-    seq: i64,
-    name: String,
-    body: String,
-    version: u32,
-    created_at: i64,
-    updated_at: i64,
-}
-
-impl TryFrom<ScanRow> for Scan {
-    type Error = StoreError;
-
-    fn try_from(row: ScanRow) -> StoreResult<Self> {
-        let label = format!("the row of scan {}", row.name);
-        Ok(Self {
-            name: name(row.name)?,
-            input: json::read(label, &row.body)?,
-            version: row.version,
-            created_at: time(row.created_at)?,
-            updated_at: time(row.updated_at)?,
-        })
-    }
-}
 
 #[async_trait]
 impl ScanStore for SqliteMetadata {
@@ -121,15 +97,7 @@ impl ScanStore for SqliteMetadata {
         .bind(window.rows)
         .fetch(&self.readers);
         let (rows, next_cursor) = window.fill(rows, |row: &ScanRow| (row.seq, row.body.len())).await?;
-        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-        for row in rows {
-            let name = row.name.clone();
-            match Scan::try_from(row) {
-                Ok(scan) => page.items.push(scan),
-                Err(error) => page.skipped.push(Skipped::unreadable(name, &error)),
-            }
-        }
-        Ok(page)
+        Ok(listed(rows, next_cursor))
     }
 
     async fn scan_names(&self, owner: Option<Uuid>, limit: u32) -> StoreResult<Vec<Name>> {

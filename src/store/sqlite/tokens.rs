@@ -1,46 +1,16 @@
 //! Tokens.
 
-use anyhow::anyhow;
 use async_trait::async_trait;
 use uuid::Uuid;
 
-use super::{
-    SqliteMetadata, StoreError, StoreResult, quota,
-    row::{name, signed, time, unsigned},
-};
+use super::{SqliteMetadata, StoreResult, quota};
 use crate::{
     contract::Name,
-    store::tokens::{NewToken, Scope, Token, Tokens, names},
+    store::{
+        rows::{signed, token::TokenRow, unsigned},
+        tokens::{NewToken, Token, Tokens, names},
+    },
 };
-
-/// A row of `tokens`.
-#[derive(sqlx::FromRow)]
-struct TokenRow {
-    id: Uuid,
-    name: String,
-    digest: Vec<u8>,
-    scopes: String,
-    created_at: i64,
-    revoked_at: Option<i64>,
-    quota_bytes: Option<i64>,
-}
-
-impl TryFrom<TokenRow> for Token {
-    type Error = StoreError;
-
-    fn try_from(row: TokenRow) -> StoreResult<Self> {
-        let scopes: Result<Vec<Scope>, String> = row.scopes.split_whitespace().map(str::parse).collect();
-        Ok(Self {
-            id: row.id,
-            name: name(row.name)?,
-            scopes: scopes.map_err(|e| anyhow!("a row contains an unknown scope: {e}"))?,
-            digest: row.digest.try_into().map_err(|_| anyhow!("a row contains a digest of the wrong length"))?,
-            quota_bytes: row.quota_bytes.map(unsigned),
-            created_at: time(row.created_at)?,
-            revoked_at: row.revoked_at.map(time).transpose()?,
-        })
-    }
-}
 
 #[async_trait]
 impl Tokens for SqliteMetadata {

@@ -1,30 +1,16 @@
 //! Sums over all rows. Each query reads one covering index and no row, so a scrape stays cheap with many jobs.
 
-use super::{
-    SqliteMetadata, StoreResult, Totals,
-    row::{kind, state, time, unsigned},
-};
-use crate::store::totals::{JobTotals, QuotaUse};
+use super::{SqliteMetadata, StoreResult, Totals};
+use crate::store::rows::totals::{JobTotalsRow, from_rows};
 
 pub(super) async fn totals(store: &SqliteMetadata) -> StoreResult<Totals> {
     let now = store.clock.now_ms();
-    let rows: Vec<(String, String, i64, i64, i64, i64)> = sqlx::query_as(
+    let rows: Vec<JobTotalsRow> = sqlx::query_as(
         "SELECT kind, state, count(*), SUM(upload_bytes), SUM(result_bytes), MIN(created_at)
          FROM jobs GROUP BY kind, state",
     )
     .fetch_all(&store.readers)
     .await?;
-    let jobs = rows.into_iter().map(|(kind_name, state_name, count, uploads, results, oldest)| {
-        Ok(JobTotals {
-            kind: kind(&kind_name)?,
-            state: state(&state_name)?,
-            count: unsigned(count),
-            upload_bytes: unsigned(uploads),
-            result_bytes: unsigned(results),
-            oldest: time(oldest)?,
-        })
-    });
-    let jobs = jobs.collect::<StoreResult<Vec<_>>>()?;
     let (open, received): (i64, i64) = sqlx::query_as(
         "SELECT count(*), COALESCE(SUM(received), 0) FROM uploads
          WHERE job_kind IS NULL AND fault IS NULL AND expires_at > ?1",
@@ -46,6 +32,5 @@ pub(super) async fn totals(store: &SqliteMetadata) -> StoreResult<Totals> {
     .bind(now)
     .fetch_all(&store.readers)
     .await?;
-    let quotas = quotas.into_iter().map(|(quota, used)| QuotaUse { quota: unsigned(quota), used: unsigned(used) });
-    Ok(Totals { jobs, open_uploads: unsigned(open), open_upload_bytes: unsigned(received), quotas: quotas.collect() })
+    from_rows(rows, (open, received), quotas)
 }

@@ -4,33 +4,23 @@
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{
-    SqliteMetadata, StoreResult, profiles,
-    row::{self, signed},
-};
+use super::{SqliteMetadata, StoreResult, profiles};
 use crate::{
-    contract::{Code, Fault, JobState, outcome::JobOutcome},
-    store::{Finish, json},
+    contract::JobState,
+    store::{
+        Finish, json,
+        rows::{
+            name, state,
+            transition::{Transition, not_storable},
+        },
+    },
 };
-use pinstack_science::types::Warning;
-
-/// The final values of the row of a job.
-#[derive(Default)]
-pub(super) struct Transition<'a> {
-    pub(super) state: &'static str,
-    pub(super) error: Option<&'a Fault>,
-    pub(super) warnings: Option<&'a [Warning]>,
-    pub(super) outcome: Option<JobOutcome>,
-}
 
 /// Ends a running job. An outcome that cannot be stored (a number that is not finite) fails the job.
 pub(super) async fn finish(store: &SqliteMetadata, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
     match write_finish(store, id, lease_token, finish).await {
         Err(error) if json::is_not_storable(&error) => {
-            tracing::error!(job = %id, ?error, "the result of a job cannot be stored");
-            let detail = "the result of this job contains a number that cannot be stored; this is a bug of the service; its \
-                          log has the details under the id of the job";
-            write_finish(store, id, lease_token, &Finish::Failed(Fault::new(Code::Internal, detail))).await
+            write_finish(store, id, lease_token, &not_storable(id, &error)).await
         }
         written => written,
     }
@@ -51,29 +41,13 @@ async fn write_finish(store: &SqliteMetadata, id: Uuid, lease_token: i64, finish
     if delete_requested {
         sqlx::query("DELETE FROM jobs WHERE id = ?1").bind(id).execute(&mut *tx).await?;
     } else {
-        let end = match finish {
-            _ if cancel_requested => Transition { state: "cancelled", ..Transition::default() },
-            Finish::Cancelled => Transition { state: "cancelled", ..Transition::default() },
-            Finish::Failed(fault) => Transition { state: "failed", error: Some(fault), ..Transition::default() },
-            Finish::Succeeded { outcome, warnings, profile } => {
-                let mut outcome = (**outcome).clone();
-                if let Some(draft) = profile {
-                    let (rig, lens) = (row::name(rig)?, row::name(lens)?);
-                    let stored = profiles::insert(&mut tx, &rig, &lens, draft, now).await?;
-                    if let JobOutcome::Calibration(calibration) = &mut outcome {
-                        calibration.profile_revision = Some(stored.revision);
-                        calibration.profile_digest = Some(stored.digest);
-                        calibration.profile_optics_digest = Some(stored.optics_digest);
-                    }
-                }
-                Transition {
-                    state: "succeeded",
-                    warnings: Some(warnings),
-                    outcome: Some(outcome),
-                    ..Transition::default()
-                }
+        let profile = match finish {
+            Finish::Succeeded { profile: Some(draft), .. } if !cancel_requested => {
+                Some(profiles::insert(&mut tx, &name(rig)?, &name(lens)?, draft, now).await?)
             }
+            _ => None,
         };
+        let end = Transition::of(finish, cancel_requested, profile.as_ref());
         apply(&mut tx, id, now, &end).await?;
     }
     store.commit(tx, "rows.finish").await?;
@@ -101,10 +75,10 @@ pub(super) async fn apply(
     .bind(id)
     .bind(end.state)
     .bind(now)
-    .bind(end.error.map(|fault| json::stored::<Fault>("the error of a job", fault)).transpose()?)
-    .bind(end.warnings.map(|all| json::stored::<Vec<Warning>>("the warnings of a job", all)).transpose()?)
-    .bind(end.outcome.as_ref().map(|made| json::stored::<JobOutcome>("the result of a job", made)).transpose()?)
-    .bind(signed(end.outcome.as_ref().map_or(0, JobOutcome::bytes)))
+    .bind(end.error_json()?)
+    .bind(end.warnings_json()?)
+    .bind(end.outcome_json()?)
+    .bind(end.result_bytes())
     .execute(connection)
     .await?;
     Ok(())
@@ -121,5 +95,5 @@ pub(super) async fn state_and_lease(
             .bind(id)
             .fetch_optional(connection)
             .await?;
-    row.map(|(name, until)| Ok((row::state(&name)?, until.is_some_and(|until| until > now)))).transpose()
+    row.map(|(name, until)| Ok((state(&name)?, until.is_some_and(|until| until > now)))).transpose()
 }

@@ -1,86 +1,23 @@
 //! Resumable uploads.
 
-use anyhow::Context;
 use async_trait::async_trait;
 use sqlx::SqliteConnection;
 use uuid::Uuid;
 
-use super::{
-    SqliteMetadata, StoreError, StoreResult, clock_gaps, jobs, page, quota,
-    row::{JobRow, signed, time, unsigned},
-};
+use super::{SqliteMetadata, StoreResult, clock_gaps, jobs, quota};
 use crate::{
     contract::{Fault, UploadPurpose},
     store::{
-        Enqueue, EnqueueAll, NewJob, Page, PageRequest, Skipped,
+        Enqueue, EnqueueAll, NewJob, Page, PageRequest,
         clock::later,
         json,
-        uploads::{
-            Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRecords, UploadState,
+        rows::{
+            JobRow, kind_name, signed, unsigned,
+            upload::{OpenUploadRow, UploadRow, listed, open_uploads_window},
         },
+        uploads::{Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRecords},
     },
 };
-
-/// A row of `uploads`.
-#[derive(sqlx::FromRow)]
-struct UploadRow {
-    id: Uuid,
-    length: i64,
-    received: i64,
-    digest: Vec<u8>,
-    metadata: String,
-    job_kind: Option<String>,
-    fault: Option<String>,
-    wanted: i64,
-    created_at: i64,
-    expires_at: i64,
-}
-
-impl TryFrom<UploadRow> for PartialUpload {
-    type Error = StoreError;
-
-    fn try_from(row: UploadRow) -> StoreResult<Self> {
-        let state = match (row.job_kind, row.fault) {
-            (Some(name), _) => {
-                let purpose = UploadPurpose::of_name(&name);
-                UploadState::Complete(purpose.with_context(|| format!("a row contains the unknown purpose '{name}'"))?)
-            }
-            (None, Some(fault)) => {
-                UploadState::Refused(json::read(format_args!("the row of upload {}", row.id), &fault)?)
-            }
-            (None, None) => UploadState::Receiving,
-        };
-        Ok(Self {
-            id: row.id,
-            length: unsigned(row.length),
-            offset: unsigned(row.received),
-            digest: row.digest,
-            metadata: row.metadata,
-            state,
-            generation: row.wanted,
-            created_at: time(row.created_at)?,
-            expires_at: time(row.expires_at)?,
-        })
-    }
-}
-
-/// A row of `uploads` with the name of its token.
-#[derive(sqlx::FromRow)]
-struct OpenUploadRow {
-    #[sqlx(flatten)]
-    upload: UploadRow,
-    last_byte_at: Option<i64>,
-    token: Option<String>,
-}
-
-impl TryFrom<OpenUploadRow> for OpenUpload {
-    type Error = StoreError;
-
-    fn try_from(row: OpenUploadRow) -> StoreResult<Self> {
-        let last_byte_at = row.last_byte_at.map(time).transpose()?;
-        Ok(Self { upload: row.upload.try_into()?, token: row.token, last_byte_at })
-    }
-}
 
 #[async_trait]
 impl UploadRecords for SqliteMetadata {
@@ -123,12 +60,7 @@ impl UploadRecords for SqliteMetadata {
     }
 
     async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>> {
-        // ids are UUIDv7: their order is that of their creation
-        let before = match &page.cursor {
-            None => Uuid::max(),
-            Some(cursor) => Uuid::try_parse(cursor).map_err(|_| StoreError::InvalidCursor)?,
-        };
-        let full = page.limit.clamp(1, page::MOST) as usize;
+        let (before, limit) = open_uploads_window(page)?;
         let rows: Vec<OpenUploadRow> = sqlx::query_as(
             "SELECT uploads.*, tokens.name AS token FROM uploads LEFT JOIN tokens ON tokens.id = uploads.owner
              WHERE uploads.id < ?1 AND job_kind IS NULL AND fault IS NULL AND expires_at > ?2
@@ -136,20 +68,10 @@ impl UploadRecords for SqliteMetadata {
         )
         .bind(before)
         .bind(self.clock.now_ms())
-        .bind(full as i64 + 1)
+        .bind(limit)
         .fetch_all(&self.readers)
         .await?;
-        let more = rows.len() > full;
-        let mut page = Page { items: Vec::new(), next_cursor: None, skipped: Vec::new() };
-        for row in rows.into_iter().take(full) {
-            let id = row.upload.id;
-            page.next_cursor = more.then(|| id.simple().to_string());
-            match OpenUpload::try_from(row) {
-                Ok(open) => page.items.push(open),
-                Err(error) => page.skipped.push(Skipped::unreadable(id.to_string(), &error)),
-            }
-        }
-        Ok(page)
+        Ok(listed(rows, limit))
     }
 
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>> {
@@ -215,7 +137,7 @@ impl UploadRecords for SqliteMetadata {
         if let Enqueue::Accepted(_) = &enqueued {
             sqlx::query("UPDATE uploads SET job_kind = ?2 WHERE id = ?1")
                 .bind(job.id)
-                .bind(jobs::kind_name(job.request.kind()))
+                .bind(kind_name(job.request.kind()))
                 .execute(&mut *tx)
                 .await?;
             own_by_upload(&mut tx, job.id, job.id).await?;

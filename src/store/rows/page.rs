@@ -3,26 +3,25 @@
 
 use futures::{Stream, TryStreamExt};
 
-use super::{StoreError, StoreResult};
-use crate::store::PageRequest;
+use crate::store::{PageRequest, StoreError, StoreResult};
 
 /// Largest number of items of a page.
-pub(super) const MOST: u32 = 500;
+pub(in crate::store) const MOST: u32 = 500;
 /// A page ends before its rows exceed this size, so that a response stays below 4 MiB.
 const MOST_BYTES: usize = 3 << 20;
 /// Bytes that a response adds to each row: links, times, progress.
 const BYTES_PER_ROW: usize = 2 << 10;
 
 /// The rows of one page.
-pub(super) struct Window {
+pub(in crate::store) struct Window {
     /// Rows with a smaller sequence number belong to the page.
-    pub(super) before: i64,
+    pub(in crate::store) before: i64,
     /// Number of rows to read: one more than the page has, to find out whether there is a next page.
-    pub(super) rows: i64,
+    pub(in crate::store) rows: i64,
 }
 
 impl Window {
-    pub(super) fn of(page: &PageRequest) -> StoreResult<Self> {
+    pub(in crate::store) fn of(page: &PageRequest) -> StoreResult<Self> {
         let before = match &page.cursor {
             None => i64::MAX,
             Some(cursor) => {
@@ -34,7 +33,7 @@ impl Window {
 
     /// Reads the rows of the page (at least one, if there is any) and returns the cursor of the next page. `measure`
     /// returns the sequence number and the size of a row. Rows after the page are not read.
-    pub(super) async fn fill<R>(
+    pub(in crate::store) async fn fill<R>(
         &self,
         mut rows: impl Stream<Item = Result<R, sqlx::Error>> + Unpin,
         measure: impl Fn(&R) -> (i64, usize),

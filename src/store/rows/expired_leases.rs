@@ -17,26 +17,44 @@ use std::{
 
 use uuid::Uuid;
 
+use crate::{
+    contract::Progress,
+    store::{Attempt, clock::later},
+};
+
 /// A lease that has expired by the wall clock must also have been unchanged for this fraction of its length: several
 /// heartbeats.
 const PATIENCE: u32 = 5;
 
 /// A lease as stored. Each claim changes the token, each heartbeat the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Lease {
-    pub(super) token: i64,
-    pub(super) until: i64,
+pub(in crate::store) struct Lease {
+    pub(in crate::store) token: i64,
+    pub(in crate::store) until: i64,
     /// The length that its worker uses. Leases of this process may have another.
-    pub(super) length: Duration,
+    pub(in crate::store) length: Duration,
+}
+
+/// Id of a job, its lease token, the end of its lease, and the length in ms: NULL when an older version of the program
+/// wrote the row.
+pub(in crate::store) type LeaseRow = (Uuid, i64, i64, Option<i64>);
+
+impl Lease {
+    /// The job and its lease; `usual` is the length where the row has none.
+    pub(in crate::store) fn of_row(row: &LeaseRow, usual: Duration) -> (Uuid, Self) {
+        let (id, token, until, ms) = *row;
+        let length = ms.map_or(usual, |ms| Duration::from_millis(ms.unsigned_abs()));
+        (id, Self { token, until, length })
+    }
 }
 
 /// The leases that this process has observed, each with the monotonic time of its last change.
 #[derive(Debug, Default)]
-pub(super) struct LeaseObserver(Mutex<HashMap<Uuid, (Lease, Duration)>>);
+pub(in crate::store) struct LeaseObserver(Mutex<HashMap<Uuid, (Lease, Duration)>>);
 
 impl LeaseObserver {
     /// Observes all leases and returns those that have expired. `now_ms`: wall-clock time; `steady`: monotonic time.
-    pub(super) fn expired(&self, leases: &[(Uuid, Lease)], now_ms: i64, steady: Duration) -> Vec<Uuid> {
+    pub(in crate::store) fn expired(&self, leases: &[(Uuid, Lease)], now_ms: i64, steady: Duration) -> Vec<Uuid> {
         let mut seen = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let known = std::mem::take(&mut *seen);
         let mut expired = Vec::new();
@@ -55,9 +73,26 @@ impl LeaseObserver {
     }
 
     /// Records a lease that this process granted.
-    pub(super) fn granted(&self, id: Uuid, lease: Lease, steady: Duration) {
+    pub(in crate::store) fn granted(&self, id: Uuid, lease: Lease, steady: Duration) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(id, (lease, steady));
     }
+}
+
+/// Longest pause of a released job. A longer one is the result of a clock that was set back; it is treated as over.
+pub(in crate::store) const MAX_PAUSE: Duration = Duration::from_secs(60 * 60);
+
+/// What a release subtracts from the attempts, and the time before which the job is not claimed again.
+pub(in crate::store) fn release_values(attempt: Attempt, now_ms: i64) -> (i64, Option<i64>) {
+    match attempt {
+        Attempt::Counted { pause } if pause.is_zero() => (0, None),
+        Attempt::Counted { pause } => (0, Some(later(now_ms, pause.min(MAX_PAUSE)))),
+        Attempt::NotCounted => (1, None),
+    }
+}
+
+/// The fraction of a progress as a row has it: finite, 0 to 1.
+pub(in crate::store) fn fraction(progress: &Progress) -> f64 {
+    if progress.fraction.is_finite() { progress.fraction.clamp(0.0, 1.0) } else { 0.0 }
 }
 
 #[cfg(test)]

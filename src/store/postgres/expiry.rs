@@ -1,0 +1,56 @@
+//! Expiry of jobs and of their zips.
+
+use async_trait::async_trait;
+use uuid::Uuid;
+
+use super::{Lock, PostgresMetadata, StoreResult, clock_gaps};
+use crate::store::{Expiry, Retention, clock::millis};
+
+#[async_trait]
+impl Expiry for PostgresMetadata {
+    async fn delete_expired_jobs(&self, keep: &Retention) -> StoreResult<Vec<Uuid>> {
+        clock_gaps::observe(self).await?;
+        let mut tx = self.write_alone(Lock::Expiry).await?;
+        let now = self.now(&mut *tx).await?;
+        // keep_days of the job itself comes first; a succeeded calibration is kept, because profiles refer to it
+        let gone: Vec<Uuid> = sqlx::query_scalar(
+            "DELETE FROM jobs
+             WHERE finished_at + COALESCE(keep_ms, CASE
+                       WHEN state IN ('failed', 'cancelled') THEN $2::bigint
+                       WHEN state = 'succeeded' AND kind = 'stack' THEN $3::bigint
+                   END) + (SELECT COALESCE(SUM(gap_ms), 0)::bigint FROM clock_gaps WHERE at_ms > finished_at) <= $1::bigint
+               AND state IN ('succeeded', 'failed', 'cancelled')
+             RETURNING id",
+        )
+        .bind(now)
+        .bind(keep.failed.map(millis))
+        .bind(keep.stacks.map(millis))
+        .fetch_all(&mut *tx)
+        .await?;
+        self.commit_changes(tx, "rows.expire", &gone).await?;
+        Ok(gone)
+    }
+
+    async fn expire_job_uploads(&self, keep: &Retention) -> StoreResult<Vec<Uuid>> {
+        let Some(uploads) = keep.uploads else { return Ok(Vec::new()) };
+        clock_gaps::observe(self).await?;
+        let mut tx = self.write_alone(Lock::Expiry).await?;
+        let now = self.now(&mut *tx).await?;
+        let gone: Vec<Uuid> = sqlx::query_scalar(
+            "UPDATE jobs SET upload_removed = true, upload_bytes = 0
+             WHERE state = 'succeeded' AND NOT upload_removed
+               AND finished_at + $2::bigint + (SELECT COALESCE(SUM(gap_ms), 0)::bigint FROM clock_gaps WHERE at_ms > finished_at) <= $1::bigint
+             RETURNING id",
+        )
+        .bind(now)
+        .bind(millis(uploads))
+        .fetch_all(&mut *tx)
+        .await?;
+        self.commit(tx, "rows.expire_job_uploads").await?;
+        Ok(gone)
+    }
+
+    async fn confirm_clock(&self) -> StoreResult<()> {
+        clock_gaps::confirm(self).await
+    }
+}

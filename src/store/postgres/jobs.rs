@@ -1,0 +1,246 @@
+//! Jobs as clients see them: accepted, listed, cancelled, deleted.
+
+use async_trait::async_trait;
+use sqlx::{Executor, PgConnection, Postgres};
+use uuid::Uuid;
+
+use super::{
+    Lock, PostgresMetadata, StoreResult, quota, scans,
+    transitions::{apply, state_and_lease},
+};
+use crate::{
+    contract::{JobKind, JobState, Name, request::JobRequest},
+    store::{
+        BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
+        json,
+        rows::{
+            JobRow, blob_keys, counts, keep_ms, kind, kind_name, listed, page::Window, signed, state,
+            transition::Transition,
+        },
+    },
+};
+use pinstack_science::types::Warning;
+
+#[async_trait]
+impl JobQueue for PostgresMetadata {
+    async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let enqueued = insert(self, &mut tx, job, queue_limit).await?;
+        if let Enqueue::Accepted(_) = &enqueued {
+            self.commit_changes(tx, "rows.enqueue", &[job.id]).await?;
+        }
+        Ok(enqueued)
+    }
+
+    async fn enqueue_all(&self, jobs: &[NewJob], queue_limit: u64) -> StoreResult<EnqueueAll> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let enqueued = insert_all(self, &mut tx, jobs, queue_limit).await?;
+        if let EnqueueAll::Accepted(_) = &enqueued {
+            let ids: Vec<Uuid> = jobs.iter().map(|job| job.id).collect();
+            self.commit_changes(tx, "rows.enqueue_all", &ids).await?;
+        }
+        Ok(enqueued)
+    }
+
+    async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>> {
+        find_by_idempotency_key(&self.pool, key).await
+    }
+
+    async fn job(&self, id: Uuid) -> StoreResult<Option<Job>> {
+        let row: Option<JobRow> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1 AND NOT delete_requested")
+            .bind(id)
+            .fetch_optional(&self.pool)
+            .await?;
+        row.map(Job::try_from).transpose()
+    }
+
+    async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>> {
+        let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = $1 AND NOT delete_requested")
+            .bind(id)
+            .fetch_optional(&self.pool)
+            .await?;
+        name.as_deref().map(kind).transpose()
+    }
+
+    async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
+        let window = Window::of(page)?;
+        let rows = sqlx::query_as(
+            "SELECT * FROM jobs
+             WHERE seq < $1 AND NOT delete_requested
+               AND ($2::text IS NULL OR kind = $2) AND ($3::text IS NULL OR state = $3)
+               AND ($4::text IS NULL OR rig = $4) AND ($5::text IS NULL OR lens = $5) AND ($6::text IS NULL OR scan = $6)
+               AND ($8::uuid IS NULL OR owner IS NULL OR owner = $8)
+             ORDER BY seq DESC LIMIT $7",
+        )
+        .bind(window.before)
+        .bind(filter.kind.map(kind_name))
+        .bind(filter.state.map(JobState::as_str))
+        .bind(filter.rig.as_ref().map(Name::as_str))
+        .bind(filter.lens.as_ref().map(Name::as_str))
+        .bind(filter.scan.as_ref().map(Name::as_str))
+        .bind(window.rows)
+        .bind(filter.owner)
+        .fetch(&self.pool);
+        let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
+        listed(rows, next_cursor).await
+    }
+
+    async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
+        let ids = sqlx::query_scalar(
+            "SELECT id FROM jobs WHERE state = 'queued' AND NOT delete_requested ORDER BY seq LIMIT $1",
+        );
+        Ok(ids.bind(i64::from(limit)).fetch_all(&self.pool).await?)
+    }
+
+    async fn counts(&self) -> StoreResult<JobCounts> {
+        let rows: Vec<(String, i64)> =
+            sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&self.pool).await?;
+        counts(rows)
+    }
+
+    async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>> {
+        let mut tx = self.write().await?;
+        let now = self.now(&mut *tx).await?;
+        let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(None) };
+        let answer = match state {
+            JobState::Succeeded | JobState::Failed | JobState::Cancelled => {
+                return Ok(Some(CancelRequest::AlreadyEnded(state)));
+            }
+            JobState::Running if held => {
+                sqlx::query(
+                    "UPDATE jobs SET cancel_requested = true, version = version + 1 WHERE id = $1 AND NOT cancel_requested",
+                )
+                .bind(id)
+                .execute(&mut *tx)
+                .await?;
+                CancelRequest::Requested
+            }
+            // no worker holds it: it is queued, or its lease has expired
+            JobState::Queued | JobState::Running => {
+                apply(&mut tx, id, now, &Transition::cancelled()).await?;
+                sqlx::query("UPDATE jobs SET cancel_requested = true WHERE id = $1").bind(id).execute(&mut *tx).await?;
+                CancelRequest::Cancelled
+            }
+        };
+        self.commit_changes(tx, "rows.cancel", &[id]).await?;
+        Ok(Some(answer))
+    }
+
+    async fn delete_job(&self, id: Uuid) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let now = self.now(&mut *tx).await?;
+        let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(false) };
+        let sql = if state == JobState::Running && held {
+            // its idempotency key can be used again at once
+            "UPDATE jobs SET cancel_requested = true, delete_requested = true, idempotency_key = NULL, version = version + 1
+             WHERE id = $1"
+        } else {
+            "DELETE FROM jobs WHERE id = $1"
+        };
+        sqlx::query(sql).bind(id).execute(&mut *tx).await?;
+        self.commit_changes(tx, "rows.delete", &[id]).await?;
+        Ok(true)
+    }
+
+    async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>> {
+        let row: Option<(String, i64, bool)> =
+            sqlx::query_as("SELECT state, lease_token, upload_removed FROM jobs WHERE id = $1")
+                .bind(id)
+                .fetch_optional(&self.pool)
+                .await?;
+        let owner = |(name, lease_token, upload_removed): (String, i64, bool)| {
+            Ok(BlobOwner { state: state(&name)?, lease_token, upload_removed })
+        };
+        row.map(owner).transpose()
+    }
+
+    async fn blob_keys(&self, id: Uuid) -> StoreResult<Vec<String>> {
+        let row: Option<(String, Option<String>, bool)> =
+            sqlx::query_as("SELECT request, outcome, upload_removed FROM jobs WHERE id = $1")
+                .bind(id)
+                .fetch_optional(&self.pool)
+                .await?;
+        Ok(row.map(|(request, outcome, removed)| blob_keys(&request, outcome.as_deref(), removed)).unwrap_or_default())
+    }
+}
+
+/// Enqueues all jobs within a transaction that the caller commits if all of them are accepted.
+pub(super) async fn insert_all(
+    store: &PostgresMetadata,
+    connection: &mut PgConnection,
+    jobs: &[NewJob],
+    queue_limit: u64,
+) -> StoreResult<EnqueueAll> {
+    let mut accepted = Vec::with_capacity(jobs.len());
+    for job in jobs {
+        match insert(store, &mut *connection, job, queue_limit).await? {
+            Enqueue::Accepted(job) => accepted.push(*job),
+            refused => return Ok(EnqueueAll::Refused(refused)),
+        }
+    }
+    Ok(EnqueueAll::Accepted(accepted))
+}
+
+/// Enqueues a job within a transaction that the caller commits.
+pub(super) async fn insert(
+    store: &PostgresMetadata,
+    connection: &mut PgConnection,
+    job: &NewJob,
+    queue_limit: u64,
+) -> StoreResult<Enqueue> {
+    if let Some((key, fingerprint)) = &job.idempotency
+        && let Some((first, its_fingerprint)) = find_by_idempotency_key(&mut *connection, key).await?
+    {
+        let same = its_fingerprint == *fingerprint;
+        return Ok(if same { Enqueue::Repeated(Box::new(first)) } else { Enqueue::KeyReused });
+    }
+    if let Some(scan) = job.request.scan()
+        && !scans::accepts(&mut *connection, scan, &job.rig, &job.lens).await?
+    {
+        return Ok(Enqueue::NoSuchScan(scan.clone()));
+    }
+    let waiting: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *connection).await?;
+    let waiting = u64::try_from(waiting).unwrap_or(0);
+    if waiting >= queue_limit {
+        return Ok(Enqueue::QueueFull { waiting });
+    }
+    let now = store.now(&mut *connection).await?;
+    if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
+        return Ok(Enqueue::OverQuota(over));
+    }
+    let row: JobRow = sqlx::query_as(
+        "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
+                           lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
+                           idempotency_key, fingerprint, owner, upload_bytes)
+         VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13)
+         RETURNING *",
+    )
+    .bind(job.id)
+    .bind(kind_name(job.request.kind()))
+    .bind(job.rig.as_str())
+    .bind(job.lens.as_str())
+    .bind(job.request.scan().map(Name::as_str))
+    .bind(json::stored::<JobRequest>("the request of a job", &job.request)?)
+    .bind(now)
+    .bind(keep_ms(&job.request))
+    .bind(json::stored::<Vec<Warning>>("the warnings of a job", &job.warnings)?)
+    .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
+    .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
+    .bind(job.owner)
+    .bind(signed(job.request.upload().bytes))
+    .fetch_one(&mut *connection)
+    .await?;
+    Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
+}
+
+async fn find_by_idempotency_key(
+    executor: impl Executor<'_, Database = Postgres>,
+    key: &str,
+) -> StoreResult<Option<(Job, String)>> {
+    let row: Option<JobRow> =
+        sqlx::query_as("SELECT * FROM jobs WHERE idempotency_key = $1").bind(key).fetch_optional(executor).await?;
+    let Some(mut row) = row else { return Ok(None) };
+    let fingerprint = row.fingerprint.take().unwrap_or_default();
+    Ok(Some((row.try_into()?, fingerprint)))
+}

@@ -1,0 +1,210 @@
+//! Profiles and their revisions. A revision is stored twice: as a whole (`revisions.body`), and as the summary that
+//! lists show (`revision_heads.head`), so that a list does not read megabytes of homographies.
+
+use anyhow::Context;
+use async_trait::async_trait;
+use sqlx::PgConnection;
+
+use super::{Lock, PostgresMetadata, StoreResult, take};
+use crate::{
+    contract::{Name, ProfileSummary, profile::Profile},
+    store::{
+        Page, PageRequest, Precondition, ProfileDraft, ProfileStore, PutProfile, json,
+        rows::{
+            name,
+            page::Window,
+            profile::{RevisionRow, label, new_revision, parsed, read, stored},
+        },
+    },
+};
+
+#[async_trait]
+impl ProfileStore for PostgresMetadata {
+    async fn put_profile(
+        &self,
+        rig: &Name,
+        lens: &Name,
+        draft: &ProfileDraft,
+        condition: Precondition,
+    ) -> StoreResult<PutProfile> {
+        let mut tx = self.write_alone(Lock::Profiles).await?;
+        let now = self.now(&mut *tx).await?;
+        let current = current_revision(&mut tx, rig, lens).await?;
+        if !condition.holds(current) {
+            return Ok(PutProfile::PreconditionFailed(current));
+        }
+        let profile = insert(&mut tx, rig, lens, draft, now).await?;
+        self.commit(tx, "rows.put_profile").await?;
+        Ok(match current {
+            None => PutProfile::Created(profile),
+            Some(_) => PutProfile::Updated(profile),
+        })
+    }
+
+    async fn profile(&self, rig: &Name, lens: &Name, revision: Option<u32>) -> StoreResult<Option<Profile>> {
+        let row: Option<(i64, String)> = sqlx::query_as(
+            "SELECT revision, body FROM revisions NATURAL JOIN profiles
+             WHERE rig = $1 AND lens = $2 AND revision = COALESCE($3::bigint, current_revision) AND deleted_at IS NULL",
+        )
+        .bind(rig.as_str())
+        .bind(lens.as_str())
+        .bind(revision.map(i64::from))
+        .fetch_optional(&self.pool)
+        .await?;
+        row.map(|(revision, body)| read(&label(rig, lens, revision), &body)).transpose()
+    }
+
+    async fn profile_of_job(&self, rig: &Name, lens: &Name, revision: u32) -> StoreResult<Option<Profile>> {
+        let body: Option<String> =
+            sqlx::query_scalar("SELECT body FROM revisions WHERE rig = $1 AND lens = $2 AND revision = $3")
+                .bind(rig.as_str())
+                .bind(lens.as_str())
+                .bind(i64::from(revision))
+                .fetch_optional(&self.pool)
+                .await?;
+        body.map(|body| read(&label(rig, lens, revision), &body)).transpose()
+    }
+
+    async fn profiles(
+        &self,
+        rig: Option<&Name>,
+        lens: Option<&Name>,
+        page: &PageRequest,
+    ) -> StoreResult<Page<ProfileSummary>> {
+        let window = Window::of(page)?;
+        let rows = sqlx::query_as(
+            "SELECT seq, rig, lens, revision, COALESCE(head, body) AS json
+             FROM profiles NATURAL JOIN revisions LEFT JOIN revision_heads USING (seq)
+             WHERE revision = current_revision AND seq < $1
+               AND ($2::text IS NULL OR rig = $2) AND ($3::text IS NULL OR lens = $3)
+             ORDER BY seq DESC LIMIT $4",
+        )
+        .bind(window.before)
+        .bind(rig.map(Name::as_str))
+        .bind(lens.map(Name::as_str))
+        .bind(window.rows)
+        .fetch(&self.pool);
+        parsed(&window, rows, |row: RevisionRow| json::read(row.label(), &row.json)).await
+    }
+
+    async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>> {
+        let window = Window::of(page)?;
+        let rows = sqlx::query_as(
+            "SELECT seq, rig, lens, revision, COALESCE(head, body) AS json
+             FROM revisions LEFT JOIN revision_heads USING (seq)
+             WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL AND seq < $3
+             ORDER BY seq DESC LIMIT $4",
+        )
+        .bind(rig.as_str())
+        .bind(lens.as_str())
+        .bind(window.before)
+        .bind(window.rows)
+        .fetch(&self.pool);
+        parsed(&window, rows, |row: RevisionRow| json::read(row.label(), &row.json)).await
+    }
+
+    async fn all_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>> {
+        let window = Window::of(page)?;
+        let rows = sqlx::query_as(
+            "SELECT seq, rig, lens, revision, body AS json FROM revisions WHERE seq < $1 ORDER BY seq DESC LIMIT $2",
+        )
+        .bind(window.before)
+        .bind(window.rows)
+        .fetch(&self.pool);
+        parsed(&window, rows, |row: RevisionRow| read(&row.label(), &row.json)).await
+    }
+
+    async fn profile_keys(&self, limit: u32) -> StoreResult<Vec<(Name, Name)>> {
+        let rows: Vec<(String, String)> = sqlx::query_as(
+            "SELECT rig, lens FROM profiles WHERE current_revision IS NOT NULL ORDER BY rig, lens LIMIT $1",
+        )
+        .bind(i64::from(limit))
+        .fetch_all(&self.pool)
+        .await?;
+        rows.into_iter().map(|(rig, lens)| Ok((name(rig)?, name(lens)?))).collect()
+    }
+
+    async fn delete_profile(
+        &self,
+        rig: &Name,
+        lens: &Name,
+        condition: Precondition,
+    ) -> StoreResult<Result<bool, Option<u32>>> {
+        let mut tx = self.write_alone(Lock::Profiles).await?;
+        let now = self.now(&mut *tx).await?;
+        let current = current_revision(&mut tx, rig, lens).await?;
+        if !condition.holds(current) {
+            return Ok(Err(current));
+        }
+        if current.is_none() {
+            return Ok(Ok(false));
+        }
+        sqlx::query("UPDATE profiles SET current_revision = NULL WHERE rig = $1 AND lens = $2")
+            .bind(rig.as_str())
+            .bind(lens.as_str())
+            .execute(&mut *tx)
+            .await?;
+        sqlx::query("UPDATE revisions SET deleted_at = $3 WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL")
+            .bind(rig.as_str())
+            .bind(lens.as_str())
+            .bind(now)
+            .execute(&mut *tx)
+            .await?;
+        self.commit(tx, "rows.delete_profile").await?;
+        Ok(Ok(true))
+    }
+}
+
+/// Stores the next revision within a transaction that the caller commits.
+pub(super) async fn insert(
+    connection: &mut PgConnection,
+    rig: &Name,
+    lens: &Name,
+    draft: &ProfileDraft,
+    now_ms: i64,
+) -> StoreResult<Profile> {
+    take(connection, Lock::Profiles).await?;
+    let revision: i64 = sqlx::query_scalar(
+        "INSERT INTO profiles (rig, lens, last_revision, current_revision) VALUES ($1, $2, 1, 1)
+         ON CONFLICT (rig, lens) DO UPDATE
+         SET last_revision = profiles.last_revision + 1, current_revision = profiles.last_revision + 1
+         RETURNING current_revision",
+    )
+    .bind(rig.as_str())
+    .bind(lens.as_str())
+    .fetch_one(&mut *connection)
+    .await?;
+    let revision = u32::try_from(revision).context("a row contains a revision out of range")?;
+    let profile = new_revision(rig, lens, revision, draft, now_ms)?;
+    let (body, head) = stored(&profile)?;
+    let seq: i64 =
+        sqlx::query_scalar("INSERT INTO revisions (rig, lens, revision, body) VALUES ($1, $2, $3, $4) RETURNING seq")
+            .bind(rig.as_str())
+            .bind(lens.as_str())
+            .bind(i64::from(revision))
+            .bind(body)
+            .fetch_one(&mut *connection)
+            .await?;
+    insert_head(connection, seq, &head).await?;
+    Ok(profile)
+}
+
+async fn current_revision(connection: &mut PgConnection, rig: &Name, lens: &Name) -> StoreResult<Option<u32>> {
+    let current: Option<Option<i64>> =
+        sqlx::query_scalar("SELECT current_revision FROM profiles WHERE rig = $1 AND lens = $2")
+            .bind(rig.as_str())
+            .bind(lens.as_str())
+            .fetch_optional(connection)
+            .await?;
+    Ok(current.flatten().and_then(|current| u32::try_from(current).ok()))
+}
+
+/// Stores the summary of a revision.
+async fn insert_head(connection: &mut PgConnection, seq: i64, head: &str) -> StoreResult<()> {
+    sqlx::query("INSERT INTO revision_heads (seq, head) VALUES ($1, $2)")
+        .bind(seq)
+        .bind(head)
+        .execute(connection)
+        .await?;
+    Ok(())
+}

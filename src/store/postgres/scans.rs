@@ -1,0 +1,156 @@
+//! Scans.
+
+use async_trait::async_trait;
+use sqlx::PgConnection;
+use uuid::Uuid;
+
+use super::{Lock, PostgresMetadata, StoreResult};
+use crate::{
+    contract::{Name, Scan, ScanInput},
+    store::{
+        Page, PageRequest, Precondition, json,
+        rows::{
+            name,
+            page::Window,
+            scan::{ScanRow, listed},
+            unsigned,
+        },
+        scans::{DeleteScan, PutScan, ScanFilter, ScanStore},
+    },
+};
+
+#[async_trait]
+impl ScanStore for PostgresMetadata {
+    async fn put_scan(
+        &self,
+        name: &Name,
+        input: &ScanInput,
+        owner: Option<Uuid>,
+        condition: Precondition,
+    ) -> StoreResult<PutScan> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let current: Option<(i64, String, String)> =
+            sqlx::query_as("SELECT version, rig, lens FROM scans WHERE name = $1")
+                .bind(name.as_str())
+                .fetch_optional(&mut *tx)
+                .await?;
+        let version = current.as_ref().and_then(|(version, ..)| u32::try_from(*version).ok());
+        if !condition.holds(version) {
+            return Ok(PutScan::PreconditionFailed(version));
+        }
+        if let Some((_, rig, lens)) = &current
+            && (rig, lens) != (&input.rig.to_string(), &input.lens.to_string())
+        {
+            let stacks = stacks(&mut tx, name).await?;
+            if stacks > 0 {
+                return Ok(PutScan::HasStacks(stacks));
+            }
+        }
+        let now = self.now(&mut *tx).await?;
+        let row: ScanRow = sqlx::query_as(
+            "INSERT INTO scans (name, rig, lens, body, version, owner, created_at, updated_at)
+             VALUES ($1, $2, $3, $4, 1, $5, $6, $6)
+             ON CONFLICT (name) DO UPDATE
+             SET rig = $2, lens = $3, body = $4, version = scans.version + 1, updated_at = $6
+             RETURNING *",
+        )
+        .bind(name.as_str())
+        .bind(input.rig.as_str())
+        .bind(input.lens.as_str())
+        .bind(json::stored::<ScanInput>("a scan", input)?)
+        .bind(owner)
+        .bind(now)
+        .fetch_one(&mut *tx)
+        .await?;
+        self.commit(tx, "rows.put_scan").await?;
+        let scan = row.try_into()?;
+        Ok(if current.is_none() { PutScan::Created(scan) } else { PutScan::Updated(scan) })
+    }
+
+    async fn scan(&self, name: &Name) -> StoreResult<Option<Scan>> {
+        let row: Option<ScanRow> = sqlx::query_as("SELECT * FROM scans WHERE name = $1")
+            .bind(name.as_str())
+            .fetch_optional(&self.pool)
+            .await?;
+        row.map(Scan::try_from).transpose()
+    }
+
+    async fn scan_owner(&self, name: &Name) -> StoreResult<Option<Uuid>> {
+        let owner: Option<Option<Uuid>> = sqlx::query_scalar("SELECT owner FROM scans WHERE name = $1")
+            .bind(name.as_str())
+            .fetch_optional(&self.pool)
+            .await?;
+        Ok(owner.flatten())
+    }
+
+    async fn scans(&self, filter: &ScanFilter, page: &PageRequest) -> StoreResult<Page<Scan>> {
+        let window = Window::of(page)?;
+        let rows = sqlx::query_as(
+            "SELECT * FROM scans
+             WHERE seq < $1 AND ($2::text IS NULL OR rig = $2) AND ($3::text IS NULL OR lens = $3)
+               AND ($4::uuid IS NULL OR owner IS NULL OR owner = $4)
+             ORDER BY seq DESC LIMIT $5",
+        )
+        .bind(window.before)
+        .bind(filter.rig.as_ref().map(Name::as_str))
+        .bind(filter.lens.as_ref().map(Name::as_str))
+        .bind(filter.owner)
+        .bind(window.rows)
+        .fetch(&self.pool);
+        let (rows, next_cursor) = window.fill(rows, |row: &ScanRow| (row.seq, row.body.len())).await?;
+        Ok(listed(rows, next_cursor))
+    }
+
+    async fn scan_names(&self, owner: Option<Uuid>, limit: u32) -> StoreResult<Vec<Name>> {
+        let names: Vec<String> = sqlx::query_scalar(
+            "SELECT name FROM scans WHERE $1::uuid IS NULL OR owner IS NULL OR owner = $1 ORDER BY seq DESC LIMIT $2",
+        )
+        .bind(owner)
+        .bind(i64::from(limit))
+        .fetch_all(&self.pool)
+        .await?;
+        names.into_iter().map(name).collect()
+    }
+
+    async fn delete_scan(&self, name: &Name, condition: Precondition) -> StoreResult<DeleteScan> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let version: Option<i64> = sqlx::query_scalar("SELECT version FROM scans WHERE name = $1")
+            .bind(name.as_str())
+            .fetch_optional(&mut *tx)
+            .await?;
+        let version = version.and_then(|version| u32::try_from(version).ok());
+        if !condition.holds(version) {
+            return Ok(DeleteScan::PreconditionFailed(version));
+        }
+        if version.is_none() {
+            return Ok(DeleteScan::NotFound);
+        }
+        let stacks = stacks(&mut tx, name).await?;
+        if stacks > 0 {
+            return Ok(DeleteScan::HasStacks(stacks));
+        }
+        sqlx::query("DELETE FROM scans WHERE name = $1").bind(name.as_str()).execute(&mut *tx).await?;
+        self.commit(tx, "rows.delete_scan").await?;
+        Ok(DeleteScan::Deleted)
+    }
+}
+
+/// True when a scan of this name, rig and lens exists: a stack may join it.
+pub(super) async fn accepts(connection: &mut PgConnection, scan: &Name, rig: &Name, lens: &Name) -> StoreResult<bool> {
+    let found: Option<i32> = sqlx::query_scalar("SELECT 1 FROM scans WHERE name = $1 AND rig = $2 AND lens = $3")
+        .bind(scan.as_str())
+        .bind(rig.as_str())
+        .bind(lens.as_str())
+        .fetch_optional(connection)
+        .await?;
+    Ok(found.is_some())
+}
+
+/// Number of stacks of a scan.
+async fn stacks(connection: &mut PgConnection, scan: &Name) -> StoreResult<u64> {
+    let count: i64 = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE scan = $1 AND NOT delete_requested")
+        .bind(scan.as_str())
+        .fetch_one(connection)
+        .await?;
+    Ok(unsigned(count))
+}

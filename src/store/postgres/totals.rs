@@ -1,0 +1,36 @@
+//! Sums over all rows. Each query reads one covering index and no row, so a scrape stays cheap with many jobs.
+
+use super::{PostgresMetadata, StoreResult, Totals};
+use crate::store::rows::totals::{JobTotalsRow, from_rows};
+
+pub(super) async fn totals(store: &PostgresMetadata) -> StoreResult<Totals> {
+    let now = store.now(&store.pool).await?;
+    let rows: Vec<JobTotalsRow> = sqlx::query_as(
+        "SELECT kind, state, count(*), SUM(upload_bytes)::bigint, SUM(result_bytes)::bigint, MIN(created_at)
+         FROM jobs GROUP BY kind, state",
+    )
+    .fetch_all(&store.pool)
+    .await?;
+    let (open, received): (i64, i64) = sqlx::query_as(
+        "SELECT count(*), COALESCE(SUM(received), 0)::bigint FROM uploads
+         WHERE job_kind IS NULL AND fault IS NULL AND expires_at > $1",
+    )
+    .bind(now)
+    .fetch_one(&store.pool)
+    .await?;
+    // the same sum as `Tokens::used_bytes`
+    let quotas: Vec<(i64, i64)> = sqlx::query_as(
+        "SELECT quota_bytes, COALESCE(SUM(bytes), 0)::bigint
+         FROM tokens LEFT JOIN (
+             SELECT owner, upload_bytes + result_bytes AS bytes FROM jobs WHERE owner IS NOT NULL
+             UNION ALL
+             SELECT owner, length FROM uploads
+             WHERE owner IS NOT NULL AND job_kind IS NULL AND fault IS NULL AND expires_at > $1
+         ) AS used ON used.owner = tokens.id
+         WHERE quota_bytes IS NOT NULL AND revoked_at IS NULL GROUP BY tokens.id",
+    )
+    .bind(now)
+    .fetch_all(&store.pool)
+    .await?;
+    from_rows(rows, (open, received), quotas)
+}

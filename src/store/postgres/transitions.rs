@@ -1,0 +1,93 @@
+//! State transitions that end a job. Each reads and writes within one transaction that holds the write lock, so exactly
+//! one of a concurrent cancellation and finish wins.
+
+use sqlx::PgConnection;
+use uuid::Uuid;
+
+use super::{PostgresMetadata, StoreResult, profiles};
+use crate::{
+    contract::JobState,
+    store::{
+        Finish, json,
+        rows::{
+            name, state,
+            transition::{Transition, not_storable},
+        },
+    },
+};
+
+/// Ends a running job. An outcome that cannot be stored (a number that is not finite) fails the job.
+pub(super) async fn finish(store: &PostgresMetadata, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
+    match write_finish(store, id, lease_token, finish).await {
+        Err(error) if json::is_not_storable(&error) => {
+            write_finish(store, id, lease_token, &not_storable(id, &error)).await
+        }
+        written => written,
+    }
+}
+
+async fn write_finish(store: &PostgresMetadata, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
+    let mut tx = store.write().await?;
+    let now = store.now(&mut *tx).await?;
+    let held: Option<(bool, bool, String, String)> = sqlx::query_as(
+        "SELECT cancel_requested, delete_requested, rig, lens FROM jobs
+         WHERE id = $1 AND lease_token = $2 AND state = 'running' FOR UPDATE",
+    )
+    .bind(id)
+    .bind(lease_token)
+    .fetch_optional(&mut *tx)
+    .await?;
+    let Some((cancel_requested, delete_requested, rig, lens)) = held else { return Ok(false) };
+    if delete_requested {
+        sqlx::query("DELETE FROM jobs WHERE id = $1").bind(id).execute(&mut *tx).await?;
+    } else {
+        let profile = match finish {
+            Finish::Succeeded { profile: Some(draft), .. } if !cancel_requested => {
+                Some(profiles::insert(&mut tx, &name(rig)?, &name(lens)?, draft, now).await?)
+            }
+            _ => None,
+        };
+        let end = Transition::of(finish, cancel_requested, profile.as_ref());
+        apply(&mut tx, id, now, &end).await?;
+    }
+    store.commit_changes(tx, "rows.finish", &[id]).await?;
+    Ok(true)
+}
+
+/// Writes the end of a job within a transaction that the caller commits.
+pub(super) async fn apply(connection: &mut PgConnection, id: Uuid, now: i64, end: &Transition<'_>) -> StoreResult<()> {
+    sqlx::query(
+        "UPDATE jobs
+         SET state = $2::text, finished_at = $3, lease_until = NULL, version = version + 1, result_bytes = $7,
+             error = $4, warnings = COALESCE($5::text, warnings), outcome = $6,
+             stage = CASE WHEN $2 = 'succeeded' THEN 'done' ELSE stage END,
+             completed = CASE WHEN $2 = 'succeeded' THEN 1 ELSE completed END,
+             total = CASE WHEN $2 = 'succeeded' THEN 1 ELSE total END,
+             fraction = CASE WHEN $2 = 'succeeded' THEN 1.0 ELSE fraction END
+         WHERE id = $1",
+    )
+    .bind(id)
+    .bind(end.state)
+    .bind(now)
+    .bind(end.error_json()?)
+    .bind(end.warnings_json()?)
+    .bind(end.outcome_json()?)
+    .bind(end.result_bytes())
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// The state of a job, and whether a worker holds a lease on it. `None` for a job that is deleted.
+pub(super) async fn state_and_lease(
+    connection: &mut PgConnection,
+    id: Uuid,
+    now: i64,
+) -> StoreResult<Option<(JobState, bool)>> {
+    let row: Option<(String, Option<i64>)> =
+        sqlx::query_as("SELECT state, lease_until FROM jobs WHERE id = $1 AND NOT delete_requested FOR UPDATE")
+            .bind(id)
+            .fetch_optional(connection)
+            .await?;
+    row.map(|(name, until)| Ok((state(&name)?, until.is_some_and(|until| until > now)))).transpose()
+}

@@ -1,0 +1,254 @@
+//! Resumable uploads.
+
+use async_trait::async_trait;
+use sqlx::PgConnection;
+use uuid::Uuid;
+
+use super::{Lock, PostgresMetadata, StoreResult, clock_gaps, jobs, quota};
+use crate::{
+    contract::{Fault, UploadPurpose},
+    store::{
+        Enqueue, EnqueueAll, NewJob, Page, PageRequest,
+        clock::later,
+        json,
+        rows::{
+            JobRow, kind_name, signed, unsigned,
+            upload::{OpenUploadRow, UploadRow, listed, open_uploads_window},
+        },
+        uploads::{Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRecords},
+    },
+};
+
+#[async_trait]
+impl UploadRecords for PostgresMetadata {
+    async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let now = self.now(&mut *tx).await?;
+        let (open, of_owner): (i64, i64) = sqlx::query_as(
+            "SELECT count(*), count(*) FILTER (WHERE owner = $2) FROM uploads
+             WHERE job_kind IS NULL AND fault IS NULL AND expires_at > $1",
+        )
+        .bind(now)
+        .bind(upload.owner)
+        .fetch_one(&mut *tx)
+        .await?;
+        if unsigned(open) >= limits.all {
+            return Ok(CreateUpload::TooMany { of_owner: false });
+        }
+        if unsigned(of_owner) >= limits.of_owner {
+            return Ok(CreateUpload::TooMany { of_owner: true });
+        }
+        if let Some(over) = quota::exceeded(&mut tx, upload.owner, upload.length, now).await? {
+            return Ok(CreateUpload::OverQuota(over));
+        }
+        let row: UploadRow = sqlx::query_as(
+            "INSERT INTO uploads (id, length, received, digest, metadata, wanted, created_at, expires_at, owner)
+             VALUES ($1, $2, 0, $3, $4, 0, $5, $6, $7)
+             RETURNING *",
+        )
+        .bind(upload.id)
+        .bind(signed(upload.length))
+        .bind(&upload.digest)
+        .bind(&upload.metadata)
+        .bind(now)
+        .bind(later(now, upload.keep))
+        .bind(upload.owner)
+        .fetch_one(&mut *tx)
+        .await?;
+        self.commit(tx, "rows.create_upload").await?;
+        Ok(CreateUpload::Created(row.try_into()?))
+    }
+
+    async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>> {
+        let (before, limit) = open_uploads_window(page)?;
+        let now = self.now(&self.pool).await?;
+        let rows: Vec<OpenUploadRow> = sqlx::query_as(
+            "SELECT uploads.*, tokens.name AS token FROM uploads LEFT JOIN tokens ON tokens.id = uploads.owner
+             WHERE uploads.id < $1 AND job_kind IS NULL AND fault IS NULL AND expires_at > $2
+             ORDER BY uploads.id DESC LIMIT $3",
+        )
+        .bind(before)
+        .bind(now)
+        .bind(limit)
+        .fetch_all(&self.pool)
+        .await?;
+        Ok(listed(rows, limit))
+    }
+
+    async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>> {
+        let now = self.now(&self.pool).await?;
+        let row: Option<UploadRow> = sqlx::query_as("SELECT * FROM uploads WHERE id = $1 AND expires_at > $2")
+            .bind(id)
+            .bind(now)
+            .fetch_optional(&self.pool)
+            .await?;
+        row.map(PartialUpload::try_from).transpose()
+    }
+
+    async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>> {
+        let mut tx = self.write().await?;
+        let now = self.now(&mut *tx).await?;
+        let generation: Option<i64> = sqlx::query_scalar(
+            "UPDATE uploads SET wanted = wanted + 1 WHERE id = $1 AND expires_at > $2 RETURNING wanted",
+        )
+        .bind(id)
+        .bind(now)
+        .fetch_optional(&mut *tx)
+        .await?;
+        self.commit_changes(tx, "rows.want_upload", &[id]).await?;
+        Ok(generation)
+    }
+
+    async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let now = self.now(&mut *tx).await?;
+        let advanced = sqlx::query(
+            "UPDATE uploads SET received = $3, digest = $4, expires_at = $5, last_byte_at = $6
+             WHERE id = $1 AND received = $2 AND job_kind IS NULL AND fault IS NULL",
+        )
+        .bind(id)
+        .bind(signed(advance.from))
+        .bind(signed(advance.to))
+        .bind(&advance.digest)
+        .bind(later(now, advance.keep))
+        .bind(now)
+        .execute(&mut *tx)
+        .await?;
+        self.commit(tx, "rows.advance_upload").await?;
+        Ok(advanced.rows_affected() == 1)
+    }
+
+    async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let made: Option<(Option<String>, Option<String>)> =
+            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
+                .bind(job.id)
+                .fetch_optional(&mut *tx)
+                .await?;
+        match made {
+            None | Some((_, Some(_))) => return Ok(None),
+            Some((Some(_), None)) => {
+                let row: Option<JobRow> =
+                    sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(job.id).fetch_optional(&mut *tx).await?;
+                let job = row.map(TryInto::try_into).transpose()?;
+                return Ok(job.map(|job| Enqueue::Repeated(Box::new(job))));
+            }
+            Some((None, None)) => {}
+        }
+        let enqueued = jobs::insert(self, &mut tx, job, queue_limit).await?;
+        if let Enqueue::Accepted(_) = &enqueued {
+            sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1")
+                .bind(job.id)
+                .bind(kind_name(job.request.kind()))
+                .execute(&mut *tx)
+                .await?;
+            own_by_upload(&mut tx, job.id, job.id).await?;
+            self.commit_changes(tx, "rows.complete_upload", &[job.id]).await?;
+        }
+        Ok(Some(enqueued))
+    }
+
+    async fn complete_scan_upload(
+        &self,
+        id: Uuid,
+        jobs: &[NewJob],
+        queue_limit: u64,
+    ) -> StoreResult<Option<EnqueueAll>> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let made: Option<(Option<String>, Option<String>)> =
+            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
+                .bind(id)
+                .fetch_optional(&mut *tx)
+                .await?;
+        match made {
+            None | Some((_, Some(_))) => return Ok(None),
+            Some((Some(_), None)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
+            Some((None, None)) => {}
+        }
+        let enqueued = jobs::insert_all(self, &mut tx, jobs, queue_limit).await?;
+        if let EnqueueAll::Accepted(accepted) = &enqueued {
+            sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1")
+                .bind(id)
+                .bind(UploadPurpose::Scan.as_str())
+                .execute(&mut *tx)
+                .await?;
+            for job in accepted {
+                own_by_upload(&mut tx, job.id, id).await?;
+            }
+            let ids: Vec<Uuid> = jobs.iter().map(|job| job.id).chain([id]).collect();
+            self.commit_changes(tx, "rows.complete_scan_upload", &ids).await?;
+        }
+        Ok(Some(enqueued))
+    }
+
+    async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let refused = sqlx::query("UPDATE uploads SET fault = $2 WHERE id = $1 AND job_kind IS NULL")
+            .bind(id)
+            .bind(json::stored::<Fault>("the refusal of an upload", fault)?)
+            .execute(&mut *tx)
+            .await?;
+        self.commit(tx, "rows.refuse_upload").await?;
+        Ok(refused.rows_affected() == 1)
+    }
+
+    async fn delete_upload(&self, id: Uuid) -> StoreResult<bool> {
+        let mut tx = self.write().await?;
+        let deleted = sqlx::query("DELETE FROM uploads WHERE id = $1").bind(id).execute(&mut *tx).await?;
+        self.commit_changes(tx, "rows.delete_upload", &[id]).await?;
+        Ok(deleted.rows_affected() == 1)
+    }
+
+    async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>> {
+        clock_gaps::observe(self).await?;
+        let mut tx = self.write_alone(Lock::Expiry).await?;
+        let now = self.now(&mut *tx).await?;
+        let gone: Vec<Uuid> = sqlx::query_scalar(
+            "DELETE FROM uploads
+             WHERE expires_at + (SELECT COALESCE(SUM(gap_ms), 0)::bigint FROM clock_gaps WHERE at_ms > created_at) <= $1
+             RETURNING id",
+        )
+        .bind(now)
+        .fetch_all(&mut *tx)
+        .await?;
+        self.commit(tx, "rows.expire_uploads").await?;
+        Ok(gone)
+    }
+
+    async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool> {
+        let open: Option<i32> =
+            sqlx::query_scalar("SELECT 1 FROM uploads WHERE id = $1 AND job_kind IS NULL AND fault IS NULL")
+                .bind(id)
+                .fetch_optional(&self.pool)
+                .await?;
+        Ok(open.is_some())
+    }
+
+    async fn open_uploads(&self) -> StoreResult<Vec<Uuid>> {
+        Ok(sqlx::query_scalar("SELECT id FROM uploads WHERE job_kind IS NULL AND fault IS NULL ORDER BY id")
+            .fetch_all(&self.pool)
+            .await?)
+    }
+
+    async fn reserved_bytes(&self) -> StoreResult<u64> {
+        let now = self.now(&self.pool).await?;
+        let bytes: i64 = sqlx::query_scalar(
+            "SELECT COALESCE(SUM(length - received), 0)::bigint FROM uploads
+             WHERE job_kind IS NULL AND fault IS NULL AND expires_at > $1",
+        )
+        .bind(now)
+        .fetch_one(&self.pool)
+        .await?;
+        Ok(unsigned(bytes))
+    }
+}
+
+/// Gives a job to the token that created the upload, whichever token completed it.
+async fn own_by_upload(connection: &mut PgConnection, job: Uuid, upload: Uuid) -> StoreResult<()> {
+    sqlx::query("UPDATE jobs SET owner = (SELECT owner FROM uploads WHERE id = $2) WHERE id = $1")
+        .bind(job)
+        .bind(upload)
+        .execute(connection)
+        .await?;
+    Ok(())
+}

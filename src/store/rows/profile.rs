@@ -1,0 +1,104 @@
+//! Rows of profiles, and the revision that a draft becomes.
+
+use std::fmt::Display;
+
+use anyhow::Context;
+use futures::Stream;
+
+use super::{page::Window, time};
+use crate::{
+    contract::{Name, ProfileSummary, profile::Profile},
+    store::{
+        Page, ProfileDraft, Skipped, StoreResult,
+        digest::{optics_digest, profile_digest},
+        json,
+    },
+};
+
+/// The revision that a draft becomes.
+pub(in crate::store) fn new_revision(
+    rig: &Name,
+    lens: &Name,
+    revision: u32,
+    draft: &ProfileDraft,
+    now_ms: i64,
+) -> StoreResult<Profile> {
+    Ok(Profile {
+        rig: rig.clone(),
+        lens: lens.clone(),
+        revision,
+        digest: profile_digest(&draft.input),
+        optics_digest: optics_digest(&draft.input),
+        created_at: time(now_ms)?,
+        source: draft.source,
+        calibration_id: draft.calibration_id,
+        origin: draft.origin.clone(),
+        model: draft.model,
+        warnings: draft.warnings.clone(),
+        principal_distance_px: draft.input.principal_distance_px(),
+        slice_count: u32::try_from(draft.input.homographies.len()).unwrap_or(u32::MAX),
+        input: draft.input.clone(),
+        slices: draft.slices.clone(),
+    })
+}
+
+/// The body and the summary of a revision, as JSON.
+pub(in crate::store) fn stored(profile: &Profile) -> StoreResult<(String, String)> {
+    Ok((json::stored::<Profile>("a profile", profile)?, summary(profile)?))
+}
+
+/// The summary of a revision, as JSON.
+pub(in crate::store) fn summary(profile: &Profile) -> StoreResult<String> {
+    json::stored::<ProfileSummary>("the summary of a profile", &ProfileSummary::from(profile))
+}
+
+/// The columns of `revisions` that lists read.
+#[derive(sqlx::FromRow)]
+pub(in crate::store) struct RevisionRow {
+    pub(in crate::store) seq: i64,
+    pub(in crate::store) rig: String,
+    pub(in crate::store) lens: String,
+    pub(in crate::store) revision: i64,
+    pub(in crate::store) json: String,
+}
+
+impl RevisionRow {
+    pub(in crate::store) fn label(&self) -> String {
+        label(&self.rig, &self.lens, self.revision)
+    }
+}
+
+/// How messages refer to a revision.
+pub(in crate::store) fn label(rig: impl Display, lens: impl Display, revision: impl Display) -> String {
+    format!("{rig}/{lens}?revision={revision}")
+}
+
+/// Parses a page of rows. Rows that cannot be read are listed as skipped.
+pub(in crate::store) async fn parsed<T: Send + 'static>(
+    window: &Window,
+    rows: impl Stream<Item = Result<RevisionRow, sqlx::Error>> + Unpin,
+    read: impl Fn(RevisionRow) -> StoreResult<T> + Send + 'static,
+) -> StoreResult<Page<T>> {
+    let (rows, next_cursor) = window.fill(rows, |row: &RevisionRow| (row.seq, row.json.len())).await?;
+    let parsed = tokio::task::spawn_blocking(move || {
+        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
+        for row in rows {
+            let id = row.label();
+            match read(row) {
+                Ok(item) => page.items.push(item),
+                Err(error) => page.skipped.push(Skipped::unreadable(id, &error)),
+            }
+        }
+        page
+    });
+    Ok(parsed.await.context("the task that parses rows panicked")?)
+}
+
+/// Parses a revision. One that was stored before profiles had an optics digest gets it here.
+pub(in crate::store) fn read(row: &str, body: &str) -> StoreResult<Profile> {
+    let mut profile: Profile = json::read(row, body)?;
+    if profile.optics_digest.is_empty() {
+        profile.optics_digest = optics_digest(&profile.input);
+    }
+    Ok(profile)
+}
