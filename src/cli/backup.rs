@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::store::Place;
+use super::{
+    config::ServeConfig,
+    store::{Place, open},
+};
 use crate::store::{
     self,
     backup::{Copied, copy, remove_mark},
@@ -43,7 +46,9 @@ impl Backup {
     pub fn run(self) -> anyhow::Result<()> {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let (_, store) = self.place.open().await?;
+            let config = self.place.config()?;
+            refuse_postgres(&config)?;
+            let (_, store) = open(config).await?;
             let copied = copy(&store, &self.to).await?;
             store.metadata.close().await;
             print(copied);
@@ -58,7 +63,9 @@ impl Restore {
     /// # Errors
     /// When there is a database already, the backup cannot be read, or something in it is missing or has changed.
     pub fn run(self) -> anyhow::Result<()> {
-        let to = self.place.config()?.data_dir;
+        let config = self.place.config()?;
+        refuse_postgres(&config)?;
+        let to = config.data_dir;
         if data_folder::exists(&to) {
             bail!("{} has a database; specify a new folder with --data-dir, or move the old one away", to.display());
         }
@@ -78,6 +85,18 @@ impl Restore {
             require_complete(&report)
         })
     }
+}
+
+/// These commands copy the database as a file.
+fn refuse_postgres(config: &ServeConfig) -> anyhow::Result<()> {
+    if config.database()?.is_some() {
+        bail!(
+            "the rows are in Postgres: back them up with pg_dump (or restore them with pg_restore) first, then copy the \
+             folder {} with a snapshot of its file system or rsync; 'pinstack verify' compares both",
+            config.data_dir.display()
+        );
+    }
+    Ok(())
 }
 
 fn print(copied: Copied) {

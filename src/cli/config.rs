@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow, bail};
 use figment::{
     Figment, Metadata, Source,
     providers::{Env, Format, Serialized, Toml},
@@ -14,7 +14,7 @@ use super::{
     environment::{self, PREFIX},
     settings::{KEYS, flag},
 };
-use crate::store::Retention;
+use crate::store::{DatabaseUrl, Retention};
 
 impl ServeConfig {
     /// Merges the sources and checks the result.
@@ -44,6 +44,22 @@ impl ServeConfig {
             return Err(anyhow!("{key} {rule}{source}"));
         }
         Ok(config)
+    }
+
+    /// The database of `database_url` or `database_url_file`; `None`: SQLite in the data folder.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or contains no URL of Postgres.
+    pub fn database(&self) -> anyhow::Result<Option<DatabaseUrl>> {
+        let Some(file) = &self.database_url_file else { return Ok(self.database_url.clone()) };
+        let text = std::fs::read_to_string(file)
+            .with_context(|| format!("database_url_file: cannot read {}", file.display()))?;
+        let url = DatabaseUrl::new(text.trim());
+        if !url.is_valid() {
+            let file = file.display();
+            bail!("database_url_file: {file} must contain a URL of Postgres: postgres://user:password@host/pinstack");
+        }
+        Ok(Some(url))
     }
 
     /// How long finished jobs are kept.

@@ -20,6 +20,7 @@ pub mod target;
 pub mod tls;
 pub mod token;
 pub mod verify;
+pub mod work;
 
 use std::process::ExitCode;
 
@@ -40,6 +41,8 @@ struct Arguments {
 enum Command {
     /// Serve the API and run jobs (the default)
     Serve(Box<config::Flags>),
+    /// Run jobs without serving the API: more machines for the service whose database_url and data_dir this one shares
+    Work(Box<config::Flags>),
     /// Calibrate and fuse a synthetic stack through the service, and compare the results with the truth
     Demo(demo::Demo),
     /// Print the OpenAPI document
@@ -64,6 +67,7 @@ pub fn main() -> ExitCode {
     let done = match arguments.command {
         None => serve::run(arguments.serve),
         Some(Command::Serve(flags)) => serve::run(*flags),
+        Some(Command::Work(flags)) => work::run(*flags),
         Some(Command::Demo(demo)) => demo.run(),
         Some(Command::Openapi) => openapi::run(),
         Some(Command::Token(token)) => token.run(),

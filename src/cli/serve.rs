@@ -26,10 +26,10 @@ use crate::{
 };
 
 /// How long running jobs may take to end after the shutdown begins. Then they return to the queue.
-const GRACE: Duration = Duration::from_secs(5);
+pub(super) const GRACE: Duration = Duration::from_secs(5);
 
 /// Exit code when a second signal ends the process at once: that of a process killed by SIGTERM.
-const ENDED_BY_SIGNAL: i32 = 143;
+pub(super) const ENDED_BY_SIGNAL: i32 = 143;
 
 /// Runs until SIGTERM or SIGINT; a second signal ends the process at once.
 ///
@@ -84,7 +84,7 @@ impl Service {
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
         remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        let store = store::open(data_dir).await?;
+        let store = store::open_shared(data_dir, config.database()?.as_ref()).await?;
         let listener = TcpListener::bind(&config.listen)
             .await
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
@@ -102,14 +102,7 @@ impl Service {
         let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
         let (disk, runner) = (Arc::clone(&app.disk), Arc::new(science));
         let deps = Deps { store: store.clone(), disk, runner };
-        let workers = worker::Config {
-            workers: config.workers,
-            memory_budget: config.memory_mb << 20,
-            lease: Duration::from_secs(config.lease_s),
-            beat: Duration::from_secs(config.lease_s) / worker::BEATS_PER_LEASE,
-            ..worker::Config::default()
-        };
-        let pool = Pool::start(deps, workers);
+        let pool = Pool::start(deps, workers(config));
         let maintenance = maintenance::start(store, maintenance::EVERY, config.retention());
         let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
@@ -128,6 +121,18 @@ impl Service {
         self.shutdown.cancel();
         let (served, ()) = tokio::join!(self.server, self.pool.shutdown(GRACE));
         Ok(served??)
+    }
+}
+
+/// The workers of a process.
+pub(super) fn workers(config: &ServeConfig) -> worker::Config {
+    let lease = Duration::from_secs(config.lease_s);
+    worker::Config {
+        workers: config.workers,
+        memory_budget: config.memory_mb << 20,
+        lease,
+        beat: lease / worker::BEATS_PER_LEASE,
+        ..worker::Config::default()
     }
 }
 
@@ -184,18 +189,18 @@ fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
 }
 
 /// SIGTERM and SIGINT.
-struct StopSignals {
+pub(super) struct StopSignals {
     terminate: Signal,
     interrupt: Signal,
 }
 
 impl StopSignals {
-    fn listen() -> anyhow::Result<Self> {
+    pub(super) fn listen() -> anyhow::Result<Self> {
         Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
     }
 
     /// Waits for the next signal.
-    async fn next(&mut self) {
+    pub(super) async fn next(&mut self) {
         tokio::select! {
             _ = self.terminate.recv() => {}
             _ = self.interrupt.recv() => {}

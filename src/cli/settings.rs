@@ -12,6 +12,7 @@ use serde_json::Value;
 use super::{access::Auth, environment::PREFIX, logging::LogFormat};
 use crate::{
     http::{Policy, connections::AddressRange},
+    store::DatabaseUrl,
     worker,
 };
 
@@ -165,6 +166,15 @@ settings! {
             "Format of the log";
     }
     optional {
+        database_url: DatabaseUrl, "SQLite in data_dir", "URL",
+            "Postgres database of a service of several machines, postgres://user:password@host/name; other users of the \
+             machine can read flags, so give it in the environment, in the file, or with database_url_file",
+            check |config| config.database_url.as_ref().is_none_or(DatabaseUrl::is_valid)
+                => "must be a URL of Postgres, for example postgres://user:password@host:5432/pinstack";
+        database_url_file: PathBuf, "", "FILE",
+            "File that contains the database_url, for example a secret of a container",
+            check |config| config.database_url.is_none() || config.database_url_file.is_none()
+                => "and database_url exclude each other: give one of them";
         keep_stacks_days: u32, "never", "DAYS",
             "Delete succeeded stacks this many days after their end, unless their own keep_days differs";
         keep_failed_days: u32, "never", "DAYS",

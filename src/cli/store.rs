@@ -41,11 +41,19 @@ impl Place {
     /// # Errors
     /// When there is no store, or it cannot be used.
     pub async fn open(self) -> anyhow::Result<(ServeConfig, Store)> {
-        let config = self.config()?;
-        if !data_folder::exists(&config.data_dir) {
-            bail!("there is no database in {}; specify the data folder with --data-dir", config.data_dir.display());
-        }
-        let store = store::open(&config.data_dir).await?;
-        Ok((config, store))
+        open(self.config()?).await
     }
+}
+
+/// Opens the existing store of these settings. See [`Place::open`].
+///
+/// # Errors
+/// When there is no store, or it cannot be used.
+pub async fn open(config: ServeConfig) -> anyhow::Result<(ServeConfig, Store)> {
+    let database = config.database()?;
+    if database.is_none() && !data_folder::exists(&config.data_dir) {
+        bail!("there is no database in {}; specify the data folder with --data-dir", config.data_dir.display());
+    }
+    let store = store::open_shared(&config.data_dir, database.as_ref()).await?;
+    Ok((config, store))
 }

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     contract::Name,
     store::{
-        MetadataStore, folder, open_metadata,
+        MetadataStore, folder, open_shared_metadata,
         tokens::{NewToken, Scope, mint, names},
     },
 };
@@ -60,13 +60,13 @@ impl Token {
     /// When the name is invalid or taken, or the database cannot be used.
     pub fn run(self) -> anyhow::Result<()> {
         let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
-        let data_dir = ServeConfig::load(&flags)?.data_dir;
+        let config = ServeConfig::load(&flags)?;
+        let (data_dir, database) = (&config.data_dir, config.database()?);
         make_files_private();
-        folder::make(&data_dir)
-            .with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
+        folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
-            let metadata = open_metadata(&data_dir).await?;
+            let metadata = open_shared_metadata(data_dir, database.as_ref()).await?;
             let done = match self.command {
                 Command::Add { name, scopes, quota_gb } => add(&*metadata, name, scopes, quota_gb).await,
                 Command::List => list(&*metadata).await,

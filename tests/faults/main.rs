@@ -7,6 +7,7 @@
 //! | `matrix` | every failpoint of a server, killed and with a full disk |
 //! | `elsewhere` | failpoints of commands, garbage collection and calibrations |
 //! | `copies` | backups that are interrupted |
+//! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
 //! | `workers` | a stopped worker that continues after another process has its job |
 //! | `small_disk` | a file system that is really full |
 //! | `soak` | many clients and random kills |
@@ -15,10 +16,13 @@
 
 mod copies;
 mod elsewhere;
+mod machines;
 mod matrix;
 mod service;
 mod small_disk;
 mod soak;
 mod steps;
 mod story;
+#[path = "../../src/store/postgres/test_server.rs"]
+mod test_server;
 mod workers;

@@ -29,6 +29,13 @@ pub fn command(data: &Path, arguments: &[&str]) -> Output {
     pinstack().args(arguments).arg("--data-dir").arg(data).output().expect("pinstack starts")
 }
 
+/// The same, with its rows in Postgres.
+pub fn command_on(database: &str, data: &Path, arguments: &[&str]) -> Output {
+    let mut command = pinstack();
+    command.env("PINSTACK_DATABASE_URL", database).args(arguments).arg("--data-dir").arg(data);
+    command.output().expect("pinstack starts")
+}
+
 /// The same, broken where `fault` says.
 pub fn armed_command(data: &Path, arguments: &[&str], fault: &str) -> Output {
     let mut command = pinstack();
@@ -65,6 +72,18 @@ impl Service {
             }
             sleep(LOOK).await;
         }
+    }
+
+    /// Starts a process that runs jobs and has no address.
+    pub fn start_worker(data: &Path, fault: Option<&str>, more: &[&str]) -> Self {
+        let log = std::fs::File::options().create(true).append(true).open(data.with_extension("log")).expect("a log");
+        let mut command = pinstack();
+        command.args(["work", "--lease-s", "2", "--min-free-bytes", "0", "--data-dir"]).arg(data).args(more);
+        if let Some(fault) = fault {
+            command.env("FAILPOINTS", fault);
+        }
+        let process = command.stdout(Stdio::null()).stderr(log).spawn().expect("pinstack starts");
+        Self { process, url: String::new() }
     }
 
     /// Waits for its end.
