@@ -37,54 +37,86 @@ impl Frame {
 /// One part as a raster of colour and coverage (premultiplied), box-filtered to the size of a pixel.
 #[derive(Debug)]
 pub(super) struct Baked {
-    /// Reference px of sample (0, 0).
-    origin: [f64; 2],
-    per_px: f64,
-    width: usize,
-    height: usize,
+    grid: Grid,
     samples: Vec<[u16; 4]>,
     /// Per block: whether any sample in it or beside it is covered.
     occupied: Vec<bool>,
-    pub(super) relief: Relief,
+    heights: Heights,
     /// Smallest and largest depth on the part.
     pub(super) depths: [f64; 2],
+}
+
+/// The depth of a part at every point of the picture.
+#[derive(Debug)]
+enum Heights {
+    Relief(Relief, Frame),
+    /// One per sample.
+    Sampled(Vec<f32>),
+}
+
+/// The raster of a part: where its samples lie in the picture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grid {
+    /// Reference px of sample (0, 0).
+    pub(super) origin: [f64; 2],
+    /// Samples per px.
+    pub(super) per_px: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+impl Grid {
+    /// The raster for what lies between `low` and `high` px of the reference picture; `None` when that is outside of
+    /// all slices.
+    pub(super) fn covering(rig: &Rig, low: [f64; 2], high: [f64; 2]) -> Option<Self> {
+        let per_px = if rig.width * rig.height <= DENSE_UP_TO_PX { 2 } else { 1 };
+        let within = |value: f64, side: usize| value.clamp(-BORDER * side as f64, (1.0 + BORDER) * side as f64);
+        let origin = [within(low[0] - 2.0, rig.width).floor(), within(low[1] - 2.0, rig.height).floor()];
+        let end = [within(high[0] + 2.0, rig.width).ceil(), within(high[1] + 2.0, rig.height).ceil()];
+        let [width, height] = [0, 1].map(|axis| (end[axis] - origin[axis]) as usize * per_px);
+        (width > 0 && height > 0).then_some(Self { origin, per_px, width, height })
+    }
+
+    /// Distance of two samples, px.
+    pub(super) fn step(&self) -> f64 {
+        1.0 / self.per_px as f64
+    }
+
+    /// The place of sample (x, y), which need not be whole, in px of the reference picture.
+    pub(super) fn place(&self, x: f64, y: f64) -> [f64; 2] {
+        [self.origin[0] + x * self.step(), self.origin[1] + y * self.step()]
+    }
 }
 
 /// Bakes all parts. `None` for those outside the picture.
 pub(super) fn bake(rig: &Rig, parts: &[Part]) -> Vec<Baked> {
     let frame = Frame::of(rig);
-    let per_px = if rig.width * rig.height <= DENSE_UP_TO_PX { 2 } else { 1 };
     let casters: Vec<Caster> = parts.iter().map(Caster::of).collect();
     let baked = parts.iter().enumerate();
-    baked.filter_map(|(index, part)| bake_part(rig, frame, part, &casters[index + 1..], per_px)).collect()
+    baked.filter_map(|(index, part)| bake_part(rig, frame, part, &casters[index + 1..])).collect()
 }
 
-fn bake_part(rig: &Rig, frame: Frame, part: &Part, casters: &[Caster], per_px: usize) -> Option<Baked> {
+fn bake_part(rig: &Rig, frame: Frame, part: &Part, casters: &[Caster]) -> Option<Baked> {
     let bounds = part.shape.bounds();
-    let (low, high) = (frame.to_px([bounds[0], bounds[1]]), frame.to_px([bounds[2], bounds[3]]));
-    let within = |value: f64, side: usize| value.clamp(-BORDER * side as f64, (1.0 + BORDER) * side as f64);
-    let origin = [within(low[0] - 2.0, rig.width).floor(), within(low[1] - 2.0, rig.height).floor()];
-    let end = [within(high[0] + 2.0, rig.width).ceil(), within(high[1] + 2.0, rig.height).ceil()];
-    let [width, height] = [0, 1].map(|axis| (end[axis] - origin[axis]) as usize * per_px);
-    if width == 0 || height == 0 {
-        return None;
-    }
+    let grid = Grid::covering(rig, frame.to_px([bounds[0], bounds[1]]), frame.to_px([bounds[2], bounds[3]]))?;
     // points around each sample, which are averaged over one pixel
-    let step = 1.0 / per_px as f64;
-    let points = shade_points(frame, part, casters, origin, step, [width + 1, height + 1]);
-    let samples: Vec<[u16; 4]> = (0..width * height)
+    let points = shade_points(frame, part, casters, grid.origin, grid.step(), [grid.width + 1, grid.height + 1]);
+    let samples: Vec<[u16; 4]> = (0..grid.width * grid.height)
         .into_par_iter()
         .map(|at| {
-            let (x, y) = (at % width, at / width);
-            let corner = |dx: usize, dy: usize| points[(y + dy) * (width + 1) + x + dx];
-            let corners = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
-            std::array::from_fn(|c| (corners.iter().map(|p| p[c]).sum::<f32>() * 0.25 * 65_535.0).round() as u16)
+            let (x, y) = (at % grid.width, at / grid.width);
+            let corner = |dx: usize, dy: usize| points[(y + dy) * (grid.width + 1) + x + dx];
+            stored([corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)])
         })
         .collect();
-    let occupied = occupied_blocks(&samples, width, height);
-    let depths = depth_range(frame, part, origin, step, width, &samples);
-    let per_px = per_px as f64;
-    Some(Baked { origin, per_px, width, height, samples, occupied, relief: part.relief, depths })
+    let depths = depth_range(frame, part, grid, &samples);
+    // false for a part of which nothing is covered
+    (depths[0] <= depths[1]).then(|| Baked::new(grid, samples, Heights::Relief(part.relief, frame), depths))
+}
+
+/// The mean of the colours at four points, as it is stored.
+pub(super) fn stored(points: [[f32; 4]; 4]) -> [u16; 4] {
+    std::array::from_fn(|c| (points.iter().map(|p| p[c]).sum::<f32>() * 0.25 * 65_535.0).round() as u16)
 }
 
 /// Premultiplied colour and coverage at points half a step before each sample.
@@ -191,42 +223,84 @@ fn occupied_blocks(samples: &[[u16; 4]], width: usize, height: usize) -> Vec<boo
         .collect()
 }
 
-fn depth_range(frame: Frame, part: &Part, origin: [f64; 2], step: f64, width: usize, samples: &[[u16; 4]]) -> [f64; 2] {
+fn depth_range(frame: Frame, part: &Part, grid: Grid, samples: &[[u16; 4]]) -> [f64; 2] {
     let covered = samples.iter().enumerate().filter(|(_, sample)| sample[3] > 0);
     covered
         .map(|(at, _)| {
-            let px = [origin[0] + (at % width) as f64 * step, origin[1] + (at / width) as f64 * step];
-            let point = frame.to_scene(px);
+            let point = frame.to_scene(grid.place((at % grid.width) as f64, (at / grid.width) as f64));
             part.relief.depth(point[0], point[1])
         })
         .fold([f64::INFINITY, f64::NEG_INFINITY], |range, depth| [range[0].min(depth), range[1].max(depth)])
 }
 
 impl Baked {
+    fn new(grid: Grid, samples: Vec<[u16; 4]>, heights: Heights, depths: [f64; 2]) -> Self {
+        let occupied = occupied_blocks(&samples, grid.width, grid.height);
+        Self { grid, samples, occupied, heights, depths }
+    }
+
+    /// A part with a depth per sample; `None` when nothing of it is covered.
+    pub(super) fn with_heights(grid: Grid, samples: Vec<[u16; 4]>, heights: Vec<f32>) -> Option<Self> {
+        let covered = samples.iter().zip(&heights).filter(|(sample, _)| sample[3] > 0);
+        let depths = covered.fold([f64::INFINITY, f64::NEG_INFINITY], |range, (_, &depth)| {
+            [range[0].min(f64::from(depth)), range[1].max(f64::from(depth))]
+        });
+        (depths[0] <= depths[1]).then(|| Self::new(grid, samples, Heights::Sampled(heights), depths))
+    }
+
+    /// Depth at `px` of the reference picture, within the depths that the part has. It is defined beyond the outline,
+    /// where the blur of the part goes.
+    pub(super) fn depth(&self, px: [f64; 2]) -> f64 {
+        let depth = match &self.heights {
+            Heights::Relief(relief, frame) => {
+                let point = frame.to_scene(px);
+                relief.depth(point[0], point[1])
+            }
+            Heights::Sampled(heights) => self.sampled_depth(heights, px),
+        };
+        depth.clamp(self.depths[0], self.depths[1])
+    }
+
+    /// Bilinear, with repeated borders.
+    fn sampled_depth(&self, heights: &[f32], px: [f64; 2]) -> f64 {
+        let Grid { origin, per_px, width, height } = self.grid;
+        let side =
+            |axis: usize, count: usize| ((px[axis] - origin[axis]) * per_px as f64).clamp(0.0, (count - 1) as f64);
+        let (x, y) = (side(0, width), side(1, height));
+        let (left, top) = ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
+        let (s, t) = (x - left as f64, y - top as f64);
+        let at =
+            |dx: usize, dy: usize| f64::from(heights[(top + dy).min(height - 1) * width + (left + dx).min(width - 1)]);
+        let upper = at(0, 0) * (1.0 - s) + at(1, 0) * s;
+        let lower = at(0, 1) * (1.0 - s) + at(1, 1) * s;
+        upper * (1.0 - t) + lower * t
+    }
+
     /// Left, top, right, bottom in px of the reference picture.
     pub(super) fn bounds(&self) -> [f64; 4] {
-        let [x, y] = self.origin;
-        [x, y, x + self.width as f64 / self.per_px, y + self.height as f64 / self.per_px]
+        let [x, y] = self.grid.origin;
+        [x, y, x + self.grid.width as f64 * self.grid.step(), y + self.grid.height as f64 * self.grid.step()]
     }
 
     /// Colour and coverage at `px` of the reference picture, by Catmull-Rom interpolation: the last `C` of
     /// red, green, blue (premultiplied) and coverage.
     pub(super) fn sample<const C: usize>(&self, px: [f64; 2]) -> [f32; C] {
-        let (x, y) = ((px[0] - self.origin[0]) * self.per_px, (px[1] - self.origin[1]) * self.per_px);
-        if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
+        let Grid { origin, per_px, width, height } = self.grid;
+        let [x, y] = [0, 1].map(|axis| (px[axis] - origin[axis]) * per_px as f64);
+        if !(x >= 0.0 && y >= 0.0 && x < width as f64 && y < height as f64) {
             return [0.0; C];
         }
         let (left, top) = (x as usize, y as usize);
-        if !self.occupied[(top / BLOCK) * self.width.div_ceil(BLOCK) + left / BLOCK] {
+        if !self.occupied[(top / BLOCK) * width.div_ceil(BLOCK) + left / BLOCK] {
             return [0.0; C];
         }
         let (across, down) = (catmull_rom((x - left as f64) as f32), catmull_rom((y - top as f64) as f32));
         let mut sum = [0.0_f32; C];
         for (j, weight_y) in down.into_iter().enumerate() {
-            let Some(row) = (top + j).checked_sub(1).filter(|&row| row < self.height) else { continue };
+            let Some(row) = (top + j).checked_sub(1).filter(|&row| row < height) else { continue };
             for (i, weight_x) in across.into_iter().enumerate() {
-                let Some(column) = (left + i).checked_sub(1).filter(|&column| column < self.width) else { continue };
-                let sample = self.samples[row * self.width + column];
+                let Some(column) = (left + i).checked_sub(1).filter(|&column| column < width) else { continue };
+                let sample = self.samples[row * width + column];
                 for channel in 0..C {
                     sum[channel] += weight_x * weight_y * f32::from(sample[4 - C + channel]);
                 }

@@ -21,6 +21,7 @@ mod stage;
 mod target;
 #[cfg(test)]
 mod tests;
+pub mod turntable;
 
 pub use rig::Rig;
 pub use scene::Scene;

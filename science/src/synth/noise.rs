@@ -53,6 +53,24 @@ pub(super) fn lattice(seed: u64, x: f64, y: f64) -> f32 {
     upper * (1.0 - ty) + lower * ty
 }
 
+/// The same in space.
+pub(super) fn lattice_3d(seed: u64, point: [f64; 3]) -> f32 {
+    let floor = point.map(f64::floor);
+    let cell = floor.map(|whole| whole as i64 as u64);
+    let [tx, ty, tz]: [f32; 3] = std::array::from_fn(|axis| {
+        let t = point[axis] - floor[axis];
+        (t * t * (3.0 - 2.0 * t)) as f32
+    });
+    let corner = |dx: u64, dy: u64, dz: u64| {
+        let at = seed ^ cell[0].wrapping_add(dx).wrapping_mul(0x9e37_79b1_85eb_ca87);
+        let at = at ^ cell[1].wrapping_add(dy).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
+        (mix(at ^ cell[2].wrapping_add(dz).wrapping_mul(0x1656_67b1_9e37_79f9)) >> 40) as f32 / 8_388_608.0 - 1.0
+    };
+    let along_x = |dy: u64, dz: u64| corner(0, dy, dz) * (1.0 - tx) + corner(1, dy, dz) * tx;
+    let plane = |dz: u64| along_x(0, dz) * (1.0 - ty) + along_x(1, dz) * ty;
+    plane(0) * (1.0 - tz) + plane(1) * tz
+}
+
 /// Fractal noise, about -1..1: octaves of value noise, each `roughness` times as strong as the one before. Octaves
 /// finer than `finest` (in units of `x`) fade out to avoid aliasing.
 pub(super) fn fractal(seed: u64, x: f64, y: f64, octaves: u32, roughness: f32, finest: f64) -> f32 {

@@ -172,6 +172,18 @@ impl Rig {
         }
     }
 
+    /// Depth fraction of what is `distance` mm from the lens with the rail at the reference: the inverse of
+    /// [`Rig::object_distance`]. It is below 0 or above 1 for what no slice has in focus.
+    pub fn depth_of(&self, distance: f64) -> f64 {
+        let (first, last) = (self.rail_mm[0], self.rail_mm[self.rail_mm.len() - 1]);
+        let d2 = self.focal_mm * (1.0 + self.magnification);
+        let rail = match self.mode {
+            CaptureMode::FixedLens => self.conjugate(distance) - d2,
+            CaptureMode::MovingLens => distance - self.conjugate(d2),
+        };
+        (rail + self.rail_mm[self.reference] - first) / (last - first)
+    }
+
     /// Depth fraction of what is in focus in slice `i`.
     pub fn focus_fraction(&self, i: usize) -> f64 {
         let (first, last) = (self.rail_mm[0], self.rail_mm[self.rail_mm.len() - 1]);
@@ -311,6 +323,15 @@ mod tests {
         }
         assert!(rig.object_distance(0.0) < rig.object_distance(1.0), "the first slice is in focus nearest");
         assert!((rig.blur_radius_px(6, rig.focus_fraction(7)) - 1.0).abs() < 0.05, "a step is 2 px of blur");
+    }
+
+    #[test]
+    fn a_depth_has_one_distance() {
+        for rig in [Rig::default(), Rig::default().moving_lens()] {
+            for depth in [-0.2, 0.0, 0.37, 1.0, 1.1] {
+                assert!((rig.depth_of(rig.object_distance(depth)) - depth).abs() < 1e-9);
+            }
+        }
     }
 
     #[test]

@@ -40,6 +40,8 @@ pub struct Stage {
     scene: Scene,
     frame: Frame,
     parts: Vec<Baked>,
+    /// Makes the noise of one view of a scan independent of that of another.
+    view: u64,
 }
 
 /// The geometry of a slice: slice px -> ideal slice px, and from there by depth to the reference.
@@ -53,7 +55,13 @@ impl Stage {
     /// Samples `scene` for `rig`. Memory: about 40 bytes per pixel of the picture and part covering it.
     pub fn new(rig: &Rig, scene: &Scene) -> Self {
         let parts = bake(rig, &scene.parts);
-        Self { rig: rig.clone(), scene: scene.clone(), frame: Frame::of(rig), parts }
+        Self { rig: rig.clone(), scene: scene.clone(), frame: Frame::of(rig), parts, view: 0 }
+    }
+
+    /// A stage with parts that were sampled elsewhere, far ones first. Background and back light are those of `scene`,
+    /// whose own parts are not rendered. Stages with different `view` have different noise.
+    pub(super) fn of_parts(rig: &Rig, scene: Scene, parts: Vec<Baked>, view: u64) -> Self {
+        Self { rig: rig.clone(), scene, frame: Frame::of(rig), parts, view }
     }
 
     /// The rig.
@@ -72,7 +80,7 @@ impl Stage {
             Light::Front => self.front(&view),
             Light::Back => self.back(&view),
         };
-        expose(&self.rig, i, light as u64 + 1, copy_rows(&picture, self.rig.width))
+        expose(&self.rig, i, self.view ^ (light as u64 + 1), copy_rows(&picture, self.rig.width))
     }
 
     /// The truth, in the geometry of the reference slice.
@@ -118,10 +126,7 @@ impl Stage {
             left *= 1.0 - cover;
         }
         match nearest {
-            Some(part) if left <= 0.5 => {
-                let point = self.frame.to_scene(px);
-                self.rig.slice_in_focus(part.relief.depth(point[0], point[1])) as f32
-            }
+            Some(part) if left <= 0.5 => self.rig.slice_in_focus(part.depth(px)) as f32,
             _ => f32::NAN,
         }
     }
@@ -207,11 +212,6 @@ impl Stage {
         out: &mut [[f32; C]],
         over: &impl Fn([f32; C], [f32; C]) -> [f32; C],
     ) {
-        // the relief is defined beyond the part, where its blur goes: keep within what the part has
-        let depth_of = |px: [f64; 2]| {
-            let point = self.frame.to_scene(px);
-            part.relief.depth(point[0], point[1]).clamp(part.depths[0], part.depths[1])
-        };
         let blur_at = |depth: f64| view.slice.map_or(0.0, |i| self.rig.blur_radius_px(i, depth));
         let margin = margin(part.depths.into_iter().map(blur_at).fold(0.0, f64::max));
         if !self.touches(view, part, area, margin as f64) {
@@ -249,7 +249,7 @@ impl Stage {
             let from = first.saturating_sub(2 * margin).min(area.width);
             for (x, below) in row.iter_mut().enumerate().take(end).skip(from) {
                 let (x, y) = (x + margin, y + margin);
-                let blur = blur_at(depth_of(look(x, y)));
+                let blur = blur_at(part.depth(look(x, y)));
                 let mean = patch.mean(discs, x, y, blur as f32).map(|value| value.clamp(0.0, 1.0));
                 *below = over(*below, mean);
             }
@@ -273,11 +273,7 @@ impl Stage {
             return first;
         }
         // with a moving lens the place depends on the depth, which depends on the place, a little
-        let depth_at = |px: [f64; 2]| {
-            let point = self.frame.to_scene(px);
-            part.relief.depth(point[0], point[1]).clamp(part.depths[0], part.depths[1])
-        };
-        at_depth(depth_at(at_depth(depth_at(first))))
+        at_depth(part.depth(at_depth(part.depth(first))))
     }
 
     /// Whether `area` grown by `margin` can see `part`: by its corners, with room for the keystone.
