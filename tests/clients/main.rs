@@ -14,6 +14,7 @@ mod metadata;
 mod photogrammetry;
 mod proxy;
 mod python;
+mod scan;
 mod server;
 mod tls;
 mod tus;

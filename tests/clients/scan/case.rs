@@ -1,0 +1,178 @@
+//! One case of the comparison in docs/POSES.md: which lens moves, how slices are aligned, how they are fused.
+
+use std::{
+    fmt, fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use pinstack_science::{synth::Rig, types::view::ViewAngles};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use super::{
+    PANS, SLICES, TILTS, WIDTH, calibrate,
+    colmap::{Accuracy, reconstruct},
+    finished,
+    setup::{Setup, image_of, mask_of},
+};
+use crate::{run, server::Server};
+
+/// What moves between the slices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lens {
+    /// The sensor: one centre of projection.
+    Fixed,
+    /// Camera and lens together.
+    Moving,
+}
+
+/// Where the homographies come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Alignment {
+    /// No slices: what an ideal camera would store.
+    Ideal,
+    /// The calibration of the service.
+    Calibrated,
+    /// An affine transform to the neighbouring slice by image content (ECC), as most focus stackers do.
+    Ecc,
+    /// The identity.
+    None,
+}
+
+/// A case, written as `seed=1 width=810 pans=18 tilts=0,8,16 lens=fixed alignment=calibrated
+/// method=halo_corrected`. Everything may be left out.
+#[derive(Debug, Clone)]
+pub struct Case {
+    seed: u64,
+    width: usize,
+    pans: usize,
+    tilts: Vec<f64>,
+    lens: Lens,
+    alignment: Alignment,
+    method: String,
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { seed, width, pans, tilts, lens, alignment, method } = self;
+        write!(f, "seed {seed}, {width} px, {pans} pans, tilts {tilts:?}, {lens:?} lens, {alignment:?}, {method}")
+    }
+}
+
+impl Case {
+    pub fn of(text: &str) -> Self {
+        let mut case = Self {
+            seed: 1,
+            width: WIDTH,
+            pans: PANS,
+            tilts: TILTS.to_vec(),
+            lens: Lens::Fixed,
+            alignment: Alignment::Calibrated,
+            method: "halo_corrected".into(),
+        };
+        for setting in text.split_whitespace() {
+            match setting.split_once('=').unwrap_or_else(|| panic!("{setting} has no =")) {
+                ("seed", seed) => case.seed = seed.parse().expect("a whole number"),
+                ("width", width) => case.width = width.parse().expect("a whole number"),
+                ("pans", pans) => case.pans = pans.parse().expect("a whole number"),
+                ("tilts", tilts) => case.tilts = tilts.split(',').map(|tilt| tilt.parse().expect("degrees")).collect(),
+                ("lens", "fixed") => case.lens = Lens::Fixed,
+                ("lens", "moving") => case.lens = Lens::Moving,
+                ("alignment", "ideal") => case.alignment = Alignment::Ideal,
+                ("alignment", "calibrated") => case.alignment = Alignment::Calibrated,
+                ("alignment", "ecc") => case.alignment = Alignment::Ecc,
+                ("alignment", "none") => case.alignment = Alignment::None,
+                ("method", method) => case.method = method.to_owned(),
+                other => panic!("no setting {other:?}"),
+            }
+        }
+        case
+    }
+
+    /// Renders, fuses, reconstructs. Pictures and model are left in `folder` if there is one.
+    pub fn run(&self, folder: Option<&Path>) -> Accuracy {
+        let mut setup = Setup::new(self.width, SLICES, self.pans, &self.tilts, self.seed);
+        if self.lens == Lens::Moving {
+            setup.rig = setup.rig.moving_lens();
+        }
+        let server = Server::start();
+        let folder = folder.map_or_else(|| server.folder.path().join("case"), PathBuf::from);
+        fs::create_dir_all(&folder).expect("a folder");
+        match self.alignment {
+            Alignment::Ideal => setup.write_ideal(&folder),
+            _ => self.fuse(&setup, &server, &folder),
+        }
+        let poses = reconstruct(&folder);
+        let path = format!("/v1/poses?expected={}", setup.views.len());
+        Accuracy::of(&server.curl(&["--data-binary", &format!("@{}", poses.display())], &path))
+    }
+
+    fn fuse(&self, setup: &Setup, server: &Server, folder: &Path) {
+        setup.write_bundle(folder);
+        match self.alignment {
+            Alignment::Calibrated => calibrate(server, setup, server.folder.path()),
+            Alignment::None => put_profile(server, &setup.rig, "lens", &vec![IDENTITY; setup.rig.slices()]),
+            // one profile per view
+            Alignment::Ecc | Alignment::Ideal => {}
+        }
+        // rendering uses all cores; sending does not wait for it
+        let zips: Vec<(ViewAngles, PathBuf)> = setup
+            .views
+            .par_iter()
+            .map(|&angles| {
+                let zip = server.folder.path().join(format!("{}.zip", angles.file_stem()));
+                setup.write_stack(angles, &zip);
+                (angles, zip)
+            })
+            .collect();
+        let stacks: Vec<(ViewAngles, Value)> = zips
+            .iter()
+            .map(|(angles, zip)| {
+                let lens = match self.alignment {
+                    Alignment::Ecc => {
+                        let lens = angles.file_stem();
+                        put_profile(server, &setup.rig, &lens, &ecc(setup, *angles));
+                        lens
+                    }
+                    _ => "lens".to_owned(),
+                };
+                let query = format!("/v1/stacks?rig=rig&lens={lens}&method={}", self.method);
+                (*angles, server.curl(&["-X", "POST", "-T", zip.to_str().expect("plain")], &query))
+            })
+            .collect();
+        for (angles, stack) in &stacks {
+            let stack = finished(server, stack);
+            assert_eq!(stack["state"], "succeeded", "{stack}");
+            let path = stack["links"]["self"].as_str().expect("a path");
+            server.download(&["-H", "Accept: image/png"], &format!("{path}/image"), &folder.join(image_of(*angles)));
+            server.download(&[], &format!("{path}/mask"), &folder.join(mask_of(*angles)));
+        }
+    }
+}
+
+const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// Stores these homographies, with the true gains: only the geometry differs between the cases.
+fn put_profile(server: &Server, rig: &Rig, lens: &str, homographies: &[[f64; 9]]) {
+    let body = json!({
+        "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
+        "homographies": homographies, "gains": (0..rig.slices()).map(|i| rig.gain(i)).collect::<Vec<_>>(),
+    });
+    let arguments = ["-X", "PUT", "-H", "Content-Type: application/json", "-d", &body.to_string()];
+    let profile = server.curl(&arguments, &format!("/v1/profiles/rig/{lens}"));
+    assert!(profile["revision"].is_number(), "{profile}");
+}
+
+/// Slice px -> reference px by OpenCV's `findTransformECC`.
+fn ecc(setup: &Setup, angles: ViewAngles) -> Vec<[f64; 9]> {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("front")).expect("a folder");
+    for (name, file) in setup.slices(angles).iter().filter(|(name, _)| name.starts_with("front/")) {
+        fs::write(folder.path().join(name), file).expect("written");
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/clients/scan/ecc.py");
+    let mut python = Command::new("python3");
+    python.arg(script).arg(folder.path().join("front")).arg(setup.rig.reference.to_string());
+    serde_json::from_str(&run(&mut python)).expect("homographies")
+}

@@ -1,0 +1,163 @@
+//! A rendered turntable scan: what the camera would store, and what an ideal camera would.
+
+use std::{fs, path::Path};
+
+use pinstack_science::{
+    archive::pack,
+    imaging::{
+        Raster, Samples,
+        codec::{self, Metadata},
+    },
+    photogrammetry::bundle::{self, BundleScan, BundleView, Content, Layout},
+    synth::{
+        DotTarget, Light, Rig, render_target,
+        turntable::{self, Specimen},
+    },
+    types::{intrinsics::Intrinsics, view::ViewAngles},
+};
+use rayon::prelude::*;
+
+/// JPEG quality of the slices, that of the setting "fine" of cameras.
+const QUALITY: u8 = 95;
+/// Dots of the target from left to right.
+const TARGET_COLUMNS: usize = 19;
+
+/// What is photographed, and how.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    pub rig: Rig,
+    pub specimen: Specimen,
+    pub views: Vec<ViewAngles>,
+}
+
+impl Setup {
+    /// Views at every combination of `pans` equal steps around the axis and the tilts.
+    pub fn new(width: usize, slices: usize, pans: usize, tilts: &[f64], seed: u64) -> Self {
+        let angles = |tilt_deg: f64| {
+            (0..pans).map(move |pan| ViewAngles { pan_deg: 360.0 * pan as f64 / pans as f64, tilt_deg })
+        };
+        Self {
+            rig: Rig { seed, ..turntable::scan_rig(width, slices) },
+            specimen: Specimen::beetle(seed),
+            views: tilts.iter().flat_map(|&tilt| angles(tilt)).collect(),
+        }
+    }
+
+    pub fn radius_mm(&self) -> f64 {
+        turntable::scan_radius(&self.rig)
+    }
+
+    /// The dot target that the rig is calibrated with. No edge of it is in view, so its dots carry a code.
+    pub fn target(&self) -> DotTarget {
+        DotTarget { code: Some([0, 0]), ..DotTarget::for_rig(&self.rig, TARGET_COLUMNS) }
+    }
+
+    /// Writes the slices of the target as a zip.
+    pub fn write_target(&self, zip: &Path) {
+        let target = self.target();
+        let slice = |i: usize| (format!("dots_{i:02}.jpg"), jpeg(&render_target(&self.rig, &target, i)));
+        write_zip((0..self.rig.slices()).into_par_iter().map(slice).collect(), zip);
+    }
+
+    /// Writes the slices of all views as one zip, with a folder per view and light.
+    pub fn write_scan(&self, zip: &Path) {
+        let members = self.views.par_iter().flat_map(|&angles| {
+            let folder = angles.file_stem();
+            self.slices(angles).into_iter().map(|(name, file)| (format!("{folder}/{name}"), file)).collect::<Vec<_>>()
+        });
+        write_zip(members.collect(), zip);
+    }
+
+    /// Writes the slices of one view as a zip.
+    pub fn write_stack(&self, angles: ViewAngles, zip: &Path) {
+        write_zip(self.slices(angles), zip);
+    }
+
+    /// The slices of one view as the camera stores them: `front/slice_00.jpg`, ..., `back/slice_00.jpg`, ...
+    pub fn slices(&self, angles: ViewAngles) -> Vec<(String, Vec<u8>)> {
+        let stage = turntable::view(&self.rig, &self.specimen, angles);
+        let lights = [("front", Light::Front), ("back", Light::Back)];
+        let all = lights.into_iter().flat_map(|light| (0..self.rig.slices()).map(move |i| (light, i)));
+        all.map(|((name, light), i)| (format!("{name}/slice_{i:02}.jpg"), jpeg(&stage.render(light, i)))).collect()
+    }
+
+    /// Writes the bundle for COLMAP of what an ideal camera, with everything in focus, would store of each view.
+    pub fn write_ideal(&self, folder: &Path) {
+        self.write_bundle(folder);
+        self.views.par_iter().for_each(|&angles| {
+            let truth = turntable::view(&self.rig, &self.specimen, angles).truth();
+            let mut sharp = truth.sharp;
+            black_outside(&mut sharp, &truth.mask.data);
+            let mask = Raster::eight(truth.mask.width, truth.mask.height, 1, truth.mask.data);
+            write_png(&folder.join(image_of(angles)), &sharp);
+            write_png(&folder.join(mask_of(angles)), &mask);
+        });
+    }
+
+    /// Writes all of a bundle for COLMAP but the pictures: README, camera, pairs of views; makes the folders for them.
+    pub fn write_bundle(&self, folder: &Path) {
+        let distance_mm = self.rig.sensor_distance(self.rig.reference);
+        let view = |&angles: &ViewAngles| BundleView {
+            stem: angles.file_stem(),
+            extension: "png".into(),
+            has_mask: true,
+            angles: Some(angles),
+        };
+        let scan = BundleScan {
+            name: "beetle".into(),
+            width: self.rig.width as u32,
+            height: self.rig.height as u32,
+            intrinsics: Some(Intrinsics {
+                principal_distance_px: distance_mm / self.rig.pixel_pitch_mm,
+                principal_distance_mm: distance_mm,
+                pixel_pitch_mm: self.rig.pixel_pitch_mm,
+                principal_point_px: None,
+                distortion: None,
+            }),
+            canvas_centre_px: self.rig.centre(),
+            radius_mm: Some(self.radius_mm()),
+            pan_is_clockwise: false,
+            views: self.views.iter().map(view).collect(),
+        };
+        for folder in ["images", "masks", "sparse/0"].map(|name| folder.join(name)) {
+            fs::create_dir_all(folder).expect("a folder");
+        }
+        for entry in bundle::plan(Layout::Colmap, &scan).expect("a bundle") {
+            let Content::Text(text) = entry.content else { continue };
+            fs::write(folder.join(entry.path), text).expect("written");
+        }
+    }
+}
+
+/// Where the image of a view is in a bundle for COLMAP.
+pub fn image_of(angles: ViewAngles) -> String {
+    format!("images/{}.png", angles.file_stem())
+}
+
+/// Where the mask of a view is in a bundle for COLMAP.
+pub fn mask_of(angles: ViewAngles) -> String {
+    format!("masks/{}.png.png", angles.file_stem())
+}
+
+fn write_png(path: &Path, picture: &Raster) {
+    let mut png = Vec::new();
+    codec::encode_png(&mut png, picture, &Metadata::default()).expect("a PNG");
+    fs::write(path, png).expect("written");
+}
+
+fn black_outside(picture: &mut Raster, mask: &[u8]) {
+    let Samples::Eight(samples) = &mut picture.samples else { panic!("rendered with 8 bits") };
+    for (pixel, &mask) in samples.chunks_exact_mut(picture.channels).zip(mask) {
+        if mask == 0 {
+            pixel.fill(0);
+        }
+    }
+}
+
+fn jpeg(picture: &Raster) -> Vec<u8> {
+    codec::encode_jpeg(picture, QUALITY)
+}
+
+fn write_zip(members: Vec<(String, Vec<u8>)>, path: &Path) {
+    pack(fs::File::create(path).expect("a file"), members.into_iter()).expect("a zip");
+}
