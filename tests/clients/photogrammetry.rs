@@ -7,7 +7,10 @@ use std::{
 };
 
 use pinstack_science::{
-    photogrammetry::bundle::{self, BundleScan, BundleView, Content, Layout},
+    photogrammetry::{
+        bundle::{self, BundleScan, BundleView, Content, Layout},
+        poses,
+    },
     types::{intrinsics::Intrinsics, view::ViewAngles},
 };
 use serde_json::{Value, json};
@@ -231,6 +234,21 @@ fn colmap_reads_the_model_of_a_bundle() {
         for (at, (our, their)) in ours.iter().zip(&theirs).enumerate() {
             let their = if (1..5).contains(&at) { sign * their } else { *their };
             assert!((our - their).abs() < 1e-9, "{name}: {ours:?} {theirs:?}");
+        }
+    }
+    // the pose report reads what COLMAP wrote: text and binary alike, and as the views were placed
+    let read = |name: &str| {
+        let bytes = fs::read(to.join(name)).expect("a file of COLMAP");
+        poses::read(&bytes, None).unwrap_or_else(|fault| panic!("{name}: {}", fault.detail))
+    };
+    for file in [read("images.txt"), read("images.bin")] {
+        assert_eq!(file.poses.len(), scan.views.len());
+        for view in &scan.views {
+            let angles = view.angles.expect("given");
+            let found = file.poses.iter().find(|found| found.name == format!("{}.png", view.stem)).expect("the view");
+            for (axis, direction) in angles.direction().into_iter().enumerate() {
+                assert!((found.centre[axis] - 141.0 * direction).abs() < 1e-6, "{found:?}");
+            }
         }
     }
     let cameras = fs::read_to_string(to.join("cameras.txt")).expect("text");
