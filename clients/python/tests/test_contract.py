@@ -207,7 +207,7 @@ def test_what_an_upload_says_is_known(document: Any, tmp_path: Path) -> None:
             continue
         pairs = (pair.split(" ") for pair in request.headers["upload-metadata"].split(","))
         told = {name: base64.b64decode(value).decode() for name, value in pairs}
-        assert set(told) <= set(re.findall(r"[a-z]+", about)), told
+        assert set(told) <= set(re.findall(r"[a-z_]+", about)), told
         purpose = told.get("purpose", "stack")
         assert purpose in purposes
         assert set(json.loads(told["options"])) <= set(properties(document, schema_of(options[purpose])))

@@ -50,7 +50,7 @@ use crate::{
     params(
         ("Tus-Resumable" = String, Header, description = "`1.0.0`"),
         ("Upload-Length" = u64, Header, description = "Size of the zip, bytes"),
-        ("Upload-Metadata" = Option<String>, Header, description = "`name base64,name base64`: rig, lens, options, filename, purpose, scan"),
+        ("Upload-Metadata" = Option<String>, Header, description = "`name base64,name base64`: rig, lens, options, filename, purpose, scan; for a scan also x, x_degrees_per_unit, x_zero, y, y_degrees_per_unit, y_zero"),
         ("Upload-Checksum" = Option<String>, Header, description = "`sha1` or `sha256` and the checksum of the body in base64"),
     ),
     request_body(description = "Empty, or the first bytes of the zip", content((Vec<u8> = "application/offset+octet-stream"))),

@@ -10,7 +10,7 @@ use crate::{
     contract::{Code, Name, UploadPurpose},
     http::{
         extract::path::name,
-        ingest::{fields::Fields, filename},
+        ingest::{fields::Fields, filename, submission::scan::NAME_RULES},
         problem::{ApiError, ApiResult},
     },
 };
@@ -90,9 +90,14 @@ impl Metadata {
         self.0.get("filename").and_then(|name| filename::tidy(name))
     }
 
-    /// The fields that describe the submission, like those of a form.
+    /// The fields that describe the submission, like those of a form. Those of a scan may say how names are read.
     pub fn fields(&self) -> Fields {
-        let pairs = ["rig", "lens"].into_iter().filter_map(|name| Some((name.to_owned(), self.0.get(name)?.clone())));
+        let rules: &[&str] = match self.purpose() {
+            Ok(UploadPurpose::Scan) => &NAME_RULES,
+            _ => &[],
+        };
+        let names = ["rig", "lens"].iter().chain(rules);
+        let pairs = names.filter_map(|&name| Some((name.to_owned(), self.0.get(name)?.clone())));
         Fields { pairs: pairs.collect(), options: self.0.get("options").map(|text| text.clone().into_bytes()) }
     }
 }
@@ -121,6 +126,10 @@ mod tests {
         assert_eq!(scan.purpose().expect("known"), UploadPurpose::Scan);
         assert_eq!(scan.scan().expect("given").as_str(), "bee");
         assert!(Metadata::default().scan().is_err());
+        let rules = "x cGFu,x_zero MTIw,relativePath bnVsbA==";
+        let scan = Metadata::parse(&format!("purpose c2Nhbg==,scan YmVl,{rules}")).expect("valid");
+        assert_eq!(scan.fields().pairs, [("x".into(), "pan".into()), ("x_zero".into(), "120".into())]);
+        assert_eq!(Metadata::parse(rules).expect("valid").fields().pairs, [], "a stack has no such rules");
         for (text, expected) in [
             ("rig %%%", "'rig' is not UTF-8"),
             ("rig /w==", "'rig' is not UTF-8"),

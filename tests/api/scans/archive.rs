@@ -166,3 +166,27 @@ async fn a_scan_is_uploaded_in_pieces() {
     assert_eq!(stack["options"]["r1"], 30);
     assert_eq!(app.jobs_with_blobs().await.len(), 3);
 }
+
+#[tokio::test]
+async fn the_rules_for_names_travel_with_a_resumable_upload() {
+    let app = ready().await;
+    let members: Vec<(String, Vec<u8>)> = ["00000", "00100"]
+        .into_iter()
+        .flat_map(|steps| (0..2).map(move |at| (format!("_x_{steps}_y_00000_step_{at:05}_.png"), at)))
+        .map(|(name, at)| (name, png(WIDTH, HEIGHT, 3, at)))
+        .collect();
+    let body = zip(&members);
+    let coded = |text: &str| base64::Engine::encode(&base64::prelude::BASE64_STANDARD, text);
+    let begin = |rules: &str| {
+        let scan = format!("purpose {},scan {}", coded("scan"), coded("bee"));
+        let request = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", body.len());
+        let request = request.header("content-type", "application/offset+octet-stream").body(body.clone());
+        request.header("upload-metadata", format!("{scan},{rules}")).send()
+    };
+    problem(begin(&format!("x_zero {}", coded("inf"))).await.unwrap(), 400, "invalid_request").await;
+    let rules = [("x", "pan"), ("x_degrees_per_unit", "0.2"), ("y_degrees_per_unit", "0.1")];
+    let rules = rules.map(|(name, value)| format!("{name} {}", coded(value))).join(",");
+    let created = begin(&rules).await.unwrap();
+    assert_eq!(created.status(), StatusCode::CREATED, "{:?}", created.text().await);
+    assert_eq!(names(&scan(&app, "bee").await["views"]), ["pan000_tilt00", "pan020_tilt00"]);
+}

@@ -332,7 +332,7 @@ class Client:
         Args:
             idempotency_key: as for ``send_stack``.
             options: options of stacks, for every view; and what names mean: ``x_degrees_per_unit``, ``x_zero``,
-                ``x="pan"``, and the same for ``y``. With these the zip is sent in one request.
+                ``x="pan"``, and the same for ``y``.
         """
         return self._transport.run(self._do.send_scan(scan, views, options, idempotency_key, on_bytes))
 

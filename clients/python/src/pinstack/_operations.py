@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, Union
 
@@ -187,12 +186,13 @@ class Operations:
         on_bytes: Optional[_uploads.OnBytes],
     ) -> Operation[Any]:  # fmt: skip
         at = path("v1", "scans", scan)
-        if idempotency_key is not None or not RULES.isdisjoint(options):
-            # a resumable upload cannot carry the rules for names
-            headers = {"idempotency-key": idempotency_key or str(uuid.uuid4())}
+        if idempotency_key is not None:
+            headers = {"idempotency-key": idempotency_key}
             yield from self.send_whole(f"{at}/archive", sendable, query(**options), headers, on_bytes)
         else:
-            values = {"scan": scan, "options": dict(options), "purpose": "scan"}
+            rules = {name: value for name, value in options.items() if name in RULES}
+            of_stacks = {name: value for name, value in options.items() if name not in RULES}
+            values = {"scan": scan, "options": of_stacks, "purpose": "scan", **rules}
             yield from self.upload(sendable, values, on_bytes, None, None)
         return (yield from self.get(at))
 

@@ -43,9 +43,10 @@ struct ArchiveParameters {
     y_zero: f64,
 }
 
-/// Their names.
-const PARAMETERS: [&str; 9] =
-    ["rig", "lens", "dry_run", "x", "x_degrees_per_unit", "x_zero", "y", "y_degrees_per_unit", "y_zero"];
+/// The parameters that say how names are read.
+pub const NAME_RULES: [&str; 6] = ["x", "x_degrees_per_unit", "x_zero", "y", "y_degrees_per_unit", "y_zero"];
+/// The other parameters of the archive.
+const PARAMETERS: [&str; 3] = ["rig", "lens", "dry_run"];
 
 impl ArchiveParameters {
     /// What names mean. If only one of the two axes is given, the other is the other angle.
@@ -88,7 +89,7 @@ impl Receivable for ScanSubmission {
     /// `scan_not_found`; `scan_mismatch` for another rig or lens than that of the scan; `profile_not_found`;
     /// `invalid_request` for an invalid option, or one that belongs to a single view.
     async fn read(app: &App, caller: &Caller, scan: &Name, fields: &Fields) -> ApiResult<Self> {
-        let of_archive = |name: &str| PARAMETERS.contains(&name);
+        let of_archive = |name: &str| PARAMETERS.contains(&name) || NAME_RULES.contains(&name);
         let (archive, options): (Vec<_>, Vec<_>) = fields.pairs.iter().cloned().partition(|(name, _)| of_archive(name));
         let archive: ArchiveParameters = params::typed(&archive)?;
         let rules = archive.rules()?;
