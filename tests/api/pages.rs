@@ -289,6 +289,10 @@ async fn tiles_are_parts_of_the_pictures_and_one_decoding_serves_all() {
         problem(tile(wrong).await, 404, "not_found").await;
     }
     problem(tile("height/0/0/0").await, 404, "no_result").await;
+    let job = app.store.metadata.job(stack).await.unwrap().unwrap();
+    let mask = job.outcome.unwrap().artifacts().iter().find(|artifact| artifact.name == "mask").unwrap().key.clone();
+    app.put_blob(&mask, b"damaged").await;
+    problem(tile("mask/0/0/0").await, 500, "internal").await;
     let thumbnail = app.get(&format!("/stacks/{stack}/thumbnail")).send().await.unwrap();
     assert_eq!(thumbnail.headers()["content-type"], "image/jpeg");
     assert!(thumbnail.bytes().await.unwrap().len() < 20_000);

@@ -73,7 +73,7 @@ pub async fn page(
             }
             @if viewer.stacks {
                 div.buttons {
-                    a.button.main href="/send" { "Send more views" }
+                    a.button.main href={ "/send?purpose=scan&scan=" (name) "&rig=" (input.rig) "&lens=" (input.lens) } { "Send more views" }
                     button type="button" id="rerun" disabled[scan.views.is_empty()] { "Fuse all again" }
                     button.danger type="button" id="delete" { "Delete" }
                 }

@@ -54,8 +54,9 @@ pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer) -> Api
             p id="told" role="alert" {}
             div.buttons { button.main type="submit" id="go" disabled { "Send" } }
         }
-        section aria-label="Uploads" aria-live="polite" {
+        section aria-label="Uploads" {
             ul.jobs id="uploads" {}
+            p.soft id="said" role="status" {}
         }
         p.soft.small { "An upload goes on after a cut line by itself. After this page was closed, choose the same file or folder again: "
             "only what is missing is sent." }

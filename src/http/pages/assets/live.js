@@ -4,6 +4,8 @@ import { call } from './page.js';
 
 const BUSY_MS = 1500;
 const CALM_MS = 10000;
+// the server spends at most this share of the time on one page
+const SHARE = 0.05;
 
 /** Keeps `box` equal to the part `part` of this page; `changed` is called with its new content. */
 export function follow(box, part, changed = () => {}) {
@@ -13,12 +15,15 @@ export function follow(box, part, changed = () => {}) {
   let failures = 0;
   const isBusy = () => box.querySelector('[data-state=queued], [data-state=running]') !== null;
   let timer;
+  let took = 0;
   async function look() {
     timer = 0;
     if (document.hidden) return again();
+    const began = performance.now();
     try {
       const response = await call('GET', url);
       const text = await response.text();
+      took = performance.now() - began;
       failures = 0;
       if (response.ok && text !== last) {
         const parsed = new DOMParser().parseFromString(text, 'text/html').body;
@@ -32,7 +37,7 @@ export function follow(box, part, changed = () => {}) {
     return again();
   }
   function again() {
-    timer = setTimeout(look, (isBusy() ? BUSY_MS : CALM_MS) * Math.min(1 + failures, 10));
+    timer = setTimeout(look, Math.max((isBusy() ? BUSY_MS : CALM_MS) * Math.min(1 + failures, 10), took / SHARE));
   }
   document.addEventListener('visibilitychange', () => { if (!document.hidden && timer) { clearTimeout(timer); timer = 0; look(); } });
   again();

@@ -182,6 +182,7 @@ async function start(what, metadata) {
     const job = await upload.run();
     if (job === null) return item.remove();
     end(...await made(job, metadata));
+    by('said').textContent = `${title}: everything has arrived.`;
   } catch (error) {
     end(element('p', { class: 'error', role: 'alert' }, sentence(error.message)));
   } finally {
@@ -204,6 +205,10 @@ async function made(job, metadata) {
 }
 
 const wanted = new URLSearchParams(location.search).get('purpose');
+for (const name of ['scan', 'rig', 'lens']) {
+  const given = new URLSearchParams(location.search).get(name);
+  if (given) by(name).value = given;
+}
 const radio = form.querySelector(`input[name=purpose][value="${CSS.escape(wanted ?? '')}"]`);
 if (radio) radio.checked = true;
 adapt();

@@ -48,7 +48,7 @@ pub async fn page(State(app): State<App>, viewer: Viewer, JobId(id): JobId, uri:
             }
         }
         p id="told" role="alert" {}
-        div id="state" data-url={ "/v1/calibrations/" (id) } aria-live="polite" { (state) }
+        div id="state" data-url={ "/v1/calibrations/" (id) } { (state) }
     }))
 }
 

@@ -68,7 +68,7 @@ pub async fn page(
             (actions::buttons(&job, &viewer))
         }
         p id="told" role="alert" {}
-        div id="state" data-stack=(id) aria-live="polite" { (state) }
+        div id="state" data-stack=(id) { (state) }
         @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, other.as_ref())) }
         (facts::warnings(&job, outcome))
         (actions::rerun(&job, &viewer))

@@ -16,7 +16,7 @@ use crate::{
     http::{
         artifacts::{
             conversions::Form,
-            outcome,
+            download, outcome,
             pyramid::{self, Colours},
         },
         background,
@@ -59,6 +59,10 @@ pub async fn get(
     let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, keep)];
     if not_modified(&headers, &tag) {
         return Ok((StatusCode::NOT_MODIFIED, common).into_response());
+    }
+    if app.conversions.kept(&stored.sha256, Form::Pyramid(colours)).is_none() {
+        // refuses a damaged file
+        drop(download::stored(&app, &job, stored, String::new()).await?);
     }
     let pyramid = app.conversions.get(&app, &stored.key, &stored.sha256, Form::Pyramid(colours)).await?;
     let _turn = app.tile_permits.acquire().await.map_err(ApiError::internal)?;

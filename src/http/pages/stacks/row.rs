@@ -72,7 +72,7 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
                     (job.rig) " · " (job.lens)
                     @if let Some(scan) = job.request.scan() {
                         " · scan " a href={ "/scans/" (scan) } { (scan) }
-                        @if let Some(angles) = options(job).map(angles).filter(|angles| !angles.is_empty()) { ", " (angles) }
+                        @if let Some(angles) = options(job).filter(|options| options.label.is_some()).map(angles).filter(|angles| !angles.is_empty()) { ", " (angles) }
                     }
                     " · " (ago(job.created_at, now))
                 }
