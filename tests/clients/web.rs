@@ -83,6 +83,13 @@ fn an_upload_goes_on_after_a_cut_line_and_after_the_page_was_closed() {
 }
 
 #[test]
+fn an_upload_can_be_paused_and_removed() {
+    if is_ready() {
+        scenario("pause", &with_profile());
+    }
+}
+
+#[test]
 fn a_waiting_stack_is_cancelled_and_deleted_after_confirmation() {
     if is_ready() {
         let server = Server::start_without_workers();

@@ -165,6 +165,42 @@ const scenarios = {
     page.settled();
   },
 
+  // a person stops an upload, lets it go on, and removes another
+  async pause(browser) {
+    const page = await opened(browser);
+    let hold = true;
+    let held;
+    const isHeld = () => new Promise((resolve) => { held = resolve; });
+    await page.route('**/v1/uploads/*', (route) => {
+      if (!hold || route.request().method() !== 'PATCH') return route.continue();
+      hold = false;
+      return held();
+    });
+    await describe(page);
+    await page.setInputFiles('#file', zip);
+    let waiting = isHeld();
+    await send(page);
+    await waiting;
+    await page.click('text=Pause');
+    await page.waitForSelector('#uploads >> text=paused at');
+    await page.click('text=Go on');
+    await finished(page);
+    hold = true;
+    await describe(page);
+    await page.fill('#label', 'removed');
+    await page.setInputFiles('#file', zip);
+    waiting = isHeld();
+    await send(page);
+    await waiting;
+    const removed = page.waitForResponse((response) => response.request().method() === 'DELETE');
+    await page.click('text=Remove');
+    assert.equal((await removed).status(), 204);
+    await page.waitForSelector('#uploads li', { state: 'detached' });
+    await page.goto(base);
+    assert.equal(await page.locator('li[data-state]').count(), 1, 'nothing is left of what was removed');
+    page.settled();
+  },
+
   // the server has no workers: what is sent waits, and is cancelled and deleted with the keyboard alone
   async cancel(browser) {
     const page = await opened(browser);
