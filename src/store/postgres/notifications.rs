@@ -1,7 +1,7 @@
 //! Changes that one process made, announced to the others with `NOTIFY`.
 //!
-//! A notification is sent within the transaction of the change, so it arrives after the commit or not at all. It is lost
-//! when the connection of the listener breaks; the listeners poll as well, so the change is seen later.
+//! A notification is sent within the transaction of the change, so it arrives after the commit or not at all. It is
+//! lost when the connection of the listener breaks; the listeners poll as well, so the change is seen later.
 
 use std::time::Duration;
 

@@ -1,8 +1,8 @@
 //! A Postgres server for tests. Other tests of the project include this file too.
 //!
-//! The server is that of `PINSTACK_TEST_POSTGRES_URL`, or a private one from the programs of Debian's `postgresql`, in a
-//! temporary folder, on a Unix socket. It ends with the process of the tests, however that ends: a shell waits for the
-//! end of its input.
+//! The server is that of `PINSTACK_TEST_POSTGRES_URL`, or a private one from the programs of Debian's `postgresql`, in
+//! a temporary folder, on a Unix socket. It ends with the process of the tests, however that ends: a shell waits for
+//! the end of its input.
 
 use std::{
     io::{BufRead, BufReader},
