@@ -35,11 +35,11 @@ class Layer {
 
   /** Draws the part of the layer that is in view. */
   draw(context, view, width, height) {
-    const top = this.levels.length - 1;
-    const wanted = Math.max(0, Math.min(top, Math.floor(Math.log2(1 / view.scale) + 0.01)));
-    context.imageSmoothingEnabled = view.scale < 2;
+    const coarsest = this.levels.length - 1;
+    const wanted = Math.max(0, Math.min(coarsest, Math.floor(Math.log2(1 / view.scale) + 0.01)));
+    context.imageSmoothingEnabled = view.scale < 2 && view.scale !== 1;
     // coarse levels first: they show through until the finer tiles have arrived
-    for (const level of wanted === top ? [top] : [top, wanted]) {
+    for (const level of wanted === coarsest ? [coarsest] : [coarsest, wanted]) {
       const [columns, rows] = this.levels[level];
       const factor = [this.width / columns, this.height / rows];
       const from = [-view.x / view.scale, -view.y / view.scale];
@@ -48,16 +48,18 @@ class Layer {
         Math.max(0, Math.floor(from[axis] / factor[axis] / this.tile)),
         Math.min(Math.ceil(side / this.tile) - 1, Math.floor(to[axis] / factor[axis] / this.tile)),
       ];
-      const [left, right] = range(0, columns);
-      const [upper, lower] = range(1, rows);
-      for (let y = upper; y <= lower; y += 1) {
-        for (let x = left; x <= right; x += 1) {
+      const [firstColumn, lastColumn] = range(0, columns);
+      const [firstRow, lastRow] = range(1, rows);
+      for (let y = firstRow; y <= lastRow; y += 1) {
+        for (let x = firstColumn; x <= lastColumn; x += 1) {
           const image = this.get(level, x, y);
           if (!image) continue;
-          const place = (axis, index) => (axis ? view.y : view.x) + index * this.tile * factor[axis] * view.scale;
-          const size = (axis, pixels) => pixels * factor[axis] * view.scale;
-          const area = [place(0, x), place(1, y), size(0, image.naturalWidth), size(1, image.naturalHeight)];
-          if (level === wanted && wanted !== top) context.clearRect(...area);
+          // edges at whole pixels of the screen: tiles meet without a seam, and 1 : 1 shows the pixels unchanged
+          const edge = (axis, at) => Math.round((axis ? view.y : view.x) + at * factor[axis] * view.scale);
+          const [left, top] = [edge(0, x * this.tile), edge(1, y * this.tile)];
+          const [right, bottom] = [edge(0, x * this.tile + image.naturalWidth), edge(1, y * this.tile + image.naturalHeight)];
+          const area = [left, top, right - left, bottom - top];
+          if (level === wanted && wanted !== coarsest) context.clearRect(...area);
           context.drawImage(image, ...area);
         }
       }
@@ -165,7 +167,8 @@ export class Viewer {
 
   backdrop(context) {
     const { x, y, scale } = this.view;
-    const area = [x, y, this.first.width * scale, this.first.height * scale];
+    const edges = [x, y, x + this.first.width * scale, y + this.first.height * scale].map(Math.round);
+    const area = [edges[0], edges[1], edges[2] - edges[0], edges[3] - edges[1]];
     const plain = { black: '#000', white: '#fff', grey: '#808080' }[this.behind];
     if (!plain && !this.checks) {
       const small = document.createElement('canvas');
