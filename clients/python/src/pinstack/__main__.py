@@ -1,0 +1,5 @@
+"""``python -m pinstack``."""
+
+from .push.cli import run
+
+run()

@@ -1,0 +1,188 @@
+"""The commands ``pinstack push`` and ``pinstack watch``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import logging.handlers
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence
+
+from .._client import Client
+from .._errors import PinstackError
+from .._http import Retry
+from . import sheet
+from .folders import Found, StackFolder, find
+from .journal import Journal
+from .progress import Progress
+from .run import send_all, table
+from .sender import Outcome
+from .settings import Settings, load, option
+from .watch import watch
+
+#: Exit codes.
+DONE, SOME_FAILED, USAGE, UNREACHABLE, INTERRUPTED = 0, 1, 2, 3, 130
+
+EPILOG = """exit codes: 0 everything is done; 1 some stacks were refused, failed or are incomplete; 2 wrong usage;
+3 the service cannot be reached; 130 interrupted. A run that ended early goes on when the command is given again."""
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Runs a command and returns its exit code."""
+    try:
+        given = vars(_parser().parse_args(arguments))
+        command = given.pop("command")
+        folders = [Path(folder) for folder in given.pop("folders")]
+        for folder in folders:
+            if not folder.is_dir():
+                raise PinstackError("invalid_source", f"{folder} is not a folder")
+        given["options"] = {name: value for text in given["options"] for name, value in option(text).items()}
+        if given.get("dry_run"):
+            return _dry_run(folders, given["results"], as_json=bool(given.get("json")))
+        settings = load(given.pop("config"), given, os.environ)
+        return _push(folders, settings) if command == "push" else _watch(folders[0], settings, given.get("log"))
+    except PinstackError as error:
+        print(f"pinstack: {error.detail}", file=sys.stderr)
+        return UNREACHABLE if error.code == "unreachable" else USAGE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="pinstack", description="Send focus stacks to a pinstack service.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    push = commands.add_parser("push", help="send all stacks in folders", epilog=EPILOG)
+    push.add_argument("folders", nargs="+", metavar="DIR")
+    push.add_argument("--dry-run", action="store_true", help="only show which folders are stacks")
+    push.add_argument("--json", action="store_true", help="show that as JSON")
+    watching = commands.add_parser("watch", help="send stacks as they become complete, until stopped", epilog=EPILOG)
+    watching.add_argument("folders", nargs=1, metavar="DIR")
+    watching.add_argument("--quiet-s", type=float, help="seconds without a change after which a stack is complete")
+    watching.add_argument("--every-s", type=float, help="seconds between two looks")
+    watching.add_argument("--log", type=Path, help="also write to this file; it is rotated at 5 MB")
+    for command in (push, watching):
+        command.add_argument("--config", type=Path, help="file of the rig (TOML)")
+        command.add_argument("--server", help="URL of the service (default: PINSTACK_URL, http://127.0.0.1:8080)")
+        command.add_argument("--token-file", type=Path, help="file with the access token (default: PINSTACK_TOKEN)")
+        command.add_argument("--rig")
+        command.add_argument("--lens")
+        command.add_argument("--scan", help="the stacks are views of this scan; pan and tilt come from folder names")
+        command.add_argument("--results", type=Path, help="folder of the results (default: DIR/results)")
+        command.add_argument("--journal", type=Path, help="what was sent (default: DIR/.pinstack-journal)")
+        command.add_argument("--save", nargs="*", metavar="ARTIFACT", help="results to save (default: image mask)")
+        command.add_argument("--jobs", type=int, help="stacks at a time (default: 2)")
+        command.add_argument("-o", "--option", dest="options", action="append", default=[], metavar="NAME=VALUE",
+                             help="an option of the stacks, such as method=pyramid")  # fmt: skip
+    return parser
+
+
+def _dry_run(folders: List[Path], results: Optional[Path], as_json: bool) -> int:
+    found = _found(folders, results)
+    if as_json:
+        stacks = [
+            {"name": one.name, "folder": str(one.path), "front": [str(path) for path in one.front],
+             "back": [str(path) for path in one.back], **one.angles, "problem": one.problem}
+            for one in found.stacks
+        ]  # fmt: skip
+        ignored = [{"file": str(path), "reason": reason} for path, reason in found.ignored]
+        print(json.dumps({"stacks": stacks, "ignored": ignored}, indent=2))
+    else:
+        print(table(found))
+    return SOME_FAILED if any(one.problem for one in found.stacks) or not found.stacks else DONE
+
+
+def _found(folders: List[Path], results: Optional[Path]) -> Found:
+    found = Found()
+    for folder in folders:
+        one = find(folder, results)
+        found.stacks.extend(one.stacks)
+        found.ignored.extend(one.ignored)
+    names: Dict[str, StackFolder] = {}
+    for stack in found.stacks:
+        other = names.setdefault(stack.name.casefold(), stack)
+        if other is not stack:
+            detail = f"{other.path} and {stack.path} would have the same name {stack.name}; send one at a time"
+            raise PinstackError("invalid_source", detail)
+    return found
+
+
+def _client(settings: Settings) -> Client:
+    return Client(settings.server, settings.token or "", retry=Retry())
+
+
+def _places(folder: Path, settings: Settings) -> tuple[Path, Path]:
+    return settings.results or folder / "results", settings.journal or folder / ".pinstack-journal"
+
+
+def _push(folders: List[Path], settings: Settings) -> int:
+    found = _found(folders, settings.results)
+    if not found.stacks:
+        print(table(found), file=sys.stderr)
+        raise PinstackError("invalid_source", "there is no stack in these folders; --dry-run shows what was seen")
+    results, at = _places(folders[0], settings)
+    _reach(settings)
+    journal = Journal(at)
+    stop = threading.Event()
+    progress = Progress(len(found.stacks))
+    try:
+        outcomes = send_all(lambda: _client(settings), journal, found.stacks, settings, results, progress, stop)
+    finally:
+        journal.close()
+    page = sheet.write(outcomes, results)
+    good = sum(outcome.is_good for outcome in outcomes)
+    progress.say(f"{good} of {len(found.stacks)} stacks are done; see {page}")
+    if stop.is_set():
+        return INTERRUPTED
+    if any(outcome.state == "unreachable" for outcome in outcomes):
+        return UNREACHABLE
+    return DONE if good == len(found.stacks) else SOME_FAILED
+
+
+def _reach(settings: Settings) -> None:
+    with _client(settings) as client:
+        client.get_profile(settings.rig, settings.lens)
+
+
+def _watch(folder: Path, settings: Settings, log: Optional[Path]) -> int:
+    results, at = _places(folder, settings)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    journal = Journal(at)
+    progress = _Logged(log) if log is not None else Progress(0)
+    every: Dict[str, Outcome] = {}
+
+    def ended(outcomes: List[Outcome]) -> None:
+        every.update({outcome.name: outcome for outcome in outcomes})
+        sheet.write(list(every.values()), results)
+
+    progress.say(f"watching {folder}; results are saved in {results}")
+    try:
+        watch(lambda: _client(settings), journal, folder, settings, results, progress, stop, ended)
+    finally:
+        journal.close()
+    progress.say("stopped")
+    return DONE
+
+
+class _Logged(Progress):
+    """Writes what happens to a file that is rotated, with the time, and to the terminal."""
+
+    def __init__(self, log: Path) -> None:
+        super().__init__(0)
+        handler = logging.handlers.RotatingFileHandler(log, maxBytes=5_000_000, backupCount=5, encoding="utf-8")
+        handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
+        self._log = logging.Logger("pinstack")
+        self._log.addHandler(handler)
+
+    def _print(self, text: str) -> None:
+        super()._print(text)
+        self._log.info(text)
+
+
+def run() -> Any:
+    """The entry point of the command."""
+    sys.exit(main())

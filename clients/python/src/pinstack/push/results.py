@@ -1,0 +1,35 @@
+"""Results beside the stacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, List, Mapping, Optional, Sequence
+
+from .._client import Client
+from .folders import safe_name
+
+#: Endings of the file types that the service sends.
+SUFFIXES = {"image/png": ".png", "image/tiff": ".tif", "image/jpeg": ".jpg"}
+
+
+def save_results(client: Client, stack: Mapping[str, Any], name: str, wanted: Sequence[str], to: Path) -> List[Path]:
+    """Saves artifacts as ``{name}.png``, ``{name}_mask.png``, ... and a small picture for the contact sheet.
+
+    A file appears when it is complete. An artifact that the stack does not have, such as the mask of one without back
+    light, is left out.
+    """
+    to.mkdir(parents=True, exist_ok=True)
+    small = to / "contact-sheet"
+    small.mkdir(exist_ok=True)
+    saved = [_save(client, stack, name, artifact, to) for artifact in wanted]
+    _save(client, stack, name, "preview", small)
+    return [path for path in saved if path is not None]
+
+
+def _save(client: Client, stack: Mapping[str, Any], name: str, artifact: str, to: Path) -> Optional[Path]:
+    made = [one for one in stack.get("artifacts", []) if one["name"] == artifact]
+    if not made:
+        return None
+    tail = "" if artifact in ("image", "preview") else f"_{artifact}"
+    suffix = SUFFIXES.get(str(made[0]["media_type"]), ".png")
+    return client.save_artifact(stack, artifact, to / f"{safe_name(name)}{tail}{suffix}")

@@ -1,0 +1,131 @@
+"""Settings of a push: the command line wins over the environment, and that over the file of the rig (TOML).
+
+The file has the names of the options of the command line, with ``_`` for ``-``, and a table ``options`` for those of
+the stacks::
+
+    server = "http://stacker:8080"
+    token_file = "C:/pinstack/token.txt"
+    rig = "bench-1"
+    lens = "macro65-1x"
+    results = "D:/results"
+
+    [options]
+    method = "pyramid"
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional
+
+from .._errors import PinstackError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass
+class Settings:
+    """Everything a push needs to know."""
+
+    server: str = "http://127.0.0.1:8080"
+    #: Never shown.
+    token: Optional[str] = field(default=None, repr=False)
+    rig: str = ""
+    lens: str = ""
+    scan: Optional[str] = None
+    #: Folder of the results; None: a folder ``results`` in the folder that is sent.
+    results: Optional[Path] = None
+    #: The journal; None: a file in the folder that is sent.
+    journal: Optional[Path] = None
+    #: Artifacts that are saved.
+    save: List[str] = field(default_factory=lambda: ["image", "mask"])
+    #: Stacks at a time.
+    jobs: int = 2
+    #: How long nothing may change in a folder before it is sent, seconds.
+    quiet_s: float = 20.0
+    #: How often ``watch`` looks, seconds.
+    every_s: float = 5.0
+    #: Options of the stacks.
+    options: Dict[str, Any] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Raises ``invalid_source`` with what is missing or out of range."""
+        for name in ("rig", "lens"):
+            if not getattr(self, name):
+                raise _wrong(f"{name} is missing: give --{name}, or {name} in the file of the rig")
+        if not 1 <= self.jobs <= 16:
+            raise _wrong(f"jobs is {self.jobs}; it must be 1 to 16")
+        if self.quiet_s < 0 or self.every_s <= 0:
+            raise _wrong("quiet_s must not be negative, and every_s must be more than 0")
+        unknown = sorted(set(self.save) - {"image", "mask", "depth", "backlight", "height", "height-sigma", "preview"})
+        if unknown:
+            raise _wrong(f"save: there is no artifact {unknown[0]!r}")
+
+
+def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[str, str]) -> Settings:
+    """The settings from the file of the rig, the environment and the command line, the last first.
+
+    ``PINSTACK_URL`` and ``PINSTACK_TOKEN`` are read from the environment.
+    """
+    values: Dict[str, Any] = _read(file) if file is not None else {}
+    token_file = given.get("token_file") or values.pop("token_file", None)
+    if "PINSTACK_URL" in environment:
+        values["server"] = environment["PINSTACK_URL"]
+    if token_file is not None:
+        values["token"] = _token(Path(token_file))
+    elif "PINSTACK_TOKEN" in environment:
+        values["token"] = environment["PINSTACK_TOKEN"]
+    options = {**values.pop("options", {}), **(given.get("options") or {})}
+    known = {one.name: one for one in fields(Settings)}
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise _wrong(f"{file}: there is no setting {unknown[0]!r}; there are {', '.join(sorted(known))}")
+    values.update({name: value for name, value in given.items() if name in known and value is not None})
+    for name in ("results", "journal"):
+        if values.get(name) is not None:
+            values[name] = Path(str(values[name])).expanduser()
+    settings = Settings(**{**values, "options": options})
+    for name, kind in (("jobs", int), ("quiet_s", (int, float)), ("every_s", (int, float)), ("save", list)):
+        if not isinstance(getattr(settings, name), kind):
+            raise _wrong(f"{name} has the wrong type in {file or 'the settings'}")
+    settings.check()
+    return settings
+
+
+def _read(file: Path) -> Dict[str, Any]:
+    try:
+        with file.open("rb") as text:
+            return tomllib.load(text)
+    except OSError as error:
+        raise _wrong(f"the settings {file} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise _wrong(f"the settings {file} are not valid TOML: {error}") from error
+
+
+def _token(file: Path) -> str:
+    try:
+        return file.read_text("utf-8-sig").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise _wrong(f"the token in {file} cannot be read: {error}") from error
+
+
+def option(text: str) -> Dict[str, Any]:
+    """An option of a stack from the command line: ``method=pyramid``, ``r1=30``, ``mask_threshold=0.4``."""
+    name, sign, value = text.partition("=")
+    if not sign or not name:
+        raise _wrong(f"{text!r} is no option; write name=value, such as method=pyramid")
+    for kind in (int, float):
+        try:
+            return {name: kind(value)}
+        except ValueError:
+            continue
+    return {name: {"true": True, "false": False}.get(value, value)}
+
+
+def _wrong(detail: str) -> PinstackError:
+    return PinstackError("invalid_source", detail)
