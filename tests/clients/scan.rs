@@ -23,8 +23,8 @@ const TILTS: [f64; 3] = [0.0, 8.0, 16.0];
 const WIDTH: usize = 810;
 const SLICES: usize = 9;
 
-/// How much larger than with ideal pictures the errors of the poses may be. docs/POSES.md has the ratios of several
-/// scans, which are smaller; those of a single scan scatter by 20 %, because a standard deviation of 54 steps does.
+/// How much larger than with ideal pictures the errors of the poses may be. docs/POSES.md has measured ratios, which
+/// are smaller; that of a single scan is uncertain, because the standard deviation of 54 steps is.
 const FACTOR: f64 = 1.5;
 
 #[test]
