@@ -69,6 +69,33 @@ def test_what_belongs_to_no_stack_is_named(tmp_path: Path) -> None:
     assert [stack.name for stack in found.stacks] == ["v"]
 
 
+def test_what_folders_do_not_tell_is_refused(tmp_path: Path) -> None:
+    for light in ("with", "without"):
+        make(tmp_path, *(f"tree/{light}_backlight/x=6/y=120/{at}.jpg" for at in (1, 2)))
+    make(tmp_path, *(f"flat/view{view}_front_{at}.jpg" for view in (1, 2) for at in (1, 2)))
+    make(tmp_path, *(f"twins/{at}.{kind}" for at in (1, 2) for kind in ("jpg", "tif")))
+    make(tmp_path, *(f"good/IMG_{at}.jpg" for at in (1, 2)))
+    problems = {stack.name: stack.problem for stack in folders.find(tmp_path).stacks}
+    assert [name for name, problem in problems.items() if problem is None] == ["good"]
+    assert all("one scan" in problem for problem in problems.values() if problem is not None)
+
+
+def test_a_token_of_the_environment_wins_over_that_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("of the rig")
+    file = tmp_path / "rig.toml"
+    file.write_text(f'rig = "r"\nlens = "l"\ntoken_file = "{tmp_path}/token"\n')
+    assert settings.load(file, {}, {}).token == "of the rig"
+    assert settings.load(file, {}, {"PINSTACK_TOKEN": "t"}).token == "t"
+    assert settings.load(file, {"token_file": tmp_path / "token"}, {"PINSTACK_TOKEN": "t"}).token == "of the rig"
+
+
+def test_stacks_whose_names_meet_become_complete(tmp_path: Path) -> None:
+    make(tmp_path, "a/b/1.jpg", "a/b/2.jpg", "a_b/1.jpg", "a_b/2.jpg")
+    complete = Complete(0.0, lambda: 0.0)
+    complete.of(folders.find(tmp_path).stacks)
+    assert len(complete.of(folders.find(tmp_path).stacks)) == 2
+
+
 def test_results_are_not_taken_for_stacks(tmp_path: Path) -> None:
     make(tmp_path, "v/1.jpg", "v/2.jpg", "out/v.png", "out/contact-sheet/v.png", "w/out/1.jpg", "w/out/2.jpg")
     assert [stack.name for stack in folders.find(tmp_path, tmp_path / "out").stacks] == ["v", "w_out"]

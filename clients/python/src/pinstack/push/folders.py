@@ -64,10 +64,16 @@ class StackFolder:
     name: str
     front: List[Path]
     back: List[Path] = field(default_factory=list)
+    #: A folder above it that is named after a light, as in a tree per light.
+    above: Optional[str] = None
 
     @property
     def problem(self) -> Optional[str]:
         """Why it cannot be sent as it is; None if it can."""
+        if self.above is not None:
+            return f"the folder {self.above} names a light for several views; send the whole as one scan"
+        if _are_several([path.stem for path in self.front]):
+            return "its file names seem to tell several views or lights, or formats, apart; send it as one scan"
         if len(self.front) < 2:
             return f"{len(self.front)} front-light picture; a focus stack has at least 2"
         if self.back and len(self.back) != len(self.front):
@@ -141,12 +147,23 @@ def _stacks(root: Path, pictures: Dict[Path, List[Path]]) -> List[StackFolder]:
             view, which = folder.parent, str(shown[folder])
         # case makes no other folder on Windows
         key = str(view).casefold()
-        stack = stacks.setdefault(key, StackFolder(view, _name(root, view), []))
+        above = next((part for part in view.relative_to(root).parts if light(part) is not None), None)
+        stack = stacks.setdefault(key, StackFolder(view, _name(root, view), [], above=above))
         (stack.back if which == "back" else stack.front).extend(files)
     for stack in stacks.values():
         stack.front.sort(key=lambda path: natural(path.name))
         stack.back.sort(key=lambda path: natural(path.name))
     return sorted(stacks.values(), key=lambda stack: natural(stack.name))
+
+
+def _are_several(stems: List[str]) -> bool:
+    """Whether file names differ in more than their last number, twice or more each, or two have the same stem."""
+    views: Dict[str, int] = {}
+    for stem in stems:
+        view = re.sub(r"[-+]?\d+(?=\D*$)", "", stem.lower())
+        views[view] = views.get(view, 0) + 1
+    twins = len({stem.lower() for stem in stems}) < len(stems)
+    return twins or sum(count > 1 for count in views.values()) > 1
 
 
 def _pairs(root: Path, pictures: Dict[Path, List[Path]]) -> Dict[Path, Tuple[Path, str]]:

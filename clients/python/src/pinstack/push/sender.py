@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, List, Optional
 
 from .._client import Client
 from .._errors import PinstackError
+from .._http import TEMPORARY
 from .folders import StackFolder
 from .journal import Journal, key_of
 from .results import save_results
@@ -59,6 +60,9 @@ def send(
     except PinstackError as error:
         states = {"unreachable": "unreachable", "source_changed": "incomplete", "timeout": "unreachable"}
         state = states.get(error.code, "failed" if error.status == 0 else "refused")
+        if error.status in TEMPORARY:
+            # a gateway, or a full queue: the next try may pass
+            state = "unreachable"
         places = [str(place.get("file")) for place in error.errors if place.get("file")]
         return Outcome(folder.name, state, [error.detail, *[f"see {place}" for place in places[:5]]])
     except OSError as error:

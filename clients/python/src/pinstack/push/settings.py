@@ -73,13 +73,15 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
     ``PINSTACK_URL`` and ``PINSTACK_TOKEN`` are read from the environment.
     """
     values: Dict[str, Any] = _read(file) if file is not None else {}
-    token_file = given.get("token_file") or values.pop("token_file", None)
+    of_rig = values.pop("token_file", None)
     if "PINSTACK_URL" in environment:
         values["server"] = environment["PINSTACK_URL"]
-    if token_file is not None:
-        values["token"] = _token(Path(token_file))
+    if given.get("token_file") is not None:
+        values["token"] = _token(Path(given["token_file"]))
     elif "PINSTACK_TOKEN" in environment:
         values["token"] = environment["PINSTACK_TOKEN"]
+    elif of_rig is not None:
+        values["token"] = _token(Path(str(of_rig)))
     options = {**values.pop("options", {}), **(given.get("options") or {})}
     known = {one.name: one for one in fields(Settings)}
     unknown = sorted(set(values) - set(known))

@@ -42,11 +42,11 @@ class Complete:
             state = state_of(stack)
         except OSError:
             # a file went away, or another program holds it
-            self._seen.pop(stack.name, None)
+            self._seen.pop(str(stack.path), None)
             return False
-        before, since = self._seen.get(stack.name, (None, now))
+        before, since = self._seen.get(str(stack.path), (None, now))
         if before != state:
-            self._seen[stack.name] = (state, now)
+            self._seen[str(stack.path)] = (state, now)
             since = now
         return now - since >= self._quiet_s
 
