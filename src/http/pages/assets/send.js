@@ -75,7 +75,7 @@ function table(views) {
   };
   const head = ['Folder', 'Front light', 'Back light', 'Remarks'].map((name, at) => element('th', { scope: 'col', class: at % 3 ? undefined : 'l' }, name));
   return element('div', { class: 'wide', tabindex: '0', role: 'region', 'aria-label': 'Grouping by folders' }, element('table', {},
-    element('caption', { class: 'soft small' }, 'The grouping by folders. The server groups by the same rules and shows the result.'),
+    element('caption', { class: 'soft small' }, 'The folders as this page reads them. The server also reads file names and more words for the lights; the page of the scan shows its views.'),
     element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...views.map(row))));
 }
 
