@@ -125,6 +125,7 @@ fn refused() -> ApiError {
 /// | other `GET` and `HEAD` | `read` |
 /// | below `/v1/profiles` and `/v1/calibrations` | `profiles:write` |
 /// | `POST /v1/poses`, `POST /v1/scans/{scan}/poses` (nothing is stored) | `read` |
+/// | `POST /v1/groupings` (nothing is stored) | `read` or `stacks:write` |
 /// | below `/v1/stacks` and `/v1/scans` | `stacks:write` |
 /// | everything else | `admin` |
 ///
@@ -152,6 +153,8 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
         &[Scope::ProfilesWrite]
     } else if *method == Method::POST && reports_poses(path) {
         &[Scope::Read]
+    } else if *method == Method::POST && path == "/v1/groupings" {
+        &[Scope::Read, Scope::StacksWrite]
     } else if below("/v1/stacks") || below("/v1/scans") {
         &[Scope::StacksWrite]
     } else {
@@ -212,6 +215,7 @@ mod tests {
             (Method::POST, "/v1/scans/bee/archive", Some("stacks:write")),
             (Method::POST, "/v1/poses", Some("read")),
             (Method::POST, "/v1/scans/bee/poses", Some("read")),
+            (Method::POST, "/v1/groupings", Some("read stacks:write")),
             (Method::PUT, "/v1/scans/poses", Some("stacks:write")),
             (Method::DELETE, "/v1/scans/poses", Some("stacks:write")),
             (Method::POST, "/v1/scans/poses/rerun", Some("stacks:write")),

@@ -69,6 +69,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(scans::rerun::rerun))
         .routes(routes!(scans::bundle::bundle))
         .routes(routes!(scans::poses::poses))
+        .routes(routes!(scans::groupings::group))
         .routes(routes!(poses::create::create))
         // capture planning
         .routes(routes!(optics::plan::plan))

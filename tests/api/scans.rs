@@ -2,6 +2,7 @@
 
 mod archive;
 mod bundle;
+mod groupings;
 mod owners;
 
 use reqwest::{Response, StatusCode};

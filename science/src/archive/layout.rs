@@ -3,7 +3,7 @@
 //! In: the directory. Out: the slices of both lights in order. The steps: check names, separate pictures from other
 //! files, strip enclosing folders, apply the manifest if there is one, otherwise sort by folder and name.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::{
     ArchiveLimits,
@@ -99,7 +99,7 @@ fn warn_of_names(members: &[Member], warnings: &mut Vec<Warning>) {
 }
 
 /// Refuses names that are equal after cleaning or on a file system that ignores case.
-fn refuse_same_names(members: &[Member]) -> Result<(), Error> {
+pub(super) fn refuse_same_names(members: &[Member]) -> Result<(), Error> {
     let mut seen: HashMap<String, &str> = HashMap::new();
     for member in members {
         if let Some(other) = seen.insert(member.name.to_lowercase(), &member.name) {
@@ -123,6 +123,22 @@ pub(super) struct Split {
 /// Separates pictures from other files. A camera raw file next to a picture of the same name is ignored, with a
 /// warning. A raw file without one is refused.
 pub(super) fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result<Split, Error> {
+    let (split, alone) = split_with_raw(members);
+    if let Some((member, format)) = alone.first() {
+        return Err(codec::ImageFault::Raw(format).in_file(&member.name, None));
+    }
+    if !split.raw.is_empty() {
+        let names = listed(split.raw.iter().map(|member| member.name.as_str()));
+        warnings.push(Warning::new(
+            "raw_passed_over",
+            format!("{names}: camera raw files were ignored, because there are pictures of the same name"),
+        ));
+    }
+    Ok(split)
+}
+
+/// Separates pictures from other files, and camera raw files without a picture of the same name, each with its format.
+pub(super) fn split_with_raw(members: Vec<Member>) -> (Split, Vec<(Member, &'static str)>) {
     let (mut pictures, mut raw, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for member in members {
         if let Some(format) = codec::raw_extension(&member.name) {
@@ -134,19 +150,10 @@ pub(super) fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result
         }
     }
     let stem_of = |member: &Member| member_names::stem(&member.name).to_lowercase();
-    let stems: std::collections::HashSet<String> = pictures.iter().map(stem_of).collect();
-    if let Some((member, format)) = raw.iter().find(|(member, _)| !stems.contains(&stem_of(member))) {
-        return Err(codec::ImageFault::Raw(format).in_file(&member.name, None));
-    }
-    if !raw.is_empty() {
-        let names = listed(raw.iter().map(|(member, _)| member.name.as_str()));
-        warnings.push(Warning::new(
-            "raw_passed_over",
-            format!("{names}: camera raw files were ignored, because there are pictures of the same name"),
-        ));
-    }
+    let stems: HashSet<String> = pictures.iter().map(stem_of).collect();
+    let (raw, alone): (Vec<_>, Vec<_>) = raw.into_iter().partition(|(member, _)| stems.contains(&stem_of(member)));
     let raw = raw.into_iter().map(|(member, _)| member).collect();
-    Ok(Split { pictures, raw, others })
+    (Split { pictures, raw, others }, alone)
 }
 
 /// Strips the folders that enclose all pictures. Returns the stripped prefix too.
@@ -171,15 +178,25 @@ fn common_folder(pictures: &[Member], from: usize) -> Option<String> {
 
 /// Refuses names that differ only in their extension: one slice in two formats would count twice.
 pub(super) fn refuse_twins(pictures: &[Member]) -> Result<(), Error> {
+    match twins(pictures).first() {
+        Some((member, detail)) => Err(invalid(&member.name, detail.as_str())),
+        None => Ok(()),
+    }
+}
+
+/// The pictures whose name differs from that of an earlier one only in its extension, each with a sentence.
+pub(super) fn twins(pictures: &[Member]) -> Vec<(&Member, String)> {
     let mut seen: HashMap<String, &str> = HashMap::new();
-    for Member { name, .. } in pictures {
+    let mut twins = Vec::new();
+    for member in pictures {
+        let name = &member.name;
         if let Some(other) = seen.insert(member_names::stem(name).to_lowercase(), name) {
             let detail =
                 format!("{other} and {name} seem to be one slice in two formats; keep only one of the formats");
-            return Err(invalid(name, detail));
+            twins.push((member, detail));
         }
     }
-    Ok(())
+    twins
 }
 
 pub(super) fn refuse_too_much(pictures: &[Member], limits: &ArchiveLimits) -> Result<(), Error> {

@@ -15,6 +15,13 @@ pub(super) struct Member {
     pub unclear_name: bool,
 }
 
+impl Member {
+    /// The folders of the name; empty for the root.
+    pub(super) fn folder(&self) -> &str {
+        self.name.rsplit_once('/').map_or("", |(folder, _)| folder)
+    }
+}
+
 /// A member that is a picture.
 pub(super) struct Picture {
     /// The member.

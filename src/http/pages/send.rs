@@ -70,7 +70,7 @@ fn purpose(viewer: &Viewer) -> Markup {
             div.fields {
                 @if viewer.stacks {
                     label.check { input type="radio" name="purpose" value="stack" checked; "One stack" }
-                    label.check { input type="radio" name="purpose" value="scan"; "A scan: many stacks, a folder for each" }
+                    label.check { input type="radio" name="purpose" value="scan"; "A scan: the stacks of many views" }
                 }
                 @if viewer.profiles {
                     label.check { input type="radio" name="purpose" value="calibration" checked[!viewer.stacks]; "A calibration: a dot target" }

@@ -8,6 +8,7 @@ pub mod bundle;
 pub mod csv;
 pub mod delete;
 pub mod get;
+pub mod groupings;
 pub mod list;
 pub mod poses;
 pub mod put;

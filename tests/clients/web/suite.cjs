@@ -100,7 +100,10 @@ const scenarios = {
     await page.check('input[value=scan]');
     await page.fill('#scan', 'bee');
     await page.setInputFiles('#folder', path.join(folder, 'views'));
-    assert.match(await page.textContent('#chosen'), /pan000_tilt00[^]*pan020_tilt00/);
+    // as the server reads the names, before anything is sent
+    await page.waitForSelector('#chosen table');
+    assert.match(await page.textContent('#chosen'), /2 views[^]*pan000_tilt00[^]*pan020_tilt00/);
+    assert.deepEqual(await page.locator('#chosen tbody tr').nth(1).locator('td').allTextContents(), ['views/pan020_tilt00', '20', '0', '4', '4', '']);
     await send(page);
     await page.click('text=See the scan bee');
     await page.waitForSelector('.grid .view img');

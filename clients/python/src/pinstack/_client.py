@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence
 
 from . import models
 from ._events import OnProgress
@@ -317,6 +317,18 @@ class Client:
     def group(self, scan: str, views: Sendable, **options: Any) -> models.ScanArchiveView:
         """How the service groups the slices of a zip or folder into views. It makes nothing."""
         return self._transport.run(self._do.group(scan, views, options))
+
+    def group_names(
+        self, names: Sequence[str], manifest: Optional[Mapping[str, Any]] = None, **rules: Any
+    ) -> models.NameGrouping:
+        """How the service groups file names into views, before anything is sent. It makes nothing.
+
+        Args:
+            names: of all files below a folder, relative to it, with ``/`` between folders.
+            manifest: the content of the ``manifest.json`` among them.
+            rules: what numbers in names mean: ``x_degrees_per_unit``, ``x_zero``, ``x="pan"``, and the same for ``y``.
+        """
+        return self._transport.run(self._do.group_names(names, manifest, rules))
 
     def send_scan(
         self,

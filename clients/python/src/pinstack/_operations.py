@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
 
 from . import _arrays, _downloads, _events, _uploads
 from ._errors import PinstackError
@@ -199,6 +199,14 @@ class Operations:
     def group(self, scan: str, sendable: Sendable, options: Mapping[str, Any]) -> Operation[Any]:
         parameters = query(**options, dry_run=True)
         return self.send_whole(path("v1", "scans", scan, "archive"), sendable, parameters, {}, None)
+
+    def group_names(
+        self, names: Sequence[str], manifest: Optional[Mapping[str, Any]], rules: Mapping[str, Any]
+    ) -> Operation[Any]:
+        body, kind = json_body({"names": list(names), "manifest": manifest})
+        at = "/v1/groupings"
+        request = Request("POST", at, query(**rules), headers=kind, body=body, repeatable=True)
+        return (yield from send(request, self.retry)).json()
 
     def wait_scan(
         self, scan: str, on_view: Optional[Callable[[str, str], None]], timeout_s: Optional[float]

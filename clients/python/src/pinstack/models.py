@@ -266,6 +266,13 @@ class HeightInfo(TypedDict):
     valid_fraction: float
 
 
+class Ignored(TypedDict):
+    """A file that belongs to no view."""
+
+    name: str
+    reason: str
+
+
 class IgnoredFile(TypedDict):
     """A file that belongs to no view."""
 
@@ -352,6 +359,25 @@ class Metrics(TypedDict):
     slices: List[SliceMetrics]
     timing_ms: Timing
     versions: NotRequired[List[str]]
+
+
+class NameGrouping(TypedDict):
+    """The views that names tell."""
+
+    ignored: List[Ignored]
+    views: List[NamedView]
+    warnings: List[Warning]
+
+
+class NamedView(TypedDict):
+    """A view that names tell."""
+
+    back: List[str]
+    front: List[str]
+    name: str
+    pan_deg: NotRequired[Optional[float]]
+    problem: NotRequired[Optional[str]]
+    tilt_deg: NotRequired[Optional[float]]
 
 
 class Problem(TypedDict):

@@ -44,13 +44,14 @@ fn refuse_counts(groups: &[Group]) -> Result<(), Error> {
     };
     let mut error = Error::new(ErrorKind::SliceCountMismatch, detail);
     for (group, detail) in wrong.into_iter().take(MOST_LISTED) {
-        error = error.at(ErrorLocation { detail, file: Some(group.name.clone()), ..ErrorLocation::default() });
+        error = error.at(ErrorLocation { detail, file: Some(group.shown().to_owned()), ..ErrorLocation::default() });
     }
     Err(error)
 }
 
-fn wrong_counts(group: &Group) -> Option<String> {
-    let (name, front, back) = (&group.name, group.front.len(), group.back.len());
+/// Why the numbers of slices of a view are wrong; `None` when they are not.
+pub(super) fn wrong_counts(group: &Group) -> Option<String> {
+    let (name, front, back) = (group.shown(), group.front.len(), group.back.len());
     match (front, back) {
         (0, _) => {
             Some(format!("{name} has {back} back-light slices and no front-light slices; add them, or remove it"))
@@ -65,28 +66,34 @@ fn wrong_counts(group: &Group) -> Option<String> {
     }
 }
 
-/// Two views with the same angles and label would replace each other.
-fn refuse_same(groups: &[Group]) -> Result<(), Error> {
+/// The views that have the angles or the label of an earlier one and would replace it: position, and a sentence.
+pub(super) fn same_views(groups: &[Group]) -> Vec<(usize, String)> {
     let rounded = |angle: Option<f64>| angle.map(|angle| (angle * 1000.0).round() as i64);
     let mut seen: HashMap<_, &str> = HashMap::new();
-    for group in groups {
+    let mut same = Vec::new();
+    for (at, group) in groups.iter().enumerate() {
         let key = (rounded(group.pan_deg), rounded(group.tilt_deg));
         let key = match group.angles() {
             // equal angles are an error whatever the labels say
             Some(_) => (key, None),
             None => (key, Some(group.label.as_deref().unwrap_or_default().to_lowercase())),
         };
-        if let Some(other) = seen.insert(key, &group.name) {
+        if let Some(other) = seen.insert(key, group.shown()) {
             let detail = format!(
                 "{other} and {} have the same angles or the same name; one zip holds each view once: remove or rename one",
-                group.name
+                group.shown()
             );
-            let location =
-                ErrorLocation { detail: detail.clone(), file: Some(group.name.clone()), ..ErrorLocation::default() };
-            return Err(Error::new(ErrorKind::InvalidArchive, detail).at(location));
+            same.push((at, detail));
         }
     }
-    Ok(())
+    same
+}
+
+fn refuse_same(groups: &[Group]) -> Result<(), Error> {
+    let Some((at, detail)) = same_views(groups).into_iter().next() else { return Ok(()) };
+    let file = groups.get(at).map(|group| group.shown().to_owned());
+    let location = ErrorLocation { detail: detail.clone(), file, ..ErrorLocation::default() };
+    Err(Error::new(ErrorKind::InvalidArchive, detail).at(location))
 }
 
 /// Warns of views whose number of slices differs from that of most.
@@ -95,7 +102,7 @@ pub(super) fn warn(groups: &[Group], warnings: &mut Vec<Warning>) {
     let of = |group: &Group| (group.front.len(), group.back.is_empty());
     groups.iter().for_each(|group| *counts.entry(of(group)).or_default() += 1);
     let Some((usual, _)) = counts.into_iter().max_by_key(|(_, count)| *count) else { return };
-    let others: Vec<&str> = groups.iter().filter(|group| of(group) != usual).map(|group| group.name.as_str()).collect();
+    let others: Vec<&str> = groups.iter().filter(|group| of(group) != usual).map(Group::shown).collect();
     if !others.is_empty() {
         let (slices, no_back) = usual;
         let lights = if no_back { "front light only" } else { "both lights" };

@@ -10,7 +10,7 @@ use crate::{
 /// What one folder holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Place {
-    /// The folders that name the view, joined by `/`, without the light and without folders that enclose everything.
+    /// The folders that name the view, joined by `/`, without the light.
     pub view: String,
     /// The light that a folder stands for.
     pub light: Option<Light>,
@@ -47,8 +47,17 @@ pub(super) fn no_view(folder: &str) -> Option<&'static str> {
     is_in(&TARGETS).then_some("its folder holds pictures of a calibration target: send them to /v1/calibrations")
 }
 
+/// Whether folders that enclose all views are a part of the names of the views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Enclosing {
+    /// They are looked through: a zip that is made within a folder or of it holds the same views.
+    Dropped,
+    /// They are kept: the name of a view does not change when another folder appears beside it.
+    Kept,
+}
+
 /// The place of each folder that holds pictures.
-pub(super) fn places<'a>(folders: &HashSet<&'a str>) -> Result<HashMap<&'a str, Place>, Error> {
+pub(super) fn places<'a>(folders: &HashSet<&'a str>, enclosing: Enclosing) -> Result<HashMap<&'a str, Place>, Error> {
     let mut sorted: Vec<&str> = folders.iter().copied().collect();
     sorted.sort_unstable();
     let parts: Vec<Vec<&str>> = sorted.iter().map(|folder| split(folder)).collect();
@@ -60,7 +69,12 @@ pub(super) fn places<'a>(folders: &HashSet<&'a str>) -> Result<HashMap<&'a str, 
     accept_pairs(&mut found, sorted.iter().zip(&parts).map(|(_, parts)| &parts[wrapper..]));
     let views: Vec<Vec<&str>> = found.iter().map(|place| split(&place.view)).collect();
     let again = common(&views, |_| false);
-    let views: Vec<String> = views.iter().map(|view| view[again..].join("/")).collect();
+    let views: Vec<String> = match enclosing {
+        Enclosing::Dropped => views.iter().map(|view| view[again..].join("/")).collect(),
+        Enclosing::Kept => {
+            views.iter().zip(&parts).map(|(view, all)| [&all[..wrapper], view].concat().join("/")).collect()
+        }
+    };
     Ok(sorted.into_iter().zip(found.into_iter().zip(views).map(|(place, view)| Place { view, ..place })).collect())
 }
 
@@ -76,9 +90,18 @@ fn common(all: &[Vec<&str>], ends: impl Fn(&str) -> bool) -> usize {
     (0..first.len()).find(|&at| ends(first[at]) || !same(at)).unwrap_or(first.len())
 }
 
+/// True when parts of a folder are words for different lights.
+pub(super) fn names_both_lights(folder: &str) -> bool {
+    lights(&split(folder)).len() > 1
+}
+
+fn lights(parts: &[&str]) -> HashSet<Light> {
+    parts.iter().filter_map(|part| Light::of_folder(part)).collect()
+}
+
 /// The place of a folder by those of its parts that are the word for a light as a whole.
 fn whole(folder: &str, parts: &[&str]) -> Result<Place, Error> {
-    let lights: HashSet<Light> = parts.iter().filter_map(|part| Light::of_folder(part)).collect();
+    let lights = lights(parts);
     if lights.len() > 1 {
         let detail = format!(
             "the folder {folder} names both lights, so its pictures are ambiguous; keep one word for the light in the path"
@@ -197,9 +220,11 @@ mod tests {
 
     #[test]
     fn a_word_for_a_light_belongs_to_the_name_without_a_partner() {
-        let of = |folders: &[&'static str]| places(&folders.iter().copied().collect()).unwrap();
+        let of = |folders: &[&'static str]| places(&folders.iter().copied().collect(), Enclosing::Dropped).unwrap();
         let alone = of(&["silver back 1", "silver back 2"]);
         assert_eq!(alone["silver back 1"], Place { view: "silver back 1".into(), light: None });
+        let kept = places(&["s/a/front", "s/a/back"].into_iter().collect(), Enclosing::Kept).unwrap();
+        assert_eq!(kept["s/a/back"], Place { view: "s/a".into(), light: Some(Light::Back) });
         let pair = of(&["s/a_1", "s/a_1_back", "s/a_2", "s/a_2_back"]);
         assert_eq!(pair["s/a_2_back"], Place { view: "a_2".into(), light: Some(Light::Back) });
         assert_eq!(pair["s/a_2"], Place { view: "a_2".into(), light: None });

@@ -1,30 +1,22 @@
-//! Sorts the members of a zip into views.
+//! Sorts files into views by their names: the members of a zip, or a list of names alone.
 //!
 //! 1. Files that are no pictures, and pictures in folders of results, are ignored.
 //! 2. A manifest names the views, or
 //! 3. the folders of a picture give view and light ([`folders`]), and
 //! 4. within a folder, the names of the files may give a light and several views ([`file_names`]).
-//! 5. Views are checked and sorted ([`checks`]).
+//! 5. Views are sorted. Whether they are complete is checked by [`checks`](super::checks).
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::{
-    angles, checks,
+    angles,
     file_names::{self, Rule},
-    folders::{self, Place},
-    manifest,
+    folders::{self, Enclosing, Place},
+    manifest::ListedViews,
     view::{Group, Ignored, ScanRules},
 };
 use crate::{
-    archive::{
-        ArchiveLimits,
-        container::Container,
-        layout::{self, Split},
-        light::Light,
-        member_names,
-        members::Member,
-        natural_order,
-    },
+    archive::{layout::Split, light::Light, member_names, members::Member, natural_order},
     types::{Error, Warning},
 };
 
@@ -36,30 +28,26 @@ struct Sorted {
     stem: String,
 }
 
-/// The views, and what belongs to none.
+/// The views, and what belongs to none. `listed`: what a manifest says.
+///
+/// # Errors
+/// When a folder names both lights.
 pub(super) fn group(
-    container: &Container,
-    members: Vec<Member>,
-    limits: &ArchiveLimits,
+    split: Split,
+    listed: Option<ListedViews>,
     rules: &ScanRules,
+    enclosing: Enclosing,
     warnings: &mut Vec<Warning>,
 ) -> Result<(Vec<Group>, Vec<Ignored>), Error> {
-    let Split { pictures, raw, others } = layout::split(members, warnings)?;
-    if pictures.is_empty() {
-        return Err(layout::no_pictures(&others));
-    }
-    layout::refuse_twins(&pictures)?;
-    layout::refuse_too_much(&pictures, limits)?;
+    let Split { pictures, raw, others } = split;
     let mut ignored = Vec::new();
     let ignore = |member: &Member, reason: &str| Ignored { name: member.name.clone(), reason: reason.to_owned() };
     ignored.extend(raw.iter().map(|member| ignore(member, "a camera raw file; the picture of the same name is used")));
-    let listed = manifest::find(container, &others, &pictures, limits)?;
-    let used = listed.as_ref().map(|(index, _)| *index);
+    let used = listed.as_ref().map(|listed| listed.manifest);
     let unused = others.iter().filter(|other| Some(other.index) != used);
     ignored.extend(unused.map(|member| ignore(member, "neither a JPEG, PNG or TIFF picture nor a manifest")));
-    let is_listed = listed.is_some();
     let mut groups = match listed {
-        Some((_, groups)) => {
+        Some(ListedViews { groups, .. }) => {
             let named: HashSet<usize> =
                 groups.iter().flat_map(|group| group.front.iter().chain(&group.back)).map(|m| m.index).collect();
             let rest = pictures.iter().filter(|picture| !named.contains(&picture.index));
@@ -68,37 +56,32 @@ pub(super) fn group(
         }
         None => {
             let (views, rest): (Vec<Member>, Vec<Member>) =
-                pictures.into_iter().partition(|picture| folders::no_view(folder(picture)).is_none());
-            ignored.extend(rest.iter().filter_map(|member| Some(ignore(member, folders::no_view(folder(member))?))));
-            by_names(views, rules, &mut ignored, warnings)?
+                pictures.into_iter().partition(|picture| folders::no_view(picture.folder()).is_none());
+            ignored.extend(rest.iter().filter_map(|member| Some(ignore(member, folders::no_view(member.folder())?))));
+            by_names(views, rules, enclosing, &mut ignored, warnings)?
         }
     };
-    checks::check(&groups, is_listed)?;
-    checks::warn(&groups, warnings);
     sort(&mut groups);
     natural_order::sort(&mut ignored, |file| &file.name, &mut Vec::new());
     Ok((groups, ignored))
-}
-
-fn folder(member: &Member) -> &str {
-    member.name.rsplit_once('/').map_or("", |(folder, _)| folder)
 }
 
 /// Views by folders and file names.
 fn by_names(
     pictures: Vec<Member>,
     rules: &ScanRules,
+    enclosing: Enclosing,
     ignored: &mut Vec<Ignored>,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Group>, Error> {
-    let names: HashSet<String> = pictures.iter().map(|member| folder(member).to_owned()).collect();
-    let places = folders::places(&names.iter().map(String::as_str).collect())?;
+    let names: HashSet<String> = pictures.iter().map(|member| member.folder().to_owned()).collect();
+    let places = folders::places(&names.iter().map(String::as_str).collect(), enclosing)?;
     let with_light = folders_with_lights_in_names(&pictures, &places);
     let mut views: BTreeMap<String, (String, Vec<Sorted>)> = BTreeMap::new();
     for member in pictures {
-        let Some(place) = places.get(folder(&member)) else { continue };
+        let Some(place) = places.get(member.folder()) else { continue };
         let stem = member_names::stem(member_names::base(&member.name)).to_owned();
-        let in_name = if with_light.contains(folder(&member)) { folders::light_in(&stem) } else { None };
+        let in_name = if with_light.contains(member.folder()) { folders::light_in(&stem) } else { None };
         let (light, stem) = match (place.light, in_name) {
             (Some(light), _) => (light, stem),
             (None, Some((light, rest))) => (light, rest),
@@ -118,9 +101,9 @@ fn by_names(
 fn folders_with_lights_in_names<'a>(pictures: &'a [Member], places: &HashMap<&str, Place>) -> HashSet<String> {
     let mut lights: HashMap<&'a str, HashSet<Option<Light>>> = HashMap::new();
     for member in pictures {
-        if places.get(folder(member)).is_some_and(|place| place.light.is_none()) {
+        if places.get(member.folder()).is_some_and(|place| place.light.is_none()) {
             let stem = member_names::stem(member_names::base(&member.name));
-            lights.entry(folder(member)).or_default().insert(folders::light_in(stem).map(|(light, _)| light));
+            lights.entry(member.folder()).or_default().insert(folders::light_in(stem).map(|(light, _)| light));
         }
     }
     let has_both = |lights: &HashSet<Option<Light>>| lights.contains(&Some(Light::Back)) && lights.len() > 1;
@@ -171,13 +154,12 @@ fn view(name: &str, pictures: Vec<Sorted>, rules: &ScanRules, warnings: &mut Vec
     natural_order::sort(&mut front, |member| &member.name, warnings);
     natural_order::sort(&mut back, |member| &member.name, warnings);
     let angles::NamedAngles { pan_deg, tilt_deg, rest } = angles::read(name, rules);
-    let shown = if name.is_empty() { "the root of the zip" } else { name };
-    Group { label: rest, pan_deg, tilt_deg, name: shown.to_owned(), front, back }
+    Group { label: rest, pan_deg, tilt_deg, name: name.to_owned(), front, back }
 }
 
 /// By tilt, then by pan; then those without angles, in natural order.
 fn sort(groups: &mut [Group]) {
-    natural_order::sort(groups, |group| &group.name, &mut Vec::new());
+    natural_order::sort(groups, |group| group.shown(), &mut Vec::new());
     let angle = |angle: Option<f64>| angle.unwrap_or(f64::INFINITY);
     groups.sort_by(|a, b| {
         let tilt = angle(a.tilt_deg).total_cmp(&angle(b.tilt_deg));

@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::view::Group;
 use crate::{
-    archive::{ArchiveLimits, container::Container, invalid, member_names, members::Member},
+    archive::{invalid, member_names, members::Member},
     types::Error,
 };
 
@@ -33,29 +33,39 @@ struct ListedView {
     back: Vec<String>,
 }
 
-/// The manifest of a scan among the files that are not pictures: its position, and its views. A file without `views` is
-/// none.
-///
-/// # Errors
-/// When it is too large, is no JSON, or lists a picture that is not in the zip or was listed before.
-pub(super) fn find(
-    container: &Container,
-    others: &[Member],
-    pictures: &[Member],
-    limits: &ArchiveLimits,
-) -> Result<Option<(usize, Vec<Group>)>, Error> {
+/// The views that a manifest lists.
+pub(super) struct ListedViews {
+    /// [`Member::index`] of the manifest.
+    pub manifest: usize,
+    /// Its views, in its order.
+    pub groups: Vec<Group>,
+}
+
+/// The manifest among the files that are not pictures: the one that is least deep in folders.
+pub(super) fn find(others: &[Member]) -> Option<&Member> {
     let depth = |member: &Member| member.name.matches('/').count();
     let is_manifest = |member: &&Member| member_names::base(&member.name).eq_ignore_ascii_case(FILE);
-    let Some(member) = others.iter().filter(is_manifest).min_by_key(|member| depth(member)) else { return Ok(None) };
-    let name = &member.name;
-    if member.size > MAX_BYTES {
-        return Err(invalid(
-            name,
-            format!("{name} is larger than 16 MiB, the maximum for a list of views; shorten it"),
-        ));
+    others.iter().filter(is_manifest).min_by_key(|member| depth(member))
+}
+
+/// Refuses a manifest that is too large to read.
+///
+/// # Errors
+/// When it is.
+pub(super) fn refuse_too_large(Member { name, size, .. }: &Member) -> Result<(), Error> {
+    if *size <= MAX_BYTES {
+        return Ok(());
     }
-    let bytes = container.read(member, limits)?;
-    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
+    Err(invalid(name, format!("{name} is larger than 16 MiB, the maximum for a list of views; shorten it")))
+}
+
+/// The views in the content of a manifest. `None` for a file without `views`, which is no manifest of a scan.
+///
+/// # Errors
+/// When it is no JSON, or lists a picture that is not among `pictures` or was listed before.
+pub(super) fn read(member: &Member, bytes: &[u8], pictures: &[Member]) -> Result<Option<ListedViews>, Error> {
+    let name = &member.name;
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let advice = r#"it must look like {"views": [{"label": "side", "front": ["a.jpg", "b.jpg"], "back": []}]}"#;
     let value: serde_json::Value = serde_json::from_slice(text)
         .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")).caused_by(error))?;
@@ -68,7 +78,7 @@ pub(super) fn find(
     let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
     let mut pictures = Pictures::new(pictures, folder);
     let groups = manifest.views.into_iter().enumerate().map(|(at, view)| pictures.group(name, at, view));
-    Ok(Some((member.index, groups.collect::<Result<_, _>>()?)))
+    Ok(Some(ListedViews { manifest: member.index, groups: groups.collect::<Result<_, _>>()? }))
 }
 
 /// The pictures that are not listed yet, by their names in lower case.

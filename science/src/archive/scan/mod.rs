@@ -1,4 +1,5 @@
 //! Takes a zip with a whole scan apart into views, and each view into a zip that [`open`](super::open) accepts.
+//! [`group_names`] does the same for names alone, before anything is zipped.
 //!
 //! In: the directory of the zip, and a `manifest.json` if there is one. Pictures are neither decompressed nor decoded;
 //! the zip of each view is checked when it is opened. Memory: about 2 KiB per member.
@@ -39,6 +40,7 @@ mod file_names;
 mod folders;
 mod grouping;
 mod manifest;
+mod names;
 mod output;
 mod view;
 
@@ -50,8 +52,10 @@ use std::{
 use super::{ArchiveLimits, container::Container, layout};
 use crate::types::{Error, ErrorKind, Warning};
 
+pub use names::{NameGrouping, NamedView, group_names};
 pub use view::{Angle, AxisRule, Ignored, ScanRules, ScanView};
 
+use folders::Enclosing;
 use view::Group;
 
 /// A zip whose members are sorted into views.
@@ -77,7 +81,23 @@ pub fn open_scan(path: &Path, limits: &ArchiveLimits, rules: &ScanRules) -> Resu
     let container = Container::open(path, limits)?;
     let mut warnings = Vec::new();
     let members = layout::checked_members(&container, &mut warnings)?;
-    let (groups, ignored) = grouping::group(&container, members, limits, rules, &mut warnings)?;
+    let split = layout::split(members, &mut warnings)?;
+    if split.pictures.is_empty() {
+        return Err(layout::no_pictures(&split.others));
+    }
+    layout::refuse_twins(&split.pictures)?;
+    layout::refuse_too_much(&split.pictures, limits)?;
+    let listed = match manifest::find(&split.others) {
+        Some(member) => {
+            manifest::refuse_too_large(member)?;
+            manifest::read(member, &container.read(member, limits)?, &split.pictures)?
+        }
+        None => None,
+    };
+    let is_listed = listed.is_some();
+    let (groups, ignored) = grouping::group(split, listed, rules, Enclosing::Dropped, &mut warnings)?;
+    checks::check(&groups, is_listed)?;
+    checks::warn(&groups, &mut warnings);
     let views = groups.iter().map(|group| group.view(&container)).collect::<Result<_, _>>()?;
     Ok(ScanArchive { container, limits: *limits, views, groups, ignored, warnings })
 }

@@ -91,7 +91,7 @@ pub(super) struct Group {
     pub pan_deg: Option<f64>,
     /// Tilt, degrees.
     pub tilt_deg: Option<f64>,
-    /// What errors call the view: the label or the folders.
+    /// The folders and the part of the file names that name the view, or the label in a manifest. Empty for the root.
     pub name: String,
     /// Front-light slices, in order.
     pub front: Vec<Member>,
@@ -103,5 +103,10 @@ impl Group {
     /// Both angles, when both are known.
     pub(super) fn angles(&self) -> Option<ViewAngles> {
         Some(ViewAngles { pan_deg: self.pan_deg?, tilt_deg: self.tilt_deg? })
+    }
+
+    /// What sentences call the view.
+    pub(super) fn shown(&self) -> &str {
+        if self.name.is_empty() { "the root of the zip" } else { &self.name }
     }
 }

@@ -1,6 +1,7 @@
 //! The submission of a whole scan: one zip that becomes one stack per view.
 
 use serde::Deserialize;
+use utoipa::IntoParams;
 
 use super::{Submission, stack::StackSubmission};
 use crate::{
@@ -28,29 +29,47 @@ pub struct ScanSubmission {
     options: StackOptions,
 }
 
-/// The parameters that belong to the archive and not to its stacks.
+/// The parameters that belong to the archive and not to its stacks, but for [`NameRules`].
 #[derive(Deserialize, Default)]
 #[serde(default, deny_unknown_fields)]
 struct ArchiveParameters {
     rig: Option<Name>,
     lens: Option<Name>,
     dry_run: bool,
-    x: Option<Angle>,
-    x_degrees_per_unit: Option<f64>,
-    x_zero: f64,
-    y: Option<Angle>,
-    y_degrees_per_unit: Option<f64>,
-    y_zero: f64,
 }
 
 /// The parameters that say how names are read.
+#[derive(Debug, Deserialize, Default, IntoParams)]
+#[serde(default, deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct NameRules {
+    /// The angle that a number after `x` in a name is, as in `x=6`; default `tilt`.
+    #[param(inline)]
+    pub x: Option<Angle>,
+    /// Degrees per unit of that number; default: 1 after `=`, unknown otherwise (`_x_00190_`: steps of a motor).
+    pub x_degrees_per_unit: Option<f64>,
+    /// The number at 0 degrees; default 0.
+    pub x_zero: Option<f64>,
+    /// The same for a number after `y`; default `pan`.
+    #[param(inline)]
+    pub y: Option<Angle>,
+    /// Degrees per unit of that number.
+    pub y_degrees_per_unit: Option<f64>,
+    /// The number at 0 degrees; default 0.
+    pub y_zero: Option<f64>,
+}
+
+/// The names of [`NameRules`].
 pub const NAME_RULES: [&str; 6] = ["x", "x_degrees_per_unit", "x_zero", "y", "y_degrees_per_unit", "y_zero"];
 /// The other parameters of the archive.
 const PARAMETERS: [&str; 3] = ["rig", "lens", "dry_run"];
 
-impl ArchiveParameters {
+impl NameRules {
     /// What names mean. If only one of the two axes is given, the other is the other angle.
-    fn rules(&self) -> ApiResult<ScanRules> {
+    ///
+    /// # Errors
+    /// `invalid_request` when both axes are the same angle, or a number is out of range.
+    pub fn rules(&self) -> ApiResult<ScanRules> {
         let other = |angle| match angle {
             Angle::Pan => Angle::Tilt,
             Angle::Tilt => Angle::Pan,
@@ -61,20 +80,21 @@ impl ArchiveParameters {
             let detail = "x and y are the same angle; one must be pan, the other tilt";
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
+        let (x_zero, y_zero) = (self.x_zero.unwrap_or(0.0), self.y_zero.unwrap_or(0.0));
         let is_valid = |number: f64| number.is_finite() && number.abs() <= MAX_UNITS;
         let numbers = [
             ("x_degrees_per_unit", self.x_degrees_per_unit.unwrap_or(1.0)),
-            ("x_zero", self.x_zero),
+            ("x_zero", x_zero),
             ("y_degrees_per_unit", self.y_degrees_per_unit.unwrap_or(1.0)),
-            ("y_zero", self.y_zero),
+            ("y_zero", y_zero),
         ];
         if let Some((name, _)) = numbers.into_iter().find(|(_, number)| !is_valid(*number)) {
             let detail = format!("{name} must be a number from -{MAX_UNITS} to {MAX_UNITS}");
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
         Ok(ScanRules {
-            x: AxisRule { angle: x, degrees_per_unit: self.x_degrees_per_unit, zero: self.x_zero },
-            y: AxisRule { angle: y, degrees_per_unit: self.y_degrees_per_unit, zero: self.y_zero },
+            x: AxisRule { angle: x, degrees_per_unit: self.x_degrees_per_unit, zero: x_zero },
+            y: AxisRule { angle: y, degrees_per_unit: self.y_degrees_per_unit, zero: y_zero },
         })
     }
 }
@@ -89,11 +109,11 @@ impl Receivable for ScanSubmission {
     /// `scan_not_found`; `scan_mismatch` for another rig or lens than that of the scan; `profile_not_found`;
     /// `invalid_request` for an invalid option, or one that belongs to a single view.
     async fn read(app: &App, caller: &Caller, scan: &Name, fields: &Fields) -> ApiResult<Self> {
-        let of_archive = |name: &str| PARAMETERS.contains(&name) || NAME_RULES.contains(&name);
-        let (archive, options): (Vec<_>, Vec<_>) = fields.pairs.iter().cloned().partition(|(name, _)| of_archive(name));
-        let archive: ArchiveParameters = params::typed(&archive)?;
-        let rules = archive.rules()?;
-        let ArchiveParameters { rig, lens, dry_run, .. } = archive;
+        let named = |names: &'static [&str]| move |(name, _): &(String, String)| names.contains(&name.as_str());
+        let (rules, rest): (Vec<_>, Vec<_>) = fields.pairs.iter().cloned().partition(named(&NAME_RULES));
+        let (archive, options): (Vec<_>, Vec<_>) = rest.into_iter().partition(named(&PARAMETERS));
+        let rules = params::typed::<NameRules>(&rules)?.rules()?;
+        let ArchiveParameters { rig, lens, dry_run } = params::typed(&archive)?;
         let options = Fields { pairs: options, options: fields.options.clone() };
         let mut options: StackOptions = options.options()?;
         options.check()?;

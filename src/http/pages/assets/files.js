@@ -1,9 +1,8 @@
-// What was dropped or chosen: files with their paths, and how a scan is grouped by its folders.
+// What was dropped or chosen: files with their paths, and how the server groups them into views.
+import { json } from './page.js';
 
 const PICTURE = /\.(jpe?g|png|tiff?)$/i;
 const SKIPPED = /(^|\/)(__MACOSX|\.[^/]*|Thumbs\.db|desktop\.ini)(\/|$)/i;
-const BACK = /^(back|backlight|bg)$/i;
-const FRONT = /^(front|frontlight|fg)$/i;
 
 async function entries(folder) {
   const reader = folder.createReader();
@@ -49,17 +48,15 @@ export function sorted(files) {
   return { pictures, others: useful.filter((one) => !pictures.includes(one)), zips };
 }
 
-/** Pictures by folder: views with the numbers of their slices. Folders of lights belong to the folder around them. */
-export function grouped(pictures) {
-  const views = new Map();
-  for (const { path } of pictures) {
-    const folders = path.split('/').slice(0, -1);
-    const light = folders.at(-1) ?? '';
-    const isLight = BACK.test(light) || FRONT.test(light);
-    const view = (isLight ? folders.slice(0, -1) : folders).join('/') || '(no folder)';
-    const counts = views.get(view) ?? { view, front: 0, back: 0 };
-    counts[BACK.test(light) ? 'back' : 'front'] += 1;
-    views.set(view, counts);
+/** The views that the server finds in the names of files: `{ views, ignored }`. Nothing is sent but names. */
+export async function grouped(pictures) {
+  const names = pictures.map(({ path }) => path);
+  const listed = pictures.filter(({ path }) => /(^|\/)manifest\.json$/i.test(path));
+  // the server takes the least deep one
+  listed.sort((a, b) => a.path.split('/').length - b.path.split('/').length);
+  let manifest = null;
+  if (listed.length) {
+    try { manifest = JSON.parse(await listed[0].file.text()); } catch { throw new Error(`${listed[0].path} is not JSON`); }
   }
-  return [...views.values()].sort((a, b) => a.view.localeCompare(b.view, undefined, { numeric: true }));
+  return json('POST', '/v1/groupings', { names, manifest });
 }

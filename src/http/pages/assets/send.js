@@ -35,7 +35,7 @@ drop.addEventListener('drop', async (event) => {
   try { take(await dropped(event.dataTransfer)); } catch { tell('told', 'the folder cannot be read; choose it with the button'); }
 });
 
-function take(files) {
+async function take(files) {
   choice = sorted(files);
   tell('told', '');
   if (!choice.zip && choice.pictures.length === 0) {
@@ -45,6 +45,15 @@ function take(files) {
     choice = null;
   }
   show();
+  if (choice === null || choice.zip || purpose() === 'calibration') return;
+  const own = choice;
+  try {
+    own.grouping = await grouped(own.pictures);
+  } catch (error) {
+    own.trouble = error.message;
+  }
+  // another folder may have been chosen meanwhile
+  if (choice === own) show();
 }
 
 function show() {
@@ -57,25 +66,32 @@ function show() {
   const { pictures, others } = choice;
   const size = pictures.reduce((sum, { file }) => sum + file.size, 0);
   const parts = [element('p', {}, element('strong', {}, `${pictures.length} pictures`), `, ${bytes(size)}`)];
-  const views = grouped(pictures);
-  if (purpose() === 'scan' || views.length > 1) parts.push(table(views));
-  if (purpose() !== 'scan' && views.length > 1) {
-    parts.push(element('p', { class: 'told' }, `These are ${views.length} folders. If each is a view of one object, choose “A scan”.`));
+  if (choice.trouble) parts.push(element('p', { class: 'told' }, sentence(`the pictures cannot be grouped into views: ${choice.trouble}`)));
+  const { views, ignored } = choice.grouping ?? { views: [], ignored: [] };
+  if (purpose() === 'scan' ? views.length : views.length > 1) parts.push(table(views));
+  if (purpose() === 'stack' && views.length > 1) {
+    parts.push(element('p', { class: 'told' }, `These are ${views.length} views. If they are views of one object, choose “A scan”.`));
+  }
+  if (purpose() === 'scan' && ignored.length) {
+    parts.push(element('details', {}, element('summary', {}, `${ignored.length} files belong to no view`),
+      element('ul', {}, ...ignored.slice(0, 100).map(({ name, reason }) => element('li', {}, `${name}: ${reason}`)))));
   }
   if (others.length) parts.push(element('p', { class: 'soft' }, `${others.length} other files are not sent: ${others.slice(0, 3).map(({ path }) => path).join(', ')}${others.length > 3 ? ', …' : ''}`));
   return place.replaceChildren(...parts);
 }
 
 function table(views) {
-  const usual = views.map((view) => `${view.front}/${view.back}`).sort().at(views.length >> 1);
+  const counts = (view) => `${view.front.length}/${view.back.length}`;
+  const usual = views.map(counts).sort().at(views.length >> 1);
+  const angle = (degrees) => (degrees === null ? '' : String(Number(degrees.toFixed(3))));
   const row = (view) => {
-    const isOdd = `${view.front}/${view.back}` !== usual;
-    return element('tr', {}, element('td', { class: 'l' }, view.view), element('td', {}, String(view.front)), element('td', {}, String(view.back)),
-      element('td', { class: 'l warn' }, isOdd ? '! differs from the others' : ''));
+    const remark = view.problem ?? (counts(view) === usual ? '' : 'differs from the others');
+    return element('tr', {}, element('td', { class: 'l' }, view.name || '(no folder)'), element('td', {}, angle(view.pan_deg)), element('td', {}, angle(view.tilt_deg)),
+      element('td', {}, String(view.front.length)), element('td', {}, String(view.back.length)), element('td', { class: 'l warn' }, remark && `! ${remark}`));
   };
-  const head = ['Folder', 'Front light', 'Back light', 'Remarks'].map((name, at) => element('th', { scope: 'col', class: at % 3 ? undefined : 'l' }, name));
-  return element('div', { class: 'wide', tabindex: '0', role: 'region', 'aria-label': 'Grouping by folders' }, element('table', {},
-    element('caption', { class: 'soft small' }, 'The folders as this page reads them. The server also reads file names and more words for the lights; the page of the scan shows its views.'),
+  const head = ['View', 'Pan', 'Tilt', 'Front light', 'Back light', 'Remarks'].map((name, at) => element('th', { scope: 'col', class: at % 5 ? undefined : 'l' }, name));
+  return element('div', { class: 'wide', tabindex: '0', role: 'region', 'aria-label': 'Views' }, element('table', {},
+    element('caption', { class: 'soft small' }, `${views.length} ${views.length === 1 ? 'view' : 'views'}, as the server reads the names. Nothing has been sent yet.`),
     element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...views.map(row))));
 }
 

@@ -1,0 +1,115 @@
+//! Groups a list of names into views, without a zip: to show the grouping before pictures are sent, and for programs
+//! that send each view on its own.
+//!
+//! The rules are those of [`open_scan`](super::open_scan), but names of views keep the folders that enclose all views.
+//! Where that refuses a zip because one view is wrong, the view
+//! has a [`problem`](NamedView::problem) here, and the others are grouped all the same: a folder that is being filled
+//! always has a view that is not complete.
+
+use std::collections::{BTreeSet, HashMap};
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{
+    checks,
+    folders::{self, Enclosing},
+    grouping, manifest,
+    view::{Group, Ignored, ScanRules},
+};
+use crate::{
+    archive::{invalid, layout, member_names, members::Member},
+    types::{Error, Warning},
+};
+
+/// The views that names tell.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct NameGrouping {
+    /// The views: by tilt, then by pan; then those without angles, in natural order. One is enough.
+    pub views: Vec<NamedView>,
+    /// The files that belong to no view, in natural order. Files that operating systems add are not listed.
+    pub ignored: Vec<Ignored>,
+    /// What the user should know.
+    pub warnings: Vec<Warning>,
+}
+
+/// A view that names tell.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct NamedView {
+    /// The folders and the part of the file names that name the view, or its label in the manifest. Empty for a view in
+    /// the root. It does not change when other folders are added.
+    pub name: String,
+    /// Pan, degrees; null when names do not say it.
+    pub pan_deg: Option<f64>,
+    /// Tilt, degrees; null when names do not say it.
+    pub tilt_deg: Option<f64>,
+    /// Names of the front-light slices, in the order of fusion.
+    pub front: Vec<String>,
+    /// Names of the back-light slices, in order; empty without a back light.
+    pub back: Vec<String>,
+    /// Why the view cannot be sent, as far as names and numbers tell; null when nothing is wrong.
+    pub problem: Option<String>,
+}
+
+/// Groups names into views. `names` are relative, with `/` or `\` between folders. `listed` is the content of the
+/// `manifest.json` among them.
+///
+/// # Errors
+/// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for absolute names, `..`, control characters, names that are
+/// too long or the same; a `manifest.json` without its content, or with one that does not match.
+pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -> Result<NameGrouping, Error> {
+    let mut warnings = Vec::new();
+    let mut members = Vec::new();
+    for (index, name) in names.iter().enumerate() {
+        let Some(name) = member_names::checked(name)? else { continue };
+        members.push(Member { index, name, size: 0, unclear_name: false });
+    }
+    layout::refuse_same_names(&members)?;
+    let mut ignored = refuse_both_lights(&mut members);
+    let (split, alone) = layout::split_with_raw(members);
+    ignored.extend(alone.into_iter().map(|(member, format)| Ignored {
+        reason: format!("a {format} camera raw file without a picture of the same name; convert it first"),
+        name: member.name,
+    }));
+    let listed = match (manifest::find(&split.others), listed) {
+        (Some(member), Some(bytes)) => manifest::read(member, bytes, &split.pictures)?,
+        (Some(member), None) => {
+            let detail = format!("{} lists the views: its content is needed too, as manifest", member.name);
+            return Err(invalid(&member.name, detail));
+        }
+        (None, Some(_)) => {
+            let detail = "a manifest was given, but none of the names is manifest.json: add its name, which says where \
+                          the names in it begin";
+            return Err(invalid("manifest.json", detail));
+        }
+        (None, None) => None,
+    };
+    let twins: HashMap<usize, String> =
+        layout::twins(&split.pictures).into_iter().map(|(member, detail)| (member.index, detail)).collect();
+    let (groups, others) = grouping::group(split, listed, rules, Enclosing::Kept, &mut warnings)?;
+    ignored.extend(others);
+    ignored.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut same: HashMap<usize, String> = checks::same_views(&groups).into_iter().collect();
+    let views = groups.into_iter().enumerate().map(|(at, group)| {
+        let in_two_formats = || group.front.iter().chain(&group.back).find_map(|member| twins.get(&member.index));
+        let problem = in_two_formats().cloned().or_else(|| checks::wrong_counts(&group)).or_else(|| same.remove(&at));
+        view(group, problem)
+    });
+    Ok(NameGrouping { views: views.collect(), ignored, warnings })
+}
+
+fn view(group: Group, problem: Option<String>) -> NamedView {
+    let Group { label: _, pan_deg, tilt_deg, name, front, back } = group;
+    let names = |members: Vec<Member>| members.into_iter().map(|member| member.name).collect();
+    NamedView { name, pan_deg, tilt_deg, front: names(front), back: names(back), problem }
+}
+
+/// Takes out the files in folders that name both lights.
+fn refuse_both_lights(members: &mut Vec<Member>) -> Vec<Ignored> {
+    let wrong: BTreeSet<&str> =
+        members.iter().map(Member::folder).filter(|folder| folders::names_both_lights(folder)).collect();
+    let wrong: BTreeSet<String> = wrong.into_iter().map(str::to_owned).collect();
+    let taken = members.extract_if(.., |member| wrong.contains(member.folder()));
+    let reason = "its folders name both lights; keep one word for the light in the path";
+    taken.map(|member| Ignored { name: member.name, reason: reason.to_owned() }).collect()
+}
