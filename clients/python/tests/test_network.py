@@ -320,3 +320,21 @@ def test_several_uploads_run_at_once() -> None:
 
     asyncio.run(session())
     assert all(uploads.stored == DATA for uploads in services)
+
+
+def test_a_line_that_breaks_under_long_pieces_gets_shorter_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pinstack._uploads.SMALLEST_PIECE", 100)
+    uploads = Uploads()
+    longest: List[int] = []
+
+    def breaks(request: httpx.Request) -> httpx.Response:
+        if request.method == "PATCH":
+            longest.append(len(request.read()))
+            if longest[-1] > 300:
+                raise httpx.WriteError("connection reset", request=request)
+        return uploads(request)
+
+    # 1000 and 500 bytes do not get through, 250 do; fewer attempts than pieces that are lost
+    client(breaks).send_stack(DATA, "rig", "lens")
+    assert uploads.stored == DATA
+    assert longest[:3] == [1000, 500, 250] and 500 in longest[3:], "longer ones are tried again"

@@ -1,24 +1,27 @@
-"""``push`` and ``watch`` without a service: which folders are stacks, the journal, the settings, completeness."""
+"""``push`` and ``watch`` without a service: times of pictures, the journal, the settings, completeness."""
 
 from __future__ import annotations
 
 import io
-import json
-import random
+import os
 import re
-from pathlib import Path, PureWindowsPath
-from typing import Any, Dict, List
+import struct
+import threading
+from collections import Counter
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 import pytest
-from conftest import PROJECT
 
 from pinstack import PinstackError
 from pinstack.push import folders, settings, sheet
+from pinstack.push.bursts import by_bursts, time_taken
 from pinstack.push.cli import main
+from pinstack.push.folders import FoundStack
 from pinstack.push.journal import Journal, key_of
 from pinstack.push.progress import Progress, duration
 from pinstack.push.sender import Outcome
-from pinstack.push.watch import Complete
+from pinstack.push.watch import Complete, wait_until_quiet
 
 
 def make(root: Path, *names: str) -> Path:
@@ -29,55 +32,20 @@ def make(root: Path, *names: str) -> Path:
     return root
 
 
-def grouping(root: Path) -> Dict[str, List[List[str]]]:
-    found = folders.find(root)
-    return {s.name: [[path.name for path in s.front], [path.name for path in s.back]] for s in found.stacks}
+def by_folder(names: Sequence[str], manifest: Optional[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Groups names as the service does those of folders with front light alone."""
+    views: Dict[str, List[str]] = {}
+    for name in names:
+        views.setdefault(str(PurePosixPath(name).parent), []).append(name)
+    shown = [
+        {"name": view, "pan_deg": None, "tilt_deg": None, "front": front, "back": [], "problem": None}
+        for view, front in views.items()
+    ]
+    return {"views": shown, "ignored": [], "warnings": []}
 
 
-def test_a_folder_per_light(tmp_path: Path) -> None:
-    make(tmp_path, *(f"bee/{light}/img_{at}.jpg" for light in ("Front", "Gegenlicht") for at in (1, 2, 10)))
-    slices = ["img_1.jpg", "img_2.jpg", "img_10.jpg"]
-    assert grouping(tmp_path) == {"bee": [slices, slices]}
-
-
-def test_the_searched_folder_may_be_the_stack_itself(tmp_path: Path) -> None:
-    root = make(tmp_path / "bee 7", "front/1.jpg", "front/2.jpg", "back/1.jpg", "back/2.jpg")
-    assert grouping(root) == {"bee_7": [["1.jpg", "2.jpg"], ["1.jpg", "2.jpg"]]}
-
-
-def test_a_sibling_with_the_back_light(tmp_path: Path) -> None:
-    make(tmp_path, "bee/1.jpg", "bee/2.jpg", "bee_back/1.jpg", "bee_back/2.jpg", "look_back/1.jpg", "look_back/2.jpg")
-    two = ["1.jpg", "2.jpg"]
-    assert grouping(tmp_path) == {"bee": [two, two], "look_back": [two, []]}
-
-
-def test_the_order_has_signs(tmp_path: Path) -> None:
-    make(tmp_path, *(f"v/_step_{at}_.jpg" for at in ("-08000", "00000", "-00500", "04000")), "v/_step_+0100_.jpg")
-    (stack,) = folders.find(tmp_path).stacks
-    steps = [re.findall(r"step_(.*)_", path.name)[0] for path in stack.front]
-    assert steps == ["-08000", "-00500", "00000", "+0100", "04000"]
-
-
-def test_what_belongs_to_no_stack_is_named(tmp_path: Path) -> None:
-    make(tmp_path, "v/1.jpg", "v/2.jpg", "v/1.cr2", "results/v.png", "notes.txt", "v/Thumbs.db", ".git/a.jpg")
-    found = folders.find(tmp_path)
-    assert {path.name: reason.split()[0] for path, reason in found.ignored} == {
-        "1.cr2": "not",
-        "v.png": "the",
-        "notes.txt": "not",
-    }
-    assert [stack.name for stack in found.stacks] == ["v"]
-
-
-def test_what_folders_do_not_tell_is_refused(tmp_path: Path) -> None:
-    for light in ("with", "without"):
-        make(tmp_path, *(f"tree/{light}_backlight/x=6/y=120/{at}.jpg" for at in (1, 2)))
-    make(tmp_path, *(f"flat/view{view}_front_{at}.jpg" for view in (1, 2) for at in (1, 2)))
-    make(tmp_path, *(f"twins/{at}.{kind}" for at in (1, 2) for kind in ("jpg", "tif")))
-    make(tmp_path, *(f"good/IMG_{at}.jpg" for at in (1, 2)))
-    problems = {stack.name: stack.problem for stack in folders.find(tmp_path).stacks}
-    assert [name for name, problem in problems.items() if problem is None] == ["good"]
-    assert all("one scan" in problem for problem in problems.values() if problem is not None)
+def find(root: Path) -> List[FoundStack]:
+    return folders.find(root, by_folder).stacks
 
 
 def test_a_token_of_the_environment_wins_over_that_of_the_file(tmp_path: Path) -> None:
@@ -92,57 +60,8 @@ def test_a_token_of_the_environment_wins_over_that_of_the_file(tmp_path: Path) -
 def test_stacks_whose_names_meet_become_complete(tmp_path: Path) -> None:
     make(tmp_path, "a/b/1.jpg", "a/b/2.jpg", "a_b/1.jpg", "a_b/2.jpg")
     complete = Complete(0.0, lambda: 0.0)
-    complete.of(folders.find(tmp_path).stacks)
-    assert len(complete.of(folders.find(tmp_path).stacks)) == 2
-
-
-def test_results_are_not_taken_for_stacks(tmp_path: Path) -> None:
-    make(tmp_path, "v/1.jpg", "v/2.jpg", "out/v.png", "out/contact-sheet/v.png", "w/out/1.jpg", "w/out/2.jpg")
-    assert [stack.name for stack in folders.find(tmp_path, tmp_path / "out").stacks] == ["v", "w_out"]
-
-
-def test_every_picture_is_in_exactly_one_place(tmp_path: Path) -> None:
-    words = ["front", "back", "bee", "bee_back", "bee front", "x=6", "y=120", "masks", "View 01", "fond"]
-    for seed in range(40):
-        chance = random.Random(seed)
-        root = tmp_path / str(seed)
-        names = {"/".join([*chance.choices(words, k=chance.randrange(4)), f"img_{at}.jpg"]) for at in range(25)}
-        make(root, *names)
-        found = folders.find(root)
-        placed = [path for stack in found.stacks for path in stack.files()] + [path for path, _ in found.ignored]
-        assert sorted(placed) == sorted(root / name for name in names), seed
-
-
-def test_the_words_for_lights_are_those_of_the_service() -> None:
-    source = (PROJECT / "science/src/archive/light.rs").read_text("utf-8")
-    results = (PROJECT / "science/src/archive/scan/folders.rs").read_text("utf-8")
-
-    def words(text: str, name: str) -> set[str]:
-        block = re.search(rf"const {name}: \[&str; \d+\] = \[(.*?)\];", text, re.DOTALL)
-        assert block is not None, name
-        return set(re.findall(r'"(\w+)"', block.group(1)))
-
-    assert words(source, "FRONT") == folders.FRONT
-    assert words(source, "BACK") == folders.BACK
-    assert words(results, "RESULTS") | words(results, "TARGETS") == folders.NO_SLICES
-
-
-@pytest.mark.parametrize(
-    ("name", "pan", "tilt"),
-    [
-        ("pan020_tilt15", 20.0, 15.0),
-        ("Bee_Tilt-06_Pan7.5", 7.5, -6.0),
-        ("x=6_y=120", 120.0, 6.0),
-        ("pan020p5_tilt0", 20.5, 0.0),
-    ],
-)
-def test_angles_come_from_names(name: str, pan: float, tilt: float) -> None:
-    assert folders.angles(name) == {"pan_deg": pan, "tilt_deg": tilt}
-
-
-@pytest.mark.parametrize("name", ["bee", "pan1", "span3_tilt4", "pan1_pan2_tilt3"])
-def test_names_without_both_angles_have_none(name: str) -> None:
-    assert folders.angles(name) == {}
+    complete.of(find(tmp_path))
+    assert len(complete.of(find(tmp_path))) == 2
 
 
 @pytest.mark.parametrize("name", ["con", "AUX.1", "a:b", "x?*", "..", "nul", "Bücher 3", "a/b", "trailing. "])
@@ -223,7 +142,7 @@ def test_a_stack_is_complete_after_a_time_without_a_change(tmp_path: Path) -> No
     complete = Complete(20.0, lambda: now[0])
 
     def ready() -> List[str]:
-        return [stack.name for stack in complete.of(folders.find(tmp_path).stacks)]
+        return [stack.name for stack in complete.of(find(tmp_path))]
 
     assert ready() == []
     now[0] = 15.0
@@ -252,20 +171,9 @@ def test_a_file_that_another_program_holds_makes_a_stack_incomplete(
 
     monkeypatch.setattr(Path, "open", open_unless_held)
     complete = Complete(0.0, lambda: 0.0)
-    assert complete.of(folders.find(tmp_path).stacks) == []
+    assert complete.of(find(tmp_path)) == []
     held[0] = False
-    assert [stack.name for stack in complete.of(folders.find(tmp_path).stacks)] == ["v"]
-
-
-def test_a_dry_run_shows_the_grouping_and_needs_no_service(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    make(tmp_path, "pan000_tilt15/front/1.jpg", "pan000_tilt15/front/2.jpg", "lonely/1.jpg", "readme.txt")
-    assert main(["push", str(tmp_path), "--dry-run"]) == 1
-    told = capsys.readouterr().out
-    assert "pan000_tilt15: 2 front, 0 back, pan 0, tilt 15" in told
-    assert "lonely: 1 front, 0 back  ! 1 front-light picture" in told and "readme.txt: not a JPEG" in told
-    assert main(["push", str(tmp_path), "--dry-run", "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
-    assert [stack["name"] for stack in document["stacks"]] == ["lonely", "pan000_tilt15"]
+    assert [stack.name for stack in complete.of(find(tmp_path))] == ["v"]
 
 
 def test_wrong_usage_is_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -275,16 +183,124 @@ def test_wrong_usage_is_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "rig is missing" in capsys.readouterr().err
     assert main(["push", str(tmp_path), "--rig", "r", "--lens", "l"]) == 2
     assert "no stack" in capsys.readouterr().err
+    assert main(["push", str(tmp_path), "--rig", "r", "--lens", "l", "-n", "z=1"]) == 2
+    assert "no rule 'z'" in capsys.readouterr().err
 
 
-def test_a_service_that_is_not_there_is_exit_code_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("more", [[], ["--dry-run"]])
+def test_a_service_that_is_not_there_is_exit_code_3(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: List[str]
+) -> None:
     make(tmp_path, "v/1.jpg", "v/2.jpg")
     from pinstack import Client, Retry
     from pinstack.push import cli
 
     monkeypatch.setattr(cli, "_client", lambda settings: Client(settings.server, retry=Retry(attempts=1)))
     arguments = ["push", str(tmp_path), "--rig", "r", "--lens", "l", "--server", "http://127.0.0.1:9"]
-    assert main(arguments) == 3
+    assert main([*arguments, *more]) == 3
+
+
+def test_files_that_are_still_being_written_are_waited_for(tmp_path: Path) -> None:
+    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
+    stop = threading.Event()
+    stop.set()
+    assert not wait_until_quiet(stack, 1000.0, stop), "the files are young"
+    for path in stack.files():
+        os.utime(path, (1e9, 1e9))
+    assert wait_until_quiet(stack, 1000.0, threading.Event()), "files of yesterday are complete"
+    make(tmp_path, "v/1.jpg")
+    assert wait_until_quiet(stack, 0.05, threading.Event()), "nothing changes any more"
+    stack.files()[0].unlink()
+    assert not wait_until_quiet(stack, 0.01, threading.Event())
+
+
+def exif(taken: bytes, fraction: bytes = b"", order: str = "<") -> bytes:
+    """EXIF data with the time at which a picture was taken."""
+    entries = [(0x9003, 2, taken + b"\0")] + ([(0x9291, 2, fraction + b"\0")] if fraction else [])
+    directory = 26
+    texts = directory + 2 + 12 * len(entries) + 4
+    packed, data = b"", b""
+    for tag, kind, value in entries:
+        place = value.ljust(4, b"\0") if len(value) <= 4 else struct.pack(order + "I", texts + len(data))
+        packed += struct.pack(order + "HHI", tag, kind, len(value)) + place
+        data += value if len(value) > 4 else b""
+    head = (b"II" if order == "<" else b"MM") + struct.pack(order + "HI", 42, 8)
+    outer = struct.pack(order + "HHHIII", 1, 0x8769, 4, 1, directory, 0)
+    return head + outer + struct.pack(order + "H", len(entries)) + packed + bytes(4) + data
+
+
+def jpeg(data: bytes) -> bytes:
+    """The head of a JPEG with these EXIF data."""
+    comment = b"\xff\xfe" + struct.pack(">H", 7) + b"hello"
+    segment = b"Exif\0\0" + data
+    return b"\xff\xd8" + comment + b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment + b"\xff\xda\0\2"
+
+
+def test_the_time_of_a_picture_is_read_from_its_exif_data(tmp_path: Path) -> None:
+    noon = 1767268800.0
+    file = tmp_path / "a.jpg"
+    for order in "<>":
+        data = exif(b"2026:01:01 12:00:00", b"25", order)
+        for picture in (jpeg(data), data):
+            file.write_bytes(picture)
+            assert time_taken(file) == noon + 0.25
+            for cut in range(0, len(picture) - 6, 3):
+                file.write_bytes(picture[:cut])
+                assert time_taken(file) in (None, noon + 0.25, noon + 0.2, noon), "torn, but not a wrong time"
+    for other in (jpeg(exif(b"0000:00:00 00:00:00")), jpeg(b"II*\0\xff\xff\xff\xff"), b"\x89PNG", b""):
+        file.write_bytes(other)
+        assert time_taken(file) is None
+
+
+def test_a_pause_between_pictures_begins_a_stack(tmp_path: Path) -> None:
+    names: Dict[str, Path] = {}
+    for folder in ("bee/front", "bee/back"):
+        for at, second in enumerate((0, 1, 2, 20, 21, 22, 59)):
+            path = tmp_path / folder / f"IMG_{9998 + at if at < 2 else at:04d}.jpg"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(jpeg(exif(b"2026:01:01 12:00:%02d" % second)))
+            names[f"{folder}/{path.name}"] = path
+    names["bee/png/1.png"] = make(tmp_path, "bee/png/1.png") / "bee/png/1.png"
+    names["bee/notes.txt"] = tmp_path / "bee/notes.txt"
+    bursts = by_bursts(names, 10.0)
+    counts = Counter(str(PurePosixPath(name).parent) for name in bursts.names)
+    of_light = {"0001": 3, "0002": 3, "0003": 1}
+    expected = {f"bee/{light}/{burst}": n for light in ("front", "back") for burst, n in of_light.items()}
+    assert counts == {**expected, "bee": 1}
+    assert [path.name for path, _ in bursts.untimed] == ["1.png"]
+    assert "bee/front/IMG_9998.jpg" in by_bursts(names, 100.0).names, "one burst stays as it is"
+    (tmp_path / "bee/png/1.png").unlink()
+
+    def in_one_folder(names: Sequence[str], manifest: Optional[Mapping[str, Any]]) -> Mapping[str, Any]:
+        return by_folder([name for name in names if "front/0001/" in name], manifest)
+
+    (stack,) = folders.find(tmp_path, in_one_folder, gap_s=10.0).stacks
+    # by time: the camera counted 9998, 9999, 0002
+    assert [member.name for member in stack.zip().members] == [
+        "front/00001_IMG_9998.jpg",
+        "front/00002_IMG_9999.jpg",
+        "front/00003_IMG_0002.jpg",
+    ]
+
+
+def test_slices_of_several_folders_and_of_a_manifest_keep_their_order(tmp_path: Path) -> None:
+    make(tmp_path, "a/1.jpg", "b/1.jpg")
+
+    def together(names: Sequence[str], manifest: Optional[Mapping[str, Any]]) -> Mapping[str, Any]:
+        view = {"name": "v", "pan_deg": None, "tilt_deg": None, "back": [], "problem": None}
+        return {"views": [{**view, "front": list(reversed(names[-2:]))}], "ignored": []}
+
+    (stack,) = folders.find(tmp_path, together).stacks
+    assert [(member.name, member.path.parent.name) for member in stack.zip().members] == [
+        ("front/00001_1.jpg", "b"),
+        ("front/00002_1.jpg", "a"),
+    ]
+    make(tmp_path, "manifest.json", "b/2.jpg")
+    with pytest.raises(PinstackError, match="cannot be read as JSON"):
+        folders.find(tmp_path, together)
+    (tmp_path / "manifest.json").write_text('{"views": []}')
+    (stack,) = folders.find(tmp_path, together).stacks
+    assert [member.name for member in stack.zip().members] == ["front/00001_2.jpg", "front/00002_1.jpg"]
 
 
 def test_without_a_terminal_every_event_is_a_line() -> None:

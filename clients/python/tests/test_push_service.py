@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import io
+import json
+import random
 import shutil
+import signal
+import sqlite3
 import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
-from typing import Callable, Iterator, List
+from typing import Callable, Iterator, List, Optional
 
 import pytest
 from conftest import Service
 
 from pinstack import Client, Retry
 from pinstack.push.cli import main
-from pinstack.push.folders import find
+from pinstack.push.folders import FoundStack, find
 from pinstack.push.journal import Journal
 from pinstack.push.progress import Progress
 from pinstack.push.run import send_all
@@ -49,11 +53,17 @@ def shots(tmp_path: Path, zips: Path) -> Path:
 
 
 def arguments(service: Service, root: Path, *more: str) -> List[str]:
-    return ["push", str(root), "--server", service.url, "--rig", "bench-1", "--lens", "macro65", *more]
+    common = ["--server", service.url, "--rig", "bench-1", "--lens", "macro65", "--quiet-s", "0.1"]
+    return ["push", str(root), *common, *more]
 
 
 def settings(service: Service) -> Settings:
     return Settings(server=service.url, rig="bench-1", lens="macro65", jobs=1, quiet_s=0.05, every_s=0.02)
+
+
+def found(service: Service, root: Path) -> List[FoundStack]:
+    with Client(service.url) as client:
+        return find(root, client.group_names).stacks
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -119,7 +129,7 @@ DIES = """
 import os, sys
 from pathlib import Path
 from pinstack import Client
-from pinstack.push.folders import find
+from pinstack.push.folders import FoundStack, find
 from pinstack.push.journal import Journal
 from pinstack.push.sender import send
 from pinstack.push.settings import Settings
@@ -132,7 +142,8 @@ def step(name, what, share):
         os._exit(9)
 
 journal = Journal(root / ".pinstack-journal")
-for stack in find(root).stacks:
+ask = Client(url).group_names
+for stack in find(root, ask).stacks:
     send(Client(url, piece_bytes=10_000), journal, stack, settings, root / "results", step)
 """
 
@@ -141,7 +152,7 @@ def test_after_a_crash_an_upload_goes_on_and_makes_one_stack(own: Service, shots
     died = subprocess.run([sys.executable, "-c", DIES, str(shots), own.url], check=False)
     assert died.returncode == 9
     chosen = settings(own)
-    stacks = find(shots).stacks
+    stacks = found(own, shots)
     journal = Journal(shots / ".pinstack-journal")
     before = journal.entry(key(stacks[0], chosen))
     assert before.upload is not None and before.job is None
@@ -187,7 +198,7 @@ def test_watching_sends_what_becomes_complete_also_after_the_service_was_away(
         until(lambda: (root / "results/one.png").exists())
         own.kill()
         shutil.copytree(zips / "stack", root / "two")
-        until(lambda: any(outcome.state == "unreachable" for outcome in ended))
+        until(lambda: "nothing is sent now" in log.getvalue())
         own.start()
         until(lambda: any(outcome.name == "two" and outcome.state == "done" for outcome in ended))
     finally:
@@ -196,5 +207,150 @@ def test_watching_sends_what_becomes_complete_also_after_the_service_was_away(
     assert not thread.is_alive()
     journal.close()
     assert (root / "results/two_mask.png").exists()
+    with Client(own.url) as client:
+        assert len(client.list_stacks()) == 2
+
+
+def test_results_that_are_missing_are_fetched_again(own: Service, shots: Path) -> None:
+    assert main(arguments(own, shots)) == 0
+    results = shots / "results"
+    picture = (results / "pan000_tilt10.png").read_bytes()
+    (results / "pan000_tilt10.png").unlink()
+    assert main(arguments(own, shots, "--save", "image", "mask", "depth")) == 0
+    assert (results / "pan000_tilt10.png").read_bytes() == picture
+    assert (results / "pan020_tilt10_depth.png").exists(), "asked for later"
+    with Client(own.url) as client:
+        stacks = client.list_stacks()
+        assert len(stacks) == 2, "nothing was sent again"
+        for stack in stacks:
+            client.delete(stack)
+    (results / "pan000_tilt10.png").unlink()
+    assert main(arguments(own, shots)) == 1
+
+
+def test_views_in_file_names_and_focus_steps_with_signs(own: Service, zips: Path, tmp_path: Path) -> None:
+    root = tmp_path / "RAW"
+    root.mkdir()
+    for view in (0, 100):
+        for light in ("front", "back"):
+            for at, path in enumerate(sorted((zips / "stack" / light).iterdir())):
+                shutil.copy(path, root / f"_x_00000_y_{view:05d}_{light}_step_{400 * at - 800:06d}_{path.suffix}")
+    with Client(own.url) as client:
+        client.put_scan("bee", "bench-1", "macro65")
+        rules = ["-n", "x_degrees_per_unit=1", "-n", "y_degrees_per_unit=0.1", "--scan", "bee"]
+        assert main(arguments(own, root, *rules)) == 0
+        views = client.get_scan("bee")["views"]
+    assert [(view["pan_deg"], view["tilt_deg"], view["state"]) for view in views] == [
+        (0, 0, "succeeded"),
+        (10, 0, "succeeded"),
+    ]
+
+
+def test_a_dry_run_shows_the_grouping(own: Service, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = tmp_path / "shots"
+    for name in ("pan000_tilt15/front/1.jpg", "pan000_tilt15/front/2.jpg", "lonely/1.jpg", "readme.txt", ".x/1.jpg",
+                 "results/1.jpg", "Fotos/Käfer 1/vorne/1.jpg", "Fotos/Käfer 1/vorne/2.jpg", "a\\b/1.jpg"):  # fmt: skip
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_bytes(b"x")
+    command = ["push", str(root), "--server", own.url, "--dry-run"]
+    assert main(command) == 1
+    told = capsys.readouterr().out
+    assert "pan000_tilt15: 2 front, 0 back, pan 0, tilt 15" in told and "Fotos_Käfer 1: 2 front, 0 back" in told
+    assert "lonely: 1 front, 0 back  ! lonely has one front-light slice" in told
+    assert "readme.txt: neither a JPEG" in told and ".x: a hidden folder" in told and "has control characters" in told
+    assert "results" not in told
+    assert main([*command, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert [stack["name"] for stack in document["stacks"]] == ["pan000_tilt15", "Fotos_Käfer 1", "lonely"]
+
+
+def test_every_picture_is_in_exactly_one_place(own: Service, tmp_path: Path) -> None:
+    words = ["front", "back", "bee", "bee_back", "bee front", "x=6", "y=120", "masks", "View 01", "fond"]
+    with Client(own.url) as client:
+        for seed in range(40):
+            chance = random.Random(seed)
+            root = tmp_path / str(seed)
+            names = {"/".join([*chance.choices(words, k=chance.randrange(4)), f"img_{at}.jpg"]) for at in range(25)}
+            for name in names:
+                (root / name).parent.mkdir(parents=True, exist_ok=True)
+                (root / name).write_bytes(name.encode())
+            grouping = find(root, client.group_names)
+            placed = [path for stack in grouping.stacks for path in stack.files()]
+            placed += [path for path, _ in grouping.ignored]
+            assert sorted(placed) == sorted(root / name for name in names), seed
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("command", ["push", "watch"])
+def test_a_signal_ends_a_run_at_once_also_while_the_service_is_away(
+    own: Service, shots: Path, command: str, number: int
+) -> None:
+    own.kill()
+    given = [sys.executable, "-m", "pinstack", command, *arguments(own, shots)[1:]]
+    running = subprocess.Popen(given, stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None
+    try:
+        if command == "watch":
+            while "nothing is sent now" not in running.stderr.readline():
+                assert running.poll() is None
+        else:
+            until(lambda: _is_waiting(running.pid))
+        began = time.monotonic()
+        running.send_signal(number)
+        assert running.wait(LONGEST_S) == (0 if command == "watch" else 130)
+        # without the signal it would wait for half a minute and more
+        assert time.monotonic() - began < 20
+    finally:
+        running.kill()
+        running.stderr.close()
+
+
+def _is_waiting(pid: int) -> bool:
+    """Whether a process handles SIGTERM by itself, so that a signal does not meet it while it starts."""
+    caught = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt")]
+    return bool(int(caught[0].split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def test_a_full_disk_or_a_held_contact_sheet_ends_no_watch(own: Service, zips: Path, tmp_path: Path) -> None:
+    root = tmp_path / "watched"
+    shutil.copytree(zips / "stack", root / "one")
+    # a folder in the place of the sheet: it cannot be written
+    (root / "results/contact-sheet.html.part").mkdir(parents=True)
+    given = [sys.executable, "-m", "pinstack", "watch", *arguments(own, root)[1:], "--every-s", "0.05"]
+    running = subprocess.Popen(given, stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None
+    try:
+        while "the contact sheet cannot be written" not in running.stderr.readline():
+            assert running.poll() is None
+        assert (root / "results/one.png").exists()
+        shutil.copytree(zips / "stack", root / "two")
+        until(lambda: (root / "results/two.png").exists())
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(LONGEST_S) == 0
+    finally:
+        running.kill()
+        running.stderr.close()
+
+
+def test_a_journal_that_cannot_be_written_is_told_and_the_next_run_sends_nothing_twice(
+    own: Service, shots: Path
+) -> None:
+    class Full(Journal):
+        is_full = True
+
+        def note(self, key: str, name: str, **values: Optional[str]) -> None:
+            if self.is_full and "job" in values:
+                raise sqlite3.OperationalError("database or disk is full")
+            super().note(key, name, **values)
+
+    journal = Full(shots / ".pinstack-journal")
+    stacks, chosen = found(own, shots), settings(own)
+    everything = (lambda: Client(own.url), journal, stacks, chosen, shots / "results", Progress(2, io.StringIO()))
+    first = send_all(*everything)
+    assert [outcome.state for outcome in first] == ["incomplete", "incomplete"]
+    assert "disk is full" in first[0].sentences[0]
+    journal.is_full = False
+    assert [outcome.state for outcome in send_all(*everything)] == ["done", "done"]
+    journal.close()
     with Client(own.url) as client:
         assert len(client.list_stacks()) == 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any, AsyncIterator, Dict, Iterator, Optional, TypeVar
+from typing import Any, AsyncIterator, Callable, Dict, Iterator, Optional, TypeVar
 
 import anyio
 import anyio.to_thread
@@ -79,10 +79,14 @@ def _response(response: Any) -> Response:
 
 
 class SyncTransport(Transport):
-    """Runs operations, blocking. May be used by several threads."""
+    """Runs operations, blocking. May be used by several threads.
+
+    ``sleep`` waits between two tries; it may raise to end the operation.
+    """
 
     def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
         super().__init__(url, token)
+        self.sleep: Callable[[float], None] = time.sleep
         self._http = httpx.Client(headers=self.headers, **options)
 
     def run(self, operation: Operation[T]) -> T:
@@ -105,7 +109,7 @@ class SyncTransport(Transport):
         if isinstance(effect, Send):
             return self._send(effect.request)
         if isinstance(effect, Sleep):
-            return time.sleep(effect.seconds)
+            return self.sleep(effect.seconds)
         return effect.function() if isinstance(effect, Call) else time.monotonic()
 
     def _send(self, request: Request) -> Response:

@@ -21,6 +21,9 @@ VERSION = {"tus-resumable": "1.0.0"}
 #: After these the offset is asked and the upload goes on: another offset, locked, damaged on the way, cut off.
 RESUMABLE = TEMPORARY | {400, 409, 423, 460}
 
+#: Bytes below which a piece is not halved.
+SMALLEST_PIECE = 64 << 10
+
 #: Called with the bytes that are sent and their total.
 OnBytes = Callable[[int, int], None]
 
@@ -63,13 +66,32 @@ def upload(
             on_created(url)
     if on_bytes is not None:
         on_bytes(offset, source.length)
+    pieces = _PieceSize(piece_bytes)
     while job is None:
         if offset >= source.length:
             # all bytes are there, but the queue was full: asking makes the job
             offset, job = yield from _ask(url, source.length, retry)
             continue
-        offset, job = yield from _send_piece(source, url, offset, retry, piece_bytes, on_bytes)
+        offset, job = yield from _send_piece(source, url, offset, retry, pieces, on_bytes)
     return job
+
+
+class _PieceSize:
+    """How many bytes a piece has. A piece arrives whole or not at all, so one that does not get through is halved;
+    after some that do, the next is larger again."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._arrived = 0
+        self.bytes = most
+
+    def arrived(self) -> None:
+        self._arrived += 1
+        if self._arrived >= 8 and self.bytes < self._most:
+            self.bytes, self._arrived = min(2 * self.bytes, self._most), 0
+
+    def lost(self) -> None:
+        self.bytes, self._arrived = max(self.bytes // 2, min(SMALLEST_PIECE, self._most)), 0
 
 
 def _create(source: Source, values: Mapping[str, Any], retry: Retry) -> Operation[str]:
@@ -84,13 +106,13 @@ def _create(source: Source, values: Mapping[str, Any], retry: Retry) -> Operatio
 
 
 def _send_piece(
-    source: Source, url: str, at: int, retry: Retry, piece_bytes: int, on_bytes: Optional[OnBytes]
+    source: Source, url: str, at: int, retry: Retry, pieces: _PieceSize, on_bytes: Optional[OnBytes]
 ) -> Operation[Any]:
     """Sends the piece at ``at``. Returns the offset that the service has then, and the job if there is one."""
     failures = 0
     while True:
         start = at
-        piece: bytes = yield from _read(source, start, piece_bytes, retry)
+        piece: bytes = yield from _read(source, start, pieces.bytes, retry)
         sent = 0
 
         def count(size: int, start: int = start) -> None:
@@ -113,12 +135,16 @@ def _send_piece(
             response = yield Send(request)
             assert response is not None
             if response.is_success:
+                pieces.arrived()
                 return _offset(response), _job(response)
             reason = error_of(request, response)
             if response.status not in RESUMABLE or reason.code == "invalid_request":
                 raise reason
         except Unreachable as error:
             reason = PinstackError("unreachable", str(error))
+            if sent > 0:
+                # the line broke under this piece
+                pieces.lost()
         failures += 1
         if failures >= retry.attempts:
             raise reason

@@ -149,12 +149,13 @@ class StoredZip(Source):
         return cls(members, name=f"{folder.resolve().name or 'upload'}.zip")
 
     @classmethod
-    def of_slices(cls, front: Sequence[PathLike], back: Sequence[PathLike] = ()) -> StoredZip:
-        """A stack of these slices. They are fused in the order of their names, not of the lists."""
+    def of_slices(cls, front: Sequence[PathLike], back: Sequence[PathLike] = (), is_ordered: bool = False) -> StoredZip:
+        """A stack of these slices, fused in the order of their names; with ``is_ordered`` in that of the lists, and
+        their names in the zip begin with a number."""
         members = [
-            Member.of(Path(path), f"{light}/{Path(path).name}")
+            Member.of(Path(path), f"{light}/{f'{at:05d}_' if is_ordered else ''}{Path(path).name}")
             for light, paths in (("front", front), ("back", back))
-            for path in paths
+            for at, path in enumerate(paths, 1)
         ]
         if not members:
             raise PinstackError("invalid_source", "the list of slices is empty")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import logging
 import logging.handlers
@@ -17,13 +18,13 @@ from .._client import Client
 from .._errors import PinstackError
 from .._http import Retry
 from . import sheet
-from .folders import Found, StackFolder, find
+from .folders import Found, FoundStack, find
 from .journal import Journal
 from .progress import Progress
-from .run import send_all, table
+from .run import Stopped, ask_of, interruptible, send_all, table
 from .sender import Outcome
 from .settings import Settings, load, option
-from .watch import watch
+from .watch import wait_until_quiet, watch
 
 #: Exit codes.
 DONE, SOME_FAILED, USAGE, UNREACHABLE, INTERRUPTED = 0, 1, 2, 3, 130
@@ -41,10 +42,11 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         for folder in folders:
             if not folder.is_dir():
                 raise PinstackError("invalid_source", f"{folder} is not a folder")
-        given["options"] = {name: value for text in given["options"] for name, value in option(text).items()}
-        if given.get("dry_run"):
-            return _dry_run(folders, given["results"], as_json=bool(given.get("json")))
+        for table in ("options", "names"):
+            given[table] = {name: value for text in given[table] for name, value in option(text).items()}
         settings = load(given.pop("config"), given, os.environ)
+        if given.get("dry_run"):
+            return _dry_run(folders, settings, as_json=bool(given.get("json")))
         return _push(folders, settings) if command == "push" else _watch(folders[0], settings, given.get("log"))
     except PinstackError as error:
         print(f"pinstack: {error.detail}", file=sys.stderr)
@@ -56,14 +58,17 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     push = commands.add_parser("push", help="send all stacks in folders", epilog=EPILOG)
     push.add_argument("folders", nargs="+", metavar="DIR")
-    push.add_argument("--dry-run", action="store_true", help="only show which folders are stacks")
+    push.add_argument("--dry-run", action="store_true", help="only show which files are which stack; sends names alone")
     push.add_argument("--json", action="store_true", help="show that as JSON")
     watching = commands.add_parser("watch", help="send stacks as they become complete, until stopped", epilog=EPILOG)
     watching.add_argument("folders", nargs=1, metavar="DIR")
-    watching.add_argument("--quiet-s", type=float, help="seconds without a change after which a stack is complete")
     watching.add_argument("--every-s", type=float, help="seconds between two looks")
     watching.add_argument("--log", type=Path, help="also write to this file; it is rotated at 5 MB")
     for command in (push, watching):
+        command.add_argument("--quiet-s", type=float, help="seconds without a change after which a stack is complete")
+        command.add_argument("--gap-s", type=float, help="a pause of that many seconds between pictures begins a stack")
+        command.add_argument("-n", "--name-rule", dest="names", action="append", default=[], metavar="NAME=VALUE",
+                             help="what numbers in names mean, such as x_degrees_per_unit=0.225")  # fmt: skip
         command.add_argument("--config", type=Path, help="file of the rig (TOML)")
         command.add_argument("--server", help="URL of the service (default: PINSTACK_URL, http://127.0.0.1:8080)")
         command.add_argument("--token-file", type=Path, help="file with the access token (default: PINSTACK_TOKEN)")
@@ -79,12 +84,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _dry_run(folders: List[Path], results: Optional[Path], as_json: bool) -> int:
-    found = _found(folders, results)
+def _dry_run(folders: List[Path], settings: Settings, as_json: bool) -> int:
+    with _client(settings) as client:
+        found = _found(folders, client, settings)
     if as_json:
         stacks = [
-            {"name": one.name, "folder": str(one.path), "front": [str(path) for path in one.front],
-             "back": [str(path) for path in one.back], **one.angles, "problem": one.problem}
+            {"name": one.name, "front": [str(path) for path in one.front], "back": [str(path) for path in one.back],
+             **one.angles, "problem": one.problem}
             for one in found.stacks
         ]  # fmt: skip
         ignored = [{"file": str(path), "reason": reason} for path, reason in found.ignored]
@@ -94,17 +100,18 @@ def _dry_run(folders: List[Path], results: Optional[Path], as_json: bool) -> int
     return SOME_FAILED if any(one.problem for one in found.stacks) or not found.stacks else DONE
 
 
-def _found(folders: List[Path], results: Optional[Path]) -> Found:
+def _found(folders: List[Path], client: Client, settings: Settings) -> Found:
     found = Found()
     for folder in folders:
-        one = find(folder, results)
+        results, _ = _places(folder, settings)
+        one = find(folder, ask_of(client, settings), results, settings.gap_s)
         found.stacks.extend(one.stacks)
         found.ignored.extend(one.ignored)
-    names: Dict[str, StackFolder] = {}
+    names: Dict[str, FoundStack] = {}
     for stack in found.stacks:
         other = names.setdefault(stack.name.casefold(), stack)
         if other is not stack:
-            detail = f"{other.path} and {stack.path} would have the same name {stack.name}; send one at a time"
+            detail = f"{other.front[0]} and {stack.front[0]} are of stacks with the same name {stack.name}; rename one"
             raise PinstackError("invalid_source", detail)
     return found
 
@@ -118,22 +125,35 @@ def _places(folder: Path, settings: Settings) -> tuple[Path, Path]:
 
 
 def _push(folders: List[Path], settings: Settings) -> int:
-    found = _found(folders, settings.results)
+    stop = _stop_by_signals()
+    try:
+        with interruptible(_client(settings), stop) as client:
+            found = _found(folders, client, settings)
+            if found.stacks:
+                client.get_profile(settings.rig, settings.lens)
+    except Stopped:
+        return INTERRUPTED
     if not found.stacks:
         print(table(found), file=sys.stderr)
         raise PinstackError("invalid_source", "there is no stack in these folders; --dry-run shows what was seen")
     results, at = _places(folders[0], settings)
-    _reach(settings)
     journal = Journal(at)
-    stop = threading.Event()
     progress = Progress(len(found.stacks))
+
+    def is_complete(stack: FoundStack) -> bool:
+        return wait_until_quiet(stack, settings.quiet_s, stop)
+
+    make = functools.partial(_client, settings)
     try:
-        outcomes = send_all(lambda: _client(settings), journal, found.stacks, settings, results, progress, stop)
+        outcomes = send_all(make, journal, found.stacks, settings, results, progress, stop, is_complete)
     finally:
         journal.close()
-    page = sheet.write(outcomes, results)
     good = sum(outcome.is_good for outcome in outcomes)
-    progress.say(f"{good} of {len(found.stacks)} stacks are done; see {page}")
+    said = f"{good} of {len(found.stacks)} stacks are done"
+    try:
+        progress.say(f"{said}; see {sheet.write(outcomes, results)}")
+    except OSError as error:
+        progress.say(f"{said}; the contact sheet cannot be written: {error.strerror or error}")
     if stop.is_set():
         return INTERRUPTED
     if any(outcome.state == "unreachable" for outcome in outcomes):
@@ -141,16 +161,19 @@ def _push(folders: List[Path], settings: Settings) -> int:
     return DONE if good == len(found.stacks) else SOME_FAILED
 
 
-def _reach(settings: Settings) -> None:
-    with _client(settings) as client:
-        client.get_profile(settings.rig, settings.lens)
+def _stop_by_signals() -> threading.Event:
+    """Is set by Ctrl-C and by SIGTERM; what is being sent is left as it is."""
+    stop = threading.Event()
+    # tests call this in other threads, which get no signals
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: stop.set())
+    return stop
 
 
 def _watch(folder: Path, settings: Settings, log: Optional[Path]) -> int:
     results, at = _places(folder, settings)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = _stop_by_signals()
     journal = Journal(at)
     progress = _Logged(log) if log is not None else Progress(0)
     every: Dict[str, Outcome] = {}
@@ -161,7 +184,8 @@ def _watch(folder: Path, settings: Settings, log: Optional[Path]) -> int:
 
     progress.say(f"watching {folder}; results are saved in {results}")
     try:
-        watch(lambda: _client(settings), journal, folder, settings, results, progress, stop, ended)
+        make = functools.partial(_client, settings)
+        watch(make, journal, folder, settings, results, progress, stop, ended)
     finally:
         journal.close()
     progress.say("stopped")

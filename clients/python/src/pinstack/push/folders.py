@@ -1,93 +1,52 @@
-"""Which folders below a folder are stacks.
+"""Which files below a folder are the slices of which stack.
 
-In: a folder. Out: a :class:`Found` with its stacks and all files that belong to none, each with the reason. A stack is
-
-| folders | example |
-|---|---|
-| with a folder per light | ``view_01/front/1.jpg``, ``view_01/back/1.jpg`` |
-| beside one for the back light | ``view_01/1.jpg``, ``view_01_back/1.jpg`` |
-| with front light only | ``view_01/1.jpg`` |
-
-Only folders are looked at. Where views are told apart by file names, send the folder as one scan
-(``Client.send_scan``): the service takes it apart.
+In: a folder. Out: a :class:`Found` with its stacks and all files that belong to none, each with the reason. The
+service groups the names (``POST /v1/groupings``), so the rules exist once: folders, words for the lights in six
+languages, focus steps, pan and tilt in names, ``manifest.json``. Nothing is sent but names.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
-import unicodedata
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Dict, List, Optional, Tuple
+from pathlib import Path, PurePath
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
+from .._errors import PinstackError
 from .._zips import StoredZip, is_picture
+from .bursts import by_bursts
 
-#: Names of folders with front-light slices, without separators and accents; those of the service.
-FRONT = frozenset(
-    [
-        "front", "frontlight", "frontlit", "fg", "foreground", "withoutbacklight", "vorne", "vordergrund",
-        "vorderlicht", "frontlicht", "auflicht", "beleuchtet", "ohnegegenlicht", "avant", "devant",
-        "lumiereavant", "eclairageavant", "sanscontrejour", "frente", "frontal", "delante", "luzfrontal",
-        "sincontraluz", "fronte", "frontale", "davanti", "lucefrontale", "senzacontroluce", "voor", "voorkant",
-        "voorgrond", "voorlicht", "opvallendlicht", "zondertegenlicht",
-    ]
-)  # fmt: skip
-#: The same for back-light slices.
-BACK = frozenset(
-    [
-        "back", "backlight", "backlit", "bg", "background", "withbacklight", "hinten", "hintergrund",
-        "hintergrundlicht", "gegenlicht", "durchlicht", "rucklicht", "ruecklicht", "mitgegenlicht", "arriere",
-        "derriere", "fond", "contrejour", "aveccontrejour", "lumierearriere", "eclairagearriere",
-        "retroeclairage", "contraluz", "concontraluz", "fondo", "detras", "trasera", "luztrasera",
-        "retroiluminacion", "controluce", "concontroluce", "dietro", "retro", "sfondo", "retroilluminazione",
-        "achter", "achterkant", "achtergrond", "achterlicht", "tegenlicht", "doorvallendlicht",
-    ]
-)  # fmt: skip
-#: Names of folders that hold results or pictures of a target, in lower case; those of the service.
-NO_SLICES = frozenset(
-    [
-        "stacked", "fused", "edof", "mask", "masks", "masked", "cutout", "cutouts", "thumbs", "thumbnails",
-        "preview", "previews", "result", "results", "output", "outputs", "calibration", "calib", "target",
-        "dots",
-    ]
-)  # fmt: skip
+#: Groups names, with the content of their ``manifest.json``; returns what ``Client.group_names`` does.
+Ask = Callable[[Sequence[str], Optional[Mapping[str, Any]]], Mapping[str, Any]]
+
+#: Files and folders that are no business of a stack, in lower case.
+OF_SYSTEMS = frozenset({"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", "system volume information"})
 
 
 @dataclass
-class StackFolder:
+class FoundStack:
     """The slices of one stack."""
 
-    #: Its folder.
-    path: Path
-    #: Path below the folder that was searched, with ``_`` for ``/``: the label of the stack and of its results.
+    #: The folder that was searched.
+    root: Path
+    #: What the service calls the view: folders and the part of the file names that name it.
+    view: str
+    #: The label of the stack and of its results.
     name: str
     front: List[Path]
     back: List[Path] = field(default_factory=list)
-    #: A folder above it that is named after a light, as in a tree per light.
-    above: Optional[str] = None
-
-    @property
-    def problem(self) -> Optional[str]:
-        """Why it cannot be sent as it is; None if it can."""
-        if self.above is not None:
-            return f"the folder {self.above} names a light for several views; send the whole as one scan"
-        if _are_several([path.stem for path in self.front]):
-            return "its file names seem to tell several views or lights, or formats, apart; send it as one scan"
-        if len(self.front) < 2:
-            return f"{len(self.front)} front-light picture; a focus stack has at least 2"
-        if self.back and len(self.back) != len(self.front):
-            return f"{len(self.front)} front-light and {len(self.back)} back-light pictures; the counts must be equal"
-        return None
-
-    @property
-    def angles(self) -> Dict[str, float]:
-        """``pan_deg`` and ``tilt_deg`` if its name has both: ``pan020p5_tilt-06``, ``x=6/y=120`` (tilt, pan)."""
-        return angles(self.name)
+    #: ``pan_deg`` and ``tilt_deg``, if names tell both.
+    angles: Dict[str, float] = field(default_factory=dict)
+    #: Why it cannot be sent as it is; None if it can.
+    problem: Optional[str] = None
+    #: The order of the lists is not that of the names, or several slices have the same name.
+    is_ordered: bool = False
 
     def zip(self) -> StoredZip:
         """The zip that is sent; nothing is copied."""
-        return StoredZip.of_slices(self.front, self.back)
+        return StoredZip.of_slices(self.front, self.back, is_ordered=self.is_ordered)
 
     def files(self) -> List[Path]:
         """All slices."""
@@ -98,101 +57,105 @@ class StackFolder:
 class Found:
     """What a folder holds."""
 
-    stacks: List[StackFolder] = field(default_factory=list)
-    #: Files that belong to no stack, and why.
+    stacks: List[FoundStack] = field(default_factory=list)
+    #: Files and folders that belong to no stack, and why.
     ignored: List[Tuple[Path, str]] = field(default_factory=list)
 
 
-def find(root: Path, results: Optional[Path] = None) -> Found:
-    """The stacks in a folder and below it, in natural order of their names. ``results`` is passed over."""
+def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[float] = None) -> Found:
+    """The stacks in a folder and below it. ``results`` is passed over.
+
+    ``gap_s``: files of a folder that were taken more than this time apart belong to different stacks.
+    """
     found = Found()
-    passed_over = results.resolve() if results is not None else None
-    pictures: Dict[Path, List[Path]] = {}
-    for folder, names, files in os.walk(root):
-        names.sort(key=natural)
-        here = Path(folder)
-        hidden = [name for name in names if name.startswith(".") or name == "__MACOSX"]
-        for name in [*hidden, *(name for name in names if (here / name).resolve() == passed_over)]:
-            names.remove(name)
-        below = here.relative_to(root)
-        for name in sorted(files, key=natural):
-            reason = _no_slice(below, name)
-            if reason is None:
-                pictures.setdefault(here, []).append(here / name)
-            elif reason:
-                found.ignored.append((here / name, reason))
-    found.stacks = _stacks(root, pictures)
+    files = _files(root, results, found)
+    manifest = _manifest(files)
+    names = {path.relative_to(root).as_posix(): path for path in files}
+    times: Dict[Path, float] = {}
+    if gap_s is not None:
+        bursts = by_bursts(names, gap_s)
+        names, times = bursts.names, bursts.times
+        found.ignored.extend(bursts.untimed)
+    if not names:
+        return found
+    grouping = ask(list(names), manifest)
+    for view in grouping["views"]:
+        # with times, their order: the numbers of a camera begin anew after 9999
+        front, back = (
+            sorted((names[name] for name in view[light]), key=lambda path: times.get(path, 0.0))
+            for light in ("front", "back")
+        )
+        angles = {angle: float(view[angle]) for angle in ("pan_deg", "tilt_deg") if view[angle] is not None}
+        found.stacks.append(
+            FoundStack(
+                root,
+                str(view["name"]),
+                str(view["name"]).replace("/", "_") or root.resolve().name or "stack",
+                front,
+                back,
+                angles if len(angles) == 2 else {},
+                view["problem"],
+                is_ordered=manifest is not None or bool(times) or _have_same_names(front) or _have_same_names(back),
+            )
+        )
+    found.ignored.extend((names[file["name"]], str(file["reason"])) for file in grouping["ignored"])
     return found
 
 
-def _no_slice(below: Path, name: str) -> Optional[str]:
-    """Why a file is no slice: None if it is one, an empty text if that needs no mention."""
-    if name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini"):
-        return ""
-    if not is_picture(Path(name)):
-        return "not a JPEG, PNG or TIFF picture"
-    for part in below.parts:
-        if part.lower() in NO_SLICES:
-            return f"the folder {part} holds results or pictures of a target"
-    return None
+def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
+    """All files that may matter, in a stable order."""
+    passed_over = results.resolve() if results is not None else None
+    files: List[Path] = []
+
+    def unreadable(error: OSError) -> None:
+        found.ignored.append((Path(str(error.filename or root)), f"cannot be read: {error.strerror or error}"))
+
+    for folder, names, file_names in os.walk(root, onerror=unreadable):
+        here = Path(folder)
+        for name in list(names):
+            if name.lower() in OF_SYSTEMS or (here / name).resolve() == passed_over:
+                names.remove(name)
+            elif name.startswith("."):
+                names.remove(name)
+                if _has_pictures(here / name):
+                    found.ignored.append((here / name, "a hidden folder; rename it to send its pictures"))
+        names.sort()
+        for name in sorted(file_names):
+            if name.startswith(".") or name.lower() in OF_SYSTEMS:
+                continue
+            if _can_be_sent((here / name).relative_to(root)):
+                files.append(here / name)
+            else:
+                reason = "its name cannot be sent: it has control characters or a backslash, or is not valid text"
+                found.ignored.append((here / name, reason))
+    return files
 
 
-def _stacks(root: Path, pictures: Dict[Path, List[Path]]) -> List[StackFolder]:
-    stacks: Dict[str, StackFolder] = {}
-    shown = {folder: light(folder.name) if folder != root else None for folder in pictures}
-    paired = _pairs(root, pictures)
-    for folder, files in pictures.items():
-        view, which = paired.get(folder, (folder, "front"))
-        if shown[folder] is not None:
-            view, which = folder.parent, str(shown[folder])
-        # case makes no other folder on Windows
-        key = str(view).casefold()
-        above = next((part for part in view.relative_to(root).parts if light(part) is not None), None)
-        stack = stacks.setdefault(key, StackFolder(view, _name(root, view), [], above=above))
-        (stack.back if which == "back" else stack.front).extend(files)
-    for stack in stacks.values():
-        stack.front.sort(key=lambda path: natural(path.name))
-        stack.back.sort(key=lambda path: natural(path.name))
-    return sorted(stacks.values(), key=lambda stack: natural(stack.name))
+def _can_be_sent(relative: PurePath) -> bool:
+    # what is not valid text is not printable either
+    return all(part.isprintable() and "\\" not in part for part in relative.parts)
 
 
-def _are_several(stems: List[str]) -> bool:
-    """Whether file names differ in more than their last number, twice or more each, or two have the same stem."""
-    views: Dict[str, int] = {}
-    for stem in stems:
-        view = re.sub(r"[-+]?\d+(?=\D*$)", "", stem.lower())
-        views[view] = views.get(view, 0) + 1
-    twins = len({stem.lower() for stem in stems}) < len(stems)
-    return twins or sum(count > 1 for count in views.values()) > 1
+def _has_pictures(folder: Path) -> bool:
+    return any(is_picture(PurePath(name)) for _, _, names in os.walk(folder) for name in names)
 
 
-def _pairs(root: Path, pictures: Dict[Path, List[Path]]) -> Dict[Path, Tuple[Path, str]]:
-    """View and light of folders such as ``bee_back`` beside ``bee`` or ``bee_front``."""
-    read: Dict[Path, Tuple[Path, str]] = {}
-    for folder in pictures:
-        parts = re.fullmatch(r"(.+?)[_\-. ]+([^\W\d]+(?:[_\- ][^\W\d]+)?)", folder.name)
-        which = light(parts.group(2)) if parts is not None and folder != root else None
-        if parts is not None and which is not None:
-            read[folder] = (folder.with_name(parts.group(1)), which)
-    lights: Dict[Path, set[str]] = {}
-    for folder in pictures:
-        view, which = read.get(folder, (folder, "front"))
-        lights.setdefault(view, set()).add(which)
-    return {folder: place for folder, place in read.items() if lights[place[0]] == {"front", "back"}}
+def _manifest(files: Sequence[Path]) -> Optional[Mapping[str, Any]]:
+    """The content of the manifest that the service will look for: the least deep one."""
+    named = [path for path in files if path.name.lower() == "manifest.json"]
+    if not named:
+        return None
+    path = min(named, key=lambda path: len(path.parts))
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise PinstackError("invalid_source", f"{path} cannot be read as JSON: {error}") from error
+    return content if isinstance(content, dict) else {}
 
 
-def light(name: str) -> Optional[str]:
-    """``front`` or ``back`` if a folder of this name stands for a light. Case, accents and separators do not matter."""
-    plain = unicodedata.normalize("NFKD", name.lower())
-    plain = "".join(c for c in plain if not unicodedata.combining(c) and c not in " _-")
-    if plain in FRONT:
-        return "front"
-    return "back" if plain in BACK else None
-
-
-def _name(root: Path, view: Path) -> str:
-    parts = view.relative_to(root).parts or (root.resolve().name or "stack",)
-    return safe_name("_".join(parts))
+def _have_same_names(slices: Sequence[Path]) -> bool:
+    """Whether slices of several folders have the same name."""
+    return len({path.name.casefold() for path in slices}) < len(slices)
 
 
 #: Names that Windows reserves for devices.
@@ -204,24 +167,3 @@ def safe_name(name: str) -> str:
     text = re.sub(r"[^\w.=+-]+", "_", name).strip("._ ")
     stem = text.split(".")[0].lower()
     return f"_{text}" if stem in DEVICES or not text else text[:120]
-
-
-def natural(name: str) -> List[Tuple[int, int, str]]:
-    """Sorts names as the service does: numbers by value, with their sign after ``_``, ``=`` and at the start."""
-    pieces = re.split(r"((?:(?<=[_=/])[-+]|^[-+])?\d+)", name)
-    # every second piece is a number
-    return [(0, int(piece), "") if at % 2 else (1, 0, piece.lower()) for at, piece in enumerate(pieces) if piece]
-
-
-NUMBER = r"[_= ]?([-+]?\d+(?:[.p]\d+)?)"
-
-
-def angles(name: str) -> Dict[str, float]:
-    """Pan and tilt in the name of a view, in degrees; empty unless it has both exactly once."""
-    found: Dict[str, float] = {}
-    for words in (("pan", "tilt"), ("y=", "x=")):
-        for word, option in zip(words, ("pan_deg", "tilt_deg")):
-            numbers = re.findall(rf"(?<![^\W\d_])(?<!\d){word}{NUMBER}", name.lower())
-            if len(numbers) == 1:
-                found.setdefault(option, float(numbers[0].replace("p", ".")))
-    return found if len(found) == 2 else {}

@@ -26,10 +26,19 @@ def save_results(client: Client, stack: Mapping[str, Any], name: str, wanted: Se
     return [path for path in saved if path is not None]
 
 
+def missing(name: str, wanted: Sequence[str], to: Path) -> bool:
+    """Whether a file of these artifacts is not there."""
+    stems = [_file_stem(name, artifact) for artifact in wanted]
+    return not all(any((to / f"{stem}{suffix}").exists() for suffix in SUFFIXES.values()) for stem in stems)
+
+
+def _file_stem(name: str, artifact: str) -> str:
+    return safe_name(name) + ("" if artifact in ("image", "preview") else f"_{artifact}")
+
+
 def _save(client: Client, stack: Mapping[str, Any], name: str, artifact: str, to: Path) -> Optional[Path]:
     made = [one for one in stack.get("artifacts", []) if one["name"] == artifact]
     if not made:
         return None
-    tail = "" if artifact in ("image", "preview") else f"_{artifact}"
     suffix = SUFFIXES.get(str(made[0]["media_type"]), ".png")
-    return client.save_artifact(stack, artifact, to / f"{safe_name(name)}{tail}{suffix}")
+    return client.save_artifact(stack, artifact, to / f"{_file_stem(name, artifact)}{suffix}")

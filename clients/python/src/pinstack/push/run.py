@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence
 
 from .._client import Client
-from .folders import Found, StackFolder
+from .folders import Ask, Found, FoundStack
 from .journal import Journal
 from .progress import Progress
 from .sender import Outcome, send
@@ -23,16 +24,18 @@ class Stopped(Exception):
 def send_all(
     make_client: Callable[[], Client],
     journal: Journal,
-    stacks: Sequence[StackFolder],
+    stacks: Sequence[FoundStack],
     settings: Settings,
     results: Path,
     progress: Progress,
     stop: Optional[threading.Event] = None,
+    wait: Optional[Callable[[FoundStack], bool]] = None,
 ) -> List[Outcome]:
     """Sends the stacks, at most ``settings.jobs`` at a time, and returns how each ended, in their order.
 
     A stack that is refused or fails does not stop the others. After ``stop`` no further stack is begun, and what is
-    being sent is left as it is: the next run goes on there.
+    being sent is left as it is: the next run goes on there. ``wait`` waits until a stack is complete; if it says False,
+    the stack is not sent.
     """
     stop = stop if stop is not None else threading.Event()
     local = threading.local()
@@ -42,31 +45,51 @@ def send_all(
             raise Stopped
         progress.step(name, what, share)
 
-    def one(folder: StackFolder) -> Optional[Outcome]:
+    def one(stack: FoundStack) -> Optional[Outcome]:
         if stop.is_set():
             return None
         client: Optional[Client] = getattr(local, "client", None)
         if client is None:
-            client = local.client = make_client()
-        if folder.problem is None:
-            # a file that cannot be read is told when it is sent
-            with contextlib.suppress(OSError):
-                progress.expect(folder.name, folder.zip().length)
+            client = local.client = interruptible(make_client(), stop)
         try:
-            outcome = send(client, journal, folder, settings, results, step)
+            if stack.problem is None and wait is not None and not wait(stack):
+                if stop.is_set():
+                    return None
+                outcome = Outcome(stack.name, "incomplete", ["a file cannot be opened: is it still being written?"])
+            else:
+                if stack.problem is None:
+                    # a file that cannot be read is told when it is sent
+                    with contextlib.suppress(OSError):
+                        progress.expect(stack.name, stack.zip().length)
+                outcome = send(client, journal, stack, settings, results, step)
         except Stopped:
             return None
         progress.end(outcome)
         return outcome
 
     with ThreadPoolExecutor(max_workers=settings.jobs) as pool:
-        futures = [pool.submit(one, folder) for folder in stacks]
-        try:
-            outcomes = [future.result() for future in futures]
-        except KeyboardInterrupt:
-            stop.set()
-            outcomes = [future.result() for future in futures]
+        futures = [pool.submit(one, stack) for stack in stacks]
+        # on Windows, a wait without a limit cannot be interrupted
+        while wait_for(futures, timeout=0.5).not_done:
+            pass
+        outcomes = [future.result() for future in futures]
     return [outcome for outcome in outcomes if outcome is not None]
+
+
+def interruptible(client: Client, stop: threading.Event) -> Client:
+    """The client, whose waits between two tries end with :class:`Stopped` at once."""
+
+    def sleep(seconds: float) -> None:
+        if stop.wait(seconds):
+            raise Stopped
+
+    client._transport.sleep = sleep
+    return client
+
+
+def ask_of(client: Client, settings: Settings) -> Ask:
+    """Groups names by the rules of the service."""
+    return lambda names, manifest: client.group_names(names, manifest, **settings.names)
 
 
 def table(found: Found) -> str:

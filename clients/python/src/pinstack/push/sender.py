@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional
@@ -9,9 +10,9 @@ from typing import Any, Callable, Dict, List, Optional
 from .._client import Client
 from .._errors import PinstackError
 from .._http import TEMPORARY
-from .folders import StackFolder
-from .journal import Journal, key_of
-from .results import save_results
+from .folders import FoundStack
+from .journal import Entry, Journal, key_of
+from .results import missing, save_results
 from .settings import Settings
 
 #: Called with a stack's name, what happens to it, and how far it is (0 to 1).
@@ -37,26 +38,26 @@ class Outcome:
         return self.state in ("done", "known")
 
 
-def options_of(folder: StackFolder, settings: Settings) -> Dict[str, Any]:
+def options_of(stack: FoundStack, settings: Settings) -> Dict[str, Any]:
     """The options that a stack is sent with."""
-    options: Dict[str, Any] = {"label": folder.name[:200], **settings.options}
+    options: Dict[str, Any] = {"label": stack.name[:200], **settings.options}
     if settings.scan is not None:
-        options.update({"scan": settings.scan, **folder.angles})
+        options.update({"scan": settings.scan, **stack.angles})
     return options
 
 
-def key(folder: StackFolder, settings: Settings) -> str:
+def key(stack: FoundStack, settings: Settings) -> str:
     """The key of a stack in the journal."""
-    options = options_of(folder, settings)
-    return key_of(settings.server, settings.rig, settings.lens, options, folder.zip().fingerprint())
+    options = options_of(stack, settings)
+    return key_of(settings.server, settings.rig, settings.lens, options, stack.zip().fingerprint())
 
 
 def send(
-    client: Client, journal: Journal, folder: StackFolder, settings: Settings, results: Path, on_step: OnStep
+    client: Client, journal: Journal, found: FoundStack, settings: Settings, results: Path, on_step: OnStep
 ) -> Outcome:
     """Does what is left to do for a stack. It raises nothing that concerns this stack alone."""
     try:
-        return _send(client, journal, folder, settings, results, on_step)
+        return _send(client, journal, found, settings, results, on_step)
     except PinstackError as error:
         states = {"unreachable": "unreachable", "source_changed": "incomplete", "timeout": "unreachable"}
         state = states.get(error.code, "failed" if error.status == 0 else "refused")
@@ -64,43 +65,45 @@ def send(
             # a gateway, or a full queue: the next try may pass
             state = "unreachable"
         places = [str(place.get("file")) for place in error.errors if place.get("file")]
-        return Outcome(folder.name, state, [error.detail, *[f"see {place}" for place in places[:5]]])
+        return Outcome(found.name, state, [error.detail, *[f"see {place}" for place in places[:5]]])
+    except sqlite3.Error as error:
+        # what was sent before this is known to the service: the next run asks it
+        return Outcome(found.name, "incomplete", [f"the journal cannot be written: {error}; is its disk full?"])
     except OSError as error:
         # the next run goes on where this one ended
-        return Outcome(folder.name, "incomplete", [f"{error.filename or folder.path}: {error.strerror or error}"])
+        return Outcome(found.name, "incomplete", [f"{error.filename or found.view}: {error.strerror or error}"])
 
 
 def _send(
-    client: Client, journal: Journal, folder: StackFolder, settings: Settings, results: Path, on_step: OnStep
+    client: Client, journal: Journal, found: FoundStack, settings: Settings, results: Path, on_step: OnStep
 ) -> Outcome:
-    problem = folder.problem
-    if problem is not None:
-        return Outcome(folder.name, "refused", [f"{folder.path}: {problem}"])
-    source = folder.zip()
-    at = key(folder, settings)
+    if found.problem is not None:
+        return Outcome(found.name, "refused", [found.problem])
+    source = found.zip()
+    at = key(found, settings)
     entry = journal.entry(at)
     if entry.ended == "done":
-        return Outcome(folder.name, "known")
+        return _known(client, entry, found.name, settings, results, on_step)
     if entry.ended is not None:
-        return Outcome(folder.name, "failed", [entry.ended])
+        return Outcome(found.name, "failed", [entry.ended])
     job = entry.job
     if job is None:
-        on_step(folder.name, "sending", 0.0)
+        on_step(found.name, "sending", 0.0)
         sent = client.send_stack(
             source,
             settings.rig,
             settings.lens,
             resume=entry.upload,
-            on_created=lambda path: journal.note(at, folder.name, upload=path),
-            on_bytes=lambda done, total: on_step(folder.name, "sending", done / max(total, 1)),
-            **options_of(folder, settings),
+            on_created=lambda path: journal.note(at, found.name, upload=path),
+            on_bytes=lambda done, total: on_step(found.name, "sending", done / max(total, 1)),
+            **options_of(found, settings),
         )
         job = str(sent["links"]["self"])
-        journal.note(at, folder.name, job=job)
-    on_step(folder.name, "waiting", 0.0)
+        journal.note(at, found.name, job=job)
+    on_step(found.name, "waiting", 0.0)
     try:
         stack = client.wait(
-            job, on_progress=lambda p: on_step(folder.name, str(p["stage"]), float(p["fraction"])), check=False
+            job, on_progress=lambda p: on_step(found.name, str(p["stage"]), float(p["fraction"])), check=False
         )
     except PinstackError as error:
         if error.status in (404, 410):
@@ -110,10 +113,28 @@ def _send(
     if stack["state"] != "succeeded":
         problem_of_job = stack.get("error") or {}
         detail = str(problem_of_job.get("detail") or "it was cancelled at the service")
-        journal.note(at, folder.name, ended=detail)
-        return Outcome(folder.name, "failed", [detail], stack)
-    on_step(folder.name, "saving", 0.0)
-    files = save_results(client, stack, folder.name, settings.save, results)
-    journal.note(at, folder.name, ended="done")
+        journal.note(at, found.name, ended=detail)
+        return Outcome(found.name, "failed", [detail], stack)
+    on_step(found.name, "saving", 0.0)
+    files = save_results(client, stack, found.name, settings.save, results)
+    journal.note(at, found.name, ended="done")
     sentences = [str(warning["detail"]) for warning in stack.get("warnings", [])]
-    return Outcome(folder.name, "done", sentences, stack, files)
+    return Outcome(found.name, "done", sentences, stack, files)
+
+
+def _known(client: Client, entry: Entry, name: str, settings: Settings, results: Path, on_step: OnStep) -> Outcome:
+    """A stack that was done in an earlier run: results that are not there any more are fetched again."""
+    if entry.job is None or not missing(name, settings.save, results):
+        return Outcome(name, "known")
+    try:
+        stack = client.get_stack(entry.job)
+    except PinstackError as error:
+        if error.status not in (404, 410):
+            raise
+        sentence = (
+            "results are missing here, and the service has the stack no longer; to send it again, remove the journal"
+        )
+        return Outcome(name, "failed", [sentence])
+    on_step(name, "saving", 0.0)
+    wanted = [artifact for artifact in settings.save if missing(name, [artifact], results)]
+    return Outcome(name, "known", [], dict(stack), save_results(client, stack, name, wanted, results))

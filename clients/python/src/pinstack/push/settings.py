@@ -1,7 +1,7 @@
 """Settings of a push: the command line wins over the environment, and that over the file of the rig (TOML).
 
-The file has the names of the options of the command line, with ``_`` for ``-``, and a table ``options`` for those of
-the stacks::
+The file has the names of the options of the command line, with ``_`` for ``-``, a table ``options`` for those of the
+stacks, and a table ``names`` for what numbers in names mean::
 
     server = "http://stacker:8080"
     token_file = "C:/pinstack/token.txt"
@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional
 
 from .._errors import PinstackError
+from .._operations import RULES
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -48,18 +49,27 @@ class Settings:
     jobs: int = 2
     #: How long nothing may change in a folder before it is sent, seconds.
     quiet_s: float = 20.0
+    #: A pause between two pictures of a folder after which another stack begins, seconds; None: none does.
+    gap_s: Optional[float] = None
     #: How often ``watch`` looks, seconds.
     every_s: float = 5.0
+    #: What numbers in names mean, such as ``x_degrees_per_unit``.
+    names: Dict[str, Any] = field(default_factory=dict)
     #: Options of the stacks.
     options: Dict[str, Any] = field(default_factory=dict)
 
-    def check(self) -> None:
-        """Raises ``invalid_source`` with what is missing or out of range."""
-        for name in ("rig", "lens"):
+    def check(self, is_dry_run: bool = False) -> None:
+        """Raises ``invalid_source`` with what is missing or out of range. To group files needs no rig and lens."""
+        for name in () if is_dry_run else ("rig", "lens"):
             if not getattr(self, name):
                 raise _wrong(f"{name} is missing: give --{name}, or {name} in the file of the rig")
         if not 1 <= self.jobs <= 16:
             raise _wrong(f"jobs is {self.jobs}; it must be 1 to 16")
+        if self.gap_s is not None and self.gap_s <= 0:
+            raise _wrong("gap_s must be more than 0")
+        unknown = sorted(set(self.names) - RULES)
+        if unknown:
+            raise _wrong(f"names: there is no rule {unknown[0]!r}; there are {', '.join(sorted(RULES))}")
         if self.quiet_s < 0 or self.every_s <= 0:
             raise _wrong("quiet_s must not be negative, and every_s must be more than 0")
         unknown = sorted(set(self.save) - {"image", "mask", "depth", "backlight", "height", "height-sigma", "preview"})
@@ -83,6 +93,7 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
     elif of_rig is not None:
         values["token"] = _token(Path(str(of_rig)))
     options = {**values.pop("options", {}), **(given.get("options") or {})}
+    names = {**values.pop("names", {}), **(given.get("names") or {})}
     known = {one.name: one for one in fields(Settings)}
     unknown = sorted(set(values) - set(known))
     if unknown:
@@ -91,11 +102,17 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
     for name in ("results", "journal"):
         if values.get(name) is not None:
             values[name] = Path(str(values[name])).expanduser()
-    settings = Settings(**{**values, "options": options})
-    for name, kind in (("jobs", int), ("quiet_s", (int, float)), ("every_s", (int, float)), ("save", list)):
-        if not isinstance(getattr(settings, name), kind):
+    settings = Settings(**{**values, "options": options, "names": names})
+    for name, kind in (
+        ("jobs", int),
+        ("quiet_s", (int, float)),
+        ("gap_s", (int, float)),
+        ("every_s", (int, float)),
+        ("save", list),
+    ):
+        if getattr(settings, name) is not None and not isinstance(getattr(settings, name), kind):
             raise _wrong(f"{name} has the wrong type in {file or 'the settings'}")
-    settings.check()
+    settings.check(bool(given.get("dry_run")))
     return settings
 
 

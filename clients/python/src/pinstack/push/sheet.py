@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import List, Sequence
 
 from .folders import safe_name
+from .results import SUFFIXES
 from .sender import Outcome
 
 STYLE = """
@@ -36,9 +37,10 @@ def write(outcomes: Sequence[Outcome], results: Path) -> Path:
 
 def _item(outcome: Outcome, results: Path) -> str:
     lines: List[str] = []
-    pictures = sorted((results / "contact-sheet").glob(f"{_literal(safe_name(outcome.name))}.*"))
+    names = [f"{safe_name(outcome.name)}{suffix}" for suffix in SUFFIXES.values()]
+    pictures = [name for name in names if (results / "contact-sheet" / name).exists()]
     if pictures:
-        lines.append(f'<img src="contact-sheet/{html.escape(pictures[0].name)}" alt="" loading="lazy">')
+        lines.append(f'<img src="contact-sheet/{html.escape(pictures[0])}" alt="" loading="lazy">')
     lines.append(f"<b>{html.escape(outcome.name)}</b>")
     if not outcome.is_good:
         lines.append(f'<p class="bad">{html.escape(outcome.state)}</p>')
@@ -51,7 +53,3 @@ def _item(outcome: Outcome, results: Path) -> str:
         lines.append(f"<p>{', '.join(figures)}</p>")
     lines.extend(f"<p>{html.escape(sentence)}</p>" for sentence in outcome.sentences)
     return f"<li>{''.join(lines)}</li>"
-
-
-def _literal(name: str) -> str:
-    return name.replace("[", "[[]")

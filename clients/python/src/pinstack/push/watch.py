@@ -10,13 +10,14 @@ from __future__ import annotations
 import threading
 import time
 from pathlib import Path
-from typing import Callable, Dict, List, Set, Tuple
+from typing import Callable, Dict, List, Tuple
 
 from .._client import Client
-from .folders import StackFolder, find
+from .._errors import PinstackError
+from .folders import Found, FoundStack, find
 from .journal import Journal
 from .progress import Progress
-from .run import send_all
+from .run import Stopped, ask_of, interruptible, send_all
 from .sender import Outcome
 from .settings import Settings
 
@@ -30,28 +31,54 @@ class Complete:
     def __init__(self, quiet_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._quiet_s = quiet_s
         self._clock = clock
-        self._seen: Dict[str, Tuple[State, float]] = {}
+        self._seen: Dict[Tuple[Path, str], Tuple[State, float]] = {}
 
-    def of(self, stacks: List[StackFolder]) -> List[StackFolder]:
+    def of(self, stacks: List[FoundStack]) -> List[FoundStack]:
         """The stacks that are complete now."""
         now = self._clock()
         return [stack for stack in stacks if self._is_quiet(stack, now)]
 
-    def _is_quiet(self, stack: StackFolder, now: float) -> bool:
+    def _is_quiet(self, stack: FoundStack, now: float) -> bool:
+        place = (stack.root, stack.view)
         try:
             state = state_of(stack)
         except OSError:
             # a file went away, or another program holds it
-            self._seen.pop(str(stack.path), None)
+            self._seen.pop(place, None)
             return False
-        before, since = self._seen.get(str(stack.path), (None, now))
+        before, since = self._seen.get(place, (None, now))
         if before != state:
-            self._seen[str(stack.path)] = (state, now)
+            self._seen[place] = (state, now)
             since = now
         return now - since >= self._quiet_s
 
 
-def state_of(stack: StackFolder) -> State:
+def wait_until_quiet(stack: FoundStack, quiet_s: float, stop: threading.Event) -> bool:
+    """Waits while files of a stack may still be written: while one is younger than ``quiet_s``, or cannot be opened.
+
+    Files that are older are complete at once. The clock of a network drive may differ from that of this computer, so a
+    young file is one that changes while it is watched, or changed just now. Returns False after ``stop``, and when a
+    file could not be opened for ten times as long.
+    """
+    began, complete = time.monotonic(), Complete(quiet_s)
+    while True:
+        try:
+            newest = max(path.stat().st_mtime for path in stack.files())
+            state_of(stack)
+            if abs(time.time() - newest) >= quiet_s:
+                return True
+            can_be_opened = True
+        except OSError:
+            can_be_opened = False
+        if complete.of([stack]):
+            return True
+        if stop.wait(min(1.0, quiet_s / 4)):
+            return False
+        if not can_be_opened and time.monotonic() - began > 10 * quiet_s:
+            return False
+
+
+def state_of(stack: FoundStack) -> State:
     """What must not change while a stack is sent. Raises ``OSError`` for a file that cannot be opened."""
     state = []
     for path in stack.files():
@@ -78,29 +105,45 @@ def watch(
     """
     complete = Complete(settings.quiet_s)
     settled: Dict[str, State] = {}
-    told: Set[str] = set()
+    told: Dict[str, str] = {}
+
+    def say_once(name: str, text: str) -> None:
+        if told.get(name) != text:
+            told[name] = text
+            progress.say(text)
+
+    client = interruptible(make_client(), stop)
     while True:
+        try:
+            found = find(root, ask_of(client, settings), results, settings.gap_s)
+            told.pop("service", None)
+        except Stopped:
+            return
+        except PinstackError as error:
+            # the service is away, or a name or manifest is wrong: the others wait for it too
+            say_once("service", f"nothing is sent now: {error.detail}")
+            found = Found()
         ready = []
-        for stack in complete.of(find(root, results).stacks):
+        for stack in complete.of(found.stacks):
             if stack.problem is not None:
                 # pictures of the other light may still come
-                if stack.name not in told:
-                    told.add(stack.name)
-                    progress.say(f"{stack.name}: not sent yet: {stack.problem}")
-                continue
-            if settled.get(stack.name) != _quiet_state(stack):
+                say_once(stack.name, f"{stack.name}: not sent yet: {stack.problem}")
+            elif settled.get(stack.name) != _quiet_state(stack):
                 ready.append(stack)
         outcomes = send_all(make_client, journal, ready, settings, results, progress, stop)
         for stack, outcome in ((s, o) for s in ready for o in outcomes if o.name == s.name):
             if outcome.state not in ("unreachable", "incomplete"):
                 settled[stack.name] = _quiet_state(stack)
         if outcomes:
-            ended(outcomes)
+            try:
+                ended(outcomes)
+            except OSError as error:
+                progress.say(f"the contact sheet cannot be written: {error.strerror or error}")
         if stop.wait(settings.every_s):
             return
 
 
-def _quiet_state(stack: StackFolder) -> State:
+def _quiet_state(stack: FoundStack) -> State:
     try:
         return state_of(stack)
     except OSError:
