@@ -1,6 +1,6 @@
 //! `pinstack backup` and `pinstack restore`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::Args;
@@ -10,14 +10,15 @@ use super::{
     store::{Place, open},
 };
 use crate::store::{
-    self,
-    backup::{Copied, copy, remove_mark},
+    self, DatabaseUrl,
+    backup::{Copied, copy, copy_files, remove_mark},
     data_folder,
     verify::{Depth, Report, verify},
 };
 
 /// Back up the database and all files into a folder; a server may run meanwhile. Files that an earlier backup in the
-/// folder has are not copied again. A backup is a data folder itself; uploads that are still arriving are not in it.
+/// folder has are not copied again. A backup is a data folder itself, also where the rows are in Postgres; uploads that
+/// are still arriving are not in it.
 #[derive(Debug, Args)]
 pub struct Backup {
     #[command(flatten)]
@@ -27,15 +28,19 @@ pub struct Backup {
     to: PathBuf,
 }
 
-/// Restore a backup into a data folder, which must have no database yet; at the end, every file is compared with its
-/// digest.
+/// Restore a backup, or move a data folder: into a data folder or a Postgres database that has no rows yet; at the end,
+/// every file is compared with its digest. If it is interrupted, repeat it.
 #[derive(Debug, Args)]
 pub struct Restore {
     #[command(flatten)]
     place: Place,
-    /// Folder of the backup
+    /// Folder of the backup, or a data folder. Stop its server before the last time
     #[arg(long, value_name = "DIR")]
     from: PathBuf,
+    /// Only copy the files, while a server runs on the folder: the next restore, with the rows, then takes less time.
+    /// Needs Postgres, because a data folder gets its rows at once
+    #[arg(long)]
+    files_only: bool,
 }
 
 impl Backup {
@@ -46,9 +51,7 @@ impl Backup {
     pub fn run(self) -> anyhow::Result<()> {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let config = self.place.config()?;
-            refuse_postgres(&config)?;
-            let (_, store) = open(config).await?;
+            let (_, store) = open(self.place.config()?).await?;
             let copied = copy(&store, &self.to).await?;
             store.metadata.close().await;
             print(copied);
@@ -64,39 +67,62 @@ impl Restore {
     /// When there is a database already, the backup cannot be read, or something in it is missing or has changed.
     pub fn run(self) -> anyhow::Result<()> {
         let config = self.place.config()?;
-        refuse_postgres(&config)?;
-        let to = config.data_dir;
-        if data_folder::exists(&to) {
-            bail!("{} has a database; specify a new folder with --data-dir, or move the old one away", to.display());
-        }
         if !data_folder::exists(&self.from) {
             bail!("there is no database in {}; specify the folder of the backup with --from", self.from.display());
         }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
         runtime.block_on(async {
-            let backup = store::open(&self.from).await?;
-            let copied = copy(&backup, &to).await.context("the backup could not be restored")?;
-            backup.metadata.close().await;
-            print(copied);
-            let restored = store::open(&to).await?;
-            remove_mark(&to)?;
-            let report = verify(&restored, Depth::Digests).await?;
-            restored.metadata.close().await;
-            require_complete(&report)
+            match config.database()? {
+                None if self.files_only => bail!("--files-only needs database_url; without it, restore in one go"),
+                None => into_folder(&self.from, &config.data_dir).await,
+                Some(database) => into_database(&self.from, config, &database, self.files_only).await,
+            }
         })
     }
 }
 
-/// These commands copy the database as a file.
-fn refuse_postgres(config: &ServeConfig) -> anyhow::Result<()> {
-    if config.database()?.is_some() {
-        bail!(
-            "the rows are in Postgres: back them up with pg_dump (or restore them with pg_restore) first, then copy the \
-             folder {} with a snapshot of its file system or rsync; 'pinstack verify' compares both",
-            config.data_dir.display()
-        );
+async fn into_folder(from: &Path, to: &Path) -> anyhow::Result<()> {
+    if data_folder::exists(to) {
+        bail!("{} has a database; specify a new folder with --data-dir, or move the old one away", to.display());
     }
-    Ok(())
+    let backup = store::open(from).await?;
+    let copied = copy(&backup, to).await.context("the backup could not be restored")?;
+    backup.metadata.close().await;
+    print(copied);
+    let restored = store::open(to).await?;
+    remove_mark(to)?;
+    let report = verify(&restored, Depth::Digests).await?;
+    restored.metadata.close().await;
+    require_complete(&report)
+}
+
+/// Files first, then all rows at once: until then the service has no stack that lacks a file.
+async fn into_database(
+    from: &Path,
+    config: ServeConfig,
+    database: &DatabaseUrl,
+    files_only: bool,
+) -> anyhow::Result<()> {
+    data_folder::require_empty(database).await?;
+    let backup = store::open(from).await?;
+    let (_, to) = open(config).await?;
+    let rows = to.workspace.new_path("rows")?;
+    let copied = copy_files(&backup, &*to.blobs, &to.workspace, &rows).await;
+    let copied = copied.context("the files could not be copied; repeat the command to go on")?;
+    backup.metadata.close().await;
+    print(copied);
+    if files_only {
+        to.metadata.close().await;
+        println!("the files are there; stop the server of {}, then restore without --files-only", from.display());
+        return Ok(());
+    }
+    let filled = data_folder::fill_database(database, &rows).await;
+    let removed = data_folder::remove_file(&rows);
+    filled?;
+    removed?;
+    let report = verify(&to, Depth::Digests).await?;
+    to.metadata.close().await;
+    require_complete(&report)
 }
 
 fn print(copied: Copied) {

@@ -58,18 +58,31 @@ pub async fn copy(store: &Store, to: &Path) -> StoreResult<Copied> {
     make_marked(to).map_err(io("cannot create the folder"))?;
     let (blobs, _parts, workspace) = local::open(to)?;
     let snapshot = to.join(format!("{DATABASE}.new"));
-    let mut backup =
-        Backup { store, blobs: &blobs, workspace: &workspace, shared: HashMap::new(), copied: Copied::default() };
-    while !backup.copy_once(&snapshot).await? {
-        tracing::info!("a blob was deleted before it was copied; the database is copied again");
-    }
-    let copied = backup.copied;
+    let copied = copy_files(store, &blobs, &workspace, &snapshot).await?;
     replace_database(&snapshot, to).await?;
     drop((blobs, workspace));
     let copy = open(to).await?;
     gc::collect(&copy, Duration::ZERO, &Retention::default()).await?;
     copy.metadata.close().await;
     Ok(copied)
+}
+
+/// Writes all rows of `store` to the new file `snapshot`, and copies the blobs that they refer to. Blobs that are there
+/// are kept, so this can be repeated after an interruption, or while a server still runs to shorten the last time.
+///
+/// # Errors
+/// When a blob that a row refers to is missing, or either side cannot be read or written.
+pub async fn copy_files(
+    store: &Store,
+    blobs: &dyn BlobStore,
+    workspace: &Workspace,
+    snapshot: &Path,
+) -> StoreResult<Copied> {
+    let mut backup = Backup { store, blobs, workspace, shared: HashMap::new(), copied: Copied::default() };
+    while !backup.copy_once(snapshot).await? {
+        tracing::info!("a blob was deleted before it was copied; the database is copied again");
+    }
+    Ok(backup.copied)
 }
 
 /// Removes the mark of a backup: the folder is a store of its own from here on.

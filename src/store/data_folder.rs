@@ -70,12 +70,43 @@ pub async fn open_shared_metadata(
     if exists(data_dir) {
         let error = anyhow::anyhow!(
             "database_url: {} has a SQLite database already, and its stacks would not be seen; use a new data_dir with \
-             Postgres, or unset database_url",
+             Postgres and move the old one into it (pinstack restore --from), or unset database_url",
             data_dir.display()
         );
         return Err(error.into());
     }
     Ok(Arc::new(PostgresMetadata::open(url).await?))
+}
+
+/// Moves the rows of a database file into a Postgres database that has none yet.
+///
+/// # Errors
+/// As [`PostgresMetadata::fill_from`].
+pub async fn fill_database(url: &DatabaseUrl, file: &Path) -> StoreResult<()> {
+    let metadata = PostgresMetadata::open(url).await?;
+    let filled = metadata.fill_from(file).await;
+    metadata.close().await;
+    filled
+}
+
+/// Requires that a Postgres database has no rows, before files are copied for it.
+///
+/// # Errors
+/// When it has, or cannot be reached.
+pub async fn require_empty(url: &DatabaseUrl) -> StoreResult<()> {
+    let metadata = PostgresMetadata::open(url).await?;
+    let empty = metadata.require_empty().await;
+    metadata.close().await;
+    empty
+}
+
+/// Removes a database file and what SQLite keeps beside it.
+///
+/// # Errors
+/// When they cannot be removed.
+pub fn remove_file(file: &Path) -> io::Result<()> {
+    remove_database(file)?;
+    remove(&beside(file, ".lock"))
 }
 
 /// True when the folder has a database.

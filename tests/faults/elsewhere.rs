@@ -24,7 +24,7 @@ const CALIBRATION: &str = "copy.write";
 
 /// All of these failpoints.
 pub fn steps() -> Vec<&'static str> {
-    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS].concat()
+    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS].concat()
 }
 
 fn text(output: &std::process::Output) -> String {

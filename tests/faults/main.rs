@@ -8,6 +8,7 @@
 //! | `elsewhere` | failpoints of commands, garbage collection and calibrations |
 //! | `copies` | backups that are interrupted |
 //! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
+//! | `moving` | a data folder that moves to Postgres and back |
 //! | `workers` | a stopped worker that continues after another process has its job |
 //! | `small_disk` | a file system that is really full |
 //! | `soak` | many clients and random kills |
@@ -18,6 +19,7 @@ mod copies;
 mod elsewhere;
 mod machines;
 mod matrix;
+mod moving;
 mod service;
 mod small_disk;
 mod soak;

@@ -36,6 +36,13 @@ pub fn command_on(database: &str, data: &Path, arguments: &[&str]) -> Output {
     command.output().expect("pinstack starts")
 }
 
+/// The same with both.
+pub fn armed_command_on(database: &str, data: &Path, arguments: &[&str], fault: &str) -> Output {
+    let mut command = pinstack();
+    command.env("PINSTACK_DATABASE_URL", database).env("FAILPOINTS", fault).args(arguments);
+    command.arg("--data-dir").arg(data).output().expect("pinstack starts")
+}
+
 /// The same, broken where `fault` says.
 pub fn armed_command(data: &Path, arguments: &[&str], fault: &str) -> Output {
     let mut command = pinstack();

@@ -125,6 +125,13 @@ impl Story {
         Self::in_folder(folder, "", flags).await
     }
 
+    /// The same, with the rows in Postgres.
+    pub async fn on_database(data: &Path, database: &str) -> Self {
+        let flags = vec!["--database-url".to_owned(), database.to_owned()];
+        let flags: Vec<&'static str> = flags.into_iter().map(|flag| &*flag.leak()).collect();
+        Self::on_with(data, flags.leak()).await
+    }
+
     pub fn data(&self) -> PathBuf {
         self.folder.path().join("data")
     }

@@ -38,7 +38,9 @@ use sqlx::{
 use tokio::sync::broadcast;
 use uuid::Uuid;
 
-use super::{Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, rows};
+use super::{
+    Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, rows, sqlite::SqliteMetadata,
+};
 
 /// Most connections of a process.
 const CONNECTIONS: u32 = 10;
@@ -123,6 +125,34 @@ impl PostgresMetadata {
         Ok(Self { pool, wall, clock, observer, last_seen, changes, notifications })
     }
 
+    /// Requires that there are no rows.
+    ///
+    /// # Errors
+    /// When there are, or the database cannot be read.
+    pub async fn require_empty(&self) -> StoreResult<()> {
+        let mut connection = self.pool.acquire().await?;
+        refuse_filled(&mut connection).await
+    }
+
+    /// Takes over all rows of a database file, such as that of a backup. The database must not have any.
+    ///
+    /// # Errors
+    /// When the database has rows, or one of the two cannot be read or written. Then nothing was taken over.
+    pub async fn fill_from(&self, file: &Path) -> StoreResult<()> {
+        let from = SqliteMetadata::open(file).await?;
+        let mut reader = from.write().await?;
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        take(&mut tx, Lock::Profiles).await?;
+        refuse_filled(&mut tx).await?;
+        // a new database has seen a clock, which the file has as well
+        sqlx::query("DELETE FROM clock_seen").execute(&mut *tx).await?;
+        sqlx::query("DELETE FROM clock_gaps").execute(&mut *tx).await?;
+        rows::transfer::to_postgres_from(&mut reader, &mut tx).await?;
+        drop(reader);
+        from.close().await;
+        self.commit(tx, "restore.commit").await
+    }
+
     /// A transaction that sees what others have committed before each of its statements.
     async fn write(&self) -> StoreResult<Transaction<'static, Postgres>> {
         Ok(self.pool.begin().await?)
@@ -166,6 +196,16 @@ impl PostgresMetadata {
         }
         Ok(())
     }
+}
+
+async fn refuse_filled(connection: &mut PgConnection) -> StoreResult<()> {
+    let filled = rows::transfer::filled_tables(connection).await?;
+    if filled.is_empty() {
+        return Ok(());
+    }
+    let tables = filled.join(", ");
+    Err(anyhow!("database_url: the database has rows already (in {tables}); use a new database, or another schema")
+        .into())
 }
 
 /// Takes an advisory lock within a transaction.
@@ -222,12 +262,18 @@ impl MetadataStore for PostgresMetadata {
     }
 
     async fn snapshot_to(&self, file: &Path) -> StoreResult<()> {
-        Err(anyhow!(
-            "cannot write {}: the rows are in Postgres; back them up with pg_dump or by the archive of the server, and \
-             the folder of the files with a snapshot that is taken later",
-            file.display()
-        )
-        .into())
+        if file.exists() {
+            return Err(anyhow!("{} exists already", file.display()).into());
+        }
+        let copy = SqliteMetadata::open(file).await?;
+        // all tables as of one moment; writers do not wait
+        let mut from = self.pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?;
+        let mut to = copy.write().await?;
+        rows::transfer::from_postgres(&mut from, &mut to).await?;
+        step("backup.snapshot").map_err(|error| StoreError::of_io(error, "cannot copy the database".into()))?;
+        to.commit().await?;
+        copy.close().await;
+        Ok(())
     }
 
     async fn close(&self) {

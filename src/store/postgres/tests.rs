@@ -187,9 +187,99 @@ async fn a_job_with_an_unreadable_row_is_listed_as_skipped_and_fails_when_it_is_
     assert!(state == "failed" && error.contains("cannot be read any more"), "{state} {error}");
 }
 
+/// Fills every table.
+async fn filled(store: &PostgresMetadata) {
+    conformance::put(store, "rig", "lens", 1.5).await;
+    conformance::put(store, "rig", "lens", 2.5).await;
+    for _ in 0..3 {
+        conformance::accept(store, &conformance::stack()).await;
+    }
+    conformance::claim(store).await.expect("a job");
+    let all = [
+        "INSERT INTO scans (name, rig, lens, body, version, owner, created_at, updated_at)
+         VALUES ('bee', 'rig', 'lens', '{\"rig\": \"rig\", \"lens\": \"lens\"}', 3, gen_random_uuid(), 5, 6)",
+        "INSERT INTO uploads (id, length, received, digest, metadata, wanted, created_at, expires_at)
+         VALUES (gen_random_uuid(), 10, 3, '\\x00ff27', 'rig cg==', 1, 7, 8)",
+        "INSERT INTO tokens (id, name, digest, scopes, created_at, quota_bytes)
+         VALUES (gen_random_uuid(), 'lab', sha256('x'), 'read', 9, 1000)",
+        "INSERT INTO clock_gaps (at_ms, gap_ms) VALUES (10, 11)",
+        "DELETE FROM jobs WHERE seq = (SELECT max(seq) FROM jobs)",
+        "UPDATE jobs SET fraction = 0.1, error = 'K\u{e4}fer \u{1f41e} \"', owner = gen_random_uuid()",
+    ];
+    for sql in all {
+        sqlx::query(AssertSqlSafe(sql)).execute(&store.pool).await.expect(sql);
+    }
+}
+
+/// All rows of all tables, as text.
+async fn dump(store: &PostgresMetadata) -> Vec<String> {
+    let mut all = Vec::new();
+    for table in &rows::transfer::TABLES {
+        let columns: Vec<_> = table.columns.iter().map(|(name, _)| format!("{name}::text")).collect();
+        let select = format!("SELECT concat_ws('|', {}) FROM {} ORDER BY 1", columns.join(", "), table.name);
+        let rows: Vec<String> = sqlx::query_scalar(AssertSqlSafe(select)).fetch_all(&store.pool).await.unwrap();
+        assert!(!rows.is_empty() || table.name == "clock_seen", "{} has no row", table.name);
+        all.extend(rows);
+    }
+    all
+}
+
 #[tokio::test]
-async fn the_rows_are_not_copied_to_a_file() {
+async fn all_rows_go_to_a_file_and_into_another_database() {
+    let (Some(one), Some(two)) = (fresh_url().await, fresh_url().await) else { return };
+    let (one, two) = (open(&one).await, open(&two).await);
+    filled(&one).await;
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("copy.sqlite");
+    one.snapshot_to(&file).await.expect("a copy");
+    assert!(one.snapshot_to(&file).await.is_err(), "a file that exists is not replaced");
+    // the file is a database of its own
+    let copy = SqliteMetadata::open(&file).await.unwrap();
+    let jobs = async |store: &dyn MetadataStore| {
+        store.jobs(&JobFilter::default(), &crate::store::PageRequest { limit: 10, cursor: None }).await.unwrap().items
+    };
+    assert_eq!(jobs(&copy).await, jobs(&one).await);
+    assert_eq!(copy.integrity_errors().await.unwrap(), Vec::<String>::new());
+    copy.close().await;
+    two.fill_from(&file).await.expect("it is empty");
+    assert_eq!(dump(&two).await, dump(&one).await);
+    // numbers go on after the last
+    let last = jobs(&two).await.len();
+    let next = conformance::accept(&two, &conformance::stack()).await;
+    assert_eq!(jobs(&two).await.first().map(|job| job.id), Some(next.id));
+    assert_eq!(jobs(&two).await.len(), last + 1);
+    let refused = two.fill_from(&file).await.expect_err("it has rows").to_string();
+    assert!(refused.contains("has rows already") && refused.contains("jobs"), "{refused}");
+}
+
+#[tokio::test]
+async fn every_column_of_both_schemas_is_transferred() {
     let Some(url) = fresh_url().await else { return };
-    let refused = open(&url).await.snapshot_to(Path::new("copy.sqlite")).await.expect_err("it is no file");
-    assert!(refused.to_string().contains("pg_dump"), "{refused}");
+    let store = open(&url).await;
+    let of_schema: Vec<(String, String)> = sqlx::query_as(
+        "SELECT table_name::text, column_name::text FROM information_schema.columns
+         WHERE table_schema = current_schema() AND table_name <> '_sqlx_migrations'",
+    )
+    .fetch_all(&store.pool)
+    .await
+    .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let sqlite = SqliteMetadata::open(folder.path().join("a.sqlite")).await.unwrap();
+    let of_file: Vec<(String, String)> = sqlx::query_as(
+        "SELECT m.name, c.name FROM sqlite_master m JOIN pragma_table_info(m.name) c
+         WHERE m.type = 'table' AND m.name NOT LIKE 'sqlite\\_%' ESCAPE '\\' AND m.name <> '_sqlx_migrations'",
+    )
+    .fetch_all(&mut *sqlite.write().await.unwrap())
+    .await
+    .unwrap();
+    let sorted = |mut pairs: Vec<(String, String)>| {
+        pairs.sort();
+        pairs
+    };
+    let listed = rows::transfer::TABLES
+        .iter()
+        .flat_map(|table| table.columns.iter().map(|(column, _)| (table.name.to_owned(), (*column).to_owned())));
+    let listed = sorted(listed.collect());
+    assert_eq!(sorted(of_schema), listed);
+    assert_eq!(sorted(of_file), listed);
 }

@@ -11,6 +11,7 @@ pub(in crate::store) mod profile;
 pub(in crate::store) mod scan;
 pub(in crate::store) mod token;
 pub(in crate::store) mod totals;
+pub(in crate::store) mod transfer;
 pub(in crate::store) mod transition;
 pub(in crate::store) mod upload;
 

@@ -109,7 +109,7 @@ impl SqliteMetadata {
     }
 
     /// A transaction that holds the write lock from its first statement on.
-    async fn write(&self) -> StoreResult<Transaction<'static, Sqlite>> {
+    pub(in crate::store) async fn write(&self) -> StoreResult<Transaction<'static, Sqlite>> {
         Ok(self.writer.begin_with("BEGIN IMMEDIATE").await?)
     }
 
