@@ -90,6 +90,13 @@ impl From<StoreError> for ApiError {
                 Code::InvalidRequest,
                 "invalid cursor for this list; use `next_cursor` of the previous page, or omit it",
             ),
+            StoreError::Unavailable(cause) => {
+                tracing::error!(cause = %format!("{cause:#}"), "the storage is not available");
+                Self::new(
+                    Code::Unavailable,
+                    "the storage of the service does not answer at the moment; try again later",
+                )
+            }
             StoreError::Other(cause) => Self::internal(format!("{cause:#}")),
         }
     }

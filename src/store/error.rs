@@ -8,6 +8,9 @@ pub enum StoreError {
     /// The disk, or a quota of the operating system, is full.
     #[error("the disk is full: {0}")]
     DiskFull(String),
+    /// The storage is on another machine and does not answer, or asks to try again later: the same may succeed then.
+    #[error("the storage is not available: {0:#}")]
+    Unavailable(anyhow::Error),
     /// A cursor that no list of this store returned: the client's mistake.
     #[error("invalid cursor")]
     InvalidCursor,

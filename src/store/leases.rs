@@ -51,6 +51,12 @@ pub enum Attempt {
         /// Time until the next claim.
         pause: Duration,
     },
+    /// It does not count, because the storage was not available: the job is not the reason. It is not claimed again
+    /// before `pause` has passed.
+    Postponed {
+        /// Time until the next claim.
+        pause: Duration,
+    },
     /// It does not count: the server shuts down.
     NotCounted,
 }

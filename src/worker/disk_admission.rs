@@ -4,7 +4,7 @@
 use tokio::time::sleep;
 
 use super::{
-    executor::{Executor, internal},
+    executor::{Executor, Stopped, internal},
     lease_keeper::LeaseKeeper,
 };
 use crate::{
@@ -28,7 +28,7 @@ impl Executor {
         &self,
         job: &Job,
         keeper: &LeaseKeeper,
-    ) -> Result<Result<Reservation, Fault>, JobError> {
+    ) -> Result<Result<Reservation, Fault>, Stopped> {
         let bytes = self.deps.runner.disk_need(&job.request);
         let mut waits = false;
         loop {
@@ -46,7 +46,7 @@ impl Executor {
             }
             tokio::select! {
                 () = sleep(self.config.poll) => {}
-                () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled)),
+                () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled).into()),
             }
         }
     }

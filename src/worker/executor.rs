@@ -24,6 +24,10 @@ pub(super) const MB: u64 = 1 << 20;
 /// Attempts to write the end of a job. When all fail, the lease expires and the job runs again.
 const END_ATTEMPTS: u32 = 5;
 
+/// Longest time between two of them: shorter than the time that a job of a living worker is left alone after the storage
+/// was away.
+const LONGEST_END_PAUSE: Duration = Duration::from_secs(2);
+
 /// State that all workers of a pool share.
 pub(super) struct Executor {
     pub(super) deps: Deps,
@@ -53,7 +57,7 @@ impl Executor {
         let _stop = keeper.stop_on_drop();
         let result = tokio::select! {
             result = self.run(&job, &keeper, gate) => result,
-            () = keeper.keep(&self.deps, &self.config, &job, &self.abandon) => Err(JobError::Cancelled(Cancelled)),
+            () = keeper.keep(&self.deps, &self.config, &job, &self.abandon) => Err(Stopped::Job(JobError::Cancelled(Cancelled))),
         };
         let kind = job.request.kind();
         let may_retry = job.attempt < self.config.max_attempts;
@@ -84,7 +88,7 @@ impl Executor {
         }
     }
 
-    async fn run(&self, job: &Job, keeper: &Arc<LeaseKeeper>, gate: OwnedMutexGuard<()>) -> Result<Finish, JobError> {
+    async fn run(&self, job: &Job, keeper: &Arc<LeaseKeeper>, gate: OwnedMutexGuard<()>) -> Result<Finish, Stopped> {
         let started = Instant::now();
         let suspect = job.attempt > 1;
         let whole = self.whole_budget();
@@ -92,7 +96,7 @@ impl Executor {
         let permits = if suspect { whole } else { need.min(whole) };
         let _memory = tokio::select! {
             permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is shutting down"))?,
-            () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled)),
+            () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled).into()),
         };
         let _reserved = events::memory_reserved(u64::from(permits) * MB);
         let _gate = suspect.then_some(gate);
@@ -166,7 +170,8 @@ impl Executor {
         if code == Code::InsufficientStorage { pause / 10 } else { pause }
     }
 
-    /// Writes the end of the job, with retries. False when the lease was lost.
+    /// Writes the end of the job, with retries: as long as the storage is away, and a few times after other errors. False
+    /// when the lease was lost.
     async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
         let mut pause = Duration::from_millis(100);
         let mut attempts = 1;
@@ -177,13 +182,15 @@ impl Executor {
                     tracing::warn!(job = %job.id, "the lease was lost before the end; nothing was published");
                     return Ok(false);
                 }
-                Err(error) if attempts == END_ATTEMPTS => return Err(error),
+                Err(error) if attempts >= END_ATTEMPTS && !is_away(&error) => return Err(error),
+                // at shutdown, the lease expires
+                Err(error) if self.abandon.is_cancelled() => return Err(error),
                 Err(error) => {
                     tracing::warn!(job = %job.id, ?error, attempts, "cannot write the end of a job; trying again")
                 }
             }
             tokio::time::sleep(pause).await;
-            pause *= 2;
+            pause = (2 * pause).min(LONGEST_END_PAUSE);
             attempts += 1;
         }
     }
@@ -197,6 +204,30 @@ impl Executor {
             Ending::Lost => Ok(false),
         }
     }
+}
+
+/// Why the run of a job ended early.
+pub(super) enum Stopped {
+    /// The job failed or was stopped.
+    Job(JobError),
+    /// The storage is not available.
+    Unavailable,
+}
+
+impl From<JobError> for Stopped {
+    fn from(error: JobError) -> Self {
+        Self::Job(error)
+    }
+}
+
+impl From<Fault> for Stopped {
+    fn from(fault: Fault) -> Self {
+        Self::Job(fault.into())
+    }
+}
+
+fn is_away(error: &StoreError) -> bool {
+    matches!(error, StoreError::Unavailable(_))
 }
 
 /// How the run of a job ended.
@@ -213,11 +244,19 @@ impl Ending {
     /// A job that succeeded or failed keeps that result even if it was stopped meanwhile: the store decides which was
     /// first.
     fn of(
-        result: Result<Finish, JobError>,
+        result: Result<Finish, Stopped>,
         reason: Option<StopReason>,
         may_retry: bool,
         pause: impl FnOnce(Code) -> Duration,
     ) -> Self {
+        let result = match result {
+            Ok(finish) => Ok(finish),
+            // whatever the job does: the storage is needed by all
+            Err(Stopped::Unavailable) => {
+                return Self::Released(Attempt::Postponed { pause: pause(Code::Unavailable) });
+            }
+            Err(Stopped::Job(error)) => Err(error),
+        };
         match (result, reason) {
             (Ok(finish), _) => Self::Finished(finish),
             // not caused by the upload: another attempt may succeed
@@ -259,10 +298,11 @@ impl Ending {
     }
 }
 
-/// The error that clients see when the store fails during a job.
-pub(super) fn internal(error: StoreError) -> JobError {
+/// What an error of the store during a job means, and the error that clients see if it ends the job.
+pub(super) fn internal(error: StoreError) -> Stopped {
     tracing::error!(?error, "the store failed during a job");
     let fault = match error {
+        StoreError::Unavailable(_) => return Stopped::Unavailable,
         StoreError::DiskFull(_) => Fault::new(
             Code::InsufficientStorage,
             "the disk of the service is full, so the results could not be stored; free disk space and send the stack again",

@@ -48,6 +48,15 @@ impl Site {
         Service::start_worker(&self.data(), fault, &["--database-url", &self.database])
     }
 
+    /// Waits until so many processes have started: each listens to the notifications of the database.
+    async fn until_all_listen(&self, processes: i64) {
+        let mut connection = PgConnection::connect(&self.database).await.expect("the server for tests");
+        let count = "SELECT count(*) FROM pg_stat_activity WHERE query LIKE 'LISTEN%'";
+        while sqlx::query_scalar::<_, i64>(count).fetch_one(&mut connection).await.expect("a number") < processes {
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+
     /// Sends a stack until it is accepted, with one key. `None`: the answer was an error, or none came.
     async fn try_post(&self, api: usize, key: &str) -> Option<String> {
         let url = format!("{}/v1/stacks?rig=rig&lens=lens", self.apis[api].url);
@@ -158,20 +167,21 @@ async fn the_job_of_a_worker_that_was_killed_is_done_by_another_once() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_restart_of_postgres_loses_no_stack_and_does_none_twice() {
-    const STACKS: usize = 12;
+    const STACKS: usize = 30;
+    const RESTARTS: usize = 5;
     let Some(server) = Server::private() else { return };
     let site = Site::start(&server.url).await;
     let workers = [site.worker(None), site.worker(None)];
+    // a process that finds no database when it starts ends, and its supervisor starts it again
+    site.until_all_listen(4).await;
     let mut stacks = Vec::new();
     for i in 0..STACKS {
-        // in the midst of acceptances, jobs and heartbeats; with the one below, a job loses at most two of its three
-        // attempts
-        if i == STACKS / 2 {
+        // in the midst of acceptances, jobs and heartbeats: more often than a job has attempts
+        if i % (STACKS / RESTARTS) == 1 {
             server.restart();
         }
         stacks.push(site.post(i % 2, &format!("key {i}")).await);
     }
-    server.restart();
     for stack in &stacks {
         let ended = site.ended(0, stack).await;
         assert_eq!(ended["state"], "succeeded", "{ended}");

@@ -27,12 +27,14 @@ pub struct SmallDisk {
     pub free: AtomicU64,
     /// Number of fetches that fail (too many open files) before the first that succeeds.
     pub failures: AtomicU64,
+    /// Number of fetches, before these, that find the store away.
+    pub absences: AtomicU64,
 }
 
 impl SmallDisk {
     /// A disk with `free` bytes.
     pub fn over(blobs: Arc<dyn BlobStore>, free: u64) -> Self {
-        Self { blobs, free: AtomicU64::new(free), failures: AtomicU64::default() }
+        Self { blobs, free: AtomicU64::new(free), failures: AtomicU64::default(), absences: AtomicU64::default() }
     }
 }
 
@@ -47,8 +49,13 @@ impl BlobStore for SmallDisk {
     }
 
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {
-        let fails = self.failures.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
-        if fails.is_ok() {
+        let takes = |from: &AtomicU64| {
+            from.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1)).is_ok()
+        };
+        if takes(&self.absences) {
+            return Err(StoreError::Unavailable(anyhow::anyhow!("it restarts")));
+        }
+        if takes(&self.failures) {
             return Err(StoreError::of_io(std::io::Error::from_raw_os_error(24), "cannot open a blob".into()));
         }
         self.blobs.fetch(key, workspace).await

@@ -229,4 +229,10 @@ pub async fn a_job_released_with_a_pause_is_not_claimed_before_it_is_over(store:
     store.clock.advance(Duration::from_secs(1));
     let claimed = claim(metadata).await.expect("the pause is over");
     assert_eq!((claimed.id, claimed.attempt), (paused, 2));
+    // a pause for which the job is not the reason
+    assert!(metadata.release(paused, claimed.lease_token, Attempt::Postponed { pause }).await.unwrap());
+    assert_eq!(job(metadata, paused).await.attempt, 1, "it does not count");
+    assert_eq!(claim(metadata).await, None);
+    store.clock.advance(pause);
+    assert_eq!(claim(metadata).await.map(|job| job.attempt), Some(2));
 }

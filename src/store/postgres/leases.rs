@@ -27,6 +27,30 @@ use crate::{
 #[async_trait]
 impl Leases for PostgresMetadata {
     async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
+        self.observer.reached(self.try_claim(lease, max_attempts).await)
+    }
+
+    async fn heartbeat(
+        &self,
+        id: Uuid,
+        lease_token: i64,
+        lease: Duration,
+        progress: &Progress,
+    ) -> StoreResult<Heartbeat> {
+        self.observer.reached(self.try_heartbeat(id, lease_token, lease, progress).await)
+    }
+
+    async fn finish(&self, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
+        self.observer.reached(transitions::finish(self, id, lease_token, finish).await)
+    }
+
+    async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
+        self.observer.reached(self.try_release(id, lease_token, attempt).await)
+    }
+}
+
+impl PostgresMetadata {
+    async fn try_claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
         let lost = expired_leases(self, &mut tx, lease, now).await?;
@@ -63,7 +87,7 @@ impl Leases for PostgresMetadata {
                 if let Some((id, token)) = claimed {
                     transitions::finish(self, id, token, &unreadable(id, &error)).await?;
                 }
-                return self.claim(lease, max_attempts).await;
+                return Box::pin(self.try_claim(lease, max_attempts)).await;
             }
         };
         if let Some(job) = &job {
@@ -73,7 +97,7 @@ impl Leases for PostgresMetadata {
         Ok(job)
     }
 
-    async fn heartbeat(
+    async fn try_heartbeat(
         &self,
         id: Uuid,
         lease_token: i64,
@@ -108,11 +132,7 @@ impl Leases for PostgresMetadata {
         Ok(if cancel_requested { Heartbeat::CancelRequested } else { Heartbeat::Alive })
     }
 
-    async fn finish(&self, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
-        transitions::finish(self, id, lease_token, finish).await
-    }
-
-    async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
+    async fn try_release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
         let (uncounted, claim_after) = release_values(attempt, now);

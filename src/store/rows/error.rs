@@ -8,6 +8,9 @@ use crate::store::StoreError;
 const SQLITE_FULL: i32 = 13;
 /// Extended code for "the shared-memory file beside the WAL cannot grow": a full disk too.
 const SQLITE_IOERR_SHMSIZE: i32 = 4874;
+/// Beginnings of the SQLSTATE of Postgres for: the connection broke, too many connections, the server shuts down, crashed
+/// or starts, the server cannot reach its files.
+const POSTGRES_AWAY: [&str; 4] = ["08", "53300", "57P0", "58"];
 /// SQLSTATE of Postgres for "the disk is full".
 const POSTGRES_DISK_FULL: &str = "53100";
 
@@ -16,7 +19,23 @@ impl From<sqlx::Error> for StoreError {
         if error.as_database_error().is_some_and(says_full) {
             return Self::DiskFull("the database cannot grow".into());
         }
+        if is_away(&error) {
+            return Self::Unavailable(anyhow::Error::new(error).context("the database does not answer"));
+        }
         Self::Other(anyhow::Error::new(error).context("the database reported an error"))
+    }
+}
+
+/// True when the database cannot be reached, or shuts down: nothing is wrong with the statement.
+fn is_away(error: &sqlx::Error) -> bool {
+    match error {
+        sqlx::Error::Io(_) | sqlx::Error::Tls(_) | sqlx::Error::PoolTimedOut | sqlx::Error::WorkerCrashed => true,
+        sqlx::Error::Database(error) => {
+            let code = error.code().unwrap_or_default();
+            let is_postgres = error.try_downcast_ref::<PgDatabaseError>().is_some();
+            is_postgres && POSTGRES_AWAY.iter().any(|class| code.starts_with(class))
+        }
+        _ => false,
     }
 }
 

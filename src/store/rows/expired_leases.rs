@@ -11,7 +11,10 @@
 
 use std::{
     collections::HashMap,
-    sync::{Mutex, PoisonError},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Duration,
 };
 
@@ -19,7 +22,7 @@ use uuid::Uuid;
 
 use crate::{
     contract::Progress,
-    store::{Attempt, clock::later},
+    store::{Attempt, StoreError, StoreResult, clock::later},
 };
 
 /// A lease that has expired by the wall clock must also have been unchanged for this fraction of its length: several
@@ -50,17 +53,21 @@ impl Lease {
 
 /// The leases that this process has observed, each with the monotonic time of its last change.
 #[derive(Debug, Default)]
-pub(in crate::store) struct LeaseObserver(Mutex<HashMap<Uuid, (Lease, Duration)>>);
+pub(in crate::store) struct LeaseObserver {
+    seen: Mutex<HashMap<Uuid, (Lease, Duration)>>,
+    was_interrupted: AtomicBool,
+}
 
 impl LeaseObserver {
     /// Observes all leases and returns those that have expired. `now_ms`: wall-clock time; `steady`: monotonic time.
     pub(in crate::store) fn expired(&self, leases: &[(Uuid, Lease)], now_ms: i64, steady: Duration) -> Vec<Uuid> {
-        let mut seen = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut seen = self.lock();
+        let begins_anew = self.was_interrupted.swap(false, Ordering::Relaxed);
         let known = std::mem::take(&mut *seen);
         let mut expired = Vec::new();
         for (id, lease) in leases {
             let since = match known.get(id) {
-                Some((before, since)) if before == lease => *since,
+                Some((before, since)) if before == lease && !begins_anew => *since,
                 _ => steady,
             };
             let silent = steady.saturating_sub(since);
@@ -74,7 +81,20 @@ impl LeaseObserver {
 
     /// Records a lease that this process granted.
     pub(in crate::store) fn granted(&self, id: Uuid, lease: Lease, steady: Duration) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(id, (lease, steady));
+        self.lock().insert(id, (lease, steady));
+    }
+
+    /// Records whether a statement reached the database. While it does not, no worker can renew its lease, so that time
+    /// is no silence of a worker: it is counted from the next look on.
+    pub(in crate::store) fn reached<T>(&self, result: StoreResult<T>) -> StoreResult<T> {
+        if matches!(result, Err(StoreError::Unavailable(_))) {
+            self.was_interrupted.store(true, Ordering::Relaxed);
+        }
+        result
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<Uuid, (Lease, Duration)>> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -84,10 +104,14 @@ pub(in crate::store) const MAX_PAUSE: Duration = Duration::from_secs(60 * 60);
 /// What a release subtracts from the attempts, and the time before which the job is not claimed again.
 pub(in crate::store) fn release_values(attempt: Attempt, now_ms: i64) -> (i64, Option<i64>) {
     match attempt {
-        Attempt::Counted { pause } if pause.is_zero() => (0, None),
-        Attempt::Counted { pause } => (0, Some(later(now_ms, pause.min(MAX_PAUSE)))),
+        Attempt::Counted { pause } => (0, after(pause, now_ms)),
+        Attempt::Postponed { pause } => (1, after(pause, now_ms)),
         Attempt::NotCounted => (1, None),
     }
+}
+
+fn after(pause: Duration, now_ms: i64) -> Option<i64> {
+    (!pause.is_zero()).then(|| later(now_ms, pause.min(MAX_PAUSE)))
 }
 
 /// The fraction of a progress as a row has it: finite, 0 to 1.
@@ -134,6 +158,18 @@ mod tests {
         assert!(look(0).is_empty());
         assert!(look(14).is_empty());
         assert_eq!(look(15), [id]);
+    }
+
+    #[test]
+    fn the_time_in_which_the_database_was_away_is_no_silence() {
+        let (observer, id) = (LeaseObserver::default(), Uuid::now_v7());
+        let look = |at| observer.expired(&[(id, lease(1_000))], 60_000, after(at));
+        assert!(look(100).is_empty());
+        let away: StoreResult<()> = Err(StoreError::Unavailable(anyhow::anyhow!("it restarts")));
+        assert!(observer.reached(away).is_err() && observer.reached(Ok(())).is_ok());
+        assert!(look(130).is_empty(), "its worker could not renew it");
+        assert!(look(132).is_empty());
+        assert_eq!(look(133), [id], "and still has not");
     }
 
     #[test]

@@ -57,3 +57,16 @@ worker_test! {
         assert_eq!(disk.failures.load(Ordering::SeqCst), 0);
     }
 }
+
+worker_test! {
+    async fn a_store_that_is_away_costs_a_job_no_attempt_however_often() {
+        let stage = stage().await;
+        let disk = SmallDisk { absences: AtomicU64::new(10), ..SmallDisk::over(Arc::clone(&stage.deps.store.blobs), TOTAL) };
+        let store = Store { blobs: Arc::new(disk), ..stage.deps.store.clone() };
+        let _pool = Pool::start(Deps { store, ..stage.deps.clone() }, config(1));
+        let id = stage.accept().await;
+        stage.order(Order::Succeed);
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Succeeded, 1));
+    }
+}
