@@ -24,8 +24,8 @@ pub(super) const MB: u64 = 1 << 20;
 /// Attempts to write the end of a job. When all fail, the lease expires and the job runs again.
 const END_ATTEMPTS: u32 = 5;
 
-/// Longest time between two of them: shorter than the time that a job of a living worker is left alone after the storage
-/// was away.
+/// Longest time between two of them: shorter than the time for which a job of a living worker is left alone after the
+/// storage was away.
 const LONGEST_END_PAUSE: Duration = Duration::from_secs(2);
 
 /// State that all workers of a pool share.
@@ -170,8 +170,8 @@ impl Executor {
         if code == Code::InsufficientStorage { pause / 10 } else { pause }
     }
 
-    /// Writes the end of the job, with retries: as long as the storage is away, and a few times after other errors. False
-    /// when the lease was lost.
+    /// Writes the end of the job, with retries: as long as the storage is away, and a few times after other errors.
+    /// False when the lease was lost.
     async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
         let mut pause = Duration::from_millis(100);
         let mut attempts = 1;

@@ -8,8 +8,8 @@ use crate::store::StoreError;
 const SQLITE_FULL: i32 = 13;
 /// Extended code for "the shared-memory file beside the WAL cannot grow": a full disk too.
 const SQLITE_IOERR_SHMSIZE: i32 = 4874;
-/// Beginnings of the SQLSTATE of Postgres for: the connection broke, too many connections, the server shuts down, crashed
-/// or starts, the server cannot reach its files.
+/// Beginnings of the SQLSTATE of Postgres for: the connection broke, too many connections, the server shuts down,
+/// crashed or starts, the server cannot reach its files.
 const POSTGRES_AWAY: [&str; 4] = ["08", "53300", "57P0", "58"];
 /// SQLSTATE of Postgres for "the disk is full".
 const POSTGRES_DISK_FULL: &str = "53100";
