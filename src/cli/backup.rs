@@ -113,6 +113,7 @@ async fn into_database(
     print(copied);
     if files_only {
         to.metadata.close().await;
+        data_folder::remove_file(&rows)?;
         println!("the files are there; stop the server of {}, then restore without --files-only", from.display());
         return Ok(());
     }

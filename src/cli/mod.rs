@@ -5,6 +5,7 @@ pub mod backup;
 pub mod bundle;
 pub mod config;
 pub mod demo;
+pub mod doctor;
 pub mod environment;
 pub mod files;
 pub mod gc;
@@ -56,6 +57,7 @@ enum Command {
     Plan(plan::Plan),
     Poses(poses::Poses),
     Target(target::Target),
+    Doctor(doctor::Doctor),
     /// Check whether a running server is ready; the exit code is 0 if it is
     Health(health::Flags),
 }
@@ -70,6 +72,7 @@ pub fn main() -> ExitCode {
         Some(Command::Work(flags)) => work::run(*flags),
         Some(Command::Demo(demo)) => demo.run(),
         Some(Command::Openapi) => openapi::run(),
+        Some(Command::Doctor(doctor)) => doctor.run(),
         Some(Command::Token(token)) => token.run(),
         Some(Command::Gc(gc)) => gc.run(),
         Some(Command::Verify(verify)) => verify.run(),

@@ -23,6 +23,7 @@ pub mod expiry;
 pub mod failpoint;
 pub mod folder;
 pub mod gc;
+pub mod inspection;
 pub mod jobs;
 pub mod json;
 pub mod leases;

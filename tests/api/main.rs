@@ -8,6 +8,7 @@ mod browsers;
 mod configuration;
 mod connections;
 mod disk_budget;
+mod doctor;
 mod exposition;
 mod forms;
 mod lifecycle;

@@ -203,6 +203,8 @@ async fn commands_work_on_postgres() {
     let added = run(&["token", "add", "ann", "--scope", "read"]);
     assert!(added.status.success(), "{}", text(&added));
     assert!(text(&run(&["token", "list"])).contains("ann\tread"));
+    let told = text(&run(&["doctor"]));
+    assert!(told.contains("1 profiles, 0 queued jobs") && told.contains("clock: agrees"), "{told}");
     // the same from a file, as a container gets a secret
     let (secret, settings) = (site.folder.path().join("url"), site.folder.path().join("pinstack.toml"));
     std::fs::write(&secret, format!("{}\n", site.database)).expect("a file");

@@ -52,6 +52,9 @@ const CHANGES: usize = 1024;
 /// The migrations of the schema, in order. A published one is never edited.
 const SCHEMA: [(i64, &str, &str); 1] = [(1, "rows", include_str!("schema/0001_rows.sql"))];
 
+/// The newest version of the schema.
+pub(in crate::store) const NEWEST_SCHEMA: i64 = SCHEMA[SCHEMA.len() - 1].0;
+
 /// Advisory locks, held until the transaction ends. A transaction takes at most one of them, and `Profiles` may follow
 /// the lock of a row; no row is locked by a transaction that then waits for another row, so none waits in a circle.
 #[derive(Debug, Clone, Copy)]
@@ -70,7 +73,7 @@ enum Lock {
 const LOCK: &str = "SELECT pg_advisory_xact_lock(hashtext('pinstack ' || current_schema()), $1)";
 
 /// The time of the database, ms since 1970 (UTC). Not `now()`, which is that of the start of the transaction.
-const NOW: &str = "SELECT floor(extract(epoch FROM clock_timestamp()) * 1000)::bigint";
+pub(in crate::store) const NOW: &str = "SELECT floor(extract(epoch FROM clock_timestamp()) * 1000)::bigint";
 
 /// The source of wall-clock time.
 enum Wall {

@@ -38,7 +38,7 @@ impl DatabaseUrl {
     }
 
     /// How to connect.
-    pub(super) fn options(&self) -> StoreResult<PgConnectOptions> {
+    pub(in crate::store) fn options(&self) -> StoreResult<PgConnectOptions> {
         // the cause would repeat the URL
         let options = PgConnectOptions::from_str(&self.0).ok().context(
             "database_url is not a URL of Postgres; it must look like postgres://user:password@host:5432/pinstack",

@@ -51,6 +51,9 @@ const SCHEMA: [(i64, &str, &str); 8] = [
     (8, "scans", include_str!("schema/0008_scans.sql")),
 ];
 
+/// The newest version of the schema.
+pub(in crate::store) const NEWEST_SCHEMA: i64 = SCHEMA[SCHEMA.len() - 1].0;
+
 /// The metadata store in one SQLite file.
 pub struct SqliteMetadata {
     writer: SqlitePool,

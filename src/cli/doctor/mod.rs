@@ -1,0 +1,118 @@
+//! `pinstack doctor`: whether a service can run here with these settings, and what to do if not.
+//!
+//! It changes nothing: the database is read, not opened for writing, and the probe of the data folder removes its file.
+
+mod database;
+mod machine;
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use clap::Args;
+use serde::Serialize;
+
+use super::config::{Flags, ServeConfig};
+
+/// Check settings, data folder, disk, memory, open files, database, tokens and address of a service, and say what to
+/// do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a problem.
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
+    #[arg(long, value_name = "DIR")]
+    data_dir: Option<PathBuf>,
+    /// TOML file with the settings of the server [env: PINSTACK_CONFIG]
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print the findings as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// How serious a finding is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Level {
+    /// As it should be.
+    Ok,
+    /// The service runs, but something may become a problem.
+    Warning,
+    /// The service cannot start or work.
+    Problem,
+}
+
+/// What one check found.
+#[derive(Debug, Clone, Serialize)]
+struct Finding {
+    /// What was checked.
+    check: &'static str,
+    level: Level,
+    /// What was found and, unless it is as it should be, what to do.
+    detail: String,
+}
+
+impl Finding {
+    fn ok(check: &'static str, detail: impl Into<String>) -> Self {
+        Self { check, level: Level::Ok, detail: detail.into() }
+    }
+
+    fn warning(check: &'static str, detail: impl Into<String>) -> Self {
+        Self { check, level: Level::Warning, detail: detail.into() }
+    }
+
+    fn problem(check: &'static str, detail: impl Into<String>) -> Self {
+        Self { check, level: Level::Problem, detail: detail.into() }
+    }
+}
+
+impl Doctor {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// When there is a problem.
+    pub fn run(self) -> anyhow::Result<()> {
+        let json = self.json;
+        let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
+        let findings = match ServeConfig::load(&flags) {
+            Ok(config) => findings(&config)?,
+            Err(error) => vec![Finding::problem("settings", format!("{error:#}"))],
+        };
+        print(&findings, json)?;
+        let problems = findings.iter().filter(|finding| finding.level == Level::Problem).count();
+        if problems > 0 {
+            bail!("{problems} of {} checks found a problem", findings.len());
+        }
+        Ok(())
+    }
+}
+
+fn findings(config: &ServeConfig) -> anyhow::Result<Vec<Finding>> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let mut findings = vec![Finding::ok("settings", "every setting is known and in its range")];
+        findings.push(machine::data_folder(config));
+        findings.push(machine::disk(config));
+        findings.push(machine::memory(config));
+        findings.push(machine::open_files(config));
+        let (of_database, rows) = database::findings(config).await;
+        findings.extend(of_database);
+        findings.extend(machine::address(config).await);
+        findings.extend(database::tokens(config, rows));
+        Ok(findings)
+    })
+}
+
+fn print(findings: &[Finding], json: bool) -> anyhow::Result<()> {
+    if json {
+        println!("{}", serde_json::to_string_pretty(findings)?);
+        return Ok(());
+    }
+    for Finding { check, level, detail } in findings {
+        let level = match level {
+            Level::Ok => "ok",
+            Level::Warning => "warning",
+            Level::Problem => "PROBLEM",
+        };
+        println!("{level:<8} {check}: {detail}");
+    }
+    Ok(())
+}
