@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use self::{
     case::Case,
     colmap::{Accuracy, reconstruct},
-    setup::Setup,
+    setup::{Setup, Sharp},
 };
 use crate::{have, server::Server};
 
@@ -44,10 +44,10 @@ fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures(
     let file = std::fs::File::open(&zip).expect("the bundle");
     zip::ZipArchive::new(file).expect("a zip").extract(&fused).expect("extracted");
     let ideal = folder.join("ideal");
-    setup.write_ideal(&ideal);
+    setup.write_ideal(&ideal, Sharp::Truth);
 
     let accuracy = |name: &str, folder: &Path| {
-        let poses = reconstruct(folder);
+        let poses = reconstruct(folder, None);
         let report = server.curl(&["--data-binary", &format!("@{}", poses.display())], "/v1/scans/beetle/poses");
         let accuracy = Accuracy::of(&report);
         println!("{name}: {accuracy}");

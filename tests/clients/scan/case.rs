@@ -14,7 +14,7 @@ use super::{
     PANS, SLICES, TILTS, WIDTH, calibrate,
     colmap::{Accuracy, reconstruct},
     finished,
-    setup::{Setup, image_of, mask_of},
+    setup::{Setup, Sharp, image_of, mask_of},
 };
 use crate::{run, server::Server};
 
@@ -32,6 +32,8 @@ pub enum Lens {
 pub enum Alignment {
     /// No slices: what an ideal camera would store.
     Ideal,
+    /// No slices: what an ideal camera with the noise and the JPEG files of the real one would store.
+    Noisy,
     /// The calibration of the service.
     Calibrated,
     /// An affine transform to the neighbouring slice by image content (ECC), as most focus stackers do.
@@ -41,7 +43,7 @@ pub enum Alignment {
 }
 
 /// A case, written as `seed=1 width=810 pans=18 tilts=0,8,16 lens=fixed alignment=calibrated
-/// method=halo_corrected`. Everything may be left out.
+/// method=halo_corrected limit=4`. Everything may be left out.
 #[derive(Debug, Clone)]
 pub struct Case {
     seed: u64,
@@ -51,12 +53,15 @@ pub struct Case {
     lens: Lens,
     alignment: Alignment,
     method: String,
+    /// Error of reprojection beyond which COLMAP leaves observations out, px; its default without.
+    limit_px: Option<f64>,
 }
 
 impl fmt::Display for Case {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { seed, width, pans, tilts, lens, alignment, method } = self;
-        write!(f, "seed {seed}, {width} px, {pans} pans, tilts {tilts:?}, {lens:?} lens, {alignment:?}, {method}")
+        let Self { seed, width, pans, tilts, lens, alignment, method, limit_px } = self;
+        write!(f, "seed {seed}, {width} px, {pans} pans, tilts {tilts:?}, {lens:?} lens, {alignment:?}, {method}")?;
+        limit_px.map_or(Ok(()), |px| write!(f, ", limit {px} px"))
     }
 }
 
@@ -70,6 +75,7 @@ impl Case {
             lens: Lens::Fixed,
             alignment: Alignment::Calibrated,
             method: "halo_corrected".into(),
+            limit_px: None,
         };
         for setting in text.split_whitespace() {
             match setting.split_once('=').unwrap_or_else(|| panic!("{setting} has no =")) {
@@ -80,9 +86,11 @@ impl Case {
                 ("lens", "fixed") => case.lens = Lens::Fixed,
                 ("lens", "moving") => case.lens = Lens::Moving,
                 ("alignment", "ideal") => case.alignment = Alignment::Ideal,
+                ("alignment", "noisy") => case.alignment = Alignment::Noisy,
                 ("alignment", "calibrated") => case.alignment = Alignment::Calibrated,
                 ("alignment", "ecc") => case.alignment = Alignment::Ecc,
                 ("alignment", "none") => case.alignment = Alignment::None,
+                ("limit", limit) => case.limit_px = Some(limit.parse().expect("px")),
                 ("method", method) => case.method = method.to_owned(),
                 other => panic!("no setting {other:?}"),
             }
@@ -90,7 +98,8 @@ impl Case {
         case
     }
 
-    /// Renders, fuses, reconstructs. Pictures and model are left in `folder` if there is one.
+    /// Renders, fuses, reconstructs. Pictures and model are left in `folder` if there is one, with `surface.ply`, the
+    /// true surface of the specimen.
     pub fn run(&self, folder: Option<&Path>) -> Accuracy {
         let mut setup = Setup::new(self.width, SLICES, self.pans, &self.tilts, self.seed);
         if self.lens == Lens::Moving {
@@ -99,13 +108,36 @@ impl Case {
         let server = Server::start();
         let folder = folder.map_or_else(|| server.folder.path().join("case"), PathBuf::from);
         fs::create_dir_all(&folder).expect("a folder");
+        setup.write_surface(&folder.join("surface.ply"));
         match self.alignment {
-            Alignment::Ideal => setup.write_ideal(&folder),
+            Alignment::Ideal => setup.write_ideal(&folder, Sharp::Truth),
+            Alignment::Noisy => setup.write_ideal(&folder, Sharp::Stored),
             _ => self.fuse(&setup, &server, &folder),
         }
-        let poses = reconstruct(&folder);
+        let poses = reconstruct(&folder, self.limit_px);
         let path = format!("/v1/poses?expected={}", setup.views.len());
         Accuracy::of(&server.curl(&["--data-binary", &format!("@{}", poses.display())], &path))
+    }
+
+    /// Renders the stacks of all views as zips, unless `SCAN_STACKS` names a folder where an earlier case left them.
+    fn stacks(&self, setup: &Setup, temporary: &Path) -> Vec<(ViewAngles, PathBuf)> {
+        let Self { seed, width, lens, .. } = self;
+        let folder = match std::env::var_os("SCAN_STACKS") {
+            Some(kept) => PathBuf::from(kept).join(format!("{lens:?}_{seed}_{width}")),
+            None => temporary.join("stacks"),
+        };
+        fs::create_dir_all(&folder).expect("a folder");
+        // rendering uses all cores; sending does not wait for it
+        let rendered = setup.views.par_iter().map(|&angles| {
+            let zip = folder.join(format!("{}.zip", angles.file_stem()));
+            if !zip.exists() {
+                let unfinished = zip.with_extension("part");
+                setup.write_stack(angles, &unfinished);
+                fs::rename(unfinished, &zip).expect("renamed");
+            }
+            (angles, zip)
+        });
+        rendered.collect()
     }
 
     fn fuse(&self, setup: &Setup, server: &Server, folder: &Path) {
@@ -114,25 +146,16 @@ impl Case {
             Alignment::Calibrated => calibrate(server, setup, server.folder.path()),
             Alignment::None => put_profile(server, &setup.rig, "lens", &vec![IDENTITY; setup.rig.slices()]),
             // one profile per view
-            Alignment::Ecc | Alignment::Ideal => {}
+            Alignment::Ecc | Alignment::Ideal | Alignment::Noisy => {}
         }
-        // rendering uses all cores; sending does not wait for it
-        let zips: Vec<(ViewAngles, PathBuf)> = setup
-            .views
-            .par_iter()
-            .map(|&angles| {
-                let zip = server.folder.path().join(format!("{}.zip", angles.file_stem()));
-                setup.write_stack(angles, &zip);
-                (angles, zip)
-            })
-            .collect();
+        let zips = self.stacks(setup, server.folder.path());
         let stacks: Vec<(ViewAngles, Value)> = zips
             .iter()
             .map(|(angles, zip)| {
                 let lens = match self.alignment {
                     Alignment::Ecc => {
                         let lens = angles.file_stem();
-                        put_profile(server, &setup.rig, &lens, &ecc(setup, *angles));
+                        put_profile(server, &setup.rig, &lens, &ecc(zip, setup.rig.reference));
                         lens
                     }
                     _ => "lens".to_owned(),
@@ -164,15 +187,13 @@ fn put_profile(server: &Server, rig: &Rig, lens: &str, homographies: &[[f64; 9]]
     assert!(profile["revision"].is_number(), "{profile}");
 }
 
-/// Slice px -> reference px by OpenCV's `findTransformECC`.
-fn ecc(setup: &Setup, angles: ViewAngles) -> Vec<[f64; 9]> {
+/// Slice px -> reference px by OpenCV's `findTransformECC`, from the front-lit slices of a stack.
+fn ecc(stack: &Path, reference: usize) -> Vec<[f64; 9]> {
     let folder = tempfile::tempdir().expect("a folder");
-    fs::create_dir(folder.path().join("front")).expect("a folder");
-    for (name, file) in setup.slices(angles).iter().filter(|(name, _)| name.starts_with("front/")) {
-        fs::write(folder.path().join(name), file).expect("written");
-    }
+    let file = fs::File::open(stack).expect("the stack");
+    zip::ZipArchive::new(file).expect("a zip").extract(folder.path()).expect("extracted");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/clients/scan/ecc.py");
     let mut python = Command::new("python3");
-    python.arg(script).arg(folder.path().join("front")).arg(setup.rig.reference.to_string());
+    python.arg(script).arg(folder.path().join("front")).arg(reference.to_string());
     serde_json::from_str(&run(&mut python)).expect("homographies")
 }

@@ -11,7 +11,10 @@ use serde_json::Value;
 use crate::run;
 
 /// Runs the first block of commands of `README.txt` in a bundle, on the CPU. Returns the file with the poses.
-pub fn reconstruct(bundle: &Path) -> PathBuf {
+///
+/// `limit_px` is the error of reprojection beyond which the mapper leaves observations out; `None` is its own limit of
+/// 4 px.
+pub fn reconstruct(bundle: &Path, limit_px: Option<f64>) -> PathBuf {
     let readme = fs::read_to_string(bundle.join("README.txt")).expect("a README");
     let commands: Vec<&str> = readme
         .lines()
@@ -25,7 +28,12 @@ pub fn reconstruct(bundle: &Path) -> PathBuf {
     // as the README says for a computer without a GPU
     let script = script.replace("colmap feature_extractor", "colmap feature_extractor --SiftExtraction.use_gpu 0");
     let script = script.replace("colmap matches_importer", "colmap matches_importer --SiftMatching.use_gpu 0");
-    let script = format!("set -e\n{script}");
+    let limited = limit_px.map(|px| {
+        let settings =
+            ["filter", "tri_complete", "tri_merge"].map(|step| format!(" --Mapper.{step}_max_reproj_error {px}"));
+        script.replace("colmap mapper", &format!("colmap mapper{}", settings.concat()))
+    });
+    let script = format!("set -e\n{}", limited.unwrap_or(script));
     run(Command::new("sh").env("QT_QPA_PLATFORM", "offscreen").current_dir(bundle).args(["-c", &script]));
     let models = fs::read_dir(bundle.join("model")).expect("a model").count();
     assert_eq!(models, 1, "COLMAP made {models} models: the views do not hang together");

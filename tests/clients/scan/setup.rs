@@ -11,7 +11,7 @@ use pinstack_science::{
     photogrammetry::bundle::{self, BundleScan, BundleView, Content, Layout},
     synth::{
         DotTarget, Light, Rig, render_target,
-        turntable::{self, Specimen},
+        turntable::{self, Specimen, Surface},
     },
     types::{intrinsics::Intrinsics, view::ViewAngles},
 };
@@ -21,6 +21,18 @@ use rayon::prelude::*;
 const QUALITY: u8 = 95;
 /// Dots of the target from left to right.
 const TARGET_COLUMNS: usize = 19;
+
+/// Length of the edges of the true surface: two pixels.
+const SURFACE_EDGE_MM: f64 = 0.1;
+
+/// The pictures of an ideal camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sharp {
+    /// Without noise, as PNG.
+    Truth,
+    /// With the noise of the sensor, and stored as JPEG once, as a slice is.
+    Stored,
+}
 
 /// What is photographed, and how.
 #[derive(Debug, Clone)]
@@ -81,12 +93,27 @@ impl Setup {
         all.map(|((name, light), i)| (format!("{name}/slice_{i:02}.jpg"), jpeg(&stage.render(light, i)))).collect()
     }
 
+    /// Writes the true surface of the specimen, in mm, in the coordinates of the poses of a bundle.
+    pub fn write_surface(&self, path: &Path) {
+        let file = fs::File::create(path).expect("a file");
+        Surface::of(&self.specimen, SURFACE_EDGE_MM).write_ply(std::io::BufWriter::new(file)).expect("written");
+    }
+
     /// Writes the bundle for COLMAP of what an ideal camera, with everything in focus, would store of each view.
-    pub fn write_ideal(&self, folder: &Path) {
+    pub fn write_ideal(&self, folder: &Path, sharp: Sharp) {
         self.write_bundle(folder);
+        // so small an aperture that no blur is left
+        let pinhole = Rig { f_number: 1e4 * self.rig.f_number, ..self.rig.clone() };
         self.views.par_iter().for_each(|&angles| {
             let truth = turntable::view(&self.rig, &self.specimen, angles).truth();
-            let mut sharp = truth.sharp;
+            let mut sharp = match sharp {
+                Sharp::Truth => truth.sharp,
+                Sharp::Stored => {
+                    let stage = turntable::view(&pinhole, &self.specimen, angles);
+                    let file = jpeg(&stage.render(Light::Front, self.rig.reference));
+                    codec::decode(&file, &codec::Limits::default()).expect("a JPEG")
+                }
+            };
             black_outside(&mut sharp, &truth.mask.data);
             let mask = Raster::eight(truth.mask.width, truth.mask.height, 1, truth.mask.data);
             write_png(&folder.join(image_of(angles)), &sharp);

@@ -10,6 +10,7 @@
 
 mod solid;
 mod specimen;
+mod surface;
 #[cfg(test)]
 mod tests;
 
@@ -18,6 +19,7 @@ use rayon::prelude::*;
 
 pub use solid::Solid;
 pub use specimen::{Limb, Specimen};
+pub use surface::Surface;
 
 use super::Rig;
 use super::bake::{Baked, Grid, stored};

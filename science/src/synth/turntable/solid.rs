@@ -66,6 +66,45 @@ impl Solid {
         }
     }
 
+    /// Whether a point is inside or on the surface.
+    pub(super) fn contains(&self, point: Vector3<f64>) -> bool {
+        match self {
+            Self::Ellipsoid { centre, turn, radii } => {
+                turn.tr_mul(&(point - centre)).component_div(radii).norm_squared() <= 1.0
+            }
+            Self::Capsule { from, to, radius } => {
+                let axis = to - from;
+                let share = ((point - from).dot(&axis) / axis.norm_squared()).clamp(0.0, 1.0);
+                (point - (from + share * axis)).norm_squared() <= radius * radius
+            }
+        }
+    }
+
+    /// The largest radius around the axis from pole to pole.
+    pub(super) fn widest(&self) -> f64 {
+        match self {
+            Self::Ellipsoid { radii, .. } => radii.x.max(radii.y),
+            Self::Capsule { radius, .. } => *radius,
+        }
+    }
+
+    /// The point of the surface at this latitude, 0 to pi from the first pole, and longitude, 0 to 2 pi. The poles of
+    /// a capsule are its ends, the first one that of `to`; on its mantle `along` says where between `from` and `to`.
+    pub(super) fn surface_point(&self, latitude: f64, longitude: f64, along: f64) -> Vector3<f64> {
+        let (ring, pole) = latitude.sin_cos();
+        let (y, x) = longitude.sin_cos();
+        let unit = Vector3::new(ring * x, ring * y, pole);
+        match self {
+            Self::Ellipsoid { centre, turn, radii } => centre + turn * unit.component_mul(radii),
+            Self::Capsule { from, to, radius } => {
+                let axis = (to - from).normalize();
+                let right = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+                let up = axis.cross(&right);
+                from + along * (to - from) + *radius * (unit.x * right + unit.y * up + unit.z * axis)
+            }
+        }
+    }
+
     /// The first point in which the ray enters the solid. The ray begins outside.
     pub(super) fn hit(&self, ray: &Ray) -> Option<Hit> {
         match self {
