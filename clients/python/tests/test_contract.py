@@ -115,10 +115,15 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "get_scan": lambda: client.get_scan("s"),
         "delete_scan": lambda: client.delete_scan("s", with_stacks=True),
         "group": lambda: client.group("s", ZIP, x="pan", x_degrees_per_unit=0.1, y_zero=3),
+        "group_names": lambda: client.group_names(["a/1.jpg"], {"views": []}, x="pan", y_zero=1),
         "send_scan": lambda: (client.send_scan("s", ZIP), client.send_scan("s", ZIP, x_degrees_per_unit=0.1)),
         "wait_scan": lambda: client.wait_scan("s"),
         "rerun_scan": lambda: client.rerun_scan("s", method="guided"),
         "save_bundle": lambda: client.save_bundle("s", "colmap", folder / "bundle.zip", partial=True),
+        "poses": lambda: (
+            client.poses(b"name,x,y,z\n", file_format="csv", expected=2, radius_mm=140.0),
+            client.poses(b"name,x,y,z\n", scan="s", pair_from="a", pair_to="b", pair_mm=1.5),
+        ),
         "request": lambda: client.request("GET", "/v1/profiles/rig/lens/drift", query={"from": "1"}),
     }
 

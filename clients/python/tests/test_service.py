@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import subprocess
 import zipfile
 from pathlib import Path
@@ -135,6 +136,27 @@ def test_a_folder_of_views_becomes_a_scan_with_a_table_and_a_bundle(
     client.wait_scan("beetle")
     client.delete_scan("beetle", with_stacks=True)
     assert client.list_scans() == []
+
+
+def test_poses_of_a_turntable_are_reported(client: Client, calibrated: Tuple[str, str], tmp_path: Path) -> None:
+    rows = ["name,x,y,z"]
+    for tilt in (0, 10):
+        for pan in range(0, 360, 20):
+            ring, height = 2.0 * math.cos(math.radians(tilt)), 2.0 * math.sin(math.radians(tilt))
+            x, y = ring * math.cos(math.radians(pan)), ring * math.sin(math.radians(pan))
+            rows.append(f"pan{pan:03}_tilt{tilt:02}.png,{x},{y},{height}")
+    table = tmp_path / "poses.csv"
+    table.write_text("\n".join(rows), encoding="utf-8")
+    report = client.poses(table, expected=40, radius_mm=141.0)
+    assert (report["registered"], report["expected"]) == (36, 40)
+    assert report["surface"] is not None and report["surface"]["radius"] == pytest.approx(141.0)
+    assert report["pan_steps"] is not None and report["pan_steps"]["mean_deg"] == pytest.approx(20.0, abs=1e-3)
+    client.put_scan("posed", *calibrated, expected_views=38)
+    assert client.poses(table.read_bytes(), scan="posed")["expected"] == 38
+    client.delete_scan("posed")
+    with pytest.raises(PinstackError) as caught:
+        client.poses(b"not a file of poses")
+    assert caught.value.status == 422
 
 
 def test_motor_steps_become_angles(client: Client, calibrated: Tuple[str, str], views: Path, tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from typing import Any, Dict, List, Set
 
 #: The documents that the client takes or returns. What they refer to follows.
 ROOTS = [
-    "Calibration", "CalibrationOptions", "ErrorLocation", "Info", "Metrics", "NameGrouping", "Problem", "Profile",
-    "ProfileInput", "ProfileSummary", "Progress", "RerunOptions", "ResumableUpload", "ScanArchiveView", "Scan",
-    "ScanInput", "ScanRerun", "ScanWithViews", "Stack", "StackOptionsInput",
+    "Calibration", "CalibrationOptions", "ErrorLocation", "Info", "Metrics", "NameGrouping", "PoseReport", "Problem",
+    "Profile", "ProfileInput", "ProfileSummary", "Progress", "RerunOptions", "ResumableUpload", "ScanArchiveView",
+    "Scan", "ScanInput", "ScanRerun", "ScanWithViews", "Stack", "StackOptionsInput",
 ]  # fmt: skip
 
 HEAD = '''"""Types of the JSON documents of the service. Written by ``tools/models.py``; do not edit.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence, Union
 
 from . import models
 from ._events import OnProgress
@@ -374,6 +374,19 @@ class Client:
         A broken download is resumed. ``partial`` leaves out views without a result.
         """
         return self._transport.run(self._do.save_bundle(scan, layout, to, partial, on_bytes))
+
+    def poses(self, file: Union[PathLike, bytes], *, scan: Optional[str] = None, **options: Any) -> models.PoseReport:
+        """How exactly a reconstruction program placed the cameras of a turntable scan. Stores nothing.
+
+        Args:
+            file: path or bytes of the poses, as COLMAP, AliceVision, Meshroom, Metashape or OpenMVG write them, or CSV.
+            scan: the scan that was reconstructed: gives commanded angles, expected views and radius. Without it the
+                angles are those of the names of the views.
+            options: ``file_format``, ``expected``, ``radius_mm``, or ``pair_from``, ``pair_to`` and ``pair_mm``.
+
+        >>> client.poses("model/0/images.bin", scan="beetle")["pan_steps"]                 # doctest: +SKIP
+        """
+        return self._transport.run(self._do.poses(file, scan, options))
 
     # -- anything else -------------------------------------------------------------------------------------------------
 

@@ -234,6 +234,13 @@ class Operations:
         parameters = query(layout=layout, partial=True if partial else None)
         return _downloads.save(path("v1", "scans", scan, "bundle"), parameters, {}, Path(to), self.retry, on_bytes)
 
+    def poses(self, file: Union[PathLike, bytes], scan: Optional[str], options: Mapping[str, Any]) -> Operation[Any]:
+        body: bytes = file if isinstance(file, bytes) else (yield Call(Path(file).read_bytes))
+        at = "/v1/poses" if scan is None else path("v1", "scans", scan, "poses")
+        headers = {"content-type": "application/octet-stream"}
+        request = Request("POST", at, query(**options), headers, body, repeatable=True)
+        return (yield from send(request, self.retry)).json()
+
 
 def job_path(job: Reference) -> str:
     """The path of a stack or calibration: of its document, its path, or the id of a stack."""

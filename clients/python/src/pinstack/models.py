@@ -43,6 +43,9 @@ JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 Keep = Literal["always", "usable", "good"]
 
 
+LengthUnit = Literal["mm", "radius"]
+
+
 MaskEdge = Literal["hard", "soft"]
 
 
@@ -64,13 +67,22 @@ OutlierKind = Literal["sharpness", "mask_area", "residual", "exposure"]
 PanDirection = Literal["counterclockwise", "clockwise"]
 
 
+PoseFormat = Literal["colmap_text", "colmap_binary", "alicevision", "metashape", "openmvg", "csv"]
+
+
 ProfileSource = Literal["upload", "calibration"]
+
+
+ScaleSource = Literal["none", "known_radius", "view_pair"]
 
 
 Severity = Literal["warning", "note"]
 
 
 SliceOrder = Literal["name", "reverse"]
+
+
+SurfaceKind = Literal["sphere", "circle"]
 
 
 UnderAlpha = Literal["black", "keep", "pad"]
@@ -380,6 +392,27 @@ class NamedView(TypedDict):
     tilt_deg: NotRequired[Optional[float]]
 
 
+class PoseReport(TypedDict):
+    """How well the poses of a scan fit a turntable."""
+
+    axis: NotRequired[Optional[List[float]]]
+    duplicates: List[str]
+    expected: NotRequired[Optional[int]]
+    findings: List[Warning]
+    format: PoseFormat
+    not_registered: List[str]
+    pan_is_clockwise: NotRequired[Optional[bool]]
+    pan_steps: NotRequired[Optional[StepReport]]
+    pan_steps_of_axes: NotRequired[Optional[StepReport]]
+    registered: int
+    scale: ScaleReport
+    surface: NotRequired[Optional[SurfaceReport]]
+    tilt_steps: NotRequired[Optional[StepReport]]
+    tilt_steps_of_axes: NotRequired[Optional[StepReport]]
+    unknown: List[str]
+    views: List[ViewPose]
+
+
 class Problem(TypedDict):
     """An error as in error answers and failed jobs (RFC 9457, `application/problem+json`)."""
 
@@ -557,6 +590,14 @@ class ResumableUpload(TypedDict):
     offset: int
     purpose: UploadPurpose
     state: UploadProgress
+
+
+class ScaleReport(TypedDict):
+    """The scale of a reconstruction."""
+
+    per_file_unit: float
+    source: ScaleSource
+    unit: LengthUnit
 
 
 class ScanInput(TypedDict):
@@ -810,6 +851,31 @@ class StageTime(TypedDict):
     stage: str
 
 
+class StepReport(TypedDict):
+    """Steps of the turntable between commanded neighbours."""
+
+    commanded_deg: float
+    count: int
+    mean_deg: float
+    std_deg: float
+
+
+class SurfaceReport(TypedDict):
+    """The fitted sphere or circle."""
+
+    centre: List[float]
+    kind: SurfaceKind
+    max: float
+    mean_radius: float
+    radius: float
+    rejected: int
+    rms: float
+    std: float
+    std_percent: float
+    std_population: float
+    used: int
+
+
 class Timing(TypedDict):
     """Processing time, milliseconds of wall clock."""
 
@@ -850,6 +916,21 @@ class ViewOutlier(TypedDict):
     expected: float
     kind: OutlierKind
     value: float
+
+
+class ViewPose(TypedDict):
+    """A registered view."""
+
+    commanded_pan_deg: NotRequired[Optional[float]]
+    commanded_tilt_deg: NotRequired[Optional[float]]
+    is_outlier: bool
+    name: str
+    pan_deg: NotRequired[Optional[float]]
+    pan_residual_deg: NotRequired[Optional[float]]
+    radial_residual: NotRequired[Optional[float]]
+    tangential_residual: NotRequired[Optional[float]]
+    tilt_deg: NotRequired[Optional[float]]
+    tilt_residual_deg: NotRequired[Optional[float]]
 
 
 class Warning(TypedDict):
