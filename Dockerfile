@@ -1,25 +1,65 @@
-# syntax=docker/dockerfile:1
 # Build: docker build -t pinstack .        Run: docker compose -f deploy/compose.yaml up
+#
+# Needs no BuildKit: docker, podman and buildah build it. scripts/release/image.sh builds it with version and revision.
 
-FROM rust:1.95-slim-bookworm AS build
+ARG RUST_IMAGE=docker.io/library/rust:1.95-slim-bookworm
+
+FROM ${RUST_IMAGE} AS build
 WORKDIR /src
-COPY . .
-# The registry and the compiled dependencies are cached between builds.
-RUN --mount=type=cache,target=/usr/local/cargo/registry --mount=type=cache,target=/src/target \
-    cargo build --release --locked --bin pinstack && cp target/release/pinstack /usr/local/bin/pinstack
+# The dependencies are a layer of their own: this one is built again only when a manifest or the lock file changes. The
+# crates are empty meanwhile, with a file for every benchmark, because Cargo refuses a manifest whose targets are missing.
+# rust-toolchain.toml stays out: it asks for tools of developers that the image lacks.
+COPY Cargo.toml Cargo.lock ./
+COPY science/Cargo.toml science/
+RUN mkdir -p src science/src science/benches \
+    && echo 'fn main() {}' > src/main.rs && touch src/lib.rs science/src/lib.rs \
+    && for bench in $(sed -n '/^\[\[bench\]\]/{n;s/^name = "\(.*\)"/\1/p}' science/Cargo.toml); do \
+         echo 'fn main() {}' > "science/benches/$bench.rs"; done \
+    && cargo build --release --locked --bin pinstack
+COPY science/src science/src
+COPY src src
+# newer than the empty crates: files keep their times when they are copied, and Cargo compares times
+RUN touch src/main.rs src/lib.rs science/src/lib.rs && cargo build --release --locked --bin pinstack
 
-FROM debian:bookworm-slim
+# What the binary needs and nothing else: C library, root certificates, a user. /var/lib/dpkg/status.d tells scanners the
+# packages from which it came. A stage of its own, so that a binary that exists already can take the place of the stage
+# `build`: scripts/release/image.sh BINARY.
+FROM ${RUST_IMAGE} AS files
+WORKDIR /src
+COPY LICENSE LICENSE-APACHE LICENSE-MIT ./
+COPY --from=build /src/target/release/pinstack ./
+RUN set -eu; root=/rootfs; install -D -t $root/usr/local/bin pinstack \
+    && for file in $(ldd pinstack | grep -o '/[^ ]*'); do install -D "$file" "$root$file"; done \
+    && install -D -m 644 /etc/ssl/certs/ca-certificates.crt $root/etc/ssl/certs/ca-certificates.crt \
+    && install -D -m 644 -t $root/usr/share/doc/pinstack LICENSE LICENSE-APACHE LICENSE-MIT \
+    && mkdir -p $root/var/lib/dpkg/status.d \
+    && for package in libc6 libgcc-s1 ca-certificates; do \
+         dpkg-query --status "$package" > "$root/var/lib/dpkg/status.d/$package"; \
+         install -D -m 644 "$(readlink -f /usr/share/doc/$package/copyright)" "$root/usr/share/doc/$package/copyright"; done \
+    && echo 'pinstack:x:10001:10001::/data:/sbin/nologin' > $root/etc/passwd \
+    && echo 'pinstack:x:10001:' > $root/etc/group \
+    && echo 'hosts: files dns' > $root/etc/nsswitch.conf \
+    && install -d -m 1777 $root/tmp && install -d /empty
+
+FROM scratch
+COPY --from=files /rootfs/ /
 # A fixed user id, so that a mounted folder can be owned by it: chown 10001 /srv/pinstack
-RUN useradd --uid 10001 --user-group --no-create-home --shell /usr/sbin/nologin pinstack \
-    && install -d -o pinstack -g pinstack /data
-COPY --from=build /usr/local/bin/pinstack /usr/local/bin/pinstack
-# In a container other machines may reach every address: without a token (pinstack token add, on /data) or PINSTACK_AUTH=none
-# the server refuses to start, with a message.
+COPY --from=files --chown=10001:10001 /empty /data
+# In a container other machines may reach every address: without a token (pinstack token add, on /data) or
+# PINSTACK_AUTH=none the server refuses to start, with a message.
 USER 10001:10001
-ENV PINSTACK_LISTEN=0.0.0.0:8080 PINSTACK_DATA_DIR=/data
+WORKDIR /data
+ENV PINSTACK_LISTEN=0.0.0.0:8080 PINSTACK_DATA_DIR=/data PATH=/usr/local/bin
 VOLUME /data
 EXPOSE 8080
 STOPSIGNAL SIGTERM
-HEALTHCHECK --interval=15s --timeout=5s --start-period=10s --retries=3 CMD ["pinstack", "health"]
-ENTRYPOINT ["pinstack"]
+HEALTHCHECK --interval=15s --timeout=5s --start-period=10s --retries=3 CMD ["/usr/local/bin/pinstack", "health"]
+ENTRYPOINT ["/usr/local/bin/pinstack"]
 CMD ["serve"]
+ARG VERSION=unknown
+ARG REVISION=unknown
+LABEL org.opencontainers.image.title="pinstack" \
+      org.opencontainers.image.description="Calibrated focus stacking for photogrammetry, as a service" \
+      org.opencontainers.image.licenses="MIT OR Apache-2.0" \
+      org.opencontainers.image.version="${VERSION}" \
+      org.opencontainers.image.revision="${REVISION}"

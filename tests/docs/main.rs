@@ -4,6 +4,7 @@
 //! the binary under test, and port 8080 by a free port. A block with a second word (`sh docker`, `sh bench`) needs more
 //! than a test has, and is not run.
 
+mod deploy;
 mod monitoring;
 mod powershell;
 mod tables;

@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Builds the container image: scripts/release/image.sh [BINARY]. With BINARY nothing is compiled: it takes the place of
+# the stage `build` of the Dockerfile. ENGINE is docker (default), podman or buildah; IMAGE is the name (default
+# pinstack); BUILD_FLAGS are passed on.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+engine=${ENGINE:-docker} image=${IMAGE:-pinstack}
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+revision=$(git rev-parse HEAD 2>/dev/null || echo unknown)
+case $engine in
+  docker) build=(docker buildx build --load) ;;
+  # health checks are in the format of docker only
+  podman) build=(podman build --layers --format docker) ;;
+  buildah) build=(buildah build --layers --format docker) ;;
+  *) echo "ENGINE is $engine; give docker, podman or buildah" >&2; exit 2 ;;
+esac
+if [ $# -gt 0 ]; then
+  context=$(mktemp -d)
+  trap 'rm -rf "$context"' EXIT
+  install -D "$1" "$context/src/target/release/pinstack"
+  build+=(--build-context "build=$context")
+fi
+# shellcheck disable=SC2086
+"${build[@]}" ${BUILD_FLAGS:-} --build-arg "VERSION=$version" --build-arg "REVISION=$revision" \
+  --tag "$image:$version" --tag "$image:latest" .

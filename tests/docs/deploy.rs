@@ -1,0 +1,82 @@
+//! Files of `deploy/` and the Dockerfile: their settings exist, and the tools that read them accept them. And the
+//! repository holds no large file.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+/// A file of more bytes than this was most likely committed by accident.
+const LARGEST: u64 = 2 << 20;
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(path: impl AsRef<Path>) -> String {
+    fs::read_to_string(root().join(path)).expect("a text file")
+}
+
+/// Runs a tool; `None`: it is missing, and tests do not require it.
+fn run(tool: &str, arguments: &[&str]) -> Option<String> {
+    let done = match Command::new(tool).args(arguments).current_dir(root()).output() {
+        Ok(done) => done,
+        Err(error) => {
+            let required = std::env::var("PINSTACK_TEST_TOOLS").is_ok_and(|value| value == "required");
+            assert!(!required, "{tool}: {error}");
+            return None;
+        }
+    };
+    let told = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    assert!(done.status.success(), "{tool} {arguments:?}: {told}");
+    Some(told)
+}
+
+#[test]
+fn every_setting_in_deploy_exists() {
+    let manual = read("docs/OPERATIONS.md");
+    let files = ["Dockerfile", "deploy/compose.yaml", "deploy/compose.cluster.yaml", "deploy/systemd/pinstack.service"];
+    let mut named = BTreeSet::new();
+    for file in files {
+        let text = read(file);
+        let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        named.extend(words.filter(|word| word.starts_with("PINSTACK_")).map(str::to_owned));
+    }
+    assert!(named.len() >= 5, "{named:?}");
+    let unknown: Vec<_> = named.iter().filter(|name| !manual.contains(&format!("`{name}`"))).collect();
+    assert!(unknown.is_empty(), "not among the settings: {unknown:?}");
+}
+
+#[test]
+fn compose_files_fit_their_schema() {
+    run(
+        "check-jsonschema",
+        &["--builtin-schema", "vendor.compose-spec", "deploy/compose.yaml", "deploy/compose.cluster.yaml"],
+    );
+}
+
+#[test]
+fn systemd_accepts_the_unit_and_finds_it_hardened() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let unit = folder.path().join("pinstack.service");
+    // the program is not installed where the unit looks for it
+    let text = read("deploy/systemd/pinstack.service").replace("/usr/bin/pinstack", "/bin/true");
+    fs::write(&unit, text).expect("a file");
+    let unit = unit.to_str().expect("UTF-8");
+    let Some(told) = run("systemd-analyze", &["verify", unit]) else { return };
+    assert!(told.trim().is_empty(), "{told}");
+    let told = run("systemd-analyze", &["security", "--offline=true", "--threshold=20", unit]).unwrap_or_default();
+    assert!(told.contains("OK"), "{told}");
+}
+
+#[test]
+fn no_large_file_is_in_the_repository() {
+    let Ok(listed) = Command::new("git").args(["ls-files", "-z"]).current_dir(root()).output() else { return };
+    let names = String::from_utf8_lossy(&listed.stdout);
+    let names = names.split('\0').filter(|name| !name.is_empty());
+    let size = |name: &&str| fs::metadata(root().join(name)).map_or(0, |metadata| metadata.len());
+    let large: Vec<&str> = names.filter(|name| size(name) > LARGEST).collect();
+    assert!(large.is_empty(), "more than 2 MiB: {large:?}");
+}
