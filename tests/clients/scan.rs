@@ -1,6 +1,6 @@
 //! A whole scan, without a hand in between: a rendered turntable is calibrated, sent as one zip, fused, downloaded as a
-//! bundle and reconstructed by COLMAP with the commands of the bundle's README. The poses are compared with those that
-//! COLMAP finds in the pictures of an ideal camera.
+//! bundle and reconstructed by COLMAP with the commands of the bundle's README and a stricter limit for errors of
+//! reprojection. The poses are compared with those that COLMAP finds in the pictures of an ideal camera.
 
 mod case;
 mod colmap;
@@ -22,6 +22,10 @@ const PANS: usize = 18;
 const TILTS: [f64; 3] = [0.0, 8.0, 16.0];
 const WIDTH: usize = 810;
 const SLICES: usize = 9;
+
+/// Observations with a larger error of reprojection are left out, px. With COLMAP's own limit of 4 px a few percent of
+/// wrong matches make up half of all squared errors, also with ideal pictures, and hide what fusion does.
+const LIMIT_PX: f64 = 1.0;
 
 /// How much larger than with ideal pictures the errors of the poses may be. docs/POSES.md has measured ratios, which
 /// are smaller; that of a single scan is uncertain, because the standard deviation of 54 steps is.
@@ -47,7 +51,7 @@ fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures(
     setup.write_ideal(&ideal, Sharp::Truth);
 
     let accuracy = |name: &str, folder: &Path| {
-        let poses = reconstruct(folder, None);
+        let poses = reconstruct(folder, Some(LIMIT_PX));
         let report = server.curl(&["--data-binary", &format!("@{}", poses.display())], "/v1/scans/beetle/poses");
         let accuracy = Accuracy::of(&report);
         println!("{name}: {accuracy}");
@@ -56,7 +60,7 @@ fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures(
     let (fused, ideal) = (accuracy("fused", &fused), accuracy("ideal", &ideal));
     assert_eq!(fused.registered, setup.views.len(), "all views are registered");
     assert_eq!(ideal.registered, setup.views.len());
-    assert!(ideal.radial_percent < 0.08, "the scan itself is exact enough to show errors of the fusion: {ideal}");
+    assert!(ideal.radial_percent < 0.05, "the scan itself is exact enough to show errors of the fusion: {ideal}");
     assert!(fused.radial_percent <= FACTOR * ideal.radial_percent, "{fused}; ideal {ideal}");
     assert!(fused.pan_deg <= FACTOR * ideal.pan_deg, "{fused}; ideal {ideal}");
     assert!(fused.tilt_deg <= FACTOR * ideal.tilt_deg, "{fused}; ideal {ideal}");

@@ -3,7 +3,7 @@
 Usage: python3 compare.py PICTURE.png FOLDER...
 Prints a table: distances in percent of the size of the object, which is the longest side of its box. Nothing is moved:
 the meshes are where the centres of projection put them. The picture shows the truth and then each mesh in the order of
-the folders, red where it is 1 % of the size away from the truth.
+the folders, red where it is 2 % of the size away from the truth.
 """
 
 import pathlib
@@ -20,7 +20,7 @@ SAMPLES = 200_000
 SEEN_BY, LEAST_COSINE = 3, 0.25
 # the view of the picture: none of those that were taken
 PAN_DEG, TILT_DEG = 50.0, 25.0
-SIDE_PX, RED_AT_PERCENT = 330, 1.0
+SIDE_PX, RED_AT_PERCENT = 300, 2.0
 
 
 def scene_of(mesh):
@@ -55,15 +55,15 @@ def seen_by(scene, points, normals, centres):
     return count
 
 
-def rendered(mesh, size, truth=None):
-    """A picture of the mesh, coloured by its distance from the truth."""
+def rendered(mesh, middle, size, truth=None):
+    """A picture of the mesh around a point, coloured by its distance from the truth."""
     pan, tilt = np.radians([PAN_DEG, TILT_DEG])
     back = np.array([np.cos(tilt) * np.cos(pan), np.cos(tilt) * np.sin(pan), np.sin(tilt)])
     right = np.array([-np.sin(pan), np.cos(pan), 0])
     up = np.cross(back, right)
     steps = (np.arange(2 * SIDE_PX) + 0.5) / (2 * SIDE_PX) - 0.5
-    x, y = np.meshgrid(1.15 * size * steps, -1.15 * size * steps)
-    starts = 100 * back + x[..., None] * right + y[..., None] * up
+    x, y = np.meshgrid(1.2 * size * steps, -1.2 * size * steps)
+    starts = middle + 100 * back + x[..., None] * right + y[..., None] * up
     rays = np.concatenate([starts, np.broadcast_to(-back, starts.shape)], -1).astype(np.float32)
     hit = scene_of(mesh).cast_rays(rays)
     depths, normals = hit["t_hit"].numpy(), hit["primitive_normals"].numpy()
@@ -88,12 +88,13 @@ tiles = []
 for folder in folders:
     surface = o3d.io.read_triangle_mesh(str(folder / "surface.ply"))
     size = float(np.max(surface.get_max_bound() - surface.get_min_bound()))
+    middle = surface.get_axis_aligned_bounding_box().get_center()
     truth = scene_of(surface)
     if not tiles:
         surface.compute_triangle_normals()
-        tiles.append(rendered(surface, size))
+        tiles.append(rendered(surface, middle, size))
     mesh = o3d.io.read_triangle_mesh(str(folder / "mesh.ply"))
-    tiles.append(rendered(mesh, size, truth))
+    tiles.append(rendered(mesh, middle, size, truth))
     percent = 100 / size
     wrong = percent * distance(truth, sampled(mesh)[0])
     points, normals = sampled(surface)
