@@ -10,10 +10,9 @@ import pathlib
 import sys
 
 import cv2
+import model
 import numpy as np
 import open3d as o3d
-
-import model
 
 SAMPLES = 200_000
 # a part of the true surface counts if so many cameras see it, not more slanted than this

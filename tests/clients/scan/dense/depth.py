@@ -1,6 +1,6 @@
 """Depth maps by comparing each view with its neighbours.
 
-In: pictures, masks, poses. Out: per view the depth of each pixel along the optical axis, mm, or 0 where it is not known.
+In: pictures, masks, poses. Out: per view the depth of each pixel along the optical axis, mm; 0 where it is not known.
 
 1. Plane sweep at half the resolution (Collins 1996): neighbours are warped to planes parallel to the sensor. The score
    of a plane is the normalised cross-correlation (NCC) in a window within the mask, in the mean of the better half of
@@ -122,7 +122,8 @@ def depth_map(model, grey, masks, at, others):
     full = Comparison(model.camera, model.views, grey, masks, at, others, 1)
     # by coordinates, because the boxes of the two resolutions need not match
     rows, columns = [np.arange(part.start, part.stop, dtype=np.float32) for part in full.box]
-    columns, rows = np.meshgrid((columns + 0.5) / 2 - 0.5 - coarse.box[1].start, (rows + 0.5) / 2 - 0.5 - coarse.box[0].start)
+    halved = [(at + 0.5) / 2 - 0.5 - part.start for at, part in [(columns, coarse.box[1]), (rows, coarse.box[0])]]
+    columns, rows = np.meshgrid(*halved)
     inverse = cv2.remap(inverse, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     for pixels, reach in [(0.5, 5), (0.2, 4)]:
         step = full.step(pixels)

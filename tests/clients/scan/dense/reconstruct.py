@@ -9,11 +9,10 @@ import pathlib
 import sys
 
 import cv2
-import numpy as np
-import open3d as o3d
-
 import depth
 import model
+import numpy as np
+import open3d as o3d
 
 # of the volume in which depth maps are averaged
 VOXEL_MM, TRUNCATION_VOXELS = 0.08, 5.0
