@@ -10,8 +10,10 @@ use crate::{
 /// What one folder holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Place {
-    /// The folders that name the view, joined by `/`, without the light.
+    /// The folders that name the view, joined by `/`, without the light and without folders that enclose everything.
     pub view: String,
+    /// The folders that enclose all views, joined by `/`.
+    pub enclosing: String,
     /// The light that a folder stands for.
     pub light: Option<Light>,
 }
@@ -47,17 +49,8 @@ pub(super) fn no_view(folder: &str) -> Option<&'static str> {
     is_in(&TARGETS).then_some("its folder holds pictures of a calibration target: send them to /v1/calibrations")
 }
 
-/// Whether folders that enclose all views are a part of the names of the views.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Enclosing {
-    /// They are looked through: a zip that is made within a folder or of it holds the same views.
-    Dropped,
-    /// They are kept: the name of a view does not change when another folder appears beside it.
-    Kept,
-}
-
 /// The place of each folder that holds pictures.
-pub(super) fn places<'a>(folders: &HashSet<&'a str>, enclosing: Enclosing) -> Result<HashMap<&'a str, Place>, Error> {
+pub(super) fn places<'a>(folders: &HashSet<&'a str>) -> Result<HashMap<&'a str, Place>, Error> {
     let mut sorted: Vec<&str> = folders.iter().copied().collect();
     sorted.sort_unstable();
     let parts: Vec<Vec<&str>> = sorted.iter().map(|folder| split(folder)).collect();
@@ -69,13 +62,13 @@ pub(super) fn places<'a>(folders: &HashSet<&'a str>, enclosing: Enclosing) -> Re
     accept_pairs(&mut found, sorted.iter().zip(&parts).map(|(_, parts)| &parts[wrapper..]));
     let views: Vec<Vec<&str>> = found.iter().map(|place| split(&place.view)).collect();
     let again = common(&views, |_| false);
-    let views: Vec<String> = match enclosing {
-        Enclosing::Dropped => views.iter().map(|view| view[again..].join("/")).collect(),
-        Enclosing::Kept => {
-            views.iter().zip(&parts).map(|(view, all)| [&all[..wrapper], view].concat().join("/")).collect()
-        }
-    };
-    Ok(sorted.into_iter().zip(found.into_iter().zip(views).map(|(place, view)| Place { view, ..place })).collect())
+    // what all folders have in common but their lights
+    let enclosing =
+        [parts.first().map_or(&[][..], |all| &all[..wrapper]), views.first().map_or(&[][..], |view| &view[..again])];
+    let enclosing = enclosing.concat().join("/");
+    let views: Vec<String> = views.iter().map(|view| view[again..].join("/")).collect();
+    let place = |(place, view): (Place, String)| Place { view, enclosing: enclosing.clone(), ..place };
+    Ok(sorted.into_iter().zip(found.into_iter().zip(views).map(place)).collect())
 }
 
 /// The parts of a folder; none of the root.
@@ -109,7 +102,7 @@ fn whole(folder: &str, parts: &[&str]) -> Result<Place, Error> {
         return Err(invalid(folder, detail));
     }
     let view: Vec<&str> = parts.iter().copied().filter(|part| Light::of_folder(part).is_none()).collect();
-    Ok(Place { view: view.join("/"), light: lights.into_iter().next() })
+    Ok(Place { view: view.join("/"), enclosing: String::new(), light: lights.into_iter().next() })
 }
 
 /// Reads a light that is a part of the name of a folder, `bee_back` beside `bee` or `bee_front`, if folders pair up in
@@ -122,7 +115,7 @@ fn accept_pairs<'a>(places: &mut [Place], parts: impl Iterator<Item = &'a [&'a s
         .collect();
     let mut lights: BTreeMap<String, HashSet<Light>> = BTreeMap::new();
     for (place, read) in places.iter().zip(&read) {
-        let Place { view, light } = read.as_ref().unwrap_or(place);
+        let Place { view, light, .. } = read.as_ref().unwrap_or(place);
         lights.entry(view.to_lowercase()).or_default().insert(light.unwrap_or(Light::Front));
     }
     let is_pair = |place: &Place| lights.get(&place.view.to_lowercase()).is_some_and(|lights| lights.len() == 2);
@@ -144,7 +137,7 @@ fn partial(parts: &[&str]) -> Option<Place> {
     let (light, rest) = light_in(parts[at])?;
     let view: Vec<&str> =
         parts.iter().enumerate().map(|(i, part)| if i == at { rest.as_str() } else { part }).collect();
-    Some(Place { view: view.join("/"), light: Some(light) })
+    Some(Place { view: view.join("/"), enclosing: String::new(), light: Some(light) })
 }
 
 /// The light that a name contains as a word or as consecutive words, and the name without them:
@@ -220,13 +213,14 @@ mod tests {
 
     #[test]
     fn a_word_for_a_light_belongs_to_the_name_without_a_partner() {
-        let of = |folders: &[&'static str]| places(&folders.iter().copied().collect(), Enclosing::Dropped).unwrap();
+        let of = |folders: &[&'static str]| places(&folders.iter().copied().collect()).unwrap();
+        let place =
+            |view: &str, enclosing: &str, light| Place { view: view.into(), enclosing: enclosing.into(), light };
         let alone = of(&["silver back 1", "silver back 2"]);
-        assert_eq!(alone["silver back 1"], Place { view: "silver back 1".into(), light: None });
-        let kept = places(&["s/a/front", "s/a/back"].into_iter().collect(), Enclosing::Kept).unwrap();
-        assert_eq!(kept["s/a/back"], Place { view: "s/a".into(), light: Some(Light::Back) });
+        assert_eq!(alone["silver back 1"], place("silver back 1", "", None));
+        assert_eq!(of(&["s/a/front", "s/a/back"])["s/a/back"], place("", "s/a", Some(Light::Back)));
         let pair = of(&["s/a_1", "s/a_1_back", "s/a_2", "s/a_2_back"]);
-        assert_eq!(pair["s/a_2_back"], Place { view: "a_2".into(), light: Some(Light::Back) });
-        assert_eq!(pair["s/a_2"], Place { view: "a_2".into(), light: None });
+        assert_eq!(pair["s/a_2_back"], place("a_2", "s", Some(Light::Back)));
+        assert_eq!(pair["s/a_2"], place("a_2", "s", None));
     }
 }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use super::{
     angles,
     file_names::{self, Rule},
-    folders::{self, Enclosing, Place},
+    folders::{self, Place},
     manifest::ListedViews,
     view::{Group, Ignored, ScanRules},
 };
@@ -19,6 +19,23 @@ use crate::{
     archive::{layout::Split, light::Light, member_names, members::Member, natural_order},
     types::{Error, Warning},
 };
+
+/// Whether folders that enclose all views are a part of the names of the views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Enclosing {
+    /// They are looked through: a zip that is made within a folder or of it holds the same views.
+    Dropped,
+    /// They are kept: the name of a view does not change when another folder appears beside it.
+    Kept,
+}
+
+/// How the views of a list of pictures are named.
+struct Naming<'a> {
+    rules: &'a ScanRules,
+    /// The folders that enclose all views.
+    around: &'a str,
+    enclosing: Enclosing,
+}
 
 /// A picture with what its folders and its name say.
 struct Sorted {
@@ -75,7 +92,9 @@ fn by_names(
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Group>, Error> {
     let names: HashSet<String> = pictures.iter().map(|member| member.folder().to_owned()).collect();
-    let places = folders::places(&names.iter().map(String::as_str).collect(), enclosing)?;
+    let places = folders::places(&names.iter().map(String::as_str).collect())?;
+    let around = places.values().next().map_or("", |place| place.enclosing.as_str());
+    let naming = Naming { rules, around, enclosing };
     let with_light = folders_with_lights_in_names(&pictures, &places);
     let mut views: BTreeMap<String, (String, Vec<Sorted>)> = BTreeMap::new();
     for member in pictures {
@@ -92,7 +111,7 @@ fn by_names(
     }
     let mut groups = Vec::new();
     for (name, pictures) in views.into_values() {
-        groups.extend(of_folder(&name, pictures, rules, ignored, warnings));
+        groups.extend(of_folder(&name, pictures, &naming, ignored, warnings));
     }
     Ok(groups)
 }
@@ -114,11 +133,11 @@ fn folders_with_lights_in_names<'a>(pictures: &'a [Member], places: &HashMap<&st
 fn of_folder(
     folder: &str,
     pictures: Vec<Sorted>,
-    rules: &ScanRules,
+    naming: &Naming,
     ignored: &mut Vec<Ignored>,
     warnings: &mut Vec<Warning>,
 ) -> Vec<Group> {
-    let Some(rule) = rule_of(&pictures) else { return vec![view(folder, pictures, rules, warnings)] };
+    let Some(rule) = rule_of(&pictures) else { return vec![view(folder, pictures, naming, warnings)] };
     let mut views: BTreeMap<String, (String, Vec<Sorted>)> = BTreeMap::new();
     for picture in pictures {
         match file_names::parts(&picture.stem, rule) {
@@ -130,7 +149,7 @@ fn of_folder(
         }
     }
     let name = |label: &str| if folder.is_empty() { label.to_owned() } else { format!("{folder}/{label}") };
-    views.into_values().map(|(label, pictures)| view(&name(&label), pictures, rules, warnings)).collect()
+    views.into_values().map(|(label, pictures)| view(&name(&label), pictures, naming, warnings)).collect()
 }
 
 /// The rule by which the files of a folder fall into views, from the light with more files.
@@ -143,7 +162,7 @@ fn rule_of(pictures: &[Sorted]) -> Option<Rule> {
 }
 
 /// One view, its slices in natural order.
-fn view(name: &str, pictures: Vec<Sorted>, rules: &ScanRules, warnings: &mut Vec<Warning>) -> Group {
+fn view(name: &str, pictures: Vec<Sorted>, naming: &Naming, warnings: &mut Vec<Warning>) -> Group {
     let (mut front, mut back) = (Vec::new(), Vec::new());
     for Sorted { member, light, .. } in pictures {
         match light {
@@ -153,8 +172,18 @@ fn view(name: &str, pictures: Vec<Sorted>, rules: &ScanRules, warnings: &mut Vec
     }
     natural_order::sort(&mut front, |member| &member.name, warnings);
     natural_order::sort(&mut back, |member| &member.name, warnings);
+    let Naming { rules, around, enclosing } = naming;
     let angles::NamedAngles { pan_deg, tilt_deg, rest } = angles::read(name, rules);
-    Group { label: rest, pan_deg, tilt_deg, name: name.to_owned(), front, back }
+    // a tilt that all views have is in a folder that encloses them: x=6/y=0, x=6/y=120
+    let of_all = angles::read(around, rules);
+    let whole = match (around.is_empty(), name.is_empty()) {
+        (true, _) => name.to_owned(),
+        (_, true) => (*around).to_owned(),
+        _ => format!("{around}/{name}"),
+    };
+    let name = if *enclosing == Enclosing::Kept { whole } else { name.to_owned() };
+    let (pan_deg, tilt_deg) = (pan_deg.or(of_all.pan_deg), tilt_deg.or(of_all.tilt_deg));
+    Group { label: rest, pan_deg, tilt_deg, name, front, back }
 }
 
 /// By tilt, then by pan; then those without angles, in natural order.

@@ -21,7 +21,8 @@
 //! # Angles
 //! Angles come from `pan` and `tilt` in the name of a view ([`ViewAngles::of_name`](crate::types::view::ViewAngles)),
 //! from `x=6/y=120` (tilt and pan in degrees), from motor steps `_x_00190_y_00000_` when [`ScanRules`] say how many
-//! degrees a step has, or from `image_0001_-70_0` (number, tilt, pan).
+//! degrees a step has, or from `image_0001_-70_0` (number, tilt, pan). An angle that all views have may be in a folder
+//! that encloses them.
 //!
 //! # Manifest
 //! `manifest.json` in the root, or in the folder that encloses everything, lists all views when names say nothing:
@@ -55,7 +56,7 @@ use crate::types::{Error, ErrorKind, Warning};
 pub use names::{NameGrouping, NamedView, group_names};
 pub use view::{Angle, AxisRule, Ignored, ScanRules, ScanView};
 
-use folders::Enclosing;
+use grouping::Enclosing;
 use view::Group;
 
 /// A zip whose members are sorted into views.

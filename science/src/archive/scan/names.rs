@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    checks,
-    folders::{self, Enclosing},
-    grouping, manifest,
+    checks, folders,
+    grouping::{self, Enclosing},
+    manifest,
     view::{Group, Ignored, ScanRules},
 };
 use crate::{

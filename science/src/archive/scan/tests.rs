@@ -91,6 +91,16 @@ fn two_parallel_trees_of_tilt_and_pan() {
 }
 
 #[test]
+fn an_angle_that_all_views_have_is_read_from_the_folder_around_them() {
+    let names = ["day/x=6/y=0/1.png", "day/x=6/y=0/2.png", "day/x=6/y=120/1.png", "day/x=6/y=120/2.png"];
+    let scan = opened(&names).expect("a scan");
+    assert_eq!(told(&scan), [(None, Some(0.0), Some(6.0), 2, 0), (None, Some(120.0), Some(6.0), 2, 0)]);
+    // the name of a view wins over that of the folder
+    let names = ["pan5/pan0/1.png", "pan5/pan0/2.png", "pan5/pan9/1.png", "pan5/pan9/2.png"];
+    assert_eq!(opened(&names).expect("a scan").views()[1].pan_deg, Some(9.0));
+}
+
+#[test]
 fn focus_steps_with_signs_in_one_folder() {
     let names = [
         "RAW/_x_00190_y_00000_step_00000_.png",
