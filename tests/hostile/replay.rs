@@ -40,6 +40,54 @@ fn the_manifest_corpus_passes() {
 }
 
 #[test]
+fn the_scan_corpus_passes() {
+    replay("scan");
+}
+
+#[test]
+fn the_name_corpus_passes() {
+    replay("names");
+}
+
+#[test]
+fn the_pose_corpus_passes() {
+    replay("poses");
+}
+
+/// Variations of the seeds: bytes are changed, repeated, moved and cut out.
+#[test]
+fn random_names_and_poses_and_scans_pass() {
+    // xorshift: the same inputs in every run
+    let mut state = 0xD1B5_4A32_D192_ED03_u64;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state
+    };
+    for (name, count) in [("names", 3_000), ("poses", 3_000), ("scan", 300)] {
+        let target = TARGETS.iter().find(|target| target.name == name).expect("the target");
+        let seeds = (target.seeds)();
+        for _ in 0..count {
+            let mut input = seeds[random() as usize % seeds.len()].1.clone();
+            for _ in 0..=random() % 6 {
+                let (at, to) = (random() as usize % input.len(), random() as usize % input.len());
+                let (from, end) = (at.min(to), (at.max(to) + 1).min(at.min(to) + 40));
+                match random() % 4 {
+                    0 => input[at] = random() as u8,
+                    1 => input[at] = b"0123456789_/-.=\n"[random() as usize % 16],
+                    2 => drop(input.splice(to..to, input[from..end].to_vec()).count()),
+                    _ if input.len() > 50 => drop(input.drain(from..end)),
+                    _ => {}
+                }
+            }
+            let fell = std::panic::catch_unwind(|| run(target.body, &input)).is_err();
+            assert!(!fell, "{name} does not stand {:?}", String::from_utf8_lossy(&input));
+        }
+    }
+}
+
+#[test]
 fn the_picture_header_corpus_passes() {
     replay("header");
 }
@@ -110,6 +158,11 @@ fn the_form_corpus_passes() {
     replay("multipart");
 }
 
+fn group(names: &[u8]) -> pinstack_science::archive::scan::NameGrouping {
+    let names: Vec<String> = String::from_utf8_lossy(names).lines().map(str::to_owned).collect();
+    pinstack_science::archive::scan::group_names(&names, None, &Default::default()).expect("a grouping")
+}
+
 #[test]
 fn valid_seeds_are_accepted() {
     use pinstack_science::{archive, imaging::codec};
@@ -117,6 +170,13 @@ fn valid_seeds_are_accepted() {
         for (name, bytes) in (target.seeds)() {
             let is_taken = match target.name {
                 "archive" => archive::open_in_memory(bytes, &crate::targets::limits()).is_ok(),
+                "poses" => pinstack_science::photogrammetry::poses::read(&bytes, None).is_ok(),
+                "names" => !group(&bytes).views.is_empty(),
+                "scan" => {
+                    let file = tempfile::NamedTempFile::new().expect("a file");
+                    fs::write(file.path(), &bytes).expect("a file");
+                    archive::scan::open_scan(file.path(), &crate::targets::limits(), &Default::default()).is_ok()
+                }
                 "decode" => codec::decode(&bytes, &crate::targets::limits().image).is_ok(),
                 _ => continue,
             };

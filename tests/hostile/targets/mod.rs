@@ -6,6 +6,7 @@ pub mod archives;
 pub mod pictures;
 pub mod profiles;
 pub mod requests;
+pub mod scans;
 pub mod seeds;
 pub mod warps;
 
@@ -30,9 +31,12 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 13] = [
     Target { name: "archive", corpus: "archive", body: archives::archive, seeds: seeds::archives },
     Target { name: "manifest", corpus: "manifest", body: archives::manifest, seeds: seeds::manifests },
+    Target { name: "scan", corpus: "scan", body: scans::scan, seeds: seeds::scans },
+    Target { name: "names", corpus: "names", body: scans::names, seeds: seeds::names },
+    Target { name: "poses", corpus: "poses", body: scans::pose_file, seeds: seeds::poses },
     Target { name: "header", corpus: "pictures", body: pictures::header, seeds: seeds::pictures },
     Target { name: "decode", corpus: "pictures", body: pictures::decode, seeds: seeds::pictures },
     Target { name: "warp", corpus: "warp", body: warps::warp, seeds: warps::seeds },

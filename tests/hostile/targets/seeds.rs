@@ -50,6 +50,98 @@ fn tiff(raster: &Raster, metadata: &Metadata) -> Vec<u8> {
     out.into_inner()
 }
 
+/// Zips of scans, in several layouts.
+pub fn scans() -> Seeds {
+    let pictures = |names: &[&'static str]| -> Vec<u8> {
+        let members: Vec<(&str, Vec<u8>)> = names.iter().map(|name| (*name, png(4, 3, 1))).collect();
+        zip(&members)
+    };
+    let listed = br#"{"views": [{"label": "side", "pan_deg": 20, "tilt_deg": -6, "front": ["b.png", "a.png"]}]}"#;
+    named([
+        (
+            "folders",
+            pictures(&[
+                "v/pan0_tilt0/front/1.png",
+                "v/pan0_tilt0/front/2.png",
+                "v/pan9_tilt0/front/1.png",
+                "v/pan9_tilt0/front/2.png",
+            ]),
+        ),
+        (
+            "steps",
+            pictures(&[
+                "_x_1_y_0_step_-4_.png",
+                "_x_1_y_0_step_4_.png",
+                "_x_1_y_9_step_-4_.png",
+                "_x_1_y_9_step_4_.png",
+            ]),
+        ),
+        ("listed", zip(&[("manifest.json", listed.to_vec()), ("a.png", png(4, 3, 1)), ("b.png", png(4, 3, 1))])),
+    ])
+}
+
+/// Lists of names.
+pub fn names() -> Seeds {
+    named([
+        (
+            "trees",
+            b"with_backlight/x=6/y=120/1.jpg\nwith_backlight/x=6/y=120/2.jpg\nwithout_backlight/x=6/y=120/1.jpg\n\
+            without_backlight/x=6/y=120/2.jpg\nnotes.txt\n"
+                .to_vec(),
+        ),
+        (
+            "lights",
+            b"view01_front_03.jpg\nview01_front_04.jpg\nview01_back_03.jpg\nview01_back_04.jpg\nview02_front_03.jpg\n\
+            view02_front_04.jpg\nview02_back_03.jpg\nview02_back_04.jpg\n"
+                .to_vec(),
+        ),
+        (
+            "steps",
+            b"RAW/_x_00190_y_00000_step_-08000_.jpg\nRAW/_x_00190_y_00000_step_00000_.jpg\n\
+            RAW/_x_00190_y_00100_step_-08000_.jpg\nRAW/_x_00190_y_00100_step_00000_.jpg\n"
+                .to_vec(),
+        ),
+        (
+            "siblings",
+            b"s/a_1/1.jpg\ns/a_1/2.jpg\ns/a_1_back/1.jpg\ns/a_1_back/2.jpg\ns/front/back/1.jpg\ns/a.nef\n".to_vec(),
+        ),
+    ])
+}
+
+/// Camera poses in the formats of text, and a binary file of COLMAP.
+pub fn poses() -> Seeds {
+    let centre = |k: u64| 1.0 + k as f64;
+    let mut binary = 3_u64.to_le_bytes().to_vec();
+    for view in 0..3_u64 {
+        binary.extend(u32::try_from(view + 1).unwrap_or(1).to_le_bytes());
+        for value in [1.0, 0.0, 0.0, 0.0, centre(view), 2.0, 3.0] {
+            binary.extend(f64::to_le_bytes(value));
+        }
+        binary.extend(1_u32.to_le_bytes());
+        binary.extend(format!("pan{view:03}_tilt00.png\0").as_bytes());
+        binary.extend(0_u64.to_le_bytes());
+    }
+    let colmap = "# Image list\n1 1 0 0 0 1 2 3 1 pan000_tilt00.png\n\n2 0.9 0.1 0 0 2 2 3 1 pan020_tilt00.png\n\n3 1 0 0 0 3 1 3 1 a.png\n\n";
+    let csv = "name,x,y,z,pan_deg,tilt_deg\na.png,1,0,0,0,0\nb.png,0,1,0,90,0\nc.png,-1,0,0,180,0\nd.png,0,0,1,0,90\n";
+    let sfm = json!({ "version": ["1", "2", "8"],
+        "views": [{ "viewId": "1", "poseId": "1", "path": "pan000_tilt00.png" }],
+        "poses": [{ "poseId": "1", "pose": { "transform": {
+            "rotation": ["1", "0", "0", "0", "1", "0", "0", "0", "1"], "center": ["1", "2", "3"] } } }] });
+    let openmvg = json!({ "sfm_data_version": "0.3",
+        "views": [{ "key": 0, "value": { "ptr_wrapper": { "data": { "filename": "a.png", "id_view": 0, "id_pose": 0 } } } }],
+        "extrinsics": [{ "key": 0, "value": { "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "center": [1, 2, 3] } }] });
+    let metashape = "<document><chunk><cameras><camera id=\"0\" label=\"pan000_tilt00\"><transform>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1\
+        </transform></camera></cameras></chunk></document>";
+    named([
+        ("colmap_text", colmap.into()),
+        ("colmap_binary", binary),
+        ("csv", csv.into()),
+        ("alicevision", sfm.to_string().into_bytes()),
+        ("openmvg", openmvg.to_string().into_bytes()),
+        ("metashape", metashape.into()),
+    ])
+}
+
 /// JPEG, PNG and TIFF with metadata.
 pub fn pictures() -> Seeds {
     let exif =
