@@ -24,9 +24,9 @@ pub(super) const MB: u64 = 1 << 20;
 /// Attempts to write the end of a job. When all fail, the lease expires and the job runs again.
 const END_ATTEMPTS: u32 = 5;
 
-/// Longest time between two of them: shorter than the time for which a job of a living worker is left alone after the
-/// storage was away.
-const LONGEST_END_PAUSE: Duration = Duration::from_secs(2);
+/// Longest time between two of them, as a part of the lease. After the storage was away, other workers leave the job
+/// alone for a fifth of it.
+const END_PAUSES_PER_LEASE: u32 = 10;
 
 /// State that all workers of a pool share.
 pub(super) struct Executor {
@@ -57,7 +57,7 @@ impl Executor {
         let _stop = keeper.stop_on_drop();
         let result = tokio::select! {
             result = self.run(&job, &keeper, gate) => result,
-            () = keeper.keep(&self.deps, &self.config, &job, &self.abandon) => Err(Stopped::Job(JobError::Cancelled(Cancelled))),
+            () = keeper.keep(&self.deps, &self.config, &job, &self.abandon) => Err(JobError::Cancelled(Cancelled).into()),
         };
         let kind = job.request.kind();
         let may_retry = job.attempt < self.config.max_attempts;
@@ -190,7 +190,7 @@ impl Executor {
                 }
             }
             tokio::time::sleep(pause).await;
-            pause = (2 * pause).min(LONGEST_END_PAUSE);
+            pause = (2 * pause).min(self.config.lease / END_PAUSES_PER_LEASE);
             attempts += 1;
         }
     }
@@ -249,26 +249,21 @@ impl Ending {
         may_retry: bool,
         pause: impl FnOnce(Code) -> Duration,
     ) -> Self {
-        let result = match result {
-            Ok(finish) => Ok(finish),
-            // whatever the job does: the storage is needed by all
-            Err(Stopped::Unavailable) => {
-                return Self::Released(Attempt::Postponed { pause: pause(Code::Unavailable) });
-            }
-            Err(Stopped::Job(error)) => Err(error),
-        };
+        use Stopped::{Job, Unavailable};
         match (result, reason) {
             (Ok(finish), _) => Self::Finished(finish),
+            // the job is not the reason: every job needs the storage
+            (Err(Unavailable), _) => Self::Released(Attempt::Postponed { pause: pause(Code::Unavailable) }),
             // not caused by the upload: another attempt may succeed
-            (Err(JobError::Failed(fault)), _) if fault.code.is_of_the_machine() && may_retry => {
+            (Err(Job(JobError::Failed(fault))), _) if fault.code.is_of_the_machine() && may_retry => {
                 tracing::warn!(?fault, "a job failed with an error of the machine; it returns to the queue");
                 Self::Released(Attempt::Counted { pause: pause(fault.code) })
             }
-            (Err(JobError::Failed(fault)), _) => Self::Finished(Finish::Failed(fault)),
-            (Err(JobError::Cancelled(_)), Some(StopReason::Lost)) => Self::Lost,
-            (Err(JobError::Cancelled(_)), Some(StopReason::ShuttingDown)) => Self::Released(Attempt::NotCounted),
-            (Err(JobError::Cancelled(_)), Some(StopReason::Cancelled)) => Self::Finished(Finish::Cancelled),
-            (Err(JobError::Cancelled(_)), None) => {
+            (Err(Job(JobError::Failed(fault))), _) => Self::Finished(Finish::Failed(fault)),
+            (Err(Job(JobError::Cancelled(_))), Some(StopReason::Lost)) => Self::Lost,
+            (Err(Job(JobError::Cancelled(_))), Some(StopReason::ShuttingDown)) => Self::Released(Attempt::NotCounted),
+            (Err(Job(JobError::Cancelled(_))), Some(StopReason::Cancelled)) => Self::Finished(Finish::Cancelled),
+            (Err(Job(JobError::Cancelled(_))), None) => {
                 let detail = "the job stopped without being asked to; this is a bug of the service";
                 Self::Finished(Finish::Failed(Fault::new(Code::Internal, detail)))
             }

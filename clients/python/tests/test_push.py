@@ -57,6 +57,20 @@ def test_a_token_of_the_environment_wins_over_that_of_the_file(tmp_path: Path) -
     assert settings.load(file, {"token_file": tmp_path / "token"}, {"PINSTACK_TOKEN": "t"}).token == "of the rig"
 
 
+def test_of_two_stacks_with_one_name_the_later_is_refused(tmp_path: Path) -> None:
+    first, second = find(make(tmp_path, "a/b/1.jpg", "a/b/2.jpg", "A_b/1.jpg", "A_b/2.jpg"))
+    assert first.problem is None and second.problem is not None and "the same name" in second.problem
+
+
+def test_a_view_of_a_manifest_without_pictures_is_no_stack(tmp_path: Path) -> None:
+    def empty(names: Sequence[str], manifest: Optional[Mapping[str, Any]]) -> Mapping[str, Any]:
+        view = {"name": "v", "pan_deg": None, "tilt_deg": None, "front": [], "back": [], "problem": "no slices"}
+        return {"views": [view], "ignored": []}
+
+    found = folders.find(make(tmp_path, "1.jpg"), empty)
+    assert found.stacks == [] and "has no picture" in found.ignored[0][1]
+
+
 def test_stacks_whose_names_meet_become_complete(tmp_path: Path) -> None:
     make(tmp_path, "a/b/1.jpg", "a/b/2.jpg", "a_b/1.jpg", "a_b/2.jpg")
     complete = Complete(0.0, lambda: 0.0)

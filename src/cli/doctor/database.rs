@@ -1,13 +1,29 @@
 //! The database: reachable, readable by this version, with a clock that agrees, and the tokens in it.
 
+use std::time::Duration;
+
+use anyhow::anyhow;
+use tokio::time::timeout;
+
 use super::{Finding, ServeConfig};
 use crate::{
     cli::access::Auth,
-    store::inspection::{Inspection, Rows, of_database, of_folder},
+    store::{
+        DatabaseUrl, StoreResult,
+        inspection::{Inspection, Rows, of_database, of_folder},
+    },
 };
 
 /// A larger difference from the clock of the database is a warning, ms.
 const MAX_CLOCK_DIFFERENCE_MS: i64 = 5_000;
+
+/// How long a database on another machine may take to answer.
+const ANSWER: Duration = Duration::from_secs(10);
+
+async fn answer_of(url: &DatabaseUrl) -> StoreResult<Option<Inspection>> {
+    let answer = timeout(ANSWER, of_database(url)).await;
+    answer.unwrap_or_else(|_| Err(anyhow!("it does not answer within {} s", ANSWER.as_secs()).into())).map(Some)
+}
 
 /// What the database says, and its numbers of rows.
 pub(super) async fn findings(config: &ServeConfig) -> (Vec<Finding>, Option<Rows>) {
@@ -16,7 +32,7 @@ pub(super) async fn findings(config: &ServeConfig) -> (Vec<Finding>, Option<Rows
         Err(error) => return (vec![Finding::problem("database", format!("{error:#}"))], None),
     };
     let (inspected, place) = match &url {
-        Some(url) => (of_database(url).await.map(Some), format!("Postgres, {url}")),
+        Some(url) => (answer_of(url).await, format!("Postgres, {url}")),
         None => (of_folder(&config.data_dir).await, format!("SQLite in {}", config.data_dir.display())),
     };
     let inspection = match inspected {

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use crate::contract::Name;
 use pinstack_science::{
-    archive::scan::{ScanArchive, ScanView},
+    archive::scan::{Ignored, ScanArchive, ScanView},
     types::Warning,
 };
 
@@ -17,7 +17,7 @@ pub struct ScanArchiveView {
     /// The views, by tilt, pan and name.
     pub views: Vec<ArchivedView>,
     /// Files that belong to no view, and why.
-    pub ignored: Vec<IgnoredFile>,
+    pub ignored: Vec<Ignored>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
 }
@@ -45,23 +45,13 @@ pub struct ArchivedView {
     pub problem: Option<String>,
 }
 
-/// A file that belongs to no view.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct IgnoredFile {
-    /// Name in the zip.
-    pub name: String,
-    /// Why it is ignored.
-    pub reason: String,
-}
-
 impl ScanArchiveView {
     /// The grouping of a zip. `slice_count`: slices per light that the profile needs.
     pub fn of(scan: &Name, archive: &ScanArchive, slice_count: usize) -> Self {
-        let ignored = archive.ignored().iter();
         Self {
             scan: scan.clone(),
             views: archive.views().iter().map(|view| ArchivedView::of(view, slice_count)).collect(),
-            ignored: ignored.map(|i| IgnoredFile { name: i.name.clone(), reason: i.reason.clone() }).collect(),
+            ignored: archive.ignored().to_vec(),
             warnings: archive.warnings().to_vec(),
         }
     }

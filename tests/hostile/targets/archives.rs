@@ -9,7 +9,7 @@ use pinstack_science::{
 use super::{limits, pictures::png, refused_with};
 
 /// Codes with which a zip may be refused.
-const REFUSALS: [Code; 6] = [
+pub(super) const REFUSALS: [Code; 6] = [
     Code::InvalidArchive,
     Code::UnsupportedArchive,
     Code::ArchiveTooLarge,

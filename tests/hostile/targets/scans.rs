@@ -14,17 +14,8 @@ use pinstack_science::{
     photogrammetry::poses::{self, PoseOptions},
 };
 
-use super::{limits, refused_with};
+use super::{archives::REFUSALS, limits, refused_with};
 
-/// Codes with which the zip of a scan may be refused.
-const REFUSALS: [Code; 6] = [
-    Code::InvalidArchive,
-    Code::UnsupportedArchive,
-    Code::ArchiveTooLarge,
-    Code::InvalidImage,
-    Code::SizeMismatch,
-    Code::SliceCountMismatch,
-];
 /// Names that are taken from an input at most.
 const MAX_NAMES: usize = 300;
 

@@ -278,13 +278,6 @@ class HeightInfo(TypedDict):
     valid_fraction: float
 
 
-class Ignored(TypedDict):
-    """A file that belongs to no view."""
-
-    name: str
-    reason: str
-
-
 class IgnoredFile(TypedDict):
     """A file that belongs to no view."""
 
@@ -376,7 +369,7 @@ class Metrics(TypedDict):
 class NameGrouping(TypedDict):
     """The views that names tell."""
 
-    ignored: List[Ignored]
+    ignored: List[IgnoredFile]
     views: List[NamedView]
     warnings: List[Warning]
 

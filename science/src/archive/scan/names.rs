@@ -1,10 +1,9 @@
 //! Groups a list of names into views, without a zip: to show the grouping before pictures are sent, and for programs
 //! that send each view on its own.
 //!
-//! The rules are those of [`open_scan`](super::open_scan), but names of views keep the folders that enclose all views.
-//! Where that refuses a zip because one view is wrong, the view
-//! has a [`problem`](NamedView::problem) here, and the others are grouped all the same: a folder that is being filled
-//! always has a view that is not complete.
+//! The rules are those of [`open_scan`](super::open_scan), with two differences. The name of a view keeps the folders
+//! that enclose all views. A wrong view has a [`problem`](NamedView::problem), and the others are grouped all the same:
+//! a folder that is being filled always has a view that is not complete.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -18,7 +17,7 @@ use super::{
     view::{Group, Ignored, ScanRules},
 };
 use crate::{
-    archive::{invalid, layout, member_names, members::Member},
+    archive::{invalid, layout, member_names, members::Member, natural_order},
     types::{Error, Warning},
 };
 
@@ -36,8 +35,8 @@ pub struct NameGrouping {
 /// A view that names tell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct NamedView {
-    /// The folders and the part of the file names that name the view, or its label in the manifest. Empty for a view in
-    /// the root. It does not change when other folders are added.
+    /// The folders and the part of the file names that name the view, or its label in the manifest. Folders that
+    /// enclose all views are a part of it. Empty for a view in the root.
     pub name: String,
     /// Pan, degrees; null when names do not say it.
     pub pan_deg: Option<f64>,
@@ -65,7 +64,7 @@ pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -
         members.push(Member { index, name, size: 0, unclear_name: false });
     }
     layout::refuse_same_names(&members)?;
-    let mut ignored = refuse_both_lights(&mut members);
+    let mut ignored = take_both_lights(&mut members);
     let (split, alone) = layout::split_with_raw(members);
     ignored.extend(alone.into_iter().map(|(member, format)| Ignored {
         reason: format!("a {format} camera raw file without a picture of the same name; convert it first"),
@@ -88,7 +87,7 @@ pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -
         layout::twins(&split.pictures).into_iter().map(|(member, detail)| (member.index, detail)).collect();
     let (groups, others) = grouping::group(split, listed, rules, Enclosing::Kept, &mut warnings)?;
     ignored.extend(others);
-    ignored.sort_by(|a, b| a.name.cmp(&b.name));
+    natural_order::sort(&mut ignored, |file| &file.name, &mut Vec::new());
     let mut same: HashMap<usize, String> = checks::same_views(&groups).into_iter().collect();
     let views = groups.into_iter().enumerate().map(|(at, group)| {
         let in_two_formats = || group.front.iter().chain(&group.back).find_map(|member| twins.get(&member.index));
@@ -105,10 +104,9 @@ fn view(group: Group, problem: Option<String>) -> NamedView {
 }
 
 /// Takes out the files in folders that name both lights.
-fn refuse_both_lights(members: &mut Vec<Member>) -> Vec<Ignored> {
-    let wrong: BTreeSet<&str> =
-        members.iter().map(Member::folder).filter(|folder| folders::names_both_lights(folder)).collect();
-    let wrong: BTreeSet<String> = wrong.into_iter().map(str::to_owned).collect();
+fn take_both_lights(members: &mut Vec<Member>) -> Vec<Ignored> {
+    let wrong = members.iter().map(Member::folder).filter(|folder| folders::names_both_lights(folder));
+    let wrong: BTreeSet<String> = wrong.map(str::to_owned).collect();
     let taken = members.extract_if(.., |member| wrong.contains(member.folder()));
     let reason = "its folders name both lights; keep one word for the light in the path";
     taken.map(|member| Ignored { name: member.name, reason: reason.to_owned() }).collect()

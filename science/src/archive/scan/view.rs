@@ -75,6 +75,7 @@ impl ScanView {
 
 /// A file that belongs to no view.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = IgnoredFile)]
 pub struct Ignored {
     /// Its name in the zip.
     pub name: String,

@@ -15,6 +15,7 @@ function adapt() {
   for (const part of form.querySelectorAll('[data-for]')) part.hidden = !part.dataset.for.split(' ').includes(purpose());
   by('scan').required = purpose() === 'scan';
   show();
+  group();
 }
 form.addEventListener('change', (event) => { if (event.target.name === 'purpose') adapt(); });
 
@@ -35,7 +36,7 @@ drop.addEventListener('drop', async (event) => {
   try { take(await dropped(event.dataTransfer)); } catch { tell('told', 'the folder cannot be read; choose it with the button'); }
 });
 
-async function take(files) {
+function take(files) {
   choice = sorted(files);
   tell('told', '');
   if (!choice.zip && choice.pictures.length === 0) {
@@ -45,8 +46,14 @@ async function take(files) {
     choice = null;
   }
   show();
-  if (choice === null || choice.zip || purpose() === 'calibration') return;
+  group();
+}
+
+/** Asks the server once how it groups what was chosen. */
+async function group() {
   const own = choice;
+  if (own === null || own.zip || own.isAsked || purpose() === 'calibration') return;
+  own.isAsked = true;
   try {
     own.grouping = await grouped(own.pictures);
   } catch (error) {

@@ -18,7 +18,7 @@ from .._client import Client
 from .._errors import PinstackError
 from .._http import Retry
 from . import sheet
-from .folders import Found, FoundStack, find
+from .folders import Found, FoundStack, find, refuse_same_names
 from .journal import Journal
 from .progress import Progress
 from .run import Stopped, ask_of, interruptible, send_all, table
@@ -107,12 +107,7 @@ def _found(folders: List[Path], client: Client, settings: Settings) -> Found:
         one = find(folder, ask_of(client, settings), results, settings.gap_s)
         found.stacks.extend(one.stacks)
         found.ignored.extend(one.ignored)
-    names: Dict[str, FoundStack] = {}
-    for stack in found.stacks:
-        other = names.setdefault(stack.name.casefold(), stack)
-        if other is not stack:
-            detail = f"{other.front[0]} and {stack.front[0]} are of stacks with the same name {stack.name}; rename one"
-            raise PinstackError("invalid_source", detail)
+    refuse_same_names(found)
     return found
 
 
@@ -162,12 +157,17 @@ def _push(folders: List[Path], settings: Settings) -> int:
 
 
 def _stop_by_signals() -> threading.Event:
-    """Is set by Ctrl-C and by SIGTERM; what is being sent is left as it is."""
+    """Is set by Ctrl-C and by SIGTERM; what is being sent is left as it is. A second signal ends the process."""
     stop = threading.Event()
+
+    def end(number: int, _: object) -> None:
+        stop.set()
+        signal.signal(number, signal.SIG_DFL)
+
     # tests call this in other threads, which get no signals
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: stop.set())
+            signal.signal(number, end)
     return stop
 
 

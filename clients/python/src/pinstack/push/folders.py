@@ -29,8 +29,6 @@ OF_SYSTEMS = frozenset({"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", 
 class FoundStack:
     """The slices of one stack."""
 
-    #: The folder that was searched.
-    root: Path
     #: What the service calls the view: folders and the part of the file names that name it.
     view: str
     #: The label of the stack and of its results.
@@ -85,10 +83,12 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
             sorted((names[name] for name in view[light]), key=lambda path: times.get(path, 0.0))
             for light in ("front", "back")
         )
+        if not front and not back:
+            found.ignored.append((root, f"the view {view['name']} of the manifest has no picture"))
+            continue
         angles = {angle: float(view[angle]) for angle in ("pan_deg", "tilt_deg") if view[angle] is not None}
         found.stacks.append(
             FoundStack(
-                root,
                 str(view["name"]),
                 str(view["name"]).replace("/", "_") or root.resolve().name or "stack",
                 front,
@@ -99,7 +99,17 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
             )
         )
     found.ignored.extend((names[file["name"]], str(file["reason"])) for file in grouping["ignored"])
+    refuse_same_names(found)
     return found
+
+
+def refuse_same_names(found: Found) -> None:
+    """The results of two stacks with the same name would replace each other: the later one is refused."""
+    seen: Dict[str, FoundStack] = {}
+    for stack in found.stacks:
+        other = seen.setdefault(stack.name.casefold(), stack)
+        if other is not stack:
+            stack.problem = f"the stack of {other.files()[0]} has the same name, {stack.name}; rename one"
 
 
 def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:

@@ -26,10 +26,13 @@ def save_results(client: Client, stack: Mapping[str, Any], name: str, wanted: Se
     return [path for path in saved if path is not None]
 
 
-def missing(name: str, wanted: Sequence[str], to: Path) -> bool:
-    """Whether a file of these artifacts is not there."""
-    stems = [_file_stem(name, artifact) for artifact in wanted]
-    return not all(any((to / f"{stem}{suffix}").exists() for suffix in SUFFIXES.values()) for stem in stems)
+def missing(name: str, wanted: Sequence[str], to: Path) -> List[str]:
+    """The artifacts of which no file is there."""
+
+    def is_there(artifact: str) -> bool:
+        return any((to / f"{_file_stem(name, artifact)}{suffix}").exists() for suffix in SUFFIXES.values())
+
+    return [artifact for artifact in wanted if not is_there(artifact)]
 
 
 def _file_stem(name: str, artifact: str) -> str:

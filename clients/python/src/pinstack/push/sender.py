@@ -124,17 +124,22 @@ def _send(
 
 def _known(client: Client, entry: Entry, name: str, settings: Settings, results: Path, on_step: OnStep) -> Outcome:
     """A stack that was done in an earlier run: results that are not there any more are fetched again."""
-    if entry.job is None or not missing(name, settings.save, results):
+    wanted = missing(name, settings.save, results)
+    if entry.job is None or not wanted:
         return Outcome(name, "known")
     try:
         stack = client.get_stack(entry.job)
     except PinstackError as error:
         if error.status not in (404, 410):
             raise
+        # it may never have had some of them, such as the mask of a stack without back light
+        if len(wanted) < len(settings.save):
+            return Outcome(
+                name, "known", [f"the service has it no longer, so there is no {', '.join(wanted)} to fetch"]
+            )
         sentence = (
-            "results are missing here, and the service has the stack no longer; to send it again, remove the journal"
+            "its results are missing here, and the service has it no longer; to send it again, remove the journal"
         )
         return Outcome(name, "failed", [sentence])
     on_step(name, "saving", 0.0)
-    wanted = [artifact for artifact in settings.save if missing(name, [artifact], results)]
     return Outcome(name, "known", [], dict(stack), save_results(client, stack, name, wanted, results))

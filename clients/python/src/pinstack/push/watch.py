@@ -31,7 +31,7 @@ class Complete:
     def __init__(self, quiet_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._quiet_s = quiet_s
         self._clock = clock
-        self._seen: Dict[Tuple[Path, str], Tuple[State, float]] = {}
+        self._seen: Dict[Path, Tuple[State, float]] = {}
 
     def of(self, stacks: List[FoundStack]) -> List[FoundStack]:
         """The stacks that are complete now."""
@@ -39,7 +39,8 @@ class Complete:
         return [stack for stack in stacks if self._is_quiet(stack, now)]
 
     def _is_quiet(self, stack: FoundStack, now: float) -> bool:
-        place = (stack.root, stack.view)
+        # two views of a manifest may have one name, but no picture is in both
+        place = stack.files()[0]
         try:
             state = state_of(stack)
         except OSError:
