@@ -18,6 +18,9 @@ RUN mkdir -p src science/src science/benches \
     && cargo build --release --locked --bin pinstack
 COPY science/src science/src
 COPY src src
+# the guide, which the program serves
+COPY README.md ./
+COPY docs docs
 # newer than the empty crates: files keep their times when they are copied, and Cargo compares times
 RUN touch src/main.rs src/lib.rs science/src/lib.rs && cargo build --release --locked --bin pinstack
 

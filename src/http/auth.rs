@@ -118,7 +118,7 @@ fn refused() -> ApiError {
 /// | request | scopes |
 /// |---|---|
 /// | `OPTIONS` anything; health, `/docs`, `/problems`, `/openapi.json` | no token |
-/// | `/sign-in`, `/sign-out`, `/web` (style sheet and scripts of the pages) | no token |
+/// | `/sign-in`, `/sign-out`, `/guide`, `/web` (style sheet and scripts of the pages) | no token |
 /// | `GET /v1/uploads` (the uploads of all tokens) | `admin` |
 /// | `GET /v1/uploads/...` | `read`, `stacks:write` or `profiles:write` |
 /// | other requests below `/v1/uploads` | `stacks:write` or `profiles:write`; the purpose decides at the creation |
@@ -135,7 +135,7 @@ fn refused() -> ApiError {
 pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
     let below = |place: &str| path.strip_prefix(place).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
     let is_open = ["/sign-in", "/sign-out", "/favicon.ico", "/healthz", "/readyz", "/openapi.json"].contains(&path)
-        || ["/docs", "/problems", "/web"].into_iter().any(below);
+        || ["/docs", "/guide", "/problems", "/web"].into_iter().any(below);
     if is_open || *method == Method::OPTIONS {
         return None;
     }

@@ -156,6 +156,23 @@ fn every_link_to_a_file_of_the_project_resolves() {
 }
 
 #[test]
+fn every_warning_of_the_metrics_is_explained() {
+    let read = |name: &str| fs::read_to_string(project().join("docs").join(name)).expect("UTF-8");
+    let (metrics, explained) = (read("METRICS.md"), read("TROUBLESHOOTING.md"));
+    let mut codes = Vec::new();
+    for heading in ["## Findings", "## Other warnings of a stack", "## `mask`"] {
+        for row in tables::rows(tables::section(&metrics, heading)) {
+            // the fields of the mask are in a table of the same section
+            let is_code = |code: &&str| heading != "## `mask`" || code.starts_with("mask_");
+            codes.extend(row[0].split('`').step_by(2).filter(is_code).map(str::to_owned));
+        }
+    }
+    assert!(codes.len() > 30, "{codes:?}");
+    let missing: Vec<_> = codes.iter().filter(|code| !explained.contains(&format!("\n### `{code}`\n"))).collect();
+    assert!(missing.is_empty(), "TROUBLESHOOTING.md does not explain {missing:?}");
+}
+
+#[test]
 fn only_plain_sh_blocks_are_commands() {
     let text = "```sh\na\nb\n```\n```sh docker\nc\n```\n```text\nd\n```\n```sh\ne\n```\n";
     assert_eq!(blocks(text), ["a\nb\n", "e\n"]);

@@ -20,7 +20,8 @@ use crate::contract::{Code, Problem};
 pub struct ShownAsPage;
 
 /// The first segments of the paths of pages.
-const PAGES: [&str; 9] = ["", "stacks", "send", "scans", "profiles", "calibrations", "plan", "sign-in", "sign-out"];
+const PAGES: [&str; 10] =
+    ["", "stacks", "send", "scans", "profiles", "calibrations", "plan", "guide", "sign-in", "sign-out"];
 
 /// The layer: a person who opens a page that needs a token comes to the page that asks for it; other errors are shown
 /// in words.

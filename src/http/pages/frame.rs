@@ -130,6 +130,7 @@ impl Frame<'_> {
                 }
             }
             div.who {
+                a href="/guide" { "Guide" }
                 a href="/docs/" { "API" }
                 @if let Some(name) = &viewer.name {
                     span title="The token with which you are signed in" { (text(name)) }

@@ -6,6 +6,7 @@
 //! | [`frame`] | what the pages have in common: head, navigation, style sheet, content policy |
 //! | [`assets`] | style sheet, scripts and icon, embedded in the program |
 //! | [`errors`] | errors of pages as pages |
+//! | [`guide`] | the Markdown files of `docs/`, to read in the browser |
 //! | [`calibration_report`], [`pose_report`] | reports as single files that load nothing; they can be saved and mailed |
 //!
 //! The pages are written with maud, which escapes what it shows. Reports are pure functions that build their text
@@ -16,6 +17,7 @@ pub mod assets;
 pub mod calibration_report;
 pub mod errors;
 pub mod frame;
+pub mod guide;
 mod html;
 pub mod plan;
 pub mod pose_report;

@@ -2,7 +2,7 @@
 
 use axum::{Router, routing::get};
 
-use super::{assets, plan, profiles, scan, scans, send, sign_in, stack, stacks};
+use super::{assets, guide, plan, profiles, scan, scans, send, sign_in, stack, stacks};
 use crate::http::state::App;
 
 /// The routes.
@@ -20,6 +20,8 @@ pub fn routes() -> Router<App> {
         .route("/profiles/{rig}/{lens}", get(profiles::page::page))
         .route("/calibrations/{id}", get(profiles::calibration::page))
         .route("/plan", get(plan::page))
+        .route("/guide", get(guide::start))
+        .route("/guide/{*name}", get(guide::page))
         .route("/sign-in", get(sign_in::form).post(sign_in::sign_in))
         .route("/sign-out", axum::routing::post(sign_in::sign_out))
 }

@@ -8,6 +8,7 @@ use crate::{
         request::StackRequest,
     },
     http::pages::{
+        guide,
         stacks::row::angles,
         words::{bytes, date, duration, sentence, text},
     },
@@ -24,16 +25,25 @@ pub fn warnings(job: &Job, outcome: Option<&StackOutcome>) -> Markup {
             section {
                 h2 { "Warnings" }
                 ul.warnings {
-                    @for warning in &job.warnings { li { (sentence(&warning.detail)) " " code { (text(&warning.code)) } } }
+                    @for warning in &job.warnings { li { (sentence(&warning.detail)) " " (explained(&warning.code)) } }
                 }
             }
         }
         @if !notes.is_empty() {
             section {
                 h2 { "Notes" }
-                ul { @for note in notes { li { (sentence(&note.detail)) } } }
+                ul { @for note in notes { li { (sentence(&note.detail)) " " (explained(&note.code)) } } }
             }
         }
+    }
+}
+
+/// The code of a warning, with a link to what the guide says about it.
+fn explained(code: &str) -> Markup {
+    let shown = html! { code { (text(code)) } };
+    match guide::explanation(code) {
+        Some(href) => html! { a href=(href) { (shown) } },
+        None => shown,
     }
 }
 

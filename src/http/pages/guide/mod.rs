@@ -1,0 +1,127 @@
+//! `/guide`: the Markdown files of `docs/` and the README, to read in the browser of a machine that has nothing else of
+//! pinstack. The program has them embedded, so the guide is always that of the running version.
+
+mod markdown;
+
+use std::{collections::BTreeMap, sync::LazyLock};
+
+use axum::{
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Redirect, Response},
+};
+use maud::{Markup, PreEscaped, html};
+use rust_embed::RustEmbed;
+
+use self::markdown::{Heading, Rendered};
+use super::{
+    frame::{Frame, Place, Viewer},
+    words::text,
+};
+use crate::{
+    contract::Code,
+    http::problem::{ApiError, ApiResult},
+};
+
+#[derive(RustEmbed)]
+#[folder = "docs/"]
+struct Docs;
+
+/// The README of the project, the only page outside of `docs/`.
+const README: &str = include_str!("../../../../README.md");
+/// The page that explains each warning: a heading per code.
+const WARNINGS: &str = "TROUBLESHOOTING";
+/// More headings than these are listed at the top of a page.
+const FEW_HEADINGS: usize = 3;
+
+/// Every page by its name in the URL, made at the first use. The first page has the empty name.
+static PAGES: LazyLock<BTreeMap<String, Rendered>> = LazyLock::new(|| {
+    let files = Docs::iter().filter_map(|file| {
+        let markdown = String::from_utf8(Docs::get(&file)?.data.into_owned()).ok()?;
+        Some((format!("docs/{file}"), markdown))
+    });
+    let files = files.chain([("README.md".to_owned(), README.to_owned())]);
+    files.filter_map(|(path, markdown)| Some((name(&path)?, markdown::render(&markdown, &path, url)))).collect()
+});
+
+/// The name of the page that a Markdown file of the project becomes; `None` for files that are no page.
+fn name(path: &str) -> Option<String> {
+    match path {
+        "README.md" => Some("README".to_owned()),
+        "docs/README.md" => Some(String::new()),
+        path => path.strip_prefix("docs/")?.strip_suffix(".md").map(str::to_owned),
+    }
+}
+
+/// The URL of a file of the project; `None` for files that the guide does not have.
+fn url(path: &str) -> Option<String> {
+    match name(path) {
+        Some(name) if name.is_empty() => Some("/guide".to_owned()),
+        Some(name) => Some(format!("/guide/{name}")),
+        None => {
+            path.strip_prefix("docs/").filter(|file| Docs::get(file).is_some()).map(|file| format!("/guide/{file}"))
+        }
+    }
+}
+
+/// Where the guide explains a warning or note of a stack; `None` if it does not.
+pub fn explanation(code: &str) -> Option<String> {
+    let is_there = PAGES.get(WARNINGS)?.headings.iter().any(|heading| heading.id == code);
+    is_there.then(|| format!("/guide/{WARNINGS}#{code}"))
+}
+
+/// The first page.
+///
+/// # Errors
+/// None in practice.
+pub async fn start(viewer: Viewer) -> ApiResult<Response> {
+    shown("", &viewer)
+}
+
+/// A page, or a picture of one.
+///
+/// # Errors
+/// `not_found`.
+pub async fn page(Path(name): Path<String>, viewer: Viewer) -> ApiResult<Response> {
+    if let Some(page) = name.strip_suffix(".md").filter(|page| PAGES.contains_key(*page)) {
+        return Ok(Redirect::permanent(&format!("/guide/{page}")).into_response());
+    }
+    match media_type(&name).and_then(|media_type| Some((media_type, Docs::get(&name)?))) {
+        Some((media_type, file)) => Ok(([(header::CONTENT_TYPE, media_type)], file.data.into_owned()).into_response()),
+        None => shown(&name, &viewer),
+    }
+}
+
+fn media_type(name: &str) -> Option<&'static str> {
+    match name.rsplit_once('.')?.1 {
+        "png" => Some("image/png"),
+        "jpg" => Some("image/jpeg"),
+        _ => None,
+    }
+}
+
+fn shown(name: &str, viewer: &Viewer) -> ApiResult<Response> {
+    let missing = || ApiError::new(Code::NotFound, "the guide has no such page; its first page is /guide");
+    let page = PAGES.get(name).ok_or_else(missing)?;
+    let frame = Frame { title: &page.title, place: Place::Elsewhere, viewer: Some(viewer), script: None };
+    Ok(frame.answer(html! {
+        article.guide {
+            @if !name.is_empty() { p.crumbs { a href="/guide" { "Guide" } } }
+            h1 { (text(&page.title)) }
+            (contents(&page.headings))
+            (PreEscaped(&page.html))
+        }
+    }))
+}
+
+/// The list of what is on a page, closed at first.
+fn contents(headings: &[Heading]) -> Markup {
+    html! {
+        @if headings.len() > FEW_HEADINGS {
+            details {
+                summary { "On this page" }
+                ul { @for heading in headings { li { a href={ "#" (heading.id) } { (text(&heading.text)) } } } }
+            }
+        }
+    }
+}
