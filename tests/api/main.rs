@@ -11,6 +11,7 @@ mod disk_budget;
 mod doctor;
 mod exposition;
 mod forms;
+mod guide;
 mod lifecycle;
 mod logs;
 mod optics;

@@ -31,7 +31,7 @@ struct Docs;
 const README: &str = include_str!("../../../../README.md");
 /// The page that explains each warning: a heading per code.
 const WARNINGS: &str = "TROUBLESHOOTING";
-/// More headings than these are listed at the top of a page.
+/// A page with more headings than this has a list of them at its top.
 const FEW_HEADINGS: usize = 3;
 
 /// Every page by its name in the URL, made at the first use. The first page has the empty name.
@@ -70,10 +70,10 @@ pub fn explanation(code: &str) -> Option<String> {
     is_there.then(|| format!("/guide/{WARNINGS}#{code}"))
 }
 
-/// The first page.
+/// The first page, `docs/README.md`.
 ///
 /// # Errors
-/// None in practice.
+/// `not_found`, for a program without it.
 pub async fn start(viewer: Viewer) -> ApiResult<Response> {
     shown("", &viewer)
 }
