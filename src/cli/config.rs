@@ -14,7 +14,7 @@ use super::{
     environment::{self, PREFIX},
     settings::{KEYS, flag},
 };
-use crate::store::{DatabaseUrl, Retention};
+use crate::store::{DatabaseUrl, Retention, S3Location, Shared};
 
 impl ServeConfig {
     /// Merges the sources and checks the result.
@@ -60,6 +60,25 @@ impl ServeConfig {
             bail!("database_url_file: {file} must contain a URL of Postgres: postgres://user:password@host/pinstack");
         }
         Ok(Some(url))
+    }
+
+    /// Where database and files are, as far as they are not in the data folder.
+    ///
+    /// # Errors
+    /// As [`ServeConfig::database`].
+    pub fn shared(&self) -> anyhow::Result<Shared> {
+        Ok(Shared { database: self.database()?, storage: self.storage() })
+    }
+
+    /// The bucket of `storage_url`; `None`: files in the data folder.
+    pub fn storage(&self) -> Option<S3Location> {
+        Some(S3Location {
+            url: self.storage_url.clone()?,
+            endpoint: self.storage_endpoint.clone(),
+            region: self.storage_region.clone(),
+            ca_file: self.storage_ca_file.clone(),
+            credentials_file: self.storage_credentials_file.clone(),
+        })
     }
 
     /// How long finished jobs are kept.

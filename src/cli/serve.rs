@@ -84,7 +84,7 @@ impl Service {
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
         remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        let store = store::open_shared(data_dir, config.database()?.as_ref()).await?;
+        let store = store::open_shared(data_dir, &config.shared()?).await?;
         let listener = TcpListener::bind(&config.listen)
             .await
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;

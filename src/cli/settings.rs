@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::{access::Auth, environment::PREFIX, logging::LogFormat};
 use crate::{
     http::{Policy, connections::AddressRange},
-    store::DatabaseUrl,
+    store::{DatabaseUrl, s3::S3Url},
     worker,
 };
 
@@ -175,6 +175,21 @@ settings! {
             "File that contains the database_url, for example a secret of a container",
             check |config| config.database_url.is_none() || config.database_url_file.is_none()
                 => "and database_url exclude each other: give one of them";
+        storage_url: S3Url, "files in data_dir", "URL",
+            "Bucket of an S3-compatible store for uploads and results, s3://bucket/prefix; needs database_url",
+            check |config| config.storage_url.as_ref().is_none_or(|url|
+                url.is_valid() && (config.database_url.is_some() || config.database_url_file.is_some()))
+                => "must look like s3://bucket or s3://bucket/prefix, and needs database_url";
+        storage_endpoint: String, "AWS", "URL",
+            "Server of the bucket, for example https://s3.lab.example:9000",
+            check |config| config.storage_endpoint.as_ref().is_none_or(|url| is_origin(url.trim_end_matches('/')))
+                => "must be scheme, host and port of a server: https://s3.lab.example:9000";
+        storage_region: String, "AWS_REGION, or us-east-1", "NAME",
+            "Region of the bucket";
+        storage_ca_file: PathBuf, "", "FILE",
+            "Certificates (PEM) to trust for the server of the bucket, besides those of public authorities";
+        storage_credentials_file: PathBuf, "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or the role of the machine", "FILE",
+            "File with the key of the bucket, as ~/.aws/credentials: lines aws_access_key_id and aws_secret_access_key";
         keep_stacks_days: u32, "never", "DAYS",
             "Delete succeeded stacks this many days after their end, unless their own keep_days differs";
         keep_failed_days: u32, "never", "DAYS",

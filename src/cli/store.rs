@@ -50,10 +50,10 @@ impl Place {
 /// # Errors
 /// When there is no store, or it cannot be used.
 pub async fn open(config: ServeConfig) -> anyhow::Result<(ServeConfig, Store)> {
-    let database = config.database()?;
-    if database.is_none() && !data_folder::exists(&config.data_dir) {
+    let shared = config.shared()?;
+    if shared.database.is_none() && !data_folder::exists(&config.data_dir) {
         bail!("there is no database in {}; specify the data folder with --data-dir", config.data_dir.display());
     }
-    let store = store::open_shared(&config.data_dir, database.as_ref()).await?;
+    let store = store::open_shared(&config.data_dir, &shared).await?;
     Ok((config, store))
 }

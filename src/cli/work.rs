@@ -33,7 +33,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let mut signals = StopSignals::listen()?;
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
-        let store = store::open_shared(data_dir, config.database()?.as_ref()).await?;
+        let store = store::open_shared(data_dir, &config.shared()?).await?;
         let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(ScienceRunner::default()));
         let pool = Pool::start(Deps { store: store.clone(), disk, runner }, workers(&config));
         let maintenance = maintenance::start(store.clone(), maintenance::EVERY, config.retention());

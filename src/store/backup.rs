@@ -167,7 +167,9 @@ impl Backup<'_> {
         let results = job.outcome.as_ref().map(|outcome| outcome.artifacts()).unwrap_or_default();
         for key in upload.into_iter().chain(results.iter().map(|artifact| artifact.key.as_str())) {
             if self.blobs.head(key).await?.is_some() {
-                if let Some(from) = self.store.blobs.fetch(key, &self.store.workspace).await?
+                // only blobs of this machine share an inode
+                if self.store.blobs.is_local()
+                    && let Some(from) = self.store.blobs.fetch(key, &self.store.workspace).await?
                     && let Some(inode) = shared_inode(&from).await
                 {
                     self.shared.insert(inode, key.to_owned());

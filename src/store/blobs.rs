@@ -31,6 +31,8 @@ pub type ByteStream = BoxStream<'static, io::Result<Bytes>>;
 /// Stores blobs. Keys are made by the service, never taken from a client.
 #[async_trait]
 pub trait BlobStore: Send + Sync + 'static {
+    /// True when [`BlobStore::fetch`] gives the blob itself. False when it gives a copy, which needs disk space.
+    fn is_local(&self) -> bool;
     /// Stores a file as the blob `key`. On return the blob is durable and the file at its path is gone. On an error the
     /// file is still there, or is removed with its guard.
     async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()>;

@@ -12,11 +12,13 @@ use std::{
 };
 
 use super::{
-    Clock, MetadataStore, Store, StoreResult, SystemClock,
+    Clock, MetadataStore, S3Location, Store, StoreError, StoreResult, SystemClock, Workspace,
+    blobs::{RESULTS, UPLOADS},
     failpoint::step,
-    folder::{DATABASE, sync_folder},
+    folder::{self, DATABASE, sync_folder},
     local::{self, remove},
     postgres::{DatabaseUrl, PostgresMetadata},
+    s3,
     sqlite::SqliteMetadata,
 };
 
@@ -45,17 +47,64 @@ pub async fn open_metadata(data_dir: &Path) -> StoreResult<Arc<dyn MetadataStore
     open_database(&data_dir.join(DATABASE)).await
 }
 
-/// Opens the store in `data_dir` with its metadata in Postgres, if `database` names one, or else as [`open`]. Processes
-/// of several machines share such a store: each opens the same database, and the same folder on a common file system.
+/// Where a store that several machines may share keeps what is not in its data folder.
+#[derive(Debug, Clone, Default)]
+pub struct Shared {
+    /// The Postgres database with the metadata; `None`: SQLite in the data folder.
+    pub database: Option<DatabaseUrl>,
+    /// The bucket with blobs and upload parts, for which a Postgres database is needed; `None`: the data folder.
+    pub storage: Option<S3Location>,
+}
+
+/// Opens the store in `data_dir`, with its metadata in Postgres and its files in a bucket, if `shared` names them.
+/// Processes of several machines share such a store: each opens the same database, and the same bucket, or the same
+/// folder on a common file system. With a bucket, the folder holds the scratch files of this machine alone.
 ///
 /// # Errors
-/// As [`open`]; when the database cannot be reached; and when the folder has a database of its own, whose stacks would
-/// not be seen any more.
-pub async fn open_shared(data_dir: &Path, database: Option<&DatabaseUrl>) -> StoreResult<Store> {
-    if database.is_none() {
+/// As [`open`]; when the database or the bucket cannot be reached, or do not belong together; and when the folder has a
+/// database or files of its own, which would not be seen any more.
+pub async fn open_shared(data_dir: &Path, shared: &Shared) -> StoreResult<Store> {
+    let Some(url) = &shared.database else {
+        if shared.storage.is_some() {
+            return Err(anyhow::anyhow!(
+                "storage_url needs database_url: SQLite is for one machine, with its files on its own disk"
+            )
+            .into());
+        }
         return open(data_dir).await;
+    };
+    let metadata = open_postgres(data_dir, url).await?;
+    let Some(location) = &shared.storage else {
+        metadata.store_in_folder().await?;
+        return Store::new(Arc::new(metadata), data_dir);
+    };
+    refuse_files(data_dir)?;
+    let id = metadata.store_in_bucket(&location.url).await?;
+    let (blobs, parts) = s3::open(location, id).await?;
+    let workspace = folder::make(data_dir).and_then(|()| Workspace::open(data_dir));
+    let workspace =
+        workspace.map_err(|error| StoreError::of_io(error, format!("cannot use the folder {}", data_dir.display())))?;
+    Ok(Store {
+        metadata: Arc::new(metadata),
+        blobs: Arc::new(blobs),
+        parts: Arc::new(parts),
+        workspace: Arc::new(workspace),
+    })
+}
+
+/// Requires that the data folder has no uploads and results of its own.
+fn refuse_files(data_dir: &Path) -> StoreResult<()> {
+    let has_files =
+        |prefix| fs::read_dir(data_dir.join("blobs").join(prefix)).is_ok_and(|mut files| files.next().is_some());
+    if has_files(UPLOADS) || has_files(RESULTS) {
+        return Err(anyhow::anyhow!(
+            "storage_url: {} has files of stacks, which would not be seen; use a new data_dir with the bucket and move \
+             the old one into it (pinstack restore --from)",
+            data_dir.display()
+        )
+        .into());
     }
-    Store::new(open_shared_metadata(data_dir, database).await?, data_dir)
+    Ok(())
 }
 
 /// The metadata of such a store alone.
@@ -66,7 +115,13 @@ pub async fn open_shared_metadata(
     data_dir: &Path,
     database: Option<&DatabaseUrl>,
 ) -> StoreResult<Arc<dyn MetadataStore>> {
-    let Some(url) = database else { return open_metadata(data_dir).await };
+    match database {
+        Some(url) => Ok(Arc::new(open_postgres(data_dir, url).await?)),
+        None => open_metadata(data_dir).await,
+    }
+}
+
+async fn open_postgres(data_dir: &Path, url: &DatabaseUrl) -> StoreResult<PostgresMetadata> {
     if exists(data_dir) {
         let error = anyhow::anyhow!(
             "database_url: {} has a SQLite database already, and its stacks would not be seen; use a new data_dir with \
@@ -75,7 +130,7 @@ pub async fn open_shared_metadata(
         );
         return Err(error.into());
     }
-    Ok(Arc::new(PostgresMetadata::open(url).await?))
+    PostgresMetadata::open(url).await
 }
 
 /// Moves the rows of a database file into a Postgres database that has none yet.

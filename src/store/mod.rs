@@ -3,15 +3,15 @@
 //! | part of [`Store`] | trait | engine |
 //! |---|---|---|
 //! | profiles, scans, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`], or [`postgres`] for several machines |
-//! | uploads and results by key | [`BlobStore`] | [`local`] |
-//! | bytes of resumable uploads while they arrive | [`UploadParts`] | [`local`] |
+//! | uploads and results by key | [`BlobStore`] | [`local`], or [`s3`] for several machines |
+//! | bytes of resumable uploads while they arrive | [`UploadParts`] | the same |
 //! | scratch of this process | [`Workspace`], not a trait | |
 //!
 //! [`open`] is the only place that names an engine. Each trait has a conformance suite in `store::conformance` that
 //! runs on every engine.
 //!
 //! Whatever is acknowledged to a client has been made durable in this order: write bytes, fsync the file, rename it,
-//! fsync the folder, commit the row.
+//! fsync the folder, commit the row. With a bucket: store the object, compare its size, commit the row.
 
 pub mod backup;
 pub mod blobs;
@@ -34,6 +34,7 @@ pub mod parts;
 pub mod postgres;
 pub mod profiles;
 mod rows;
+pub mod s3;
 pub mod scans;
 pub mod sqlite;
 pub mod tokens;
@@ -47,7 +48,7 @@ pub mod conformance;
 
 pub use blobs::BlobStore;
 pub use clock::{Clock, ManualClock, SystemClock};
-pub use data_folder::{open, open_metadata, open_shared, open_shared_metadata, open_with_clock};
+pub use data_folder::{Shared, open, open_metadata, open_shared, open_shared_metadata, open_with_clock};
 pub use error::{StoreError, StoreResult, is_full};
 pub use expiry::{Expiry, Retention};
 pub use jobs::{BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, OverQuota};
@@ -57,6 +58,7 @@ pub use page::{Page, PageRequest, Skipped};
 pub use parts::UploadParts;
 pub use postgres::DatabaseUrl;
 pub use profiles::{Precondition, ProfileDraft, ProfileStore, PutProfile};
+pub use s3::S3Location;
 pub use scans::ScanStore;
 pub use tokens::Tokens;
 pub use totals::Totals;

@@ -41,6 +41,8 @@ pub struct Advance {
     pub digest: Vec<u8>,
     /// Time from now until the upload expires.
     pub keep: Duration,
+    /// The generation that must still be the newest; `None` where the lock of the upload keeps other requests out.
+    pub generation: Option<i64>,
 }
 
 /// State of an upload.
@@ -124,7 +126,8 @@ pub trait UploadRecords: Send + Sync + 'static {
     /// Increments the generation of an upload and returns the new one. Announced like a change of a job. `None` when
     /// there is no such upload.
     async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>>;
-    /// Records bytes that are on stable storage. False when the offset is not `from`, or the upload is not open.
+    /// Records bytes that are on stable storage. False when the offset is not `from`, the upload is not open, or
+    /// another generation than [`Advance::generation`] is the newest.
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool>;
     /// Creates the job of an upload whose bytes are complete, and records it in the upload, in one transaction. An
     /// upload that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload does not exist or was

@@ -29,7 +29,10 @@ impl Executor {
         job: &Job,
         keeper: &LeaseKeeper,
     ) -> Result<Result<Reservation, Fault>, Stopped> {
-        let bytes = self.deps.runner.disk_need(&job.request);
+        let store = &self.deps.store;
+        // a zip that is not on this machine is copied to it
+        let copy = if store.blobs.is_local() { 0 } else { job.request.upload().bytes };
+        let bytes = self.deps.runner.disk_need(&job.request).saturating_add(copy);
         let mut waits = false;
         loop {
             let state = match self.deps.disk.reserve(bytes).await.map_err(internal)? {

@@ -24,7 +24,8 @@ const CALIBRATION: &str = "copy.write";
 
 /// All of these failpoints.
 pub fn steps() -> Vec<&'static str> {
-    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS].concat()
+    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS, &crate::bucket::STEPS]
+        .concat()
 }
 
 fn text(output: &std::process::Output) -> String {

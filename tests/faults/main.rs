@@ -8,6 +8,7 @@
 //! | `elsewhere` | failpoints of commands, garbage collection and calibrations |
 //! | `copies` | backups that are interrupted |
 //! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
+//! | `bucket` | several processes on one Postgres database and one bucket; failpoints, a bucket that fails or lies, a cut network |
 //! | `moving` | a data folder that moves to Postgres and back |
 //! | `workers` | a stopped worker that continues after another process has its job |
 //! | `small_disk` | a file system that is really full |
@@ -15,16 +16,20 @@
 //!
 //! The failpoints exist only in builds of `cargo test`.
 
+mod bucket;
 mod copies;
 mod elsewhere;
 mod machines;
 mod matrix;
 mod moving;
+mod relay;
 mod service;
 mod small_disk;
 mod soak;
 mod steps;
 mod story;
+#[path = "../../src/store/s3/test_server.rs"]
+mod test_bucket;
 #[path = "../../src/store/postgres/test_server.rs"]
 mod test_server;
 mod workers;

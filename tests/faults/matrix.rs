@@ -40,8 +40,7 @@ macro_rules! insist {
 }
 
 /// A day of the service, with every kind of request. Returns the faults that requests observed.
-async fn day(fault: &str) -> Vec<String> {
-    let mut story = Story::begin(fault).await;
+pub async fn day(mut story: Story) -> Vec<String> {
     insist!(story.profile());
 
     insist!(story.scan());
@@ -108,7 +107,8 @@ async fn every_step(fault: &'static str) {
                 let _turn = side_by_side.acquire().await.expect("open");
                 let before = BEFORE.iter().find(|(step, _)| *step == name).map(|(_, fault)| *fault).unwrap_or_default();
                 let armed = format!("{before}{name}={broke}*off->1*return({fault})->off");
-                let day = tokio::time::timeout(Duration::from_secs(300), day(&armed));
+                let day =
+                    tokio::time::timeout(Duration::from_secs(300), async { day(Story::begin(&armed).await).await });
                 let breaks = day.await.unwrap_or_else(|_| panic!("{armed}: it hangs"));
                 if fault == "kill" && breaks.is_empty() {
                     // the failpoint is passed less often than this; or never, when a cancel came after the end of its

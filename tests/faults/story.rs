@@ -56,6 +56,8 @@ pub struct Story {
     pub broke: Vec<String>,
     zip: Vec<u8>,
     flags: &'static [&'static str],
+    /// Settings file of the service and of the commands that look after it.
+    settings: Option<PathBuf>,
 }
 
 /// Two lights of three slices each.
@@ -99,13 +101,23 @@ fn hex(bytes: &[u8]) -> String {
 impl Story {
     /// Starts a service with armed failpoints.
     pub async fn begin(fault: &str) -> Self {
-        Self::in_folder(TempDir::new().expect("a folder"), fault, &[]).await
+        Self::in_folder(TempDir::new().expect("a folder"), fault, &[], None).await
     }
 
-    async fn in_folder(folder: TempDir, fault: &str, flags: &'static [&'static str]) -> Self {
+    /// The same with a settings file.
+    pub async fn begin_with(fault: &str, settings: PathBuf) -> Self {
+        Self::in_folder(TempDir::new().expect("a folder"), fault, &[], Some(settings)).await
+    }
+
+    async fn in_folder(
+        folder: TempDir,
+        fault: &str,
+        flags: &'static [&'static str],
+        settings: Option<PathBuf>,
+    ) -> Self {
         let client = Client::builder().no_proxy().pool_max_idle_per_host(0).build().expect("a client");
-        let mut story = Self { folder, service: None, client, broke: Vec::new(), zip: zip(), flags };
-        story.service = Service::start(&story.data(), Some(fault), flags).await;
+        let mut story = Self { folder, service: None, client, broke: Vec::new(), zip: zip(), flags, settings };
+        story.service = Service::start(&story.data(), Some(fault), &story.flags()).await;
         if story.service.is_none() {
             story.broke.push("it died before it listened".into());
             story.start_again().await;
@@ -122,7 +134,7 @@ impl Story {
     pub async fn on_with(data: &Path, flags: &'static [&'static str]) -> Self {
         let folder = TempDir::new().expect("a folder");
         std::os::unix::fs::symlink(data, folder.path().join("data")).expect("a link");
-        Self::in_folder(folder, "", flags).await
+        Self::in_folder(folder, "", flags, None).await
     }
 
     /// The same, with the rows in Postgres.
@@ -136,8 +148,13 @@ impl Story {
         self.folder.path().join("data")
     }
 
+    fn flags(&self) -> Vec<&str> {
+        let settings = self.settings.as_deref().and_then(Path::to_str);
+        self.flags.iter().copied().chain(settings.into_iter().flat_map(|file| ["--config", file])).collect()
+    }
+
     async fn start_again(&mut self) {
-        self.service = Service::start(&self.data(), None, self.flags).await;
+        self.service = Service::start(&self.data(), None, &self.flags()).await;
         assert!(self.service.is_some(), "a service without a fault starts; its log:\n{}", self.log());
     }
 
@@ -436,7 +453,10 @@ impl Story {
         service.stop().await;
         let data = self.data();
         for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
-            let done = command(&data, arguments);
+            let settings = self.settings.as_deref().and_then(Path::to_str);
+            let arguments: Vec<&str> =
+                arguments.iter().copied().chain(settings.into_iter().flat_map(|file| ["--config", file])).collect();
+            let done = command(&data, &arguments);
             let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
             assert!(done.status.success(), "{arguments:?}: {text}\n{}", self.log());
             assert!(arguments[0] != "verify" || text.contains("; 0 jobs' files"), "{text}");

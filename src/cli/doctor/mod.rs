@@ -4,6 +4,7 @@
 
 mod database;
 mod machine;
+mod storage;
 
 use std::path::PathBuf;
 
@@ -13,7 +14,7 @@ use serde::Serialize;
 
 use super::config::{Flags, ServeConfig};
 
-/// Check settings, data folder, disk, memory, open files, database, tokens and address of a service, and say what to
+/// Check settings, data folder, disk, memory, open files, database, bucket, tokens and address of a service, and say what to
 /// do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a problem.
 #[derive(Debug, Args)]
 pub struct Doctor {
@@ -95,6 +96,7 @@ fn findings(config: &ServeConfig) -> anyhow::Result<Vec<Finding>> {
         findings.push(machine::open_files(config));
         let (of_database, rows) = database::findings(config).await;
         findings.extend(of_database);
+        findings.extend(storage::finding(config).await);
         findings.extend(machine::address(config).await);
         findings.extend(database::tokens(config, rows));
         Ok(findings)

@@ -34,6 +34,8 @@ pub struct UploadLock {
     pub upload: PartialUpload,
     /// Its bytes.
     pub parts: Box<dyn LockedUpload>,
+    /// The generation of this request.
+    pub generation: i64,
 }
 
 /// Locks an upload, taking it over from an older request if necessary. The [`Takeover`] reports when a newer request
@@ -55,7 +57,7 @@ pub async fn lock(app: &App, id: Uuid) -> ApiResult<(UploadLock, Takeover)> {
             }
             let upload = upload.ok_or_else(|| not_found(id))?;
             let takeover = Takeover { app: app.clone(), id, ours, changes };
-            return Ok((UploadLock { upload, parts }, takeover));
+            return Ok((UploadLock { upload, parts, generation: ours }, takeover));
         }
         if Instant::now() >= deadline {
             let detail =

@@ -54,7 +54,7 @@ pub async fn receive(
 ) -> ApiResult<()> {
     let mut takeover = pin!(takeover.requested());
     let offset = locked.upload.offset;
-    if !locked.parts.resume_at(offset).await? {
+    if !locked.parts.resume_at(offset, locked.generation).await? {
         return Err(ApiError::internal(format!(
             "the file of upload {} is shorter than its row says",
             locked.upload.id
@@ -121,19 +121,22 @@ impl Appending<'_> {
 
     /// Syncs the file, then records the offset in the row.
     async fn save(&mut self) -> ApiResult<()> {
-        let upload = &mut self.locked.upload;
+        let UploadLock { upload, parts, generation } = &mut *self.locked;
         if self.written == upload.offset {
             return Ok(());
         }
-        self.locked.parts.sync().await?;
+        parts.sync().await?;
         let advance = Advance {
             from: upload.offset,
             to: self.written,
             digest: self.digest.state(),
             keep: self.app.policy.upload_keep,
+            generation: (!parts.is_exclusive()).then_some(*generation),
         };
-        if !self.app.store.metadata.advance_upload(upload.id, &advance).await? {
-            return Err(not_found(upload.id));
+        let metadata = &self.app.store.metadata;
+        if !metadata.advance_upload(upload.id, &advance).await? {
+            let is_there = metadata.upload(upload.id).await?.is_some();
+            return Err(if is_there { overtaken() } else { not_found(upload.id) });
         }
         (upload.offset, upload.digest) = (advance.to, advance.digest);
         self.checkpoint = Instant::now();
@@ -167,6 +170,13 @@ fn broken_off() -> ApiError {
 
 fn shutting_down() -> ApiError {
     ApiError::new(Code::Unavailable, "the server is shutting down; what arrived is stored; continue when it is back")
+}
+
+/// As [`taken_over`], where the newer request is in another process.
+fn overtaken() -> ApiError {
+    let detail = "a newer request has taken over this upload, so this one was ended; what it sent since the last \
+                  recorded offset is not stored; get the offset with HEAD";
+    ApiError::new(Code::Conflict, detail)
 }
 
 fn taken_over() -> ApiError {

@@ -40,6 +40,10 @@ impl SmallDisk {
 
 #[async_trait]
 impl BlobStore for SmallDisk {
+    fn is_local(&self) -> bool {
+        true
+    }
+
     /// Lets others write between the measurement and the answer.
     async fn capacity(&self) -> StoreResult<Option<Capacity>> {
         tokio::task::yield_now().await;

@@ -51,6 +51,10 @@ impl MemoryBlobStore {
 
 #[async_trait]
 impl BlobStore for MemoryBlobStore {
+    fn is_local(&self) -> bool {
+        false
+    }
+
     async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()> {
         require_key(key)?;
         let cannot = |error| StoreError::of_io(error, format!("cannot upload {key}"));

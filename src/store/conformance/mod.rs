@@ -225,13 +225,29 @@ macro_rules! conformance_cases {
     )+ };
 }
 
+/// As [`conformance_cases!`], for an engine that a machine may lack: `$fresh` returns an `Option`, and `None` skips the
+/// test.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! optional_conformance_cases {
+    ($fresh:path; $($suite:ident: $($case:ident),+ $(,)?;)+) => { $(
+        mod $suite { $(
+            #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+            async fn $case() {
+                let Some((_guard, fresh)) = $fresh().await else { return };
+                $crate::store::conformance::$suite::$case(fresh).await;
+            }
+        )+ }
+    )+ };
+}
+
 /// The suites of a metadata store. See [`crate::store::conformance`].
 #[macro_export]
 macro_rules! metadata_conformance {
     ($fresh:path) => {
         $crate::metadata_conformance!($fresh, $crate::conformance_cases);
     };
-    // an engine that a test may lack makes the tests with a macro of its own, which skips them
+    // for an engine that a machine may lack: `optional_conformance_cases`
     ($fresh:path, $($cases:tt)+) => {
         $($cases)+! { $fresh;
             profiles:
@@ -276,6 +292,7 @@ macro_rules! metadata_conformance {
                 a_quota_holds_under_concurrent_requests,
                 concurrent_repeats_of_a_key_make_one_job_within_a_quota_for_one,
                 an_upload_advances_only_from_its_offset,
+                an_upload_that_several_may_write_advances_only_for_the_newest_generation,
                 a_takeover_increments_the_generation_and_is_announced,
                 a_complete_upload_becomes_one_job_and_an_incomplete_one_none,
                 a_refused_upload_becomes_no_job,
@@ -314,7 +331,10 @@ macro_rules! metadata_conformance {
 #[macro_export]
 macro_rules! blob_conformance {
     ($fresh:path) => {
-        $crate::conformance_cases! { $fresh;
+        $crate::blob_conformance!($fresh, $crate::conformance_cases);
+    };
+    ($fresh:path, $($cases:tt)+) => {
+        $($cases)+! { $fresh;
             blobs:
                 a_stored_file_is_the_blob_and_leaves_the_workspace,
                 a_blob_is_read_by_range,
@@ -331,9 +351,13 @@ macro_rules! blob_conformance {
 #[macro_export]
 macro_rules! upload_parts_conformance {
     ($fresh:path) => {
-        $crate::conformance_cases! { $fresh;
+        $crate::upload_parts_conformance!($fresh, $crate::conformance_cases);
+    };
+    ($fresh:path, $($cases:tt)+) => {
+        $($cases)+! { $fresh;
             parts:
                 an_upload_is_locked_by_one_request_at_a_time,
+                uploads_with_bytes_are_listed_until_they_are_removed,
                 bytes_after_the_offset_are_discarded_and_missing_bytes_are_reported;
         }
     };
@@ -343,7 +367,10 @@ macro_rules! upload_parts_conformance {
 #[macro_export]
 macro_rules! gc_conformance {
     ($fresh:path) => {
-        $crate::conformance_cases! { $fresh;
+        $crate::gc_conformance!($fresh, $crate::conformance_cases);
+    };
+    ($fresh:path, $($cases:tt)+) => {
+        $($cases)+! { $fresh;
             gc:
                 garbage_collection_keeps_what_rows_refer_to_and_removes_the_rest,
                 the_blobs_of_expired_and_deleted_jobs_are_removed,

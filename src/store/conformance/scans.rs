@@ -119,7 +119,7 @@ pub async fn an_upload_becomes_the_stacks_of_a_scan_once(store: Fresh) {
     assert!(matches!(metadata.create_upload(&upload, limits).await.unwrap(), CreateUpload::Created(_)));
     let jobs = [view("bee"), view("bee")];
     assert_eq!(metadata.complete_scan_upload(id, &jobs, 10).await.unwrap(), None, "bytes are missing");
-    let all = Advance { from: 0, to: 5, digest: vec![], keep };
+    let all = Advance { from: 0, to: 5, digest: vec![], keep, generation: None };
     assert!(metadata.advance_upload(id, &all).await.unwrap());
     let full = metadata.complete_scan_upload(id, &jobs, 1).await.unwrap();
     assert_eq!(full, Some(EnqueueAll::Refused(Enqueue::QueueFull { waiting: 1 })));

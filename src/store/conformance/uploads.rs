@@ -30,7 +30,7 @@ pub async fn begun(metadata: &dyn UploadRecords, length: u64) -> Uuid {
 }
 
 pub fn advance(from: u64, to: u64) -> Advance {
-    Advance { from, to, digest: to.to_le_bytes().to_vec(), keep: KEEP }
+    Advance { from, to, digest: to.to_le_bytes().to_vec(), keep: KEEP, generation: None }
 }
 
 fn job(id: Uuid) -> NewJob {
@@ -46,6 +46,18 @@ pub async fn an_upload_advances_only_from_its_offset(store: Fresh) {
     assert!(metadata.advance_upload(id, &advance(60, 101)).await.is_err(), "it has 100 bytes");
     let upload = metadata.upload(id).await.unwrap().unwrap();
     assert_eq!((upload.offset, upload.digest), (60, 60_u64.to_le_bytes().to_vec()));
+}
+
+pub async fn an_upload_that_several_may_write_advances_only_for_the_newest_generation(store: Fresh) {
+    let metadata = &*store.metadata;
+    let id = begun(metadata, 100).await;
+    let older = metadata.take_over_upload(id).await.unwrap();
+    let by = |generation, from, to| Advance { generation, ..advance(from, to) };
+    assert!(metadata.advance_upload(id, &by(older, 0, 10)).await.unwrap());
+    let newer = metadata.take_over_upload(id).await.unwrap();
+    assert!(!metadata.advance_upload(id, &by(older, 10, 20)).await.unwrap(), "a newer request writes it");
+    assert_eq!(metadata.upload(id).await.unwrap().unwrap().offset, 10);
+    assert!(metadata.advance_upload(id, &by(newer, 10, 30)).await.unwrap());
 }
 
 pub async fn a_takeover_increments_the_generation_and_is_announced(store: Fresh) {

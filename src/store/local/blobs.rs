@@ -77,6 +77,10 @@ impl LocalBlobStore {
 
 #[async_trait]
 impl BlobStore for LocalBlobStore {
+    fn is_local(&self) -> bool {
+        true
+    }
+
     async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()> {
         let to = self.path_of(key)?;
         let (root, key) = (self.root.clone(), key.to_owned());

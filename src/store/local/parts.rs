@@ -140,6 +140,10 @@ fn cannot(what: &str) -> impl FnOnce(io::Error) -> StoreError {
 
 #[async_trait]
 impl LockedUpload for LockedFile {
+    fn is_exclusive(&self) -> bool {
+        true
+    }
+
     async fn length(&self) -> StoreResult<u64> {
         let path = self.path.clone();
         blocking(move || match fs::metadata(&path) {
@@ -150,7 +154,7 @@ impl LockedUpload for LockedFile {
         .await
     }
 
-    async fn resume_at(&mut self, offset: u64) -> StoreResult<bool> {
+    async fn resume_at(&mut self, offset: u64, _generation: i64) -> StoreResult<bool> {
         self.open = None;
         let (path, lock) = (self.path.clone(), Arc::clone(&self.lock));
         let opened = blocking(move || {
@@ -171,7 +175,7 @@ impl LockedUpload for LockedFile {
     }
 
     async fn assemble(&mut self, length: u64, _workspace: &Workspace) -> StoreResult<Option<SpoolFile>> {
-        Ok(self.resume_at(length).await?.then(|| SpoolFile::persistent(self.path.clone())))
+        Ok(self.resume_at(length, 0).await?.then(|| SpoolFile::persistent(self.path.clone())))
     }
 }
 
@@ -229,7 +233,7 @@ mod tests {
         let id = Uuid::now_v7();
         let lock = || LockedFile::lock(folder.path(), id).expect("the lock can be tried");
         let mut first = lock().expect("it is free");
-        assert!(first.resume_at(0).await.expect("opened"));
+        assert!(first.resume_at(0, 1).await.expect("opened"));
         // a write that has not ended when its request is cancelled
         let (at_disk, arrived) = std::sync::mpsc::channel();
         let (go_on, resumed) = std::sync::mpsc::channel::<()>();
@@ -254,7 +258,7 @@ mod tests {
         })
         .await;
         let mut second = second.expect("locked");
-        assert!(second.resume_at(2).await.expect("opened"), "the late write is there and can be truncated");
+        assert!(second.resume_at(2, 2).await.expect("opened"), "the late write is there and can be truncated");
         second.append(Bytes::from_static(b"xyz")).await.expect("written");
         second.sync().await.expect("synced");
         assert_eq!(fs::read(&second.path).expect("the file"), b"laxyz");

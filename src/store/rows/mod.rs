@@ -6,6 +6,7 @@
 pub(in crate::store) mod clock_gaps;
 mod error;
 pub(in crate::store) mod expired_leases;
+mod from_row;
 pub(in crate::store) mod page;
 pub(in crate::store) mod profile;
 pub(in crate::store) mod scan;
@@ -16,6 +17,7 @@ pub(in crate::store) mod transition;
 pub(in crate::store) mod upload;
 
 use anyhow::{Context, anyhow};
+use from_row::from_row;
 use jiff::Timestamp;
 use uuid::Uuid;
 
@@ -26,7 +28,6 @@ use crate::contract::{JobKind, JobState, Name, Progress, request::JobRequest};
 const MS_PER_DAY: i64 = 24 * 60 * 60 * 1000;
 
 /// The columns of `jobs` that a [`Job`] is read from.
-#[derive(sqlx::FromRow)]
 pub(in crate::store) struct JobRow {
     pub(in crate::store) seq: i64,
     pub(in crate::store) id: Uuid,
@@ -51,6 +52,31 @@ pub(in crate::store) struct JobRow {
     upload_removed: bool,
     pub(in crate::store) fingerprint: Option<String>,
 }
+
+from_row!(JobRow {
+    seq,
+    id,
+    rig,
+    lens,
+    request,
+    state,
+    stage,
+    completed,
+    total,
+    fraction,
+    attempt,
+    lease_token,
+    version,
+    created_at,
+    started_at,
+    finished_at,
+    cancel_requested,
+    error,
+    warnings,
+    outcome,
+    upload_removed,
+    fingerprint
+});
 
 impl JobRow {
     /// Bytes of the columns that grow with the number of slices.

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use anyhow::Context;
 use futures::Stream;
 
-use super::{page::Window, time};
+use super::{from_row::from_row, page::Window, time};
 use crate::{
     contract::{Name, ProfileSummary, profile::Profile},
     store::{
@@ -53,7 +53,6 @@ pub(in crate::store) fn summary(profile: &Profile) -> StoreResult<String> {
 }
 
 /// The columns of `revisions` that lists read.
-#[derive(sqlx::FromRow)]
 pub(in crate::store) struct RevisionRow {
     pub(in crate::store) seq: i64,
     pub(in crate::store) rig: String,
@@ -61,6 +60,8 @@ pub(in crate::store) struct RevisionRow {
     pub(in crate::store) revision: i64,
     pub(in crate::store) json: String,
 }
+
+from_row!(RevisionRow { seq, rig, lens, revision, json });
 
 impl RevisionRow {
     pub(in crate::store) fn label(&self) -> String {

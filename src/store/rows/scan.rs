@@ -1,13 +1,12 @@
 //! Rows of scans.
 
-use super::{name, time};
+use super::{from_row::from_row, name, time};
 use crate::{
     contract::Scan,
     store::{Page, Skipped, StoreError, StoreResult, json},
 };
 
 /// A row of `scans`.
-#[derive(sqlx::FromRow)]
 pub(in crate::store) struct ScanRow {
     pub(in crate::store) seq: i64,
     pub(in crate::store) name: String,
@@ -16,6 +15,8 @@ pub(in crate::store) struct ScanRow {
     created_at: i64,
     updated_at: i64,
 }
+
+from_row!(ScanRow { seq, name, body, version, created_at, updated_at });
 
 impl TryFrom<ScanRow> for Scan {
     type Error = StoreError;

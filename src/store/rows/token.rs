@@ -3,14 +3,13 @@
 use anyhow::anyhow;
 use uuid::Uuid;
 
-use super::{name, time, unsigned};
+use super::{from_row::from_row, name, time, unsigned};
 use crate::store::{
     StoreError, StoreResult,
     tokens::{Scope, Token},
 };
 
 /// A row of `tokens`.
-#[derive(sqlx::FromRow)]
 pub(in crate::store) struct TokenRow {
     id: Uuid,
     name: String,
@@ -20,6 +19,8 @@ pub(in crate::store) struct TokenRow {
     revoked_at: Option<i64>,
     quota_bytes: Option<i64>,
 }
+
+from_row!(TokenRow { id, name, digest, scopes, created_at, revoked_at, quota_bytes });
 
 impl TryFrom<TokenRow> for Token {
     type Error = StoreError;

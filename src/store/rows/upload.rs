@@ -3,7 +3,7 @@
 use anyhow::Context;
 use uuid::Uuid;
 
-use super::{page, time, unsigned};
+use super::{from_row::from_row, page, time, unsigned};
 use crate::{
     contract::UploadPurpose,
     store::{
@@ -13,7 +13,6 @@ use crate::{
 };
 
 /// A row of `uploads`.
-#[derive(sqlx::FromRow)]
 pub(in crate::store) struct UploadRow {
     id: Uuid,
     length: i64,
@@ -26,6 +25,8 @@ pub(in crate::store) struct UploadRow {
     created_at: i64,
     expires_at: i64,
 }
+
+from_row!(UploadRow { id, length, received, digest, metadata, job_kind, fault, wanted, created_at, expires_at });
 
 impl TryFrom<UploadRow> for PartialUpload {
     type Error = StoreError;
@@ -56,13 +57,13 @@ impl TryFrom<UploadRow> for PartialUpload {
 }
 
 /// A row of `uploads` with the name of its token.
-#[derive(sqlx::FromRow)]
 pub(in crate::store) struct OpenUploadRow {
-    #[sqlx(flatten)]
     upload: UploadRow,
     last_byte_at: Option<i64>,
     token: Option<String>,
 }
+
+from_row!(OpenUploadRow, upload { last_byte_at, token });
 
 impl TryFrom<OpenUploadRow> for OpenUpload {
     type Error = StoreError;

@@ -102,7 +102,8 @@ impl UploadRecords for SqliteMetadata {
         let now = self.clock.now_ms();
         let advanced = sqlx::query(
             "UPDATE uploads SET received = ?3, digest = ?4, expires_at = ?5, last_byte_at = ?6
-             WHERE id = ?1 AND received = ?2 AND job_kind IS NULL AND fault IS NULL",
+             WHERE id = ?1 AND received = ?2 AND job_kind IS NULL AND fault IS NULL
+               AND wanted = coalesce(?7, wanted)",
         )
         .bind(id)
         .bind(signed(advance.from))
@@ -110,6 +111,7 @@ impl UploadRecords for SqliteMetadata {
         .bind(&advance.digest)
         .bind(later(now, advance.keep))
         .bind(now)
+        .bind(advance.generation)
         .execute(&mut *tx)
         .await?;
         self.commit(tx, "rows.advance_upload").await?;

@@ -86,7 +86,7 @@ async fn an_abandoned_upload_expires() {
     app.with_profile(2).await;
     let url = begun(&app, 1000).await;
     let mut partial = app.store.parts.lock(id_of(&url)).await.unwrap().expect("it is not locked");
-    assert!(partial.resume_at(0).await.unwrap());
+    assert!(partial.resume_at(0, 1).await.unwrap());
     drop(partial);
     problem(app.get(&url).send().await.unwrap(), 404, "not_found").await;
     assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0, "its room is free again");

@@ -1,0 +1,86 @@
+//! An S3 server for tests. Other tests of the project include this file too.
+//!
+//! The server is that of `PINSTACK_TEST_S3_ENDPOINT` (with `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY`), or moto, a
+//! Python program that keeps buckets in memory. It ends with the process of the tests, however that ends: a shell waits
+//! for the end of its input. moto checks neither signatures nor digests, and never fails on its own.
+
+use std::{
+    io::{BufRead, BufReader, Write},
+    net::TcpStream,
+    process::{ChildStdin, Command, Stdio},
+    sync::OnceLock,
+};
+
+/// Prints the address, and ends with its input.
+const SCRIPT: &str = r"
+import sys, threading, logging
+from moto.server import ThreadedMotoServer
+logging.getLogger('werkzeug').setLevel(logging.CRITICAL)
+server = ThreadedMotoServer(ip_address='127.0.0.1', port=0, verbose=False)
+server.start()
+print('http://%s:%s' % server.get_host_and_port(), flush=True)
+sys.stdin.read()
+server.stop()
+";
+
+/// A running server. A private one ends when the pipe is closed.
+pub(super) struct Server {
+    /// Its address.
+    pub(super) endpoint: String,
+    _pipe: Option<ChildStdin>,
+}
+
+/// The server, which is started by the first caller. `None`: there is none, and the test is skipped.
+///
+/// # Panics
+/// When there is none and `PINSTACK_TEST_TOOLS` is `required`, or when it does not start.
+pub(super) fn server() -> Option<&'static Server> {
+    static SERVER: OnceLock<Option<Server>> = OnceLock::new();
+    let start = || match std::env::var("PINSTACK_TEST_S3_ENDPOINT") {
+        Ok(endpoint) => Some(Server { endpoint, _pipe: None }),
+        Err(_) => private(),
+    };
+    SERVER.get_or_init(start).as_ref()
+}
+
+#[expect(clippy::zombie_processes, reason = "it ends with this process, when its input is closed")]
+fn private() -> Option<Server> {
+    let installed = Command::new("python3").args(["-c", "import moto.server"]).output();
+    if !installed.is_ok_and(|done| done.status.success()) {
+        let required = std::env::var("PINSTACK_TEST_TOOLS").as_deref() == Ok("required");
+        assert!(!required, "not installed: moto (pip install moto flask flask-cors)");
+        println!("skipped: moto not installed");
+        return None;
+    }
+    let mut python = Command::new("python3")
+        .args(["-c", SCRIPT])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("python3");
+    let mut endpoint = String::new();
+    BufReader::new(python.stdout.take().expect("piped")).read_line(&mut endpoint).expect("it writes a line");
+    assert!(endpoint.starts_with("http://"), "the S3 server for tests did not start");
+    Some(Server { endpoint: endpoint.trim().to_owned(), _pipe: python.stdin.take() })
+}
+
+impl Server {
+    /// Makes a bucket and returns its name. The client of the service cannot make any.
+    pub(super) fn bucket(&self) -> String {
+        let bucket = format!("test-{}", uuid::Uuid::now_v7().simple());
+        let host = self.endpoint.trim_start_matches("http://");
+        let mut connection = TcpStream::connect(host).expect("the S3 server for tests");
+        // moto checks no signature, but wants to see one
+        let request = format!(
+            "PUT /{bucket} HTTP/1.1\r\nHost: {host}\r\nContent-Length: 0\r\nConnection: close\r\n\
+             Authorization: AWS4-HMAC-SHA256 Credential=test/20260101/us-east-1/s3/aws4_request, SignedHeaders=host, \
+             Signature=0\r\n\r\n"
+        );
+        connection.write_all(request.as_bytes()).expect("sent");
+        let mut status = String::new();
+        BufReader::new(connection).read_line(&mut status).expect("an answer");
+        assert!(status.contains(" 200 "), "{status}");
+        bucket
+    }
+}

@@ -1,0 +1,141 @@
+//! The conformance suites on a bucket, and what only a bucket can do wrong.
+
+use std::{fs, sync::Arc};
+
+use tempfile::TempDir;
+use uuid::Uuid;
+
+use super::{S3Location, S3Url, open, test_server::server};
+use crate::store::{
+    ManualClock, SpoolFile, Store, StoreError,
+    blobs::upload_key,
+    conformance::{
+        FreshStore,
+        blobs::{bytes_of_blob, put_blob, spool_file},
+    },
+    open_with_clock,
+};
+
+/// A location in a bucket of its own. `None`: there is no server, and the test is skipped.
+fn location(prefix: &str) -> Option<(TempDir, S3Location)> {
+    let server = server()?;
+    let folder = tempfile::tempdir().expect("a folder");
+    let credentials = folder.path().join("credentials");
+    fs::write(&credentials, "[default]\naws_access_key_id = test\naws_secret_access_key = test\n").expect("a file");
+    let location = S3Location {
+        url: S3Url::new(format!("s3://{}{prefix}", server.bucket())),
+        endpoint: Some(server.endpoint.clone()),
+        region: None,
+        ca_file: None,
+        credentials_file: std::env::var("AWS_ACCESS_KEY_ID").is_err().then_some(credentials),
+    };
+    Some((folder, location))
+}
+
+async fn fresh_store() -> Option<(TempDir, FreshStore)> {
+    let (folder, location) = location("/lab/scans")?;
+    let clock = Arc::new(ManualClock::default());
+    let local = open_with_clock(folder.path(), clock.clone()).await.expect("a store");
+    let (blobs, parts) = open(&location, Uuid::now_v7()).await.expect("a bucket");
+    let store = Store { blobs: Arc::new(blobs), parts: Arc::new(parts), ..local };
+    Some((folder, FreshStore { store, clock }))
+}
+
+async fn fresh() -> Option<(TempDir, Store)> {
+    let (folder, fresh) = fresh_store().await?;
+    Some((folder, fresh.store))
+}
+
+crate::blob_conformance!(crate::store::s3::tests::fresh, crate::optional_conformance_cases);
+crate::upload_parts_conformance!(crate::store::s3::tests::fresh, crate::optional_conformance_cases);
+crate::gc_conformance!(crate::store::s3::tests::fresh_store, crate::optional_conformance_cases);
+
+#[tokio::test]
+async fn a_large_file_is_stored_in_parts_and_comes_back() {
+    let Some((_guard, store)) = fresh().await else { return };
+    let bytes: Vec<u8> = (0..21_000_001_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let key = upload_key(Uuid::now_v7());
+    put_blob(&store, &key, &bytes).await;
+    assert_eq!(store.blobs.head(&key).await.unwrap().expect("it is stored").size, 21_000_001);
+    assert!(bytes_of_blob(&store, &key).await.expect("it is stored") == bytes);
+}
+
+#[tokio::test]
+async fn a_bucket_belongs_to_the_first_database_that_opens_it() {
+    let Some((_guard, location)) = location("") else { return };
+    let ours = Uuid::now_v7();
+    open(&location, ours).await.expect("it is free");
+    open(&location, ours).await.expect("it is ours");
+    let refused = open(&location, Uuid::now_v7()).await.err().expect("it is not theirs").to_string();
+    assert!(refused.contains("belongs to another database"), "{refused}");
+    let beside = S3Location { url: S3Url::new(format!("{}/beside", location.url)), ..location };
+    open(&beside, Uuid::now_v7()).await.expect("another prefix is free");
+}
+
+#[tokio::test]
+async fn a_bucket_that_does_not_exist_or_answer_is_unavailable() {
+    let Some((_guard, location)) = location("") else { return };
+    let missing = S3Location { url: S3Url::new("s3://there-is-none"), ..location.clone() };
+    assert!(matches!(open(&missing, Uuid::now_v7()).await, Err(StoreError::Unavailable(_))));
+    let wrong = S3Location { endpoint: Some("ftp://example".into()), ..location };
+    let refused = open(&wrong, Uuid::now_v7()).await.err().expect("no such scheme").to_string();
+    assert!(refused.contains("storage_endpoint must begin with"), "{refused}");
+}
+
+#[tokio::test]
+async fn a_rerun_copies_its_zip_within_the_bucket_even_if_the_first_one_is_removed_meanwhile() {
+    let Some((_guard, store)) = fresh().await else { return };
+    let (first, again, late) = (upload_key(Uuid::now_v7()), upload_key(Uuid::now_v7()), upload_key(Uuid::now_v7()));
+    put_blob(&store, &first, b"zip").await;
+    let shared = async || store.blobs.share(&first, &store.workspace).await.unwrap().expect("it is stored");
+    let (one, other) = (shared().await, shared().await);
+    assert_eq!(one.origin(), Some(first.as_str()));
+    store.blobs.put(&again, one).await.unwrap();
+    store.blobs.delete(&first).await.unwrap();
+    store.blobs.put(&late, other).await.unwrap();
+    for key in [&again, &late] {
+        assert_eq!(bytes_of_blob(&store, key).await.as_deref(), Some(&b"zip"[..]), "{key}");
+    }
+}
+
+#[tokio::test]
+async fn two_processes_that_write_one_upload_do_not_mix_their_bytes() {
+    let Some((_guard, location)) = location("") else { return };
+    let owner = Uuid::now_v7();
+    let (_, one) = open(&location, owner).await.unwrap();
+    let (_, other) = open(&location, owner).await.unwrap();
+    use crate::store::UploadParts;
+    let id = Uuid::now_v7();
+    let mut older = one.lock(id).await.unwrap().expect("it is free");
+    assert!(older.resume_at(0, 1).await.unwrap());
+    older.append("0123".into()).await.unwrap();
+    older.sync().await.unwrap();
+    // the other process takes the upload over, and the first one does not know yet
+    let mut newer = other.lock(id).await.unwrap().expect("no process locks it for another");
+    assert!(!newer.is_exclusive());
+    assert!(newer.resume_at(4, 2).await.unwrap());
+    newer.append("abcdef".into()).await.unwrap();
+    older.append("45".into()).await.unwrap();
+    newer.sync().await.unwrap();
+    older.sync().await.unwrap();
+    let (_folder, store) = fresh().await.expect("a server");
+    let whole = newer.assemble(10, &store.workspace).await.unwrap().expect("it is whole");
+    assert_eq!(fs::read(whole.path()).unwrap(), b"0123abcdef");
+    assert!(newer.assemble(11, &store.workspace).await.unwrap().is_none());
+}
+
+#[tokio::test]
+async fn a_put_that_the_bucket_did_not_keep_is_an_error() {
+    let Some((_guard, store)) = fresh().await else { return };
+    let file = spool_file(&store, b"zip");
+    let path = file.path().to_owned();
+    // the object is there, and has another size than the bucket acknowledged
+    let key = upload_key(Uuid::now_v7());
+    put_blob(&store, &key, b"other bytes").await;
+    let shorter = SpoolFile::copy_of(store.workspace.new_path("x").unwrap(), &key);
+    fs::write(shorter.path(), b"zip").unwrap();
+    let refused = store.blobs.put(&upload_key(Uuid::now_v7()), shorter).await.expect_err("the sizes differ");
+    assert!(matches!(refused, StoreError::Unavailable(_)), "{refused}");
+    assert!(path.exists(), "the file of a put that failed stays");
+    drop(file);
+}

@@ -1,0 +1,372 @@
+//! Several processes on one Postgres database and one bucket, without a common folder, as on several machines.
+
+use std::{path::PathBuf, sync::Arc, time::Duration};
+
+use pinstack_science::{archive, imaging::Raster, imaging::codec};
+use reqwest::{Client, StatusCode};
+use serde_json::{Value, json};
+use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
+use tempfile::TempDir;
+use tokio::{sync::Semaphore, task::JoinSet};
+
+use crate::{
+    matrix::day,
+    relay::{Mood, Moody, Relay, Target},
+    service::{LOOK, Service, command},
+    steps,
+    story::{Story, profile, zip},
+    test_bucket, test_server,
+};
+
+/// Failpoints of the bucket that a day reaches.
+const DAILY: [&str; 4] = ["s3.put", "s3.copy", "s3.remove", "s3.download"];
+/// Failpoints of a zip that is stored in parts.
+const IN_PARTS: [&str; 3] = ["s3.begin", "s3.part", "s3.complete"];
+/// Failpoints of the first start.
+const FIRST: [&str; 2] = ["s3.create", "rows.bucket"];
+/// All failpoints that the matrix on a data folder does not reach.
+pub const STEPS: [&str; 9] =
+    [DAILY[0], DAILY[1], DAILY[2], DAILY[3], IN_PARTS[0], IN_PARTS[1], IN_PARTS[2], FIRST[0], FIRST[1]];
+/// Days that run at a time: most of their time they wait for leases.
+const SIDE_BY_SIDE: usize = 6;
+/// Calls at which a failpoint of the bucket fires.
+const TIMES: usize = 4;
+/// Answers by which a service says that its storage is away; a client tries again.
+const AWAY: [StatusCode; 2] = [StatusCode::SERVICE_UNAVAILABLE, StatusCode::INTERNAL_SERVER_ERROR];
+
+/// An empty database and an empty bucket.
+struct Site {
+    folder: TempDir,
+    database: String,
+    bucket: String,
+    /// Address of the bucket.
+    endpoint: String,
+    client: Client,
+}
+
+impl Site {
+    /// `None`: there is no server, and the test is skipped.
+    async fn fresh() -> Option<Self> {
+        let (postgres, s3) = (test_server::url()?, test_bucket::server()?);
+        let (database, schema) = test_server::in_schema(postgres);
+        let mut connection = PgConnection::connect(postgres).await.expect("the server for tests");
+        connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");
+        let folder = TempDir::new().expect("a folder");
+        let key = "aws_access_key_id = test\naws_secret_access_key = test\n";
+        std::fs::write(folder.path().join("key"), key).expect("a file");
+        let client = Client::builder().no_proxy().timeout(Duration::from_secs(120)).build().expect("a client");
+        Some(Self { folder, database, bucket: s3.bucket(), endpoint: s3.endpoint.clone(), client })
+    }
+
+    /// A settings file, with the database and the bucket at these addresses.
+    fn settings(&self, name: &str, database: &str, endpoint: &str) -> PathBuf {
+        let file = self.folder.path().join(format!("{name}.toml"));
+        let text = format!(
+            "database_url = {database:?}\nstorage_url = \"s3://{}/lab\"\nstorage_endpoint = {endpoint:?}\n\
+             storage_credentials_file = {:?}\n",
+            self.bucket,
+            self.folder.path().join("key").display().to_string()
+        );
+        std::fs::write(&file, text).expect("a file");
+        file
+    }
+
+    /// The folder of a process: none shares it.
+    fn data(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    async fn api(&self, name: &str, settings: &PathBuf) -> Service {
+        let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
+        Service::start(&self.data(name), None, &flags).await.expect("it listens")
+    }
+
+    fn worker(&self, name: &str, settings: &PathBuf, fault: Option<&str>) -> Service {
+        Service::start_worker(&self.data(name), fault, &["--config", settings.to_str().expect("UTF-8")])
+    }
+
+    async fn put_profile(&self, api: &Service, profile: &Value) {
+        let put = self.client.put(format!("{}/v1/profiles/rig/lens", api.url)).json(profile).send().await;
+        assert!(put.expect("an answer").status().is_success());
+    }
+
+    /// Sends a stack once. `Err`: the status and the text of the answer.
+    async fn try_post(&self, api: &Service, key: &str, zip: &[u8]) -> Result<String, (StatusCode, String)> {
+        let url = format!("{}/v1/stacks?rig=rig&lens=lens", api.url);
+        let sent = self.client.post(url).header("Idempotency-Key", key).body(zip.to_vec()).send().await;
+        let answer = sent.expect("the service answers");
+        match answer.status() {
+            StatusCode::ACCEPTED => Ok(answer.headers()["location"].to_str().expect("a path").to_owned()),
+            status => Err((status, answer.text().await.expect("a text"))),
+        }
+    }
+
+    /// Sends a stack until it is accepted.
+    async fn post(&self, api: &Service, key: &str, zip: &[u8]) -> String {
+        loop {
+            match self.try_post(api, key, zip).await {
+                Ok(stack) => return stack,
+                Err((status, text)) => assert!(AWAY.contains(&status), "{status}: {text}"),
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+
+    async fn shown(&self, api: &Service, path: &str) -> Value {
+        let answer = self.client.get(format!("{}{path}", api.url)).send().await.expect("an answer");
+        answer.json().await.expect("JSON")
+    }
+
+    async fn until(&self, api: &Service, stack: &str, states: &[&str]) -> Value {
+        loop {
+            let shown = self.shown(api, stack).await;
+            if states.iter().any(|state| shown["state"] == **state) {
+                return shown;
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+
+    /// Waits for a stack that must succeed.
+    async fn succeeded(&self, api: &Service, stack: &str) -> Value {
+        let ended = self.until(api, stack, &["succeeded", "failed", "cancelled"]).await;
+        assert_eq!(ended["state"], "succeeded", "{ended}");
+        ended
+    }
+
+    async fn image(&self, api: &Service, stack: &str) -> Vec<u8> {
+        let answer = self.client.get(format!("{}{stack}/image", api.url)).send().await.expect("an answer");
+        assert_eq!(answer.status(), StatusCode::OK);
+        answer.bytes().await.expect("an image").to_vec()
+    }
+
+    /// Nothing is left over, and every file is what its row says.
+    fn verify(&self, settings: &PathBuf) {
+        for arguments in [&["gc", "--grace-s", "0"][..], &["verify", "--full"]] {
+            let settings = settings.to_str().expect("UTF-8");
+            let done = command(&self.data("operator"), &[arguments, &["--config", settings]].concat());
+            let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+            assert!(done.status.success(), "{text}");
+            assert!(arguments[0] == "gc" || text.contains("; 0 jobs' files"), "{text}");
+        }
+    }
+}
+
+/// A stack whose zip has more than one part: 12 MB of noise, stored.
+fn large() -> (Vec<u8>, Value) {
+    let (width, height) = (1024_usize, 700_usize);
+    let slice = |seed: u64| {
+        let mut state = seed;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 56) as u8
+        };
+        codec::encode_png(&Raster::eight(width, height, 3, (0..width * height * 3).map(|_| noise()).collect()))
+            .expect("a picture")
+    };
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    let members = (0..6).map(|i| (format!("front/{i}.png"), slice(i)));
+    archive::pack(file.reopen().expect("a file"), members).expect("a zip");
+    let identity = json!([1, 0, 0, 0, 1, 0, 0, 0, 1]);
+    let profile = json!({
+        "image_width": width, "image_height": height, "reference_index": 0, "homographies": vec![identity; 6]
+    });
+    (std::fs::read(file.path()).expect("the zip"), profile)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn machines_without_a_common_folder_share_stacks_and_uploads() {
+    let Some(site) = Site::fresh().await else { return };
+    let settings = site.settings("all", &site.database, &site.endpoint);
+    let (one, two) = tokio::join!(site.api("api-1", &settings), site.api("api-2", &settings));
+    let worker = site.worker("worker-1", &settings, None);
+    site.put_profile(&one, &profile()).await;
+    let zip = zip();
+    let stack = site.post(&one, "a", &zip).await;
+    site.succeeded(&two, &stack).await;
+    let image = site.image(&two, &stack).await;
+    assert_eq!(image, site.image(&one, &stack).await);
+
+    // a resumable upload that begins at one process and is continued and completed at the other
+    let metadata = "rig cmln,lens bGVucw==";
+    let create = site.client.post(format!("{}/v1/uploads", one.url)).header("tus-resumable", "1.0.0");
+    let create = create.header("upload-length", zip.len()).header("upload-metadata", metadata).send().await;
+    let upload = create.expect("an answer").headers()["location"].to_str().expect("a path").to_owned();
+    let piece = async |api: &Service, from: usize, to: usize| {
+        let patch = site.client.patch(format!("{}{upload}", api.url)).header("tus-resumable", "1.0.0");
+        let patch = patch.header("upload-offset", from).header("content-type", "application/offset+octet-stream");
+        patch.body(zip[from..to].to_vec()).send().await.expect("an answer")
+    };
+    let (third, half) = (zip.len() / 3, zip.len() / 2);
+    for (api, from, to) in [(&one, 0, third), (&two, third, half)] {
+        let answer = piece(api, from, to).await;
+        assert_eq!(
+            (answer.status(), answer.headers()["upload-offset"].to_str().expect("a number")),
+            (StatusCode::NO_CONTENT, to.to_string().as_str())
+        );
+    }
+    let wrong = piece(&one, third, half).await;
+    assert_eq!(wrong.status(), StatusCode::CONFLICT, "the offset is known to both");
+    let last = piece(&one, half, zip.len()).await;
+    let in_pieces = last.headers()["pinstack-job"].to_str().expect("a path").to_owned();
+    site.succeeded(&two, &in_pieces).await;
+    assert_eq!(image, site.image(&one, &in_pieces).await, "the same zip gives the same bytes");
+
+    // the second process makes a new stack from a zip that the first one received
+    let again = site.client.post(format!("{}{stack}/rerun", two.url)).send().await.expect("an answer");
+    let again = again.headers()["location"].to_str().expect("a path").to_owned();
+    site.succeeded(&one, &again).await;
+    let deleted = site.client.delete(format!("{}{stack}", one.url)).send().await.expect("an answer");
+    assert_eq!(deleted.status(), StatusCode::NO_CONTENT);
+    assert_eq!(image, site.image(&two, &again).await, "its zip and results are its own");
+
+    for process in [one, two, worker] {
+        process.stop().await;
+    }
+    site.verify(&settings);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed() {
+    if Site::fresh().await.is_none() {
+        return;
+    }
+    let turns = Arc::new(Semaphore::new(SIDE_BY_SIDE));
+    let of_rows = steps::names().into_iter().filter(|name| name.starts_with("rows."));
+    let of_rows = of_rows.filter(|name| !crate::elsewhere::steps().contains(&name.as_str())).map(|name| (name, 1));
+    let of_bucket = DAILY.iter().map(|name| ((*name).to_owned(), TIMES));
+    let first = FIRST.iter().map(|name| ((*name).to_owned(), 1));
+    let mut days = JoinSet::new();
+    for (name, times) in of_rows.chain(of_bucket).chain(first) {
+        let turns = Arc::clone(&turns);
+        days.spawn(async move {
+            let mut broke = 0;
+            for time in 0..times {
+                let _turn = turns.acquire().await.expect("open");
+                let site = Site::fresh().await.expect("there was one");
+                let settings = site.settings("all", &site.database, &site.endpoint);
+                let armed = format!("{name}={time}*off->1*return(kill)->off");
+                let day = async { day(Story::begin_with(&armed, settings).await).await };
+                let breaks = tokio::time::timeout(Duration::from_secs(300), day).await;
+                broke += usize::from(!breaks.unwrap_or_else(|_| panic!("{armed}: it hangs")).is_empty());
+            }
+            (name, broke)
+        });
+    }
+    let mut failed = Vec::new();
+    while let Some(day) = days.join_next().await {
+        match day {
+            // what the rows do on their own is the matter of the matrix on a data folder
+            Ok((name, broke)) if broke > 0 || name.starts_with("rows.") => println!("{name}: killed {broke} times"),
+            Ok((name, _)) => failed.push(format!("{name} is never reached")),
+            Err(error) => failed.push(error.to_string()),
+        }
+    }
+    assert!(failed.is_empty(), "{} of the failpoints: {failed:#?}", failed.len());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_zip_in_parts_is_stored_whole_or_not_at_all_wherever_the_service_is_killed() {
+    let (zip, profile) = large();
+    for step in IN_PARTS {
+        let Some(site) = Site::fresh().await else { return };
+        let settings = site.settings("all", &site.database, &site.endpoint);
+        let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
+        let fault = format!("{step}=1*return(kill)->off");
+        let mut victim = Service::start(&site.data("api-1"), Some(&fault), &flags).await.expect("it listens");
+        site.put_profile(&victim, &profile).await;
+        let url = format!("{}/v1/stacks?rig=rig&lens=lens", victim.url);
+        let lost = site.client.post(url).header("Idempotency-Key", "a").body(zip.clone()).send().await;
+        assert!(lost.is_err() && !victim.ended().await.success(), "{step}: it was killed before it answered");
+        let api = site.api("api-2", &settings).await;
+        assert_eq!(site.shown(&api, "/v1/stacks").await["items"], json!([]), "{step}");
+        let stack = site.post(&api, "a", &zip).await;
+        let stored = site.client.get(format!("{}{stack}/upload", api.url)).send().await.expect("an answer");
+        assert!(stored.bytes().await.expect("the zip") == zip, "{step}: the zip is stored completely");
+        let worker = site.worker("worker", &settings, None);
+        site.succeeded(&api, &stack).await;
+        api.stop().await;
+        worker.stop().await;
+        site.verify(&settings);
+    }
+}
+
+/// While the bucket is in this mood, nothing is accepted and nothing is lost; after it, all goes on.
+async fn survives(mood: Mood) {
+    let Some(site) = Site::fresh().await else { return };
+    let bucket = Moody::before(&site.endpoint).await;
+    let settings = site.settings("all", &site.database, &bucket.url);
+    let api = site.api("api", &settings).await;
+    site.put_profile(&api, &profile()).await;
+    let zip = zip();
+    let waiting = site.post(&api, "before", &zip).await;
+
+    bucket.becomes(mood);
+    let (status, text) = site.try_post(&api, "meanwhile", &zip).await.expect_err("it cannot be stored");
+    assert!(AWAY.contains(&status) && text.contains("\"code\":\"unavailable\""), "{status} {text}");
+    let listed = site.shown(&api, "/v1/stacks").await;
+    assert_eq!(
+        listed["items"].as_array().map(Vec::len),
+        Some(1),
+        "what could not be stored was not accepted: {listed}"
+    );
+    // a worker that cannot read, or not write
+    let worker = site.worker("worker", &settings, None);
+    let hurt = bucket.hurt();
+    while bucket.hurt() == hurt {
+        tokio::time::sleep(LOOK).await;
+    }
+    bucket.becomes(Mood::Good);
+
+    let ended = site.succeeded(&api, &waiting).await;
+    assert_eq!(ended["attempt"], 1, "the bucket is no fault of the job: {ended}");
+    let meanwhile = site.post(&api, "meanwhile", &zip).await;
+    site.succeeded(&api, &meanwhile).await;
+    assert_eq!(site.image(&api, &waiting).await, site.image(&api, &meanwhile).await);
+    api.stop().await;
+    worker.stop().await;
+    site.verify(&site.settings("good", &site.database, &site.endpoint));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bucket_that_fails_for_a_while_loses_nothing() {
+    survives(Mood::Failing).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bucket_that_lies_about_what_it_stores_loses_nothing() {
+    survives(Mood::Lying).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_is_cut_off_in_mid_job_publishes_nothing() {
+    let Some(site) = Site::fresh().await else { return };
+    let settings = site.settings("all", &site.database, &site.endpoint);
+    let api = site.api("api", &settings).await;
+    site.put_profile(&api, &profile()).await;
+    // the network of one worker, to the database (on a socket of this machine) and to the bucket
+    let (path, rest) = site.database.split_once("host=").expect("a socket").1.split_once('&').expect("options");
+    let database = Relay::to(Target::Unix(PathBuf::from(path).join(".s.PGSQL.5432"))).await;
+    let bucket = Relay::to(Target::Tcp(site.endpoint.trim_start_matches("http://").to_owned())).await;
+    let remote = format!("postgres://postgres@{}/postgres?{rest}", database.address);
+    let lonely = site.settings("lonely", &remote, &format!("http://{}", bucket.address));
+    let mut sleeper = site.worker("sleeper", &lonely, Some("artifact.make=1*sleep(4000)->off"));
+
+    let stack = site.post(&api, "a", &zip()).await;
+    site.until(&api, &stack, &["running"]).await;
+    database.cut();
+    bucket.cut();
+    let other = site.worker("other", &settings, None);
+    let ended = site.succeeded(&api, &stack).await;
+    assert_eq!(ended["attempt"], 2, "the other worker took the job over: {ended}");
+    let image = site.image(&api, &stack).await;
+    database.mend();
+    bucket.mend();
+    sleeper.signal(rustix::process::Signal::TERM);
+    sleeper.ended().await;
+    assert_eq!(site.shown(&api, &stack).await, ended, "the worker that was cut off published nothing");
+    assert_eq!(site.image(&api, &stack).await, image);
+    api.stop().await;
+    other.stop().await;
+    site.verify(&settings);
+}
