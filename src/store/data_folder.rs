@@ -79,8 +79,9 @@ pub async fn open_shared(data_dir: &Path, shared: &Shared) -> StoreResult<Store>
         return Store::new(Arc::new(metadata), data_dir);
     };
     refuse_files(data_dir)?;
-    let id = metadata.store_in_bucket(&location.url).await?;
+    let id = metadata.store_id(&location.url).await?;
     let (blobs, parts) = s3::open(location, id).await?;
+    metadata.store_in_bucket(&location.url).await?;
     let workspace = folder::make(data_dir).and_then(|()| Workspace::open(data_dir));
     let workspace =
         workspace.map_err(|error| StoreError::of_io(error, format!("cannot use the folder {}", data_dir.display())))?;

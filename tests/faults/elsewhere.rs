@@ -24,8 +24,8 @@ const CALIBRATION: &str = "copy.write";
 
 /// All of these failpoints.
 pub fn steps() -> Vec<&'static str> {
-    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS, &crate::bucket::STEPS]
-        .concat()
+    let of_bucket = crate::bucket::steps();
+    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS, &of_bucket].concat()
 }
 
 fn text(output: &std::process::Output) -> String {

@@ -94,8 +94,6 @@ pub enum Mood {
     Failing,
     /// It acknowledges what it is to store, and does not store it.
     Lying,
-    /// It answers nothing.
-    Silent,
 }
 
 /// An HTTP server before a bucket.
@@ -136,7 +134,7 @@ impl Moody {
     }
 }
 
-async fn answer(State(mut before): State<Before>, request: Request) -> Response {
+async fn answer(State(before): State<Before>, request: Request) -> Response {
     let mood = *before.mood.borrow();
     let stores = request.method() == "PUT";
     if mood != Mood::Good && (mood != Mood::Lying || stores) {
@@ -144,10 +142,6 @@ async fn answer(State(mut before): State<Before>, request: Request) -> Response 
     }
     match mood {
         Mood::Failing => return StatusCode::SERVICE_UNAVAILABLE.into_response(),
-        Mood::Silent => {
-            let _ = before.mood.wait_for(|mood| *mood != Mood::Silent).await;
-            return StatusCode::SERVICE_UNAVAILABLE.into_response();
-        }
         Mood::Lying if stores => {
             let _ = to_bytes(request.into_body(), usize::MAX).await;
             return (StatusCode::OK, [(header::ETAG, HeaderValue::from_static("\"0\""))]).into_response();

@@ -5,23 +5,21 @@ use anyhow::anyhow;
 use uuid::Uuid;
 
 use super::{Lock, PostgresMetadata};
-use crate::store::{StoreResult, s3::S3Url};
+use crate::store::{StoreError, StoreResult, s3::S3Url};
 
 impl PostgresMetadata {
-    /// The id of this store, for its bucket. The first call decides that the files are in this bucket.
+    /// The id of this store, for a bucket that has its files or is to have them.
     ///
     /// # Errors
     /// When they are elsewhere: in another bucket, or, since there are jobs or uploads already, in a folder.
-    pub async fn store_in_bucket(&self, bucket: &S3Url) -> StoreResult<Uuid> {
+    pub async fn store_id(&self, bucket: &S3Url) -> StoreResult<Uuid> {
         let mut tx = self.write_alone(Lock::Accept).await?;
         let found: Option<(Uuid, Option<String>)> =
             sqlx::query_as("SELECT id, bucket FROM store").fetch_optional(&mut *tx).await?;
         let wanted = bucket.to_string();
         match found {
             Some((id, Some(bucket))) if bucket == wanted => return Ok(id),
-            Some((_, Some(bucket))) => {
-                return Err(anyhow!("storage_url: the files of this database are in {bucket}, not in {wanted}").into());
-            }
+            Some((_, Some(bucket))) => return Err(elsewhere(&bucket, &wanted)),
             Some((_, None)) | None => {}
         }
         let has_files = "SELECT EXISTS (SELECT 1 FROM jobs) OR EXISTS (SELECT 1 FROM uploads)";
@@ -33,15 +31,31 @@ impl PostgresMetadata {
             .into());
         }
         let id: Uuid = sqlx::query_scalar(
-            "INSERT INTO store (id, bucket) VALUES (gen_random_uuid(), $1)
-             ON CONFLICT (only_row) DO UPDATE SET bucket = excluded.bucket
+            "INSERT INTO store (id) VALUES (gen_random_uuid())
+             ON CONFLICT (only_row) DO UPDATE SET only_row = true
              RETURNING id",
         )
-        .bind(&wanted)
         .fetch_one(&mut *tx)
         .await?;
-        self.commit(tx, "rows.bucket").await?;
+        self.commit(tx, "rows.store").await?;
         Ok(id)
+    }
+
+    /// Decides that the files are in this bucket, which has taken the id of this store.
+    ///
+    /// # Errors
+    /// When another process has decided for another bucket meanwhile.
+    pub async fn store_in_bucket(&self, bucket: &S3Url) -> StoreResult<()> {
+        let mut tx = self.write_alone(Lock::Accept).await?;
+        let wanted = bucket.to_string();
+        let decided: String = sqlx::query_scalar("UPDATE store SET bucket = coalesce(bucket, $1) RETURNING bucket")
+            .bind(&wanted)
+            .fetch_one(&mut *tx)
+            .await?;
+        if decided != wanted {
+            return Err(elsewhere(&decided, &wanted));
+        }
+        self.commit(tx, "rows.bucket").await
     }
 
     /// Requires that the files are in a folder.
@@ -58,4 +72,8 @@ impl PostgresMetadata {
             None => Ok(()),
         }
     }
+}
+
+fn elsewhere(bucket: &str, wanted: &str) -> StoreError {
+    anyhow!("storage_url: the files of this database are in {bucket}, not in {wanted}").into()
 }
