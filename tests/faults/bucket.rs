@@ -1,6 +1,10 @@
 //! Several processes on one Postgres database and one bucket, without a common folder, as on several machines.
 
-use std::{path::PathBuf, sync::Arc, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
 
 use pinstack_science::{archive, imaging::Raster, imaging::codec};
 use reqwest::{Client, StatusCode};
@@ -78,12 +82,12 @@ impl Site {
         self.folder.path().join(name)
     }
 
-    async fn api(&self, name: &str, settings: &PathBuf) -> Service {
+    async fn api(&self, name: &str, settings: &Path) -> Service {
         let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
         Service::start(&self.data(name), None, &flags).await.expect("it listens")
     }
 
-    fn worker(&self, name: &str, settings: &PathBuf, fault: Option<&str>) -> Service {
+    fn worker(&self, name: &str, settings: &Path, fault: Option<&str>) -> Service {
         Service::start_worker(&self.data(name), fault, &["--config", settings.to_str().expect("UTF-8")])
     }
 
@@ -143,7 +147,7 @@ impl Site {
     }
 
     /// Nothing is left over, and every file is what its row says.
-    fn verify(&self, settings: &PathBuf) {
+    fn verify(&self, settings: &Path) {
         for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
             let settings = settings.to_str().expect("UTF-8");
             let done = command(&self.data("operator"), &[arguments, &["--config", settings]].concat());
@@ -159,7 +163,7 @@ async fn a_database_and_its_bucket_belong_together() {
     let (Some(site), Some(stranger)) = (Site::fresh().await, Site::fresh().await) else { return };
     let settings = site.settings("all", &site.database, &site.endpoint);
     site.api("api", &settings).await.stop().await;
-    let says = |name: &str, arguments: &[&str], settings: &PathBuf| {
+    let says = |name: &str, arguments: &[&str], settings: &Path| {
         let settings = settings.to_str().expect("UTF-8");
         let done = command(&site.data(name), &[arguments, &["--config", settings]].concat());
         let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
