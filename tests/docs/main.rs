@@ -2,9 +2,11 @@
 //!
 //! All `sh` blocks of a file run in order in one shell and one empty folder; `cargo run --release --` is replaced by
 //! the binary under test, and port 8080 by a free port. A block with a second word (`sh docker`, `sh bench`) needs more
-//! than a test has, and is not run.
+//! than a test has, and is not run, except `sh colmap` where COLMAP is installed.
 
+mod demo;
 mod deploy;
+mod links;
 mod monitoring;
 mod powershell;
 mod tables;
@@ -15,7 +17,7 @@ use std::{
     net::TcpListener,
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, Stdio},
 };
 
 use tempfile::TempDir;
@@ -24,13 +26,14 @@ fn project() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The `sh` blocks of a Markdown file.
-fn blocks(markdown: &str) -> Vec<String> {
+/// The `sh` blocks of a Markdown file, and those for a tool of which `has` says that it is there.
+fn blocks(markdown: &str, has: impl Fn(&str) -> bool) -> Vec<String> {
     let mut found = Vec::new();
     let mut current: Option<String> = None;
     for line in markdown.lines() {
         match (&mut current, line.trim_end()) {
             (None, "```sh") => current = Some(String::new()),
+            (None, line) if line.strip_prefix("```sh ").is_some_and(&has) => current = Some(String::new()),
             (Some(_), "```") => found.extend(current.take()),
             (Some(block), line) => {
                 block.push_str(line);
@@ -66,7 +69,7 @@ fn free_port() -> u16 {
 /// there are any.
 fn run_commands_of(file: &Path) -> Option<TempDir> {
     let markdown = fs::read_to_string(file).expect("the document is UTF-8");
-    let blocks = blocks(&markdown);
+    let blocks = blocks(&markdown, |tool| tool == "colmap" && are_here(&["colmap"]));
     if blocks.is_empty() {
         return None;
     }
@@ -98,13 +101,18 @@ fn run_commands_of(file: &Path) -> Option<TempDir> {
 
 /// Whether the tools that the documents use are installed. In CI they must be.
 fn tools_are_here() -> bool {
-    let missing: Vec<&str> =
-        ["bash", "curl"].into_iter().filter(|tool| Command::new(tool).arg("--version").output().is_err()).collect();
+    are_here(&["bash", "curl", "python3"])
+}
+
+/// Whether these tools are installed. In CI they must be.
+fn are_here(tools: &[&str]) -> bool {
+    let is_missing = |tool: &&&str| Command::new(tool).arg("--help").stdout(Stdio::null()).status().is_err();
+    let missing: Vec<&&str> = tools.iter().filter(is_missing).collect();
     if missing.is_empty() {
         return true;
     }
-    assert!(std::env::var("PINSTACK_TEST_TOOLS").as_deref() != Ok("required"), "missing: {}", missing.join(", "));
-    println!("skipped: {} not installed", missing.join(", "));
+    assert!(std::env::var("PINSTACK_TEST_TOOLS").as_deref() != Ok("required"), "missing: {missing:?}");
+    println!("skipped: {missing:?} not installed");
     false
 }
 
@@ -126,31 +134,32 @@ fn the_commands_of_the_readme_work_and_the_demo_is_as_good_as_the_tables_say() {
 }
 
 #[test]
+fn the_commands_of_the_tutorial_work() {
+    if !tools_are_here() {
+        return;
+    }
+    let folder = run_commands_of(&project().join("docs/TUTORIAL.md")).expect("the tutorial has commands");
+    let here = folder.path().join("here");
+    let outliers = fs::read_to_string(here.join("outliers.txt")).expect("the commands left it");
+    assert!(outliers.lines().all(|line| line.starts_with("pan120_tilt12 ")), "{outliers}");
+    if are_here(&["colmap"]) {
+        let report = fs::read_to_string(here.join("poses.txt")).expect("the commands left it");
+        let registered = report.lines().find(|line| line.starts_with("registered")).unwrap_or_default();
+        assert!(registered.contains("36 of 36"), "{report}");
+        let surface = fs::metadata(here.join("surface.ply")).expect("the commands left it");
+        assert!(surface.len() > 10_000, "{} bytes", surface.len());
+    }
+}
+
+#[test]
 fn the_commands_of_the_docs_work() {
     if !tools_are_here() {
         return;
     }
     for entry in fs::read_dir(project().join("docs")).expect("docs can be read") {
         let path = entry.expect("docs can be read").path();
-        if path.extension().is_some_and(|e| e == "md") {
+        if path.extension().is_some_and(|e| e == "md") && !path.ends_with("TUTORIAL.md") {
             run_commands_of(&path);
-        }
-    }
-}
-
-#[test]
-fn every_link_to_a_file_of_the_project_resolves() {
-    let mut documents = vec![project().join("README.md")];
-    documents.extend(fs::read_dir(project().join("docs")).expect("docs").map(|e| e.expect("docs").path()));
-    for document in documents.iter().filter(|d| d.extension().is_some_and(|e| e == "md")) {
-        let text = fs::read_to_string(document).expect("UTF-8");
-        for (at, _) in text.match_indices("](") {
-            let target: String = text[at + 2..].chars().take_while(|c| *c != ')' && *c != '#').collect();
-            if target.is_empty() || target.contains("://") {
-                continue;
-            }
-            let path = document.parent().expect("in a folder").join(&target);
-            assert!(path.exists(), "{} links to {target}, which does not exist", document.display());
         }
     }
 }
@@ -175,7 +184,8 @@ fn every_warning_of_the_metrics_is_explained() {
 #[test]
 fn only_plain_sh_blocks_are_commands() {
     let text = "```sh\na\nb\n```\n```sh docker\nc\n```\n```text\nd\n```\n```sh\ne\n```\n";
-    assert_eq!(blocks(text), ["a\nb\n", "e\n"]);
+    assert_eq!(blocks(text, |_| false), ["a\nb\n", "e\n"]);
+    assert_eq!(blocks(text, |tool| tool == "docker"), ["a\nb\n", "c\n", "e\n"]);
 }
 
 #[test]

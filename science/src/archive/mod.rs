@@ -168,6 +168,17 @@ pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchi
     checked(Container::in_memory(zip, limits)?, limits, u64::MAX)
 }
 
+/// The bytes of the file `name` in the zip at `path`, as of a bundle.
+///
+/// # Errors
+/// [`ErrorKind::InvalidArchive`] if there is no such file, and as [`open`] for a zip that cannot be read.
+pub fn read_file(path: &Path, name: &str, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
+    let container = Container::open(path, limits)?;
+    let found = container.members()?.into_iter().find(|member| member.name == name);
+    let member = found.ok_or_else(|| invalid(name, format!("the zip has no file {name}; check its name")))?;
+    container.read(&member, limits)
+}
+
 fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<StackArchive, Error> {
     let mut warnings = Vec::new();
     let sorted = layout::sort(&container, limits, &mut warnings)?;

@@ -23,7 +23,17 @@ impl Client {
     ///
     /// # Errors
     /// When the server refuses the upload or the job fails, with the detail of the problem.
-    pub(super) async fn run_job(&self, path: &str, zip: &Path, mut report: impl FnMut(&str, f64)) -> Result<Value> {
+    pub(super) async fn run_job(&self, path: &str, zip: &Path, report: impl FnMut(&str, f64)) -> Result<Value> {
+        let (_, location) = self.upload(path, zip).await?;
+        let location = location.context("the server accepted the upload without a Location header")?;
+        self.follow(&location, report).await
+    }
+
+    /// Uploads a zip to `path`. Returns the answer and its header `Location`.
+    ///
+    /// # Errors
+    /// When the server refuses the upload, with the detail of the problem.
+    pub(super) async fn upload(&self, path: &str, zip: &Path) -> Result<(Value, Option<String>)> {
         let file = tokio::fs::File::open(zip).await.with_context(|| format!("cannot read {}", zip.display()))?;
         let length = file.metadata().await?.len();
         let answer = self
@@ -36,13 +46,14 @@ impl Client {
             .await
             .with_context(|| format!("POST {path}"))?;
         let location = answer.headers().get("location").and_then(|l| l.to_str().ok()).map(str::to_owned);
-        json(answer).await?;
-        let location = location.context("the server accepted the upload without a Location header")?;
-        self.follow(&location, &mut report).await
+        Ok((json(answer).await?, location))
     }
 
     /// Follows the events of a job until it ends, then fetches the job.
-    async fn follow(&self, location: &str, report: &mut impl FnMut(&str, f64)) -> Result<Value> {
+    ///
+    /// # Errors
+    /// When the job fails, with the reason.
+    pub(super) async fn follow(&self, location: &str, mut report: impl FnMut(&str, f64)) -> Result<Value> {
         let mut events = self.http.get(format!("{}{location}/events", self.base)).send().await?.error_for_status()?;
         let mut text = String::new();
         while let Some(chunk) = events.chunk().await? {
@@ -63,6 +74,23 @@ impl Client {
             bail!("the job at {location} ended as {}: {why}", job["state"]);
         }
         Ok(job)
+    }
+
+    /// PUTs JSON.
+    ///
+    /// # Errors
+    /// When the server does not answer with 2xx, with the detail of the problem.
+    pub(super) async fn put_json(&self, path: &str, body: &Value) -> Result<Value> {
+        json(self.http.put(format!("{}{path}", self.base)).json(body).send().await?).await
+    }
+
+    /// POSTs bytes and returns the bytes of the answer.
+    ///
+    /// # Errors
+    /// When the server does not answer with 2xx.
+    pub(super) async fn post_bytes(&self, path: &str, body: Vec<u8>) -> Result<Vec<u8>> {
+        let answer = self.http.post(format!("{}{path}", self.base)).body(body).send().await?;
+        Ok(answer.error_for_status().with_context(|| format!("POST {path}"))?.bytes().await?.to_vec())
     }
 
     /// GETs JSON.

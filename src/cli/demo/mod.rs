@@ -3,6 +3,7 @@
 
 mod client;
 mod compare;
+mod scan;
 mod sheet;
 mod stacks;
 mod truth;
@@ -18,6 +19,7 @@ use serde_json::Value;
 
 use self::{
     client::Client,
+    scan::ScanDemo,
     sheet::{Cell, contact_sheet, depth_colours, shaded},
     truth::{Known, Score},
 };
@@ -40,23 +42,41 @@ const TARGET_COLUMNS: usize = 19;
 const SCENE_SCALE: f64 = 0.9;
 
 /// Render a dot target and a focus stack, send them through the service, and compare the results with the truth.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, clap::Args)]
 pub struct Demo {
-    /// Folder of the results, the zips and the data of the service.
-    #[arg(long, default_value = "demo-out")]
-    out: PathBuf,
+    /// Folder of the results, the zips and the data of the service [default: demo-out; with --scan demo-scan].
+    #[arg(long)]
+    out: Option<PathBuf>,
     /// Keep the service running afterwards and print requests to try.
     #[arg(long)]
     keep: bool,
     /// Seed of the random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Width of a slice, px; the height is two thirds of it.
-    #[arg(long, default_value_t = 1200, value_parser = clap::value_parser!(u32).range(240..=6000))]
-    width: u32,
-    /// Number of slices.
-    #[arg(long, default_value_t = 13, value_parser = clap::value_parser!(u32).range(3..=100))]
-    slices: u32,
+    /// Width of a slice, px; the height is two thirds of it [default: 1200; with --scan 600].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(240..=6000))]
+    width: Option<u32>,
+    /// Number of slices [default: 13; with --scan 9].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(3..=100))]
+    slices: Option<u32>,
+    /// Render the scan of a specimen on a turntable instead of a single stack.
+    #[arg(long)]
+    scan: bool,
+    /// Render the files of the scan and send nothing.
+    #[arg(long, requires = "scan", conflicts_with = "keep")]
+    render_only: bool,
+    /// Views of the scan around the axis of the turntable.
+    #[arg(long, requires = "scan", default_value_t = 18, value_parser = clap::value_parser!(u32).range(3..=360))]
+    pans: u32,
+    /// Tilts of the camera at which the scan goes around, degrees.
+    #[arg(long, requires = "scan", value_delimiter = ',', allow_hyphen_values = true, default_values_t = [0.0, 12.0], value_parser = tilt)]
+    tilts: Vec<f64>,
+}
+
+/// A tilt at which the rendered turntable shows the specimen from the side.
+fn tilt(text: &str) -> std::result::Result<f64, String> {
+    let degrees: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (-30.0..=60.0).contains(&degrees) { Ok(degrees) } else { Err("must be from -30 to 60 degrees".to_owned()) }
 }
 
 impl Demo {
@@ -65,17 +85,34 @@ impl Demo {
     /// # Errors
     /// When a file cannot be written, or a request or a job fails.
     pub fn run(self) -> Result<()> {
-        tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(self.run_steps())
+        tokio::runtime::Builder::new_multi_thread()
+            .enable_all()
+            .build()?
+            .block_on(async { if self.scan { self.of_a_scan().run().await } else { self.run_steps().await } })
+    }
+
+    fn of_a_scan(self) -> ScanDemo {
+        ScanDemo {
+            out: self.out.unwrap_or_else(|| "demo-scan".into()),
+            render_only: self.render_only,
+            keep: self.keep,
+            width: self.width.unwrap_or(600) as usize,
+            slices: self.slices.unwrap_or(9) as usize,
+            pans: self.pans,
+            tilts: self.tilts,
+            seed: self.seed,
+        }
     }
 
     async fn run_steps(self) -> Result<()> {
         let begin = Instant::now();
-        let data = self.out.join("data");
-        std::fs::create_dir_all(&data).with_context(|| format!("cannot make the folder {}", data.display()))?;
         let rig = self.rig();
+        let out = self.out.unwrap_or_else(|| "demo-out".into());
+        let data = out.join("data");
+        std::fs::create_dir_all(&data).with_context(|| format!("cannot make the folder {}", data.display()))?;
         let bar = steps();
         bar.set_message("rendering the dot target and the stack");
-        let (target_zip, stack_zip) = (self.out.join("target.zip"), self.out.join("stack.zip"));
+        let (target_zip, stack_zip) = (out.join("target.zip"), out.join("stack.zip"));
         // no edge of the plate is in view, so only a code tells that no slice is off by a whole pitch
         let target = DotTarget { code: Some([0, 0]), ..DotTarget::for_rig(&rig, TARGET_COLUMNS) };
         let optics = format!(
@@ -87,7 +124,7 @@ impl Demo {
             tokio::task::spawn_blocking(move || -> Result<Known> {
                 stacks::write_target(&rig, &target, &target_zip)?;
                 let stage = Stage::new(&rig, &Scene::insect(self.seed).scaled(SCENE_SCALE));
-                stacks::write_stack(rig.slices(), &stage, &stack_zip)?;
+                stacks::write_stack(&stage, &stack_zip)?;
                 Ok(Known { rig, stage })
             })
             .await??
@@ -113,11 +150,11 @@ impl Demo {
         let fused = begin_stack.elapsed();
 
         bar.set_message("comparing with the truth");
-        let results = Results::fetch(&client, &calibration, &stack, known.rig.reference, &self.out).await?;
-        let out = self.out.clone();
+        let results = Results::fetch(&client, &calibration, &stack, known.rig.reference, &out).await?;
+        let sheet = out.join("contact-sheet.png");
         let score = tokio::task::spawn_blocking(move || -> Result<Score> {
             let score = known.score(&results.profile, &results.image, &results.mask)?;
-            results.write_contact_sheet(&known, &score, &out.join("contact-sheet.png"))?;
+            results.write_contact_sheet(&known, &score, &sheet)?;
             Ok(score)
         })
         .await??;
@@ -133,7 +170,7 @@ impl Demo {
         );
         println!(
             "results in  {}: contact-sheet.png image.png mask.png depth.png height.png backlight.png overlay.png metrics.json profile.json",
-            self.out.display()
+            out.display()
         );
         if self.keep {
             print_calls(&url, &stack, &stack_zip);
@@ -144,7 +181,7 @@ impl Demo {
 
     /// The camera on its rail.
     fn rig(&self) -> Rig {
-        let (width, slices) = (self.width as usize, self.slices as usize);
+        let (width, slices) = (self.width.unwrap_or(1200) as usize, self.slices.unwrap_or(13) as usize);
         Rig { seed: self.seed, ..Rig::sized(width, width * 2 / 3, slices) }
     }
 }

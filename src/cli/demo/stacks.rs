@@ -23,28 +23,36 @@ pub(super) fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result
         let name = format!("dots_{:02}.jpg", i + 1);
         (name, jpeg(&render_target(rig, target, i)))
     });
-    write_zip(slices.collect(), path)
+    write_zip(slices.collect::<Vec<_>>().into_iter(), path)
 }
 
 /// Renders the scene at every rail position with front and back light into a zip.
 ///
 /// # Errors
 /// When the zip cannot be written.
-pub(super) fn write_stack(slices: usize, stage: &Stage, path: &Path) -> Result<()> {
-    let mut members = Vec::new();
-    for (folder, light) in [("front", Light::Front), ("back", Light::Back)] {
-        for i in 0..slices {
-            members.push((format!("{folder}/slice_{:02}.jpg", i + 1), jpeg(&stage.render(light, i))));
-        }
-    }
-    write_zip(members, path)
+pub(super) fn write_stack(stage: &Stage, path: &Path) -> Result<()> {
+    write_zip(stack_members(stage).into_iter(), path)
+}
+
+/// The slices of a stack as the camera stores them: `front/slice_01.jpg`, ..., `back/slice_01.jpg`, ...
+pub(super) fn stack_members(stage: &Stage) -> Vec<(String, Vec<u8>)> {
+    let lights = [("front", Light::Front), ("back", Light::Back)];
+    let all: Vec<_> = lights.into_iter().flat_map(|light| (0..stage.rig().slices()).map(move |i| (light, i))).collect();
+    let slice = |((folder, light), i): ((&str, Light), usize)| {
+        (format!("{folder}/slice_{:02}.jpg", i + 1), jpeg(&stage.render(light, i)))
+    };
+    all.into_par_iter().map(slice).collect()
 }
 
 fn jpeg(picture: &Raster) -> Vec<u8> {
     codec::encode_jpeg(picture, QUALITY)
 }
 
-fn write_zip(members: Vec<(String, Vec<u8>)>, path: &Path) -> Result<()> {
+/// Writes a zip. Members are made one after the other, so a scan need not fit into the memory.
+///
+/// # Errors
+/// When the zip cannot be written.
+pub(super) fn write_zip(members: impl Iterator<Item = (String, Vec<u8>)>, path: &Path) -> Result<()> {
     let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
-    pack(BufWriter::new(file), members.into_iter()).with_context(|| format!("cannot write {}", path.display()))
+    pack(BufWriter::new(file), members).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -155,3 +155,14 @@ fn what_pack_writes_is_read_and_is_the_same_every_time() {
     let archive = open_bytes(&packed()).unwrap();
     assert_eq!(archive.front().load(1).unwrap(), raster(1));
 }
+
+#[test]
+fn a_file_of_a_zip_is_read_by_its_name() {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(&zip(&[entry("README.txt", b"read me"), entry("sparse/0/images.txt", b"1 0 0\n")])).unwrap();
+    let limits = ArchiveLimits::default();
+    assert_eq!(read_file(file.path(), "sparse/0/images.txt", &limits).unwrap(), b"1 0 0\n");
+    let missing = read_file(file.path(), "images.txt", &limits).unwrap_err();
+    assert_eq!(missing.kind, ErrorKind::InvalidArchive);
+    assert!(missing.detail.contains("no file images.txt"), "{}", missing.detail);
+}

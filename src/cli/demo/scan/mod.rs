@@ -1,0 +1,299 @@
+//! `pinstack demo --scan`: renders the scan of a specimen on a turntable, sends it through the service over HTTP, and
+//! compares the views with the truth. The rig is knocked in one view, so that the scan has an outlier; that view is
+//! photographed again.
+//!
+//! The files are those that a user of a real rig has: the dot target, one zip with all views, and the zip of the view
+//! that is photographed again. docs/TUTORIAL.md works with them.
+
+mod files;
+mod score;
+mod setup;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+
+use self::{
+    score::{Figures, Pictures, ViewFigures},
+    setup::Setup,
+};
+use super::{
+    client::Client,
+    sheet::{Cell, contact_sheet},
+    show, start_service, steps,
+};
+use pinstack_science::{
+    archive::{self, ArchiveLimits},
+    imaging::{
+        Raster,
+        codec::{self, Metadata},
+    },
+    synth::Light,
+};
+
+// the names used in docs/TUTORIAL.md
+const RIG: &str = "turntable-1";
+const LENS: &str = "macro65";
+const SCAN: &str = "beetle";
+
+/// What to render, and what to do with it.
+pub(super) struct ScanDemo {
+    /// Folder of all files.
+    pub out: PathBuf,
+    /// Render the files and send nothing.
+    pub render_only: bool,
+    /// Keep the service running afterwards.
+    pub keep: bool,
+    /// Width of a slice, px.
+    pub width: usize,
+    /// Number of slices.
+    pub slices: usize,
+    /// Views around the axis.
+    pub pans: u32,
+    /// Tilts of the camera, degrees.
+    pub tilts: Vec<f64>,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+impl ScanDemo {
+    /// Runs the demo.
+    ///
+    /// # Errors
+    /// When a file cannot be written, or a request or a job fails.
+    pub(super) async fn run(self) -> Result<()> {
+        let begin = Instant::now();
+        let data = self.out.join("data");
+        std::fs::create_dir_all(&self.out).with_context(|| format!("cannot make the folder {}", self.out.display()))?;
+        let setup = Setup::new(self.width, self.slices, self.pans, &self.tilts, self.seed);
+        let bar = steps();
+        self.render(&setup, &bar).await?;
+        let rendered = begin.elapsed();
+        if self.render_only {
+            bar.finish_and_clear();
+            println!("{}", self.left(&[]));
+            println!("{}", settings(&setup));
+            return Ok(());
+        }
+        let service = start_service(data).await?;
+        let url = format!("http://{}", service.address());
+        let scan = Scan { client: Client::new(url.clone()), setup: &setup, out: &self.out, bar: &bar };
+        let figures = scan.run().await?;
+        bar.finish_and_clear();
+        println!("{}", figures.table());
+        println!(
+            "time          rendering {:.1} s, in all {:.1} s",
+            rendered.as_secs_f64(),
+            begin.elapsed().as_secs_f64()
+        );
+        println!("{}", self.left(&["bundle.zip", "poses.txt", "figures.json", "contact-sheet.png"]));
+        if self.keep {
+            println!("\nThe service is still running; Ctrl-C stops it. In a browser: {url}/scans/{SCAN}");
+            tokio::signal::ctrl_c().await?;
+        }
+        service.stop().await
+    }
+
+    async fn render(&self, setup: &Setup, bar: &ProgressBar) -> Result<()> {
+        let (setup, out, bar) = (setup.clone(), self.out.clone(), bar.clone());
+        tokio::task::spawn_blocking(move || {
+            files::write(&setup, &out, |what, share| show(&bar, "rendering", what, share))
+        })
+        .await?
+    }
+
+    /// The line that names the files.
+    fn left(&self, results: &[&str]) -> String {
+        let rendered = [files::TARGET, files::SCAN, files::RETAKE, files::TRUTH];
+        let names: Vec<&str> = rendered.iter().chain(results).copied().collect();
+        format!("files in      {}: {}", self.out.display(), names.join(" "))
+    }
+}
+
+/// What the rig knows about itself, as parameters of the requests.
+fn settings(setup: &Setup) -> String {
+    format!(
+        "the rig       focal_mm={} pixel_pitch_mm={:.5} target_pitch_mm={:.4} radius_mm={:.3}",
+        setup.rig.focal_mm,
+        setup.rig.pixel_pitch_mm,
+        setup.target().pitch_mm,
+        setup.radius_mm()
+    )
+}
+
+/// The scan on its way through the service.
+struct Scan<'a> {
+    client: Client,
+    setup: &'a Setup,
+    out: &'a Path,
+    bar: &'a ProgressBar,
+}
+
+impl Scan<'_> {
+    async fn run(&self) -> Result<Figures> {
+        let setup = self.setup;
+        let (grade, profile) = self.calibrate().await?;
+        let (worst_corner_px, principal_distance_mm) = score::of_profile(setup, &profile)?;
+        self.send_views().await?;
+        let outliers = outliers(&self.table().await?);
+        let knocked = setup.knocked_view().file_stem();
+        let bad = self.pictures(&self.stack_of(&knocked).await?).await?;
+        self.retake().await?;
+
+        let table = self.table().await?;
+        let views = table["views"].as_array().context("a scan has views")?;
+        let mut figures = Vec::new();
+        for (at, view) in views.iter().enumerate() {
+            show(self.bar, "comparing", "with the truth", at as f64 / views.len() as f64);
+            let name = view["name"].as_str().context("a view has a name")?;
+            let fused = self.pictures(view["stack"].as_str().context("a view has a stack")?).await?;
+            let truth = self.truth(name)?;
+            figures.push(ViewFigures::of(name, &fused, &truth)?);
+            if name == knocked {
+                self.write_contact_sheet(&bad, &fused, &truth)?;
+            }
+        }
+        let knocked_psnr_db = ViewFigures::of(&knocked, &bad, &self.truth(&knocked)?)?.psnr_db;
+        let (poses, worst_centre_mm) = self.bundle().await?;
+        let figures = Figures {
+            grade,
+            worst_corner_px,
+            principal_distance_mm,
+            true_principal_distance_mm: setup.rig.sensor_distance(setup.rig.reference),
+            views: figures,
+            outliers,
+            knocked,
+            knocked_psnr_db,
+            outliers_after_retake: self::outliers(&table),
+            poses,
+            worst_centre_mm,
+        };
+        self.write("figures.json", serde_json::to_string_pretty(&figures)?.as_bytes())?;
+        Ok(figures)
+    }
+
+    /// Sends the dot target. Returns the verdict in one word and the profile.
+    async fn calibrate(&self) -> Result<(String, Value)> {
+        let rig = &self.setup.rig;
+        let path = format!(
+            "/v1/profiles/{RIG}/{LENS}/calibrations?focal_mm={}&pixel_pitch_mm={:.5}&target_pitch_mm={:.4}",
+            rig.focal_mm,
+            rig.pixel_pitch_mm,
+            self.setup.target().pitch_mm
+        );
+        let zip = self.out.join(files::TARGET);
+        let made = self.client.run_job(&path, &zip, |stage, share| show(self.bar, "calibrating", stage, share)).await?;
+        let grade = made["result"]["grade"].as_str().unwrap_or("unknown").to_owned();
+        Ok((grade, self.client.get_json(&format!("/v1/profiles/{RIG}/{LENS}")).await?))
+    }
+
+    /// Sends all views as one zip and waits until they are fused.
+    async fn send_views(&self) -> Result<()> {
+        let scan = json!({
+            "rig": RIG, "lens": LENS, "expected_views": self.setup.views.len(), "radius_mm": self.setup.radius_mm(),
+            "specimen": "rendered beetle"
+        });
+        self.client.put_json(&format!("/v1/scans/{SCAN}"), &scan).await?;
+        show(self.bar, "fusing", "sending", 0.0);
+        let (sent, _) = self.client.upload(&format!("/v1/scans/{SCAN}/archive"), &self.out.join(files::SCAN)).await?;
+        let views = sent["views"].as_array().context("the answer lists the views")?;
+        for (at, view) in views.iter().enumerate() {
+            let stack = view["stack"].as_str().context("a view has a stack")?;
+            let share = |part: f64| (at as f64 + part) / views.len() as f64;
+            self.client.follow(stack, |stage, part| show(self.bar, "fusing", stage, share(part))).await?;
+        }
+        Ok(())
+    }
+
+    /// Sends the view with the fault again.
+    async fn retake(&self) -> Result<()> {
+        let angles = self.setup.knocked_view();
+        let path = format!(
+            "/v1/stacks?rig={RIG}&lens={LENS}&scan={SCAN}&pan_deg={}&tilt_deg={}",
+            angles.pan_deg, angles.tilt_deg
+        );
+        let zip = self.out.join(files::RETAKE);
+        self.client.run_job(&path, &zip, |stage, share| show(self.bar, "fusing again", stage, share)).await?;
+        Ok(())
+    }
+
+    async fn table(&self) -> Result<Value> {
+        self.client.get_json(&format!("/v1/scans/{SCAN}")).await
+    }
+
+    async fn stack_of(&self, name: &str) -> Result<String> {
+        let table = self.table().await?;
+        let view = table["views"].as_array().into_iter().flatten().find(|view| view["name"] == name);
+        let stack =
+            view.and_then(|view| view["stack"].as_str()).with_context(|| format!("no view is called {name}"))?;
+        Ok(stack.to_owned())
+    }
+
+    async fn pictures(&self, stack: &str) -> Result<Pictures> {
+        let fetched = async |name: &str| -> Result<Raster> {
+            let path = format!("{stack}/{name}");
+            decoded(&self.client.get_bytes(&path).await?, &path)
+        };
+        Ok(Pictures { image: fetched("image").await?, mask: fetched("mask").await? })
+    }
+
+    fn truth(&self, name: &str) -> Result<Pictures> {
+        let read = |name: String| -> Result<Raster> {
+            let path = self.out.join(name);
+            let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            decoded(&bytes, &path.display().to_string())
+        };
+        Ok(Pictures { image: read(files::true_image(name))?, mask: read(files::true_mask(name))? })
+    }
+
+    /// Fetches the bundle for COLMAP and the report on its poses. Returns how many poses it has, and the largest
+    /// distance from the truth in mm.
+    async fn bundle(&self) -> Result<(usize, f64)> {
+        let zip = self.client.get_bytes(&format!("/v1/scans/{SCAN}/bundle?layout=colmap")).await?;
+        self.write("bundle.zip", &zip)?;
+        let images = archive::read_file(&self.out.join("bundle.zip"), "sparse/0/images.txt", &ArchiveLimits::scan())?;
+        let report = self.client.post_bytes(&format!("/v1/scans/{SCAN}/poses?format=text"), images.clone()).await?;
+        self.write("poses.txt", &report)?;
+        score::of_poses(self.setup, &images)
+    }
+
+    fn write_contact_sheet(&self, bad: &Pictures, fused: &Pictures, truth: &Pictures) -> Result<()> {
+        let stage = self.setup.stage(self.setup.knocked_view());
+        let last = self.setup.rig.slices() - 1;
+        let (first, end) = (stage.render(Light::Front, 0), stage.render(Light::Front, last));
+        let knocked = format!("fused; the rig was knocked at slice {}", self.setup.knocked_from());
+        let cells = [
+            ("first slice".to_owned(), &first),
+            (format!("last slice ({last})"), &end),
+            (knocked, &bad.image),
+            ("photographed again and fused".to_owned(), &fused.image),
+            ("truth".to_owned(), &truth.image),
+            ("mask".to_owned(), &fused.mask),
+        ];
+        let sheet = contact_sheet(&cells.map(|(caption, picture)| Cell { caption, picture }), 3);
+        let mut png = Vec::new();
+        codec::encode_png(&mut png, &sheet, &Metadata::default()).context("cannot make the contact sheet")?;
+        self.write("contact-sheet.png", &png)
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
+        let path = self.out.join(name);
+        std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+fn decoded(bytes: &[u8], name: &str) -> Result<Raster> {
+    codec::decode_rgba(bytes, &codec::Limits::default()).with_context(|| format!("{name} cannot be read back"))
+}
+
+/// The names of the views that differ from their neighbours.
+fn outliers(table: &Value) -> Vec<String> {
+    let views = table["views"].as_array().into_iter().flatten();
+    let views = views.filter(|view| view["outliers"].as_array().is_some_and(|outliers| !outliers.is_empty()));
+    views.filter_map(|view| view["name"].as_str().map(str::to_owned)).collect()
+}
