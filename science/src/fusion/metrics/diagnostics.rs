@@ -1,8 +1,6 @@
 //! Findings of the metrics: each fault of a stack is simulated, and must be the only finding. A stack without a fault
 //! must have none.
 
-mod pictures;
-
 use std::sync::LazyLock;
 
 use rayon::prelude::*;
