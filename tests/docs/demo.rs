@@ -26,7 +26,7 @@ fn the_scan_of_the_demo_is_fused_and_its_fault_found() {
     assert!(number("worst_centre_mm") < 1e-6, "{figures}");
     for view in figures["views"].as_array().expect("views") {
         let (psnr, iou) = (view["psnr_db"].as_f64().expect("dB"), view["iou"].as_f64().expect("a ratio"));
-        assert!(psnr > 25.0 && psnr > number("knocked_psnr_db") && iou > 0.97, "{view}");
+        assert!(psnr > 24.0 && psnr > number("knocked_psnr_db") && iou > 0.97, "{view}");
     }
     for file in ["target.zip", "retake.zip", "truth/surface.ply", "truth/sparse/0/images.txt", "contact-sheet.png"] {
         assert!(out.join(file).exists(), "{file}");

@@ -11,12 +11,14 @@ use crate::stack::{fused, true_plan};
 /// Makes a back-lit slice from what the lamp behind and the lamp before the object give, 0..255, and the place, 0..1.
 pub type Exposure = fn(f32, f32, [f32; 2]) -> f32;
 
-/// Each code, and the lamps that lead to it.
-pub const OF_MASKS: [(&str, Exposure); 2] = [
-    // the front lamp was left on
-    ("mask_low_separability", |back, front, _| 0.05 * back + 1.8 * front),
+/// The code of each picture, the code that its mask is reported with, and the lamps.
+pub const OF_MASKS: [(&str, &str, Exposure); 2] = [
+    // the front lamp was left on: shiny parts look as if the back light passed through
+    ("mask_low_separability", "mask_translucent", |back, front, _| 0.05 * back + 1.8 * front),
     // a small lamp to the left
-    ("mask_uneven_light", |back, _, [x, y]| back * (-3.2 * ((x - 0.15).powi(2) + (y - 0.5).powi(2))).exp() + 3.0),
+    ("mask_uneven_light", "mask_uneven_light", |back, _, [x, y]| {
+        back * (-3.2 * ((x - 0.15).powi(2) + (y - 0.5).powi(2))).exp() + 3.0
+    }),
 ];
 
 /// The fused back light, what is cut out of the fused front light, and the codes that are reported.
