@@ -146,8 +146,15 @@ fn the_commands_of_the_tutorial_work() {
         let report = fs::read_to_string(here.join("poses.txt")).expect("the commands left it");
         let registered = report.lines().find(|line| line.starts_with("registered")).unwrap_or_default();
         assert!(registered.contains("36 of 36"), "{report}");
-        let surface = fs::metadata(here.join("surface.ply")).expect("the commands left it");
-        assert!(surface.len() > 10_000, "{} bytes", surface.len());
+        assert!(here.join("points.ply").exists());
+    }
+    let hull = fs::read_to_string(here.join("hull.ply")).expect("the commands left it");
+    let numbers = |line: &str| line.split(' ').map(str::parse).collect::<Result<Vec<f64>, _>>().ok();
+    let points: Vec<Vec<f64>> = hull.lines().filter_map(numbers).filter(|numbers| numbers.len() == 3).collect();
+    for (axis, side_mm) in [9.39, 16.0, 17.64].into_iter().enumerate() {
+        let along = points.iter().map(|point| point[axis]);
+        let [low, high] = [along.clone().fold(f64::INFINITY, f64::min), along.fold(f64::NEG_INFINITY, f64::max)];
+        assert!((high - low - side_mm).abs() < 0.8, "side {axis} of the hull is {} mm, truly {side_mm}", high - low);
     }
 }
 
