@@ -44,7 +44,7 @@ enum Command {
     Serve(Box<config::Flags>),
     /// Run jobs without serving the API: more machines for the service whose database_url and data_dir this one shares
     Work(Box<config::Flags>),
-    /// Calibrate and fuse a synthetic stack through the service, and compare the results with the truth
+    /// Calibrate and fuse a synthetic stack or scan through the service, and compare the results with the truth
     Demo(demo::Demo),
     /// Print the OpenAPI document
     Openapi,
