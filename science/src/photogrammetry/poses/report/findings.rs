@@ -1,0 +1,55 @@
+//! What to consider about a report, as sentences with what to do.
+
+use super::types::PoseReport;
+use crate::types::Warning;
+
+/// Names that a finding lists.
+const LISTED: usize = 5;
+
+/// What to consider. `has_steps`: the axis of the turntable was found.
+pub(super) fn findings_of(report: &PoseReport, has_steps: bool) -> Vec<Warning> {
+    let mut findings = Vec::new();
+    let mut names = |code: &str, names: &[String], what: &str| {
+        if !names.is_empty() {
+            findings.push(Warning::new(code, format!("{} {what}: {}", names.len(), listed(names))));
+        }
+    };
+    names("not_registered", &report.not_registered, "views are not registered");
+    names("unknown_views", &report.unknown, "registered views are not views of this scan");
+    names("duplicate_views", &report.duplicates, "names occur more than once; the first of each counts");
+    let outliers: Vec<String> =
+        report.views.iter().filter(|view| view.is_outlier).map(|view| view.name.clone()).collect();
+    names("outliers", &outliers, "views do not fit the others");
+    let with_angles = report.views.iter().filter(|view| view.commanded_pan_deg.is_some()).count();
+    if with_angles == 0 {
+        findings.push(Warning::new(
+            "no_angles",
+            "the commanded angles are unknown, so steps of pan and tilt are not measured; name the views as in \
+             pan020_tilt06, or give a CSV file the columns pan_deg and tilt_deg",
+        ));
+    } else if !has_steps {
+        findings.push(Warning::new("no_axis", "too few views have angles, or all on one line: the axis is unknown"));
+    } else if report.pan_is_clockwise.is_none() {
+        findings.push(Warning::new(
+            "no_sense",
+            "the centres of one level ring look the same from above and from below, and the file has no rotations: which way \
+             pan grows is unknown",
+        ));
+    }
+    if report.pan_is_clockwise == Some(true) {
+        findings.push(Warning::new(
+            "clockwise",
+            "pan grows clockwise, seen from above, against the convention: set pan_direction of the scan to clockwise, so \
+             that bundles place the cameras as they were",
+        ));
+    }
+    findings
+}
+
+fn listed(names: &[String]) -> String {
+    let shown: Vec<&str> = names.iter().take(LISTED).map(String::as_str).collect();
+    match names.len().checked_sub(LISTED) {
+        None | Some(0) => shown.join(", "),
+        Some(more) => format!("{} and {more} more", shown.join(", ")),
+    }
+}

@@ -1,0 +1,71 @@
+//! The scale of a reconstruction, which has none of its own: from a known radius or a known distance of two views.
+
+use nalgebra::Vector3;
+
+use super::{
+    surface::Surface,
+    types::{LengthUnit, ScaleReport, ScaleSource, SurfaceKind},
+};
+use crate::{
+    photogrammetry::poses::{KnownScale, Pose, PoseOptions, view_key},
+    types::{
+        Error,
+        error::{ErrorKind, ErrorLocation},
+    },
+};
+
+/// The unit of all lengths of the report.
+///
+/// # Errors
+/// [`ErrorKind::InvalidParameter`] when a view that is to give the scale is not registered, or both are at one place.
+pub(super) fn scale(
+    poses: &[&Pose],
+    options: &PoseOptions,
+    surface: Option<&Surface>,
+    commanded: &[Option<[f64; 2]>],
+) -> Result<ScaleReport, Error> {
+    let of_radius = |source: ScaleSource| {
+        let per_file_unit = surface.map_or(1.0, |surface| 1.0 / surface.radius);
+        ScaleReport { unit: LengthUnit::Radius, source, per_file_unit }
+    };
+    match (&options.scale, surface) {
+        (None, _) | (Some(KnownScale::Radius { .. }), None) => Ok(of_radius(ScaleSource::None)),
+        (Some(KnownScale::Radius { mm }), Some(surface)) => {
+            // a ring at a tilt is smaller than the sphere
+            let ring = match surface.kind {
+                SurfaceKind::Sphere => 1.0,
+                SurfaceKind::Circle => common_tilt(commanded).map_or(1.0, |tilt| tilt.to_radians().cos()),
+            };
+            let per_file_unit = mm * ring / surface.radius;
+            Ok(ScaleReport { unit: LengthUnit::Mm, source: ScaleSource::KnownRadius, per_file_unit })
+        }
+        (Some(KnownScale::Pair { from, to, mm }), _) => {
+            let place = |name: &str, parameter: &str| {
+                let key = view_key(name);
+                let found = poses.iter().find(|pose| view_key(&pose.name) == key);
+                found.map(|pose| Vector3::from(pose.centre)).ok_or_else(|| {
+                    let detail = format!("the view '{name}' is not registered, so it cannot give the scale");
+                    refused(parameter, detail)
+                })
+            };
+            let apart = (place(from, "pair_from")? - place(to, "pair_to")?).norm();
+            if apart <= 0.0 {
+                return Err(refused("pair_to", format!("the views '{from}' and '{to}' are at the same place")));
+            }
+            Ok(ScaleReport { unit: LengthUnit::Mm, source: ScaleSource::ViewPair, per_file_unit: mm / apart })
+        }
+    }
+}
+
+fn refused(parameter: &str, detail: String) -> Error {
+    let place =
+        ErrorLocation { detail: detail.clone(), pointer: Some(parameter.to_owned()), ..ErrorLocation::default() };
+    Error::new(ErrorKind::InvalidParameter, detail).at(place)
+}
+
+/// The tilt that all views with angles have, degrees.
+fn common_tilt(commanded: &[Option<[f64; 2]>]) -> Option<f64> {
+    let mut tilts = commanded.iter().flatten().map(|[_, tilt]| *tilt);
+    let first = tilts.next()?;
+    tilts.all(|tilt| (tilt - first).abs() < 0.01).then_some(first)
+}
