@@ -184,7 +184,13 @@ fn colmap_reads_the_model_of_a_bundle() {
     }
     let view = |pan_deg: f64| {
         let angles = ViewAngles { pan_deg, tilt_deg: 12.5 };
-        BundleView { stem: angles.file_stem(), extension: "png".into(), has_mask: true, angles: Some(angles) }
+        BundleView {
+            stem: angles.file_stem(),
+            extension: "png".into(),
+            bit_depth: 8,
+            has_mask: true,
+            angles: Some(angles),
+        }
     };
     let scan = BundleScan {
         name: "bee".into(),

@@ -215,6 +215,7 @@ fn described(scan: &Scan, ready: &[Ready<'_>]) -> BundleScan {
             .map(|ready| BundleView {
                 stem: ready.view.stem.clone(),
                 extension: extension(ready.image),
+                bit_depth: ready.result.image_info.bit_depth,
                 has_mask: ready.result.mask.is_some(),
                 angles: ready.view.angles(),
             })

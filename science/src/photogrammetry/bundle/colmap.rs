@@ -61,6 +61,7 @@ fn pairs(bundle: &Bundle<'_>, poses: &[pose::Pose]) -> String {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "COLMAP (3.8 or newer)", "masks/{image}.png");
+    out.push_str(&readme::deep_images(bundle, "COLMAP 3 (unlike COLMAP 4)"));
     let masks = match bundle.scan.views.iter().any(|view| view.has_mask) {
         true => " \\\n    --ImageReader.mask_path masks",
         false => "",

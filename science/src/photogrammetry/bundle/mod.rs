@@ -109,6 +109,8 @@ pub struct BundleView {
     pub stem: String,
     /// Extension of the image, without a dot.
     pub extension: String,
+    /// Bits per sample of the image, 8 or 16.
+    pub bit_depth: u8,
     /// Whether it has a mask (PNG, 8 bits, white where the object is).
     pub has_mask: bool,
     /// Pan and tilt as commanded.

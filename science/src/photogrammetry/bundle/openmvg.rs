@@ -70,6 +70,7 @@ fn sfm_data(bundle: &Bundle<'_>) -> Value {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "OpenMVG", "images/{name of the image}_mask.png");
+    out.push_str(&readme::deep_images(bundle, "OpenMVG"));
     let (scene, begin, fixed) = match bundle.camera {
         Some(_) => {
             out.push_str("sfm_data.json lists the images with the camera and the poses. Run in this folder:\n\n");

@@ -66,6 +66,22 @@ fn poses(bundle: &Bundle<'_>) -> String {
     )
 }
 
+/// A paragraph for a program that cannot open images of 16 bits per sample, if there are any. `program`: the beginning
+/// of the sentence `COLMAP 3 cannot open such images`.
+pub(super) fn deep_images(bundle: &Bundle<'_>, program: &str) -> String {
+    let scan = bundle.scan;
+    let deep = scan.views.iter().filter(|view| view.bit_depth > 8).count();
+    if deep == 0 {
+        return String::new();
+    }
+    format!(
+        "{} 16 bits per sample. {program} cannot open such images: fuse the scan again with 8 bits (POST \
+         /v1/scans/{}/rerun with {{\"bit_depth\": 8}}).\n\n",
+        views_have(deep),
+        scan.name
+    )
+}
+
 /// The beginning of a sentence: `1 view has`, `2 views have`.
 pub(super) fn views_have(count: usize) -> String {
     if count == 1 { "1 view has".to_owned() } else { format!("{count} views have") }

@@ -12,7 +12,13 @@ const HEIGHT: u32 = 540;
 fn scan() -> BundleScan {
     let view = |pan_deg: f64, tilt_deg: f64| {
         let angles = ViewAngles { pan_deg, tilt_deg };
-        BundleView { stem: angles.file_stem(), extension: "png".into(), has_mask: true, angles: Some(angles) }
+        BundleView {
+            stem: angles.file_stem(),
+            extension: "png".into(),
+            bit_depth: 8,
+            has_mask: true,
+            angles: Some(angles),
+        }
     };
     let views = [(0.0, 0.0), (20.0, 0.0), (340.0, 12.0), (130.0, -33.0)].map(|(pan, tilt)| view(pan, tilt));
     BundleScan {
@@ -292,6 +298,22 @@ fn a_point_of_the_world_appears_at_the_same_pixel_in_every_layout() {
             }
         }
     }
+}
+
+#[test]
+fn images_that_the_program_cannot_open_are_told() {
+    let mut scan = scan();
+    let told = |scan: &BundleScan, layout| {
+        let entries = plan(layout, scan).expect("a bundle");
+        texts(&entries)["README.txt"].contains("cannot open")
+    };
+    assert!(Layout::ALL.into_iter().all(|layout| !told(&scan, layout)), "images of 8 bits suit all programs");
+    scan.views[2].bit_depth = 16;
+    let cannot: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| told(&scan, *layout)).collect();
+    assert_eq!(cannot, [Layout::Colmap, Layout::Openmvg]);
+    let entries = plan(Layout::Colmap, &scan).expect("a bundle");
+    let readme = texts(&entries)["README.txt"];
+    assert!(readme.contains("1 view has 16 bits per sample") && readme.contains("{\"bit_depth\": 8}"), "{readme}");
 }
 
 #[test]
