@@ -65,7 +65,26 @@ async fn poses_of_a_scan_are_compared_with_its_views() {
     assert_eq!((&report["not_registered"], &report["unknown"]), (&json!(["lost"]), &json!(["wasp.png"])));
     assert_eq!(report["views"][1]["commanded_pan_deg"], json!(20.0));
     assert_eq!((&report["surface"]["kind"], &report["pan_steps"]["count"]), (&json!("circle"), &json!(2)));
+    let findings: Vec<&Value> = report["findings"].as_array().unwrap().iter().collect();
+    let told = |code: &str| findings.iter().find(|f| f["code"] == code).expect(code)["detail"].as_str().unwrap();
+    assert_eq!(told("unknown_views"), "1 registered view is not a view of this scan: wasp.png");
+    assert_eq!(told("not_registered"), "1 view is not registered: lost");
     problem(app.post("/v1/scans/wasp/poses").body(csv()).send().await.unwrap(), 404, "scan_not_found").await;
+}
+
+#[tokio::test]
+async fn poses_of_another_scan_are_refused_with_a_name_of_each() {
+    let app = TestApp::start().await;
+    app.with_scan("bee").await;
+    for label in ["head", "left", "tail"] {
+        app.with_stack(&format!("&scan=bee&label={label}")).await;
+    }
+    let refused = app.post("/v1/scans/bee/poses").body(csv()).send().await.unwrap();
+    let refused = problem(refused, 422, "invalid_poses").await;
+    let detail = refused["detail"].as_str().unwrap();
+    assert!(detail.starts_with("none of the 36 views of the file is a view of this scan"), "{detail}");
+    assert!(detail.contains("the file has 'pan000_tilt00.png', the scan has 'head'"), "{detail}");
+    assert_eq!(app.post("/v1/poses").body(csv()).send().await.unwrap().status(), StatusCode::OK);
 }
 
 #[tokio::test]

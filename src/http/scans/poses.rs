@@ -38,7 +38,7 @@ use pinstack_science::photogrammetry::poses::{Commanded, PoseReport};
         (status = 400, description = "`invalid_request`: an invalid name, or a parameter that is unknown or outside its range; `upload_incomplete`: the connection closed or timed out"),
         (status = 404, description = "`scan_not_found`"),
         (status = 413, description = "`upload_too_large`: the file exceeds 128 MiB"),
-        (status = 422, description = "`invalid_poses`: not a file of camera poses, or one without a registered view"),
+        (status = 422, description = "`invalid_poses`: not a file of camera poses, one without a registered view, or one without a view of the scan"),
         (status = 507, description = "`insufficient_storage`: no room for the file while it is read"),
     )
 )]

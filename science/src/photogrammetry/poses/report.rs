@@ -16,7 +16,7 @@ use self::{
     surface::Surface,
     views::Views,
 };
-use super::{PoseFile, PoseOptions, turntable::Steps};
+use super::{Commanded, PoseFile, PoseOptions, invalid, turntable::Steps};
 use crate::types::Error;
 #[cfg(doc)]
 use crate::types::error::ErrorKind;
@@ -28,9 +28,13 @@ pub use self::types::{
 /// Measures the poses of a file.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidParameter`] when a view that is to give the scale is not registered.
+/// [`ErrorKind::InvalidParameter`] when a view that is to give the scale is not registered;
+/// [`ErrorKind::InvalidPoses`] when no view of the file is among the views that should be registered.
 pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Error> {
     let Views { poses, commanded, not_registered, unknown, duplicates } = Views::of(file, options);
+    if !unknown.is_empty() && unknown.len() == poses.len() {
+        return Err(of_another_scan(&unknown, &options.commanded));
+    }
     let mut findings = Vec::new();
     let surface = Surface::of(&poses, &mut findings);
     let angles = surface.as_ref().and_then(|surface| surface.angles(&poses, &commanded));
@@ -71,4 +75,16 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
     let more = findings_of(&report, turntable.is_some());
     report.findings.extend(more);
     Ok(report)
+}
+
+/// The error for poses of which none is of a view of the scan.
+fn of_another_scan(unknown: &[String], commanded: &[Commanded]) -> Error {
+    let one = |name: Option<&str>| name.unwrap_or_default().to_owned();
+    invalid(format!(
+        "none of the {} views of the file is a view of this scan: the file has '{}', the scan has '{}'; send the poses of \
+         this scan, name the images as the bundle does, or ask for a report without a scan",
+        unknown.len(),
+        one(unknown.first().map(String::as_str)),
+        one(commanded.first().map(|view| view.name.as_str())),
+    ))
 }

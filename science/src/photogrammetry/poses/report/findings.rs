@@ -9,17 +9,23 @@ const LISTED: usize = 5;
 /// What to consider. `has_steps`: the axis of the turntable was found.
 pub(super) fn findings_of(report: &PoseReport, has_steps: bool) -> Vec<Warning> {
     let mut findings = Vec::new();
-    let mut names = |code: &str, names: &[String], what: &str| {
+    let mut names = |code: &str, names: &[String], [one, many]: [&str; 2]| {
         if !names.is_empty() {
+            let what = if names.len() == 1 { one } else { many };
             findings.push(Warning::new(code, format!("{} {what}: {}", names.len(), listed(names))));
         }
     };
-    names("not_registered", &report.not_registered, "views are not registered");
-    names("unknown_views", &report.unknown, "registered views are not views of this scan");
-    names("duplicate_views", &report.duplicates, "names occur more than once; the first of each counts");
+    names("not_registered", &report.not_registered, ["view is not registered", "views are not registered"]);
+    let unknown = ["registered view is not a view of this scan", "registered views are not views of this scan"];
+    names("unknown_views", &report.unknown, unknown);
+    let twice = [
+        "name occurs more than once; its first pose counts",
+        "names occur more than once; the first pose of each counts",
+    ];
+    names("duplicate_views", &report.duplicates, twice);
     let outliers: Vec<String> =
         report.views.iter().filter(|view| view.is_outlier).map(|view| view.name.clone()).collect();
-    names("outliers", &outliers, "views do not fit the others");
+    names("outliers", &outliers, ["view does not fit the others", "views do not fit the others"]);
     let with_angles = report.views.iter().filter(|view| view.commanded_pan_deg.is_some()).count();
     if with_angles == 0 {
         findings.push(Warning::new(
