@@ -166,6 +166,15 @@ impl TestApp {
         assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
     }
 
+    /// Finishes a stack with results that the test changes, like a worker.
+    pub async fn finish_stack(&self, job: &Job, change: impl FnOnce(&mut StackOutcome)) {
+        let mut outcome = self.stack_outcome(job, true).await;
+        change(&mut outcome);
+        let outcome = Box::new(JobOutcome::Stack(outcome));
+        let finish = Finish::Succeeded { outcome, warnings: Vec::new(), profile: None };
+        assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
+    }
+
     /// Fails a job, like a worker.
     pub async fn fail(&self, job: &Job, fault: Fault) {
         assert!(

@@ -2,6 +2,7 @@
 
 mod archive;
 mod bundle;
+mod cameras;
 mod groupings;
 mod owners;
 

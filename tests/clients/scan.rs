@@ -2,6 +2,7 @@
 //! bundle and reconstructed by COLMAP with the commands of the bundle's README and a stricter limit for errors of
 //! reprojection. The poses are compared with those that COLMAP finds in the pictures of an ideal camera.
 
+mod bundle;
 mod case;
 mod colmap;
 mod setup;

@@ -11,17 +11,14 @@ use jiff::Timestamp;
 use serde::Deserialize;
 
 use super::{
-    ScanName, find,
+    ScanName,
+    camera::ViewCamera,
+    find,
     stored_zip::{EntryContent, StoredZip, ZipEntry},
     table::{View, ViewResult, views},
 };
 use crate::{
-    contract::{
-        Code, JobState, Name, Scan,
-        artifact::FileFormat,
-        outcome::{Artifact, ImageInfo},
-        scan::PanDirection,
-    },
+    contract::{Code, JobState, Name, Scan, artifact::FileFormat, outcome::Artifact, scan::PanDirection},
     http::{
         artifacts::download::{Content, Download, Source},
         auth::Caller,
@@ -49,7 +46,7 @@ struct Query {
 /// where every view has pan and tilt, and a `README.txt` with the exact commands. It is streamed, has a length and an
 /// `ETag`, and can be resumed with `Range`.
 ///
-/// All views must have succeeded and fit together: one size, crop and profile. `partial=true` leaves out views that
+/// All views must have succeeded and fit together: one size, crop and camera. `partial=true` leaves out views that
 /// have no result.
 #[utoipa::path(
     get,
@@ -75,7 +72,7 @@ struct Query {
         (status = 409, description = "`not_finished`: views are queued or running, or have failed"),
         (status = 412, description = "`precondition_failed`: `If-Match` names another version"),
         (status = 416, description = "`range_not_satisfiable`: the range begins after the end"),
-        (status = 422, description = "`scan_mismatch`: views of another size, crop or profile than most"),
+        (status = 422, description = "`scan_mismatch`: views of another size, crop, profile revision or camera than most; each is named with its difference"),
     )
 )]
 pub async fn bundle(
@@ -109,7 +106,7 @@ pub async fn zip_of(app: &App, caller: &Caller, name: &Name, layout: Layout, par
     let scan = find(app, caller, name).await?;
     let views = views(app, caller, name).await?;
     let ready = ready(name, &views, partial)?;
-    require_one_camera(&ready)?;
+    require_one_camera(name, &ready)?;
     let modified = ready.iter().map(|ready| ready.view.stack.created_at).max().unwrap_or(Timestamp::UNIX_EPOCH);
     let described = described(&scan, &ready);
     // the pairs of neighbours take the square of the number of views
@@ -174,22 +171,22 @@ fn ready<'a>(name: &Name, views: &'a [View], partial: bool) -> ApiResult<Vec<Rea
 }
 
 /// All images of a bundle are of one camera: one size, crop, profile, and so one set of intrinsics.
-fn require_one_camera<'a>(ready: &[Ready<'a>]) -> ApiResult<()> {
-    let camera = |ready: &Ready<'a>| {
-        let ImageInfo { width, height, crop_offset_px, .. } = ready.result.image_info;
-        (width, height, crop_offset_px, ready.view.stack.profile_digest.as_str())
-    };
-    let Some(usual) = most_common(ready.iter().map(camera)) else { return Ok(()) };
-    let others: Vec<String> =
-        ready.iter().filter(|ready| camera(ready) != usual).map(|ready| ready.view.stem.clone()).collect();
+fn require_one_camera(scan: &Name, ready: &[Ready<'_>]) -> ApiResult<()> {
+    let cameras: Vec<ViewCamera<'_>> = ready.iter().map(|ready| ViewCamera::of(ready.view, ready.result)).collect();
+    let Some(usual) = most_common(cameras.iter().copied()) else { return Ok(()) };
+    let others: Vec<String> = ready
+        .iter()
+        .zip(&cameras)
+        .filter_map(|(ready, camera)| Some(format!("{} ({})", ready.view.stem, camera.difference(&usual)?)))
+        .collect();
     if others.is_empty() {
         return Ok(());
     }
-    let (width, height, [x, y], _) = usual;
+    let ([width, height], [x, y]) = (usual.size, usual.crop_offset);
     let detail = format!(
         "{} differ from the other views, which have {width} x {height} px at the offset {x},{y} of one profile revision: \
          a reconstruction needs one camera for all views; fuse the scan again with one crop and profile (POST \
-         /v1/scans/{{scan}}/rerun with {{\"crop\": \"none\", \"profile_revision\": null}})",
+         /v1/scans/{scan}/rerun with {{\"crop\": \"none\", \"profile_revision\": null}})",
         listed(&others)
     );
     Err(ApiError::new(Code::ScanMismatch, detail))

@@ -5,6 +5,7 @@
 
 pub mod archive;
 pub mod bundle;
+pub mod camera;
 pub mod csv;
 pub mod delete;
 pub mod get;
