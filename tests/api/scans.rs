@@ -4,6 +4,8 @@ mod archive;
 mod bundle;
 mod cameras;
 mod groupings;
+mod misspelt;
+mod outliers;
 mod owners;
 
 use reqwest::{Response, StatusCode};

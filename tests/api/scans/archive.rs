@@ -78,6 +78,50 @@ async fn a_refused_view_is_named_and_no_stack_is_made() {
 }
 
 #[tokio::test]
+async fn a_view_of_another_size_is_named_and_no_stack_is_made() {
+    let app = ready().await;
+    let mut all = members(&VIEWS, 2);
+    for (name, bytes) in all.iter_mut().filter(|(name, _)| name.contains("pan020")) {
+        *bytes = png(WIDTH + 2, HEIGHT, 3, name.len());
+    }
+    let refused = app.post("/v1/scans/bee/archive").body(zip(&all)).send().await.unwrap();
+    let refused = problem(refused, 422, "size_mismatch").await;
+    let detail = refused["detail"].as_str().unwrap();
+    assert!(detail.starts_with("1 of 3 views cannot be fused, so none was accepted"), "{detail}");
+    assert!(detail.contains("26 x 18") && detail.contains("24 x 18"), "both sizes: {detail}");
+    assert_eq!(refused["errors"].as_array().unwrap().len(), 1);
+    assert!(refused["errors"][0]["file"].as_str().unwrap().contains("pan020_tilt00"), "{refused}");
+    assert_eq!(scan(&app, "bee").await["summary"]["views"], 0);
+}
+
+#[tokio::test]
+async fn two_views_at_the_same_angles_are_refused_by_name() {
+    let app = ready().await;
+    for (one, other) in [("pan020_tilt00", "pan020.0_tilt0"), ("head_pan020_tilt00", "tail_pan020_tilt00")] {
+        let body = zip(&members(&[VIEWS[0], one, other], 2));
+        for query in ["", "?dry_run=true"] {
+            let refused = app.post(&format!("/v1/scans/bee/archive{query}")).body(body.clone()).send().await.unwrap();
+            let refused = problem(refused, 422, "invalid_archive").await;
+            let detail = refused["detail"].as_str().unwrap();
+            assert!(detail.contains(one) && detail.contains(other), "{detail}");
+            assert!(detail.contains("have the same angles") && detail.ends_with("remove or rename one"), "{detail}");
+        }
+    }
+    // the same by a manifest
+    let mut all = members(&VIEWS[..2], 2);
+    let slices = |view: &str| json!([format!("scan/{view}/front/img_0.png"), format!("scan/{view}/front/img_1.png")]);
+    let views = VIEWS[..2]
+        .iter()
+        .zip(["head", "tail"])
+        .map(|(view, label)| json!({ "label": label, "pan_deg": 20, "tilt_deg": 0, "front": slices(view) }));
+    all.push(("manifest.json".into(), json!({ "views": views.collect::<Vec<_>>() }).to_string().into_bytes()));
+    let refused = app.post("/v1/scans/bee/archive").body(zip(&all)).send().await.unwrap();
+    let refused = problem(refused, 422, "invalid_archive").await;
+    assert!(refused["detail"].as_str().unwrap().starts_with("head and tail have the same angles"), "{refused}");
+    assert!(app.jobs_with_blobs().await.is_empty());
+}
+
+#[tokio::test]
 async fn what_is_wrong_with_the_request_is_told_before_the_upload() {
     let app = ready().await;
     for (query, status, code) in [
