@@ -4,6 +4,7 @@ use super::*;
 use crate::{
     calibration::calibrate,
     imaging::Raster,
+    synth::{DotTarget, Rig, target_stack},
     types::{NoControl, calibration_options::CalibrationOptions},
 };
 
@@ -154,6 +155,47 @@ fn what_is_printed_is_what_the_calibration_reads() {
                 assert!((mapped[axis] - truth).abs() < 0.1, "{scale} {corner:?} {mapped:?}");
             }
         }
+    }
+}
+
+/// The renderer has a target of its own.
+#[test]
+fn the_printed_target_goes_through_the_renderer_and_back_through_calibration() {
+    let rig = Rig::sized(480, 320, 7);
+    let page = TargetInput { pitch_mm: 1.2, columns: 24, rows: 16, paper: Paper::Fit, ..input() };
+    let printed = TargetPage::new(&page).expect("any size");
+    let target = DotTarget {
+        columns: 24,
+        rows: 16,
+        pitch_mm: page.pitch_mm,
+        dot_diameter_mm: page.dot_ratio * page.pitch_mm,
+        rotation_deg: 0.0,
+        offset_mm: [0.0; 2],
+        code: Some([0, 0]),
+        ..DotTarget::for_rig(&rig, 24)
+    };
+    let px_per_mm = rig.magnification / rig.pixel_pitch_mm;
+    let [cx, cy] = rig.centre();
+    let rendered = target.dots(&rig, rig.reference);
+    let circles = circles(&printed.svg());
+    assert_eq!(circles.len(), rendered.len());
+    for ([x, y, _], dot) in circles.into_iter().zip(rendered) {
+        let expected = [cx + (x - printed.width / 2.0) * px_per_mm, cy + (y - printed.height / 2.0) * px_per_mm];
+        let apart = (expected[0] - dot[0]).hypot(expected[1] - dot[1]);
+        assert!(apart < 1e-4, "{expected:?} on the page, {dot:?} rendered");
+    }
+    let options = CalibrationOptions {
+        target_pitch_mm: Some(page.pitch_mm),
+        pixel_pitch_mm: Some(rig.pixel_pitch_mm),
+        ..CalibrationOptions::default()
+    };
+    let found = calibrate(&target_stack(&rig, &target).as_slice(), &options, &NoControl).expect("a grid");
+    assert!(found.report.target.code.as_ref().is_some_and(|code| !code.mirrored), "{:?}", found.report.target);
+    let magnification = found.magnification.expect("pitch and pixels are known");
+    assert!((magnification / rig.magnification - 1.0).abs() < 1e-3, "{magnification}");
+    for (i, slice) in found.slices.iter().enumerate() {
+        let apart = slice.homography.corner_distance(&rig.homography(i), rig.width as u32, rig.height as u32);
+        assert!(apart < 0.2, "slice {i}: {apart} px at a corner");
     }
 }
 

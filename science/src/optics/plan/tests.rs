@@ -39,6 +39,12 @@ fn depth_of_focus_and_field_are_those_of_the_paper() {
         let d1 = d2 / magnification;
         let focus = [2.0 * c / aperture * d2, 2.0 * n * c / f * d2];
         let field = [2.0 * c / (magnification * aperture) * d1, 2.0 * d1 * d1 * c / (d2 * aperture)];
+        // equations 1 and 4, as they are printed
+        let ratio = plan.depth_of_focus_mm.geometric / (2.0 * d2);
+        assert!((ratio - c / aperture).abs() < 1e-12, "equation 1");
+        let ratio = plan.depth_of_field_mm.geometric / (2.0 * d1);
+        assert!((ratio - c / (magnification * aperture)).abs() < 1e-12, "equation 4");
+        // equations 2 and 3, and 5 and 6
         for expected in focus {
             assert!((plan.depth_of_focus_mm.geometric - expected).abs() < 1e-12);
         }
