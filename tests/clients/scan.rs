@@ -5,6 +5,7 @@
 mod bundle;
 mod case;
 mod colmap;
+mod pooled;
 mod setup;
 
 use std::path::Path;
@@ -14,6 +15,7 @@ use serde_json::{Value, json};
 use self::{
     case::Case,
     colmap::{Accuracy, reconstruct},
+    pooled::{Pair, pooled},
     setup::{Setup, Sharp},
 };
 use crate::{have, server::Server};
@@ -28,9 +30,17 @@ const SLICES: usize = 9;
 /// wrong matches make up half of all squared errors, also with ideal pictures, and hide what fusion does.
 const LIMIT_PX: f64 = 1.0;
 
-/// How much larger than with ideal pictures the errors of the poses may be. docs/POSES.md has measured ratios, which
-/// are smaller; that of a single scan is uncertain, because the standard deviation of 54 steps is.
-const FACTOR: f64 = 1.5;
+/// How much larger than with ideal pictures the errors of the poses may be: the geometric mean of the ratios for
+/// radius, pan step and tilt step, and each of them.
+///
+/// The bounds follow from the scatter between equally good pictures. The nine aligned cases with this limit in
+/// docs/POSES.md (two specimens; noise, methods, lenses, ECC) have a mean logarithm of the ratio to ideal pictures of
+/// 0.02. Its standard deviation is 0.19 for a single quantity and 0.11 for the mean of the three. The bounds are three
+/// standard deviations above the mean: about one in fifty changes of the pictures that make them neither better nor
+/// worse exceeds one of them. Another run on the same pictures differs by a few percent only. Slices that are not
+/// aligned give 4 to 9.
+const MEAN_FACTOR: f64 = 1.4;
+const FACTOR: f64 = 1.8;
 
 #[test]
 fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures() {
@@ -62,9 +72,10 @@ fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures(
     assert_eq!(fused.registered, setup.views.len(), "all views are registered");
     assert_eq!(ideal.registered, setup.views.len());
     assert!(ideal.radial_percent < 0.05, "the scan itself is exact enough to show errors of the fusion: {ideal}");
-    assert!(fused.radial_percent <= FACTOR * ideal.radial_percent, "{fused}; ideal {ideal}");
-    assert!(fused.pan_deg <= FACTOR * ideal.pan_deg, "{fused}; ideal {ideal}");
-    assert!(fused.tilt_deg <= FACTOR * ideal.tilt_deg, "{fused}; ideal {ideal}");
+    let ratios = fused.ratios(&ideal);
+    let mean = ratios.iter().product::<f64>().cbrt();
+    assert!(mean <= MEAN_FACTOR, "{mean:.2} times as large; {fused}; ideal {ideal}");
+    assert!(ratios.iter().all(|ratio| *ratio <= FACTOR), "{ratios:.2?} times as large; {fused}; ideal {ideal}");
 }
 
 /// One case of the comparison in docs/POSES.md, named by `SCAN_CASE`.
@@ -74,6 +85,24 @@ fn poses_of_one_case() {
     let case = Case::of(&std::env::var("SCAN_CASE").unwrap_or_default());
     let folder = std::env::var_os("SCAN_FOLDER").map(std::path::PathBuf::from);
     println!("{case}: {}", case.run(folder.as_deref()));
+}
+
+/// Fused against ideal pictures over the specimens in `SCAN_SEEDS`, as `1,2,3`. `SCAN_CASE` has further settings.
+#[test]
+#[ignore = "a comparison to be run by hand: minutes per specimen"]
+fn poses_of_several_specimens() {
+    let settings = std::env::var("SCAN_CASE").unwrap_or_default();
+    let seeds = std::env::var("SCAN_SEEDS").expect("SCAN_SEEDS is a list of seeds, such as 1,2,3");
+    let found = |seed: &str, alignment: &str| {
+        let case = Case::of(&format!("limit={LIMIT_PX} {settings} seed={seed} alignment={alignment}"));
+        let accuracy = case.run(None);
+        println!("{case}: {accuracy}");
+        accuracy
+    };
+    let pairs: Vec<Pair> =
+        seeds.split(',').map(|seed| Pair { ideal: found(seed, "ideal"), fused: found(seed, "calibrated") }).collect();
+    let [radius, pan, tilt] = pooled(&pairs);
+    println!("{} specimens, fused over ideal: radius {radius}, pan step {pan}, tilt step {tilt}", pairs.len());
 }
 
 /// Sends the dot target and waits for a calibration that is good.

@@ -53,6 +53,17 @@ pub struct Accuracy {
 }
 
 impl Accuracy {
+    /// The three standard deviations: radius, pan step, tilt step.
+    pub fn deviations(&self) -> [f64; 3] {
+        [self.radial_percent, self.pan_deg, self.tilt_deg]
+    }
+
+    /// How much larger they are than others, each.
+    pub fn ratios(&self, others: &Self) -> [f64; 3] {
+        let (own, others) = (self.deviations(), others.deviations());
+        [0, 1, 2].map(|which| own[which] / others[which])
+    }
+
     /// From the JSON of a pose report.
     pub fn of(report: &Value) -> Self {
         let number = |pointer: &str| {
