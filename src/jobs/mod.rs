@@ -12,6 +12,7 @@ pub mod disk;
 mod input_bits;
 pub mod memory;
 mod pictures;
+mod slice_view;
 pub mod stack;
 pub mod stages;
 #[cfg(test)]
@@ -29,6 +30,7 @@ use pinstack_science::{
     archive::ArchiveLimits,
     types::{Cancelled, Warning},
 };
+pub use slice_view::slice_view;
 use threads::with_own_threads;
 
 /// Program and version, as results record them.

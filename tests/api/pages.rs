@@ -254,6 +254,44 @@ async fn an_isolated_token_sees_no_work_of_others_on_any_page() {
 }
 
 #[tokio::test]
+async fn the_slices_of_a_stack_are_shown_as_they_were_fused() {
+    let app = TestApp::start().await;
+    let stack = id(&app.with_stack("").await);
+    let tile = async |path: &str| app.get(&format!("/stacks/{stack}/tiles/{path}")).send().await.unwrap();
+    problem(tile("slice-0/0/0/0").await, 404, "not_found").await;
+    app.finish(&app.claim().await).await;
+    let page = app.get(&format!("/stacks/{stack}")).send().await.unwrap().text().await.unwrap();
+    let job = app.store.metadata.job(stack).await.unwrap().unwrap();
+    let count = job.request.layout().front.len();
+    assert!(page.contains(&format!("Slice {count} of {count}, aligned")), "{page}");
+    for index in [0, count - 1] {
+        let answer = tile(&format!("slice-{index}/0/0/0")).await;
+        assert_eq!(
+            (answer.status(), &answer.headers()["content-type"]),
+            (StatusCode::OK, &"image/png".parse().unwrap())
+        );
+        let picture = image::load_from_memory(&answer.bytes().await.unwrap()).unwrap();
+        assert_eq!((picture.width(), picture.height()), (crate::app::WIDTH, crate::app::HEIGHT));
+    }
+    assert_eq!(tile("slice-0/0/0/0").await.status(), StatusCode::OK);
+    assert_eq!(app.app.conversions.begun(), 2, "a slice is warped once");
+    for wrong in [
+        &format!("slice-{count}"),
+        "slice-",
+        "slice--1",
+        "slice-+1",
+        "slice-00",
+        "slice-0x",
+        "slice-9999999999999999999999",
+    ] {
+        problem(tile(&format!("{wrong}/0/0/0")).await, 404, "not_found").await;
+    }
+    // a zip that cannot be read any more
+    app.put_blob(&job.request.upload().key, b"damaged").await;
+    problem(tile("slice-1/0/0/0").await, 422, "invalid_archive").await;
+}
+
+#[tokio::test]
 async fn tiles_are_parts_of_the_pictures_and_one_decoding_serves_all() {
     let app = TestApp::start().await;
     let stack = id(&app.with_stack("").await);

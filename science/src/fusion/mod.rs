@@ -43,6 +43,7 @@ mod resources;
 mod run;
 mod sample_format;
 mod tiles;
+mod warped_slice;
 
 #[cfg(test)]
 mod tests;
@@ -51,6 +52,7 @@ use std::path::Path;
 
 pub use plan::{Fused, MetricsRequest, Plan, SlicePlan, UNCOVERED};
 pub use resources::slices_in_flight;
+pub use warped_slice::warped_slice;
 
 use crate::{
     imaging::{Depth, Plane, Raster, Sample, Slices},

@@ -1,4 +1,5 @@
-//! Converts stored pictures to other file formats and to pyramids for viewers, with a cache.
+//! Converts stored pictures to other file formats and to pyramids for viewers, with a cache. A slice of a stored zip,
+//! warped to the reference slice, is such a picture too.
 //!
 //! In: a stored picture, its digest, the form. Out: a file. Conversions run one at a time, because each needs a whole
 //! picture in memory. Requests for the same picture and format share one conversion.
@@ -28,14 +29,16 @@ use super::{
     pyramid::{self, Colours},
 };
 use crate::{
-    contract::{Code, Fault, artifact::FileFormat},
+    contract::{Code, Fault, artifact::FileFormat, options::StackOptions},
     http::{
         background,
         problem::{ApiError, ApiResult},
         state::App,
     },
+    jobs::slice_view,
     store::{failpoint::step, is_full},
 };
+use pinstack_science::types::profile::ProfileInput;
 
 /// Most bytes of cached files.
 const KEEP_BYTES: u64 = 2 << 30;
@@ -66,9 +69,40 @@ pub enum Form {
     File(FileFormat),
     /// All resolutions, for a viewer.
     Pyramid(Colours),
+    /// The same of the slice with this index in the order of fusion.
+    Slice(usize),
 }
 
-/// Digest of the stored picture, and the requested form.
+/// What a slice of a stack is warped with.
+#[derive(Debug)]
+pub struct SliceRecipe {
+    /// The revision of the profile that the stack was fused with.
+    pub profile: ProfileInput,
+    /// The options of the stack.
+    pub options: StackOptions,
+    /// Index of the slice in the order of fusion.
+    pub index: usize,
+}
+
+/// What a file is made from.
+#[derive(Debug, Clone)]
+enum Material {
+    /// The stored picture itself.
+    Picture(Form),
+    /// A slice in the stored zip.
+    Slice(Arc<SliceRecipe>),
+}
+
+impl Material {
+    fn form(&self) -> Form {
+        match self {
+            Self::Picture(form) => *form,
+            Self::Slice(recipe) => Form::Slice(recipe.index),
+        }
+    }
+}
+
+/// Digest of the stored picture, or the stack of a slice; and the requested form.
 type Key = (String, Form);
 
 /// The result of a conversion. A fault is reported to all waiting requests.
@@ -103,7 +137,32 @@ impl Conversions {
     /// # Errors
     /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read.
     pub async fn get(self: &Arc<Self>, app: &App, source: &str, digest: &str, form: Form) -> ApiResult<Arc<Converted>> {
-        let key = (digest.to_owned(), form);
+        self.get_from(app, source, digest, Material::Picture(form)).await
+    }
+
+    /// The pyramid of a slice in the zip that is stored under the key `source`. `stack` names the stack: all that the
+    /// slice is warped with follows from it.
+    ///
+    /// # Errors
+    /// As [`Conversions::get`]; what is wrong with the slice.
+    pub async fn get_slice(
+        self: &Arc<Self>,
+        app: &App,
+        source: &str,
+        stack: &str,
+        recipe: SliceRecipe,
+    ) -> ApiResult<Arc<Converted>> {
+        self.get_from(app, source, stack, Material::Slice(Arc::new(recipe))).await
+    }
+
+    async fn get_from(
+        self: &Arc<Self>,
+        app: &App,
+        source: &str,
+        digest: &str,
+        material: Material,
+    ) -> ApiResult<Arc<Converted>> {
+        let key = (digest.to_owned(), material.form());
         let mut waiting = {
             let mut entries = self.entries();
             let (map, clock) = &mut *entries;
@@ -119,7 +178,7 @@ impl Conversions {
                     let (result, waiting) = watch::channel(None);
                     map.insert(key.clone(), Entry::Making(waiting.clone()));
                     let (this, app, source) = (Arc::clone(self), app.clone(), source.to_owned());
-                    background::spawn(async move { this.make(&app, source, key, result).await });
+                    background::spawn(async move { this.make(&app, source, key, material, result).await });
                     waiting
                 }
             }
@@ -160,7 +219,14 @@ impl Conversions {
         self.begun.load(Ordering::Relaxed)
     }
 
-    async fn make(&self, app: &App, source: String, key: Key, result: watch::Sender<Option<Outcome>>) {
+    async fn make(
+        &self,
+        app: &App,
+        source: String,
+        key: Key,
+        material: Material,
+        result: watch::Sender<Option<Outcome>>,
+    ) {
         let Ok(_turn) = self.turn.acquire().await else { return };
         {
             let mut entries = self.entries();
@@ -171,7 +237,7 @@ impl Conversions {
             }
         }
         self.begun.fetch_add(1, Ordering::Relaxed);
-        let outcome = made(app, source, key.1).await;
+        let outcome = made(app, source, material).await;
         {
             let mut entries = self.entries();
             match &outcome {
@@ -217,25 +283,42 @@ fn evict(map: &mut HashMap<Key, Entry>) {
     }
 }
 
-async fn made(app: &App, source: String, form: Form) -> Outcome {
+async fn made(app: &App, source: String, material: Material) -> Outcome {
     let store = &app.store;
     let picture = store.blobs.fetch(&source, &store.workspace).await.map_err(|e| ApiError::from(e).fault().clone())?;
     let picture = Arc::new(picture.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))?);
-    let stored = Arc::clone(&picture);
-    let most = blocking(move || match form {
-        Form::File(_) => most_bytes(stored.path()),
-        Form::Pyramid(_) => size(stored.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
+    let (stored, measured) = (Arc::clone(&picture), material.clone());
+    let most = blocking(move || match measured {
+        Material::Picture(Form::File(_)) => most_bytes(stored.path()),
+        Material::Picture(_) => size(stored.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
+        Material::Slice(recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
     })
     .await?;
     let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
     let Ok(mut space) = reserved else { return Err(disk_full()) };
     let spool = store.workspace.path().to_owned();
+    let warped = match &material {
+        Material::Picture(_) => None,
+        Material::Slice(recipe) => {
+            let (recipe, zip, limits) = (Arc::clone(recipe), Arc::clone(&picture), app.policy.archive.clone());
+            let warping = background::spawn_blocking(move || {
+                slice_view(zip.path(), &recipe.profile, &recipe.options, recipe.index, &limits)
+            });
+            Some(warping.await.map_err(|error| internal(&error.into()))??)
+        }
+    };
     blocking(move || {
         step("convert.make")?;
         let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = match form {
-            Form::File(format) => convert(picture.path(), file.as_file(), format)?,
-            Form::Pyramid(colours) => pyramid::write(picture.path(), file.as_file(), colours)?,
+        let length = match (material, warped) {
+            (_, Some(raster)) => pyramid::write_raster(raster, file.as_file(), Colours::Plain)?,
+            (Material::Picture(Form::File(format)), None) => convert(picture.path(), file.as_file(), format)?,
+            (Material::Picture(Form::Pyramid(colours)), None) => {
+                pyramid::write(picture.path(), file.as_file(), colours)?
+            }
+            (Material::Picture(Form::Slice(_)) | Material::Slice(_), None) => {
+                anyhow::bail!("a slice needs its profile")
+            }
         };
         space.written(length);
         Ok(Arc::new(Converted { file, source, length }))

@@ -69,6 +69,14 @@ pub fn write(path: &Path, file: &File, colours: Colours) -> anyhow::Result<u64> 
     let bytes = std::fs::read(path).context("cannot read the picture")?;
     let raster = codec::decode_rgba(&bytes, &codec::Limits::default()).context("cannot decode the picture")?;
     drop(bytes);
+    write_raster(raster, file, colours)
+}
+
+/// Writes the pyramid of a picture of 1, 3 or 4 channels into `file`. Returns the size in bytes.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_raster(raster: Raster, file: &File, colours: Colours) -> anyhow::Result<u64> {
     let (width, height) = (u32::try_from(raster.width)?, u32::try_from(raster.height)?);
     let mut out = BufWriter::with_capacity(1 << 20, file);
     out.write_all(&width.to_le_bytes())?;

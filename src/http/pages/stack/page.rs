@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use uuid::Uuid;
 
-use super::{actions, facts, plots, viewer};
+use super::{actions, facts, plots, tiles::slices_shown, viewer};
 use crate::{
     contract::{JobKind, JobState, request::JobRequest},
     http::{
@@ -55,6 +55,7 @@ pub async fn page(
     let named = params::take(&mut pairs, "compare").and_then(|id| Uuid::parse_str(&id).ok());
     let other = compared(&app, &caller, named.or(request.rerun_of).filter(|other| *other != id)).await?;
     let outcome = of_stack(&job).ok();
+    let slices = slices_shown(&app, &job);
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
     let reference = reference.map(|profile| profile.input.reference_index as usize);
@@ -69,7 +70,7 @@ pub async fn page(
         }
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
-        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, other.as_ref())) }
+        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref())) }
         (facts::warnings(&job, outcome))
         (actions::rerun(&job, &viewer))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }

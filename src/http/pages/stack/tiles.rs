@@ -1,8 +1,11 @@
-//! `GET /stacks/{id}/tiles/{artifact}/{level}/{x}/{y}`: a part of a picture as PNG, at most 512 px a side.
+//! `GET /stacks/{id}/tiles/{artifact}/{level}/{x}/{y}`: a part of a picture as PNG, at most 512 px a side. `slice-N` in
+//! place of an artifact is slice N of the front light, warped to the reference slice, in the order of fusion from 0.
 //!
 //! The first tile of a picture decodes it, once, into a file with all levels ([`pyramid`]). The same cache that holds
 //! converted pictures holds that file: concurrent requests wait for one decoding, pictures are decoded one at a time,
 //! disk space is reserved first, and the files that were used longest ago are dropped.
+
+use std::sync::Arc;
 
 use axum::{
     extract::{Path, State},
@@ -12,10 +15,10 @@ use axum::{
 use uuid::Uuid;
 
 use crate::{
-    contract::{Code, JobKind, artifact::StackArtifact},
+    contract::{Code, JobKind, artifact::StackArtifact, request::JobRequest},
     http::{
         artifacts::{
-            conversions::Form,
+            conversions::{Converted, Form, SliceRecipe},
             download, outcome,
             pyramid::{self, Colours},
         },
@@ -25,7 +28,11 @@ use crate::{
         problem::{ApiError, ApiResult},
         state::App,
     },
+    store::Job,
 };
+
+/// Begins the name of a slice.
+pub const SLICE: &str = "slice-";
 
 /// How an artifact is shown; `None` for those without tiles.
 pub fn colours(artifact: StackArtifact) -> Option<Colours> {
@@ -35,6 +42,60 @@ pub fn colours(artifact: StackArtifact) -> Option<Colours> {
         StackArtifact::Height | StackArtifact::HeightSigma => Some(Colours::Heights),
         StackArtifact::Preview => None,
     }
+}
+
+/// A picture that has tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Picture {
+    Artifact(StackArtifact, Colours),
+    /// Index in the order of fusion.
+    Slice(usize),
+}
+
+impl Picture {
+    fn of_name(name: &str) -> Option<Self> {
+        if let Some(index) = name.strip_prefix(SLICE) {
+            // one name per slice: no sign, no leading zeros
+            return index.parse().ok().filter(|number: &usize| number.to_string() == index).map(Self::Slice);
+        }
+        let artifact = StackArtifact::of_name(name)?;
+        Some(Self::Artifact(artifact, colours(artifact)?))
+    }
+
+    /// The file with all levels, made at the first request.
+    async fn pyramid(self, app: &App, job: &Job) -> ApiResult<Arc<Converted>> {
+        match self {
+            Self::Artifact(artifact, colours) => {
+                let stored = outcome::artifact(job, artifact.name())?;
+                let form = Form::Pyramid(colours);
+                if app.conversions.kept(&stored.sha256, form).is_none() {
+                    // refuses a damaged file
+                    drop(download::stored(app, job, stored, String::new()).await?);
+                }
+                app.conversions.get(app, &stored.key, &stored.sha256, form).await
+            }
+            Self::Slice(index) => {
+                let stack = job.id.to_string();
+                if let Some(kept) = app.conversions.kept(&stack, Form::Slice(index)) {
+                    return Ok(kept);
+                }
+                let none = || ApiError::new(Code::NotFound, "there is no such slice");
+                let JobRequest::Stack(request) = &job.request else { return Err(none()) };
+                let metadata = &app.store.metadata;
+                let profile = metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+                let profile = profile.ok_or_else(none)?.input;
+                let recipe = SliceRecipe { profile, options: request.options.clone(), index };
+                app.conversions.get_slice(app, &request.upload.key, &stack, recipe).await
+            }
+        }
+    }
+}
+
+/// Number of slices that can be shown: all as long as the zip is stored on this machine. A zip in a bucket would be
+/// copied here as a whole for each slice.
+pub fn slices_shown(app: &App, job: &Job) -> usize {
+    let is_here = !job.upload_removed && app.store.blobs.is_local() && outcome::of_stack(job).is_ok();
+    if is_here { job.request.layout().front.len() } else { 0 }
 }
 
 /// The endpoint.
@@ -50,21 +111,20 @@ pub async fn get(
     let number = |text: &str| text.parse::<u32>().map_err(|_| none());
     let (level, x, y) = (number(&level)?, number(&x)?, number(&y)?);
     let id = Uuid::parse_str(&id).map_err(|_| none())?;
-    let (artifact, colours) =
-        StackArtifact::of_name(&artifact).and_then(|a| Some((a, colours(a)?))).ok_or_else(none)?;
+    let picture = Picture::of_name(&artifact).ok_or_else(none)?;
     let job = load(&app, id, JobKind::Stack).await?;
-    let stored = outcome::artifact(&job, artifact.name())?;
-    let tag = format!("{}-tile-{}", stored.sha256, env!("CARGO_PKG_VERSION"));
+    let version = match picture {
+        Picture::Artifact(artifact, _) => &outcome::artifact(&job, artifact.name())?.sha256,
+        Picture::Slice(index) if index < slices_shown(&app, &job) => &artifact,
+        Picture::Slice(_) => return Err(none()),
+    };
+    let tag = format!("{version}-tile-{}", env!("CARGO_PKG_VERSION"));
     let keep = HeaderValue::from_static("private, max-age=604800, immutable");
     let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, keep)];
     if not_modified(&headers, &tag) {
         return Ok((StatusCode::NOT_MODIFIED, common).into_response());
     }
-    if app.conversions.kept(&stored.sha256, Form::Pyramid(colours)).is_none() {
-        // refuses a damaged file
-        drop(download::stored(&app, &job, stored, String::new()).await?);
-    }
-    let pyramid = app.conversions.get(&app, &stored.key, &stored.sha256, Form::Pyramid(colours)).await?;
+    let pyramid = picture.pyramid(&app, &job).await?;
     let _turn = app.tile_permits.acquire().await.map_err(ApiError::internal)?;
     let made = background::spawn_blocking(move || pyramid::tile(pyramid.path(), level, x, y));
     let png = made.await.map_err(ApiError::internal)?.map_err(ApiError::internal)?.ok_or_else(none)?;

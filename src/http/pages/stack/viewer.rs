@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::tiles::colours;
+use super::tiles::{SLICE, colours};
 use crate::{
     contract::{artifact::StackArtifact, outcome::StackOutcome},
     http::{
@@ -56,9 +56,21 @@ fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
     shown.filter_map(layer).collect()
 }
 
-/// The viewer of a stack; `other` is a stack to compare with.
-pub fn viewer(job: &Job, outcome: &StackOutcome, other: Option<&Job>) -> Markup {
+/// The slices of a stack, warped to the reference slice, from the one that is fused first.
+fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item = Layer> {
+    (0..count).map(move |index| Layer {
+        name: format!("Slice {} of {count}, aligned", index + 1),
+        tiles: format!("/stacks/{}/tiles/{SLICE}{index}", job.id),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        width: outcome.image.width,
+        height: outcome.image.height,
+    })
+}
+
+/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with.
+pub fn viewer(job: &Job, outcome: &StackOutcome, slices_shown: usize, other: Option<&Job>) -> Markup {
     let mut all = layers(job, outcome, "");
+    all.extend(slices(job, outcome, slices_shown));
     let own = all.len();
     if let Some((other, outcome)) = other.and_then(|other| Some((other, of_stack(other).ok()?))) {
         all.extend(layers(other, outcome, &format!("{}: ", name(other))));

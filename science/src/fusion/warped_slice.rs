@@ -1,0 +1,80 @@
+//! One slice as the fusion sees it.
+
+use super::Plan;
+use crate::{
+    imaging::{Raster, Samples, Slices, warp::Warp},
+    types::{Error, ErrorKind},
+};
+
+/// Slice `index` in the geometry of the reference slice, with its gain: what [`fuse`](super::fuse) takes its pixels
+/// from. 0 where the slice does not cover the canvas. The raster has the channels and the bits of the file.
+///
+/// # Errors
+/// [`ErrorKind::SliceCountMismatch`] when the stack or the plan has no such slice; [`ErrorKind::SizeMismatch`] when its
+/// size is not that of the plan; [`ErrorKind::InvalidProfile`] when its homography or the lens distortion cannot be
+/// inverted; those of [`Slices::load`].
+pub fn warped_slice(slices: &dyn Slices, plan: &Plan, index: usize) -> Result<Raster, Error> {
+    let Some(planned) = plan.slices.get(index).filter(|_| index < slices.count()) else {
+        let detail = format!("there is no slice {index}: the stack has {} slices", slices.count());
+        return Err(Error::new(ErrorKind::SliceCountMismatch, detail));
+    };
+    let Raster { width, height, channels, samples } = slices.load(index)?;
+    if (width, height) != (plan.width, plan.height) {
+        let detail = format!(
+            "slice {index} is {width} x {height} px and the profile is for {} x {} px",
+            plan.width, plan.height
+        );
+        return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(slices.name(index), u32::try_from(index).ok()));
+    }
+    let warp = Warp::with_distortion(&planned.homography, planned.gain, (width, height), plan.distortion.as_ref());
+    let warp = warp.ok_or_else(|| {
+        let detail =
+            format!("the homography of slice {index} or the lens distortion of the profile cannot be inverted");
+        Error::new(ErrorKind::InvalidProfile, detail)
+    })?;
+    let samples = match samples {
+        Samples::Eight(samples) => Samples::Eight(warp.apply(samples, channels)),
+        Samples::Sixteen(samples) => Samples::Sixteen(warp.apply(samples, channels)),
+    };
+    Ok(Raster { width, height, channels, samples })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{fusion::SlicePlan, types::Homography};
+
+    fn slices() -> [Raster; 2] {
+        let ramp = |step: usize| (0..40 * 30).map(|i| (i * step % 200) as u8).collect();
+        [Raster::eight(40, 30, 1, ramp(1)), Raster::eight(40, 30, 1, ramp(3))]
+    }
+
+    #[test]
+    fn a_slice_is_moved_by_its_homography_and_multiplied_by_its_gain() {
+        let slices = slices();
+        let moved = SlicePlan { homography: Homography::similarity(1.0, [4.0, 2.0]), gain: 0.5, rail_mm: None };
+        let plan = Plan { slices: vec![SlicePlan::ALIGNED, moved], ..Plan::aligned(40, 30, 2) };
+        assert_eq!(warped_slice(&&slices[..], &plan, 0).expect("a slice"), slices[0], "the reference stays as it is");
+        let warped = warped_slice(&&slices[..], &plan, 1).expect("a slice");
+        let (Samples::Eight(from), Samples::Eight(to)) = (&slices[1].samples, &warped.samples) else {
+            panic!("8 bits")
+        };
+        for (x, y) in [(10, 10), (39, 29), (20, 15)] {
+            let expected = f64::from(from[(y - 2) * 40 + x - 4]) / 2.0;
+            assert!((f64::from(to[y * 40 + x]) - expected).abs() <= 0.51, "({x}, {y})");
+        }
+        assert_eq!(to[0], 0, "outside of the slice");
+    }
+
+    #[test]
+    fn what_the_stack_does_not_have_is_refused() {
+        let slices = slices();
+        let refused = |plan: &Plan, index| warped_slice(&&slices[..], plan, index).expect_err("refused").kind;
+        assert_eq!(refused(&Plan::aligned(40, 30, 2), 2), ErrorKind::SliceCountMismatch);
+        assert_eq!(refused(&Plan::aligned(40, 30, 3), 2), ErrorKind::SliceCountMismatch);
+        assert_eq!(refused(&Plan::aligned(41, 30, 2), 1), ErrorKind::SizeMismatch);
+        let singular = SlicePlan { homography: Homography([0.0; 9]), ..SlicePlan::ALIGNED };
+        let plan = Plan { slices: vec![singular; 2], ..Plan::aligned(40, 30, 2) };
+        assert_eq!(refused(&plan, 1), ErrorKind::InvalidProfile);
+    }
+}
