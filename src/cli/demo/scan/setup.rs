@@ -76,6 +76,7 @@ impl Setup {
         let view = |&angles: &ViewAngles| BundleView {
             stem: angles.file_stem(),
             extension: "png".into(),
+            bit_depth: 8,
             has_mask: true,
             angles: Some(angles),
         };
