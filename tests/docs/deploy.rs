@@ -11,16 +11,18 @@ use std::{
 /// A file of more bytes than this was most likely committed by accident.
 const LARGEST: u64 = 2 << 20;
 
-fn root() -> PathBuf {
+/// The folder of the project.
+pub fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn read(path: impl AsRef<Path>) -> String {
+/// A file of the project.
+pub fn read(path: impl AsRef<Path>) -> String {
     fs::read_to_string(root().join(path)).expect("a text file")
 }
 
 /// Runs a tool; `None`: it is missing, and tests do not require it.
-fn run(tool: &str, arguments: &[&str]) -> Option<String> {
+pub fn run(tool: &str, arguments: &[&str]) -> Option<String> {
     let done = match Command::new(tool).args(arguments).current_dir(root()).output() {
         Ok(done) => done,
         Err(error) => {

@@ -9,6 +9,7 @@ mod deploy;
 mod links;
 mod monitoring;
 mod powershell;
+mod release;
 mod tables;
 mod words;
 

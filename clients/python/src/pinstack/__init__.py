@@ -4,6 +4,7 @@ from ._async_client import AsyncClient
 from ._client import Client
 from ._errors import PinstackError
 from ._http import Retry
+from ._version import VERSION as __version__
 from ._zips import BytesSource, FileSource, Member, Sendable, Source, StoredZip
 
 __all__ = [
@@ -17,4 +18,5 @@ __all__ = [
     "Sendable",
     "Source",
     "StoredZip",
+    "__version__",
 ]

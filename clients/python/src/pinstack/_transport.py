@@ -11,6 +11,7 @@ import anyio.to_thread
 import httpx
 
 from ._http import Call, Effect, Operation, Request, Response, Send, Sleep, Unreachable
+from ._version import VERSION
 from ._zips import BLOCK, Source
 
 T = TypeVar("T")
@@ -26,7 +27,7 @@ class Transport:
     def __init__(self, url: Optional[str], token: Optional[str]) -> None:
         self.url = (url or os.environ.get("PINSTACK_URL") or DEFAULT_URL).rstrip("/")
         token = token or os.environ.get("PINSTACK_TOKEN") or None
-        self.headers = {"user-agent": "pinstack-python"}
+        self.headers = {"user-agent": f"pinstack-python/{VERSION}"}
         if token is not None:
             self.headers["authorization"] = f"Bearer {token}"
 

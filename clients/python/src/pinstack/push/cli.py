@@ -17,6 +17,7 @@ from typing import Any, Dict, List, Optional, Sequence
 from .._client import Client
 from .._errors import PinstackError
 from .._http import Retry
+from .._version import VERSION
 from . import sheet
 from .folders import Found, FoundStack, find, refuse_same_names
 from .journal import Journal
@@ -55,6 +56,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pinstack", description="Send focus stacks to a pinstack service.")
+    parser.add_argument("--version", action="version", version=f"pinstack {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     push = commands.add_parser("push", help="send all stacks in folders", epilog=EPILOG)
     push.add_argument("folders", nargs="+", metavar="DIR")
