@@ -36,12 +36,23 @@ pub fn run(tool: &str, arguments: &[&str]) -> Option<String> {
     Some(told)
 }
 
+/// The manifests for Kubernetes, without the file that joins them.
+fn manifests() -> Vec<String> {
+    let folder = fs::read_dir(root().join("deploy/kubernetes")).expect("manifests");
+    let names = folder.map(|entry| entry.expect("a file").file_name().to_string_lossy().into_owned());
+    let mut found: Vec<_> = names.filter(|name| name != "kustomization.yaml").collect();
+    found.sort();
+    assert!(found.len() >= 8, "{found:?}");
+    found
+}
+
 #[test]
 fn every_setting_in_deploy_exists() {
     let manual = read("docs/OPERATIONS.md");
     let files = ["Dockerfile", "deploy/compose.yaml", "deploy/compose.cluster.yaml", "deploy/systemd/pinstack.service"];
     let mut named = BTreeSet::new();
-    for file in files {
+    let files = files.into_iter().map(str::to_owned);
+    for file in files.chain(manifests().into_iter().map(|name| format!("deploy/kubernetes/{name}"))) {
         let text = read(file);
         let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
         named.extend(words.filter(|word| word.starts_with("PINSTACK_")).map(str::to_owned));
@@ -57,6 +68,60 @@ fn compose_files_fit_their_schema() {
         "check-jsonschema",
         &["--builtin-schema", "vendor.compose-spec", "deploy/compose.yaml", "deploy/compose.cluster.yaml"],
     );
+}
+
+#[test]
+fn manifests_fit_the_schemas_of_kubernetes() {
+    let paths: Vec<String> = manifests().into_iter().map(|name| format!("deploy/kubernetes/{name}")).collect();
+    // 1.30 is the first version with the action `sleep` of api.yaml
+    for version in ["1.30", "1.37"] {
+        let mut arguments = vec!["--strict", "-k", version];
+        arguments.extend(paths.iter().map(String::as_str));
+        let Some(told) = run("kubernetes-validate", &arguments) else { return };
+        assert!(told.matches(" passed for resource ").count() >= paths.len(), "{told}");
+    }
+}
+
+#[test]
+fn the_kustomization_lists_every_manifest_that_is_no_example() {
+    let text = read("deploy/kubernetes/kustomization.yaml");
+    let listed: BTreeSet<&str> = text
+        .lines()
+        // a manifest that needs more than a cluster has is listed in a comment
+        .filter_map(|line| line.trim_start_matches([' ', '#']).strip_prefix("- "))
+        .filter(|name| name.ends_with(".yaml"))
+        .collect();
+    let manifests = manifests();
+    let wanted = manifests.iter().map(String::as_str).filter(|name| !name.ends_with(".example.yaml")).collect();
+    assert_eq!(listed, wanted);
+}
+
+#[test]
+fn the_program_accepts_the_settings_of_the_debian_package_and_of_kubernetes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let doctor = |command: &mut Command| {
+        let output = command.args(["doctor", "--data-dir"]).arg(folder.path()).output().expect("it starts");
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+    };
+    let pinstack = || Command::new(env!("CARGO_BIN_EXE_pinstack"));
+    let told = doctor(pinstack().env("PINSTACK_CONFIG", root().join("deploy/debian/pinstack.toml")));
+    assert!(told.contains("settings") && !told.contains("PROBLEM settings"), "{told}");
+
+    let mut command = pinstack();
+    let url = folder.path().join("database_url");
+    fs::write(&url, "postgres://pinstack@127.0.0.1:1/pinstack").expect("a file");
+    let config = read("deploy/kubernetes/config.yaml");
+    let pairs = config.lines().filter_map(|line| line.trim().split_once(": "));
+    let mut count = 0;
+    for (name, value) in pairs.filter(|(name, _)| name.starts_with("PINSTACK_")) {
+        let value = value.trim_matches(['\'', '"']);
+        let value = if name == "PINSTACK_DATABASE_URL_FILE" { url.to_str().expect("UTF-8") } else { value };
+        command.env(name, value);
+        count += 1;
+    }
+    assert!(count >= 5, "{count} settings");
+    let told = doctor(&mut command);
+    assert!(told.contains("settings") && !told.contains("PROBLEM settings"), "{told}");
 }
 
 #[test]
