@@ -1,5 +1,5 @@
 //! The service with third-party programs: curl, zip, 7z, Python's zipfile, exiftool, COLMAP, tus clients, a browser,
-//! Schemathesis, generated clients, and linters of the OpenAPI document.
+//! Schemathesis, generated clients, R, Octave, and linters of the OpenAPI document.
 //!
 //! Each test needs programs that may not be installed. It is then skipped, or fails with
 //! `PINSTACK_TEST_TOOLS=required`.
@@ -9,6 +9,7 @@ mod contract;
 mod crash;
 mod durability;
 mod generated;
+mod languages;
 mod lint;
 mod metadata;
 mod photogrammetry;
@@ -40,6 +41,8 @@ fn is_here(program: &str) -> bool {
         "tuspy" => "python3 -c 'import tusclient'".to_owned(),
         "pydantic" => "python3 -c 'import pydantic, urllib3, dateutil'".to_owned(),
         "pytest" => "python3 -c 'import pytest, httpx, typing_extensions'".to_owned(),
+        "httr2" => "Rscript -e 'library(httr2); library(png)'".to_owned(),
+        "tree-sitter-matlab" => "python3 -c 'import tree_sitter, tree_sitter_matlab'".to_owned(),
         library @ ("numpy" | "tifffile" | "pandas" | "mypy" | "ruff") => format!("python3 -c 'import {library}'"),
         package @ ("tus-js-client" | "playwright-core" | "axe-core") => format!("node -e 'require(\"{package}\")'"),
         program => format!("command -v {program}"),
