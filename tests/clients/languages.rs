@@ -1,4 +1,5 @@
-//! The lines of docs/OTHER_LANGUAGES.md: R and Octave run them against the service, and a grammar reads those for MATLAB.
+//! The lines of docs/OTHER_LANGUAGES.md: R and Octave run them against the service, and a grammar reads those for
+//! MATLAB.
 
 use std::{
     fs,

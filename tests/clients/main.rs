@@ -13,6 +13,7 @@ mod languages;
 mod lint;
 mod metadata;
 mod photogrammetry;
+mod point_in_time;
 mod proxy;
 mod python;
 mod scan;
@@ -42,6 +43,8 @@ fn is_here(program: &str) -> bool {
         "pydantic" => "python3 -c 'import pydantic, urllib3, dateutil'".to_owned(),
         "pytest" => "python3 -c 'import pytest, httpx, typing_extensions'".to_owned(),
         "httr2" => "Rscript -e 'library(httr2); library(png)'".to_owned(),
+        // its programs are not in PATH
+        "postgresql" => "ls /usr/lib/postgresql/*/bin/initdb || command -v initdb".to_owned(),
         "tree-sitter-matlab" => "python3 -c 'import tree_sitter, tree_sitter_matlab'".to_owned(),
         library @ ("numpy" | "tifffile" | "pandas" | "mypy" | "ruff") => format!("python3 -c 'import {library}'"),
         package @ ("tus-js-client" | "playwright-core" | "axe-core") => format!("node -e 'require(\"{package}\")'"),

@@ -1,5 +1,5 @@
-//! Workflow files and the scripts of a release: what reads them accepts them, actions are pinned, rights are granted job
-//! by job, and the version is the same everywhere.
+//! Workflow files and the scripts of a release: the tools that read them accept them, actions are pinned, rights are
+//! granted job by job, and the version is the same everywhere.
 
 use std::{fs, path::Path, process::Command};
 
