@@ -13,6 +13,11 @@ version=$(scripts/release/version.sh)
 binary=${CARGO_TARGET_DIR:-target}/$target/release/pinstack
 
 if [ -z "${NO_BUILD:-}" ]; then
+  # the compiler for the C in SQLite and ring, by the name that Cargo's build scripts look for
+  case $target in *-musl)
+    cc=CC_${target//-/_}
+    [ -n "${!cc:-}" ] || export "$cc=musl-gcc" ;;
+  esac
   cargo build --release --locked --bin pinstack --target "$target"
 fi
 case $target in

@@ -93,6 +93,8 @@ fn a_release_has_one_version() {
     let here = env!("CARGO_PKG_VERSION");
     assert_eq!(version(&root(), &[]).as_deref(), Ok(here));
     assert_eq!(version(&root(), &[&format!("v{here}")]).as_deref(), Ok(here));
+    let image = format!("newTag: \"{here}\"");
+    assert!(read("deploy/kubernetes/kustomization.yaml").contains(&image), "the manifests name another version");
     let refused = version(&root(), &["v99.0.0"]).expect_err("another tag");
     assert!(refused.contains(&format!("must be v{here}")), "{refused}");
 
