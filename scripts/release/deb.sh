@@ -12,9 +12,10 @@ when=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
 changelog=target/debian/changelog
 mkdir -p target/debian
 {
-  printf 'pinstack (%s) unstable; urgency=medium\n\n' "$version"
+  # the revision that cargo-deb gives
+  printf 'pinstack (%s-1) unstable; urgency=medium\n\n' "$version"
   printf '  * Release %s.\n\n' "$version"
   printf ' -- %s  %s\n' "$(sed -n 's/^maintainer = "\(.*\)"/\1/p' Cargo.toml)" "$(date -R -u -d "@$when")"
 } > "$changelog"
 scripts/release/notices.py "$target" target/debian/THIRD-PARTY.txt
-SOURCE_DATE_EPOCH=$when cargo deb --no-build --no-strip --locked --target "$target" --deb-revision "" --output "$out"
+SOURCE_DATE_EPOCH=$when cargo deb --no-build --no-strip --locked --target "$target" --output "$out"
