@@ -12,6 +12,7 @@ name=pinstack-$(scripts/release/version.sh)-$target
 # cargo-cyclonedx writes beside the manifest of each crate; the bill of the service contains that of the science
 export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
 cargo cyclonedx --format json --spec-version 1.5 --target "$target" --no-build-deps --override-filename "$name"
-mv "$name.json" "$out/$name.cdx.json"
-rm -f "science/$name.json"
+# the crates of this project are named by the folder in which they were built
+sed "s#path+file://$PWD#path+file://pinstack#g" "$name.json" > "$out/$name.cdx.json"
+rm -f "$name.json" "science/$name.json"
 echo "$out/$name.cdx.json"
