@@ -43,10 +43,10 @@ def test_it_knows_its_version(program: Path) -> None:
 
 def test_it_pushes_a_folder_and_saves_the_results(program: Path, service: Service, zips: Path, tmp_path: Path) -> None:
     with Client(service.url) as client:
-        client.calibrate("bench-1", "executable", zips / "target.zip", focal_mm=65.0, pixel_pitch_mm=0.02)
+        client.calibrate("capture-pc", "macro65", zips / "target.zip", focal_mm=65.0, pixel_pitch_mm=0.02)
     shots = tmp_path / "shots"
     shutil.copytree(zips / "stack", shots / "view")
-    common = ["--server", service.url, "--rig", "bench-1", "--lens", "executable", "--quiet-s", "0.1"]
+    common = ["--server", service.url, "--rig", "capture-pc", "--lens", "macro65", "--quiet-s", "0.1"]
     assert "view" in run(program, "push", str(shots), *common, "--dry-run")
     run(program, "push", str(shots), *common)
     results = shots / "results"
