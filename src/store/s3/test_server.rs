@@ -1,7 +1,7 @@
 //! An S3 server for tests. Other tests of the project include this file too.
 //!
 //! The server is that of `PINSTACK_TEST_S3_ENDPOINT` (with `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY`), or moto, a
-//! Python program that keeps buckets in memory. It ends with the process of the tests, however that ends: a shell waits
+//! Python program that keeps buckets in memory (`moto-python`, a Python with moto, or `python3`). It ends with the process of the tests, however that ends: a shell waits
 //! for the end of its input. moto checks neither signatures nor digests, and never fails on its own.
 
 use std::{
@@ -45,14 +45,17 @@ pub(super) fn server() -> Option<&'static Server> {
 
 #[expect(clippy::zombie_processes, reason = "it ends with this process, when its input is closed")]
 fn private() -> Option<Server> {
-    let installed = Command::new("python3").args(["-c", "import moto.server"]).output();
-    if !installed.is_ok_and(|done| done.status.success()) {
+    let has_moto = |python: &&str| {
+        let tried = Command::new(python).args(["-c", "import moto.server"]).output();
+        tried.is_ok_and(|done| done.status.success())
+    };
+    let Some(python) = ["moto-python", "python3"].into_iter().find(has_moto) else {
         let required = std::env::var("PINSTACK_TEST_TOOLS").as_deref() == Ok("required");
         assert!(!required, "not installed: moto (pip install moto flask flask-cors)");
         println!("skipped: moto not installed");
         return None;
-    }
-    let mut python = Command::new("python3")
+    };
+    let mut python = Command::new(python)
         .args(["-c", SCRIPT])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
