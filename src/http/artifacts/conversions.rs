@@ -84,19 +84,22 @@ pub struct SliceRecipe {
     pub index: usize,
 }
 
-/// What a file is made from.
+/// How a file is made.
 #[derive(Debug, Clone)]
-enum Material {
-    /// The stored picture itself.
-    Picture(Form),
-    /// A slice in the stored zip.
+pub enum Making {
+    /// The stored picture in another format.
+    File(FileFormat),
+    /// The pyramid of the stored picture.
+    Pyramid(Colours),
+    /// The pyramid of a slice in the stored zip.
     Slice(Arc<SliceRecipe>),
 }
 
-impl Material {
+impl Making {
     fn form(&self) -> Form {
         match self {
-            Self::Picture(form) => *form,
+            Self::File(format) => Form::File(*format),
+            Self::Pyramid(colours) => Form::Pyramid(*colours),
             Self::Slice(recipe) => Form::Slice(recipe.index),
         }
     }
@@ -132,37 +135,21 @@ impl Default for Conversions {
 }
 
 impl Conversions {
-    /// The picture with this digest, stored under the key `source`, in `form`. Made when it is not cached.
+    /// The picture with this digest, stored under the key `source`, as `making` says. Made when it is not cached. For a
+    /// slice, `source` is the key of the zip and `digest` the id of the stack, from which all that it is warped with
+    /// follows.
     ///
     /// # Errors
-    /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read.
-    pub async fn get(self: &Arc<Self>, app: &App, source: &str, digest: &str, form: Form) -> ApiResult<Arc<Converted>> {
-        self.get_from(app, source, digest, Material::Picture(form)).await
-    }
-
-    /// The pyramid of a slice in the zip that is stored under the key `source`. `stack` names the stack: all that the
-    /// slice is warped with follows from it.
-    ///
-    /// # Errors
-    /// As [`Conversions::get`]; what is wrong with the slice.
-    pub async fn get_slice(
-        self: &Arc<Self>,
-        app: &App,
-        source: &str,
-        stack: &str,
-        recipe: SliceRecipe,
-    ) -> ApiResult<Arc<Converted>> {
-        self.get_from(app, source, stack, Material::Slice(Arc::new(recipe))).await
-    }
-
-    async fn get_from(
+    /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read; what is wrong with a
+    /// slice.
+    pub async fn get(
         self: &Arc<Self>,
         app: &App,
         source: &str,
         digest: &str,
-        material: Material,
+        making: Making,
     ) -> ApiResult<Arc<Converted>> {
-        let key = (digest.to_owned(), material.form());
+        let key = (digest.to_owned(), making.form());
         let mut waiting = {
             let mut entries = self.entries();
             let (map, clock) = &mut *entries;
@@ -178,7 +165,7 @@ impl Conversions {
                     let (result, waiting) = watch::channel(None);
                     map.insert(key.clone(), Entry::Making(waiting.clone()));
                     let (this, app, source) = (Arc::clone(self), app.clone(), source.to_owned());
-                    background::spawn(async move { this.make(&app, source, key, material, result).await });
+                    background::spawn(async move { this.make(&app, source, key, making, result).await });
                     waiting
                 }
             }
@@ -219,14 +206,7 @@ impl Conversions {
         self.begun.load(Ordering::Relaxed)
     }
 
-    async fn make(
-        &self,
-        app: &App,
-        source: String,
-        key: Key,
-        material: Material,
-        result: watch::Sender<Option<Outcome>>,
-    ) {
+    async fn make(&self, app: &App, source: String, key: Key, making: Making, result: watch::Sender<Option<Outcome>>) {
         let Ok(_turn) = self.turn.acquire().await else { return };
         {
             let mut entries = self.entries();
@@ -237,7 +217,7 @@ impl Conversions {
             }
         }
         self.begun.fetch_add(1, Ordering::Relaxed);
-        let outcome = made(app, source, material).await;
+        let outcome = made(app, source, making).await;
         {
             let mut entries = self.entries();
             match &outcome {
@@ -283,47 +263,39 @@ fn evict(map: &mut HashMap<Key, Entry>) {
     }
 }
 
-async fn made(app: &App, source: String, material: Material) -> Outcome {
+async fn made(app: &App, source: String, making: Making) -> Outcome {
     let store = &app.store;
-    let picture = store.blobs.fetch(&source, &store.workspace).await.map_err(|e| ApiError::from(e).fault().clone())?;
-    let picture = Arc::new(picture.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))?);
-    let (stored, measured) = (Arc::clone(&picture), material.clone());
-    let most = blocking(move || match measured {
-        Material::Picture(Form::File(_)) => most_bytes(stored.path()),
-        Material::Picture(_) => size(stored.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
-        Material::Slice(recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
+    let stored = store.blobs.fetch(&source, &store.workspace).await.map_err(|e| ApiError::from(e).fault().clone())?;
+    let stored = Arc::new(stored.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))?);
+    let (measured, measuring) = (Arc::clone(&stored), making.clone());
+    let most = blocking(move || match measuring {
+        Making::File(_) => most_bytes(measured.path()),
+        Making::Pyramid(_) => size(measured.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
+        Making::Slice(recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
     })
     .await?;
     let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
     let Ok(mut space) = reserved else { return Err(disk_full()) };
-    let spool = store.workspace.path().to_owned();
-    let warped = match &material {
-        Material::Picture(_) => None,
-        Material::Slice(recipe) => {
-            let (recipe, zip, limits) = (Arc::clone(recipe), Arc::clone(&picture), app.policy.archive.clone());
-            let warping = background::spawn_blocking(move || {
-                slice_view(zip.path(), &recipe.profile, &recipe.options, recipe.index, &limits)
-            });
-            Some(warping.await.map_err(|error| internal(&error.into()))??)
-        }
-    };
+    let (spool, limits) = (store.workspace.path().to_owned(), app.policy.archive);
     blocking(move || {
         step("convert.make")?;
         let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = match (material, warped) {
-            (_, Some(raster)) => pyramid::write_raster(raster, file.as_file(), Colours::Plain)?,
-            (Material::Picture(Form::File(format)), None) => convert(picture.path(), file.as_file(), format)?,
-            (Material::Picture(Form::Pyramid(colours)), None) => {
-                pyramid::write(picture.path(), file.as_file(), colours)?
-            }
-            (Material::Picture(Form::Slice(_)) | Material::Slice(_), None) => {
-                anyhow::bail!("a slice needs its profile")
+        let length = match making {
+            Making::File(format) => convert(stored.path(), file.as_file(), format)?,
+            Making::Pyramid(colours) => pyramid::write(stored.path(), file.as_file(), colours)?,
+            Making::Slice(recipe) => {
+                let SliceRecipe { profile, options, index } = &*recipe;
+                let slice = match slice_view(stored.path(), profile, options, *index, &limits) {
+                    Ok(slice) => slice,
+                    Err(fault) => return Ok(Err(fault)),
+                };
+                pyramid::write_raster(slice, file.as_file(), Colours::Plain)?
             }
         };
         space.written(length);
-        Ok(Arc::new(Converted { file, source, length }))
+        Ok(Ok(Arc::new(Converted { file, source, length })))
     })
-    .await
+    .await?
 }
 
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> anyhow::Result<T> + Send + 'static) -> Result<T, Fault> {

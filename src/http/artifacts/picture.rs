@@ -7,7 +7,7 @@ use axum::{
 
 use super::{
     accept,
-    conversions::Form,
+    conversions::{Form, Making},
     download::{self, Content, Download, Source},
     name, outcome,
 };
@@ -68,7 +68,7 @@ async fn converted(
     } else {
         // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
-        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Form::File(format)).await?)
+        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Making::File(format)).await?)
     };
     let content = match file {
         Some(converted) => {

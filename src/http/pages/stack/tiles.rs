@@ -18,7 +18,7 @@ use crate::{
     contract::{Code, JobKind, artifact::StackArtifact, request::JobRequest},
     http::{
         artifacts::{
-            conversions::{Converted, Form, SliceRecipe},
+            conversions::{Converted, Form, Making, SliceRecipe},
             download, outcome,
             pyramid::{self, Colours},
         },
@@ -67,12 +67,11 @@ impl Picture {
         match self {
             Self::Artifact(artifact, colours) => {
                 let stored = outcome::artifact(job, artifact.name())?;
-                let form = Form::Pyramid(colours);
-                if app.conversions.kept(&stored.sha256, form).is_none() {
+                if app.conversions.kept(&stored.sha256, Form::Pyramid(colours)).is_none() {
                     // refuses a damaged file
                     drop(download::stored(app, job, stored, String::new()).await?);
                 }
-                app.conversions.get(app, &stored.key, &stored.sha256, form).await
+                app.conversions.get(app, &stored.key, &stored.sha256, Making::Pyramid(colours)).await
             }
             Self::Slice(index) => {
                 let stack = job.id.to_string();
@@ -85,7 +84,7 @@ impl Picture {
                 let profile = metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
                 let profile = profile.ok_or_else(none)?.input;
                 let recipe = SliceRecipe { profile, options: request.options.clone(), index };
-                app.conversions.get_slice(app, &request.upload.key, &stack, recipe).await
+                app.conversions.get(app, &request.upload.key, &stack, Making::Slice(Arc::new(recipe))).await
             }
         }
     }
