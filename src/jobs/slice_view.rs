@@ -11,8 +11,8 @@ use pinstack_science::{
     types::profile::ProfileInput,
 };
 
-/// Slice `index`, in the order of fusion, of the front light of the zip at `archive`. Memory: the slice before and after
-/// the warp.
+/// Slice `index`, in the order of fusion, of the front light of the zip at `archive`. Memory: the slice before and
+/// after the warp.
 ///
 /// # Errors
 /// Those of the archive, of the decoder and of [`warped_slice`].

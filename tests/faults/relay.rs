@@ -30,7 +30,7 @@ pub enum Target {
     Unix(PathBuf),
 }
 
-/// A relay of connections. While it is cut, no byte passes and nobody is told, as when a cable is pulled.
+/// A relay of connections. While it is cut, no byte passes and no end is told, as when a cable is pulled.
 pub struct Relay {
     pub address: String,
     cut: watch::Sender<bool>,

@@ -14,8 +14,8 @@ use serde::Serialize;
 
 use super::config::{Flags, ServeConfig};
 
-/// Check settings, data folder, disk, memory, open files, database, bucket, tokens and address of a service, and say what to
-/// do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a problem.
+/// Check settings, data folder, disk, memory, open files, database, bucket, tokens and address of a service, and say
+/// what to do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a problem.
 #[derive(Debug, Args)]
 pub struct Doctor {
     /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]

@@ -1,4 +1,5 @@
-//! The key of the bucket, from a file: other users of the machine can read flags, and a container gets secrets as files.
+//! The key of the bucket, from a file: other users of the machine can read flags, and a container gets secrets as
+//! files.
 
 use std::path::Path;
 

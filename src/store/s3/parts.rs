@@ -164,7 +164,8 @@ impl LockedObjects {
 }
 
 impl Writer {
-    /// Stores `length` of the bytes that wait, beside the next ones that arrive, as soon as the object before is stored.
+    /// Begins to store `length` of the bytes that wait, as soon as the object before is stored. The next ones can
+    /// arrive meanwhile.
     async fn store(&mut self, bucket: &Arc<Bucket>, id: Uuid, length: usize) -> StoreResult<()> {
         self.stored().await?;
         let bytes = self.waiting.split_to(length).freeze();

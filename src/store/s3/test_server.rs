@@ -1,8 +1,9 @@
 //! An S3 server for tests. Other tests of the project include this file too.
 //!
 //! The server is that of `PINSTACK_TEST_S3_ENDPOINT` (with `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY`), or moto, a
-//! Python program that keeps buckets in memory (`moto-python`, a Python with moto, or `python3`). It ends with the process of the tests, however that ends: a shell waits
-//! for the end of its input. moto checks neither signatures nor digests, and never fails on its own.
+//! Python program that keeps buckets in memory. It runs in `moto-python`, a Python with moto, or in `python3`. It ends
+//! with the process of the tests, however that ends, because it waits for the end of its input. moto checks neither
+//! signatures nor digests, and never fails on its own.
 
 use std::{
     io::{BufRead, BufReader, Write},
