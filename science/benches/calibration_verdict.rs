@@ -1,5 +1,5 @@
 //! The verdict of the calibration against the truth, on synthetic stacks with faults. `cargo bench --bench
-//! calibration_verdict -- [--quick] [--only FAMILY] [--seeds N]`
+//! calibration_verdict -- [--quick] [--only NAME;NAME] [--seeds N] [--offset N]`
 //!
 //! Each fault alone at several strengths, stacks without a fault, and random mixtures. A stack whose verdict is "Good"
 //! and wrong, a stack that was downgraded or refused without need, and a gain that is off and not told are one line
@@ -10,25 +10,27 @@ mod verdict;
 
 use pinstack_science::types::report::Grade;
 use rayon::prelude::*;
-use verdict::{Judgement, judge, stacks, table};
+use verdict::{Judgement, Selection, judge, stacks, table};
 
 fn main() {
-    let (mut seeds, mut mixtures, mut only) = (6, 108, None);
+    let mut selection = Selection { seeds: 6, mixtures: 108, offset: 0, only: Vec::new() };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
+        let mut number = || rest.next().and_then(|text| text.parse().ok()).unwrap_or_else(|| usage(&argument));
         match argument.as_str() {
             // an argument that `cargo bench` adds
             "--bench" => {}
-            "--quick" => (seeds, mixtures) = (1, 10),
-            "--only" => only = rest.next(),
-            "--seeds" => seeds = rest.next().and_then(|text| text.parse().ok()).unwrap_or(seeds),
-            other => {
-                eprintln!("{other} is not known: --quick, --only FAMILY, --seeds N");
-                std::process::exit(2)
+            "--quick" => (selection.seeds, selection.mixtures) = (1, 10),
+            "--only" => {
+                let names = rest.next().unwrap_or_else(|| usage(&argument));
+                selection.only = names.split(';').map(str::to_owned).collect();
             }
+            "--seeds" => selection.seeds = number(),
+            "--offset" => selection.offset = number(),
+            other => usage(other),
         }
     }
-    let stacks = stacks(seeds, mixtures, only.as_deref());
+    let stacks = stacks(&selection);
     let judgements: Vec<Judgement> = stacks.par_iter().map(judge).collect();
     for of in &judgements {
         let verdict = match of.grade {
@@ -41,4 +43,9 @@ fn main() {
         println!("{verdict}: {}: corner {:.2} px, gain {:.2} %: {}", of.what, of.corner, 100.0 * of.gain, of.told);
     }
     println!("\n{}", table(&judgements));
+}
+
+fn usage<T>(argument: &str) -> T {
+    eprintln!("{argument} is not understood: --quick, --only NAME;NAME, --seeds N, --offset N");
+    std::process::exit(2)
 }

@@ -193,14 +193,32 @@ fn typical(seed: u64) -> Stack {
     stack
 }
 
-/// `seeds` stacks of each strength of each family whose name contains `only`, then `mixtures` random ones, or the one
-/// that `only` names, as in "mixture 7".
-pub fn stacks(seeds: u64, mixtures: u64, only: Option<&str>) -> Vec<Stack> {
-    let wanted = |name: &str| only.is_none_or(|only| name.contains(only));
+/// Which stacks of the bench are judged.
+#[derive(Debug)]
+pub struct Selection {
+    /// Stacks of each strength of each family.
+    pub seeds: u64,
+    /// Random mixtures.
+    pub mixtures: u64,
+    /// Added to the numbers of seeds and mixtures. Thresholds must also hold for stacks on which they were not chosen.
+    pub offset: u64,
+    /// Parts of names of families, or ends of names of stacks ("pitch 42 seed 3", "mixture 7"); empty: all stacks.
+    pub only: Vec<String>,
+}
+
+impl Selection {
+    fn wants(&self, stack: &Stack) -> bool {
+        let named = |name: &String| stack.family.contains(name.as_str()) || stack.what.ends_with(name.as_str());
+        self.only.is_empty() || self.only.iter().any(named)
+    }
+}
+
+/// The stacks of each family, then the mixtures.
+pub fn stacks(selection: &Selection) -> Vec<Stack> {
     let mut out = Vec::new();
-    for family in FAMILIES.iter().filter(|family| wanted(family.name)) {
+    for family in &FAMILIES {
         for &strength in family.strengths {
-            for seed in 1..=seeds {
+            for seed in selection.offset + 1..=selection.offset + selection.seeds {
                 let mut stack = typical(seed);
                 (family.change)(&mut stack, strength);
                 let (codes, clean) = (family.codes, family.clean);
@@ -209,10 +227,8 @@ pub fn stacks(seeds: u64, mixtures: u64, only: Option<&str>) -> Vec<Stack> {
             }
         }
     }
-    let ends = |stack: &Stack| only.is_none_or(|only| only == "mixture" || stack.what.ends_with(only));
-    if only.is_none_or(|only| only.starts_with("mixture")) {
-        out.extend((0..mixtures).map(mixture).filter(ends));
-    }
+    out.extend((selection.offset..selection.offset + selection.mixtures).map(mixture));
+    out.retain(|stack| selection.wants(stack));
     out
 }
 

@@ -74,11 +74,13 @@ fn compare(stack: &Stack, found: &Calibration, out: &mut Judgement) {
     out.corner = 0.0;
     out.gain = 0.0;
     let back = rig.homography(reference).inverse();
-    // the middle of the image and the places halfway to its corners: dots are there in every slice
-    let white = |i: usize| {
-        let [cx, cy] = rig.centre();
-        let at = [[1.0, 1.0], [0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]].map(|[x, y]| [cx * x, cy * y]);
-        at.iter().map(|&px| stack.target.stored_white(rig, i, px)).sum::<f64>()
+    // the middle of the reference slice and the places halfway to its corners: dots are there in every slice
+    let [cx, cy] = rig.centre();
+    let places = [[1.0, 1.0], [0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]].map(|[x, y]| [cx * x, cy * y]);
+    // a gain is applied to the warped slice, so what counts is the white at the same place of the scene
+    let white = |i: usize, from: Option<Homography>| {
+        let at = |px: [f64; 2]| from.map_or(px, |from| from.apply(px));
+        places.iter().map(|&px| stack.target.stored_white(rig, i, at(px))).sum::<f64>()
     };
     for (place, &slice) in stack.order.iter().enumerate() {
         let own = &found.slices[place];
@@ -100,7 +102,8 @@ fn compare(stack: &Stack, found: &Calibration, out: &mut Judgement) {
         out.corner = out.corner.max(error);
         out.dishonest |= own.corner_sigma_px.is_some_and(|sigma| error > DISHONEST && error > 3.0 * sigma);
         if Some(slice) != lost {
-            out.gain = out.gain.max((own.gain / (white(reference) / white(slice)) - 1.0).abs());
+            let from = map.and_then(|map| map.inverse());
+            out.gain = out.gain.max((own.gain * white(slice, from) / white(reference, None) - 1.0).abs());
         }
     }
     out.wrong = out.corner > WRONG;

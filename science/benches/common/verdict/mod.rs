@@ -4,6 +4,6 @@ mod family;
 mod judge;
 mod table;
 
-pub use family::stacks;
+pub use family::{Selection, stacks};
 pub use judge::{Judgement, judge};
 pub use table::table;
