@@ -5,6 +5,7 @@
 //! missing dots, dirt, errors of print, the end of the grid, the table. The mean cell is removed because it is the same
 //! after any shift by whole steps.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::super::dlt;
@@ -34,6 +35,8 @@ const UNIT: f64 = 31.0;
 const PRESENCE: [f64; 2] = [0.25, 0.6];
 /// Scatter of the strengths of known dots beyond which dots cannot be told from gaps (strong blur, noise).
 const MAX_SCATTER: f64 = 0.1;
+/// Share of the variance of a cell that the mean cell explains, below which it is not taken for a dot.
+const MIN_EXPLAINED: f64 = 0.4;
 /// Largest share of full-scale pixels in a cell.
 const MAX_CLIPPED: f32 = 0.02;
 
@@ -213,6 +216,19 @@ impl Fingerprint {
     }
 }
 
+/// Cells of a range of labels.
+pub(super) fn size(range: [i32; 2]) -> usize {
+    (i64::from(range[1]) - i64::from(range[0]) + 1).max(1) as usize
+}
+
+/// Cuts the ranges of columns and rows to their middle, for at most [`MAX_CELLS`] cells.
+pub(super) fn cut(ranges: &mut [[i32; 2]; 2]) {
+    while size(ranges[0]).saturating_mul(size(ranges[1])) > MAX_CELLS {
+        let longer = usize::from(size(ranges[1]) > size(ranges[0]));
+        ranges[longer] = [ranges[longer][0] + 1, ranges[longer][1] - 1];
+    }
+}
+
 /// First label, columns and rows of the cells that the image shows.
 fn extent(grid: &Homography, plane: &Plane<f32>, places: &Places) -> Option<(Label, usize, usize)> {
     let known = |axis: usize| {
@@ -231,11 +247,7 @@ fn extent(grid: &Homography, plane: &Plane<f32>, places: &Places) -> Option<(Lab
         });
         [seen.0, seen.1]
     });
-    let size = |r: [i32; 2]| (r[1] - r[0] + 1).max(1) as usize;
-    while size(ranges[0]) * size(ranges[1]) > MAX_CELLS {
-        let longer = usize::from(size(ranges[1]) > size(ranges[0]));
-        ranges[longer] = [ranges[longer][0] + 1, ranges[longer][1] - 1];
-    }
+    cut(&mut ranges);
     Some(([ranges[0][0], ranges[1][0]], size(ranges[0]), size(ranges[1])))
 }
 
@@ -279,27 +291,46 @@ impl Cell {
     }
 }
 
-/// Regression coefficient of the samples on the mean cell, with a free offset; `None` when the samples in the image do
-/// not determine it.
-fn strength(cell: &Samples, pattern: &[f64; CELL]) -> Option<f64> {
+/// How much a cell looks like the mean cell.
+struct Likeness {
+    /// Regression coefficient of its samples on those of the mean cell, with a free offset: 1 for a dot, 0 for none.
+    strength: f64,
+    /// Share of the variance of its samples that the mean cell explains.
+    explained: f64,
+}
+
+/// Compares a cell with the mean cell; `None` when the samples in the image do not determine it.
+fn likeness(cell: &Samples, pattern: &[f64; CELL]) -> Option<Likeness> {
     let inside = || cell.iter().zip(pattern).filter_map(|(v, p)| v.map(|v| (f64::from(v), *p)));
     let n = inside().count() as f64;
     let (v, p) = inside().fold((0.0, 0.0), |s, (v, p)| (s.0 + v / n, s.1 + p / n));
-    let (both, energy) = inside().fold((0.0, 0.0), |s, x| (s.0 + (x.0 - v) * (x.1 - p), s.1 + (x.1 - p).powi(2)));
+    let (both, own, energy) =
+        inside().map(|x| (x.0 - v, x.1 - p)).fold((0.0, 0.0, 0.0), |s, (v, p)| (s.0 + v * p, s.1 + v * v, s.2 + p * p));
     let mean = pattern.iter().sum::<f64>() / CELL as f64;
     let whole = pattern.iter().map(|p| (p - mean).powi(2)).sum::<f64>();
-    (energy > 0.4 * whole && whole > 1e-12).then(|| both / energy)
+    (energy > 0.4 * whole && whole > 1e-12)
+        .then(|| Likeness { strength: both / energy, explained: both * both / (energy * own).max(1e-24) })
 }
 
-/// What each cell shows, by its strength.
+/// What each cell shows, by its likeness to a dot. `known`: cells that tracking takes for dots.
 fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -> Vec<Presence> {
-    let of = |k: usize| cells[k].as_ref().and_then(|c| strength(c, pattern));
-    let mut off: Vec<f64> = known.iter().filter_map(|&k| of(k)).map(|s| (s - 1.0).abs()).collect();
-    let clear = 1.4826 * median(&mut off) < MAX_SCATTER;
+    let of = |k: usize| cells[k].as_ref().and_then(|c| likeness(c, pattern));
+    let mut off: Vec<f64> = known.iter().filter_map(|&k| of(k)).map(|l| (l.strength - 1.0).abs()).collect();
+    if 1.4826 * median(&mut off) >= MAX_SCATTER {
+        let shown = |cell: &Option<Samples>| cell.as_ref().map_or(Presence::Invalid, |_| Presence::Unclear);
+        return cells.iter().map(shown).collect();
+    }
+    let is_known: BTreeSet<usize> = known.iter().copied().collect();
     let shown = |k: usize| match of(k) {
         _ if cells[k].is_none() => Presence::Invalid,
-        Some(strength) if clear && strength < PRESENCE[0] => Presence::Gap,
-        Some(strength) if clear && strength > PRESENCE[1] => Presence::Dot,
+        Some(l) if l.strength < PRESENCE[0] => Presence::Gap,
+        // the border of the target half in a cell may be as strong as a dot, but it has another shape
+        Some(l) if l.explained < MIN_EXPLAINED => {
+            // a dot that the border of the image cuts may have any shape
+            let is_whole = cells[k].as_ref().is_some_and(|c| c.iter().all(Option::is_some));
+            if is_known.contains(&k) || !is_whole { Presence::Unclear } else { Presence::Gap }
+        }
+        Some(l) if l.strength > PRESENCE[1] => Presence::Dot,
         _ => Presence::Unclear,
     };
     (0..cells.len()).map(shown).collect()
@@ -337,4 +368,28 @@ fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) 
     let (sum, count) = out.iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v * v, s.1 + 1.0_f64));
     let rms = (sum / count.max(1.0)).sqrt().max(1e-9);
     out.iter().map(|v| v.map_or(OUTSIDE, |v| ((v / rms).clamp(-CUT, CUT) * UNIT).round() as i8)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_border_of_the_target_in_a_cell_beyond_the_grid_is_no_dot() {
+        let along = |k: usize| (k as f64 + 0.5) / SIDE as f64 - 0.5;
+        let wave = |k: usize| (std::f64::consts::TAU * along(k)).cos();
+        // dots blurred by a third of the pitch, and a dark table that begins 0.8 steps from the outermost of them
+        let pattern: [f64; CELL] = std::array::from_fn(|n| 0.13 * (wave(n % SIDE) + wave(n / SIDE)));
+        let dot: Samples = std::array::from_fn(|n| Some(pattern[n] as f32));
+        let table: Samples = std::array::from_fn(|n| Some(if along(n % SIDE) > -0.2 { 0.59 } else { 0.0 }));
+        let strength = likeness(&table, &pattern).expect("in the image").strength;
+        assert!(strength > PRESENCE[1], "as strong as a dot: {strength}");
+        let mut cut = table;
+        cut[3] = None;
+        let cells = [Some(dot), Some(dot), Some(table), Some(table), Some(cut), None];
+        // a known dot of another shape is unclear, and so is a cell that the border of the image cuts
+        let expected = [Presence::Dot, Presence::Dot, Presence::Unclear, Presence::Gap, Presence::Unclear];
+        let shown = presence(&cells, &pattern, &[0, 1, 2]);
+        assert_eq!((&shown[..5], shown[5]), (&expected[..], Presence::Invalid));
+    }
 }

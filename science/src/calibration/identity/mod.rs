@@ -14,12 +14,14 @@ mod fingerprint;
 mod law;
 mod sensor;
 mod shifts;
+mod target_map;
 #[cfg(test)]
 mod tests;
 
 pub(super) use fingerprint::{Fingerprint, MAX_BYTES, MAX_CELLS};
 
 use super::detection::Detection;
+use super::lattice::Label;
 use shifts::{Comparison, Decision, decide};
 
 /// How certain the labels of one slice are.
@@ -57,7 +59,9 @@ pub(super) fn settle(detections: &mut [Option<Detection>], seed: usize) -> Vec<L
     };
     let prints: Vec<Fingerprint> = detections.iter().zip(&first).filter_map(shifted).collect();
     let known: Vec<&Fingerprint> = prints.iter().collect();
-    let settled = if sensor::moves_with_target(&known) { first } else { compared(detections, seed, false) };
+    let correlate = sensor::moves_with_target(&known);
+    let mut settled = if correlate { first } else { compared(detections, seed, false) };
+    complete(&mut settled, detections, correlate);
     let is_confirmed = |s: &Settled| s.decision.certain && !s.is_half_off;
     for (slot, settled) in detections.iter_mut().zip(&settled) {
         if let (Some(detection), Some(settled)) = (slot.as_mut(), settled) {
@@ -77,6 +81,46 @@ pub(super) fn settle(detections: &mut [Option<Detection>], seed: usize) -> Vec<L
         confirmed: s.as_ref().is_some_and(is_confirmed),
     };
     settled.iter().enumerate().map(labelling).collect()
+}
+
+/// Rounds of [`complete`]: each can make slices certain that help others.
+const ROUNDS: usize = 3;
+
+/// Compares the slices whose labels are not certain with all that are. Slices of another scale may show an end of the
+/// grid, or a mark, that the neighbour and the first slice do not show.
+fn complete(settled: &mut [Option<Settled>], detections: &[Option<Detection>], correlate: bool) {
+    let print = |i: usize, shift: Label| {
+        let detection = detections[i].as_ref().filter(|d| !d.is_tentative)?;
+        let mut print = detection.fingerprint.clone()?;
+        print.relabel(shift);
+        Some(print)
+    };
+    for _ in 0..ROUNDS {
+        let with = |certain: bool| -> Vec<(usize, Fingerprint)> {
+            let of = |(i, s): (usize, &Option<Settled>)| {
+                let s = s.as_ref().filter(|s| s.decision.certain == certain && s.turned.is_none())?;
+                Some((i, print(i, s.decision.shift)?))
+            };
+            settled.iter().enumerate().filter_map(of).collect()
+        };
+        let (known, open) = (with(true), with(false));
+        let Some(map) = target_map::of(known.iter().map(|(_, print)| print)) else { return };
+        let mut is_changed = false;
+        for (i, print) in open {
+            let nearest = known.iter().min_by_key(|(k, _)| k.abs_diff(i));
+            let others = std::iter::once(&map).chain(nearest.map(|(_, other)| other));
+            let comparisons: Vec<Comparison> = others.map(|other| Comparison::new(&print, other)).collect();
+            let found = decide(&comparisons, correlate);
+            if let Some(settled) = settled[i].as_mut().filter(|_| found.certain) {
+                let before = settled.decision.shift;
+                settled.decision = Decision { shift: [0, 1].map(|a| before[a] + found.shift[a]), certain: true };
+                is_changed = true;
+            }
+        }
+        if !is_changed {
+            return;
+        }
+    }
 }
 
 /// Compares the slices outward from `seed`; `None` where the grid was not found.

@@ -91,6 +91,18 @@ fn the_end_of_the_grid_tells_jumps_by_more_than_half_a_step() {
 }
 
 #[test]
+fn the_end_of_the_grid_that_only_the_smallest_slices_show_makes_all_slices_certain() {
+    let rig = rig(9);
+    // in the reference slice the rows end within a pitch of the borders of the image
+    let target = DotTarget { columns: 29, rows: 21, ..DotTarget::for_rig(&rig, 28) };
+    let case = Case::new(&rig, &target, |_| [0.0; 2]);
+    assert!(case.worst < 0.3 && !case.is_ambiguous(), "{}", case.worst);
+    // the same view of a larger grid
+    let larger = DotTarget { columns: 34, rows: 26, ..target };
+    assert!(Case::new(&rig, &larger, |_| [0.0; 2]).is_ambiguous());
+}
+
+#[test]
 fn an_endless_perfect_grid_is_ambiguous() {
     let rig = rig(5);
     for drift in [0.0, 1.0] {
