@@ -1,15 +1,15 @@
 //! What the target shows, by several slices together: which cells are dots, and which are not.
 //!
-//! A slice of a larger scale may show no end of the grid where one of a smaller scale does. Compared with the map of all
-//! slices whose labels are certain, its dots conflict with the gaps that those slices show.
+//! A slice of a larger scale may show no end of the grid where one of a smaller scale does. Compared with the map of
+//! all slices whose labels are certain, its dots conflict with the gaps that those slices show.
 
 use std::collections::BTreeMap;
 
 use super::super::lattice::Label;
 use super::fingerprint::{CELL, Fingerprint, OUTSIDE, Presence, cut, size};
 
-/// What the target shows by all `prints` together: cells that one of them shows, and none contradicts. The result has no
-/// deviations. `None` without prints.
+/// What the target shows by all `prints` together: cells that one of them shows, and none contradicts. The result has
+/// no deviations. `None` without prints.
 pub(super) fn of<'a>(prints: impl Iterator<Item = &'a Fingerprint>) -> Option<Fingerprint> {
     let mut votes: BTreeMap<Label, [bool; 2]> = BTreeMap::new();
     let mut any = None;
