@@ -17,6 +17,7 @@ use object_store::{
     aws::{AmazonS3, AmazonS3Builder},
     path::Path,
 };
+use tokio::sync::Semaphore;
 
 use super::{S3Location, credentials, http::Connector};
 use crate::store::{
@@ -30,8 +31,10 @@ use crate::store::{
 const PART: u64 = 8 << 20;
 /// Most parts of an object; S3 allows 10,000.
 const MOST_PARTS: u64 = 9_000;
-/// Requests of one upload or download at a time. Memory of each: this times the size of a part.
+/// Requests of one file at a time. Memory of a file: this times the size of a part, and one part more.
 const AT_ONCE: usize = 4;
+/// Files that a process sends or fetches in parts at a time; others wait. Bounds the memory of all.
+const FILES_AT_ONCE: usize = 8;
 /// Largest object that the server copies in one request.
 const MOST_TO_COPY: u64 = 5 << 30;
 /// How long a request is repeated before the bucket counts as unavailable.
@@ -42,6 +45,8 @@ pub(super) struct Bucket {
     store: AmazonS3,
     /// Empty, or ends with `/`.
     prefix: String,
+    /// One permit per file of [`FILES_AT_ONCE`].
+    files: Semaphore,
 }
 
 impl Bucket {
@@ -81,7 +86,7 @@ impl Bucket {
         }
         let store = builder.build().map_err(|error| anyhow!(error).context("storage_url: cannot use the bucket"))?;
         let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}/") };
-        Ok(Self { store, prefix })
+        Ok(Self { store, prefix, files: Semaphore::new(FILES_AT_ONCE) })
     }
 
     fn path(&self, key: &str) -> StoreResult<Path> {
@@ -141,6 +146,7 @@ impl Bucket {
             self.put(key, read_at(&file, 0..size, key).await?).await?;
         } else {
             let path = self.path(key)?;
+            let _turn = self.files.acquire().await.context("the bucket is closed")?;
             step("s3.begin").map_err(cannot_change)?;
             let begun = self.store.put_multipart(&path).await;
             let mut upload = begun.map_err(cannot(|| format!("begin to store {key}")))?;
@@ -212,6 +218,7 @@ impl Bucket {
     /// Writes pieces of objects one after the other into a new file. False when one of them is gone.
     pub(super) async fn download(&self, pieces: Vec<(String, Range<u64>)>, to: &FilePath) -> StoreResult<bool> {
         let what = || "cannot write what was downloaded from the bucket".to_owned();
+        let _turn = self.files.acquire().await.context("the bucket is closed")?;
         let file = step("s3.download").and_then(|()| File::create(to));
         let file = file.map_err(|error| StoreError::of_io(error, what()))?;
         let (file, mut at) = (Arc::new(file), 0);

@@ -30,7 +30,7 @@ use crate::store::{
 };
 
 /// Bytes of one object. A request holds at most twice as many in memory.
-const PIECE: usize = 8 << 20;
+const PIECE: usize = 4 << 20;
 
 /// The parts of uploads in a bucket.
 pub struct S3UploadParts {
