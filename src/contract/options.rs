@@ -14,7 +14,7 @@ use pinstack_science::types::{
 };
 
 use super::{
-    Code, Fault, Name,
+    Code, Fault, Name, Priority,
     input::{InputBits, SliceOrder},
     ranges,
 };
@@ -237,6 +237,9 @@ pub struct StackOptions {
     pub tilt_deg: Option<f64>,
     /// Delete upload and results this many days after the end. Default: never.
     pub keep_days: Option<u32>,
+    /// `high`: before all others; `normal`; or `low`: only when no other job waits. Within a priority, rigs (and tokens)
+    /// take turns. Calibrations are `high`.
+    pub priority: Priority,
 }
 
 impl Default for StackOptions {
@@ -270,6 +273,7 @@ impl Default for StackOptions {
             pan_deg: None,
             tilt_deg: None,
             keep_days: None,
+            priority: Priority::default(),
         }
     }
 }

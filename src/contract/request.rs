@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use pinstack_science::types::{calibration_options::CalibrationOptions, stack_layout::StackLayout};
 
-use super::{Name, options::StackOptions};
+use super::{Name, Priority, options::StackOptions};
 
 /// A stored zip.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -86,6 +86,14 @@ impl JobRequest {
         match self {
             Self::Stack(request) => &request.layout,
             Self::Calibration(request) => &request.layout,
+        }
+    }
+
+    /// Which jobs come first.
+    pub fn priority(&self) -> Priority {
+        match self {
+            Self::Stack(request) => request.options.priority,
+            Self::Calibration(_) => Priority::High,
         }
     }
 

@@ -31,6 +31,7 @@ pub mod uploads;
 pub mod views;
 pub mod wait_times;
 pub mod waiting;
+pub mod watch;
 
 pub use serve::{serve, serve_over};
 pub use state::{App, Policy};

@@ -23,7 +23,6 @@ use futures::{Stream, stream};
 use tokio::sync::broadcast::Receiver;
 use uuid::Uuid;
 
-use super::waiting::changed;
 use crate::{
     contract::{JobState, Progress},
     http::{state::App, views::JobDocument},
@@ -93,7 +92,7 @@ impl EventStream {
         let Ok(Some(job)) = self.app.store.metadata.job(self.id).await else { return false };
         if self.last_sent.as_ref().is_some_and(|sent| sent.version == job.version) {
             tokio::select! {
-                () = changed(&mut self.changes, self.id, self.app.policy.poll_interval) => {}
+                () = self.app.watch.changed(&mut self.changes, self.id, job.version) => {}
                 () = self.app.shutdown.cancelled() => {}
             }
             return true;

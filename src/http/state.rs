@@ -19,6 +19,7 @@ use super::{
     pages::stacks::thumbnail::Thumbnails,
     recent::Recent,
     system::readyz,
+    watch::JobWatch,
 };
 use crate::{
     disk_budget::DiskBudget,
@@ -134,6 +135,8 @@ pub struct App {
     pub disk: Arc<DiskBudget>,
     /// Reservations of the open uploads by token.
     pub shares: Shares,
+    /// Changes of the jobs that requests wait for.
+    pub watch: Arc<JobWatch>,
     /// What the requests in progress claim of the quotas of their tokens.
     pub claims: Claims,
     /// A token exists. Tokens are never deleted, only revoked.
@@ -156,9 +159,11 @@ impl App {
     /// An application over a store.
     pub fn new(store: Store, policy: Policy) -> Self {
         let disk = DiskBudget::new(&store, policy.min_free_bytes);
+        let watch = JobWatch::new(Arc::clone(&store.metadata), policy.poll_interval);
         Self {
             store,
             disk,
+            watch,
             shares: Shares::default(),
             claims: Claims::default(),
             policy: Arc::new(policy),

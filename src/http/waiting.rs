@@ -1,12 +1,8 @@
-//! Requests that wait for a job. A change made by this process wakes them at once, a change made by another process is
-//! seen at the next poll.
+//! Requests that wait for the end of a job.
 
 use std::time::Duration;
 
-use tokio::{
-    sync::broadcast::{Receiver, error::RecvError},
-    time::{Instant, sleep_until},
-};
+use tokio::time::{Instant, sleep_until};
 use uuid::Uuid;
 
 use crate::{
@@ -31,31 +27,14 @@ async fn final_row(app: &App, id: Uuid, deadline: Instant) -> StoreResult<Option
     let mut changes = app.store.metadata.changes();
     loop {
         let job = app.store.metadata.job(id).await?;
-        let is_over = job.as_ref().is_none_or(|job| job.state.is_final());
-        if is_over || Instant::now() >= deadline || app.shutdown.is_cancelled() {
+        let Some(waiting) = job.as_ref().filter(|job| !job.state.is_final()) else { return Ok(job) };
+        if Instant::now() >= deadline || app.shutdown.is_cancelled() {
             return Ok(job);
         }
         tokio::select! {
-            () = changed(&mut changes, id, app.policy.poll_interval) => {}
+            () = app.watch.changed(&mut changes, id, waiting.version) => {}
             () = sleep_until(deadline) => {}
             () = app.shutdown.cancelled() => {}
-        }
-    }
-}
-
-/// Returns when the job may have changed: this process reported a change of it, or the poll interval has passed.
-pub async fn changed(changes: &mut Receiver<Uuid>, id: Uuid, poll_interval: Duration) {
-    let next_poll = Instant::now() + poll_interval;
-    loop {
-        tokio::select! {
-            change = changes.recv() => match change {
-                Ok(changed) if changed == id => return,
-                Ok(_) => {}
-                // some reports were missed, perhaps one of this job
-                Err(RecvError::Lagged(_)) => return,
-                Err(RecvError::Closed) => return sleep_until(next_poll).await,
-            },
-            () = sleep_until(next_poll) => return,
         }
     }
 }

@@ -172,11 +172,13 @@ pub trait JobQueue: Send + Sync + 'static {
     async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>>;
     /// One job.
     async fn job(&self, id: Uuid) -> StoreResult<Option<Job>>;
+    /// The versions of those of these jobs that exist.
+    async fn versions(&self, ids: &[Uuid]) -> StoreResult<Vec<(Uuid, i64)>>;
     /// The kind of a job, also when the rest of its row cannot be read. `None` when there is no such job.
     async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>>;
     /// Jobs, newest first.
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>>;
-    /// Ids of the queued jobs, the one that was accepted first first; at most `limit`.
+    /// Ids of the queued jobs in the order in which they will be claimed; at most `limit`.
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>>;
     /// Number of jobs by state.
     async fn counts(&self) -> StoreResult<JobCounts>;

@@ -83,7 +83,7 @@ pub async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
         let job = if i == 2 { calibration() } else { stack_with(|r| r.options.scan = (i > 2).then(|| name("s"))) };
         ids.push(accept(metadata, &job).await.id);
     }
-    claim(metadata).await.expect("the oldest");
+    claim(metadata).await.expect("the calibration comes first");
     let found = async |filter: JobFilter| -> Vec<Uuid> {
         let mut found = Vec::new();
         let mut cursor = None;
@@ -99,7 +99,7 @@ pub async fn lists_are_paged_newest_first_and_filtered(store: Fresh) {
     let all = JobFilter::default();
     assert_eq!(found(all.clone()).await, ids.iter().rev().copied().collect::<Vec<_>>());
     assert_eq!(found(JobFilter { kind: Some(JobKind::Calibration), ..all.clone() }).await, [ids[2]]);
-    assert_eq!(found(JobFilter { state: Some(JobState::Running), ..all.clone() }).await, [ids[0]]);
+    assert_eq!(found(JobFilter { state: Some(JobState::Running), ..all.clone() }).await, [ids[2]]);
     assert_eq!(found(JobFilter { scan: Some(name("s")), ..all.clone() }).await, [ids[4], ids[3]]);
     assert!(found(JobFilter { rig: Some(name("other")), ..all.clone() }).await.is_empty());
     assert!(found(JobFilter { lens: Some(name("other")), ..all }).await.is_empty());
@@ -265,6 +265,18 @@ pub async fn every_visible_change_is_announced_and_counted(store: Fresh) {
     assert_eq!(changes.recv().await.unwrap(), accepted.id);
     assert!(job(metadata, accepted.id).await.version > claimed.version);
     assert!(metadata.healthy().await);
+}
+
+pub async fn the_versions_of_several_jobs_are_read_at_once(store: Fresh) {
+    let metadata = &*store.metadata;
+    let [first, second, deleted] =
+        [accept(metadata, &stack()).await, accept(metadata, &stack()).await, accept(metadata, &stack()).await];
+    metadata.cancel(second.id).await.unwrap();
+    assert!(metadata.delete_job(deleted.id).await.unwrap());
+    let mut found = metadata.versions(&[first.id, second.id, deleted.id, Uuid::now_v7()]).await.unwrap();
+    found.sort_unstable();
+    assert_eq!(found, [(first.id, first.version), (second.id, second.version + 1)]);
+    assert_eq!(metadata.versions(&[]).await.unwrap(), []);
 }
 
 pub async fn a_page_ends_at_its_size_limit(store: Fresh) {

@@ -29,6 +29,7 @@ pub mod profiles;
 pub mod scans;
 pub mod tokens;
 pub mod totals;
+pub mod turns;
 pub mod uploads;
 
 use std::{sync::Arc, time::Duration};
@@ -279,6 +280,7 @@ macro_rules! metadata_conformance {
                 a_job_expires_after_its_retention_time,
                 every_visible_change_is_announced_and_counted,
                 a_page_ends_at_its_size_limit,
+                the_versions_of_several_jobs_are_read_at_once,
                 a_result_that_could_not_be_read_again_fails_the_job;
             scans:
                 a_scan_comes_back_as_it_was_put_and_counts_its_versions,
@@ -320,6 +322,15 @@ macro_rules! metadata_conformance {
                 a_released_job_with_a_pending_cancellation_ends,
                 a_deleted_job_of_a_lost_worker_is_removed_by_the_next_claim,
                 a_lease_expires_by_its_own_length;
+            turns:
+                rigs_take_turns,
+                a_rig_that_sends_late_is_next_and_does_not_catch_up_on_the_past,
+                a_rig_that_sends_one_stack_after_another_does_not_push_others_aside,
+                a_turn_is_measured_by_the_size_of_the_zips,
+                a_higher_priority_comes_first_and_calibrations_have_the_highest,
+                cancelled_stacks_cost_their_rig_no_turn,
+                tokens_of_one_rig_take_turns,
+                a_job_that_returns_to_the_queue_keeps_its_turn;
             expiry:
                 a_clock_that_jumps_expires_nothing,
                 time_that_passes_after_a_jump_counts;

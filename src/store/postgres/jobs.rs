@@ -15,7 +15,7 @@ use crate::{
         json,
         rows::{
             JobRow, blob_keys, counts, keep_ms, kind, kind_name, listed, page::Window, signed, state,
-            transition::Transition,
+            transition::Transition, turn::Turn,
         },
     },
 };
@@ -54,6 +54,11 @@ impl JobQueue for PostgresMetadata {
         row.map(Job::try_from).transpose()
     }
 
+    async fn versions(&self, ids: &[Uuid]) -> StoreResult<Vec<(Uuid, i64)>> {
+        let versions = sqlx::query_as("SELECT id, version FROM jobs WHERE id = ANY($1) AND NOT delete_requested");
+        Ok(versions.bind(ids).fetch_all(&self.pool).await?)
+    }
+
     async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>> {
         let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = $1 AND NOT delete_requested")
             .bind(id)
@@ -87,7 +92,8 @@ impl JobQueue for PostgresMetadata {
 
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
         let ids = sqlx::query_scalar(
-            "SELECT id FROM jobs WHERE state = 'queued' AND NOT delete_requested ORDER BY seq LIMIT $1",
+            "SELECT id FROM jobs WHERE state = 'queued' AND NOT delete_requested
+             ORDER BY priority, turn, seq LIMIT $1",
         );
         Ok(ids.bind(i64::from(limit)).fetch_all(&self.pool).await?)
     }
@@ -209,11 +215,14 @@ pub(super) async fn insert(
     if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
         return Ok(Enqueue::OverQuota(over));
     }
+    let place = Turn::of(job);
+    let turn = next_turn(&mut *connection, &place).await?;
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
-                           idempotency_key, fingerprint, owner, upload_bytes)
-         VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13)
+                           idempotency_key, fingerprint, owner, upload_bytes, priority, share, turn, turn_end)
+         VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13,
+                 $14, $15, $16, $17)
          RETURNING *",
     )
     .bind(job.id)
@@ -229,9 +238,23 @@ pub(super) async fn insert(
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
     .bind(signed(job.request.upload().bytes))
+    .bind(place.priority)
+    .bind(&place.share)
+    .bind(turn)
+    .bind(turn.saturating_add(place.work))
     .fetch_one(&mut *connection)
     .await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
+}
+
+/// The turn of a job that is accepted now, as [`rows::turn`](crate::store::rows::turn) defines it.
+async fn next_turn(connection: &mut PgConnection, place: &Turn) -> StoreResult<i64> {
+    let turn = sqlx::query_scalar(
+        "SELECT GREATEST(
+             COALESCE((SELECT max(turn) FROM jobs WHERE priority = $1 AND started_at IS NOT NULL), 0),
+             COALESCE((SELECT max(turn_end) FROM jobs WHERE share = $2 AND priority = $1 AND state <> 'cancelled'), 0))",
+    );
+    Ok(turn.bind(place.priority).bind(&place.share).fetch_one(connection).await?)
 }
 
 async fn find_by_idempotency_key(

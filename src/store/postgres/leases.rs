@@ -60,12 +60,14 @@ impl PostgresMetadata {
              SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
                  attempt = attempt + 1, lease_token = lease_token + 1, lease_until = $1, lease_ms = $4,
                  version = version + 1, claim_after = NULL, started_at = COALESCE(started_at, $2)
-             WHERE seq = (SELECT seq FROM jobs
-                          WHERE (state = 'queued'
-                                 AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5::bigint))
-                             OR (state = 'running' AND id = ANY($3))
-                          ORDER BY seq LIMIT 1
-                          FOR UPDATE SKIP LOCKED)
+             WHERE seq = COALESCE(
+                 (SELECT seq FROM jobs WHERE state = 'running' AND id = ANY($3)
+                  ORDER BY priority, turn, seq LIMIT 1),
+                 (SELECT seq FROM jobs
+                  WHERE state = 'queued'
+                    AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5::bigint)
+                  ORDER BY priority, turn, seq LIMIT 1
+                  FOR UPDATE SKIP LOCKED))
              RETURNING *",
         )
         .bind(later(now, lease))

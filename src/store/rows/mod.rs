@@ -14,6 +14,7 @@ pub(in crate::store) mod token;
 pub(in crate::store) mod totals;
 pub(in crate::store) mod transfer;
 pub(in crate::store) mod transition;
+pub(in crate::store) mod turn;
 pub(in crate::store) mod upload;
 
 use anyhow::{Context, anyhow};

@@ -36,11 +36,12 @@ impl Leases for SqliteMetadata {
              SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
                  attempt = attempt + 1, lease_token = lease_token + 1, lease_until = ?1, lease_ms = ?4,
                  version = version + 1, claim_after = NULL, started_at = COALESCE(started_at, ?2)
-             WHERE seq = (SELECT seq FROM jobs
-                          WHERE (state = 'queued'
-                                 AND (claim_after IS NULL OR claim_after <= ?2 OR claim_after > ?2 + ?5))
-                             OR (state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?3)))
-                          ORDER BY seq LIMIT 1)
+             WHERE seq = COALESCE(
+                 (SELECT seq FROM jobs WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?3))
+                  ORDER BY priority, turn, seq LIMIT 1),
+                 (SELECT seq FROM jobs
+                  WHERE state = 'queued' AND (claim_after IS NULL OR claim_after <= ?2 OR claim_after > ?2 + ?5)
+                  ORDER BY priority, turn, seq LIMIT 1))
              RETURNING *",
         )
         .bind(later(now, lease))

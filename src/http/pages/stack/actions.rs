@@ -22,7 +22,7 @@ pub fn buttons(job: &Job, viewer: &Viewer) -> Markup {
 type Choice = (&'static str, &'static str, &'static [(&'static str, &'static str)]);
 
 /// Options that the page offers for another run.
-const CHOICES: [Choice; 8] = [
+const CHOICES: [Choice; 9] = [
     (
         "method",
         "Method",
@@ -35,6 +35,7 @@ const CHOICES: [Choice; 8] = [
     ("bit_depth", "Bits", &[("8", "8"), ("16", "16"), ("auto", "as the slices")]),
     ("order", "Order of the slices", &[("name", "by name"), ("reverse", "reverse")]),
     ("height", "Height map", &[("none", "none"), ("auto", "measured")]),
+    ("priority", "Priority", &[("high", "high"), ("normal", "normal"), ("low", "low: when no other job waits")]),
 ];
 
 /// The form for another run with other options.

@@ -1,0 +1,126 @@
+//! Waits for changes of jobs on behalf of all requests of a process.
+//!
+//! A change that this process made is announced by the store at once. Changes by other processes are found by polling:
+//! one query per interval for all jobs that requests wait for, however many requests there are.
+
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use tokio::{
+    sync::{
+        Notify,
+        broadcast::{Receiver, error::RecvError},
+    },
+    time::sleep,
+};
+use uuid::Uuid;
+
+use crate::store::MetadataStore;
+
+/// The jobs that requests of this process wait for.
+pub struct JobWatch {
+    metadata: Arc<dyn MetadataStore>,
+    interval: Duration,
+    waiters: Mutex<Waiters>,
+}
+
+#[derive(Default)]
+struct Waiters {
+    next_ticket: u64,
+    by_ticket: HashMap<u64, Waiter>,
+    /// A task polls. It ends when nothing waits any more.
+    is_polled: bool,
+}
+
+/// A request that waits.
+struct Waiter {
+    job: Uuid,
+    /// The version that the request knows.
+    version: i64,
+    changed: Arc<Notify>,
+}
+
+impl JobWatch {
+    /// A watch that polls every `interval` while something waits.
+    pub fn new(metadata: Arc<dyn MetadataStore>, interval: Duration) -> Arc<Self> {
+        Arc::new(Self { metadata, interval, waiters: Mutex::default() })
+    }
+
+    /// Returns when the job may have another version than `version`. `changes` is a receiver of
+    /// [`MetadataStore::changes`] that was made before that version was read.
+    pub async fn changed(self: &Arc<Self>, changes: &mut Receiver<Uuid>, job: Uuid, version: i64) {
+        let ticket = Ticket::new(self, job, version);
+        loop {
+            tokio::select! {
+                change = changes.recv() => match change {
+                    Ok(changed) if changed != job => {}
+                    // some reports were missed, perhaps one of this job
+                    Ok(_) | Err(RecvError::Lagged(_)) => return,
+                    Err(RecvError::Closed) => return ticket.changed.notified().await,
+                },
+                () = ticket.changed.notified() => return,
+            }
+        }
+    }
+
+    fn waiters(&self) -> MutexGuard<'_, Waiters> {
+        self.waiters.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Polls until nothing waits.
+    async fn poll(self: Arc<Self>) {
+        loop {
+            sleep(self.interval).await;
+            let mut jobs: Vec<Uuid> = {
+                let mut waiters = self.waiters();
+                if waiters.by_ticket.is_empty() {
+                    waiters.is_polled = false;
+                    return;
+                }
+                waiters.by_ticket.values().map(|waiter| waiter.job).collect()
+            };
+            jobs.sort_unstable();
+            jobs.dedup();
+            let versions = self.metadata.versions(&jobs).await.map(HashMap::<Uuid, i64>::from_iter);
+            for waiter in self.waiters().by_ticket.values() {
+                // when the store cannot be read, each request reads its job itself and answers accordingly
+                let is_current = versions.as_ref().is_ok_and(|found| found.get(&waiter.job) == Some(&waiter.version));
+                // a job that began to wait after the query is asked for in the next one
+                if !is_current && (versions.is_err() || jobs.binary_search(&waiter.job).is_ok()) {
+                    waiter.changed.notify_one();
+                }
+            }
+        }
+    }
+}
+
+/// The entry of a request among the waiters; removed when it is dropped.
+struct Ticket {
+    watch: Arc<JobWatch>,
+    number: u64,
+    changed: Arc<Notify>,
+}
+
+impl Ticket {
+    fn new(watch: &Arc<JobWatch>, job: Uuid, version: i64) -> Self {
+        let changed = Arc::new(Notify::new());
+        let mut waiters = watch.waiters();
+        let number = waiters.next_ticket;
+        waiters.next_ticket += 1;
+        waiters.by_ticket.insert(number, Waiter { job, version, changed: Arc::clone(&changed) });
+        if !std::mem::replace(&mut waiters.is_polled, true) {
+            tokio::spawn(Arc::clone(watch).poll());
+        }
+        drop(waiters);
+        Self { watch: Arc::clone(watch), number, changed }
+    }
+}
+
+impl Drop for Ticket {
+    fn drop(&mut self) {
+        self.watch.waiters().by_ticket.remove(&self.number);
+    }
+}
