@@ -21,6 +21,7 @@ mod process;
 mod profile_files;
 mod profiles;
 mod profiles_elsewhere;
+mod queue;
 mod reports;
 mod reruns;
 mod results;

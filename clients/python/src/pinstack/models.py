@@ -70,6 +70,9 @@ PanDirection = Literal["counterclockwise", "clockwise"]
 PoseFormat = Literal["colmap_text", "colmap_binary", "alicevision", "metashape", "openmvg", "csv"]
 
 
+Priority = Literal["high", "normal", "low"]
+
+
 ProfileSource = Literal["upload", "calibration"]
 
 
@@ -540,6 +543,7 @@ class RerunOptions(TypedDict):
     method: NotRequired[Optional[Method]]
     order: NotRequired[Optional[SliceOrder]]
     pan_deg: NotRequired[Optional[float]]
+    priority: NotRequired[Optional[Priority]]
     profile_revision: NotRequired[Optional[int]]
     r1: NotRequired[Optional[int]]
     r2: NotRequired[Optional[int]]
@@ -795,6 +799,7 @@ class StackOptions(TypedDict):
     method: Method
     order: SliceOrder
     pan_deg: Optional[float]
+    priority: Priority
     profile_revision: Optional[int]
     r1: int
     r2: int
@@ -827,6 +832,7 @@ class StackOptionsInput(TypedDict):
     method: NotRequired[Method]
     order: NotRequired[SliceOrder]
     pan_deg: NotRequired[Optional[float]]
+    priority: NotRequired[Priority]
     profile_revision: NotRequired[Optional[int]]
     r1: NotRequired[int]
     r2: NotRequired[int]
