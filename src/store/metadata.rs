@@ -15,6 +15,8 @@ pub trait MetadataStore: ProfileStore + ScanStore + JobQueue + Leases + Expiry +
     /// Sends the id of a job or an upload after each visible change that this process made. Listeners poll as well,
     /// because other processes change rows too.
     fn changes(&self) -> broadcast::Receiver<Uuid>;
+    /// Sends something after jobs joined the queue, as far as this process knows. Workers poll as well.
+    fn arrivals(&self) -> broadcast::Receiver<()>;
     /// Sums over all rows, for metrics.
     async fn totals(&self) -> StoreResult<Totals>;
     /// True when the database answers.

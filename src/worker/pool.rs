@@ -83,7 +83,7 @@ async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationT
             gate = Arc::clone(&gate).lock_owned() => gate,
         };
         // subscribed before the claim, so that no new job is missed between the two
-        let mut changes = deps.store.metadata.changes();
+        let mut arrivals = deps.store.metadata.arrivals();
         let claimed = deps.store.metadata.claim(config.lease, config.max_attempts).await;
         match claimed {
             Ok(Some(job)) => {
@@ -97,7 +97,7 @@ async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationT
         }
         tokio::select! {
             () = stop.cancelled() => return,
-            _ = timeout(config.poll, changes.recv()) => {}
+            _ = timeout(config.poll, arrivals.recv()) => {}
         }
     }
 }

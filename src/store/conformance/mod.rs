@@ -330,6 +330,8 @@ macro_rules! metadata_conformance {
                 a_higher_priority_comes_first_and_calibrations_have_the_highest,
                 cancelled_stacks_cost_their_rig_no_turn,
                 tokens_of_one_rig_take_turns,
+                a_resumable_upload_takes_the_turn_of_its_token,
+                workers_hear_of_jobs_that_join_the_queue_and_of_nothing_else,
                 a_job_that_returns_to_the_queue_keeps_its_turn;
             expiry:
                 a_clock_that_jumps_expires_nothing,

@@ -1,7 +1,10 @@
 //! The order of the queue: priorities, and rigs that take turns.
 
 use super::*;
-use crate::contract::Priority;
+use crate::{
+    contract::{Priority, Progress},
+    store::{Attempt, uploads::NewUpload},
+};
 
 /// Bytes of a zip that counts as one unit in these tests.
 const UNIT: u64 = 1 << 20;
@@ -124,15 +127,44 @@ pub async fn tokens_of_one_rig_take_turns(store: Fresh) {
     assert_eq!(run_all(metadata).await, [ids[0], ids[3], ids[1], ids[2]]);
 }
 
+pub async fn a_resumable_upload_takes_the_turn_of_its_token(store: Fresh) {
+    let metadata = &*store.metadata;
+    let mut ids = Vec::new();
+    for owner in [1, 1, 2] {
+        let id = Uuid::now_v7();
+        let owner = Some(Uuid::from_u128(owner));
+        let keep = Duration::from_secs(3600);
+        let upload = NewUpload { id, length: UNIT, digest: vec![], metadata: String::new(), keep, owner };
+        metadata.create_upload(&upload, uploads::MANY).await.expect("an upload");
+        assert!(metadata.advance_upload(id, &uploads::advance(0, UNIT)).await.expect("its bytes"));
+        let job = NewJob { id, ..stack_with(|request| request.upload.bytes = UNIT) };
+        let completed = metadata.complete_upload(&job, 10).await.expect("complete");
+        assert!(matches!(completed, Some(Enqueue::Accepted(_))), "{completed:?}");
+        ids.push(id);
+    }
+    assert_eq!(run_all(metadata).await, [ids[0], ids[2], ids[1]]);
+}
+
+pub async fn workers_hear_of_jobs_that_join_the_queue_and_of_nothing_else(store: Fresh) {
+    let metadata = &*store.metadata;
+    let mut arrivals = metadata.arrivals();
+    normal(metadata, "rig").await;
+    arrivals.recv().await.expect("a job was accepted");
+    let job = claim(metadata).await.expect("a job waits");
+    let progress = Progress { stage: "fusing".into(), completed: 1, total: 2, fraction: 0.5 };
+    metadata.heartbeat(job.id, job.lease_token, LEASE, &progress).await.expect("heartbeat");
+    assert!(arrivals.try_recv().is_err(), "a job that runs leaves no work for others");
+    assert!(metadata.release(job.id, job.lease_token, Attempt::NotCounted).await.expect("release"));
+    arrivals.recv().await.expect("a job returned to the queue");
+}
+
 pub async fn a_job_that_returns_to_the_queue_keeps_its_turn(store: Fresh) {
     let metadata = &*store.metadata;
     let first = normal(metadata, "macro").await;
     let second = normal(metadata, "macro").await;
     let claimed = claim(metadata).await.expect("a job waits");
     assert_eq!(claimed.id, first);
-    assert!(
-        metadata.release(claimed.id, claimed.lease_token, crate::store::Attempt::NotCounted).await.expect("release")
-    );
+    assert!(metadata.release(claimed.id, claimed.lease_token, Attempt::NotCounted).await.expect("release"));
     let other = normal(metadata, "micro").await;
     assert_eq!(run_all(metadata).await, [first, other, second]);
 }

@@ -165,7 +165,7 @@ impl PostgresMetadata {
         .await?;
         let held = deleted.rows_affected() + released.rows_affected() > 0;
         let changed = [id];
-        self.commit_changes(tx, "rows.release", if held { &changed } else { &[] }).await?;
+        self.commit_arrivals(tx, "rows.release", if held { &changed } else { &[] }).await?;
         Ok(held)
     }
 }

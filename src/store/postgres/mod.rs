@@ -39,6 +39,8 @@ use sqlx::{
 use tokio::sync::broadcast;
 use uuid::Uuid;
 
+use notifications::Kind;
+
 use super::{
     Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, rows, sqlite::SqliteMetadata,
 };
@@ -49,6 +51,8 @@ const CONNECTIONS: u32 = 10;
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Changes that a slow listener may lag behind before it must read the rows again.
 const CHANGES: usize = 1024;
+/// The same for arrivals, of which one is as good as many.
+const ARRIVALS: usize = 1;
 
 /// The migrations of the schema, in order. A published one is never edited.
 const SCHEMA: [(i64, &str, &str); 3] = [
@@ -97,6 +101,7 @@ pub struct PostgresMetadata {
     observer: rows::expired_leases::LeaseObserver,
     last_seen: rows::clock_gaps::LastSeen,
     changes: broadcast::Sender<Uuid>,
+    arrivals: broadcast::Sender<()>,
     notifications: notifications::Notifications,
 }
 
@@ -128,9 +133,10 @@ impl PostgresMetadata {
         step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
         migrate(&pool, url).await?;
         let (changes, _) = broadcast::channel(CHANGES);
-        let notifications = notifications::Notifications::start(&pool, changes.clone()).await?;
+        let (arrivals, _) = broadcast::channel(ARRIVALS);
+        let notifications = notifications::Notifications::start(&pool, changes.clone(), arrivals.clone()).await?;
         let (observer, last_seen) = Default::default();
-        Ok(Self { pool, wall, clock, observer, last_seen, changes, notifications })
+        Ok(Self { pool, wall, clock, observer, last_seen, changes, arrivals, notifications })
     }
 
     /// Requires that there are no rows.
@@ -197,11 +203,27 @@ impl PostgresMetadata {
         name: &'static str,
         ids: &[Uuid],
     ) -> StoreResult<()> {
-        self.notifications.send(&mut transaction, ids).await?;
+        self.notifications.send(&mut transaction, ids, Kind::Change).await?;
         self.commit(transaction, name).await?;
         for id in ids {
             let _ = self.changes.send(*id);
         }
+        Ok(())
+    }
+
+    /// The same for jobs that joined the queue: workers hear of them too.
+    async fn commit_arrivals(
+        &self,
+        mut transaction: Transaction<'static, Postgres>,
+        name: &'static str,
+        ids: &[Uuid],
+    ) -> StoreResult<()> {
+        self.notifications.send(&mut transaction, ids, Kind::Arrival).await?;
+        self.commit(transaction, name).await?;
+        for id in ids {
+            let _ = self.changes.send(*id);
+        }
+        let _ = self.arrivals.send(());
         Ok(())
     }
 }
@@ -252,6 +274,10 @@ async fn migrate(pool: &PgPool, url: &DatabaseUrl) -> StoreResult<()> {
 impl MetadataStore for PostgresMetadata {
     fn changes(&self) -> broadcast::Receiver<Uuid> {
         self.changes.subscribe()
+    }
+
+    fn arrivals(&self) -> broadcast::Receiver<()> {
+        self.arrivals.subscribe()
     }
 
     async fn totals(&self) -> StoreResult<Totals> {

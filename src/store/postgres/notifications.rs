@@ -14,6 +14,18 @@ use crate::store::StoreResult;
 /// Pause before a listener that lost its connection tries again.
 const PAUSE: Duration = Duration::from_secs(1);
 
+/// What a notification tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// A job or an upload changed.
+    Change,
+    /// A job joined the queue.
+    Arrival,
+}
+
+/// The last word of the notification of an arrival.
+const ARRIVAL: &str = "queued";
+
 /// Sends and receives notifications. Dropping it ends the receiver.
 pub(super) struct Notifications {
     /// One channel per schema: two stores in one database do not hear each other.
@@ -24,18 +36,27 @@ pub(super) struct Notifications {
 }
 
 impl Notifications {
-    /// Listens, and forwards the changes of other processes to `changes`.
-    pub(super) async fn start(pool: &PgPool, changes: broadcast::Sender<Uuid>) -> StoreResult<Self> {
+    /// Listens, and forwards the changes of other processes to `changes`, and what joined the queue to `arrivals`.
+    pub(super) async fn start(
+        pool: &PgPool,
+        changes: broadcast::Sender<Uuid>,
+        arrivals: broadcast::Sender<()>,
+    ) -> StoreResult<Self> {
         let channel: String = sqlx::query_scalar("SELECT 'pinstack_' || md5(current_schema())").fetch_one(pool).await?;
         let origin = Uuid::now_v7();
         let listener = listen(pool, &channel).await?;
-        let receiver = tokio::spawn(receive(listener, pool.clone(), channel.clone(), origin, changes)).abort_handle();
+        let listeners = Listeners { origin, changes, arrivals };
+        let receiver = tokio::spawn(receive(listener, pool.clone(), channel.clone(), listeners)).abort_handle();
         Ok(Self { channel, origin, receiver })
     }
 
     /// Sends the ids of what changed with the commit of the transaction.
-    pub(super) async fn send(&self, transaction: &mut PgConnection, ids: &[Uuid]) -> StoreResult<()> {
-        let payloads: Vec<String> = ids.iter().map(|id| format!("{} {id}", self.origin)).collect();
+    pub(super) async fn send(&self, transaction: &mut PgConnection, ids: &[Uuid], kind: Kind) -> StoreResult<()> {
+        let ending = match kind {
+            Kind::Change => String::new(),
+            Kind::Arrival => format!(" {ARRIVAL}"),
+        };
+        let payloads: Vec<String> = ids.iter().map(|id| format!("{} {id}{ending}", self.origin)).collect();
         if payloads.is_empty() {
             return Ok(());
         }
@@ -65,19 +86,11 @@ async fn listen(pool: &PgPool, channel: &str) -> Result<PgListener, sqlx::Error>
 }
 
 /// Receives until it is aborted. A broken connection is replaced.
-async fn receive(
-    mut listener: PgListener,
-    pool: PgPool,
-    channel: String,
-    origin: Uuid,
-    changes: broadcast::Sender<Uuid>,
-) {
+async fn receive(mut listener: PgListener, pool: PgPool, channel: String, listeners: Listeners) {
     loop {
         let error = match listener.recv().await {
             Ok(notification) => {
-                if let Some(id) = of_another(notification.payload(), origin) {
-                    let _ = changes.send(id);
-                }
+                listeners.hear(notification.payload());
                 continue;
             }
             Err(error) => error,
@@ -91,11 +104,26 @@ async fn receive(
     }
 }
 
-/// The id in a notification of another process.
-fn of_another(payload: &str, origin: Uuid) -> Option<Uuid> {
-    let (sender, id) = payload.split_once(' ')?;
-    if Uuid::try_parse(sender).ok()? == origin {
-        return None;
+/// Those in this process who want to hear of other processes.
+struct Listeners {
+    /// This process.
+    origin: Uuid,
+    changes: broadcast::Sender<Uuid>,
+    arrivals: broadcast::Sender<()>,
+}
+
+impl Listeners {
+    /// Forwards a notification of another process.
+    fn hear(&self, payload: &str) {
+        let mut words = payload.split(' ');
+        let mut id = || Uuid::try_parse(words.next()?).ok();
+        let (Some(sender), Some(changed)) = (id(), id()) else { return };
+        if sender == self.origin {
+            return;
+        }
+        let _ = self.changes.send(changed);
+        if words.next() == Some(ARRIVAL) {
+            let _ = self.arrivals.send(());
+        }
     }
-    Uuid::try_parse(id).ok()
 }

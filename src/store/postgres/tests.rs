@@ -83,12 +83,14 @@ async fn limits_hold_for_concurrent_requests_of_two_processes() {
 async fn a_change_is_announced_to_another_process() {
     let Some(url) = fresh_url().await else { return };
     let (one, two) = (open(&url).await, open(&url).await);
-    let mut heard = two.changes();
+    let (mut heard, mut arrivals) = (two.changes(), two.arrivals());
     let id = conformance::accept(&one, &conformance::stack()).await.id;
     assert_eq!(heard.recv().await.unwrap(), id);
+    arrivals.recv().await.expect("its workers hear of a job that waits");
     let mut own = one.changes();
     conformance::claim(&one).await.expect("a job waits");
     assert_eq!((heard.recv().await.unwrap(), own.recv().await.unwrap()), (id, id));
+    assert!(arrivals.try_recv().is_err(), "a claim leaves no work for others");
     // a process hears its own notification too, and announces the change once
     let next = conformance::accept(&two, &conformance::stack()).await.id;
     assert_eq!(own.recv().await.unwrap(), next);

@@ -122,22 +122,22 @@ impl UploadRecords for PostgresMetadata {
 
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>> {
         let mut tx = self.write_alone(Lock::Accept).await?;
-        let made: Option<(Option<String>, Option<String>)> =
-            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
+        let made: Option<(Option<String>, Option<String>, Option<Uuid>)> =
+            sqlx::query_as("SELECT job_kind, fault, owner FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
                 .bind(job.id)
                 .fetch_optional(&mut *tx)
                 .await?;
-        match made {
-            None | Some((_, Some(_))) => return Ok(None),
-            Some((Some(_), None)) => {
+        let sender = match made {
+            None | Some((_, Some(_), _)) => return Ok(None),
+            Some((Some(_), None, _)) => {
                 let row: Option<JobRow> =
                     sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(job.id).fetch_optional(&mut *tx).await?;
                 let job = row.map(TryInto::try_into).transpose()?;
                 return Ok(job.map(|job| Enqueue::Repeated(Box::new(job))));
             }
-            Some((None, None)) => {}
-        }
-        let enqueued = jobs::insert(self, &mut tx, job, queue_limit).await?;
+            Some((None, None, sender)) => sender,
+        };
+        let enqueued = jobs::insert(self, &mut tx, job, sender, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
             sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1")
                 .bind(job.id)
@@ -145,7 +145,7 @@ impl UploadRecords for PostgresMetadata {
                 .execute(&mut *tx)
                 .await?;
             own_by_upload(&mut tx, job.id, job.id).await?;
-            self.commit_changes(tx, "rows.complete_upload", &[job.id]).await?;
+            self.commit_arrivals(tx, "rows.complete_upload", &[job.id]).await?;
         }
         Ok(Some(enqueued))
     }
@@ -157,17 +157,17 @@ impl UploadRecords for PostgresMetadata {
         queue_limit: u64,
     ) -> StoreResult<Option<EnqueueAll>> {
         let mut tx = self.write_alone(Lock::Accept).await?;
-        let made: Option<(Option<String>, Option<String>)> =
-            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
+        let made: Option<(Option<String>, Option<String>, Option<Uuid>)> =
+            sqlx::query_as("SELECT job_kind, fault, owner FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
                 .bind(id)
                 .fetch_optional(&mut *tx)
                 .await?;
-        match made {
-            None | Some((_, Some(_))) => return Ok(None),
-            Some((Some(_), None)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
-            Some((None, None)) => {}
-        }
-        let enqueued = jobs::insert_all(self, &mut tx, jobs, queue_limit).await?;
+        let sender = match made {
+            None | Some((_, Some(_), _)) => return Ok(None),
+            Some((Some(_), None, _)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
+            Some((None, None, sender)) => sender,
+        };
+        let enqueued = jobs::insert_all(self, &mut tx, jobs, sender, queue_limit).await?;
         if let EnqueueAll::Accepted(accepted) = &enqueued {
             sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1")
                 .bind(id)
@@ -178,7 +178,7 @@ impl UploadRecords for PostgresMetadata {
                 own_by_upload(&mut tx, job.id, id).await?;
             }
             let ids: Vec<Uuid> = jobs.iter().map(|job| job.id).chain([id]).collect();
-            self.commit_changes(tx, "rows.complete_scan_upload", &ids).await?;
+            self.commit_arrivals(tx, "rows.complete_scan_upload", &ids).await?;
         }
         Ok(Some(enqueued))
     }

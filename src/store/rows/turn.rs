@@ -15,6 +15,8 @@
 //! The job with the lowest turn is next; of equal ones, the one that was accepted first. A job that failed to end keeps
 //! its turn. All three values are read from indexes, so a long queue costs no more than a short one.
 
+use uuid::Uuid;
+
 use crate::{contract::Priority, store::NewJob};
 
 /// Bytes of a zip per unit of work.
@@ -31,9 +33,10 @@ pub(in crate::store) struct Turn {
 }
 
 impl Turn {
-    /// Of a job that is to be accepted.
-    pub(in crate::store) fn of(job: &NewJob) -> Self {
-        let share = match job.owner {
+    /// Of a job that is to be accepted, sent with the token `sender`. That of a resumable upload is in the row of the
+    /// upload, not in the job.
+    pub(in crate::store) fn of(job: &NewJob, sender: Option<Uuid>) -> Self {
+        let share = match sender {
             Some(token) => format!("{token}/{}", job.rig),
             None => job.rig.as_str().to_owned(),
         };

@@ -15,7 +15,7 @@ use crate::{
         json,
         rows::{
             JobRow, counts, keep_ms, kind, kind_name, listed, page::Window, signed, state, transition::Transition,
-            turn::Turn,
+            turn::Turn, unsigned,
         },
     },
 };
@@ -25,20 +25,22 @@ use pinstack_science::types::Warning;
 impl JobQueue for SqliteMetadata {
     async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
         let mut tx = self.write().await?;
-        let enqueued = insert(self, &mut tx, job, queue_limit).await?;
+        let enqueued = insert(self, &mut tx, job, job.owner, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
             self.commit(tx, "rows.enqueue").await?;
             self.changed(job.id);
+            self.arrived();
         }
         Ok(enqueued)
     }
 
     async fn enqueue_all(&self, jobs: &[NewJob], queue_limit: u64) -> StoreResult<EnqueueAll> {
         let mut tx = self.write().await?;
-        let enqueued = insert_all(self, &mut tx, jobs, queue_limit).await?;
+        let enqueued = insert_all(self, &mut tx, jobs, None, queue_limit).await?;
         if let EnqueueAll::Accepted(_) = &enqueued {
             self.commit(tx, "rows.enqueue_all").await?;
             jobs.iter().for_each(|job| self.changed(job.id));
+            self.arrived();
         }
         Ok(enqueued)
     }
@@ -97,7 +99,7 @@ impl JobQueue for SqliteMetadata {
 
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
         let ids = sqlx::query_scalar(
-            "SELECT id FROM jobs WHERE state = 'queued' AND delete_requested = 0
+            "SELECT id FROM jobs INDEXED BY jobs_that_wait WHERE state = 'queued' AND delete_requested = 0
              ORDER BY priority, turn, seq LIMIT ?1",
         );
         Ok(ids.bind(limit).fetch_all(&self.readers).await?)
@@ -183,16 +185,20 @@ impl JobQueue for SqliteMetadata {
     }
 }
 
-/// Enqueues all jobs within a transaction that the caller commits if all of them are accepted.
+/// Enqueues all jobs, which the token `sender` sent, within a transaction that the caller commits if all of them are
+/// accepted.
 pub(super) async fn insert_all(
     store: &SqliteMetadata,
     connection: &mut SqliteConnection,
     jobs: &[NewJob],
+    sender: Option<Uuid>,
     queue_limit: u64,
 ) -> StoreResult<EnqueueAll> {
     let mut accepted = Vec::with_capacity(jobs.len());
+    let before = waiting(&mut *connection).await?;
     for job in jobs {
-        match insert(store, &mut *connection, job, queue_limit).await? {
+        let queue = Queue { waiting: before + accepted.len() as u64, limit: queue_limit };
+        match insert_behind(store, &mut *connection, job, sender.or(job.owner), queue).await? {
             Enqueue::Accepted(job) => accepted.push(*job),
             refused => return Ok(EnqueueAll::Refused(refused)),
         }
@@ -200,12 +206,39 @@ pub(super) async fn insert_all(
     Ok(EnqueueAll::Accepted(accepted))
 }
 
-/// Enqueues a job within a transaction that the caller commits.
+/// Enqueues a job, which the token `sender` sent, within a transaction that the caller commits.
 pub(super) async fn insert(
     store: &SqliteMetadata,
     connection: &mut SqliteConnection,
     job: &NewJob,
+    sender: Option<Uuid>,
     queue_limit: u64,
+) -> StoreResult<Enqueue> {
+    let waiting = waiting(&mut *connection).await?;
+    insert_behind(store, connection, job, sender, Queue { waiting, limit: queue_limit }).await
+}
+
+/// Number of queued jobs. It is counted once for many jobs that are accepted together.
+async fn waiting(connection: &mut SqliteConnection) -> StoreResult<u64> {
+    let waiting = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'");
+    Ok(unsigned(waiting.fetch_one(connection).await?))
+}
+
+/// The queue that a job joins.
+struct Queue {
+    /// Number of queued jobs.
+    waiting: u64,
+    /// Largest number of them.
+    limit: u64,
+}
+
+/// Enqueues a job behind those that wait.
+async fn insert_behind(
+    store: &SqliteMetadata,
+    connection: &mut SqliteConnection,
+    job: &NewJob,
+    sender: Option<Uuid>,
+    queue: Queue,
 ) -> StoreResult<Enqueue> {
     if let Some((key, fingerprint)) = &job.idempotency
         && let Some((first, its_fingerprint)) = find_by_idempotency_key(&mut *connection, key).await?
@@ -218,17 +251,14 @@ pub(super) async fn insert(
     {
         return Ok(Enqueue::NoSuchScan(scan.clone()));
     }
-    let waiting: i64 =
-        sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'").fetch_one(&mut *connection).await?;
-    let waiting = u64::try_from(waiting).unwrap_or(0);
-    if waiting >= queue_limit {
-        return Ok(Enqueue::QueueFull { waiting });
+    if queue.waiting >= queue.limit {
+        return Ok(Enqueue::QueueFull { waiting: queue.waiting });
     }
     let now = store.clock.now_ms();
     if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
         return Ok(Enqueue::OverQuota(over));
     }
-    let place = Turn::of(job);
+    let place = Turn::of(job, sender);
     let turn = next_turn(&mut *connection, &place).await?;
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,

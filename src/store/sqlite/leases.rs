@@ -39,7 +39,8 @@ impl Leases for SqliteMetadata {
              WHERE seq = COALESCE(
                  (SELECT seq FROM jobs WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?3))
                   ORDER BY priority, turn, seq LIMIT 1),
-                 (SELECT seq FROM jobs
+                 -- without a statistic of the table, SQLite would sort the whole queue
+                 (SELECT seq FROM jobs INDEXED BY jobs_that_wait
                   WHERE state = 'queued' AND (claim_after IS NULL OR claim_after <= ?2 OR claim_after > ?2 + ?5)
                   ORDER BY priority, turn, seq LIMIT 1))
              RETURNING *",
@@ -145,6 +146,7 @@ impl Leases for SqliteMetadata {
         let held = deleted.rows_affected() + released.rows_affected() > 0;
         if held {
             self.changed(id);
+            self.arrived();
         }
         Ok(held)
     }

@@ -38,6 +38,8 @@ const READERS: u32 = 4;
 const ROWS_AHEAD: usize = 4;
 /// Changes that a slow listener may lag behind before it must read the rows again.
 const CHANGES: usize = 1024;
+/// The same for arrivals, of which one is as good as many.
+const ARRIVALS: usize = 1;
 
 /// The migrations of the schema, in order. A published one is never edited.
 const SCHEMA: [(i64, &str, &str); 9] = [
@@ -63,6 +65,7 @@ pub struct SqliteMetadata {
     observer: rows::expired_leases::LeaseObserver,
     last_seen: rows::clock_gaps::LastSeen,
     changes: broadcast::Sender<Uuid>,
+    arrivals: broadcast::Sender<()>,
 }
 
 impl SqliteMetadata {
@@ -109,6 +112,7 @@ impl SqliteMetadata {
             observer: rows::expired_leases::LeaseObserver::default(),
             last_seen: rows::clock_gaps::LastSeen::default(),
             changes,
+            arrivals: broadcast::channel(ARRIVALS).0,
         })
     }
 
@@ -124,6 +128,11 @@ impl SqliteMetadata {
         step(name).map_err(broken)?;
         transaction.commit().await?;
         step(name).map_err(broken)
+    }
+
+    /// Tells the workers of this process that jobs joined the queue.
+    fn arrived(&self) {
+        let _ = self.arrivals.send(());
     }
 
     /// Notifies the listeners of this process, if there are any.
@@ -167,6 +176,10 @@ async fn lock_beside(path: &Path) -> StoreResult<File> {
 impl MetadataStore for SqliteMetadata {
     fn changes(&self) -> broadcast::Receiver<Uuid> {
         self.changes.subscribe()
+    }
+
+    fn arrivals(&self) -> broadcast::Receiver<()> {
+        self.arrivals.subscribe()
     }
 
     async fn totals(&self) -> StoreResult<Totals> {

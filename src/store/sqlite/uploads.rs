@@ -120,22 +120,22 @@ impl UploadRecords for SqliteMetadata {
 
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>> {
         let mut tx = self.write().await?;
-        let made: Option<(Option<String>, Option<String>)> =
-            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = ?1 AND received = length")
+        let made: Option<(Option<String>, Option<String>, Option<Uuid>)> =
+            sqlx::query_as("SELECT job_kind, fault, owner FROM uploads WHERE id = ?1 AND received = length")
                 .bind(job.id)
                 .fetch_optional(&mut *tx)
                 .await?;
-        match made {
-            None | Some((_, Some(_))) => return Ok(None),
-            Some((Some(_), None)) => {
+        let sender = match made {
+            None | Some((_, Some(_), _)) => return Ok(None),
+            Some((Some(_), None, _)) => {
                 let row: Option<JobRow> =
                     sqlx::query_as("SELECT * FROM jobs WHERE id = ?1").bind(job.id).fetch_optional(&mut *tx).await?;
                 let job = row.map(TryInto::try_into).transpose()?;
                 return Ok(job.map(|job| Enqueue::Repeated(Box::new(job))));
             }
-            Some((None, None)) => {}
-        }
-        let enqueued = jobs::insert(self, &mut tx, job, queue_limit).await?;
+            Some((None, None, sender)) => sender,
+        };
+        let enqueued = jobs::insert(self, &mut tx, job, sender, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
             sqlx::query("UPDATE uploads SET job_kind = ?2 WHERE id = ?1")
                 .bind(job.id)
@@ -145,6 +145,7 @@ impl UploadRecords for SqliteMetadata {
             own_by_upload(&mut tx, job.id, job.id).await?;
             self.commit(tx, "rows.complete_upload").await?;
             self.changed(job.id);
+            self.arrived();
         }
         Ok(Some(enqueued))
     }
@@ -156,17 +157,17 @@ impl UploadRecords for SqliteMetadata {
         queue_limit: u64,
     ) -> StoreResult<Option<EnqueueAll>> {
         let mut tx = self.write().await?;
-        let made: Option<(Option<String>, Option<String>)> =
-            sqlx::query_as("SELECT job_kind, fault FROM uploads WHERE id = ?1 AND received = length")
+        let made: Option<(Option<String>, Option<String>, Option<Uuid>)> =
+            sqlx::query_as("SELECT job_kind, fault, owner FROM uploads WHERE id = ?1 AND received = length")
                 .bind(id)
                 .fetch_optional(&mut *tx)
                 .await?;
-        match made {
-            None | Some((_, Some(_))) => return Ok(None),
-            Some((Some(_), None)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
-            Some((None, None)) => {}
-        }
-        let enqueued = jobs::insert_all(self, &mut tx, jobs, queue_limit).await?;
+        let sender = match made {
+            None | Some((_, Some(_), _)) => return Ok(None),
+            Some((Some(_), None, _)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
+            Some((None, None, sender)) => sender,
+        };
+        let enqueued = jobs::insert_all(self, &mut tx, jobs, sender, queue_limit).await?;
         if let EnqueueAll::Accepted(accepted) = &enqueued {
             sqlx::query("UPDATE uploads SET job_kind = ?2 WHERE id = ?1")
                 .bind(id)
@@ -179,6 +180,7 @@ impl UploadRecords for SqliteMetadata {
             self.commit(tx, "rows.complete_scan_upload").await?;
             jobs.iter().for_each(|job| self.changed(job.id));
             self.changed(id);
+            self.arrived();
         }
         Ok(Some(enqueued))
     }
