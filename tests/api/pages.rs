@@ -86,6 +86,9 @@ async fn a_stack_is_shown_from_waiting_to_done() {
     let second = id(&app.with_stack("&label=wasp").await);
     let text = page(&app, "/").await;
     assert!(text.contains("beetle") && text.contains("next") && text.contains("2nd in the queue"), "{text}");
+    let low = id(&app.with_stack("&priority=low").await);
+    assert!(page(&app, "/").await.contains("low priority"));
+    app.store.metadata.cancel(low).await.unwrap();
     let job = app.claim().await;
     assert_eq!(job.id, first);
     assert!(page(&app, &format!("/stacks/{first}")).await.contains("id=\"cancel\""));

@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use super::thumbnail;
 use crate::{
-    contract::{JobKind, JobState, options::StackOptions, request::JobRequest},
+    contract::{JobKind, JobState, Priority, options::StackOptions, request::JobRequest},
     http::{
         pages::words::{ago, count, duration, ordinal, sentence, state, text},
         state::App,
@@ -104,6 +104,11 @@ pub fn how(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
             JobState::Queued => {
                 @if let Some(place) = queue.iter().position(|id| *id == job.id) {
                     div.soft { @if place == 0 { "next" } @else { (ordinal(place + 1)) " in the queue" } }
+                }
+                @match job.request.priority() {
+                    Priority::High => div.soft { "high priority" },
+                    Priority::Normal => {}
+                    Priority::Low => div.soft { "low priority" },
                 }
             }
             _ => {
