@@ -6,6 +6,8 @@ ARG RUST_IMAGE=docker.io/library/rust:1.95-slim-bookworm
 
 FROM ${RUST_IMAGE} AS build
 WORKDIR /src
+# for the licences
+RUN apt-get update && apt-get install -y --no-install-recommends python3 && rm -rf /var/lib/apt/lists/*
 # The dependencies are a layer of their own: this one is built again only when a manifest or the lock file changes. The
 # crates are empty meanwhile, with a file for every benchmark, because Cargo refuses a manifest whose targets are missing.
 # rust-toolchain.toml stays out: it asks for tools of developers that the image lacks.
@@ -23,20 +25,23 @@ COPY README.md ./
 COPY docs docs
 # newer than the empty crates: files keep their times when they are copied, and Cargo compares times
 RUN touch src/main.rs src/lib.rs science/src/lib.rs && cargo build --release --locked --bin pinstack
+COPY scripts/release/notices.py scripts/release/
+RUN scripts/release/notices.py "$(rustc -vV | sed -n 's/^host: //p')" target/THIRD-PARTY.txt
 
-# What the binary needs and nothing else: C library, root certificates, a user. /var/lib/dpkg/status.d tells scanners the
-# packages from which it came. A stage of its own, so that a binary that exists already can take the place of the stage
-# `build`: scripts/release/image.sh BINARY.
+# What the binary needs and nothing else: root certificates, a user, the licences, and the C library unless the binary is
+# static. /var/lib/dpkg/status.d tells scanners the packages from which it came. A stage of its own, so that a static
+# binary that exists already can take the place of the stage `build`: scripts/release/image.sh TARGET.
 FROM ${RUST_IMAGE} AS files
 WORKDIR /src
 COPY LICENSE LICENSE-APACHE LICENSE-MIT ./
-COPY --from=build /src/target/release/pinstack ./
-RUN set -eu; root=/rootfs; install -D -t $root/usr/local/bin pinstack \
-    && for file in $(ldd pinstack | grep -o '/[^ ]*'); do install -D "$file" "$root$file"; done \
+COPY --from=build /src/target/release/pinstack /src/target/THIRD-PARTY.txt ./
+RUN set -eu; root=/rootfs; packages=ca-certificates; install -D -t $root/usr/local/bin pinstack \
+    && for file in $(ldd pinstack | grep -o '/[^ ]*'); do \
+         install -D "$file" "$root$file"; packages="libc6 libgcc-s1 ca-certificates"; done \
     && install -D -m 644 /etc/ssl/certs/ca-certificates.crt $root/etc/ssl/certs/ca-certificates.crt \
-    && install -D -m 644 -t $root/usr/share/doc/pinstack LICENSE LICENSE-APACHE LICENSE-MIT \
+    && install -D -m 644 -t $root/usr/share/doc/pinstack LICENSE LICENSE-APACHE LICENSE-MIT THIRD-PARTY.txt \
     && mkdir -p $root/var/lib/dpkg/status.d \
-    && for package in libc6 libgcc-s1 ca-certificates; do \
+    && for package in $packages; do \
          dpkg-query --status "$package" > "$root/var/lib/dpkg/status.d/$package"; \
          install -D -m 644 "$(readlink -f /usr/share/doc/$package/copyright)" "$root/usr/share/doc/$package/copyright"; done \
     && echo 'pinstack:x:10001:10001::/data:/sbin/nologin' > $root/etc/passwd \

@@ -2,6 +2,11 @@
 
 #![forbid(unsafe_code)]
 
+// why: Cargo.toml
+#[cfg(target_env = "musl")]
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> std::process::ExitCode {
     pinstack::cli::main()
 }

@@ -13,18 +13,24 @@ version=$(scripts/release/version.sh)
 binary=${CARGO_TARGET_DIR:-target}/$target/release/pinstack
 
 if [ -z "${NO_BUILD:-}" ]; then
-  # the compiler for the C in SQLite and ring, by the name that Cargo's build scripts look for
+  build=build
   case $target in *-musl)
-    cc=CC_${target//-/_}
-    [ -n "${!cc:-}" ] || export "$cc=musl-gcc" ;;
+    # zig compiles the C in SQLite and ring, whatever the machine of the build is
+    build=zigbuild
+    tools=${CARGO_TARGET_DIR:-target}/release-tools/bin
+    [ -x "$tools/cargo-zigbuild" ] || { echo "no $tools/cargo-zigbuild; run scripts/release/tools.sh $target" >&2; exit 1; }
+    PATH=$(cd "$tools" && pwd):$PATH
+    # The linker of Rust. That of zig makes a binary at a fixed address, and takes the names of functions away.
+    linker=CARGO_TARGET_$(echo "$target" | tr 'a-z-' 'A-Z_')_LINKER
+    export "$linker=rust-lld" ;;
   esac
-  cargo build --release --locked --bin pinstack --target "$target"
+  cargo "$build" --release --locked --bin pinstack --target "$target"
 fi
 case $target in
   *-musl)
-    # Debian of every age, Alpine and a container without files can run it
-    if readelf --program-headers "$binary" | grep -q INTERP; then
-      echo "$binary needs a dynamic loader; a static one was expected" >&2
+    # Debian of every age, Alpine and a container without files can run it, at an address of the system's choice
+    if readelf --program-headers "$binary" | grep -q INTERP || ! readelf --file-header "$binary" | grep -q DYN; then
+      echo "$binary is not a static executable at a free address (static-pie)" >&2
       exit 1
     fi ;;
 esac

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Builds the container image: scripts/release/image.sh [BINARY]. With BINARY nothing is compiled: it takes the place of
-# the stage `build` of the Dockerfile. ENGINE is docker (default), podman or buildah; IMAGE is the name (default
-# pinstack); BUILD_FLAGS are passed on.
+# Builds the container image: scripts/release/image.sh [TARGET]. With TARGET nothing is compiled: the static binary in
+# target/<target>/release takes the place of the stage `build` of the Dockerfile. ENGINE is docker (default), podman or
+# buildah; IMAGE is the name (default pinstack); BUILD_FLAGS are passed on.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 engine=${ENGINE:-docker} image=${IMAGE:-pinstack}
@@ -17,8 +17,14 @@ esac
 if [ $# -gt 0 ]; then
   context=$(mktemp -d)
   trap 'rm -rf "$context"' EXIT
-  install -D "$1" "$context/src/target/release/pinstack"
-  build+=(--build-context "build=$context")
+  install -D "${CARGO_TARGET_DIR:-target}/$1/release/pinstack" "$context/src/target/release/pinstack"
+  scripts/release/notices.py "$1" "$context/src/target/THIRD-PARTY.txt"
+  case $1 in
+    x86_64-unknown-linux-musl) platform=linux/amd64 ;;
+    aarch64-unknown-linux-musl) platform=linux/arm64 ;;
+    *) echo "$1 is not a static target; give none, and the image builds its own binary" >&2; exit 2 ;;
+  esac
+  build+=(--build-context "build=$context" --platform "$platform")
 fi
 # shellcheck disable=SC2086
 "${build[@]}" ${BUILD_FLAGS:-} --build-arg "VERSION=$version" --build-arg "REVISION=$revision" \

@@ -106,6 +106,13 @@ fn an_error_is_told_in_the_words_of_the_server() {
 }
 
 #[test]
+fn the_viewer_says_that_a_picture_is_loading_or_cannot_be_loaded() {
+    if is_ready() {
+        scenario("loading", &with_work());
+    }
+}
+
+#[test]
 fn the_pages_work_without_a_mouse() {
     if is_ready() {
         scenario("keyboard", &with_work());

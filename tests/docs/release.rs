@@ -111,6 +111,43 @@ fn a_release_has_one_version() {
 }
 
 #[test]
+fn a_binary_goes_with_the_licences_of_all_that_is_in_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("THIRD-PARTY.txt");
+    let target = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    // the sources of all crates are there: this test was built from them
+    let made = Command::new(root().join("scripts/release/notices.py"))
+        .arg(target)
+        .arg(&out)
+        .current_dir(root())
+        .env("CARGO_NET_OFFLINE", "true")
+        .output()
+        .expect("it starts");
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let text = fs::read_to_string(out).expect("UTF-8");
+    for part in [
+        "Rust standard library 1.",
+        "Swagger UI v",
+        "tokio 1.",
+        "ring 0.",
+        "libsqlite3-sys 0.",
+        "BoringSSL",
+        "fiat-crypto",
+    ] {
+        assert!(text.contains(part), "nothing about {part}");
+    }
+    // dependencies of tests and of build scripts are in no binary
+    assert!(!text.contains("\ncriterion ") && !text.contains("\ncc 1."), "more than the binary has");
+
+    // every way to hand out a binary hands out the file
+    let archive = read("scripts/release/binary.sh");
+    let package = read("Cargo.toml");
+    for (name, text) in [("archive", archive), ("package", package), ("image", read("Dockerfile"))] {
+        assert!(text.contains("THIRD-PARTY.txt"), "the {name} has no licences");
+    }
+}
+
+#[test]
 fn checksums_find_a_changed_file() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_str().expect("UTF-8");

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 from typing import Iterator, List, Optional
@@ -27,6 +28,20 @@ def binary() -> str:
         assert os.environ.get("PINSTACK_TEST_TOOLS") != "required", "PINSTACK_TEST_BINARY is not set"
         pytest.skip("PINSTACK_TEST_BINARY is not set")
     return path
+
+
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that exists for calls alone, as a long path of Windows does: a call by the path itself finds nothing."""
+    root, disk = tmp_path / "shown", tmp_path / "disk"
+    disk.mkdir()
+
+    def on_disk(path: Path) -> Path:
+        return disk / path.relative_to(root) if path == root or root in path.parents else path
+
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0] == "pinstack" and hasattr(module, "on_disk"):
+            monkeypatch.setattr(module, "on_disk", on_disk)
+    return root
 
 
 class Service:

@@ -235,6 +235,36 @@ def test_a_refused_download_leaves_the_earlier_file(tmp_path: Path) -> None:
     assert file.read_bytes() == b"earlier" and list(tmp_path.iterdir()) == [file]
 
 
+@pytest.mark.parametrize("times", [3, 99])
+def test_a_result_that_another_program_holds_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, times: int
+) -> None:
+    file = tmp_path / "image.png"
+    file.write_bytes(b"open in a viewer")
+    replace = Path.replace
+    left = [times]
+
+    def held(path: Path, target: Path) -> Path:
+        if left[0]:
+            left[0] -= 1
+            # what Windows says of a sharing violation
+            error = PermissionError(13, "Access is denied", str(path))
+            error.winerror = 32  # type: ignore[attr-defined]
+            raise error
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", held)
+    handler, seen = answers(file_of(DATA, '"a"'))
+    if times == 3:
+        client(handler).save_artifact("1", "image", file)
+        assert file.read_bytes() == DATA and list(tmp_path.iterdir()) == [file]
+    else:
+        with pytest.raises(PermissionError, match="another program holds it") as caught:
+            client(handler).save_artifact("1", "image", file)
+        assert caught.value.filename == str(file) and file.read_bytes() == b"open in a viewer"
+    assert len(seen) == 1, "it is not downloaded again"
+
+
 def events(*lines: str) -> httpx.Response:
     return httpx.Response(200, headers={"content-type": "text/event-stream"}, stream=Body("".join(lines).encode()))
 

@@ -11,16 +11,18 @@ from collections import Counter
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
+import httpx
 import pytest
+from fake import UPLOAD, Uploads
 
-from pinstack import PinstackError
+from pinstack import Client, PinstackError, Retry
 from pinstack.push import folders, settings, sheet
 from pinstack.push.bursts import by_bursts, time_taken
 from pinstack.push.cli import main
 from pinstack.push.folders import FoundStack
 from pinstack.push.journal import Journal, key_of
 from pinstack.push.progress import Progress, duration
-from pinstack.push.sender import Outcome
+from pinstack.push.sender import Outcome, key, send
 from pinstack.push.watch import Complete, wait_until_quiet
 
 
@@ -190,6 +192,55 @@ def test_a_file_that_another_program_holds_makes_a_stack_incomplete(
     assert [stack.name for stack in complete.of(find(tmp_path))] == ["v"]
 
 
+def test_a_stack_of_which_a_slice_is_held_while_it_is_sent_is_incomplete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
+    uploads = Uploads()
+    service = Client("http://rig", retry=Retry(attempts=3, first_s=0.0), transport=httpx.MockTransport(uploads))
+    opened = Path.open
+
+    def held(path: Path, *arguments: Any, **options: Any) -> Any:
+        if path.name == "2.jpg":
+            raise PermissionError(13, "The process cannot access the file", str(path))
+        return opened(path, *arguments, **options)
+
+    journal = Journal(tmp_path / "journal")
+    monkeypatch.setattr(Path, "open", held)
+    outcome = send(service, journal, stack, settings.Settings(), tmp_path, lambda *step: None)
+    # watch tries an incomplete stack again; one that failed only after a change
+    assert outcome.state == "incomplete" and "2.jpg cannot be read: another program holds it" in outcome.sentences[0]
+    entry = journal.entry(key(stack, settings.Settings()))
+    assert (entry.upload, entry.ended) == (UPLOAD, None), "the upload is continued"
+    journal.close()
+
+
+def test_a_burst_waits_for_a_picture_that_another_program_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for second in (0, 1, 20, 21):
+        path = tmp_path / f"bee/IMG_{second:04d}.jpg"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(jpeg(exif(b"2026:01:01 12:00:%02d" % second)))
+    make(tmp_path, "wasp/1.jpg", "wasp/2.jpg")
+    opened = Path.open
+
+    def held(path: Path, *arguments: Any, **options: Any) -> Any:
+        if path.name == "IMG_0021.jpg":
+            raise PermissionError(13, "The process cannot access the file", str(path))
+        return opened(path, *arguments, **options)
+
+    def problems() -> Dict[str, Optional[str]]:
+        return {stack.view: stack.problem for stack in folders.find(tmp_path, by_folder, gap_s=10.0).stacks}
+
+    monkeypatch.setattr(Path, "open", held)
+    waiting = problems()
+    assert set(waiting) == {"bee/0001", "bee/0002"}
+    assert all("IMG_0021.jpg cannot be read" in str(problem) for problem in waiting.values()), waiting
+    monkeypatch.setattr(Path, "open", opened)
+    assert set(problems().values()) == {None}
+
+
 def test_wrong_usage_is_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["push", str(tmp_path / "nothing")]) == 2
     assert "is not a folder" in capsys.readouterr().err
@@ -206,7 +257,6 @@ def test_a_service_that_is_not_there_is_exit_code_3(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: List[str]
 ) -> None:
     make(tmp_path, "v/1.jpg", "v/2.jpg")
-    from pinstack import Client, Retry
     from pinstack.push import cli
 
     monkeypatch.setattr(cli, "_client", lambda settings: Client(settings.server, retry=Retry(attempts=1)))

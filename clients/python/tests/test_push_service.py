@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Callable, Iterator, List, Optional
 
 import pytest
-from conftest import Service
+from conftest import Service, elsewhere
 
 from pinstack import Client, Retry
 from pinstack.push.cli import main
@@ -90,6 +90,18 @@ def test_folders_are_sent_once_and_their_results_saved(
         assert main(arguments(own, shots, "-o", "method=pyramid")) == 0
         assert len(client.list_stacks()) == 2
     assert "2 of 2 stacks are done" in capsys.readouterr().err
+
+
+def test_stacks_and_results_are_reached_by_the_path_for_calls_alone(
+    own: Service, zips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = elsewhere(tmp_path, monkeypatch)
+    disk = tmp_path / "disk"
+    shutil.copytree(zips / "stack", disk / "bee")
+    assert main(arguments(own, root, "-o", "method=pyramid")) == 0
+    names = sorted(path.name for path in (disk / "results").iterdir())
+    assert names == ["bee.png", "bee_mask.png", "contact-sheet", "contact-sheet.html"]
+    assert (disk / ".pinstack-journal").exists() and not root.exists()
 
 
 def test_views_of_a_scan_have_their_angles(own: Service, shots: Path) -> None:

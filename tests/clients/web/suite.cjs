@@ -278,6 +278,35 @@ const scenarios = {
     page.settled();
   },
 
+  // the first look at a large picture takes the server seconds: the page says so, and says when it fails
+  async loading(browser) {
+    const page = await opened(browser);
+    const { items: [stack] } = await (await fetch(`${base}/v1/stacks`)).json();
+    const asked = [];
+    let answer;
+    const prepared = new Promise((resolve) => { answer = resolve; });
+    await page.route('**/tiles/**', async (route) => {
+      asked.push(new URL(route.request().url()).pathname.split('/').slice(-4).join('/'));
+      if (route.request().url().includes('/mask/')) return route.abort();
+      await prepared;
+      return route.continue();
+    });
+    const reads = (text) => page.waitForFunction((part) => document.getElementById('readout').textContent.includes(part), text);
+    await page.goto(`${base}/stacks/${stack.id}`);
+    await reads('loading');
+    await page.focus('#viewer');
+    await page.keyboard.press('1');
+    await reads('100 %');
+    await page.keyboard.press('ArrowRight');
+    assert.equal(asked.length, 1, `only one request waits: ${asked}`);
+    answer();
+    await shows(page, 50);
+    await page.waitForFunction(() => !document.getElementById('readout').textContent.includes('loading'));
+    await page.selectOption('#layer', { label: 'Mask' });
+    await reads('a part cannot be loaded');
+    page.settled();
+  },
+
   // no page has a fault that axe knows, in either theme
   async axe(browser) {
     const { source } = require('axe-core');

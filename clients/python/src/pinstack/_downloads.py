@@ -7,6 +7,7 @@ from typing import BinaryIO, Mapping, Optional
 
 from ._errors import PinstackError
 from ._http import TEMPORARY, Call, Operation, Request, Response, Retry, Send, Sleep, Unreachable, error_of
+from ._paths import on_disk
 from ._uploads import OnBytes
 
 
@@ -25,7 +26,7 @@ class _FileSink:
         is_rest = response.status == 206
         self.etag = response.headers.get("etag")
         # what a stopped process left behind may be of another file
-        self.file = self.part.open("ab" if is_rest else "wb")
+        self.file = on_disk(self.part).open("ab" if is_rest else "wb")
         self.position = self.file.tell()
         self.total = self.position + int(response.headers.get("content-length", "0"))
 
@@ -78,5 +79,20 @@ def save(
         if failures >= retry.attempts:
             raise reason
         yield Sleep(retry.wait(failures, response))
-    yield Call(lambda: part.replace(to))
+    yield from _put(part, to, retry)
     return to
+
+
+def _put(part: Path, to: Path, retry: Retry) -> Operation[None]:
+    """Gives a complete file its name; tries again while another program holds it, such as a viewer on Windows."""
+    failures = 0
+    while True:
+        try:
+            yield Call(lambda: on_disk(part).replace(on_disk(to)))
+            return
+        except PermissionError as error:
+            failures += 1
+            if failures >= retry.attempts:
+                detail = "cannot be written: another program holds it, or the rights are missing"
+                raise PermissionError(error.errno, detail, str(to)) from error
+        yield Sleep(retry.wait(failures))

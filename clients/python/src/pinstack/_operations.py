@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, 
 from . import _arrays, _downloads, _events, _uploads
 from ._errors import PinstackError
 from ._http import Call, Clock, Operation, Request, Response, Retry, json_body, path, query, send
+from ._paths import on_disk
 from ._zips import PathLike, Sendable, source
 
 if TYPE_CHECKING:
@@ -235,7 +236,7 @@ class Operations:
         return _downloads.save(path("v1", "scans", scan, "bundle"), parameters, {}, Path(to), self.retry, on_bytes)
 
     def poses(self, file: Union[PathLike, bytes], scan: Optional[str], options: Mapping[str, Any]) -> Operation[Any]:
-        body: bytes = file if isinstance(file, bytes) else (yield Call(Path(file).read_bytes))
+        body: bytes = file if isinstance(file, bytes) else (yield Call(on_disk(Path(file)).read_bytes))
         at = "/v1/poses" if scan is None else path("v1", "scans", scan, "poses")
         headers = {"content-type": "application/octet-stream"}
         request = Request("POST", at, query(**options), headers, body, repeatable=True)

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 from ._errors import PinstackError
 from ._http import TEMPORARY, Call, Operation, Request, Response, Retry, Send, Sleep, Unreachable, error_of, send
+from ._paths import shown
 from ._zips import Source
 
 VERSION = {"tus-resumable": "1.0.0"}
@@ -166,7 +167,7 @@ def _read(source: Source, offset: int, size: int, retry: Retry) -> Operation[byt
         except PermissionError as error:
             failures += 1
             if failures >= retry.attempts:
-                detail = f"{error.filename} cannot be read: another program holds it, or the rights are missing"
+                detail = f"{shown(error.filename)} cannot be read: another program holds it, or the rights are missing"
                 raise PinstackError("invalid_source", detail) from error
         yield Sleep(retry.wait(failures))
 

@@ -16,6 +16,7 @@ from pathlib import Path, PurePath
 from typing import Dict, Iterable, Iterator, List, Mapping, Sequence, Union
 
 from ._errors import PinstackError
+from ._paths import on_disk, walk
 
 PathLike = Union[str, "PurePath"]
 #: What can be sent as a zip: a zip file, a folder, a list of slices, or ``{"front": [...], "back": [...]}``.
@@ -71,12 +72,12 @@ class FileSource(Source):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.length = path.stat().st_size
+        self.length = on_disk(path).stat().st_size
         self.name = path.name
 
     def read(self, offset: int, size: int) -> bytes:
         wanted = min(size, self.length - offset)
-        with self.path.open("rb") as file:
+        with on_disk(self.path).open("rb") as file:
             file.seek(offset)
             data = file.read(wanted)
         if len(data) != wanted:
@@ -96,7 +97,7 @@ class Member:
     @classmethod
     def of(cls, path: Path, name: str) -> Member:
         """The member for a file as it is now."""
-        status = path.stat()
+        status = on_disk(path).stat()
         return cls(path, name, status.st_size, status.st_mtime_ns)
 
 
@@ -140,8 +141,8 @@ class StoredZip(Source):
         """The pictures below a folder, and a ``manifest.json``, with their folders. Other files are left out."""
         members = [
             Member.of(path, member_name(path.relative_to(folder)))
-            for path in sorted(folder.rglob("*"))
-            if is_sent(path.relative_to(folder)) and path.is_file()
+            for path in sorted(here / name for here, _, names in walk(folder) for name in names)
+            if is_sent(path.relative_to(folder)) and on_disk(path).is_file()
         ]
         if not any(is_picture(member.path) for member in members):
             detail = f"{folder} holds no JPEG, PNG or TIFF pictures; convert camera raw files first"
@@ -197,13 +198,13 @@ class StoredZip(Source):
 
     def _read_data(self, index: int, at: int, size: int) -> bytes:
         member = self.members[index]
-        with member.path.open("rb") as file:
+        with on_disk(member.path).open("rb") as file:
             file.seek(at)
             data = file.read(size)
             # a longer file shows at its end
             is_longer = at + size == member.size and file.read(1) != b""
         if len(data) != size or is_longer:
-            raise _changed(member.path, member.size, member.path.stat().st_size)
+            raise _changed(member.path, member.size, on_disk(member.path).stat().st_size)
         progress = self._crcs[index]
         known = progress.position - at
         if 0 <= known < size:
@@ -250,7 +251,7 @@ def source(sendable: Sendable) -> Source:
         return BytesSource(sendable)
     if isinstance(sendable, (str, PurePath)):
         path = Path(sendable)
-        if path.is_dir():
+        if on_disk(path).is_dir():
             return StoredZip.of_folder(path)
         if is_picture(path):
             raise PinstackError(

@@ -60,10 +60,12 @@ if (canvas) {
   const [layer, other, divider, behind, readout] = ['layer', 'other', 'divider', 'behind', 'readout'].map(by);
   const viewer = new Viewer(canvas, {
     ...scene,
-    moved(scale) {
+    moved(scale, state) {
       const { width, height } = viewer.first;
       const percent = 100 * scale;
-      readout.textContent = `${width} × ${height} px, shown at ${percent < 10 ? percent.toFixed(1) : Math.round(percent)} %`;
+      const shown = `${width} × ${height} px, shown at ${percent < 10 ? percent.toFixed(1) : Math.round(percent)} %`;
+      const more = { loading: ' · loading …', failed: ' · a part cannot be loaded: reload the page to try again' }[state];
+      readout.textContent = shown + (more ?? '');
     },
   });
   // a rerun is shown beside the stack that it was made of

@@ -16,7 +16,7 @@ class Layer {
     }
   }
 
-  /** The picture of a tile, or null while it is fetched. */
+  /** The picture of a tile, which is fetched if it is not there yet. */
   get(level, x, y) {
     const key = `${level}/${x}/${y}`;
     let image = this.kept.get(key);
@@ -30,11 +30,12 @@ class Layer {
     }
     this.kept.set(key, image);
     while (this.kept.size > MAX_TILES) this.kept.delete(this.kept.keys().next().value);
-    return image.complete && image.naturalWidth > 0 ? image : null;
+    return image;
   }
 
-  /** Draws the part of the layer that is in view. */
+  /** Draws the part of the layer that is in view. Returns whether it is there: 'ready', 'loading' or 'failed'. */
   draw(context, view, width, height) {
+    let state = 'ready';
     const coarsest = this.levels.length - 1;
     const wanted = Math.max(0, Math.min(coarsest, Math.floor(Math.log2(1 / view.scale) + 0.01)));
     context.imageSmoothingEnabled = view.scale < 2 && view.scale !== 1;
@@ -53,7 +54,10 @@ class Layer {
       for (let y = firstRow; y <= lastRow; y += 1) {
         for (let x = firstColumn; x <= lastColumn; x += 1) {
           const image = this.get(level, x, y);
-          if (!image) continue;
+          if (!image.complete || image.naturalWidth === 0) {
+            if (state !== 'failed') state = image.failed ? 'failed' : 'loading';
+            continue;
+          }
           // edges at whole pixels of the screen: tiles meet without a seam, and 1 : 1 shows the pixels unchanged
           const edge = (axis, at) => Math.round((axis ? view.y : view.x) + at * factor[axis] * view.scale);
           const [left, top] = [edge(0, x * this.tile), edge(1, y * this.tile)];
@@ -63,11 +67,16 @@ class Layer {
           context.drawImage(image, ...area);
         }
       }
+      // the server prepares a picture when a part of it is first asked for: one request waits for that, and not all
+      // that the browser can send at a time
+      if (state !== 'ready') break;
     }
+    return state;
   }
 }
 
-/** A viewer in `canvas`. `options`: tile, layers, and `moved`, which is called with what is in view. */
+/** A viewer in `canvas`. `options`: tile, layers, and `moved`, which is called with the scale and with
+ *  whether what is in view is 'ready', 'loading' or 'failed'. */
 export class Viewer {
   constructor(canvas, { tile, layers, moved }) {
     this.canvas = canvas;
@@ -143,9 +152,9 @@ export class Viewer {
     const context = this.canvas.getContext('2d');
     context.clearRect(0, 0, width, height);
     const line = this.second ? Math.round(width * this.divider) : width;
-    this.side(context, this.first, 0, line);
+    const states = [this.side(context, this.first, 0, line)];
     if (this.second) {
-      this.side(context, this.second, line, width);
+      states.push(this.side(context, this.second, line, width));
       context.fillStyle = '#fff';
       context.fillRect(line - 1, 0, 2, height);
     }
@@ -153,7 +162,8 @@ export class Viewer {
     context.globalCompositeOperation = 'destination-over';
     this.backdrop(context);
     context.globalCompositeOperation = 'source-over';
-    this.moved?.(this.view.scale / (window.devicePixelRatio || 1));
+    const state = ['failed', 'loading'].find((one) => states.includes(one)) ?? 'ready';
+    this.moved?.(this.view.scale / (window.devicePixelRatio || 1), state);
   }
 
   side(context, layer, from, to) {
@@ -161,8 +171,9 @@ export class Viewer {
     context.beginPath();
     context.rect(from, 0, to - from, this.height);
     context.clip();
-    layer.draw(context, this.view, this.width, this.height);
+    const state = layer.draw(context, this.view, this.width, this.height);
     context.restore();
+    return state;
   }
 
   backdrop(context) {

@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Dict, List, Mapping, Optional, Tuple
 
+from .._paths import on_disk
 from .._zips import is_picture
 
 #: Where EXIF keeps the time: the folder of EXIF, the time, and the fraction of a second.
@@ -32,6 +33,8 @@ class Bursts:
     times: Dict[Path, float] = field(default_factory=dict)
     #: The pictures without a time, and why.
     untimed: List[Tuple[Path, str]] = field(default_factory=list)
+    #: Those of them that cannot be read now, so that a burst of their folder may lack a slice.
+    unread: List[Path] = field(default_factory=list)
 
 
 def by_bursts(names: Mapping[str, Path], gap_s: float) -> Bursts:
@@ -46,6 +49,7 @@ def by_bursts(names: Mapping[str, Path], gap_s: float) -> Bursts:
             taken = time_taken(path)
         except OSError as error:
             bursts.untimed.append((path, f"cannot be read: {error.strerror or error}"))
+            bursts.unread.append(path)
             continue
         if taken is None:
             bursts.untimed.append((path, "has no time in its EXIF data, so its burst is unknown"))
@@ -64,7 +68,7 @@ def by_bursts(names: Mapping[str, Path], gap_s: float) -> Bursts:
 
 def time_taken(path: Path) -> Optional[float]:
     """When a JPEG or TIFF was taken, in seconds, by its EXIF data; None if it does not say."""
-    with path.open("rb") as file:
+    with on_disk(path).open("rb") as file:
         head = file.read(4)
         if head[:2] == b"\xff\xd8":
             file.seek(0)

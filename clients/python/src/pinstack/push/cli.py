@@ -17,6 +17,7 @@ from typing import Any, Dict, List, Optional, Sequence
 from .._client import Client
 from .._errors import PinstackError
 from .._http import Retry
+from .._paths import on_disk
 from .._version import VERSION
 from . import sheet
 from .folders import Found, FoundStack, find, refuse_same_names
@@ -41,7 +42,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         command = given.pop("command")
         folders = [Path(folder) for folder in given.pop("folders")]
         for folder in folders:
-            if not folder.is_dir():
+            if not on_disk(folder).is_dir():
                 raise PinstackError("invalid_source", f"{folder} is not a folder")
         for table in ("options", "names"):
             given[table] = {name: value for text in given[table] for name, value in option(text).items()}
@@ -199,7 +200,9 @@ class _Logged(Progress):
 
     def __init__(self, log: Path) -> None:
         super().__init__(0)
-        handler = logging.handlers.RotatingFileHandler(log, maxBytes=5_000_000, backupCount=5, encoding="utf-8")
+        handler = logging.handlers.RotatingFileHandler(
+            on_disk(log), maxBytes=5_000_000, backupCount=5, encoding="utf-8"
+        )
         handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
         self._log = logging.Logger("pinstack")
         self._log.addHandler(handler)

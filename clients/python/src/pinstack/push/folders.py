@@ -8,13 +8,13 @@ languages, focus steps, pan and tilt in names, ``manifest.json``. Nothing is sen
 from __future__ import annotations
 
 import json
-import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from .._errors import PinstackError
+from .._paths import on_disk, shown, walk
 from .._zips import StoredZip, is_picture
 from .bursts import by_bursts
 
@@ -70,10 +70,12 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
     manifest = _manifest(files)
     names = {path.relative_to(root).as_posix(): path for path in files}
     times: Dict[Path, float] = {}
+    unread: Dict[Path, Path] = {}
     if gap_s is not None:
         bursts = by_bursts(names, gap_s)
         names, times = bursts.names, bursts.times
         found.ignored.extend(bursts.untimed)
+        unread = {path.parent: path for path in bursts.unread}
     if not names:
         return found
     grouping = ask(list(names), manifest)
@@ -98,6 +100,11 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
                 is_ordered=manifest is not None or bool(times) or _have_same_names(front) or _have_same_names(back),
             )
         )
+    for stack in found.stacks:
+        # it may be a slice of this stack, and the number of a burst may be another
+        held = next((unread[path.parent] for path in stack.files() if path.parent in unread), None)
+        if held is not None and stack.problem is None:
+            stack.problem = f"{held} cannot be read, so its stack is not known; is it still being written?"
     found.ignored.extend((names[file["name"]], str(file["reason"])) for file in grouping["ignored"])
     refuse_same_names(found)
     return found
@@ -118,10 +125,9 @@ def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
     files: List[Path] = []
 
     def unreadable(error: OSError) -> None:
-        found.ignored.append((Path(str(error.filename or root)), f"cannot be read: {error.strerror or error}"))
+        found.ignored.append((Path(shown(error.filename or root)), f"cannot be read: {error.strerror or error}"))
 
-    for folder, names, file_names in os.walk(root, onerror=unreadable):
-        here = Path(folder)
+    for here, names, file_names in walk(root, unreadable):
         for name in list(names):
             if name.lower() in OF_SYSTEMS or (here / name).resolve() == passed_over:
                 names.remove(name)
@@ -147,7 +153,7 @@ def _can_be_sent(relative: PurePath) -> bool:
 
 
 def _has_pictures(folder: Path) -> bool:
-    return any(is_picture(PurePath(name)) for _, _, names in os.walk(folder) for name in names)
+    return any(is_picture(PurePath(name)) for _, _, names in walk(folder) for name in names)
 
 
 def _manifest(files: Sequence[Path]) -> Optional[Mapping[str, Any]]:
@@ -157,7 +163,7 @@ def _manifest(files: Sequence[Path]) -> Optional[Mapping[str, Any]]:
         return None
     path = min(named, key=lambda path: len(path.parts))
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(on_disk(path).read_bytes())
     except (OSError, ValueError) as error:
         raise PinstackError("invalid_source", f"{path} cannot be read as JSON: {error}") from error
     return content if isinstance(content, dict) else {}

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Mapping, Optional
 
 from .._errors import PinstackError
+from .._paths import on_disk
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class Journal:
     """The journal in a file. Each change is on the disk when the method returns."""
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._rows = sqlite3.connect(path, timeout=0.5, isolation_level=None, check_same_thread=False)
+        on_disk(path.parent).mkdir(parents=True, exist_ok=True)
+        self._rows = sqlite3.connect(on_disk(path), timeout=0.5, isolation_level=None, check_same_thread=False)
         try:
             # held until the process ends
             self._rows.execute("PRAGMA locking_mode = EXCLUSIVE")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, List, Mapping, Optional, Sequence
 
 from .._client import Client
+from .._paths import on_disk
 from .folders import safe_name
 
 #: Endings of the file types that the service sends.
@@ -18,9 +19,9 @@ def save_results(client: Client, stack: Mapping[str, Any], name: str, wanted: Se
     A file appears when it is complete. An artifact that the stack does not have, such as the mask of one without back
     light, is left out.
     """
-    to.mkdir(parents=True, exist_ok=True)
+    on_disk(to).mkdir(parents=True, exist_ok=True)
     small = to / "contact-sheet"
-    small.mkdir(exist_ok=True)
+    on_disk(small).mkdir(exist_ok=True)
     saved = [_save(client, stack, name, artifact, to) for artifact in wanted]
     _save(client, stack, name, "preview", small)
     return [path for path in saved if path is not None]
@@ -30,7 +31,7 @@ def missing(name: str, wanted: Sequence[str], to: Path) -> List[str]:
     """The artifacts of which no file is there."""
 
     def is_there(artifact: str) -> bool:
-        return any((to / f"{_file_stem(name, artifact)}{suffix}").exists() for suffix in SUFFIXES.values())
+        return any(on_disk(to / f"{_file_stem(name, artifact)}{suffix}").exists() for suffix in SUFFIXES.values())
 
     return [artifact for artifact in wanted if not is_there(artifact)]
 

@@ -10,6 +10,7 @@ from typing import Any, Callable, Dict, List, Optional
 from .._client import Client
 from .._errors import PinstackError
 from .._http import TEMPORARY
+from .._paths import shown
 from .folders import FoundStack
 from .journal import Entry, Journal, key_of
 from .results import missing, save_results
@@ -61,6 +62,9 @@ def send(
     except PinstackError as error:
         states = {"unreachable": "unreachable", "source_changed": "incomplete", "timeout": "unreachable"}
         state = states.get(error.code, "failed" if error.status == 0 else "refused")
+        if isinstance(error.__cause__, PermissionError):
+            # another program holds a slice: the next try may pass
+            state = "incomplete"
         if error.status in TEMPORARY:
             # a gateway, or a full queue: the next try may pass
             state = "unreachable"
@@ -71,7 +75,7 @@ def send(
         return Outcome(found.name, "incomplete", [f"the journal cannot be written: {error}; is its disk full?"])
     except OSError as error:
         # the next run goes on where this one ended
-        return Outcome(found.name, "incomplete", [f"{error.filename or found.view}: {error.strerror or error}"])
+        return Outcome(found.name, "incomplete", [f"{shown(error.filename or found.view)}: {error.strerror or error}"])
 
 
 def _send(

@@ -22,6 +22,7 @@ from typing import Any, Dict, List, Mapping, Optional
 
 from .._errors import PinstackError
 from .._operations import RULES
+from .._paths import on_disk
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -118,7 +119,7 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
 
 def _read(file: Path) -> Dict[str, Any]:
     try:
-        with file.open("rb") as text:
+        with on_disk(file).open("rb") as text:
             return tomllib.load(text)
     except OSError as error:
         raise _wrong(f"the settings {file} cannot be read: {error.strerror}") from error
@@ -128,7 +129,7 @@ def _read(file: Path) -> Dict[str, Any]:
 
 def _token(file: Path) -> str:
     try:
-        return file.read_text("utf-8-sig").strip()
+        return on_disk(file).read_text("utf-8-sig").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise _wrong(f"the token in {file} cannot be read: {error}") from error
 

@@ -6,6 +6,7 @@ import html
 from pathlib import Path
 from typing import List, Sequence
 
+from .._paths import on_disk
 from .folders import safe_name
 from .results import SUFFIXES
 from .sender import Outcome
@@ -22,7 +23,7 @@ p { margin: .2rem 0; }
 
 def write(outcomes: Sequence[Outcome], results: Path) -> Path:
     """Writes ``contact-sheet.html`` beside the results. Stacks of earlier runs keep their place if they are given."""
-    results.mkdir(parents=True, exist_ok=True)
+    on_disk(results).mkdir(parents=True, exist_ok=True)
     items = "\n".join(_item(outcome, results) for outcome in outcomes)
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><title>Contact sheet</title>'
@@ -30,15 +31,15 @@ def write(outcomes: Sequence[Outcome], results: Path) -> Path:
     )
     to = results / "contact-sheet.html"
     part = results / "contact-sheet.html.part"
-    part.write_text(page, "utf-8")
-    part.replace(to)
+    on_disk(part).write_text(page, "utf-8")
+    on_disk(part).replace(on_disk(to))
     return to
 
 
 def _item(outcome: Outcome, results: Path) -> str:
     lines: List[str] = []
     names = [f"{safe_name(outcome.name)}{suffix}" for suffix in SUFFIXES.values()]
-    pictures = [name for name in names if (results / "contact-sheet" / name).exists()]
+    pictures = [name for name in names if on_disk(results / "contact-sheet" / name).exists()]
     if pictures:
         lines.append(f'<img src="contact-sheet/{html.escape(pictures[0])}" alt="" loading="lazy">')
     lines.append(f"<b>{html.escape(outcome.name)}</b>")

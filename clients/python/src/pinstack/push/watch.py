@@ -14,6 +14,7 @@ from typing import Callable, Dict, List, Tuple
 
 from .._client import Client
 from .._errors import PinstackError
+from .._paths import on_disk
 from .folders import Found, FoundStack, find
 from .journal import Journal
 from .progress import Progress
@@ -64,7 +65,7 @@ def wait_until_quiet(stack: FoundStack, quiet_s: float, stop: threading.Event) -
     began, complete = time.monotonic(), Complete(quiet_s)
     while True:
         try:
-            newest = max(path.stat().st_mtime for path in stack.files())
+            newest = max(on_disk(path).stat().st_mtime for path in stack.files())
             state_of(stack)
             if abs(time.time() - newest) >= quiet_s:
                 return True
@@ -83,8 +84,8 @@ def state_of(stack: FoundStack) -> State:
     """What must not change while a stack is sent. Raises ``OSError`` for a file that cannot be opened."""
     state = []
     for path in stack.files():
-        with path.open("rb"):
-            status = path.stat()
+        with on_disk(path).open("rb"):
+            status = on_disk(path).stat()
         state.append((str(path), status.st_size, status.st_mtime_ns))
     return tuple(state)
 
