@@ -10,6 +10,7 @@
 //! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
 //! | `bucket` | several processes on one Postgres database and one bucket; failpoints, a bucket that fails or lies, a cut network |
 //! | `moving` | a data folder that moves to Postgres and back |
+//! | `traces` | traces through two processes; a collector that is away, or hangs |
 //! | `workers` | a stopped worker that continues after another process has its job |
 //! | `small_disk` | a file system that is really full |
 //! | `soak` | many clients and random kills |
@@ -17,6 +18,7 @@
 //! The failpoints exist only in builds of `cargo test`.
 
 mod bucket;
+mod collector;
 mod copies;
 mod elsewhere;
 mod machines;
@@ -32,4 +34,5 @@ mod story;
 mod test_bucket;
 #[path = "../../src/store/postgres/test_server.rs"]
 mod test_server;
+mod traces;
 mod workers;

@@ -132,6 +132,7 @@ pub fn stack() -> NewJob {
         warnings: vec![],
         idempotency: None,
         owner: None,
+        trace: None,
     }
 }
 

@@ -212,8 +212,8 @@ pub(super) async fn insert(
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
-                           idempotency_key, fingerprint, owner, upload_bytes)
-         VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13)
+                           idempotency_key, fingerprint, owner, upload_bytes, trace)
+         VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13, $14)
          RETURNING *",
     )
     .bind(job.id)
@@ -229,6 +229,7 @@ pub(super) async fn insert(
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
     .bind(signed(job.request.upload().bytes))
+    .bind(job.trace.as_deref())
     .fetch_one(&mut *connection)
     .await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))

@@ -51,8 +51,11 @@ const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(10);
 const CHANGES: usize = 1024;
 
 /// The migrations of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 2] =
-    [(1, "rows", include_str!("schema/0001_rows.sql")), (2, "store", include_str!("schema/0002_store.sql"))];
+const SCHEMA: [(i64, &str, &str); 3] = [
+    (1, "rows", include_str!("schema/0001_rows.sql")),
+    (2, "store", include_str!("schema/0002_store.sql")),
+    (3, "trace", include_str!("schema/0003_trace.sql")),
+];
 
 /// The newest version of the schema.
 pub(in crate::store) const NEWEST_SCHEMA: i64 = SCHEMA[SCHEMA.len() - 1].0;

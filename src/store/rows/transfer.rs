@@ -98,6 +98,7 @@ pub(in crate::store) const TABLES: [Table; 9] = [
             ("upload_bytes", Integer),
             ("result_bytes", Integer),
             ("upload_removed", Flag),
+            ("trace", Text),
         ],
         is_numbered: true,
     },

@@ -40,7 +40,7 @@ const ROWS_AHEAD: usize = 4;
 const CHANGES: usize = 1024;
 
 /// The migrations of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 8] = [
+const SCHEMA: [(i64, &str, &str); 9] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
@@ -49,6 +49,7 @@ const SCHEMA: [(i64, &str, &str); 8] = [
     (6, "heads", include_str!("schema/0006_heads.sql")),
     (7, "pauses", include_str!("schema/0007_pauses.sql")),
     (8, "scans", include_str!("schema/0008_scans.sql")),
+    (9, "trace", include_str!("schema/0009_trace.sql")),
 ];
 
 /// The newest version of the schema.
