@@ -163,6 +163,7 @@ fn policy(config: &ServeConfig) -> Policy {
         hosts: hosts(config),
         header_timeout: Duration::from_secs(config.header_timeout_s),
         cors_origins: config.cors_origins.clone(),
+        presigned: (config.storage_presigned_s > 0).then(|| Duration::from_secs(config.storage_presigned_s)),
         workers: config.workers,
         ..Policy::default()
     }

@@ -160,6 +160,10 @@ settings! {
         header_timeout_s: u64 = http().header_timeout.as_secs(), "SECONDS",
             "Time within which the head of a request must arrive, and idle time after which a connection is closed, seconds",
             in 1..=3600;
+        storage_presigned_s: u64 = 0, "SECONDS",
+            "How long a signed URL of a file in the bucket is valid, for clients that ask for a redirect to it; 0: none, seconds",
+            in 0..=604_800,
+            check |config| config.storage_presigned_s == 0 || config.storage_url.is_some() => "needs storage_url";
         log: String = "info".to_owned(), "FILTER",
             "Log filter: info, debug, or per module as in pinstack=debug,info";
         log_format: LogFormat = LogFormat::Text, "FORMAT",
@@ -310,6 +314,8 @@ mod tests {
     fn the_first_broken_rule_is_reported_with_its_key() {
         let config = ServeConfig { workers: 257, ..ServeConfig::default() };
         assert_eq!(config.violation(), Some(("workers", "must be 0 to 256".to_owned())));
+        let config = ServeConfig { storage_presigned_s: 60, ..ServeConfig::default() };
+        assert_eq!(config.violation(), Some(("storage_presigned_s", "needs storage_url".to_owned())));
         let config = ServeConfig { queue_limit: 0, ..ServeConfig::default() };
         assert_eq!(config.violation(), Some(("queue_limit", "must be at least 1".to_owned())));
     }

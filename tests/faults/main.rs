@@ -9,6 +9,7 @@
 //! | `copies` | backups that are interrupted |
 //! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
 //! | `bucket` | several processes on one Postgres database and one bucket; failpoints, a bucket that fails or lies, a cut network |
+//! | `redirects` | downloads from the bucket itself, by signed URLs |
 //! | `moving` | a data folder that moves to Postgres and back |
 //! | `traces` | traces through two processes; a collector that is away, or hangs |
 //! | `workers` | a stopped worker that continues after another process has its job |
@@ -24,6 +25,7 @@ mod elsewhere;
 mod machines;
 mod matrix;
 mod moving;
+mod redirects;
 mod relay;
 mod service;
 mod small_disk;
