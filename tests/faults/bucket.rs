@@ -52,8 +52,13 @@ pub struct Site {
 
 impl Site {
     /// `None`: there is no server, and the test is skipped.
-    async fn fresh() -> Option<Self> {
-        let (postgres, s3) = (test_server::url()?, test_bucket::server()?);
+    pub async fn fresh() -> Option<Self> {
+        Self::on(test_server::url()?).await
+    }
+
+    /// The same on a server of the caller.
+    pub async fn on(postgres: &str) -> Option<Self> {
+        let s3 = test_bucket::server()?;
         let (database, schema) = test_server::in_schema(postgres);
         let mut connection = PgConnection::connect(postgres).await.expect("the server for tests");
         connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");

@@ -7,6 +7,7 @@
 //! | `matrix` | every failpoint of a server, killed and with a full disk |
 //! | `elsewhere` | failpoints of commands, garbage collection and calibrations |
 //! | `copies` | backups that are interrupted |
+//! | `database` | a Postgres server without free connections; its restart while the files are in a bucket |
 //! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
 //! | `bucket` | several processes on one Postgres database and one bucket; failpoints, a bucket that fails or lies, a cut network |
 //! | `redirects` | downloads from the bucket itself, by signed URLs |
@@ -21,6 +22,7 @@
 mod bucket;
 mod collector;
 mod copies;
+mod database;
 mod elsewhere;
 mod machines;
 mod matrix;
