@@ -10,6 +10,7 @@
 #![warn(unreachable_pub)]
 
 pub mod contract;
+pub mod https;
 
 pub mod telemetry;
 

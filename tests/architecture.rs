@@ -16,8 +16,16 @@ const SCIENCE: &[&[&str]] = &[
 ];
 
 /// The modules of `src`, lowest layer first.
-const SERVICE: &[&[&str]] =
-    &[&["contract"], &["telemetry"], &["store"], &["disk_budget"], &["jobs"], &["worker"], &["http"], &["cli"]];
+const SERVICE: &[&[&str]] = &[
+    &["contract", "https"],
+    &["telemetry"],
+    &["store"],
+    &["disk_budget"],
+    &["jobs"],
+    &["worker"],
+    &["http"],
+    &["cli"],
+];
 
 /// The two crates: folder of the sources and layers.
 const CRATES: [(&str, &[&[&str]]); 2] = [("science/src", SCIENCE), ("src", SERVICE)];

@@ -14,7 +14,10 @@ use super::{
     environment::{self, PREFIX},
     settings::{KEYS, flag},
 };
-use crate::store::{DatabaseUrl, Retention, S3Location, Shared};
+use crate::{
+    store::{DatabaseUrl, Retention, S3Location, Shared},
+    telemetry::traces::Collector,
+};
 
 impl ServeConfig {
     /// Merges the sources and checks the result.
@@ -79,6 +82,12 @@ impl ServeConfig {
             ca_file: self.storage_ca_file.clone(),
             credentials_file: self.storage_credentials_file.clone(),
         })
+    }
+
+    /// The collector of `otlp_endpoint`, if there is one.
+    pub fn collector(&self) -> Option<Collector<'_>> {
+        let endpoint = self.otlp_endpoint.as_deref()?;
+        Some(Collector { endpoint, ca_file: self.otlp_ca_file.as_deref() })
     }
 
     /// How long finished jobs are kept.

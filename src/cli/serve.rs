@@ -21,7 +21,7 @@ use crate::{
     http::{self, App, Policy},
     jobs::ScienceRunner,
     store::{self, backup::remove_mark, folder},
-    telemetry,
+    telemetry::{self, traces},
     worker::{self, Deps, Pool, maintenance},
 };
 
@@ -41,6 +41,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
     make_files_private();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
+        let traces = config.collector().map(traces::start).transpose()?;
         let service = Service::start(&config).await?;
         let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
         eprintln!("listening on {scheme}://{}", service.address());
@@ -51,13 +52,22 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         signals.next().await;
         tracing::info!("shutting down; a second signal ends the process at once");
         tokio::select! {
-            stopped = service.stop() => stopped,
+            stopped = stop(service, traces) => stopped,
             () = signals.next() => {
                 tracing::warn!("the process ends at once; the next process resumes the jobs that were running");
                 std::process::exit(ENDED_BY_SIGNAL)
             }
         }
     })
+}
+
+/// Stops the service, then sends the last spans.
+async fn stop(service: Service, traces: Option<traces::Export>) -> anyhow::Result<()> {
+    let stopped = service.stop().await;
+    if let Some(traces) = traces {
+        traces.stop().await;
+    }
+    stopped
 }
 
 /// A running service: server, workers, maintenance.
@@ -153,6 +163,7 @@ fn policy(config: &ServeConfig) -> Policy {
         hosts: hosts(config),
         header_timeout: Duration::from_secs(config.header_timeout_s),
         cors_origins: config.cors_origins.clone(),
+        presigned: (config.storage_presigned_s > 0).then(|| Duration::from_secs(config.storage_presigned_s)),
         workers: config.workers,
         ..Policy::default()
     }

@@ -160,6 +160,10 @@ settings! {
         header_timeout_s: u64 = http().header_timeout.as_secs(), "SECONDS",
             "Time within which the head of a request must arrive, and idle time after which a connection is closed, seconds",
             in 1..=3600;
+        storage_presigned_s: u64 = 0, "SECONDS",
+            "How long a signed URL of a file in the bucket is valid, for clients that ask for a redirect to it; 0: none, seconds",
+            in 0..=604_800,
+            check |config| config.storage_presigned_s == 0 || config.storage_url.is_some() => "needs storage_url";
         log: String = "info".to_owned(), "FILTER",
             "Log filter: info, debug, or per module as in pinstack=debug,info";
         log_format: LogFormat = LogFormat::Text, "FORMAT",
@@ -190,6 +194,12 @@ settings! {
             "Certificates (PEM) to trust for the server of the bucket, besides those of public authorities";
         storage_credentials_file: PathBuf, "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or the role of the machine", "FILE",
             "File with the key of the bucket, as ~/.aws/credentials: lines aws_access_key_id and aws_secret_access_key";
+        otlp_endpoint: String, "off", "URL",
+            "Export traces to this collector of OpenTelemetry (OTLP over HTTP), for example http://127.0.0.1:4318",
+            check |config| config.otlp_endpoint.as_ref().is_none_or(|url| is_base_url(url))
+                => "must be the URL of a collector without a query, for example http://127.0.0.1:4318; /v1/traces is added";
+        otlp_ca_file: PathBuf, "", "FILE",
+            "Certificates (PEM) to trust for the collector, besides those of public authorities";
         keep_stacks_days: u32, "never", "DAYS",
             "Delete succeeded stacks this many days after their end, unless their own keep_days differs";
         keep_failed_days: u32, "never", "DAYS",
@@ -278,6 +288,14 @@ fn is_origin(text: &str) -> bool {
     })
 }
 
+/// Scheme and host, optionally a port and a path; no user, query or fragment.
+fn is_base_url(text: &str) -> bool {
+    let Ok(url) = text.parse::<hyper::Uri>() else { return false };
+    let is_http = ["http", "https"].contains(&url.scheme_str().unwrap_or_default());
+    let host = url.authority().map(hyper::http::uri::Authority::as_str).unwrap_or_default();
+    is_http && !host.is_empty() && !host.contains('@') && !text.contains(['?', '#'])
+}
+
 /// A host name without scheme, port or path.
 fn is_host(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._".contains(&b))
@@ -296,8 +314,22 @@ mod tests {
     fn the_first_broken_rule_is_reported_with_its_key() {
         let config = ServeConfig { workers: 257, ..ServeConfig::default() };
         assert_eq!(config.violation(), Some(("workers", "must be 0 to 256".to_owned())));
+        let config = ServeConfig { storage_presigned_s: 60, ..ServeConfig::default() };
+        assert_eq!(config.violation(), Some(("storage_presigned_s", "needs storage_url".to_owned())));
         let config = ServeConfig { queue_limit: 0, ..ServeConfig::default() };
         assert_eq!(config.violation(), Some(("queue_limit", "must be at least 1".to_owned())));
+    }
+
+    #[test]
+    fn a_base_url_has_neither_user_nor_query() {
+        for url in ["http://127.0.0.1:4318", "https://otel.lab.example", "https://lab.example/otlp/"] {
+            assert!(is_base_url(url), "{url}");
+        }
+        for url in
+            ["", "127.0.0.1:4318", "grpc://lab:4317", "http://", "http://a:b@lab", "http://lab/?x", "http://lab/#x"]
+        {
+            assert!(!is_base_url(url), "{url}");
+        }
     }
 
     #[test]

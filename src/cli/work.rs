@@ -14,6 +14,7 @@ use crate::{
     disk_budget::DiskBudget,
     jobs::ScienceRunner,
     store::{self, folder},
+    telemetry::traces,
     worker::{Deps, Pool, maintenance},
 };
 
@@ -31,6 +32,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let mut signals = StopSignals::listen()?;
+        let traces = config.collector().map(traces::start).transpose()?;
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
         let store = store::open_shared(data_dir, &config.shared()?).await?;
@@ -49,6 +51,9 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         }
         drop(maintenance);
         store.metadata.close().await;
+        if let Some(traces) = traces {
+            traces.stop().await;
+        }
         Ok(())
     })
 }

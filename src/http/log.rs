@@ -1,7 +1,8 @@
 //! The fields of a request that each of its log lines has.
 //!
 //! The span `request` ([`span`]) has the request id and the client from the start; [`note`] adds what becomes known
-//! later: token, rig, lens, upload, job. Tasks that a request starts log within the same span ([`super::background`]).
+//! later: token, rig, lens, upload, job, trace. Tasks that a request starts log within the same span
+//! ([`super::background`]).
 
 use std::{cell::RefCell, fmt::Display, net::IpAddr};
 
@@ -22,7 +23,8 @@ pub fn span(id: &str, client: Option<IpAddr>) -> Span {
         rig = field::Empty,
         lens = field::Empty,
         upload = field::Empty,
-        job = field::Empty
+        job = field::Empty,
+        trace_id = field::Empty
     );
     if let Some(client) = client {
         span.record("client", field::display(client));

@@ -17,7 +17,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
     calibrations,
-    middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot},
+    middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot, trace},
     optics, pages, poses, profiles, scans, stacks,
     state::App,
     system, targets, uploads,
@@ -114,6 +114,7 @@ pub fn service(app: App) -> Router {
         .layer(from_fn(uploads::protocol::name_version))
         .layer(from_fn_with_state(app.clone(), cors::answer))
         .layer(from_fn(observe::requests))
+        .layer(from_fn(trace::requests))
         .layer(from_fn(request_id::keep_or_make))
         .with_state(app)
 }

@@ -83,6 +83,8 @@ pub struct Policy {
     pub hosts: Vec<String>,
     /// Origins whose pages may use the service from a browser.
     pub cors_origins: Vec<String>,
+    /// How long a signed URL of a file in a bucket is valid; `None`: clients get files from the service alone.
+    pub presigned: Option<Duration>,
     /// Worker threads of this process, for `/v1/info`.
     pub workers: usize,
 }
@@ -110,6 +112,7 @@ impl Default for Policy {
             listen: None,
             hosts: Vec::new(),
             cors_origins: Vec::new(),
+            presigned: None,
             workers: 0,
         }
     }

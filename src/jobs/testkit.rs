@@ -185,6 +185,7 @@ impl TestJob {
             error: None,
             warnings: vec![],
             outcome: None,
+            trace: None,
         };
         let context = JobContext { job, profile, archive: path, scratch, started: Instant::now() };
         Self { context, _folder: folder }

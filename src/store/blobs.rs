@@ -13,7 +13,7 @@ use std::{
     io,
     ops::Range,
     path::{Path, PathBuf},
-    time::SystemTime,
+    time::{Duration, SystemTime},
 };
 
 use anyhow::anyhow;
@@ -44,6 +44,12 @@ pub trait BlobStore: Send + Sync + 'static {
     /// Bytes of a blob. The stream can be read to its end even if the blob is removed meanwhile. `None` when there is
     /// no such blob.
     async fn read(&self, key: &str, range: Range<u64>) -> StoreResult<Option<ByteStream>>;
+    /// A URL at which a client can get a blob without the service, until `valid` has passed. `None` when the engine has
+    /// no such URLs. Says nothing about whether the blob exists.
+    async fn signed_url(&self, key: &str, valid: Duration, answer: &SignedAnswer) -> StoreResult<Option<String>> {
+        let _ = (key, valid, answer);
+        Ok(None)
+    }
     /// A local file with the bytes of a blob, for code that seeks: the blob itself if it is local, otherwise a copy in
     /// `workspace`. `None` when there is no such blob.
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>>;
@@ -62,6 +68,15 @@ pub trait BlobStore: Send + Sync + 'static {
     /// # Errors
     /// When it could not.
     async fn probe(&self) -> StoreResult<()>;
+}
+
+/// What the answer at a signed URL says of the bytes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SignedAnswer {
+    /// `Content-Type`.
+    pub media_type: String,
+    /// `Content-Disposition`.
+    pub disposition: String,
 }
 
 /// A blob as lists show it.

@@ -62,6 +62,8 @@ pub struct Job {
     pub upload_removed: bool,
     /// What the job produced.
     pub outcome: Option<JobOutcome>,
+    /// The trace that it belongs to, for [`crate::telemetry::traces`].
+    pub trace: Option<String>,
 }
 
 /// A job that is to be accepted.
@@ -81,6 +83,8 @@ pub struct NewJob {
     pub idempotency: Option<(String, String)>,
     /// The token that sent the job; `None` when no token was required.
     pub owner: Option<Uuid>,
+    /// The trace that it belongs to, for [`crate::telemetry::traces`].
+    pub trace: Option<String>,
 }
 
 /// Result of accepting a job.

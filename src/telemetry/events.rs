@@ -60,6 +60,8 @@ pub(super) fn begin() {
         counter!(SWEEPS.name, "outcome" => outcome).increment(0);
     }
     swept(0, 0, 0, 0);
+    spans_left(true, 0);
+    spans_left(false, 0);
     for series in [WORKERS, WORKERS_BUSY, MEMORY_BUDGET_BYTES, MEMORY_RESERVED_BYTES] {
         gauge!(series.name).set(0.0);
     }
@@ -136,6 +138,12 @@ pub fn swept(expired: usize, uploads: usize, given_up: usize, orphans: usize) {
     {
         counter!(SWEPT.name, "content" => content).increment(count as u64);
     }
+}
+
+/// Spans of traces were exported, or lost.
+pub fn spans_left(exported: bool, count: usize) {
+    let outcome = if exported { "exported" } else { "lost" };
+    counter!(TRACE_SPANS.name, "outcome" => outcome).increment(count as u64);
 }
 
 /// The workers of this process, and their memory in bytes.

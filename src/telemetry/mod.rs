@@ -1,4 +1,4 @@
-//! Metrics for Prometheus.
+//! Metrics for Prometheus, and traces for a collector of OpenTelemetry ([`traces`]).
 //!
 //! [`series`] is the table of all series: name, type, labels, help. Counters, histograms and the gauges of the workers
 //! are kept by the recorder of the process ([`mod@recorder`]) and updated where something happens ([`events`]). Gauges
@@ -10,6 +10,7 @@ pub mod events;
 mod exposition;
 mod recorder;
 pub mod series;
+pub mod traces;
 
 pub use exposition::Exposition;
 pub use recorder::{Recorder, recorder};

@@ -106,6 +106,9 @@ table! {
     SWEPT Counter "pinstack_swept_total" ["content"]
         "Objects that garbage collections removed"
 
+    TRACE_SPANS Counter "pinstack_trace_spans_total" ["outcome"]
+        "Spans of traces that were exported, or lost because the collector did not take them"
+
     BUILD_INFO Gauge "pinstack_build_info" ["version"]
         "1, with the version as a label"
     UPTIME_SECONDS Gauge "pinstack_uptime_seconds" []

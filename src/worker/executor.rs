@@ -3,19 +3,21 @@
 
 use std::{sync::Arc, time::Duration, time::Instant};
 
-use tokio::sync::{OwnedMutexGuard, Semaphore};
+use tokio::sync::{OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
-use tracing::field;
+use tracing::{Instrument, Span, field};
 
 use super::{
     Config, Deps,
     lease_keeper::{LeaseKeeper, StopReason},
+    trace::Trace,
 };
 use crate::{
     contract::{Code, Fault, JobError, one_line, profile::Profile, request::JobRequest},
+    disk_budget::Reservation,
     jobs::{JobContext, JobOutput},
     store::{Attempt, Finish, Job, SpoolFile, StoreError, StoreResult, blobs::LocalBlob, failpoint::step, gc::gc_job},
-    telemetry::events,
+    telemetry::{events, traces},
 };
 use pinstack_science::types::Cancelled;
 
@@ -46,17 +48,24 @@ impl Executor {
             .clamp(1, Semaphore::MAX_PERMITS as u32)
     }
 
-    /// Runs a claimed job to its end. `gate` prevents other workers from claiming. It is released when the job has its
-    /// memory; if a worker died on this job before, when the job has ended. So a job that kills the process does not
-    /// cost other jobs an attempt.
+    /// Runs a claimed job to its end, within a span of its trace. `gate` prevents other workers from claiming. It is
+    /// released when the job has its memory; if a worker died on this job before, when the job has ended. So a job that
+    /// kills the process does not cost other jobs an attempt.
     pub(super) async fn run_claimed_job(&self, job: Job, gate: OwnedMutexGuard<()>) {
+        let trace = Trace::of(&job);
+        let log = trace.log_span();
+        traces::within(trace.span(), self.run_in_trace(job, gate, &trace)).instrument(log).await;
+    }
+
+    async fn run_in_trace(&self, job: Job, gate: OwnedMutexGuard<()>, trace: &Trace) {
+        tracing::info!(job = %job.id, kind = ?job.request.kind(), attempt = job.attempt, "job claimed");
         let started = Instant::now();
         let _busy = events::busy();
         let keeper = Arc::new(LeaseKeeper::starting_at(job.progress.clone()));
         // when this future is dropped, the thread of the job must stop
         let _stop = keeper.stop_on_drop();
         let result = tokio::select! {
-            result = self.run(&job, &keeper, gate) => result,
+            result = self.run(&job, &keeper, gate, trace) => result,
             () = keeper.keep(&self.deps, &self.config, &job, &self.abandon) => Err(JobError::Cancelled(Cancelled).into()),
         };
         let kind = job.request.kind();
@@ -72,7 +81,8 @@ impl Executor {
         for (stage, time) in keeper.stage_times() {
             events::stage_done(kind, stage, time);
         }
-        match self.write_end(&job, &ending).await {
+        trace.ending(ending.event(), ending.fault());
+        match traces::step("publish", self.write_end(&job, &ending)).await {
             Ok(true) => {
                 if let Ending::Finished(Finish::Failed(fault)) = &ending {
                     events::failed(kind, fault.code);
@@ -88,25 +98,19 @@ impl Executor {
         }
     }
 
-    async fn run(&self, job: &Job, keeper: &Arc<LeaseKeeper>, gate: OwnedMutexGuard<()>) -> Result<Finish, Stopped> {
+    async fn run(
+        &self,
+        job: &Job,
+        keeper: &Arc<LeaseKeeper>,
+        gate: OwnedMutexGuard<()>,
+        trace: &Trace,
+    ) -> Result<Finish, Stopped> {
         let started = Instant::now();
-        let suspect = job.attempt > 1;
-        let whole = self.whole_budget();
-        let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
-        let permits = if suspect { whole } else { need.min(whole) };
-        let _memory = tokio::select! {
-            permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is shutting down"))?,
-            () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled).into()),
-        };
-        let _reserved = events::memory_reserved(u64::from(permits) * MB);
-        let _gate = suspect.then_some(gate);
-        let _disk = match self.reserve_disk(job, keeper).await? {
-            Ok(reservation) => reservation,
+        let _admitted = match traces::step("admit", self.admit(job, keeper, gate)).await? {
+            Ok(admitted) => admitted,
             Err(fault) => return Ok(Finish::Failed(fault)),
         };
-
-        let profile = self.profile_of(job).await.map_err(internal)??;
-        let archive = self.archive_of(job).await.map_err(internal)??;
+        let (profile, archive) = traces::step("fetch input", self.input_of(job)).await?;
         step("scratch.make")
             .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
         let scratch = tempfile::Builder::new()
@@ -120,20 +124,54 @@ impl Executor {
             scratch: scratch.path().to_owned(),
             started,
         };
-        let output = self.on_a_thread(context, Arc::clone(keeper)).await?;
-        for file in &output.files {
-            let written = SpoolFile::persistent(file.path.clone());
-            self.deps.store.blobs.put(&file.key, written).await.map_err(internal)?;
-        }
+        let output = self.on_a_thread(context, Arc::clone(keeper)).await;
+        trace.add_stages(keeper);
+        let output = output?;
+        traces::step("store results", self.store_files(&output)).await?;
         let mut warnings = job.warnings.clone();
         warnings.extend(output.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
         Ok(Finish::Succeeded { outcome: Box::new(output.outcome), warnings, profile: output.profile })
     }
 
+    /// Waits for memory and disk space. The inner error: the job would not fit on the empty disk.
+    async fn admit(
+        &self,
+        job: &Job,
+        keeper: &LeaseKeeper,
+        gate: OwnedMutexGuard<()>,
+    ) -> Result<Result<Admitted, Fault>, Stopped> {
+        let suspect = job.attempt > 1;
+        let whole = self.whole_budget();
+        let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
+        let permits = if suspect { whole } else { need.min(whole) };
+        let memory = tokio::select! {
+            permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is shutting down"))?,
+            () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled).into()),
+        };
+        let reserved = events::memory_reserved(u64::from(permits) * MB);
+        let gate = suspect.then_some(gate);
+        let disk = self.reserve_disk(job, keeper).await?;
+        Ok(disk.map(|disk| Admitted { _disk: disk, _gate: gate, _reserved: reserved, _memory: memory }))
+    }
+
+    async fn input_of(&self, job: &Job) -> Result<(Option<Profile>, LocalBlob), Stopped> {
+        let profile = self.profile_of(job).await.map_err(internal)??;
+        let archive = self.archive_of(job).await.map_err(internal)??;
+        Ok((profile, archive))
+    }
+
+    async fn store_files(&self, output: &JobOutput) -> Result<(), Stopped> {
+        for file in &output.files {
+            let written = SpoolFile::persistent(file.path.clone());
+            self.deps.store.blobs.put(&file.key, written).await.map_err(internal)?;
+        }
+        Ok(())
+    }
+
     /// Runs the job on a blocking thread, and converts a panic into a fault: a bug in one job must not kill the worker.
     async fn on_a_thread(&self, context: JobContext, keeper: Arc<LeaseKeeper>) -> Result<JobOutput, JobError> {
-        let (runner, id) = (Arc::clone(&self.deps.runner), context.job.id);
-        match tokio::task::spawn_blocking(move || runner.run(&context, &*keeper)).await {
+        let (runner, id, log) = (Arc::clone(&self.deps.runner), context.job.id, Span::current());
+        match tokio::task::spawn_blocking(move || log.in_scope(|| runner.run(&context, &*keeper))).await {
             Ok(result) => result,
             Err(error) => {
                 tracing::error!(job = %id, %error, "a job panicked");
@@ -204,6 +242,14 @@ impl Executor {
             Ending::Lost => Ok(false),
         }
     }
+}
+
+/// What a job holds while it runs, in the order in which it is released.
+struct Admitted {
+    _disk: Reservation,
+    _gate: Option<OwnedMutexGuard<()>>,
+    _reserved: events::Held,
+    _memory: OwnedSemaphorePermit,
 }
 
 /// Why the run of a job ended early.

@@ -15,7 +15,10 @@ use tokio::{
 };
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-use super::{Config, Deps, stages::StageTimes};
+use super::{
+    Config, Deps,
+    stages::{StageTimes, Visit},
+};
 use crate::{
     contract::Progress,
     jobs::ProgressSink,
@@ -87,6 +90,11 @@ impl LeaseKeeper {
     /// Ends the current stage, and returns the time spent in each.
     pub(super) fn stage_times(&self) -> Vec<(&'static str, Duration)> {
         self.stages().end(std::time::Instant::now())
+    }
+
+    /// The stages so far, one by one.
+    pub(super) fn visits(&self) -> Vec<Visit> {
+        self.stages().visits(std::time::Instant::now())
     }
 
     fn stages(&self) -> MutexGuard<'_, StageTimes> {

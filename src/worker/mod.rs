@@ -6,6 +6,7 @@
 //! | `executor` | one claimed job: admission, run, publication, end |
 //! | `lease_keeper` | heartbeats, progress and cancellation of a running job |
 //! | `disk_admission` | reserves disk space before a job starts |
+//! | `trace` | the span of a job in the traces of OpenTelemetry |
 //! | [`maintenance`] | hourly garbage collection |
 
 mod disk_admission;
@@ -14,6 +15,7 @@ mod lease_keeper;
 pub mod maintenance;
 pub mod pool;
 mod stages;
+mod trace;
 
 pub use pool::Pool;
 

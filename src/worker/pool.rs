@@ -87,7 +87,6 @@ async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationT
         let claimed = deps.store.metadata.claim(config.lease, config.max_attempts).await;
         match claimed {
             Ok(Some(job)) => {
-                tracing::info!(job = %job.id, kind = ?job.request.kind(), attempt = job.attempt, "job claimed");
                 count_start(&job);
                 executor.run_claimed_job(job, gate).await;
                 continue;

@@ -426,7 +426,8 @@ async fn a_page_of_the_list_has_few_stacks_however_many_there_are() {
             stack.options.label = Some(format!("number-{number}"));
         }
         let (rig, lens) = (first.rig.clone(), first.lens.clone());
-        NewJob { id: Uuid::now_v7(), rig, lens, request, warnings: Vec::new(), idempotency: None, owner: None }
+        let (warnings, id) = (Vec::new(), Uuid::now_v7());
+        NewJob { id, rig, lens, request, warnings, idempotency: None, owner: None, trace: None }
     };
     let jobs: Vec<NewJob> = (1..STACKS).map(job).collect();
     let seeded = app.store.metadata.enqueue_all(&jobs, 1 << 20).await.unwrap();

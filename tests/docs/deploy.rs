@@ -36,23 +36,35 @@ pub fn run(tool: &str, arguments: &[&str]) -> Option<String> {
     Some(told)
 }
 
-/// The manifests for Kubernetes, without the file that joins them.
-fn manifests() -> Vec<String> {
-    let folder = fs::read_dir(root().join("deploy/kubernetes")).expect("manifests");
+/// The folders of manifests for Kubernetes: with a common folder, and what differs with a bucket.
+const MANIFESTS: [&str; 2] = ["deploy/kubernetes", "deploy/kubernetes-bucket"];
+
+/// The names of the manifests in such a folder, without the file that joins them.
+fn names_in(folder: &str) -> Vec<String> {
+    let folder = fs::read_dir(root().join(folder)).expect("manifests");
     let names = folder.map(|entry| entry.expect("a file").file_name().to_string_lossy().into_owned());
     let mut found: Vec<_> = names.filter(|name| name != "kustomization.yaml").collect();
     found.sort();
-    assert!(found.len() >= 8, "{found:?}");
     found
 }
+
+/// The paths of all manifests.
+fn manifests() -> Vec<String> {
+    let paths = |folder: &str| names_in(folder).into_iter().map(|name| format!("{folder}/{name}")).collect::<Vec<_>>();
+    let found: Vec<String> = MANIFESTS.into_iter().flat_map(paths).collect();
+    assert!(found.len() >= 10, "{found:?}");
+    found
+}
+
+/// The files for compose.
+const COMPOSE: [&str; 3] = ["deploy/compose.yaml", "deploy/compose.cluster.yaml", "deploy/compose.bucket.yaml"];
 
 #[test]
 fn every_setting_in_deploy_exists() {
     let manual = read("docs/OPERATIONS.md");
-    let files = ["Dockerfile", "deploy/compose.yaml", "deploy/compose.cluster.yaml", "deploy/systemd/pinstack.service"];
+    let files = ["Dockerfile", "deploy/systemd/pinstack.service"];
     let mut named = BTreeSet::new();
-    let files = files.into_iter().map(str::to_owned);
-    for file in files.chain(manifests().into_iter().map(|name| format!("deploy/kubernetes/{name}"))) {
+    for file in files.into_iter().chain(COMPOSE).map(str::to_owned).chain(manifests()) {
         let text = read(file);
         let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
         named.extend(words.filter(|word| word.starts_with("PINSTACK_")).map(str::to_owned));
@@ -64,15 +76,12 @@ fn every_setting_in_deploy_exists() {
 
 #[test]
 fn compose_files_fit_their_schema() {
-    run(
-        "check-jsonschema",
-        &["--builtin-schema", "vendor.compose-spec", "deploy/compose.yaml", "deploy/compose.cluster.yaml"],
-    );
+    run("check-jsonschema", &[&["--builtin-schema", "vendor.compose-spec"][..], &COMPOSE].concat());
 }
 
 #[test]
 fn manifests_fit_the_schemas_of_kubernetes() {
-    let paths: Vec<String> = manifests().into_iter().map(|name| format!("deploy/kubernetes/{name}")).collect();
+    let paths = manifests();
     // 1.30 is the first version with the action `sleep` of api.yaml
     for version in ["1.30", "1.37"] {
         let mut arguments = vec!["--strict", "-k", version];
@@ -84,16 +93,45 @@ fn manifests_fit_the_schemas_of_kubernetes() {
 
 #[test]
 fn the_kustomization_lists_every_manifest_that_is_no_example() {
-    let text = read("deploy/kubernetes/kustomization.yaml");
-    let listed: BTreeSet<&str> = text
-        .lines()
-        // a manifest that needs more than a cluster has is listed in a comment
-        .filter_map(|line| line.trim_start_matches([' ', '#']).strip_prefix("- "))
-        .filter(|name| name.ends_with(".yaml"))
-        .collect();
-    let manifests = manifests();
-    let wanted = manifests.iter().map(String::as_str).filter(|name| !name.ends_with(".example.yaml")).collect();
-    assert_eq!(listed, wanted);
+    for folder in MANIFESTS {
+        let text = read(format!("{folder}/kustomization.yaml"));
+        let listed: BTreeSet<&str> = text
+            .lines()
+            // a manifest that needs more than a cluster has is listed in a comment
+            .filter_map(|line| line.trim_start_matches([' ', '#']).strip_prefix("- "))
+            .map(|name| name.trim_start_matches("path: "))
+            .filter(|name| name.ends_with(".yaml"))
+            .collect();
+        let names = names_in(folder);
+        let wanted = names.iter().map(String::as_str).filter(|name| !name.ends_with(".example.yaml")).collect();
+        assert_eq!(listed, wanted, "{folder}");
+    }
+}
+
+#[test]
+fn with_a_bucket_kubernetes_shares_no_volume() {
+    // where there is no kubectl, the parts are checked above, and not what they become together
+    let Ok(joined) = Command::new("kubectl").args(["kustomize", MANIFESTS[1]]).current_dir(root()).output() else {
+        println!("skipped: kubectl not installed");
+        return;
+    };
+    assert!(joined.status.success(), "{}", String::from_utf8_lossy(&joined.stderr));
+    let text = String::from_utf8(joined.stdout).expect("UTF-8");
+    for gone in ["PersistentVolumeClaim\n", "persistentVolumeClaim:", "ReadWriteMany"] {
+        assert!(!text.contains(gone), "{gone} is in\n{text}");
+    }
+    // API and workers
+    for twice in ["ephemeral:", "secretName: pinstack-bucket", "mountPath: /bucket"] {
+        assert_eq!(text.matches(twice).count(), 2, "{twice} in\n{text}");
+    }
+    assert!(text.contains("PINSTACK_STORAGE_URL: s3://") && text.contains("port: 443"), "{text}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("all.yaml");
+    fs::write(&file, &text).expect("a file");
+    let Some(told) = run("kubernetes-validate", &["--strict", "-k", "1.30", file.to_str().expect("UTF-8")]) else {
+        return;
+    };
+    assert_eq!(told.matches(" passed for resource ").count(), text.matches("\nkind: ").count(), "{told}");
 }
 
 #[test]
@@ -109,21 +147,29 @@ fn the_program_accepts_the_settings_of_the_debian_package_and_of_kubernetes() {
     let told = doctor(pinstack().env("PINSTACK_CONFIG", root().join("deploy/debian/pinstack.toml")));
     assert!(accepts(&told), "{told}");
 
-    let mut command = pinstack();
     let url = folder.path().join("database_url");
     fs::write(&url, "postgres://pinstack@127.0.0.1:1/pinstack").expect("a file");
-    let config = read("deploy/kubernetes/config.yaml");
-    let pairs = config.lines().filter_map(|line| line.trim().split_once(": "));
-    let mut count = 0;
-    for (name, value) in pairs.filter(|(name, _)| name.starts_with("PINSTACK_")) {
-        let value = value.trim_matches(['\'', '"']);
-        let value = if name == "PINSTACK_DATABASE_URL_FILE" { url.to_str().expect("UTF-8") } else { value };
-        command.env(name, value);
-        count += 1;
+    // the second has the first below it; its server is one that refuses every connection
+    for folders in [&MANIFESTS[..1], &MANIFESTS[..]] {
+        let mut command = pinstack();
+        let mut count = 0;
+        for folder in folders {
+            let config = read(format!("{folder}/config.yaml"));
+            let pairs = config.lines().filter_map(|line| line.trim().split_once(": "));
+            for (name, value) in pairs.filter(|(name, _)| name.starts_with("PINSTACK_")) {
+                let value = match name {
+                    "PINSTACK_DATABASE_URL_FILE" => url.to_str().expect("UTF-8"),
+                    "PINSTACK_STORAGE_ENDPOINT" => "http://127.0.0.1:1",
+                    _ => value.trim_matches(['\'', '"']),
+                };
+                command.env(name, value);
+                count += 1;
+            }
+        }
+        assert!(count >= 3 * folders.len() + 2, "{count} settings");
+        let told = doctor(&mut command);
+        assert!(accepts(&told), "{told}");
     }
-    assert!(count >= 5, "{count} settings");
-    let told = doctor(&mut command);
-    assert!(accepts(&told), "{told}");
 }
 
 #[test]

@@ -41,19 +41,24 @@ const TIMES: usize = 4;
 const AWAY: [StatusCode; 2] = [StatusCode::SERVICE_UNAVAILABLE, StatusCode::INTERNAL_SERVER_ERROR];
 
 /// An empty database and an empty bucket.
-struct Site {
-    folder: TempDir,
-    database: String,
-    bucket: String,
+pub struct Site {
+    pub folder: TempDir,
+    pub database: String,
+    pub bucket: String,
     /// Address of the bucket.
-    endpoint: String,
-    client: Client,
+    pub endpoint: String,
+    pub client: Client,
 }
 
 impl Site {
     /// `None`: there is no server, and the test is skipped.
-    async fn fresh() -> Option<Self> {
-        let (postgres, s3) = (test_server::url()?, test_bucket::server()?);
+    pub async fn fresh() -> Option<Self> {
+        Self::on(test_server::url()?).await
+    }
+
+    /// The same on a server of the caller.
+    pub async fn on(postgres: &str) -> Option<Self> {
+        let s3 = test_bucket::server()?;
         let (database, schema) = test_server::in_schema(postgres);
         let mut connection = PgConnection::connect(postgres).await.expect("the server for tests");
         connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");
@@ -65,7 +70,7 @@ impl Site {
     }
 
     /// A settings file, with the database and the bucket at these addresses.
-    fn settings(&self, name: &str, database: &str, endpoint: &str) -> PathBuf {
+    pub fn settings(&self, name: &str, database: &str, endpoint: &str) -> PathBuf {
         let file = self.folder.path().join(format!("{name}.toml"));
         let text = format!(
             "database_url = {database:?}\nstorage_url = \"s3://{}/lab\"\nstorage_endpoint = {endpoint:?}\n\
@@ -78,26 +83,26 @@ impl Site {
     }
 
     /// The folder of a process: none shares it.
-    fn data(&self, name: &str) -> PathBuf {
+    pub fn data(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    async fn api(&self, name: &str, settings: &Path) -> Service {
+    pub async fn api(&self, name: &str, settings: &Path) -> Service {
         let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
         Service::start(&self.data(name), None, &flags).await.expect("it listens")
     }
 
-    fn worker(&self, name: &str, settings: &Path, fault: Option<&str>) -> Service {
+    pub fn worker(&self, name: &str, settings: &Path, fault: Option<&str>) -> Service {
         Service::start_worker(&self.data(name), fault, &["--config", settings.to_str().expect("UTF-8")])
     }
 
-    async fn put_profile(&self, api: &Service, profile: &Value) {
+    pub async fn put_profile(&self, api: &Service, profile: &Value) {
         let put = self.client.put(format!("{}/v1/profiles/rig/lens", api.url)).json(profile).send().await;
         assert!(put.expect("an answer").status().is_success());
     }
 
     /// Sends a stack once. `Err`: the status and the text of the answer.
-    async fn try_post(&self, api: &Service, key: &str, zip: &[u8]) -> Result<String, (StatusCode, String)> {
+    pub async fn try_post(&self, api: &Service, key: &str, zip: &[u8]) -> Result<String, (StatusCode, String)> {
         let url = format!("{}/v1/stacks?rig=rig&lens=lens", api.url);
         let sent = self.client.post(url).header("Idempotency-Key", key).body(zip.to_vec()).send().await;
         let answer = sent.expect("the service answers");
@@ -108,7 +113,7 @@ impl Site {
     }
 
     /// Sends a stack until it is accepted.
-    async fn post(&self, api: &Service, key: &str, zip: &[u8]) -> String {
+    pub async fn post(&self, api: &Service, key: &str, zip: &[u8]) -> String {
         loop {
             match self.try_post(api, key, zip).await {
                 Ok(stack) => return stack,
@@ -118,12 +123,12 @@ impl Site {
         }
     }
 
-    async fn shown(&self, api: &Service, path: &str) -> Value {
+    pub async fn shown(&self, api: &Service, path: &str) -> Value {
         let answer = self.client.get(format!("{}{path}", api.url)).send().await.expect("an answer");
         answer.json().await.expect("JSON")
     }
 
-    async fn until(&self, api: &Service, stack: &str, states: &[&str]) -> Value {
+    pub async fn until(&self, api: &Service, stack: &str, states: &[&str]) -> Value {
         loop {
             let shown = self.shown(api, stack).await;
             if states.iter().any(|state| shown["state"] == **state) {
@@ -134,20 +139,20 @@ impl Site {
     }
 
     /// Waits for a stack that must succeed.
-    async fn succeeded(&self, api: &Service, stack: &str) -> Value {
+    pub async fn succeeded(&self, api: &Service, stack: &str) -> Value {
         let ended = self.until(api, stack, &["succeeded", "failed", "cancelled"]).await;
         assert_eq!(ended["state"], "succeeded", "{ended}");
         ended
     }
 
-    async fn image(&self, api: &Service, stack: &str) -> Vec<u8> {
+    pub async fn image(&self, api: &Service, stack: &str) -> Vec<u8> {
         let answer = self.client.get(format!("{}{stack}/image", api.url)).send().await.expect("an answer");
         assert_eq!(answer.status(), StatusCode::OK);
         answer.bytes().await.expect("an image").to_vec()
     }
 
     /// Nothing is left over, and every file is what its row says.
-    fn verify(&self, settings: &Path) {
+    pub fn verify(&self, settings: &Path) {
         for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
             let settings = settings.to_str().expect("UTF-8");
             let done = command(&self.data("operator"), &[arguments, &["--config", settings]].concat());

@@ -7,9 +7,12 @@
 //! | `matrix` | every failpoint of a server, killed and with a full disk |
 //! | `elsewhere` | failpoints of commands, garbage collection and calibrations |
 //! | `copies` | backups that are interrupted |
+//! | `database` | a Postgres server without free connections; its restart while the files are in a bucket |
 //! | `machines` | several processes on one Postgres database and one folder; a restart of Postgres |
 //! | `bucket` | several processes on one Postgres database and one bucket; failpoints, a bucket that fails or lies, a cut network |
+//! | `redirects` | downloads from the bucket itself, by signed URLs |
 //! | `moving` | a data folder that moves to Postgres and back |
+//! | `traces` | traces through two processes; a collector that is away, or hangs |
 //! | `workers` | a stopped worker that continues after another process has its job |
 //! | `small_disk` | a file system that is really full |
 //! | `soak` | many clients and random kills |
@@ -17,11 +20,14 @@
 //! The failpoints exist only in builds of `cargo test`.
 
 mod bucket;
+mod collector;
 mod copies;
+mod database;
 mod elsewhere;
 mod machines;
 mod matrix;
 mod moving;
+mod redirects;
 mod relay;
 mod service;
 mod small_disk;
@@ -32,4 +38,5 @@ mod story;
 mod test_bucket;
 #[path = "../../src/store/postgres/test_server.rs"]
 mod test_server;
+mod traces;
 mod workers;

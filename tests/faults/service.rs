@@ -21,6 +21,8 @@ pub struct Service {
 fn pinstack() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
     command.env_remove("FAILPOINTS").stdin(Stdio::null());
+    // spans are sent at once, where they are sent at all
+    command.env("OTEL_BSP_SCHEDULE_DELAY", "50").env("OTEL_RESOURCE_ATTRIBUTES", "deployment.environment.name=test");
     command
 }
 

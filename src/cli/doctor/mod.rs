@@ -2,6 +2,7 @@
 //!
 //! It changes nothing: the database is read, not opened for writing, and the probe of the data folder removes its file.
 
+mod collector;
 mod database;
 mod machine;
 mod storage;
@@ -14,8 +15,9 @@ use serde::Serialize;
 
 use super::config::{Flags, ServeConfig};
 
-/// Check settings, data folder, disk, memory, open files, database, bucket, tokens and address of a service, and say
-/// what to do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a problem.
+/// Check settings, data folder, disk, memory, open files, database, bucket, collector of traces, tokens and address of
+/// a service, and say what to do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a
+/// problem.
 #[derive(Debug, Args)]
 pub struct Doctor {
     /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
@@ -97,6 +99,7 @@ fn findings(config: &ServeConfig) -> anyhow::Result<Vec<Finding>> {
         let (of_database, rows) = database::findings(config).await;
         findings.extend(of_database);
         findings.extend(storage::finding(config).await);
+        findings.extend(collector::finding(config).await);
         findings.extend(machine::address(config).await);
         findings.extend(database::tokens(config, rows));
         Ok(findings)

@@ -9,3 +9,4 @@ pub mod outcome;
 pub mod picture;
 pub mod pyramid;
 pub mod range;
+pub mod redirect;

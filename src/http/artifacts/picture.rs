@@ -10,6 +10,7 @@ use super::{
     conversions::{Form, Making},
     download::{self, Content, Download, Source},
     name, outcome,
+    redirect::MayRedirect,
 };
 use crate::{
     contract::{
@@ -35,13 +36,18 @@ pub async fn answer(
     picture: StackArtifact,
     method: &Method,
     headers: &HeaderMap,
+    redirect: MayRedirect,
 ) -> ApiResult<Response> {
     let artifact = outcome::artifact(job, picture.name())?;
     let download = match accept::choose(headers, picture.formats(), &artifact.media_type) {
         None => download::stored(app, job, artifact, name::of(job, picture.name(), &artifact.media_type)).await?,
         Some(format) => converted(app, job, artifact, format, method, headers).await?,
     };
-    let mut response = download.answer(headers).await?;
+    let disposition = name::disposition(&download.name);
+    let mut response = match redirect.answer(app, &download, &disposition, headers).await? {
+        Some(redirect) => redirect,
+        None => download.answer(headers).await?,
+    };
     if !picture.formats().is_empty() {
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     }

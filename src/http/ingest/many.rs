@@ -17,6 +17,7 @@ use crate::{
         uploads::lock::not_found,
     },
     store::{Enqueue, EnqueueAll, Job, NewJob, SpoolFile, blobs::upload_key, gc::delete_blobs},
+    telemetry::traces,
 };
 
 /// A job whose zip is checked and not yet stored.
@@ -60,7 +61,8 @@ pub async fn check(
     let upload = Upload { key: upload_key(id), bytes, sha256, filename };
     let (request, warnings) = checked(app, submission, file.path(), upload).await?;
     let (rig, lens) = submission.profile_key();
-    let job = NewJob { id, rig: rig.clone(), lens: lens.clone(), request, warnings, idempotency, owner: None };
+    let (rig, lens, trace) = (rig.clone(), lens.clone(), traces::for_the_row());
+    let job = NewJob { id, rig, lens, request, warnings, idempotency, owner: None, trace };
     Ok(CheckedJob { job, file })
 }
 
@@ -77,7 +79,8 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
         if let ManyOrigin::Request(owner) = origin {
             job.owner = owner;
         }
-        let stored = app.store.blobs.put(&upload_key(job.id), file).await;
+        let key = upload_key(job.id);
+        let stored = traces::step("store upload", app.store.blobs.put(&key, file)).await;
         jobs.push(job);
         if let Err(error) = stored {
             remove_blobs(app, &jobs).await;
@@ -86,10 +89,13 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
     }
     // an error here does not say whether the rows were stored: garbage collection decides about the blobs
     let limit = app.policy.queue_limit;
-    let enqueued = match origin {
-        ManyOrigin::Request(_) => Some(app.store.metadata.enqueue_all(&jobs, limit).await?),
-        ManyOrigin::ResumableUpload(id) => app.store.metadata.complete_scan_upload(id, &jobs, limit).await?,
+    let enqueuing = async {
+        match origin {
+            ManyOrigin::Request(_) => app.store.metadata.enqueue_all(&jobs, limit).await.map(Some),
+            ManyOrigin::ResumableUpload(id) => app.store.metadata.complete_scan_upload(id, &jobs, limit).await,
+        }
     };
+    let enqueued = traces::step("enqueue", enqueuing).await?;
     let error = match (enqueued, origin) {
         (Some(EnqueueAll::Accepted(jobs)), _) => return Ok(jobs),
         (Some(EnqueueAll::Refused(Enqueue::Repeated(job))), _) => {

@@ -22,15 +22,18 @@ use super::{
     submission::Submission,
     submit::{IncomingZip, Origin, Submitted, ZipFile, submit},
 };
-use crate::http::{
-    auth::Caller,
-    background,
-    extract::prefer,
-    log,
-    problem::{ApiError, ApiResult},
-    state::App,
-    views::{JobDocument, job::url},
-    waiting::until_final,
+use crate::{
+    http::{
+        auth::Caller,
+        background,
+        extract::prefer,
+        log,
+        problem::{ApiError, ApiResult},
+        state::App,
+        views::{JobDocument, job::url},
+        waiting::until_final,
+    },
+    telemetry::traces,
 };
 
 /// A request that makes a job.
@@ -66,7 +69,7 @@ impl<'a> IngestRequest<'a> {
         fields: Fields,
         body: Body,
     ) -> ApiResult<(S, SpooledZip)> {
-        receive(self, target, fields, body).await
+        traces::step("receive upload", receive(self, target, fields, body)).await
     }
 
     /// Makes the job. It is made even when the client disconnects: all bytes are here.

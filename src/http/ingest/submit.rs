@@ -28,6 +28,7 @@ use crate::{
         blobs::{LocalBlob, upload_key},
         gc::delete_blobs,
     },
+    telemetry::traces,
 };
 use pinstack_science::{
     archive,
@@ -105,19 +106,23 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
     let upload = Upload { key: key.clone(), bytes, sha256, filename };
     let (request, warnings) = checked(app, submission, file.path(), upload).await?;
     if let ZipFile::Spooled(file) = file {
-        app.store.blobs.put(&key, file).await?;
+        traces::step("store upload", app.store.blobs.put(&key, file)).await?;
     }
     let (rig, lens) = submission.profile_key();
     let (owner, idempotency) = match &origin {
         Origin::Request { owner, idempotency } => (*owner, idempotency.clone()),
         Origin::ResumableUpload => (None, None),
     };
-    let job = NewJob { id, rig: rig.clone(), lens: lens.clone(), request, warnings, idempotency, owner };
+    let (rig, lens, trace) = (rig.clone(), lens.clone(), traces::for_the_row());
+    let job = NewJob { id, rig, lens, request, warnings, idempotency, owner, trace };
     // an error here does not say whether the row was stored: garbage collection decides about the blob
-    let stored = match &origin {
-        Origin::Request { .. } => Some(app.store.metadata.enqueue(&job, app.policy.queue_limit).await?),
-        Origin::ResumableUpload => app.store.metadata.complete_upload(&job, app.policy.queue_limit).await?,
+    let enqueuing = async {
+        match &origin {
+            Origin::Request { .. } => app.store.metadata.enqueue(&job, app.policy.queue_limit).await.map(Some),
+            Origin::ResumableUpload => app.store.metadata.complete_upload(&job, app.policy.queue_limit).await,
+        }
     };
+    let stored = traces::step("enqueue", enqueuing).await?;
     let outcome = match stored {
         Some(Enqueue::Accepted(job)) => return Ok(Submitted { job: *job, replayed: false }),
         Some(Enqueue::Repeated(job)) => Ok(Submitted { job: *job, replayed: true }),
@@ -146,7 +151,7 @@ pub async fn checked(
     zip: &Path,
     upload: Upload,
 ) -> ApiResult<(JobRequest, Vec<Warning>)> {
-    let (layout, mut warnings) = inspect(app, zip.to_owned()).await?;
+    let (layout, mut warnings) = traces::step("inspect archive", inspect(app, zip.to_owned())).await?;
     let (request, more_warnings) = submission.to_request(upload, layout)?;
     warnings.extend(more_warnings);
     Ok((request, warnings))

@@ -9,3 +9,4 @@ pub mod problems;
 pub mod request_id;
 pub mod security;
 pub mod slot;
+pub mod trace;

@@ -1,5 +1,5 @@
-//! `X-Request-Id`: keeps the id of the client or makes one, and adds it to the answer and to the log lines of the
-//! request.
+//! `X-Request-Id`: keeps the id of the client or makes one, and adds it to the request, to its log lines and to the
+//! answer.
 
 use std::sync::Arc;
 
@@ -20,10 +20,11 @@ pub const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const MAX_LENGTH: usize = 128;
 
 /// The layer.
-pub async fn keep_or_make(request: Request, next: Next) -> Response {
+pub async fn keep_or_make(mut request: Request, next: Next) -> Response {
     let given = request.headers().get(&X_REQUEST_ID).filter(|id| is_printable(id)).cloned();
     let id = given.unwrap_or_else(make);
     let client = request.extensions().get::<Arc<Seat>>().map(|seat| seat.client(request.headers()));
+    request.headers_mut().insert(X_REQUEST_ID, id.clone());
     let span = log::span(id.to_str().unwrap_or_default(), client);
     let mut response = log::within(span, next.run(request)).await;
     response.headers_mut().insert(X_REQUEST_ID, id);

@@ -9,7 +9,13 @@ use axum::{
 
 use crate::{
     contract::{JobKind, artifact::StackArtifact},
-    http::{artifacts::picture, extract::JobId, job_resource::load, problem::ApiResult, state::App},
+    http::{
+        artifacts::{picture, redirect::MayRedirect},
+        extract::JobId,
+        job_resource::load,
+        problem::ApiResult,
+        state::App,
+    },
 };
 
 /// An endpoint for an artifact: whether it can be converted, documentation, name, artifact, path, operation, media
@@ -39,6 +45,7 @@ macro_rules! endpoint {
             params(
                 ("id" = String, Path, description = "Id of the stack"),
                 $(("Accept" = Option<String>, Header, description = $accept),)?
+                ("redirect" = Option<bool>, Query, description = "The client follows a redirect to the bucket of the service"),
                 ("Range" = Option<String>, Header, description = "One byte range"),
                 ("If-Range" = Option<String>, Header, description = "`ETag`: send the range only if the file still has this tag, otherwise the whole file"),
                 ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
@@ -48,6 +55,8 @@ macro_rules! endpoint {
                     ("ETag" = String, description = "SHA-256 of the stored file; with a suffix for a converted file"),
                     ("Content-Disposition" = String, description = "A file name made from label, scan and angles"))),
                 (status = 206, description = "The requested range"),
+                (status = 307, description = "With `redirect=true`, if the service signs URLs of its bucket: the stored file at `Location`, until the URL expires", headers(
+                    ("Location" = String, description = "A signed URL; send no token to it"))),
                 (status = 304, description = "The copy of the client is current"),
                 (status = 404, description = $absent),
                 (status = 409, description = "`not_finished`: the stack is queued or running"),
@@ -59,11 +68,12 @@ macro_rules! endpoint {
         pub async fn $name(
             State(app): State<App>,
             JobId(id): JobId,
+            redirect: MayRedirect,
             method: Method,
             headers: HeaderMap,
         ) -> ApiResult<Response> {
             let job = load(&app, id, JobKind::Stack).await?;
-            picture::answer(&app, &job, StackArtifact::$artifact, &method, &headers).await
+            picture::answer(&app, &job, StackArtifact::$artifact, &method, &headers, redirect).await
         }
     };
 }

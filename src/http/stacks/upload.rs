@@ -13,6 +13,7 @@ use crate::{
         artifacts::{
             download::{Download, content},
             name,
+            redirect::MayRedirect,
         },
         extract::JobId,
         job_resource::load,
@@ -34,6 +35,7 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
     tag = "stacks",
     params(
         ("id" = String, Path, description = "Id of the stack"),
+        ("redirect" = Option<bool>, Query, description = "The client follows a redirect to the bucket of the service"),
         ("Range" = Option<String>, Header, description = "One byte range"),
         ("If-Range" = Option<String>, Header, description = "`ETag`: send the range only if the file still has this tag, otherwise the whole file"),
         ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
@@ -44,6 +46,8 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
             ("Repr-Digest" = String, description = "SHA-256 of the whole zip, base64 (RFC 9530)"),
             ("Content-Disposition" = String, description = "The file name that the client gave, or one made from the id"))),
         (status = 206, description = "The requested range"),
+        (status = 307, description = "With `redirect=true`, if the service signs URLs of its bucket: the zip at `Location`, until the URL expires", headers(
+            ("Location" = String, description = "A signed URL; send no token to it"))),
         (status = 304, description = "The copy of the client is current"),
         (status = 404, description = "`not_found`"),
         (status = 410, description = "`upload_removed`: the zip was removed at the end of its retention period; the results are kept"),
@@ -51,7 +55,12 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
         (status = 416, description = "`range_not_satisfiable`"),
     )
 )]
-pub async fn upload(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) -> ApiResult<Response> {
+pub async fn upload(
+    State(app): State<App>,
+    JobId(id): JobId,
+    redirect: MayRedirect,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
     let job = load(&app, id, JobKind::Stack).await?;
     let stored = job.request.upload();
     if job.upload_removed {
@@ -63,6 +72,9 @@ pub async fn upload(State(app): State<App>, JobId(id): JobId, headers: HeaderMap
     let tag = stored.sha256.clone();
     let download =
         Download { content: Some(content), tag, media_type: "application/zip".to_owned(), name: name.clone() };
+    if let Some(redirect) = redirect.answer(&app, &download, &name::attachment(&name), &headers).await? {
+        return Ok(redirect);
+    }
     let mut response = download.answer(&headers).await?;
     let out = response.headers_mut();
     if out.contains_key(header::CONTENT_DISPOSITION) {

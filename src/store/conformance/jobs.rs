@@ -14,12 +14,14 @@ pub async fn an_accepted_job_is_queued_with_its_whole_request(store: Fresh) {
         request.options.scan = Some(name("beetle"));
         request.options.mask_threshold = pinstack_science::types::mask_options::MaskThreshold::Fixed(0.25);
     });
+    asked.trace = Some("00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01 a=1".into());
     asked.warnings.push(Warning::new("junk", "a file was passed over"));
     let accepted = accept(metadata, &asked).await;
     assert_eq!(accepted.request, asked.request);
     assert_eq!((accepted.state, accepted.attempt), (JobState::Queued, 0));
     assert_eq!(accepted.warnings, asked.warnings);
     assert_eq!(accepted.progress.stage, "waiting");
+    assert_eq!(accepted.trace, asked.trace);
     assert_eq!(job(metadata, asked.id).await, accepted);
     assert_eq!(metadata.job(Uuid::now_v7()).await.unwrap(), None);
 }

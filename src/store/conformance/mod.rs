@@ -133,6 +133,7 @@ pub fn stack() -> NewJob {
         warnings: vec![],
         idempotency: None,
         owner: None,
+        trace: None,
     }
 }
 

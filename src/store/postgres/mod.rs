@@ -55,9 +55,10 @@ const CHANGES: usize = 1024;
 const ARRIVALS: usize = 1;
 
 /// The migrations of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 3] = [
+const SCHEMA: [(i64, &str, &str); 4] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "store", include_str!("schema/0002_store.sql")),
+    (3, "trace", include_str!("schema/0003_trace.sql")),
     (4, "turns", include_str!("schema/0004_turns.sql")),
 ];
 

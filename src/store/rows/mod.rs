@@ -51,6 +51,7 @@ pub(in crate::store) struct JobRow {
     warnings: String,
     outcome: Option<String>,
     upload_removed: bool,
+    trace: Option<String>,
     pub(in crate::store) fingerprint: Option<String>,
 }
 
@@ -76,6 +77,7 @@ from_row!(JobRow {
     warnings,
     outcome,
     upload_removed,
+    trace,
     fingerprint
 });
 
@@ -114,6 +116,7 @@ impl TryFrom<JobRow> for Job {
             error: row.error.as_deref().map(|text| json::read(&label, text)).transpose()?,
             warnings: json::read(&label, &row.warnings)?,
             upload_removed: row.upload_removed,
+            trace: row.trace,
             outcome: row.outcome.as_deref().map(|text| json::read(&label, text)).transpose()?,
         })
     }

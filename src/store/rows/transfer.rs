@@ -102,6 +102,7 @@ pub(in crate::store) const TABLES: [Table; 9] = [
             ("share", Text),
             ("turn", Integer),
             ("turn_end", Integer),
+            ("trace", Text),
         ],
         is_numbered: true,
     },

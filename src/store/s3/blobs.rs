@@ -10,13 +10,16 @@ use std::{
 
 use async_trait::async_trait;
 use futures::stream::{BoxStream, StreamExt, TryStreamExt, iter};
-use object_store::ObjectMeta;
+use object_store::{ObjectMeta, signer::SignedUrlOptions};
 use tempfile::TempPath;
 
 use super::{bucket::Bucket, owner::MARK};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
-    blobs::{BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, UPLOADS, require_key, require_prefix},
+    blobs::{
+        BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, SignedAnswer, UPLOADS, require_key,
+        require_prefix,
+    },
     local::{blocking, remove},
 };
 
@@ -67,6 +70,16 @@ impl BlobStore for S3BlobStore {
         }
         let (path, key) = (file.path().to_owned(), key.to_owned());
         blocking(move || remove(&path).map_err(|error| cannot_use(&error, &key))).await
+    }
+
+    async fn signed_url(&self, key: &str, valid: Duration, answer: &SignedAnswer) -> StoreResult<Option<String>> {
+        let options = SignedUrlOptions::new().with_query([
+            ("response-content-type", answer.media_type.as_str()),
+            ("response-content-disposition", answer.disposition.as_str()),
+            // as the service says it: the file can be deleted
+            ("response-cache-control", "private, no-cache"),
+        ]);
+        self.bucket.signed_url(key, valid, &options).await.map(Some)
     }
 
     async fn share(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<SpoolFile>> {

@@ -16,6 +16,7 @@ use object_store::{
     RetryConfig, UploadPart,
     aws::{AmazonS3, AmazonS3Builder},
     path::Path,
+    signer::{Method, SignedUrlOptions, Signer},
 };
 use tokio::sync::Semaphore;
 
@@ -117,6 +118,17 @@ impl Bucket {
     /// Bytes of a small object, or of a part of one; `None` when there is none.
     pub(super) async fn get(&self, key: &str, range: Range<u64>) -> StoreResult<Option<Bytes>> {
         found(self.store.get_range(&self.path(key)?, range).await, || format!("read {key}"))
+    }
+
+    /// A URL of an object that is valid for some time, without a request.
+    pub(super) async fn signed_url(
+        &self,
+        key: &str,
+        valid: Duration,
+        options: &SignedUrlOptions,
+    ) -> StoreResult<String> {
+        let url = self.store.signed_url_opts(Method::GET, &self.path(key)?, valid, options).await;
+        url.map(String::from).map_err(cannot(|| format!("sign a URL of {key}")))
     }
 
     /// Stores a small object, in place of one that is there.

@@ -1,20 +1,14 @@
-//! The HTTP connection to the bucket: hyper with rustls and ring, as everywhere else in the service.
+//! The HTTP connection to the bucket: the client of [`crate::https`].
 //!
 //! Each request has a time limit until the head of its answer, and each piece of an answer another. A request that
 //! fails is repeated by `object_store`, within the limits that [`super::bucket`] sets.
 
-use std::{error::Error, path::Path, sync::Arc, time::Duration};
+use std::{error::Error, path::Path, time::Duration};
 
-use anyhow::Context;
 use async_trait::async_trait;
 use bytes::Bytes;
 use http_body_util::{BodyExt, StreamBody};
 use hyper::body::{Frame, Incoming};
-use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
-use hyper_util::{
-    client::legacy::{Client, connect::HttpConnector as TcpConnector},
-    rt::{TokioExecutor, TokioTimer},
-};
 use object_store::{
     ClientOptions,
     client::{
@@ -23,27 +17,20 @@ use object_store::{
     },
 };
 use tokio::time::timeout;
-use tokio_rustls::rustls::{
-    ClientConfig, RootCertStore,
-    crypto::ring,
-    pki_types::{CertificateDer, pem::PemObject},
-};
 
-/// Time until a connection exists.
-const CONNECT: Duration = Duration::from_secs(5);
+use crate::https::{self, HttpsClient};
+
 /// Time from the start of a request, whose body has a few MiB, to the head of the answer.
 const ANSWER: Duration = Duration::from_secs(60);
 /// Time between two pieces of an answer.
 const IDLE: Duration = Duration::from_secs(30);
-/// How long a connection is kept for the next request. Servers close theirs after about a minute.
-const KEEP: Duration = Duration::from_secs(20);
 
 /// Makes the HTTP client of a bucket.
 #[derive(Debug)]
 pub(super) struct Connector(Service);
 
 #[derive(Debug, Clone)]
-struct Service(Client<HttpsConnector<TcpConnector>, HttpRequestBody>);
+struct Service(HttpsClient<HttpRequestBody>);
 
 impl Connector {
     /// A client that trusts the public certificate authorities, and those in `ca_file`.
@@ -51,34 +38,8 @@ impl Connector {
     /// # Errors
     /// When the file has no certificate.
     pub(super) fn new(ca_file: Option<&Path>) -> anyhow::Result<Self> {
-        let mut tcp = TcpConnector::new();
-        tcp.set_connect_timeout(Some(CONNECT));
-        tcp.set_nodelay(true);
-        // that only https is used is decided by the URL of the server
-        tcp.enforce_http(false);
-        let https = HttpsConnectorBuilder::new().with_tls_config(tls(ca_file)?).https_or_http().enable_http1();
-        let mut client = Client::builder(TokioExecutor::new());
-        client.pool_timer(TokioTimer::new()).pool_idle_timeout(KEEP);
-        Ok(Self(Service(client.build(https.wrap_connector(tcp)))))
+        Ok(Self(Service(https::client("storage_ca_file", ca_file)?)))
     }
-}
-
-fn tls(ca_file: Option<&Path>) -> anyhow::Result<ClientConfig> {
-    let mut roots = RootCertStore::from_iter(webpki_roots::TLS_SERVER_ROOTS.iter().cloned());
-    if let Some(file) = ca_file {
-        let what = || format!("storage_ca_file: cannot read a certificate in PEM from {}", file.display());
-        let certificates: Vec<_> =
-            CertificateDer::pem_file_iter(file).and_then(Iterator::collect::<Result<_, _>>).with_context(what)?;
-        if certificates.is_empty() {
-            anyhow::bail!(what());
-        }
-        for certificate in certificates {
-            roots.add(certificate).with_context(what)?;
-        }
-    }
-    let builder = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-        .with_safe_default_protocol_versions()?;
-    Ok(builder.with_root_certificates(roots).with_no_client_auth())
 }
 
 impl HttpConnector for Connector {

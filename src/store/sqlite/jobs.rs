@@ -263,9 +263,9 @@ async fn insert_behind(
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
-                           idempotency_key, fingerprint, owner, upload_bytes, priority, share, turn, turn_end)
+                           idempotency_key, fingerprint, owner, upload_bytes, priority, share, turn, turn_end, trace)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11, ?12, ?13,
-                 ?14, ?15, ?16, ?17)
+                 ?14, ?15, ?16, ?17, ?18)
          RETURNING *",
     )
     .bind(job.id)
@@ -285,6 +285,7 @@ async fn insert_behind(
     .bind(&place.share)
     .bind(turn)
     .bind(turn.saturating_add(place.work))
+    .bind(job.trace.as_deref())
     .fetch_one(&mut *connection)
     .await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))

@@ -42,7 +42,7 @@ const CHANGES: usize = 1024;
 const ARRIVALS: usize = 1;
 
 /// The migrations of the schema, in order. A published one is never edited.
-const SCHEMA: [(i64, &str, &str); 9] = [
+const SCHEMA: [(i64, &str, &str); 10] = [
     (1, "rows", include_str!("schema/0001_rows.sql")),
     (2, "uploads", include_str!("schema/0002_uploads.sql")),
     (3, "tokens", include_str!("schema/0003_tokens.sql")),
@@ -51,6 +51,7 @@ const SCHEMA: [(i64, &str, &str); 9] = [
     (6, "heads", include_str!("schema/0006_heads.sql")),
     (7, "pauses", include_str!("schema/0007_pauses.sql")),
     (8, "scans", include_str!("schema/0008_scans.sql")),
+    (9, "trace", include_str!("schema/0009_trace.sql")),
     (10, "turns", include_str!("schema/0010_turns.sql")),
 ];
 
