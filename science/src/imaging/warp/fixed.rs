@@ -72,6 +72,7 @@ impl Fixed {
 
     /// Computes the pixels of `out` from the source positions `us`, `vs`.
     pub(super) fn weigh<const C: usize>(&self, source: &Source<'_, u8, C>, (us, vs): (&[i32], &[i32]), out: &mut [u8]) {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "there are kernels for x86 alone"))]
         let mut done = 0..0;
         #[cfg(target_arch = "x86_64")]
         if C == 3
@@ -116,14 +117,17 @@ impl Fixed {
         }
     }
 
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn weights(&self, u: i32, v: i32) -> (&AlongX, &[[i16; 8]; 4]) {
         (&self.x[u as usize & (PHASES - 1)], &self.y[v as usize & (PHASES - 1)])
     }
 
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn half(&self) -> i32 {
         self.half
     }
 
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn shift(&self) -> u32 {
         self.shift
     }

@@ -29,6 +29,7 @@ impl Float {
         (us, vs): (&[i32], &[i32]),
         out: &mut [S],
     ) {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "there are kernels for x86 alone"))]
         let mut done = 0..0;
         #[cfg(target_arch = "x86_64")]
         if let Some(simd) = self.simd {
