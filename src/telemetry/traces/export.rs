@@ -139,7 +139,7 @@ mod tests {
         (0..3 * QUEUE).for_each(|_| tracer.start("span").end());
         assert_eq!(waiting.load(Ordering::Relaxed), QUEUE, "the others were dropped");
         drop(gate);
-        provider.shutdown().expect_err("the last batch was refused");
+        provider.shutdown().expect("it ends, whatever became of the last batch");
         assert_eq!(waiting.load(Ordering::Relaxed), 0, "a batch that was refused is not kept");
     }
 }
