@@ -58,6 +58,7 @@ macro_rules! endpoint {
                 (status = 307, description = "With `redirect=true`, if the service signs URLs of its bucket: the stored file at `Location`, until the URL expires", headers(
                     ("Location" = String, description = "A signed URL; send no token to it"))),
                 (status = 304, description = "The copy of the client is current"),
+                (status = 400, description = "`invalid_request`: `redirect` is neither `true` nor `false`, or is given twice"),
                 (status = 404, description = $absent),
                 (status = 409, description = "`not_finished`: the stack is queued or running"),
                 (status = 412, description = "`precondition_failed`: the file does not have the tag in `If-Match`"),

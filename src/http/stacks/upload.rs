@@ -49,6 +49,7 @@ const REPR_DIGEST: HeaderName = HeaderName::from_static("repr-digest");
         (status = 307, description = "With `redirect=true`, if the service signs URLs of its bucket: the zip at `Location`, until the URL expires", headers(
             ("Location" = String, description = "A signed URL; send no token to it"))),
         (status = 304, description = "The copy of the client is current"),
+        (status = 400, description = "`invalid_request`: `redirect` is neither `true` nor `false`, or is given twice"),
         (status = 404, description = "`not_found`"),
         (status = 410, description = "`upload_removed`: the zip was removed at the end of its retention period; the results are kept"),
         (status = 412, description = "`precondition_failed`: the zip does not have the tag in `If-Match`"),

@@ -4,8 +4,8 @@
 //! required, a rig and a token. So a scan of 400 views from one rig does not block the stacks of another.
 //!
 //! The scheme is start-time fair queueing (Goyal, Vin and Cheng 1996). The work of a job is the size of its zip. Each
-//! job is given a number at acceptance, its `turn`: the work that its share had sent before. A share that sent less than
-//! others starts where they are now, so it neither waits for what they did in the past nor overtakes all of it:
+//! job is given a number at acceptance, its `turn`: the work that its share had sent before. A share that sent less
+//! than others starts where they are now, so it neither waits for what they did in the past nor overtakes all of it:
 //!
 //! ```text
 //! turn     = max(turn of the latest job that started, turn_end of the latest job of the share)
