@@ -82,7 +82,7 @@ impl Executor {
             events::stage_done(kind, stage, time);
         }
         trace.ending(ending.event(), ending.fault());
-        match traces::step("publish", self.write_end(&job, &ending)).await {
+        match traces::section("publish", self.write_end(&job, &ending)).await {
             Ok(true) => {
                 if let Ending::Finished(Finish::Failed(fault)) = &ending {
                     events::failed(kind, fault.code);
@@ -106,11 +106,11 @@ impl Executor {
         trace: &Trace,
     ) -> Result<Finish, Stopped> {
         let started = Instant::now();
-        let _admitted = match traces::step("admit", self.admit(job, keeper, gate)).await? {
+        let _admitted = match traces::section("admit", self.admit(job, keeper, gate)).await? {
             Ok(admitted) => admitted,
             Err(fault) => return Ok(Finish::Failed(fault)),
         };
-        let (profile, archive) = traces::step("fetch input", self.input_of(job)).await?;
+        let (profile, archive) = traces::section("fetch input", self.input_of(job)).await?;
         step("scratch.make")
             .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
         let scratch = tempfile::Builder::new()
@@ -127,7 +127,7 @@ impl Executor {
         let output = self.on_a_thread(context, Arc::clone(keeper)).await;
         trace.add_stages(keeper);
         let output = output?;
-        traces::step("store results", self.store_files(&output)).await?;
+        traces::section("store results", self.store_files(&output)).await?;
         let mut warnings = job.warnings.clone();
         warnings.extend(output.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
         Ok(Finish::Succeeded { outcome: Box::new(output.outcome), warnings, profile: output.profile })

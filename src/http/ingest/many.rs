@@ -80,7 +80,7 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
             job.owner = owner;
         }
         let key = upload_key(job.id);
-        let stored = traces::step("store upload", app.store.blobs.put(&key, file)).await;
+        let stored = traces::section("store upload", app.store.blobs.put(&key, file)).await;
         jobs.push(job);
         if let Err(error) = stored {
             remove_blobs(app, &jobs).await;
@@ -95,7 +95,7 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
             ManyOrigin::ResumableUpload(id) => app.store.metadata.complete_scan_upload(id, &jobs, limit).await,
         }
     };
-    let enqueued = traces::step("enqueue", enqueuing).await?;
+    let enqueued = traces::section("enqueue", enqueuing).await?;
     let error = match (enqueued, origin) {
         (Some(EnqueueAll::Accepted(jobs)), _) => return Ok(jobs),
         (Some(EnqueueAll::Refused(Enqueue::Repeated(job))), _) => {

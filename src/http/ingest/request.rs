@@ -69,7 +69,7 @@ impl<'a> IngestRequest<'a> {
         fields: Fields,
         body: Body,
     ) -> ApiResult<(S, SpooledZip)> {
-        traces::step("receive upload", receive(self, target, fields, body)).await
+        traces::section("receive upload", receive(self, target, fields, body)).await
     }
 
     /// Makes the job. It is made even when the client disconnects: all bytes are here.

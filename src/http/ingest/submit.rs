@@ -106,7 +106,7 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
     let upload = Upload { key: key.clone(), bytes, sha256, filename };
     let (request, warnings) = checked(app, submission, file.path(), upload).await?;
     if let ZipFile::Spooled(file) = file {
-        traces::step("store upload", app.store.blobs.put(&key, file)).await?;
+        traces::section("store upload", app.store.blobs.put(&key, file)).await?;
     }
     let (rig, lens) = submission.profile_key();
     let (owner, idempotency) = match &origin {
@@ -122,7 +122,7 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
             Origin::ResumableUpload => app.store.metadata.complete_upload(&job, app.policy.queue_limit).await,
         }
     };
-    let stored = traces::step("enqueue", enqueuing).await?;
+    let stored = traces::section("enqueue", enqueuing).await?;
     let outcome = match stored {
         Some(Enqueue::Accepted(job)) => return Ok(Submitted { job: *job, replayed: false }),
         Some(Enqueue::Repeated(job)) => Ok(Submitted { job: *job, replayed: true }),
@@ -151,7 +151,7 @@ pub async fn checked(
     zip: &Path,
     upload: Upload,
 ) -> ApiResult<(JobRequest, Vec<Warning>)> {
-    let (layout, mut warnings) = traces::step("inspect archive", inspect(app, zip.to_owned())).await?;
+    let (layout, mut warnings) = traces::section("inspect archive", inspect(app, zip.to_owned())).await?;
     let (request, more_warnings) = submission.to_request(upload, layout)?;
     warnings.extend(more_warnings);
     Ok((request, warnings))

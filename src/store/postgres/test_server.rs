@@ -26,7 +26,7 @@ as() { $user "$@"; }
 cd "$folder"
 as "$bin/initdb" -D "$folder/data" -U postgres -A trust -E UTF8 --no-sync >"$folder/log" 2>&1
 as "$bin/pg_ctl" -D "$folder/data" -w -l "$folder/server.log" \
-  -o "-c listen_addresses= -c unix_socket_directories=$folder -c fsync=off -c max_connections=300" start >/dev/null
+  -o "-c listen_addresses= -c unix_socket_directories=$folder -c fsync=off -c max_connections=600" start >/dev/null
 printf 'cd %s; %s "%s/pg_ctl" -D data -w -m fast -l server.log restart >/dev/null' "$folder" "$user" "$bin" >"$folder/restart"
 echo "$folder"
 cat >/dev/null

@@ -31,4 +31,4 @@ mod export;
 pub mod span;
 
 pub use collector::{Collector, Export, inspect, start};
-pub use span::{JobFacts, OpenSpan, carried, carried_by_thread, for_the_row, job, queued, request, step, within};
+pub use span::{JobFacts, OpenSpan, carried, carried_by_thread, for_the_row, job, queued, request, section, within};

@@ -136,12 +136,12 @@ pub async fn within<F: Future>(span: Option<&OpenSpan>, work: F) -> F::Output {
     }
 }
 
-/// Runs a step of the current request or job in a span of its own, which fails if the step does. Without a current span
-/// it is just the step.
+/// Runs a section of the current request or job in a span of its own, which fails if the section does. Without a current
+/// span it is just that work.
 ///
 /// # Errors
-/// Those of the step.
-pub async fn step<T, E>(name: &'static str, work: impl Future<Output = Result<T, E>>) -> Result<T, E> {
+/// Those of the work.
+pub async fn section<T, E>(name: &'static str, work: impl Future<Output = Result<T, E>>) -> Result<T, E> {
     let Some(span) = child(name) else { return work.await };
     let done = work.with_context(span.0.clone()).await;
     if done.is_err() {
