@@ -136,8 +136,8 @@ pub async fn within<F: Future>(span: Option<&OpenSpan>, work: F) -> F::Output {
     }
 }
 
-/// Runs a section of the current request or job in a span of its own, which fails if the section does. Without a current
-/// span it is just that work.
+/// Runs a section of the current request or job in a span of its own, which fails if the section does. Without a
+/// current span it is just that work.
 ///
 /// # Errors
 /// Those of the work.
