@@ -237,8 +237,8 @@ pub struct StackOptions {
     pub tilt_deg: Option<f64>,
     /// Delete upload and results this many days after the end. Default: never.
     pub keep_days: Option<u32>,
-    /// `high`: before all others; `normal`; or `low`: only when no other job waits. Within a priority, rigs (and
-    /// tokens) take turns. Calibrations are `high`.
+    /// `high`: before the other jobs of its rig, as calibrations are; `normal`; or `low`: only when no job of any rig
+    /// waits. Rigs take turns.
     pub priority: Priority,
 }
 

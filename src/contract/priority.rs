@@ -3,15 +3,15 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Which jobs are fused first. Within a priority, rigs take turns.
+/// Which jobs of a rig are fused first. Rigs take turns.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Priority {
-    /// Before all others. Calibrations have it: somebody waits beside the rig.
+    /// Before the other jobs of its rig. Calibrations have it: somebody waits beside the rig.
     High,
     /// As stacks are, unless they ask for another.
     #[default]
     Normal,
-    /// Only when no other job waits, such as a whole collection that is fused again.
+    /// Only when no other job of any rig waits. For a collection that is fused again.
     Low,
 }

@@ -89,7 +89,7 @@ impl JobRequest {
         }
     }
 
-    /// Which jobs come first.
+    /// Which jobs of its rig it comes before.
     pub fn priority(&self) -> Priority {
         match self {
             Self::Stack(request) => request.options.priority,

@@ -93,14 +93,42 @@ pub async fn a_turn_is_measured_by_the_size_of_the_zips(store: Fresh) {
     assert_eq!(run_all(metadata).await, expected);
 }
 
-pub async fn a_higher_priority_comes_first_and_calibrations_have_the_highest(store: Fresh) {
+pub async fn a_high_priority_passes_the_jobs_of_its_rig_and_a_low_one_waits_for_all(store: Fresh) {
     let metadata = &*store.metadata;
     let low = send(metadata, "rig", 1, Priority::Low).await;
     let first = normal(metadata, "rig").await;
     let second = normal(metadata, "rig").await;
     let high = send(metadata, "rig", 1, Priority::High).await;
+    let other = normal(metadata, "other").await;
+    assert_eq!(run_all(metadata).await, [high, first, other, second, low]);
+}
+
+pub async fn a_calibration_passes_the_stacks_of_its_rig(store: Fresh) {
+    let metadata = &*store.metadata;
+    let mut scan = Vec::new();
+    for _ in 0..3 {
+        scan.push(normal(metadata, "rig").await);
+    }
+    assert_eq!(run_next(metadata).await, scan[0]);
     let target = accept(metadata, &calibration()).await.id;
-    assert_eq!(run_all(metadata).await, [high, target, first, second, low]);
+    assert_eq!(run_all(metadata).await, [target, scan[1], scan[2]]);
+}
+
+pub async fn a_rig_whose_jobs_are_all_urgent_does_not_push_others_aside(store: Fresh) {
+    let metadata = &*store.metadata;
+    let mut urgent = Vec::new();
+    for _ in 0..8 {
+        urgent.push(send(metadata, "macro", 1, Priority::High).await);
+    }
+    let mut others = Vec::new();
+    for _ in 0..4 {
+        others.push(normal(metadata, "micro").await);
+    }
+    let ran = run_all(metadata).await;
+    let first_half = &ran[..8];
+    let of_others = first_half.iter().filter(|id| others.contains(id)).count();
+    assert!(of_others >= 3, "{of_others} of the first 8 jobs were of the other rig, which had sent 4");
+    assert_eq!(first_half[0], urgent[0]);
 }
 
 pub async fn cancelled_stacks_cost_their_rig_no_turn(store: Fresh) {

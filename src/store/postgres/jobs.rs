@@ -14,8 +14,12 @@ use crate::{
         BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
         json,
         rows::{
-            JobRow, blob_keys, counts, keep_ms, kind, kind_name, listed, page::Window, signed, state,
-            transition::Transition, turn::Turn, unsigned,
+            JobRow, blob_keys, counts, keep_ms, kind, kind_name, listed,
+            page::Window,
+            signed, state,
+            transition::Transition,
+            turn::{Queue, Turn},
+            unsigned,
         },
     },
 };
@@ -93,7 +97,7 @@ impl JobQueue for PostgresMetadata {
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
         let ids = sqlx::query_scalar(
             "SELECT id FROM jobs WHERE state = 'queued' AND NOT delete_requested
-             ORDER BY priority, turn, seq LIMIT $1",
+             ORDER BY background, turn, seq LIMIT $1",
         );
         Ok(ids.bind(i64::from(limit)).fetch_all(&self.pool).await?)
     }
@@ -209,14 +213,6 @@ async fn waiting(connection: &mut PgConnection) -> StoreResult<u64> {
     Ok(unsigned(waiting.fetch_one(connection).await?))
 }
 
-/// The queue that a job joins.
-struct Queue {
-    /// Number of queued jobs.
-    waiting: u64,
-    /// Largest number of them.
-    limit: u64,
-}
-
 /// Enqueues a job behind those that wait.
 async fn insert_behind(
     store: &PostgresMetadata,
@@ -248,7 +244,7 @@ async fn insert_behind(
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
-                           idempotency_key, fingerprint, owner, upload_bytes, priority, share, turn, turn_end, trace)
+                           idempotency_key, fingerprint, owner, upload_bytes, background, share, turn, turn_end, trace)
          VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13,
                  $14, $15, $16, $17, $18)
          RETURNING *",
@@ -266,7 +262,7 @@ async fn insert_behind(
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
     .bind(signed(job.request.upload().bytes))
-    .bind(place.priority)
+    .bind(place.background)
     .bind(&place.share)
     .bind(turn)
     .bind(turn.saturating_add(place.work))
@@ -280,10 +276,11 @@ async fn insert_behind(
 async fn next_turn(connection: &mut PgConnection, place: &Turn) -> StoreResult<i64> {
     let turn = sqlx::query_scalar(
         "SELECT GREATEST(
-             COALESCE((SELECT max(turn) FROM jobs WHERE priority = $1 AND started_at IS NOT NULL), 0),
-             COALESCE((SELECT max(turn_end) FROM jobs WHERE share = $2 AND priority = $1 AND state <> 'cancelled'), 0))",
+             COALESCE((SELECT max(turn) FROM jobs WHERE background = $1 AND started_at IS NOT NULL), 0) - $3::bigint,
+             COALESCE((SELECT max(turn_end) FROM jobs WHERE share = $2 AND state <> 'cancelled'), -$3::bigint))",
     );
-    Ok(turn.bind(place.priority).bind(&place.share).fetch_one(connection).await?)
+    let turn = turn.bind(place.background).bind(&place.share).bind(place.lead);
+    Ok(turn.fetch_one(connection).await?)
 }
 
 async fn find_by_idempotency_key(

@@ -62,11 +62,11 @@ impl PostgresMetadata {
                  version = version + 1, claim_after = NULL, started_at = COALESCE(started_at, $2)
              WHERE seq = COALESCE(
                  (SELECT seq FROM jobs WHERE state = 'running' AND id = ANY($3)
-                  ORDER BY priority, turn, seq LIMIT 1),
+                  ORDER BY background, turn, seq LIMIT 1),
                  (SELECT seq FROM jobs
                   WHERE state = 'queued'
                     AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5::bigint)
-                  ORDER BY priority, turn, seq LIMIT 1
+                  ORDER BY background, turn, seq LIMIT 1
                   FOR UPDATE SKIP LOCKED))
              RETURNING *",
         )

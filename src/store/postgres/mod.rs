@@ -200,31 +200,37 @@ impl PostgresMetadata {
     /// The same, and notifies the listeners of every process.
     async fn commit_changes(
         &self,
-        mut transaction: Transaction<'static, Postgres>,
+        transaction: Transaction<'static, Postgres>,
         name: &'static str,
         ids: &[Uuid],
     ) -> StoreResult<()> {
-        self.notifications.send(&mut transaction, ids, Kind::Change).await?;
-        self.commit(transaction, name).await?;
-        for id in ids {
-            let _ = self.changes.send(*id);
-        }
-        Ok(())
+        self.commit_and_tell(transaction, name, ids, Kind::Change).await
     }
 
     /// The same for jobs that joined the queue: workers hear of them too.
     async fn commit_arrivals(
         &self,
-        mut transaction: Transaction<'static, Postgres>,
+        transaction: Transaction<'static, Postgres>,
         name: &'static str,
         ids: &[Uuid],
     ) -> StoreResult<()> {
-        self.notifications.send(&mut transaction, ids, Kind::Arrival).await?;
+        self.commit_and_tell(transaction, name, ids, Kind::Arrival).await?;
+        let _ = self.arrivals.send(());
+        Ok(())
+    }
+
+    async fn commit_and_tell(
+        &self,
+        mut transaction: Transaction<'static, Postgres>,
+        name: &'static str,
+        ids: &[Uuid],
+        kind: Kind,
+    ) -> StoreResult<()> {
+        self.notifications.send(&mut transaction, ids, kind).await?;
         self.commit(transaction, name).await?;
         for id in ids {
             let _ = self.changes.send(*id);
         }
-        let _ = self.arrivals.send(());
         Ok(())
     }
 }

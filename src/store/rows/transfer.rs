@@ -98,7 +98,7 @@ pub(in crate::store) const TABLES: [Table; 9] = [
             ("upload_bytes", Integer),
             ("result_bytes", Integer),
             ("upload_removed", Flag),
-            ("priority", Integer),
+            ("background", Integer),
             ("share", Text),
             ("turn", Integer),
             ("turn_end", Integer),

@@ -38,11 +38,11 @@ impl Leases for SqliteMetadata {
                  version = version + 1, claim_after = NULL, started_at = COALESCE(started_at, ?2)
              WHERE seq = COALESCE(
                  (SELECT seq FROM jobs WHERE state = 'running' AND id IN (SELECT unhex(value) FROM json_each(?3))
-                  ORDER BY priority, turn, seq LIMIT 1),
+                  ORDER BY background, turn, seq LIMIT 1),
                  -- without a statistic of the table, SQLite would sort the whole queue
                  (SELECT seq FROM jobs INDEXED BY jobs_that_wait
                   WHERE state = 'queued' AND (claim_after IS NULL OR claim_after <= ?2 OR claim_after > ?2 + ?5)
-                  ORDER BY priority, turn, seq LIMIT 1))
+                  ORDER BY background, turn, seq LIMIT 1))
              RETURNING *",
         )
         .bind(later(now, lease))

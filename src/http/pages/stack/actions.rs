@@ -35,7 +35,11 @@ const CHOICES: [Choice; 9] = [
     ("bit_depth", "Bits", &[("8", "8"), ("16", "16"), ("auto", "as the slices")]),
     ("order", "Order of the slices", &[("name", "by name"), ("reverse", "reverse")]),
     ("height", "Height map", &[("none", "none"), ("auto", "measured")]),
-    ("priority", "Priority", &[("high", "high"), ("normal", "normal"), ("low", "low: when no other job waits")]),
+    (
+        "priority",
+        "Priority",
+        &[("high", "high: before others of this rig"), ("normal", "normal"), ("low", "low: when no other job waits")],
+    ),
 ];
 
 /// The form for another run with other options.

@@ -1,9 +1,9 @@
--- The order of the queue: by priority, then rigs in turn (see store/rows/turn.rs).
-ALTER TABLE jobs ADD COLUMN priority bigint NOT NULL DEFAULT 1; -- 0 high, 1 normal, 2 low
-ALTER TABLE jobs ADD COLUMN share text NOT NULL DEFAULT '';     -- whose turn it takes: the rig, and the token if there is one
-ALTER TABLE jobs ADD COLUMN turn bigint NOT NULL DEFAULT 0;     -- the work that its share had sent before, KiB
-ALTER TABLE jobs ADD COLUMN turn_end bigint NOT NULL DEFAULT 0; -- with its own work
+-- The order of the queue: rigs take turns (see store/rows/turn.rs).
+ALTER TABLE jobs ADD COLUMN background bigint NOT NULL DEFAULT 0; -- 1: claimed only when no other job waits
+ALTER TABLE jobs ADD COLUMN share text NOT NULL DEFAULT '';       -- whose turn it takes: token, rig and priority
+ALTER TABLE jobs ADD COLUMN turn bigint NOT NULL DEFAULT 0;       -- the work of its share before it, KiB
+ALTER TABLE jobs ADD COLUMN turn_end bigint NOT NULL DEFAULT 0;   -- with its own work
 
-CREATE INDEX jobs_that_wait ON jobs (priority, turn, seq) WHERE state = 'queued';
-CREATE INDEX jobs_that_started ON jobs (priority, turn) WHERE started_at IS NOT NULL;
-CREATE INDEX jobs_by_share ON jobs (share, priority, turn_end);
+CREATE INDEX jobs_that_wait ON jobs (background, turn, seq) WHERE state = 'queued';
+CREATE INDEX jobs_that_started ON jobs (background, turn) WHERE started_at IS NOT NULL;
+CREATE INDEX jobs_by_share ON jobs (share, turn_end);
