@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use futures::future::BoxFuture;
 use tokio::{
     sync::{
         Notify,
@@ -18,11 +19,14 @@ use tokio::{
 };
 use uuid::Uuid;
 
-use crate::store::MetadataStore;
+use crate::store::{MetadataStore, StoreResult};
+
+/// Reads the versions of jobs, as [`JobQueue::versions`](crate::store::JobQueue::versions) does.
+type ReadVersions = Box<dyn Fn(Vec<Uuid>) -> BoxFuture<'static, StoreResult<Vec<(Uuid, i64)>>> + Send + Sync>;
 
 /// The jobs that requests of this process wait for.
 pub struct JobWatch {
-    metadata: Arc<dyn MetadataStore>,
+    read: ReadVersions,
     interval: Duration,
     waiters: Mutex<Waiters>,
 }
@@ -44,9 +48,17 @@ struct Waiter {
 }
 
 impl JobWatch {
-    /// A watch that polls every `interval` while something waits.
+    /// A watch over the jobs of a store, which polls every `interval` while something waits.
     pub fn new(metadata: Arc<dyn MetadataStore>, interval: Duration) -> Arc<Self> {
-        Arc::new(Self { metadata, interval, waiters: Mutex::default() })
+        let read: ReadVersions = Box::new(move |jobs| {
+            let metadata = Arc::clone(&metadata);
+            Box::pin(async move { metadata.versions(&jobs).await })
+        });
+        Self::reading(read, interval)
+    }
+
+    fn reading(read: ReadVersions, interval: Duration) -> Arc<Self> {
+        Arc::new(Self { read, interval, waiters: Mutex::default() })
     }
 
     /// Returns when the job may have another version than `version`. `changes` is a receiver of
@@ -84,7 +96,7 @@ impl JobWatch {
             };
             jobs.sort_unstable();
             jobs.dedup();
-            let versions = self.metadata.versions(&jobs).await.map(HashMap::<Uuid, i64>::from_iter);
+            let versions = (self.read)(jobs.clone()).await.map(HashMap::<Uuid, i64>::from_iter);
             for waiter in self.waiters().by_ticket.values() {
                 // when the store cannot be read, each request reads its job itself and answers accordingly
                 let is_current = versions.as_ref().is_ok_and(|found| found.get(&waiter.job) == Some(&waiter.version));
@@ -122,5 +134,36 @@ impl Ticket {
 impl Drop for Ticket {
     fn drop(&mut self) {
         self.watch.waiters().by_ticket.remove(&self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use futures::future::join_all;
+    use tokio::sync::broadcast;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn however_many_requests_wait_each_poll_is_one_query() {
+        let queries = Arc::new(AtomicUsize::new(0));
+        let jobs: Vec<Uuid> = (0..500).map(Uuid::from_u128).collect();
+        let counted = Arc::clone(&queries);
+        // another process changes all jobs after the second poll
+        let read: ReadVersions = Box::new(move |asked| {
+            let version = if counted.fetch_add(1, Ordering::Relaxed) < 2 { 1 } else { 2 };
+            Box::pin(async move { Ok(asked.into_iter().map(|job| (job, version)).collect()) })
+        });
+        let watch = JobWatch::reading(read, Duration::from_millis(1));
+        let (sender, _) = broadcast::channel(1);
+        join_all(jobs.iter().map(|job| {
+            let (watch, mut changes) = (Arc::clone(&watch), sender.subscribe());
+            async move { watch.changed(&mut changes, *job, 1).await }
+        }))
+        .await;
+        assert_eq!(queries.load(Ordering::Relaxed), 3);
+        assert!(watch.waiters().by_ticket.is_empty(), "nothing is left of a request that waited");
     }
 }
