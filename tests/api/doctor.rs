@@ -1,6 +1,10 @@
 //! `pinstack doctor` says whether a service can run, and changes nothing.
 
-use std::{collections::BTreeMap, path::Path, process::Output};
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    process::{Output, Stdio},
+};
 
 use serde_json::Value;
 
@@ -116,5 +120,20 @@ async fn schemas_of_other_versions_are_recognised() {
         let (_, findings) = doctor(&data, &[]);
         let (level, detail) = &findings["database"];
         assert!(level == expected && detail.contains(told), "{findings:?}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for form in [&["doctor"][..], &["doctor", "--json"]] {
+        let mut command = pinstack(form, &folder.path().join("data"));
+        command.env("PINSTACK_LISTEN", "127.0.0.1:0").env("PINSTACK_MIN_FREE_BYTES", "0");
+        command.env("PINSTACK_MAX_UPLOAD_BYTES", "1024").env("PINSTACK_MEMORY_MB", "64");
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+        // as `head` does when it has its lines
+        drop(child.stdout.take());
+        let done = child.wait_with_output().expect("it ends");
+        assert!(done.status.success(), "{form:?}: {}", String::from_utf8_lossy(&done.stderr));
     }
 }

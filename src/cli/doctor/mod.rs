@@ -9,6 +9,8 @@ mod storage;
 
 use std::path::PathBuf;
 
+use std::io::{self, Write};
+
 use anyhow::bail;
 use clap::Args;
 use serde::Serialize;
@@ -107,17 +109,22 @@ fn findings(config: &ServeConfig) -> anyhow::Result<Vec<Finding>> {
 }
 
 fn print(findings: &[Finding], json: bool) -> anyhow::Result<()> {
-    if json {
-        println!("{}", serde_json::to_string_pretty(findings)?);
-        return Ok(());
+    let text = if json { serde_json::to_string_pretty(findings)? + "\n" } else { lines(findings) };
+    match io::stdout().write_all(text.as_bytes()) {
+        // the reader has seen enough, such as `head`
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        written => Ok(written?),
     }
-    for Finding { check, level, detail } in findings {
+}
+
+fn lines(findings: &[Finding]) -> String {
+    let line = |Finding { check, level, detail }: &Finding| {
         let level = match level {
             Level::Ok => "ok",
             Level::Warning => "warning",
             Level::Problem => "PROBLEM",
         };
-        println!("{level:<8} {check}: {detail}");
-    }
-    Ok(())
+        format!("{level:<8} {check}: {detail}\n")
+    };
+    findings.iter().map(line).collect()
 }
