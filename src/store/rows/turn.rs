@@ -1,22 +1,22 @@
 //! The order in which jobs are claimed.
 //!
 //! *Shares* take turns. A share is a rig; where tokens are required, a rig and a token. So a scan of 400 views from one
-//! rig does not block the stacks of another. Jobs of high priority have a turn of their own: they pass the other jobs of
-//! their rig, but a rig never has more than these two turns, however many of its jobs are urgent. Jobs of low priority
-//! wait until no other job does, and take turns among themselves.
+//! rig does not block the stacks of another. Jobs of high priority have a turn of their own: they pass the other jobs
+//! of their rig, but a rig never has more than these two turns, however many of its jobs are urgent. Jobs of low
+//! priority wait until no other job does, and take turns among themselves.
 //!
-//! The scheme is start-time fair queueing (Goyal, Vin and Cheng 1996). The work of a job is the size of its zip. A job is
-//! given a number at acceptance, its `turn`: the work that its share had sent before. A share that sent less than others
-//! starts where they are now, so it neither waits for what they did in the past nor overtakes all of it:
+//! The scheme is start-time fair queueing (Goyal, Vin and Cheng 1996). The work of a job is the size of its zip. A job
+//! is given a number at acceptance, its `turn`: the work that its share had sent before. A share that sent less than
+//! others starts where they are now, so it neither waits for what they did in the past nor overtakes all of it:
 //!
 //! ```text
 //! turn     = max(turn of the latest job that started, turn_end of the latest job of the share)
 //! turn_end = turn + work
 //! ```
 //!
-//! The job with the lowest turn is next; of equal ones, the one that was accepted first. A job that returns to the queue
-//! keeps its turn. Both numbers on the right are the ends of indexes, and so is the next job: a long queue costs no more
-//! than a short one.
+//! The job with the lowest turn is next; of equal ones, the one that was accepted first. A job that returns to the
+//! queue keeps its turn. Both numbers on the right are the ends of indexes, and so is the next job: a long queue costs
+//! no more than a short one.
 
 use uuid::Uuid;
 
