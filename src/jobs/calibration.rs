@@ -1,7 +1,10 @@
 //! The calibration job: reads the archive of a dot target, calibrates, and writes one overlay per slice and the report.
 
 use crate::contract::JobError;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{
+    Arc,
+    atomic::{AtomicUsize, Ordering},
+};
 
 use rayon::prelude::*;
 
@@ -47,7 +50,7 @@ pub fn run(
 ) -> Result<JobOutput, JobError> {
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open(&context.archive, limits)?;
+    let archive = archive::open_shared(Arc::clone(&context.archive), limits)?;
     reading.progress("reading", 1, 1);
 
     let control = Phase::new(sink, &MEASURING, READ, MEASURED);

@@ -20,14 +20,14 @@ pub(crate) mod testkit;
 mod threads;
 mod thumbnails;
 
-use std::{path::PathBuf, time::Instant};
+use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use crate::{
     contract::{JobError, Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
     store::{Job, ProfileDraft},
 };
 use pinstack_science::{
-    archive::ArchiveLimits,
+    archive::{ArchiveLimits, ReadAt},
     types::{Cancelled, Warning},
 };
 pub use slice_view::slice_view;
@@ -76,8 +76,8 @@ pub struct JobContext {
     pub job: Job,
     /// The profile that the request names; `None` for a calibration.
     pub profile: Option<Profile>,
-    /// The uploaded zip.
-    pub archive: PathBuf,
+    /// The uploaded zip. It may still be on its way to this machine: reading waits.
+    pub archive: Arc<dyn ReadAt>,
     /// An empty folder for this job alone, on the file system of the blobs. It is removed after the job.
     pub scratch: PathBuf,
     /// When the job was claimed.

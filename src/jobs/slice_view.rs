@@ -1,29 +1,29 @@
 //! One slice of a stack for a viewer: warped to the reference slice and cropped, as its pixels entered the fused image.
 
-use std::path::Path;
+use std::sync::Arc;
 
 use super::{crop::crop_rect, input_bits::FullScaleSlices};
 use crate::contract::{Fault, input::SliceOrder, options::StackOptions};
 use pinstack_science::{
-    archive::{self, ArchiveLimits},
+    archive::{self, ArchiveLimits, ReadAt},
     fusion::{Plan, warped_slice},
     imaging::Raster,
     types::profile::ProfileInput,
 };
 
-/// Slice `index`, in the order of fusion, of the front light of the zip at `archive`. Memory: the slice before and
+/// Slice `index`, in the order of fusion, of the front light of the zip `archive`. Memory: the slice before and
 /// after the warp.
 ///
 /// # Errors
 /// Those of the archive, of the decoder and of [`warped_slice`].
 pub fn slice_view(
-    archive: &Path,
+    archive: Arc<dyn ReadAt>,
     profile: &ProfileInput,
     options: &StackOptions,
     index: usize,
     limits: &ArchiveLimits,
 ) -> Result<Raster, Fault> {
-    let archive = archive::open(archive, limits)?;
+    let archive = archive::open_shared(archive, limits)?;
     let archive = match options.order {
         SliceOrder::Name => archive,
         SliceOrder::Reverse => archive.reversed(),

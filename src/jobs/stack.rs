@@ -4,7 +4,7 @@
 //! metrics. The science does the work; this module decides what is computed, reports the progress, and collects the
 //! warnings.
 
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use super::{
     JobContext, JobOutput, ProgressSink, SOFTWARE,
@@ -68,7 +68,7 @@ pub fn run(
     // archive
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open(&context.archive, limits)?;
+    let archive = archive::open_shared(Arc::clone(&context.archive), limits)?;
     let archive = match options.order {
         SliceOrder::Name => archive,
         SliceOrder::Reverse => archive.reversed(),

@@ -1,8 +1,9 @@
 //! What tests of jobs share: a small synthetic stack in a zip, its true profile, and a progress sink that records.
 
 use std::{
+    fs::File,
     io::Cursor,
-    sync::{Mutex, OnceLock},
+    sync::{Arc, Mutex, OnceLock},
     time::Instant,
 };
 
@@ -187,7 +188,8 @@ impl TestJob {
             outcome: None,
             trace: None,
         };
-        let context = JobContext { job, profile, archive: path, scratch, started: Instant::now() };
+        let archive = Arc::new(File::open(path).expect("the zip"));
+        let context = JobContext { job, profile, archive, scratch, started: Instant::now() };
         Self { context, _folder: folder }
     }
 }

@@ -13,6 +13,7 @@
 //! Whatever is acknowledged to a client has been made durable in this order: write bytes, fsync the file, rename it,
 //! fsync the folder, commit the row. With a bucket: store the object, compare its size, commit the row.
 
+mod arriving;
 pub mod backup;
 pub mod blobs;
 pub mod clock;

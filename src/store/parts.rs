@@ -33,6 +33,12 @@ pub trait LockedUpload: Send {
     async fn append(&mut self, bytes: Bytes) -> StoreResult<()>;
     /// On return, the appended bytes are durable.
     async fn sync(&mut self) -> StoreResult<()>;
+    /// Makes the first `length` bytes the blob `key` within the store, where the engine can, so that they need not pass
+    /// this machine. False when it cannot, or fewer are stored. The parts stay.
+    async fn become_blob(&mut self, length: u64, key: &str) -> StoreResult<bool> {
+        let _ = (length, key);
+        Ok(false)
+    }
     /// The first `length` bytes as one file, which can be checked and then stored as a blob. `None` when fewer are
     /// stored.
     async fn assemble(&mut self, length: u64, workspace: &Workspace) -> StoreResult<Option<SpoolFile>>;

@@ -15,7 +15,7 @@ use uuid::Uuid;
 
 use super::{
     StoreError, StoreResult,
-    blobs::Capacity,
+    blobs::{Capacity, OpenBlob},
     failpoint::step,
     folder,
     local::{blocking, remove},
@@ -145,6 +145,16 @@ impl SpoolFile {
             Owner::Temporary(path) => path,
             Owner::Persistent(path) => path,
         }
+    }
+
+    /// Opens it for code that seeks.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub async fn open(&self) -> StoreResult<OpenBlob> {
+        let path = self.path().to_owned();
+        let open = move || File::open(path).map_err(|error| StoreError::of_io(error, "cannot open an upload".into()));
+        blocking(move || open().map(OpenBlob::of_file)).await
     }
 
     /// Key of a blob with the same bytes, if it was made from one. The blob may have been removed since.

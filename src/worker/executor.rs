@@ -16,7 +16,12 @@ use crate::{
     contract::{Code, Fault, JobError, one_line, profile::Profile, request::JobRequest},
     disk_budget::Reservation,
     jobs::{JobContext, JobOutput},
-    store::{Attempt, Finish, Job, SpoolFile, StoreError, StoreResult, blobs::LocalBlob, failpoint::step, gc::gc_job},
+    store::{
+        Attempt, Finish, Job, SpoolFile, StoreError, StoreResult,
+        blobs::{Access, OpenBlob},
+        failpoint::step,
+        gc::gc_job,
+    },
     telemetry::{events, traces},
 };
 use pinstack_science::types::Cancelled;
@@ -120,13 +125,17 @@ impl Executor {
         let context = JobContext {
             job: job.clone(),
             profile,
-            archive: archive.path().to_owned(),
+            archive: archive.bytes(),
             scratch: scratch.path().to_owned(),
             started,
         };
         let output = self.on_a_thread(context, Arc::clone(keeper)).await;
         trace.add_stages(keeper);
-        let output = output?;
+        let output = match (output, archive.failure()) {
+            // it is not the job that failed
+            (Err(JobError::Failed(_)), Some(error)) => return Err(internal(error)),
+            (output, _) => output?,
+        };
         traces::section("store results", self.store_files(&output)).await?;
         let mut warnings = job.warnings.clone();
         warnings.extend(output.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
@@ -154,7 +163,7 @@ impl Executor {
         Ok(disk.map(|disk| Admitted { _disk: disk, _gate: gate, _reserved: reserved, _memory: memory }))
     }
 
-    async fn input_of(&self, job: &Job) -> Result<(Option<Profile>, LocalBlob), Stopped> {
+    async fn input_of(&self, job: &Job) -> Result<(Option<Profile>, OpenBlob), Stopped> {
         let profile = self.profile_of(job).await.map_err(internal)??;
         let archive = self.archive_of(job).await.map_err(internal)??;
         Ok((profile, archive))
@@ -194,9 +203,9 @@ impl Executor {
         Ok(found.map(Some).ok_or_else(missing))
     }
 
-    async fn archive_of(&self, job: &Job) -> StoreResult<Result<LocalBlob, Fault>> {
+    async fn archive_of(&self, job: &Job) -> StoreResult<Result<OpenBlob, Fault>> {
         let store = &self.deps.store;
-        let found = store.blobs.fetch(&job.request.upload().key, &store.workspace).await?;
+        let found = store.blobs.open(&job.request.upload().key, Access::Whole, &store.workspace).await?;
         Ok(found
             .ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again")))
     }

@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// Failpoints of the bucket that a day reaches.
-const DAILY: [&str; 4] = ["s3.put", "s3.copy", "s3.remove", "s3.download"];
+const DAILY: [&str; 6] = ["s3.put", "s3.copy", "s3.remove", "s3.download", "s3.compose", "s3.composed"];
 /// Failpoints of a zip that is stored in parts.
 const IN_PARTS: [&str; 3] = ["s3.begin", "s3.part", "s3.complete"];
 /// Failpoints of the first start.

@@ -8,7 +8,6 @@ mod copying;
 use std::{
     fs::File,
     io::{self, BufReader, Read, Seek, SeekFrom, Write},
-    os::unix::fs::FileExt,
     path::Path,
     sync::{
         Arc, Mutex, PoisonError,
@@ -18,7 +17,9 @@ use std::{
 
 use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
 
-use super::{ArchiveLimits, member_names, members::Member, not_a_zip, png_trailer, seek_window::SeekWindow};
+use super::{
+    ArchiveLimits, member_names, members::Member, not_a_zip, png_trailer, read_at::ReadAt, seek_window::SeekWindow,
+};
 use crate::{
     imaging::codec::{self, Header, ImageFault},
     types::{Error, ErrorKind},
@@ -27,56 +28,10 @@ use crate::{
 /// Maximum expansion ratio of deflate. Bounds the allocation when the declared size is wrong.
 const LARGEST_RATIO: u64 = 1_100;
 
-/// The bytes of a zip.
-enum ZipBytes {
-    Disk(File),
-    Memory(Vec<u8>),
-    /// A disk that fails with EIO while the flag is set.
-    #[cfg(test)]
-    Failing(Vec<u8>, Arc<std::sync::atomic::AtomicBool>),
-}
-
-impl ZipBytes {
-    fn length(&self) -> io::Result<u64> {
-        match self {
-            Self::Disk(file) => Ok(file.metadata()?.len()),
-            Self::Memory(bytes) => Ok(bytes.len() as u64),
-            #[cfg(test)]
-            Self::Failing(bytes, _) => Ok(bytes.len() as u64),
-        }
-    }
-
-    fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
-        match self {
-            Self::Disk(file) => file.read_at(buffer, at),
-            Self::Memory(bytes) => {
-                let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
-                (&mut &*rest).read(buffer)
-            }
-            #[cfg(test)]
-            Self::Failing(_, fails) if fails.load(Ordering::SeqCst) => Err(io::Error::from_raw_os_error(5)),
-            #[cfg(test)]
-            Self::Failing(bytes, _) => Self::Memory(bytes.clone()).read_at(buffer, at),
-        }
-    }
-
-    fn read_exact_at(&self, buffer: &mut [u8], at: u64) -> io::Result<()> {
-        match self {
-            Self::Disk(file) => file.read_exact_at(buffer, at),
-            Self::Memory(bytes) => {
-                let rest = usize::try_from(at).ok().and_then(|at| bytes.get(at..)).unwrap_or_default();
-                (&mut &*rest).read_exact(buffer)
-            }
-            #[cfg(test)]
-            Self::Failing(bytes, _) => Self::Memory(bytes.clone()).read_exact_at(buffer, at),
-        }
-    }
-}
-
 /// A reader with its own position over shared bytes. All clones share one budget of bytes; `u64::MAX` is unlimited.
 #[derive(Clone)]
 struct SharedReader {
-    source: Arc<ZipBytes>,
+    source: Arc<dyn ReadAt>,
     length: u64,
     at: u64,
     budget: Arc<AtomicU64>,
@@ -135,39 +90,29 @@ pub(super) struct Container {
 }
 
 impl Container {
-    /// Parses the directory of the file at `path`.
-    pub(super) fn open(path: &Path, limits: &ArchiveLimits) -> Result<Self, Error> {
-        Self::of(ZipBytes::Disk(File::open(path).map_err(unreadable)?), limits)
-    }
-
-    /// Parses the directory of a small zip in memory.
-    pub(super) fn in_memory(bytes: Vec<u8>, limits: &ArchiveLimits) -> Result<Self, Error> {
-        Self::of(ZipBytes::Memory(bytes), limits)
-    }
-
-    /// Parses the directory of a zip on a disk that fails with EIO while `fails` is set.
-    #[cfg(test)]
-    pub(super) fn on_a_failing_disk(
-        bytes: Vec<u8>,
-        fails: Arc<std::sync::atomic::AtomicBool>,
-        limits: &ArchiveLimits,
-    ) -> Result<Self, Error> {
-        Self::of(ZipBytes::Failing(bytes, fails), limits)
-    }
-
-    fn of(source: ZipBytes, limits: &ArchiveLimits) -> Result<Self, Error> {
+    /// Parses the directory of a zip.
+    pub(super) fn open(source: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<Self, Error> {
         let failure = DiskFailure::default();
         failure.explain(Self::checked(source, limits, &failure))
     }
 
-    fn checked(source: ZipBytes, limits: &ArchiveLimits, failure: &DiskFailure) -> Result<Self, Error> {
+    /// Parses the directory of the file at `path`.
+    pub(super) fn open_file(path: &Path, limits: &ArchiveLimits) -> Result<Self, Error> {
+        Self::open(Arc::new(File::open(path).map_err(unreadable)?), limits)
+    }
+
+    /// Parses the directory of a small zip in memory.
+    pub(super) fn in_memory(bytes: Vec<u8>, limits: &ArchiveLimits) -> Result<Self, Error> {
+        Self::open(Arc::new(bytes), limits)
+    }
+
+    fn checked(source: Arc<dyn ReadAt>, limits: &ArchiveLimits, failure: &DiskFailure) -> Result<Self, Error> {
         let length = source.length().map_err(unreadable)?;
-        let head = refuse_other_files(&source, length).map_err(unreadable)??;
+        let head = refuse_other_files(&*source, length).map_err(unreadable)??;
         let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
 
         let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
-        let shared =
-            SharedReader { source: Arc::new(source), length, at: 0, budget: budget.clone(), failure: failure.clone() };
+        let shared = SharedReader { source, length, at: 0, budget: budget.clone(), failure: failure.clone() };
         let directory_error = |error: ZipError| match &error {
             ZipError::Io(error) if error.to_string() == BUDGET_SPENT => Error::new(
                 ErrorKind::ArchiveTooLarge,
@@ -371,7 +316,7 @@ fn method_name(method: CompressionMethod) -> String {
 }
 
 /// Refuses files that are not a zip and truncated zips. Returns the first bytes.
-fn refuse_other_files(file: &ZipBytes, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
+fn refuse_other_files(file: &dyn ReadAt, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
     let mut head = vec![0; length.min(not_a_zip::HEAD_BYTES) as usize];
     file.read_exact_at(&mut head, 0)?;
     let tail_length = length.min(not_a_zip::END_RECORD_BYTES);

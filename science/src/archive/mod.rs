@@ -31,12 +31,13 @@ pub mod npy;
 pub mod npz;
 mod numbering_gaps;
 mod png_trailer;
+mod read_at;
 pub mod scan;
 mod seek_window;
 mod slice_counts;
 mod slices;
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use crate::{
     imaging::codec,
@@ -47,6 +48,7 @@ pub use container::pack;
 pub use light::Light;
 pub use natural_order::natural_order;
 pub use numbering_gaps::skipped;
+pub use read_at::ReadAt;
 pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
 pub use slices::ArchivedSlices;
 
@@ -144,17 +146,26 @@ impl StackArchive {
 /// | [`ErrorKind::SizeMismatch`], [`ErrorKind::SliceCountMismatch`] | slices that do not belong together |
 /// | [`ErrorKind::ResourcesExhausted`] | the disk cannot be read |
 pub fn open(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
-    checked(Container::open(path, limits)?, limits, u64::MAX)
+    checked(Container::open_file(path, limits)?, limits, u64::MAX)
 }
 
-/// Like [`open`], but fast enough for a client to wait: at most [`NEAR_BYTES`] of each compressed member are
+/// Like [`open`], for a zip that need not be a file on this machine. An error of the reader is
+/// [`ErrorKind::ResourcesExhausted`].
+///
+/// # Errors
+/// As [`open`].
+pub fn open_shared(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
+    checked(Container::open(zip, limits)?, limits, u64::MAX)
+}
+
+/// Like [`open_shared`], but fast enough for a client to wait: at most [`NEAR_BYTES`] of each compressed member are
 /// decompressed. A header beyond that (a TIFF with its directory at the end) is not checked here; the job calls
 /// [`open`]. When the headers of all slices are beyond it, the first slice is decompressed.
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_near(path: &Path, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
-    checked(Container::open(path, limits)?, limits, NEAR_BYTES)
+pub fn open_near(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
+    checked(Container::open(zip, limits)?, limits, NEAR_BYTES)
 }
 
 /// Bytes that [`open_near`] decompresses of a member.
@@ -173,7 +184,7 @@ pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchi
 /// # Errors
 /// [`ErrorKind::InvalidArchive`] if there is no such file, and as [`open`] for a zip that cannot be read.
 pub fn read_file(path: &Path, name: &str, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
-    let container = Container::open(path, limits)?;
+    let container = Container::open_file(path, limits)?;
     let found = container.members()?.into_iter().find(|member| member.name == name);
     let member = found.ok_or_else(|| invalid(name, format!("the zip has no file {name}; check its name")))?;
     container.read(&member, limits)

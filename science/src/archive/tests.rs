@@ -4,7 +4,10 @@ mod container;
 mod damage;
 mod zips;
 
-use std::io::Write;
+use std::{
+    io::{self, Write},
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use super::*;
 use crate::imaging::{Raster, Slices, codec::Metadata};
@@ -283,22 +286,38 @@ fn a_manifest_can_make_slices_of_any_folders() {
     assert_eq!(open_bytes(&zip(&entries)).unwrap().layout().front, ["two/a.png", "one/a.png"]);
 }
 
+/// A disk that fails with EIO while the flag is set.
+struct FailingDisk {
+    bytes: Vec<u8>,
+    fails: AtomicBool,
+}
+
+impl ReadAt for FailingDisk {
+    fn length(&self) -> io::Result<u64> {
+        self.bytes.length()
+    }
+
+    fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+        if self.fails.load(Ordering::SeqCst) {
+            return Err(io::Error::from_raw_os_error(5));
+        }
+        self.bytes.read_at(buffer, at)
+    }
+}
+
 #[test]
 fn an_error_of_the_disk_is_not_blamed_on_the_zip() {
-    use std::sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    };
-    let (limits, fails) = (ArchiveLimits::default(), Arc::new(AtomicBool::new(false)));
+    let limits = ArchiveLimits::default();
     let bytes = zip(&pictures(&["a.png", "b.png"]));
-    let open = || Container::on_a_failing_disk(bytes.clone(), Arc::clone(&fails), &limits);
-    let archive = checked(open().unwrap(), &limits, u64::MAX).unwrap();
-    fails.store(true, Ordering::SeqCst);
+    let disk = Arc::new(FailingDisk { bytes, fails: AtomicBool::new(false) });
+    let open = || open_shared(disk.clone(), &limits);
+    let archive = open().unwrap();
+    disk.fails.store(true, Ordering::SeqCst);
     for fault in [open().err().unwrap(), archive.front().load(0).unwrap_err(), archive.front_bytes(0).unwrap_err()] {
         assert_eq!(fault.kind, ErrorKind::ResourcesExhausted, "{fault:?}");
         assert!(fault.detail.contains("no fault of the archive"), "{fault:?}");
     }
-    fails.store(false, Ordering::SeqCst);
+    disk.fails.store(false, Ordering::SeqCst);
     assert!(archive.front().load(0).is_ok(), "the slice is readable again with the disk");
     let folder = open_path(std::path::Path::new("/")).err().unwrap();
     assert_eq!(folder.kind, ErrorKind::ResourcesExhausted, "{folder:?}");
@@ -369,11 +388,7 @@ fn a_quick_look_leaves_what_lies_deep_in_compressed_members_to_the_job() {
     // the length of a block in the second megabyte of b.tif
     let block = 25 * 60_005 + 1;
     broken[1].data[block] ^= 0xFF;
-    let near = |entries: &[Entry]| {
-        let mut file = tempfile::NamedTempFile::new().unwrap();
-        file.write_all(&zip(entries)).unwrap();
-        open_near(file.path(), &ArchiveLimits::default())
-    };
+    let near = |entries: &[Entry]| open_near(Arc::new(zip(entries)), &ArchiveLimits::default());
     let archive = near(&broken).unwrap();
     assert_eq!((archive.layout().width, archive.layout().height), (2_048, 1_024));
     assert!(archive.front().load(0).is_ok());

@@ -36,7 +36,12 @@ use crate::{
         state::App,
     },
     jobs::slice_view,
-    store::{failpoint::step, is_full},
+    store::{
+        Store,
+        blobs::{Access, LocalBlob, OpenBlob},
+        failpoint::step,
+        is_full,
+    },
 };
 use pinstack_science::types::profile::ProfileInput;
 
@@ -263,15 +268,38 @@ fn evict(map: &mut HashMap<Key, Entry>) {
     }
 }
 
+/// What a file is made of.
+enum Stored {
+    File(LocalBlob, FileFormat),
+    Pyramid(LocalBlob, Colours),
+    /// The zip, of which one slice is read.
+    Slice(OpenBlob, Arc<SliceRecipe>),
+}
+
+impl Stored {
+    async fn get(store: &Store, source: &str, making: Making) -> Result<Self, Fault> {
+        let picture = async || store.blobs.fetch(source, &store.workspace).await;
+        let found = match making {
+            Making::File(format) => picture().await.map(|found| found.map(|picture| Self::File(picture, format))),
+            Making::Pyramid(colours) => picture().await.map(|found| found.map(|it| Self::Pyramid(it, colours))),
+            Making::Slice(recipe) => {
+                let zip = store.blobs.open(source, Access::Parts, &store.workspace).await;
+                zip.map(|found| found.map(|zip| Self::Slice(zip, recipe)))
+            }
+        };
+        let found = found.map_err(|error| ApiError::from(error).fault().clone())?;
+        found.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))
+    }
+}
+
 async fn made(app: &App, source: String, making: Making) -> Outcome {
     let store = &app.store;
-    let stored = store.blobs.fetch(&source, &store.workspace).await.map_err(|e| ApiError::from(e).fault().clone())?;
-    let stored = Arc::new(stored.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))?);
-    let (measured, measuring) = (Arc::clone(&stored), making.clone());
-    let most = blocking(move || match measuring {
-        Making::File(_) => most_bytes(measured.path()),
-        Making::Pyramid(_) => size(measured.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
-        Making::Slice(recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
+    let stored = Arc::new(Stored::get(&app.store, &source, making).await?);
+    let measured = Arc::clone(&stored);
+    let most = blocking(move || match &*measured {
+        Stored::File(picture, _) => most_bytes(picture.path()),
+        Stored::Pyramid(picture, _) => size(picture.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
+        Stored::Slice(_, recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
     })
     .await?;
     let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
@@ -280,14 +308,15 @@ async fn made(app: &App, source: String, making: Making) -> Outcome {
     blocking(move || {
         step("convert.make")?;
         let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = match making {
-            Making::File(format) => convert(stored.path(), file.as_file(), format)?,
-            Making::Pyramid(colours) => pyramid::write(stored.path(), file.as_file(), colours)?,
-            Making::Slice(recipe) => {
-                let SliceRecipe { profile, options, index } = &*recipe;
-                let slice = match slice_view(stored.path(), profile, options, *index, &limits) {
-                    Ok(slice) => slice,
-                    Err(fault) => return Ok(Err(fault)),
+        let length = match &*stored {
+            Stored::File(picture, format) => convert(picture.path(), file.as_file(), *format)?,
+            Stored::Pyramid(picture, colours) => pyramid::write(picture.path(), file.as_file(), *colours)?,
+            Stored::Slice(zip, recipe) => {
+                let SliceRecipe { profile, options, index } = &**recipe;
+                let slice = match (slice_view(zip.bytes(), profile, options, *index, &limits), zip.failure()) {
+                    (Ok(slice), _) => slice,
+                    (Err(_), Some(error)) => return Ok(Err(ApiError::from(error).fault().clone())),
+                    (Err(fault), None) => return Ok(Err(fault)),
                 };
                 pyramid::write_raster(slice, file.as_file(), Colours::Plain)?
             }

@@ -59,7 +59,7 @@ pub async fn check(
     let id = Uuid::now_v7();
     let SpooledUpload { file, bytes, sha256, filename } = zip;
     let upload = Upload { key: upload_key(id), bytes, sha256, filename };
-    let (request, warnings) = checked(app, submission, file.path(), upload).await?;
+    let (request, warnings) = checked(app, submission, &file.open().await?, upload).await?;
     let (rig, lens) = submission.profile_key();
     let (rig, lens, trace) = (rig.clone(), lens.clone(), traces::for_the_row());
     let job = NewJob { id, rig, lens, request, warnings, idempotency, owner: None, trace };

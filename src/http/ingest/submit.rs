@@ -7,8 +7,6 @@
 //!
 //! A crash between 2 and 3 leaves a blob without a job, which garbage collection removes.
 
-use std::path::{Path, PathBuf};
-
 use uuid::Uuid;
 
 use super::{admission::queue_full, idempotency, quota::over_quota, submission::Submission};
@@ -25,7 +23,7 @@ use crate::{
     },
     store::{
         Enqueue, Job, NewJob, SpoolFile,
-        blobs::{LocalBlob, upload_key},
+        blobs::{OpenBlob, upload_key},
         gc::delete_blobs,
     },
     telemetry::traces,
@@ -58,17 +56,7 @@ pub enum ZipFile {
     /// In a spool file, which is to become the blob of the job.
     Spooled(SpoolFile),
     /// It is the blob of the job already.
-    Stored(LocalBlob),
-}
-
-impl ZipFile {
-    /// Its path on the local disk.
-    pub fn path(&self) -> &Path {
-        match self {
-            Self::Spooled(file) => file.path(),
-            Self::Stored(blob) => blob.path(),
-        }
-    }
+    Stored(OpenBlob),
 }
 
 /// How a zip arrived.
@@ -104,7 +92,10 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
     let IncomingZip { id, file, bytes, sha256, filename, origin } = zip;
     let key = upload_key(id);
     let upload = Upload { key: key.clone(), bytes, sha256, filename };
-    let (request, warnings) = checked(app, submission, file.path(), upload).await?;
+    let (request, warnings) = match &file {
+        ZipFile::Spooled(file) => checked(app, submission, &file.open().await?, upload).await?,
+        ZipFile::Stored(blob) => checked(app, submission, blob, upload).await?,
+    };
     if let ZipFile::Spooled(file) = file {
         traces::section("store upload", app.store.blobs.put(&key, file)).await?;
     }
@@ -144,14 +135,14 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
 /// Inspects a zip and builds the request of its job.
 ///
 /// # Errors
-/// What is wrong with the zip, or that it does not match the submission.
+/// What is wrong with the zip, or that it does not match the submission; `unavailable` when the storage does not send it.
 pub async fn checked(
     app: &App,
     submission: &Submission,
-    zip: &Path,
+    zip: &OpenBlob,
     upload: Upload,
 ) -> ApiResult<(JobRequest, Vec<Warning>)> {
-    let (layout, mut warnings) = traces::section("inspect archive", inspect(app, zip.to_owned())).await?;
+    let (layout, mut warnings) = traces::section("inspect archive", inspect(app, zip)).await?;
     let (request, more_warnings) = submission.to_request(upload, layout)?;
     warnings.extend(more_warnings);
     Ok((request, warnings))
@@ -177,13 +168,20 @@ pub fn refusal(refused: Enqueue, bytes: u64, key: &str) -> ApiError {
 }
 
 /// Reads the directory of a zip and the headers of its images.
-async fn inspect(app: &App, file: PathBuf) -> ApiResult<(StackLayout, Vec<Warning>)> {
-    let limits = app.policy.archive;
+async fn inspect(app: &App, zip: &OpenBlob) -> ApiResult<(StackLayout, Vec<Warning>)> {
+    let (limits, bytes) = (app.policy.archive, zip.bytes());
     let _permit = app.inspection_permits.acquire().await.map_err(ApiError::internal)?;
     let inspected = background::spawn_blocking(move || -> Result<_, Fault> {
         // the client waits: whatever takes long to check is checked by the job
-        let archive = archive::open_near(&file, &limits)?;
+        let archive = archive::open_near(bytes, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });
-    Ok(inspected.await.map_err(ApiError::internal)??)
+    let inspected = inspected.await.map_err(ApiError::internal)?;
+    // it is not the zip that is wrong
+    if inspected.is_err()
+        && let Some(error) = zip.failure()
+    {
+        return Err(error.into());
+    }
+    Ok(inspected?)
 }

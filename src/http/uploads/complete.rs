@@ -17,10 +17,12 @@ use crate::{
         state::App,
     },
     store::{
-        blobs::upload_key,
+        SpoolFile,
+        blobs::{Access, OpenBlob, upload_key},
         gc::gc_upload,
         uploads::{PartialUpload, UploadState},
     },
+    telemetry::traces,
 };
 
 /// Makes the job if all bytes are here and it does not exist yet, and sets `locked.upload.state`. A zip that can never
@@ -63,7 +65,10 @@ async fn make_job(app: &App, locked: &mut UploadLock, kind: JobKind, metadata: &
     // the token that created the upload was checked then; any token may complete it
     let submission = Submission::read(app, &Caller::default(), &kind, &metadata.fields()).await?;
     let id = locked.upload.id;
-    let file = whole_file(app, locked).await?;
+    let file = match stored_zip(app, locked).await? {
+        Some(blob) => ZipFile::Stored(blob),
+        None => ZipFile::Spooled(whole_file(app, locked).await?),
+    };
     let zip = IncomingZip {
         id,
         file,
@@ -85,14 +90,21 @@ async fn make_stacks(app: &App, locked: &mut UploadLock, metadata: &Metadata) ->
     Ok(())
 }
 
-/// The file with all bytes. It is stored already if a crash came between storing it and creating the job.
-async fn whole_file(app: &App, locked: &mut UploadLock) -> ApiResult<ZipFile> {
+/// The blob with all bytes. It is there if a crash came between storing it and creating the job. Otherwise it is made,
+/// if the engine can do that without sending the bytes through this machine.
+async fn stored_zip(app: &App, locked: &mut UploadLock) -> ApiResult<Option<OpenBlob>> {
+    let (length, key) = (locked.upload.length, upload_key(locked.upload.id));
+    let (blobs, workspace) = (&app.store.blobs, &app.store.workspace);
+    let is_stored = blobs.head(&key).await?.is_some_and(|blob| blob.size == length);
+    if !is_stored && !traces::section("store upload", locked.parts.become_blob(length, &key)).await? {
+        return Ok(None);
+    }
+    Ok(blobs.open(&key, Access::Parts, workspace).await?)
+}
+
+/// A file with all bytes.
+async fn whole_file(app: &App, locked: &mut UploadLock) -> ApiResult<SpoolFile> {
     let PartialUpload { id, length, .. } = locked.upload;
-    if let Some(file) = locked.parts.assemble(length, &app.store.workspace).await? {
-        return Ok(ZipFile::Spooled(file));
-    }
-    match app.store.blobs.fetch(&upload_key(id), &app.store.workspace).await? {
-        Some(blob) => Ok(ZipFile::Stored(blob)),
-        None => Err(ApiError::internal(format!("the bytes of upload {id} are missing"))),
-    }
+    let assembled = locked.parts.assemble(length, &app.store.workspace).await?;
+    assembled.ok_or_else(|| ApiError::internal(format!("the bytes of upload {id} are missing")))
 }

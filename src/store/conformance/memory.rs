@@ -11,11 +11,16 @@ use std::{
 
 use async_trait::async_trait;
 use bytes::Bytes;
-use futures::stream::{BoxStream, StreamExt, iter};
+use futures::{
+    FutureExt,
+    future::ready,
+    stream::{BoxStream, StreamExt, iter},
+};
 
 use crate::store::{
     BlobStore, SpoolFile, Store, StoreError, StoreResult, Workspace,
-    blobs::{BlobMeta, ByteStream, Capacity, LocalBlob, require_key, require_prefix},
+    arriving::ArrivingFile,
+    blobs::{Access, BlobMeta, ByteStream, Capacity, LocalBlob, OpenBlob, require_key, require_prefix},
 };
 
 /// Bytes and time of storage by key.
@@ -81,6 +86,19 @@ impl BlobStore for MemoryBlobStore {
 
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {
         Ok(self.download(key, workspace)?.map(LocalBlob::copy))
+    }
+
+    async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+        let Some((bytes, _)) = self.get(key)? else { return Ok(None) };
+        let length = bytes.len() as u64;
+        let source = move |range: Range<u64>| {
+            let part = bytes.slice(range.start as usize..range.end as usize);
+            ready(Ok(Some(part))).boxed()
+        };
+        let begin = |path| ArrivingFile::begin(path, length, access, None, Box::new(source));
+        let begun = workspace.new_path("download").and_then(begin);
+        let begun = begun.map_err(|error| StoreError::of_io(error, format!("cannot open {key}")))?;
+        Ok(Some(OpenBlob::arriving(begun)))
     }
 
     async fn delete(&self, key: &str) -> StoreResult<()> {

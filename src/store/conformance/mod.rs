@@ -354,6 +354,7 @@ macro_rules! blob_conformance {
             blobs:
                 a_stored_file_is_the_blob_and_leaves_the_workspace,
                 a_blob_is_read_by_range,
+                an_open_blob_is_read_by_offset,
                 blobs_are_listed_by_prefix,
                 shared_bytes_stay_until_the_last_blob_is_removed,
                 a_key_that_leaves_the_store_is_refused,

@@ -50,6 +50,12 @@ pub async fn bytes_after_the_offset_are_discarded_and_missing_bytes_are_reported
     upload.append("ab".into()).await.unwrap();
     upload.sync().await.unwrap();
     assert!(upload.assemble(9, &store.workspace).await.unwrap().is_none(), "there are 8 bytes");
+    let key = upload_key(Uuid::now_v7());
+    assert!(!upload.become_blob(9, &key).await.unwrap(), "there are 8 bytes");
+    // the parts stay, so the file can still be made
+    if upload.become_blob(7, &key).await.unwrap() {
+        assert_eq!(bytes_of_blob(&store, &key).await.as_deref(), Some(&b"012345a"[..]));
+    }
     let file = upload.assemble(7, &store.workspace).await.unwrap().expect("there are 8 bytes");
     assert_eq!(std::fs::read(file.path()).unwrap(), b"012345a");
     store.blobs.put(&upload_key(id), file).await.unwrap();

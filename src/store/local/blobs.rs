@@ -19,7 +19,10 @@ use tokio_util::io::ReaderStream;
 use super::{blocking, make_private, probe, remove};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
-    blobs::{BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, UPLOADS, require_key, require_prefix},
+    blobs::{
+        Access, BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, OpenBlob, RESULTS, UPLOADS, require_key,
+        require_prefix,
+    },
     failpoint::step,
     folder::sync_folder,
     workspace::disk_capacity,
@@ -123,6 +126,16 @@ impl BlobStore for LocalBlobStore {
         file.seek(io::SeekFrom::Start(range.start)).await.map_err(cannot)?;
         let part = file.take(range.end.saturating_sub(range.start));
         Ok(Some(ReaderStream::with_capacity(part, CHUNK).boxed()))
+    }
+
+    async fn open(&self, key: &str, _access: Access, _workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+        let (path, key) = (self.path_of(key)?, key.to_owned());
+        blocking(move || match File::open(&path) {
+            Ok(file) => Ok(Some(OpenBlob::of_file(file))),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(StoreError::of_io(error, format!("cannot open the blob {key}"))),
+        })
+        .await
     }
 
     async fn fetch(&self, key: &str, _workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {

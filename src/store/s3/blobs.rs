@@ -9,16 +9,20 @@ use std::{
 };
 
 use async_trait::async_trait;
-use futures::stream::{BoxStream, StreamExt, TryStreamExt, iter};
+use futures::{
+    FutureExt,
+    stream::{BoxStream, StreamExt, TryStreamExt, iter},
+};
 use object_store::{ObjectMeta, signer::SignedUrlOptions};
 use tempfile::TempPath;
 
 use super::{bucket::Bucket, owner::MARK};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
+    arriving::ArrivingFile,
     blobs::{
-        BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, RESULTS, SignedAnswer, UPLOADS, require_key,
-        require_prefix,
+        Access, BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, OpenBlob, RESULTS, SignedAnswer, UPLOADS,
+        require_key, require_prefix,
     },
     local::{blocking, remove},
 };
@@ -43,7 +47,7 @@ impl S3BlobStore {
     /// A copy of a blob in the workspace. `None` when there is no such blob.
     async fn download(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<TempPath>> {
         let Some(object) = self.bucket.head(key).await? else { return Ok(None) };
-        let path = workspace.new_path("download").map_err(|error| cannot_use(&error, key))?;
+        let path = workspace.new_path("download").map_err(|error| cannot_use(error, key))?;
         let whole = self.bucket.download(vec![(key.to_owned(), 0..object.size)], &path).await?;
         Ok(whole.then_some(path))
     }
@@ -69,7 +73,7 @@ impl BlobStore for S3BlobStore {
             self.bucket.put_file(key, file.path()).await?;
         }
         let (path, key) = (file.path().to_owned(), key.to_owned());
-        blocking(move || remove(&path).map_err(|error| cannot_use(&error, &key))).await
+        blocking(move || remove(&path).map_err(|error| cannot_use(error, &key))).await
     }
 
     async fn signed_url(&self, key: &str, valid: Duration, answer: &SignedAnswer) -> StoreResult<Option<String>> {
@@ -98,6 +102,22 @@ impl BlobStore for S3BlobStore {
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {
         require_key(key)?;
         Ok(self.download(key, workspace).await?.map(LocalBlob::copy))
+    }
+
+    async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+        let Some(object) = self.bucket.head(key).await? else { return Ok(None) };
+        let turn = match access {
+            Access::Whole => Some(self.bucket.turn().await?),
+            Access::Parts => None,
+        };
+        let (bucket, name) = (Arc::clone(&self.bucket), key.to_owned());
+        let source = move |range: Range<u64>| {
+            let (bucket, name) = (Arc::clone(&bucket), name.clone());
+            async move { bucket.get(&name, range).await }.boxed()
+        };
+        let begin = |path| ArrivingFile::begin(path, object.size, access, turn, Box::new(source));
+        let begun = workspace.new_path("download").and_then(begin).map_err(|error| cannot_use(error, key))?;
+        Ok(Some(OpenBlob::arriving(begun)))
     }
 
     async fn delete(&self, key: &str) -> StoreResult<()> {
@@ -149,12 +169,12 @@ impl BlobStore for S3BlobStore {
 }
 
 async fn size_of(path: &Path, key: &str) -> StoreResult<u64> {
-    let metadata = tokio::fs::metadata(path).await.map_err(|error| cannot_use(&error, key))?;
+    let metadata = tokio::fs::metadata(path).await.map_err(|error| cannot_use(error, key))?;
     Ok(metadata.len())
 }
 
-fn cannot_use(error: &io::Error, key: &str) -> StoreError {
-    StoreError::of_io(io::Error::new(error.kind(), error.to_string()), format!("cannot use the local file of {key}"))
+fn cannot_use(error: io::Error, key: &str) -> StoreError {
+    StoreError::of_io(error, format!("cannot use the local file of {key}"))
 }
 
 fn meta_of(key: String, object: &ObjectMeta) -> BlobMeta {

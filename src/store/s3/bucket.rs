@@ -14,13 +14,14 @@ use futures::{
 use object_store::{
     BackoffConfig, GetOptions, GetRange, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutMode, PutOptions,
     RetryConfig, UploadPart,
-    aws::{AmazonS3, AmazonS3Builder},
+    aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey},
+    client::HttpClient,
     path::Path,
     signer::{Method, SignedUrlOptions, Signer},
 };
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::{S3Location, credentials, http::Connector};
+use super::{S3Location, compose::Composed, credentials, http::Connector};
 use crate::store::{
     StoreError, StoreResult,
     blobs::{ByteStream, require_key},
@@ -31,7 +32,7 @@ use crate::store::{
 /// Bytes of one request, unless the object would have too many parts. S3 requires at least 5 MiB.
 const PART: u64 = 8 << 20;
 /// Most parts of an object; S3 allows 10,000.
-const MOST_PARTS: u64 = 9_000;
+pub(super) const MOST_PARTS: u64 = 9_000;
 /// Requests of one file at a time. Memory of a file: this times the size of a part, and one part more.
 const AT_ONCE: usize = 4;
 /// Files that a process sends or fetches in parts at a time; others wait. Bounds the memory of all.
@@ -39,15 +40,21 @@ const FILES_AT_ONCE: usize = 8;
 /// Largest object that the server copies in one request.
 const MOST_TO_COPY: u64 = 5 << 30;
 /// How long a request is repeated before the bucket counts as unavailable.
-const RETRY: Duration = Duration::from_secs(20);
+pub(super) const RETRY: Duration = Duration::from_secs(20);
 
 /// A bucket, or the part of it below a prefix.
 pub(super) struct Bucket {
-    store: AmazonS3,
+    pub(super) store: AmazonS3,
+    /// For requests that `store` has no call for; it signs them.
+    pub(super) http: HttpClient,
+    /// Its name.
+    pub(super) name: String,
+    /// False when the environment demands checksums of parts: a part that the server copies has none.
+    pub(super) composes: bool,
     /// Empty, or ends with `/`.
     prefix: String,
     /// One permit per file of [`FILES_AT_ONCE`].
-    files: Semaphore,
+    files: Arc<Semaphore>,
 }
 
 impl Bucket {
@@ -62,11 +69,11 @@ impl Bucket {
             max_retries: 10,
             retry_timeout: RETRY,
         };
+        let connector = Connector::new(location.ca_file.as_deref())?;
+        let http = connector.client();
         // keys of the environment or the machine, as other programs use them
-        let mut builder = AmazonS3Builder::from_env()
-            .with_http_connector(Connector::new(location.ca_file.as_deref())?)
-            .with_retry(retry)
-            .with_bucket_name(bucket);
+        let mut builder =
+            AmazonS3Builder::from_env().with_http_connector(connector).with_retry(retry).with_bucket_name(bucket);
         if let Some(region) = &location.region {
             builder = builder.with_region(region);
         }
@@ -85,12 +92,20 @@ impl Bucket {
                 builder = builder.with_token(token);
             }
         }
+        let composes = builder.get_config_value(&AmazonS3ConfigKey::Checksum).is_none();
         let store = builder.build().map_err(|error| anyhow!(error).context("storage_url: cannot use the bucket"))?;
         let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}/") };
-        Ok(Self { store, prefix, files: Semaphore::new(FILES_AT_ONCE) })
+        Ok(Self {
+            store,
+            http,
+            name: bucket.to_owned(),
+            composes,
+            prefix,
+            files: Arc::new(Semaphore::new(FILES_AT_ONCE)),
+        })
     }
 
-    fn path(&self, key: &str) -> StoreResult<Path> {
+    pub(super) fn path(&self, key: &str) -> StoreResult<Path> {
         require_key(key)?;
         Ok(Path::from(format!("{}{key}", self.prefix)))
     }
@@ -98,6 +113,11 @@ impl Bucket {
     /// The key of an object below the prefix.
     pub(super) fn key_of(&self, object: &ObjectMeta) -> Option<String> {
         object.location.as_ref().strip_prefix(&self.prefix).map(str::to_owned)
+    }
+
+    /// Waits until this process may send or fetch one more file in parts.
+    pub(super) async fn turn(&self) -> StoreResult<OwnedSemaphorePermit> {
+        Ok(Arc::clone(&self.files).acquire_owned().await.context("the bucket is closed")?)
     }
 
     /// What the bucket says of an object; `None` when there is none.
@@ -158,7 +178,7 @@ impl Bucket {
             self.put(key, read_at(&file, 0..size, key).await?).await?;
         } else {
             let path = self.path(key)?;
-            let _turn = self.files.acquire().await.context("the bucket is closed")?;
+            let _turn = self.turn().await?;
             step("s3.begin").map_err(cannot_change)?;
             let begun = self.store.put_multipart(&path).await;
             let mut upload = begun.map_err(cannot(|| format!("begin to store {key}")))?;
@@ -173,7 +193,7 @@ impl Bucket {
         self.require_size(key, size).await
     }
 
-    async fn require_size(&self, key: &str, size: u64) -> StoreResult<()> {
+    pub(super) async fn require_size(&self, key: &str, size: u64) -> StoreResult<()> {
         let stored = self.head(key).await?.map(|object| object.size);
         if stored == Some(size) {
             return Ok(());
@@ -182,10 +202,10 @@ impl Bucket {
         Err(StoreError::Unavailable(anyhow!("the bucket acknowledged {key} with {size} bytes, and then {stored}")))
     }
 
-    /// Copies an object within the bucket. False: it is gone, or too large to be copied.
+    /// Copies an object within the bucket. False: it is gone, or the server cannot copy one that is so large.
     pub(super) async fn copy(&self, from: &str, to: &str, size: u64) -> StoreResult<bool> {
         if size > MOST_TO_COPY {
-            return Ok(false);
+            return Ok(self.compose(to, vec![(from.to_owned(), 0..size)]).await? == Composed::Done);
         }
         step("s3.copy").map_err(cannot_change)?;
         let copied = self.store.copy(&self.path(from)?, &self.path(to)?).await;
@@ -230,7 +250,7 @@ impl Bucket {
     /// Writes pieces of objects one after the other into a new file. False when one of them is gone.
     pub(super) async fn download(&self, pieces: Vec<(String, Range<u64>)>, to: &FilePath) -> StoreResult<bool> {
         let what = || "cannot write what was downloaded from the bucket".to_owned();
-        let _turn = self.files.acquire().await.context("the bucket is closed")?;
+        let _turn = self.turn().await?;
         let file = step("s3.download").and_then(|()| File::create(to));
         let file = file.map_err(|error| StoreError::of_io(error, what()))?;
         let (file, mut at) = (Arc::new(file), 0);
@@ -292,7 +312,7 @@ async fn read_at(file: &Arc<File>, range: Range<u64>, key: &str) -> StoreResult<
 }
 
 /// What a test injects before a request that changes the bucket.
-fn cannot_change(error: std::io::Error) -> StoreError {
+pub(super) fn cannot_change(error: std::io::Error) -> StoreError {
     StoreError::of_io(error, "the bucket cannot be changed".into())
 }
 
@@ -305,6 +325,6 @@ fn found<T>(answer: object_store::Result<T>, what: impl FnOnce() -> String) -> S
     }
 }
 
-fn cannot(what: impl FnOnce() -> String) -> impl FnOnce(object_store::Error) -> StoreError {
+pub(super) fn cannot(what: impl FnOnce() -> String) -> impl FnOnce(object_store::Error) -> StoreError {
     move |error| StoreError::Unavailable(anyhow!(error).context(format!("the bucket: cannot {}", what())))
 }

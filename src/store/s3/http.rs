@@ -42,9 +42,16 @@ impl Connector {
     }
 }
 
+impl Connector {
+    /// The client itself.
+    pub(super) fn client(&self) -> HttpClient {
+        HttpClient::new(self.0.clone())
+    }
+}
+
 impl HttpConnector for Connector {
     fn connect(&self, _options: &ClientOptions) -> object_store::Result<HttpClient> {
-        Ok(HttpClient::new(self.0.clone()))
+        Ok(self.client())
     }
 }
 

@@ -10,15 +10,17 @@
 //! | question | answer |
 //! |---|---|
 //! | when is a blob durable | when the bucket has answered the request that completes it, and then tells the right size |
+//! | how an upload becomes a blob | the bucket copies its parts: [`compose`] |
 //! | who may write an upload | the request with the newest generation in its row: [`parts`] |
 //! | who may collect garbage | processes on the database whose id is in `pinstack.store`: [`owner`] |
-//! | what is local | the workspace: uploads while they are checked, zips while a job reads them |
+//! | what is local | the workspace: uploads that come in one request, scans, and what was read of a blob so far |
 //!
 //! The client is that of the crate `object_store`, over an HTTP connection of our own ([`http`]), because its built-in
 //! one changes the TLS of every other HTTP client in the process.
 
 mod blobs;
 mod bucket;
+mod compose;
 mod credentials;
 mod http;
 mod location;

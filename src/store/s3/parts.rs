@@ -23,14 +23,18 @@ use futures::TryStreamExt;
 use tokio::task::JoinHandle;
 use uuid::Uuid;
 
-use super::bucket::Bucket;
+use super::{
+    bucket::Bucket,
+    compose::{Composed, Piece},
+};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
     parts::{LockedUpload, UploadParts},
 };
 
-/// Bytes of one object. A request holds at most twice as many in memory.
-const PIECE: usize = 4 << 20;
+/// Fewest bytes of an object, but for the last of a request or of a checkpoint: so many that the bucket can copy it as a
+/// part of the whole upload. A request holds at most three times as many in memory.
+const PIECE: usize = 5 << 20;
 
 /// The parts of uploads in a bucket.
 pub struct S3UploadParts {
@@ -161,6 +165,17 @@ impl LockedObjects {
         });
         Ok(composed(found.try_collect::<Vec<_>>().await?))
     }
+
+    /// The ranges of objects that hold the first `length` bytes. `None` when fewer are stored.
+    async fn pieces(&self, length: u64) -> StoreResult<Option<Vec<Piece>>> {
+        let parts = self.composed().await?;
+        if parts.last().map_or(0, |(_, end)| *end) < length {
+            return Ok(None);
+        }
+        let parts = parts.into_iter().filter(|(part, _)| part.range.start < length);
+        let pieces = parts.map(|(part, end)| (part.key(self.lock.id), 0..end.min(length) - part.range.start));
+        Ok(Some(pieces.collect()))
+    }
 }
 
 impl Writer {
@@ -184,9 +199,9 @@ impl Writer {
         }
     }
 
-    /// Stores whole pieces, or everything.
+    /// Stores pieces, and leaves enough for another one, or stores everything.
     async fn flush(&mut self, bucket: &Arc<Bucket>, id: Uuid, everything: bool) -> StoreResult<()> {
-        while self.waiting.len() >= PIECE {
+        while self.waiting.len() >= 2 * PIECE {
             self.store(bucket, id, PIECE).await?;
         }
         if !everything {
@@ -234,17 +249,20 @@ impl LockedUpload for LockedObjects {
         Ok(())
     }
 
-    async fn assemble(&mut self, length: u64, workspace: &Workspace) -> StoreResult<Option<SpoolFile>> {
-        let parts = self.composed().await?;
-        if parts.last().map_or(0, |(_, end)| *end) < length {
-            return Ok(None);
+    async fn become_blob(&mut self, length: u64, key: &str) -> StoreResult<bool> {
+        let Some(pieces) = self.pieces(length).await? else { return Ok(false) };
+        match self.bucket.compose(key, pieces).await? {
+            Composed::Done => Ok(true),
+            Composed::Gone | Composed::Unable => Ok(false),
         }
+    }
+
+    async fn assemble(&mut self, length: u64, workspace: &Workspace) -> StoreResult<Option<SpoolFile>> {
+        let Some(pieces) = self.pieces(length).await? else { return Ok(None) };
         let path = workspace
             .new_path("assembled")
             .map_err(|error| StoreError::of_io(error, "cannot assemble an upload".into()))?;
-        let pieces = parts.into_iter().filter(|(part, _)| part.range.start < length);
-        let pieces = pieces.map(|(part, end)| (part.key(self.lock.id), 0..end.min(length) - part.range.start));
-        let whole = self.bucket.download(pieces.collect(), &path).await?;
+        let whole = self.bucket.download(pieces, &path).await?;
         Ok(whole.then(|| SpoolFile::temporary(path)))
     }
 }

@@ -51,6 +51,30 @@ crate::upload_parts_conformance!(crate::store::s3::tests::fresh, crate::optional
 crate::gc_conformance!(crate::store::s3::tests::fresh_store, crate::optional_conformance_cases);
 
 #[tokio::test]
+async fn an_upload_of_several_requests_becomes_a_blob_within_the_bucket() {
+    let Some((_guard, store)) = fresh().await else { return };
+    let bytes: Vec<u8> = (0..31_000_001_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let (id, key) = (Uuid::now_v7(), upload_key(Uuid::now_v7()));
+    let mut upload = store.parts.lock(id).await.unwrap().expect("it is free");
+    // requests that were cut off after few bytes, or whose last bytes were never recorded
+    let requests = [(0, 17_000_000), (16_900_000, 17_100_000), (17_100_000, 17_100_003), (17_000_002, 31_000_001)];
+    for (generation, (from, to)) in (1..).zip(requests) {
+        assert!(upload.resume_at(from as u64, generation).await.unwrap());
+        for piece in bytes[from..to].chunks(100_000) {
+            upload.append(bytes::Bytes::copy_from_slice(piece)).await.unwrap();
+        }
+        upload.sync().await.unwrap();
+    }
+    assert!(upload.become_blob(31_000_001, &key).await.unwrap());
+    assert!(bytes_of_blob(&store, &key).await.expect("it is stored") == bytes);
+    // once more, as after a crash
+    assert!(upload.become_blob(31_000_001, &key).await.unwrap());
+    drop(upload);
+    store.parts.remove(id).await.unwrap();
+    assert!(bytes_of_blob(&store, &key).await.expect("it is a blob of its own") == bytes);
+}
+
+#[tokio::test]
 async fn a_large_file_is_stored_in_parts_and_comes_back() {
     let Some((_guard, store)) = fresh().await else { return };
     let bytes: Vec<u8> = (0..21_000_001_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();

@@ -79,7 +79,7 @@ pub struct ScanArchive {
 /// | [`ErrorKind::InvalidImage`] | camera raw files without a picture, empty files |
 /// | others | as [`open`](super::open) |
 pub fn open_scan(path: &Path, limits: &ArchiveLimits, rules: &ScanRules) -> Result<ScanArchive, Error> {
-    let container = Container::open(path, limits)?;
+    let container = Container::open_file(path, limits)?;
     let mut warnings = Vec::new();
     let members = layout::checked_members(&container, &mut warnings)?;
     let split = layout::split(members, &mut warnings)?;
