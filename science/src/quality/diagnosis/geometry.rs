@@ -1,7 +1,14 @@
 //! Findings on alignment: `profile_misfit`, `slice_misaligned`, `picture_jumps`.
 
-use super::{Diagnoser, warning};
-use crate::types::metrics::{Finding, ResidualSimilarity};
+use super::{
+    Diagnoser,
+    displacement::{Displacement, Pair, displacements},
+    warning,
+};
+use crate::{
+    quality::alignment::OwnShift,
+    types::metrics::{Finding, ResidualSimilarity},
+};
 
 /// A corner drift from the first slice to the last below this is accepted, px ...
 const MISFIT_PX: f64 = 1.0;
@@ -10,8 +17,6 @@ const MISFIT_SIGMAS: f64 = 4.0;
 /// A slice is misaligned if it is off by more than this, px, and by more than this many standard deviations.
 const MISALIGNED_PX: f64 = 0.75;
 const MISALIGNED_SIGMAS: f64 = 4.0;
-/// A slice came back when its shift and that of the next pair cancel to within this share.
-const BACK: f64 = 0.5;
 
 /// Whether a residual similarity is large and certain enough to be a fault.
 pub(super) fn is_misfit(residual: &ResidualSimilarity) -> bool {
@@ -37,49 +42,49 @@ impl Diagnoser<'_> {
         Some(warning("profile_misfit", Vec::new(), detail))
     }
 
-    /// Single slices that are off although their neighbours are not, and positions from which all slices are off.
+    /// Slices that are off although their neighbours are not, and positions from which all slices are off: one finding
+    /// per cause.
     pub(super) fn shifted_slices(&self) -> Vec<Finding> {
-        let off = |pair: usize| {
-            let own = (*self.evidence.own.get(pair)?)?;
-            let length = own.shift.0.hypot(own.shift.1);
-            let certain = length > MISALIGNED_PX.max(MISALIGNED_SIGMAS * own.sigma) && !self.pair_is_duplicated(pair);
-            certain.then_some((own.shift, length))
-        };
-        let pairs = self.evidence.own.len();
-        let (mut findings, mut pair) = (Vec::new(), 0);
-        while pair < pairs {
-            let Some((shift, length)) = off(pair) else {
-                pair += 1;
-                continue;
-            };
-            let slice = pair as u32 + 1;
-            // away and back: one slice is off; away only: every slice from there on
-            let back =
-                off(pair + 1).is_some_and(|(next, _)| (shift.0 + next.0).hypot(shift.1 + next.1) < BACK * length);
-            let last = pair + 1 == pairs;
-            let first = pair == 0 && !back;
-            if back || last || first {
-                let slice = if first && !last { 0 } else { slice };
+        let pairs: Vec<Pair> = self.evidence.own.iter().enumerate().map(|(pair, own)| self.pair(pair, *own)).collect();
+        displacements(&pairs).into_iter().map(|displacement| self.displaced(displacement)).collect()
+    }
+
+    /// What the shift of the pair of neighbours that begins with slice `pair` says.
+    fn pair(&self, pair: usize, own: Option<OwnShift>) -> Pair {
+        let Some(own) = own else { return Pair::Unknown };
+        let length = own.shift.0.hypot(own.shift.1);
+        let certain = length > MISALIGNED_PX.max(MISALIGNED_SIGMAS * own.sigma) && !self.pair_is_duplicated(pair);
+        if certain { Pair::Off(own.shift) } else { Pair::Still }
+    }
+
+    fn displaced(&self, displacement: Displacement) -> Finding {
+        let by = |shift: (f64, f64)| format!("{:.1} px ({:+.1}, {:+.1})", shift.0.hypot(shift.1), shift.0, shift.1);
+        match displacement {
+            Displacement::Slices { slices, shift } => {
+                let (verb, most, whose) =
+                    if slices.len() == 1 { ("is", "", "its") } else { ("are", "up to ", "their") };
                 let detail = format!(
-                    "slice {} is shifted by {length:.1} px ({:+.1}, {:+.1}) against its neighbours: the rig vibrated or was \
-                     knocked; take the stack again, or calibrate again if every stack shows it",
-                    self.name(slice),
-                    shift.0,
-                    shift.1
+                    "{} {verb} shifted by {most}{} against {whose} neighbours: the rig vibrated or was knocked; take the \
+                     stack again, or calibrate again if every stack shows it",
+                    self.named(&slices),
+                    by(shift)
                 );
-                findings.push(warning("slice_misaligned", vec![slice], detail));
-            } else {
-                let detail = format!(
-                    "from slice {} on the image is shifted by {length:.1} px ({:+.1}, {:+.1}): the rig or the object was \
-                     knocked while the stack was taken; take the stack again",
-                    self.name(slice),
-                    shift.0,
-                    shift.1
-                );
-                findings.push(warning("picture_jumps", vec![slice - 1, slice], detail));
+                warning("slice_misaligned", slices, detail)
             }
-            pair += if back { 2 } else { 1 };
+            Displacement::Jump { from, to, shift } => {
+                let moving = if to == from + 1 {
+                    String::new()
+                } else {
+                    format!(", and it moves until slice {}", self.name(to))
+                };
+                let detail = format!(
+                    "from slice {} on the image is shifted by {}{moving}: the rig or the object was knocked while the \
+                     stack was taken; take the stack again",
+                    self.name(from + 1),
+                    by(shift)
+                );
+                warning("picture_jumps", (from..=to).collect(), detail)
+            }
         }
-        findings
     }
 }

@@ -8,6 +8,7 @@
 
 mod brightness;
 mod depth;
+mod displacement;
 mod geometry;
 mod image;
 mod order;
