@@ -14,14 +14,16 @@ const LONGEST: u64 = 64;
 
 /// Takes a bucket that belongs to no database, and requires that any other belongs to `store`.
 ///
+/// The mark is read before it is written, because a server that knows no conditional writes would replace it, and read
+/// again after. On such a server, two databases that open an empty bucket in the same moment can still both take it.
+///
 /// # Errors
 /// When it belongs to another database, or does not answer.
 pub(super) async fn claim(bucket: &Bucket, store: Uuid) -> StoreResult<()> {
-    if bucket.create(MARK, store.to_string().into()).await? {
-        return Ok(());
+    if owner(bucket).await? == Owner::None {
+        bucket.create(MARK, store.to_string().into()).await?;
     }
-    let found = bucket.get(MARK, 0..LONGEST).await?.unwrap_or_default();
-    if std::str::from_utf8(&found).ok().and_then(|id| Uuid::try_parse(id.trim()).ok()) == Some(store) {
+    if owner(bucket).await? == Owner::Database(store) {
         return Ok(());
     }
     Err(StoreError::Other(anyhow!(
@@ -29,4 +31,19 @@ pub(super) async fn claim(bucket: &Bucket, store: Uuid) -> StoreResult<()> {
          garbage; use another prefix (s3://bucket/another). If that database does not exist any more and its files are \
          to be taken over, remove the object {MARK} first"
     )))
+}
+
+/// Whose bucket it is.
+#[derive(Debug, PartialEq, Eq)]
+enum Owner {
+    None,
+    Database(Uuid),
+    /// The mark says something else.
+    Unknown,
+}
+
+async fn owner(bucket: &Bucket) -> StoreResult<Owner> {
+    let Some(mark) = bucket.get(MARK, 0..LONGEST).await? else { return Ok(Owner::None) };
+    let id = std::str::from_utf8(&mark).ok().and_then(|id| Uuid::try_parse(id.trim()).ok());
+    Ok(id.map_or(Owner::Unknown, Owner::Database))
 }
