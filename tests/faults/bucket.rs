@@ -63,8 +63,7 @@ impl Site {
         let mut connection = PgConnection::connect(postgres).await.expect("the server for tests");
         connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");
         let folder = TempDir::new().expect("a folder");
-        let key = "aws_access_key_id = test\naws_secret_access_key = test\n";
-        std::fs::write(folder.path().join("key"), key).expect("a file");
+        std::fs::write(folder.path().join("key"), test_bucket::credentials()).expect("a file");
         let client = Client::builder().no_proxy().timeout(Duration::from_secs(120)).build().expect("a client");
         Some(Self { folder, database, bucket: s3.bucket(), endpoint: s3.endpoint.clone(), client })
     }

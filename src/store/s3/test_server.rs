@@ -1,13 +1,12 @@
 //! An S3 server for tests. Other tests of the project include this file too.
 //!
-//! The server is that of `PINSTACK_TEST_S3_ENDPOINT` (with `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY`), or moto, a
-//! Python program that keeps buckets in memory. It runs in `moto-python`, a Python with moto, or in `python3`. It ends
-//! with the process of the tests, however that ends, because it waits for the end of its input. moto checks neither
-//! signatures nor digests, and never fails on its own.
+//! The server is that of `PINSTACK_TEST_S3_ENDPOINT`, whose key in `AWS_ACCESS_KEY_ID` and `AWS_SECRET_ACCESS_KEY` may
+//! make buckets in the region `us-east-1`, or moto, a Python program that keeps buckets in memory. It runs in
+//! `moto-python`, a Python with moto, or in `python3`. It ends with the process of the tests, however that ends,
+//! because it waits for the end of its input. moto checks neither signatures nor digests, and never fails on its own.
 
 use std::{
     io::{BufRead, BufReader, Write},
-    net::TcpStream,
     process::{ChildStdin, Command, Stdio},
     sync::OnceLock,
 };
@@ -69,22 +68,31 @@ fn private() -> Option<Server> {
     Some(Server { endpoint: endpoint.trim().to_owned(), _pipe: python.stdin.take() })
 }
 
+/// A credentials file for the server, as text.
+pub(super) fn credentials() -> String {
+    let of = |variable: &str| std::env::var(variable).unwrap_or_else(|_| "test".into());
+    let (id, secret) = (of("AWS_ACCESS_KEY_ID"), of("AWS_SECRET_ACCESS_KEY"));
+    format!("[default]\naws_access_key_id = {id}\naws_secret_access_key = {secret}\n")
+}
+
 impl Server {
-    /// Makes a bucket and returns its name. The client of the service cannot make any.
+    /// Makes a bucket and returns its name. The client of the service cannot make any, so curl does.
     pub(super) fn bucket(&self) -> String {
         let bucket = format!("test-{}", uuid::Uuid::now_v7().simple());
-        let host = self.endpoint.trim_start_matches("http://");
-        let mut connection = TcpStream::connect(host).expect("the S3 server for tests");
-        // moto checks no signature, but wants to see one
-        let request = format!(
-            "PUT /{bucket} HTTP/1.1\r\nHost: {host}\r\nContent-Length: 0\r\nConnection: close\r\n\
-             Authorization: AWS4-HMAC-SHA256 Credential=test/20260101/us-east-1/s3/aws4_request, SignedHeaders=host, \
-             Signature=0\r\n\r\n"
-        );
-        connection.write_all(request.as_bytes()).expect("sent");
-        let mut status = String::new();
-        BufReader::new(connection).read_line(&mut status).expect("an answer");
-        assert!(status.contains(" 200 "), "{status}");
+        let mut curl = Command::new("curl")
+            .args(["-sS", "--fail-with-body", "--config", "-", "-X", "PUT"])
+            .args(["--aws-sigv4", "aws:amz:us-east-1:s3", "-H", "x-amz-content-sha256: UNSIGNED-PAYLOAD"])
+            .arg(format!("{}/{bucket}", self.endpoint))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("curl");
+        let key = credentials();
+        let of = |name: &str| key.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default();
+        let user = format!("user = \"{}:{}\"\n", of("aws_access_key_id = "), of("aws_secret_access_key = "));
+        curl.stdin.take().expect("piped").write_all(user.as_bytes()).expect("sent");
+        let done = curl.wait_with_output().expect("curl");
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stdout));
         bucket
     }
 }

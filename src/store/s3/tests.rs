@@ -5,7 +5,10 @@ use std::{fs, sync::Arc};
 use tempfile::TempDir;
 use uuid::Uuid;
 
-use super::{S3Location, S3Url, open, test_server::server};
+use super::{
+    S3Location, S3Url, open,
+    test_server::{self, server},
+};
 use crate::store::{
     ManualClock, SpoolFile, Store, StoreError,
     blobs::upload_key,
@@ -21,7 +24,7 @@ fn location(prefix: &str) -> Option<(TempDir, S3Location)> {
     let server = server()?;
     let folder = tempfile::tempdir().expect("a folder");
     let credentials = folder.path().join("credentials");
-    fs::write(&credentials, "[default]\naws_access_key_id = test\naws_secret_access_key = test\n").expect("a file");
+    fs::write(&credentials, test_server::credentials()).expect("a file");
     let location = S3Location {
         url: S3Url::new(format!("s3://{}{prefix}", server.bucket())),
         endpoint: Some(server.endpoint.clone()),
