@@ -26,8 +26,9 @@ use super::{StoreError, StoreResult, blobs::Access, failpoint::step, local::bloc
 
 /// Bytes of a block: what a reader waits for. The header of a picture is within one, in most cases.
 const BLOCK: u64 = 512 << 10;
-/// Blocks of one request that nobody waits for.
-const RUN: usize = 16;
+/// Blocks of one request that no reader waits for. Few, because requests share the line: all that are under way arrive
+/// at about the same time.
+const RUN: usize = 4;
 /// Such requests at a time. Memory: this times [`RUN`] times [`BLOCK`].
 const RUNS_AT_ONCE: usize = 4;
 /// Requests that readers wait for, beyond those.
@@ -106,7 +107,7 @@ struct Shared {
     state: Mutex<State>,
     /// A block has arrived, or none will.
     changed: Condvar,
-    /// A reader waits for a block that nobody fetches yet.
+    /// A reader waits for a block that is not being fetched yet.
     wanted: Notify,
 }
 

@@ -6,8 +6,8 @@
 //! | `results/{job}/{lease}/{file}` | a result, written under one lease |
 //!
 //! The interface is that of an object store, not of a file system: a blob is written as a whole, is never changed, and
-//! is read by range. Code that seeks, such as the zip reader, asks for [`BlobStore::open`], and code that needs a file for
-//! [`BlobStore::fetch`]. Both keep the returned guard as long as they read.
+//! is read by range. Code that seeks, such as the zip reader, asks for [`BlobStore::open`], and code that needs a file
+//! for [`BlobStore::fetch`]. Both keep the returned guard as long as they read.
 
 use std::{
     fs::File,
@@ -138,7 +138,7 @@ impl LocalBlob {
 /// How much of an open blob will be read. It matters for a blob on another machine, which is kept in the workspace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
-    /// All of it: what nobody waits for is fetched meanwhile.
+    /// All of it: what no reader waits for is fetched meanwhile.
     Whole,
     /// Parts of it: nothing else is fetched.
     Parts,

@@ -135,7 +135,8 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
 /// Inspects a zip and builds the request of its job.
 ///
 /// # Errors
-/// What is wrong with the zip, or that it does not match the submission; `unavailable` when the storage does not send it.
+/// What is wrong with the zip, or that it does not match the submission; `unavailable` when the storage does not send
+/// it.
 pub async fn checked(
     app: &App,
     submission: &Submission,

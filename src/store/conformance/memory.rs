@@ -13,10 +13,10 @@ use async_trait::async_trait;
 use bytes::Bytes;
 use futures::{
     FutureExt,
-    future::ready,
     stream::{BoxStream, StreamExt, iter},
 };
 
+use super::line::Line;
 use crate::store::{
     BlobStore, SpoolFile, Store, StoreError, StoreResult, Workspace,
     arriving::ArrivingFile,
@@ -28,7 +28,11 @@ type Blobs = BTreeMap<String, (Bytes, SystemTime)>;
 
 /// Blobs in memory.
 #[derive(Default)]
-pub struct MemoryBlobStore(Mutex<Blobs>);
+pub struct MemoryBlobStore {
+    blobs: Mutex<Blobs>,
+    /// What an opened blob passes.
+    line: Option<Arc<Line>>,
+}
 
 impl MemoryBlobStore {
     /// Replaces the blobs of a store.
@@ -36,8 +40,13 @@ impl MemoryBlobStore {
         Store { blobs: Arc::new(Self::default()), ..store }
     }
 
+    /// The same, where the bytes of an opened blob pass a line.
+    pub fn behind(line: Line, store: Store) -> Store {
+        Store { blobs: Arc::new(Self { line: Some(Arc::new(line)), ..Self::default() }), ..store }
+    }
+
     fn blobs(&self) -> MutexGuard<'_, Blobs> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.blobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn get(&self, key: &str) -> StoreResult<Option<(Bytes, SystemTime)>> {
@@ -90,10 +99,16 @@ impl BlobStore for MemoryBlobStore {
 
     async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
         let Some((bytes, _)) = self.get(key)? else { return Ok(None) };
-        let length = bytes.len() as u64;
+        let (length, line) = (bytes.len() as u64, self.line.clone());
         let source = move |range: Range<u64>| {
-            let part = bytes.slice(range.start as usize..range.end as usize);
-            ready(Ok(Some(part))).boxed()
+            let (part, line) = (bytes.slice(range.start as usize..range.end as usize), line.clone());
+            async move {
+                if let Some(line) = line {
+                    line.pass(part.len() as u64).await;
+                }
+                Ok(Some(part))
+            }
+            .boxed()
         };
         let begin = |path| ArrivingFile::begin(path, length, access, None, Box::new(source));
         let begun = workspace.new_path("download").and_then(begin);

@@ -23,6 +23,7 @@ pub mod expiry;
 pub mod gc;
 pub mod jobs;
 pub mod leases;
+pub mod line;
 pub mod memory;
 pub mod parts;
 pub mod profiles;

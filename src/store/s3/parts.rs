@@ -32,8 +32,8 @@ use crate::store::{
     parts::{LockedUpload, UploadParts},
 };
 
-/// Fewest bytes of an object, but for the last of a request or of a checkpoint: so many that the bucket can copy it as a
-/// part of the whole upload. A request holds at most three times as many in memory.
+/// Fewest bytes of an object, but for the last of a request or of a checkpoint: so many that the bucket can copy it as
+/// a part of the whole upload. A request holds at most three times as many in memory.
 const PIECE: usize = 5 << 20;
 
 /// The parts of uploads in a bucket.
