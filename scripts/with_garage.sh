@@ -18,7 +18,7 @@ import socket
 sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
 print(*[socket.getsockname()[1] for socket in sockets])')
 # the configuration of the compose file, but for folders, ports and `fsync`
-sed -e "s|/var/lib/garage|$folder|; s|3900|$s3|; s|3901|$rpc|; s|fsync = true|fsync = false|; s|0\.0\.0\.0|127.0.0.1|" \
+sed -e "s|/var/lib/garage|$folder|; s|:3900\"|:$s3\"|; s|:3901\"|:$rpc\"|; s|fsync = true|fsync = false|; s|0\.0\.0\.0|127.0.0.1|" \
   deploy/garage.toml >"$folder/garage.toml"
 
 hex() { python3 -c "import secrets; print(secrets.token_hex($1))"; }

@@ -72,7 +72,8 @@ impl ArrivingFile {
         let fetching = Arc::clone(&shared);
         let task = tokio::spawn(async move {
             let _turn = turn;
-            fetch(&fetching, &source).await;
+            let ending = EndsWithTask(fetching);
+            fetch(&ending.0, &source).await;
         });
         Ok(Self { shared, task: task.abort_handle() })
     }
@@ -95,6 +96,15 @@ impl Drop for ArrivingFile {
     fn drop(&mut self) {
         self.task.abort();
         self.shared.end(Ended::Closed);
+    }
+}
+
+/// Sees to it that no reader waits for a task that has ended, even by a panic.
+struct EndsWithTask(Arc<Shared>);
+
+impl Drop for EndsWithTask {
+    fn drop(&mut self) {
+        self.0.end(Ended::Closed);
     }
 }
 

@@ -18,16 +18,20 @@ use object_store::{
     signer::{Method, SignedUrlOptions, Signer},
 };
 use serde::Deserialize;
+use tokio::sync::Semaphore;
 
 use super::bucket::{Bucket, MOST_PARTS, RETRY, cannot, cannot_change};
 use crate::store::{StoreError, StoreResult, failpoint::step};
 
 /// Fewest bytes of a part that is not the last.
 const LEAST: u64 = 5 << 20;
-/// Most bytes that the server copies in one request: S3 allows 5 GiB. Less, because it answers only when it is done.
-const MOST: u64 = 512 << 20;
+/// Most bytes that the server copies in one request. S3 allows 5 GiB, but a server that really copies must answer
+/// within the time limit of a request.
+const MOST: u64 = 64 << 20;
 /// Copies at a time. They carry no bytes.
 const COPIES_AT_ONCE: usize = 16;
+/// Parts that are joined at a time. Each takes up to 15 MiB of memory: less than [`LEAST`] and one more piece.
+const JOINED_AT_ONCE: usize = 2;
 /// How long a signed request is valid.
 const VALID: std::time::Duration = std::time::Duration::from_secs(15 * 60);
 /// Between two attempts of one request, at first.
@@ -128,11 +132,15 @@ impl Bucket {
         upload: &String,
         parts: Vec<Part>,
     ) -> StoreResult<Result<Vec<PartId>, Composed>> {
+        let joining = &Semaphore::new(JOINED_AT_ONCE);
         let made = stream::iter(parts.into_iter().enumerate())
             .map(|(index, part)| async move {
                 match part {
                     Part::Copy(piece) => self.copy_part(path, upload, index, &piece).await,
-                    Part::Joined(pieces) => self.send_part(path, upload, index, &pieces).await,
+                    Part::Joined(pieces) => {
+                        let _turn = joining.acquire().await.context("it is open as long as this")?;
+                        self.send_part(path, upload, index, &pieces).await
+                    }
                 }
             })
             .buffered(COPIES_AT_ONCE);
@@ -299,14 +307,14 @@ mod tests {
 
     #[test]
     fn a_large_piece_is_cut_into_equal_ranges() {
-        let parts = parts_of([piece("a", 10..1_040)]);
+        let parts = parts_of([piece("a", 10..140)]);
         let range_of = |part: &Part| match part {
             Part::Copy((_, range)) => range.clone(),
             Part::Joined(pieces) => panic!("{pieces:?}"),
         };
         let ranges: Vec<_> = parts.iter().map(range_of).collect();
         assert_eq!(ranges.len(), 3);
-        assert_eq!((ranges[0].start, ranges[2].end), (10 << 20, 1_040 << 20));
+        assert_eq!((ranges[0].start, ranges[2].end), (10 << 20, 140 << 20));
         assert!(ranges.windows(2).all(|two| two[0].end == two[1].start), "{ranges:?}");
         assert!(ranges.iter().all(|range| (LEAST..=MOST).contains(&(range.end - range.start))), "{ranges:?}");
     }
