@@ -55,7 +55,7 @@ pub const VERSIONS: [&str; 6] = [
     "q_g:yl2019-top1",
     "q_w:piella2003-8x8-top1",
     "sampling:blocks-1",
-    "focus:3",
+    "focus:4",
     "alignment:similarity-1",
     "exposure:cells-2",
 ];

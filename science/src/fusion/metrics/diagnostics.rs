@@ -209,6 +209,19 @@ fn a_stack_without_faults_has_no_warning() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+#[test]
+fn fine_steps_do_not_make_the_range_seem_too_short() {
+    // plates in focus near both ends; neighbouring slices hardly differ
+    for seed in [1, 4] {
+        let stack = Stack::of(&Rig { seed, ..Rig::sized(480, 360, 40) }, &Scene::plates(seed));
+        assert_eq!(warning_codes(&stack, true), [""; 0], "seed {seed}");
+        for (near, code) in [(true, "range_too_short_near"), (false, "range_too_short_far")] {
+            let shortened = stack.clone().only(|i| if near { i >= 13 } else { i < 27 });
+            assert_eq!(warning_codes(&shortened, true), [code], "seed {seed}");
+        }
+    }
+}
+
 /// Faults that a scene cannot show: its step is so fine that a missing slice loses nothing, or too few pixels are
 /// bright.
 const CANNOT_SHOW: [&[&str]; 5] =

@@ -5,8 +5,8 @@
 const STEEP: f32 = 1.5;
 
 /// Whether a pixel is in focus before the end of the stack, so that the stack misses it. `saliency` is that of the end
-/// slice and of the two slices next to it; `noise` is the saliency of noise alone. A peak farther before the end slice
-/// than `outside`, in steps between slices, is missed.
+/// slice and of two slices after it, all equally far apart; `noise` is the saliency of noise alone. A peak farther
+/// before the end slice than `outside`, in units of that distance, is missed.
 ///
 /// Saliency falls with defocus `z` about as `s0 / (1 + (z / w)^2)`. Its inverse is a parabola, and the minimum of the
 /// parabola through the three values is the position of focus, also when the step is large.

@@ -31,6 +31,9 @@ const GAP: f32 = 0.37;
 const UNEVEN: f32 = 1.7;
 /// ... and saliency falls below this share over it.
 const UNEVEN_FALL: f32 = 0.6;
+/// At an end the peak is estimated from slices about this far apart, in units of the width `w` of the model. Closer
+/// slices differ by little more than noise, and the peak of a part in focus at the end seems to lie beyond it.
+const APART: f32 = 0.5;
 /// With fewer pairs of neighbours there is no median step.
 const LEAST_FOR_USUAL: usize = 4;
 /// With fewer pixels on either side nothing is said about a gap.
@@ -137,8 +140,8 @@ pub(super) fn measure(
     .other_order();
     if slices >= 3 {
         let noise = floor / noise_floor::MARGIN;
-        let near = AtEnd { textured: &textured, at: &at, end: 0, saliency: |s| [s[0], s[1], s[2]] };
-        let far = AtEnd { end: slices - 1, saliency: |s| [s[s.len() - 1], s[s.len() - 2], s[s.len() - 3]], ..near };
+        let near = AtEnd { textured: &textured, at: &at, end: 0, apart: apart(&falls) };
+        let far = AtEnd { end: slices - 1, ..near };
         metrics.peak_at_first_fraction = Some(near.falling_fraction());
         metrics.peak_at_last_fraction = Some(far.falling_fraction());
         metrics.range_too_short_near = Some(near.is_too_short(decision_map, noise));
@@ -156,15 +159,15 @@ struct AtEnd<'a> {
     at: &'a [(usize, usize)],
     /// Index of the end slice.
     end: usize,
-    /// Saliency in the end slice and in the two slices next to it.
-    saliency: fn(&[f32]) -> [f32; 3],
+    /// How many steps the slices are apart from which the peak is estimated.
+    apart: usize,
 }
 
 impl AtEnd<'_> {
     /// Share of the samples that are labelled with the end slice and whose saliency falls over the next two slices.
     fn falling_fraction(&self) -> f64 {
         let falls = |label: usize, saliency: &[f32]| {
-            let [a, b, c] = (self.saliency)(saliency);
+            let [a, b, c] = self.saliency(saliency, 1);
             label == self.end && a > b && b > c && c > 0.0
         };
         let falling = self.textured.iter().filter(|&&(label, saliency)| falls(label, saliency)).count();
@@ -174,9 +177,14 @@ impl AtEnd<'_> {
     /// Whether the object extends beyond this end; see [`range::extends_beyond`].
     fn is_too_short(&self, decision_map: &DecisionMap<'_>, noise: f32) -> bool {
         let of_end = self.textured.iter().zip(self.at).filter(|((label, _), _)| *label == self.end);
-        let curves = of_end.map(|((_, saliency), &at)| (at, (self.saliency)(saliency)));
+        let curves = of_end.map(|((_, saliency), &at)| (at, self.saliency(saliency, self.apart)));
         let size = (decision_map.index.width, decision_map.index.height);
         range::extends_beyond(curves, self.textured.len(), size, noise, decision_map.settled)
+    }
+
+    /// Saliency in the end slice and in the two slices that are `apart` and twice `apart` steps from it.
+    fn saliency(&self, of_slices: &[f32], apart: usize) -> [f32; 3] {
+        [0, apart, 2 * apart].map(|steps| of_slices[if self.end == 0 { steps } else { self.end - steps }])
     }
 }
 
@@ -217,16 +225,30 @@ fn falls(textured: &[(usize, &[f32])], floor: f32, slices: usize) -> Vec<Option<
     (0..slices.saturating_sub(1)).map(&mut pair).collect()
 }
 
-/// How far focus moves from slice to slice, in units of the median step: by the model, a fall to the share `f` means a
-/// distance of `w sqrt(1 / f - 1)`.
-fn steps(falls: &[Option<f32>]) -> Vec<Option<f32>> {
-    let distance = |fall: f32| (1.0 / fall.max(0.01) - 1.0).max(0.0).sqrt();
+/// By the model, focus moves by `w sqrt(1 / f - 1)` where saliency falls to the share `f`; in units of `w`.
+fn distance(fall: f32) -> f32 {
+    (1.0 / fall.max(0.01) - 1.0).max(0.0).sqrt()
+}
+
+/// The median step, in units of `w`; none if too few pairs are known.
+fn usual_step(falls: &[Option<f32>]) -> Option<f32> {
     let mut known: Vec<f32> = falls.iter().flatten().map(|&fall| distance(fall)).collect();
     if known.len() < LEAST_FOR_USUAL {
-        return vec![None; falls.len()];
+        return None;
     }
-    let usual = statistics::quantile_interpolated(&mut known, 0.5).filter(|&usual| usual > 0.0);
+    statistics::quantile_interpolated(&mut known, 0.5).filter(|&usual| usual > 0.0)
+}
+
+/// How far focus moves from slice to slice, in units of the median step.
+fn steps(falls: &[Option<f32>]) -> Vec<Option<f32>> {
+    let usual = usual_step(falls);
     falls.iter().map(|fall| Some(distance((*fall)?) / usual?)).collect()
+}
+
+/// How many steps slices are apart to be about [`APART`]; all three of them are in the nearer half of the stack.
+fn apart(falls: &[Option<f32>]) -> usize {
+    let most = (falls.len() / 4).max(1);
+    usual_step(falls).map_or(1, |usual| (APART / usual).round() as usize).clamp(1, most)
 }
 
 #[cfg(test)]

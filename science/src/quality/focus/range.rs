@@ -6,7 +6,8 @@ use super::curve;
 const BEYOND: f64 = 0.01;
 /// ... and more than this share lie in cells whose mean peaks outside.
 const IN_CELLS: f64 = 0.012;
-/// A peak farther before the end slice than this, in steps between slices, is outside the range.
+/// A peak farther before the end slice than this, in units of the distance between the slices compared, is outside the
+/// range.
 const OUTSIDE: f32 = 0.75;
 /// The same two limits for a decision map that is not settled. It has more pixels beside outlines in the end slice.
 /// There saliency falls with defocus more slowly than on a surface, which moves the peak of the parabola outwards.
@@ -17,8 +18,8 @@ const GRID: usize = 20;
 const LEAST_POINTS: usize = 6;
 
 /// Whether a considerable part of the object is in focus beyond an end of the stack. `curves` are the textured pixels
-/// that are labelled with the end slice: position, and saliency in the end slice and in the two slices next to it.
-/// `textured` is the number of all textured pixels, `noise` the saliency of noise, `settled` as in
+/// that are labelled with the end slice: position, and saliency in the end slice and in two slices after it, all
+/// equally far apart. `textured` is the number of all textured pixels, `noise` the saliency of noise, `settled` as in
 /// [`super::DecisionMap`].
 ///
 /// Two tests must agree. A single pixel is unreliable: noise and defocus spread change its three values, and where a
