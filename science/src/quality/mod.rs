@@ -56,7 +56,7 @@ pub const VERSIONS: [&str; 6] = [
     "q_w:piella2003-8x8-top1",
     "sampling:blocks-1",
     "focus:4",
-    "alignment:similarity-1",
+    "alignment:similarity-2",
     "exposure:cells-2",
 ];
 
@@ -138,6 +138,7 @@ pub fn finish(
             steps: &coverage.steps,
             equalised: &equalised,
             reversed: alignment.reversed,
+            canvas: meter.canvas(),
         },
     );
     quality

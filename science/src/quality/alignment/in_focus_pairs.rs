@@ -43,6 +43,11 @@ impl WindowTexture {
         Self { texture, sharpest }
     }
 
+    /// Whether the texture of window `index` varies with focus, so that it is neither noise nor a fixed pattern.
+    pub(super) fn shows_focus(&self, index: usize) -> bool {
+        self.sharpest[index].is_finite() && self.sharpest[index] > 0.0
+    }
+
     /// The pairs of neighbours that show window `index` nearest to its focus, best first, by the index of their first
     /// slice.
     pub(super) fn pairs(&self, index: usize) -> Vec<usize> {

@@ -6,12 +6,16 @@
 //!    ([`phase_correlation`]).
 //! 3. One similarity per step is fitted to all shifts ([`similarity`]). A single window may move through defocus; a
 //!    common similarity is the fault of the profile.
-//! 4. [`reversal`] compares it with what the profile leaves in a stack of the opposite order.
+//! 4. Pairs that too few windows show near focus are compared at half the resolution ([`unfocused_pairs`]), only to
+//!    tell whether one slice is displaced against the other.
+//! 5. [`reversal`] compares it with what the profile leaves in a stack of the opposite order.
 
+mod comparison;
 mod in_focus_pairs;
 mod phase_correlation;
 mod reversal;
 mod similarity;
+mod unfocused_pairs;
 
 use rayon::prelude::*;
 
@@ -23,7 +27,10 @@ use crate::{
         metrics::{AlignmentMetrics, ResidualSimilarity},
     },
 };
+use comparison::Comparison;
+use phase_correlation::STRICT;
 use similarity::Similarity;
+use unfocused_pairs::UnfocusedPairs;
 
 /// Reads a rectangle of warped slice `n`: its luma (0..255) and validity (255 valid, 0 not); none if it cannot be read.
 pub type ReadWindow<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
@@ -36,8 +43,6 @@ const SIDES: [(usize, usize); 2] = [(2000, 256), (0, 128)];
 const LEAST_SIDE: usize = 32;
 /// Least share of object pixels in a window, with a mask.
 const LEAST_OBJECT: f64 = 0.1;
-/// Least share of pixels in a window that both slices cover.
-const LEAST_VALID: f64 = 0.9;
 /// Least number of shifts for a statistic.
 const LEAST_SHIFTS: usize = 3;
 
@@ -68,6 +73,13 @@ impl Alignment {
 pub(super) struct OwnShift {
     pub(super) shift: (f64, f64),
     pub(super) sigma: f64,
+}
+
+impl OwnShift {
+    /// Length of the shift, px.
+    pub(super) fn length(&self) -> f64 {
+        self.shift.0.hypot(self.shift.1)
+    }
 }
 
 /// The shift of the content of one window from a slice to the next, px.
@@ -105,16 +117,17 @@ pub fn measure(
     for (index, window) in windows.iter().enumerate() {
         focus.pairs(index).into_iter().for_each(|pair| of_pair[pair].push(*window));
     }
-    let correlator = windows.first().map(|window| phase_correlation::Correlator::new(window.width));
-    let pair = |(first, windows): (usize, &Vec<Rect>)| match &correlator {
-        Some(correlator) => shifts(read, correlator, first, first + 1, windows),
+    let comparison = windows.first().map(|window| Comparison::new(read, window.width, 1, STRICT));
+    let pair = |(first, windows): (usize, &Vec<Rect>)| match &comparison {
+        Some(comparison) => comparison.shifts(first, windows),
         None => Vec::new(),
     };
     let pairs: Vec<Vec<Shift>> = of_pair.par_iter().enumerate().map(pair).collect();
     let mut per_slice = vec![None; slices.min(1)];
     per_slice.extend(pairs.iter().map(|shifts| length_quantile(shifts.iter(), 0.5)));
     let all: Vec<Shift> = pairs.iter().flatten().copied().collect();
-    let common = Similarity::robust(&all);
+    let rough = roughly(&pairs, read, &focus, &windows, (width, height));
+    let common = Similarity::robust(&pairs, &rough);
     let steps = slices.saturating_sub(1) as f64;
     let metrics = AlignmentMetrics {
         residual_p50_px: length_quantile(all.iter(), 0.5),
@@ -123,11 +136,30 @@ pub fn measure(
         similarity: common.map(|common| residual(&common, (width, height), steps, all.len())),
         common_fraction: None,
     };
-    let own = pairs.iter().map(|shifts| {
-        let (shift, sigma) = similarity::own_shift(shifts, common.as_ref(), LEAST_SHIFTS)?;
-        Some(OwnShift { shift, sigma })
+    let own = pairs.iter().zip(&rough).map(|(shifts, rough)| {
+        let (shift, sigma) = similarity::own_shift(rough, common.as_ref(), LEAST_SHIFTS)?;
+        let blur = if shifts.len() < LEAST_SHIFTS { unfocused_pairs::SIGMA } else { 0.0 };
+        Some(OwnShift { shift, sigma: sigma.hypot(blur) })
     });
     Alignment { metrics, per_slice, reversed: false, own: own.collect() }
+}
+
+/// The shifts of all pairs: those of the windows in focus, or of all windows where they are too few.
+fn roughly(
+    pairs: &[Vec<Shift>],
+    read: &ReadWindow<'_>,
+    focus: &in_focus_pairs::WindowTexture,
+    windows: &[Rect],
+    canvas: (usize, usize),
+) -> Vec<Vec<Shift>> {
+    let textured: Vec<Rect> =
+        windows.iter().enumerate().filter(|(index, _)| focus.shows_focus(*index)).map(|(_, window)| *window).collect();
+    let unfocused = UnfocusedPairs::new(read, &textured, canvas);
+    let of_pair = |(first, shifts): (usize, &Vec<Shift>)| match &unfocused {
+        Some(unfocused) if shifts.len() < LEAST_SHIFTS => unfocused.shifts(first),
+        _ => shifts.clone(),
+    };
+    pairs.par_iter().enumerate().map(of_pair).collect()
 }
 
 /// The similarity per step as the contract shows it, with the drift of the corner that moves most over `steps` steps.
@@ -192,35 +224,6 @@ fn starts(start: usize, length: usize, canvas: usize, side: usize) -> Vec<usize>
 /// Share of object pixels in `window`.
 fn share_of(object: &Plane<u8>, window: Rect) -> f64 {
     sampling::object_pixels(object, window) as f64 / (window.width * window.height) as f64
-}
-
-/// The shifts from slice `from` to slice `to`, of the windows that have one.
-fn shifts(
-    read: &ReadWindow<'_>,
-    correlator: &phase_correlation::Correlator,
-    from: usize,
-    to: usize,
-    windows: &[Rect],
-) -> Vec<Shift> {
-    let shift = |window: &Rect| {
-        let side = window.width;
-        let (a, valid_a) = read(from, *window)?;
-        let (b, valid_b) = read(to, *window)?;
-        let sizes = [(a.width, a.height), (b.width, b.height)];
-        let samples = [valid_a.data.len(), valid_b.data.len()];
-        if sizes != [(side, side); 2] || samples != [side * side; 2] {
-            return None;
-        }
-        let common: Vec<bool> = valid_a.data.iter().zip(&valid_b.data).map(|(a, b)| *a != 0 && *b != 0).collect();
-        let share = common.iter().filter(|&&both| both).count() as f64 / (side * side) as f64;
-        if share < LEAST_VALID {
-            return None;
-        }
-        let (dx, dy) = correlator.shift(&a.data, &b.data, &common)?;
-        let middle = |start: usize| start as f64 + (side as f64 - 1.0) / 2.0;
-        Some(Shift { x: middle(window.x), y: middle(window.y), dx, dy })
-    };
-    windows.iter().filter_map(shift).collect()
 }
 
 #[cfg(test)]

@@ -16,10 +16,20 @@ use rustfft::{Fft, FftPlanner, num_complex::Complex32};
 
 use crate::quality::deterministic_sum;
 
-/// Least agreement of the votes with the shift: 0 (none) to 1 (all).
-const AGREEMENT: f32 = 0.5;
-/// The peak must be this many times as high as any other one.
-const PEAK_RATIO: f32 = 1.3;
+/// What a shift must fulfil to count.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Strictness {
+    /// Least agreement of the votes with the shift: 0 (none) to 1 (all).
+    agreement: f32,
+    /// The peak must be this many times as high as any other one.
+    peak_ratio: f32,
+}
+
+/// For a shift that is a measurement.
+pub(super) const STRICT: Strictness = Strictness { agreement: 0.5, peak_ratio: 1.3 };
+/// For a first guess, which is checked afterwards. If a quarter of a window has left it, many votes disagree.
+pub(super) const GUESS: Strictness = Strictness { agreement: 0.2, peak_ratio: 1.15 };
+
 /// Other peaks are searched outside this distance, px.
 const APART: f32 = 6.0;
 /// Least standard deviation of a window, grey levels.
@@ -39,6 +49,7 @@ const LEAST_COMMON: f32 = 0.07;
 /// Measures shifts between square windows of one size.
 pub(super) struct Correlator {
     side: usize,
+    strictness: Strictness,
     taper: Vec<f32>,
     /// The frequencies that vote.
     frequencies: Vec<Frequency>,
@@ -70,12 +81,12 @@ struct Vote {
 }
 
 impl Correlator {
-    pub(super) fn new(side: usize) -> Self {
+    pub(super) fn new(side: usize, strictness: Strictness) -> Self {
         let hann: Vec<f32> = (0..side).map(|i| 0.5 - 0.5 * (TAU * (i as f32 + 0.5) / side as f32).cos()).collect();
         let taper = hann.iter().flat_map(|&y| hann.iter().map(move |&x| x * y)).collect();
         let mut planner = FftPlanner::new();
         let (forward, backward) = (planner.plan_fft_forward(side), planner.plan_fft_inverse(side / 2));
-        Self { side, taper, frequencies: frequencies(side), forward, backward }
+        Self { side, strictness, taper, frequencies: frequencies(side), forward, backward }
     }
 
     /// Shift of the content from window `a` to window `b`, px (x, y), from the `valid` pixels; none if the windows have
@@ -99,7 +110,7 @@ impl Correlator {
             .iter()
             .map(|vote| vote.cross.re * vote.phase(x, y).cos() - vote.cross.im * vote.phase(x, y).sin())
             .sum();
-        (agreeing > AGREEMENT * total).then_some((f64::from(x), f64::from(y)))
+        (agreeing > self.strictness.agreement * total).then_some((f64::from(x), f64::from(y)))
     }
 
     /// The window without its mean, tapered to the borders, 0 where not valid; none with too little contrast.
@@ -165,7 +176,7 @@ impl Correlator {
                 }
             }
         }
-        (surface[highest].re > PEAK_RATIO * second).then_some((x, y))
+        (surface[highest].re > self.strictness.peak_ratio * second).then_some((x, y))
     }
 }
 

@@ -10,7 +10,11 @@ impl Diagnoser<'_> {
         let last = self.quality.slices.len().saturating_sub(1) as u32;
         let percent = |fraction: Option<f64>| 100.0 * fraction.unwrap_or(0.0);
         let mut findings = Vec::new();
-        if focus.range_too_short_near == Some(true) {
+        // the peak at an end is estimated from three slices of that half of the stack
+        let pairs = self.evidence.own.len();
+        let half = pairs.min(2 * (pairs / 4).max(1));
+        let still = |pairs: std::ops::Range<usize>| !pairs.into_iter().any(|pair| self.pair_is_off(pair));
+        if focus.range_too_short_near == Some(true) && still(0..half) {
             let detail = format!(
                 "the stack starts inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
                  sharper in front of it; start the stack some steps earlier",
@@ -19,7 +23,7 @@ impl Diagnoser<'_> {
             );
             findings.push(warning("range_too_short_near", vec![0], detail));
         }
-        if focus.range_too_short_far == Some(true) {
+        if focus.range_too_short_far == Some(true) && still(pairs - half..pairs) {
             let detail = format!(
                 "the stack ends inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
                  sharper behind it; end the stack some steps later",
@@ -35,10 +39,10 @@ impl Diagnoser<'_> {
     pub(super) fn steps(&self) -> Vec<Finding> {
         let focus = &self.quality.focus;
         let mut findings = Vec::new();
-        let without_duplicates = |firsts: &[u32]| -> Vec<u32> {
-            firsts.iter().copied().filter(|&n| !self.pair_is_duplicated(n as usize)).collect()
-        };
-        let gaps = without_duplicates(&focus.coverage_gaps);
+        let is_step = |first: usize| !self.pair_is_duplicated(first) && !self.pair_shows_other_texture(first);
+        let of_steps =
+            |firsts: &[u32]| -> Vec<u32> { firsts.iter().copied().filter(|&n| is_step(n as usize)).collect() };
+        let gaps = of_steps(&focus.coverage_gaps);
         if !gaps.is_empty() {
             let detail = format!(
                 "between slices {} focus moves farther than the depth of field, and what lies between is sharp in no slice; \
@@ -47,8 +51,7 @@ impl Diagnoser<'_> {
             );
             findings.push(warning("coverage_gap", gaps.clone(), detail));
         }
-        let uneven: Vec<u32> =
-            without_duplicates(&focus.uneven_steps).into_iter().filter(|n| !gaps.contains(n)).collect();
+        let uneven: Vec<u32> = of_steps(&focus.uneven_steps).into_iter().filter(|n| !gaps.contains(n)).collect();
         if !uneven.is_empty() {
             let times = uneven.iter().filter_map(|&n| self.evidence.steps.get(n as usize).copied().flatten());
             let detail = format!(

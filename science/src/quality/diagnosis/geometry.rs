@@ -17,6 +17,15 @@ const MISFIT_SIGMAS: f64 = 4.0;
 /// A slice is misaligned if it is off by more than this, px, and by more than this many standard deviations.
 const MISALIGNED_PX: f64 = 0.75;
 const MISALIGNED_SIGMAS: f64 = 4.0;
+/// A slice that is shifted by more than this, px, shows other texture at most pixels: steps of focus beside it mean
+/// nothing.
+const OTHER_TEXTURE_PX: f64 = 3.0;
+/// A shift of more than this share of the shorter side of the canvas, which is a quarter of a cell of the focus curves,
+/// explains curves out of order ...
+const OTHER_PART: f64 = 1.0 / 80.0;
+/// ... if the windows agree on it so well, in standard deviations. Slices that were exchanged were also warped by
+/// homographies of another scale, and their windows differ.
+const OTHER_PART_SIGMAS: f64 = 20.0;
 
 /// Whether a residual similarity is large and certain enough to be a fault.
 pub(super) fn is_misfit(residual: &ResidualSimilarity) -> bool {
@@ -52,9 +61,29 @@ impl Diagnoser<'_> {
     /// What the shift of the pair of neighbours that begins with slice `pair` says.
     fn pair(&self, pair: usize, own: Option<OwnShift>) -> Pair {
         let Some(own) = own else { return Pair::Unknown };
-        let length = own.shift.0.hypot(own.shift.1);
-        let certain = length > MISALIGNED_PX.max(MISALIGNED_SIGMAS * own.sigma) && !self.pair_is_duplicated(pair);
-        if certain { Pair::Off(own.shift) } else { Pair::Still }
+        let certain = own.length() > MISALIGNED_PX.max(MISALIGNED_SIGMAS * own.sigma);
+        if certain && !self.pair_is_duplicated(pair) { Pair::Off(own.shift) } else { Pair::Still }
+    }
+
+    /// Whether the image is displaced in the pair of neighbours that begins with slice `first`.
+    pub(super) fn pair_is_off(&self, first: usize) -> bool {
+        matches!(self.pair(first, self.evidence.own.get(first).copied().flatten()), Pair::Off(_))
+    }
+
+    /// Whether the image jumps so far in the pair of neighbours that begins with slice `first` that focus cannot be
+    /// compared across it.
+    pub(super) fn pair_shows_other_texture(&self, first: usize) -> bool {
+        let own = self.evidence.own.get(first).copied().flatten();
+        own.is_some_and(|own| own.length() > OTHER_TEXTURE_PX.max(MISALIGNED_SIGMAS * own.sigma))
+    }
+
+    /// Whether a slice is displaced so far that it shows other parts of the object at the same places.
+    pub(super) fn shows_other_parts(&self) -> bool {
+        let (width, height) = self.evidence.canvas;
+        let far = OTHER_PART * width.min(height) as f64;
+        let own = self.evidence.own.iter().enumerate().filter_map(|(pair, own)| Some((pair, (*own)?)));
+        own.filter(|(_, own)| own.length() > far.max(OTHER_PART_SIGMAS * own.sigma))
+            .any(|(pair, _)| !self.pair_is_duplicated(pair))
     }
 
     fn displaced(&self, displacement: Displacement) -> Finding {

@@ -4,7 +4,8 @@
 //! first. Each sentence names what is wrong, where, and what to do. Thresholds and their reasons: `docs/METRICS.md`.
 //!
 //! One fault changes many numbers. A consequence of a fault that is already reported is not reported again: a stack
-//! whose slices are out of order gets no findings on alignment, depth or brightness.
+//! whose slices are out of order gets no findings on alignment, depth or brightness. Where the image jumps, a pixel
+//! shows another part of the object before and after, so that neither focus nor brightness can be compared.
 
 mod brightness;
 mod depth;
@@ -26,6 +27,8 @@ pub(super) struct Evidence<'a> {
     pub(super) equalised: &'a [Option<f64>],
     /// The slices run in the opposite direction to the profile.
     pub(super) reversed: bool,
+    /// Width and height of the canvas, px.
+    pub(super) canvas: (usize, usize),
 }
 
 /// All findings of a stack, warnings first.
@@ -38,6 +41,8 @@ pub(super) fn diagnose(quality: &StackQuality, evidence: &Evidence<'_>) -> Vec<F
     if in_order {
         findings.extend(diagnoser.profile_misfit());
         findings.extend(diagnoser.shifted_slices());
+    }
+    if in_order && !diagnoser.shows_other_parts() {
         findings.extend(diagnoser.range());
         findings.extend(diagnoser.steps());
         findings.extend(diagnoser.brightness());

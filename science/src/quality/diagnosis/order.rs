@@ -38,7 +38,7 @@ impl Diagnoser<'_> {
     }
 
     pub(super) fn out_of_order(&self) -> Option<Finding> {
-        let order = self.quality.focus.order.as_ref()?;
+        let order = self.quality.focus.order.as_ref().filter(|_| !self.shows_other_parts())?;
         let misplaced = out_of_place(order);
         let detail = format!(
             "{} not in the order of focus: around them the object becomes sharp, unsharp and sharp again, and each was warped \

@@ -85,6 +85,11 @@ impl<'a> SliceMeter<'a> {
         &self.points
     }
 
+    /// Width and height of the canvas, px.
+    pub(super) fn canvas(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
     /// Whether an object mask restricts the measurements.
     pub fn is_masked(&self) -> bool {
         self.object.is_some()
