@@ -14,8 +14,8 @@ use crate::imaging::statistics;
 const LEAST: usize = 4;
 /// Shifts that differ from the fit by more than this many standard deviations are outliers.
 const OUTLIER: f64 = 3.0;
-/// The standard deviation follows from the best share of the shifts: of a stack of five slices, one displaced slice
-/// leaves half of the pairs.
+/// The standard deviation is estimated from this share of the shifts, those closest to the fit: in a stack of five
+/// slices one displaced slice spoils half of the pairs.
 const SETTLED: f64 = 0.4;
 /// No shift is more exact than this standard deviation, px: blur of other parts and curved parts move windows.
 const LEAST_SIGMA: f64 = 0.05;
@@ -141,7 +141,8 @@ fn about_its_middle(pair: &[Shift]) -> Vec<Shift> {
     pair.iter().map(|s| Shift { x: s.x - x, y: s.y - y, dx: s.dx - dx, dy: s.dy - dy }).collect()
 }
 
-/// The least of the values that have the share `q` of the weight up to them, of (value, weight); none without any.
+/// Quantile `q` of pairs (value, weight): the smallest value up to which at least the share `q` of the weight lies.
+/// None for an empty list.
 fn weighted_quantile(mut values: Vec<(f64, f64)>, q: f64) -> Option<f64> {
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let least = q * values.iter().map(|(_, weight)| weight).sum::<f64>();
@@ -174,7 +175,7 @@ pub(super) fn own_shift(shifts: &[Shift], common: Option<&Similarity>, least: us
 mod tests {
     use super::*;
 
-    /// Windows of pair `n` at `count` positions, moved by `step` and by what `jump` adds.
+    /// `count` windows of pair `n`, moved by a common scale and shift, by a little scatter, and by `jump`.
     fn pair(n: usize, count: usize, jump: (f64, f64)) -> Vec<Shift> {
         let window = |k: usize| {
             let (x, y) = ((97 * (k + 3 * n) % 500) as f64, (61 * (k + n) % 300) as f64);
