@@ -42,7 +42,7 @@ fn is_here(program: &str) -> bool {
         "tuspy" => "python3 -c 'import tusclient'".to_owned(),
         "pydantic" => "python3 -c 'import pydantic, urllib3, dateutil'".to_owned(),
         "pytest" => "python3 -c 'import pytest, httpx, typing_extensions'".to_owned(),
-        "httr2" => "Rscript -e 'library(httr2); library(png)'".to_owned(),
+        "httr2" => "Rscript -e 'library(httr2); library(jsonlite); library(png)'".to_owned(),
         // its programs are not in PATH
         "postgresql" => "ls /usr/lib/postgresql/*/bin/initdb || command -v initdb".to_owned(),
         "tree-sitter-matlab" => "python3 -c 'import tree_sitter, tree_sitter_matlab'".to_owned(),
