@@ -73,7 +73,7 @@ fn average<S: Sample, const C: usize>(
     let (mut weights, simd) = (Vec::with_capacity(rect.width), Avx2::detect());
     for slice in (0..needed.len()).filter(|&slice| needed[slice]) {
         let counts = counts(map, slice as u16, rect, window);
-        let alike: Vec<bool> = (0..needed.len()).map(|other| !model.separable(slice, other)).collect();
+        let alike = runs(needed.len(), |other| !model.separable(slice, other));
         let samples = slices.samples(slice, rect)?;
         for y in 0..rect.height {
             let covered = slices.coverage(slice).span(rect.y + y);
@@ -86,12 +86,22 @@ fn average<S: Sample, const C: usize>(
             let textured = &map.textured.row(rect.y + y)[columns];
             let counts = &counts[line.clone()];
             weights.clear();
-            weights.extend(own.iter().zip(textured).zip(counts).map(|((&own, &textured), &count)| {
-                // uncovered pixels are like no slice
-                let alike = alike.get(usize::from(own)).is_some_and(|&alike| alike);
-                let equal = if textured | !model.is_known() { 0 } else { TEXTURELESS_WEIGHT };
-                if alike { f32::from(count + equal) } else { 0.0 }
-            }));
+            weights.resize(own.len(), 0.0);
+            let equal = if model.is_known() { TEXTURELESS_WEIGHT } else { 0 };
+            for &(first, last) in &alike {
+                simd::run(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        let pixels = own.iter().zip(textured).zip(counts);
+                        for (weight, ((&own, &textured), &count)) in weights.iter_mut().zip(pixels) {
+                            let count = count + if textured { 0 } else { equal };
+                            // uncovered pixels are like no slice
+                            *weight += if first <= own && own <= last { f32::from(count) } else { 0.0 };
+                        }
+                    },
+                );
+            }
             let samples = &samples[line.start * C..line.end * C];
             let (values, sums) = (&mut values[line.start * C..line.end * C], &mut sums[line]);
             simd::run(
@@ -106,6 +116,19 @@ fn average<S: Sample, const C: usize>(
         pixel.iter_mut().for_each(|value| *value *= scale);
     }
     Ok(values)
+}
+
+/// The slices, out of `slices`, that are `among` those sought, as runs: the first and the last slice of each. Slices
+/// that are not separable from one are a single run, unless the rail went back and forth.
+fn runs(slices: usize, among: impl Fn(usize) -> bool) -> Vec<(u16, u16)> {
+    let mut runs: Vec<(u16, u16)> = Vec::new();
+    for slice in (0..slices).filter(|&slice| among(slice)).map(|slice| slice as u16) {
+        match runs.last_mut() {
+            Some((_, last)) if *last + 1 == slice => *last = slice,
+            _ => runs.push((slice, slice)),
+        }
+    }
+    runs
 }
 
 /// Per slice, out of `slices`: whether it can have a weight in `rect`, which lies in `window`.
@@ -186,4 +209,17 @@ fn counts(map: &DecisionMap, slice: u16, rect: Rect, window: Rect) -> Vec<u8> {
         }
     }
     counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_end_where_a_slice_is_not_among_those_sought() {
+        let of = |sought: &[usize]| runs(7, |slice| sought.contains(&slice));
+        assert_eq!(of(&[]), []);
+        assert_eq!(of(&[0, 1, 2, 3, 4, 5, 6]), [(0, 6)]);
+        assert_eq!(of(&[0, 2, 3, 6]), [(0, 0), (2, 3), (6, 6)]);
+    }
 }

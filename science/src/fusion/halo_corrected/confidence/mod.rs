@@ -135,25 +135,33 @@ impl<S: Sample> ImagePair<'_, S> {
             grey::luma_row(samples, C, &mut luma.data);
             FocusEnergy::for_edges().plane(&luma, rows)
         });
-        // 0 up to a ratio of 1, without computing the logarithm
-        let excess = |ratio: f32| if ratio > 1.0 { ratio.ln().min(1.0) } else { 0.0 };
-        let weight = |(at, (mosaic, pyramid)): (usize, (&f32, &f32))| {
-            let change = change[at].value() * change_scale;
-            let outside = (outside[at].value() * scale / C as f32 - OF_CORRECTION * change).max(0.0);
-            let corrected = (change / CORRECTION).min(1.0)
-                * ((INCONSISTENT - outside) / (INCONSISTENT - CONSISTENT)).clamp(0.0, 1.0);
-            let equal = ((DIFFERENT - different[at].value() * scale) / (DIFFERENT - EQUAL)).clamp(0.0, 1.0);
-            let mean = WEIGHT_TEXTURELESS + (WEIGHT_TEXTURED - WEIGHT_TEXTURELESS) * mosaic / (mosaic + HALF_TEXTURED);
-            let weight = corrected.max(equal * mean);
-            if weight == 0.0 {
-                return 0.0;
+        let scales = Scales { change: change_scale, difference: scale, channels: C as f32 };
+        let mut weights = Plane::filled(width, height, 0.0f32);
+        let parts = change.chunks(PART).zip(different.chunks(PART)).zip(outside.chunks(PART));
+        let energies = mosaic.data.chunks(PART).zip(pyramid.data.chunks(PART));
+        let simd = Avx2::detect();
+        for ((weights, sums), energies) in weights.data.chunks_mut(PART).zip(parts).zip(energies) {
+            let ((change, different), outside) = sums;
+            let (mut finer, mut ragged) = ([0.0f32; PART], [0.0f32; PART]);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || {
+                    consistency([change, different, outside], energies.0, &scales, weights);
+                    detail_ratios(energies, &mut finer, &mut ragged);
+                },
+            );
+            for (weight, (finer, ragged)) in weights.iter_mut().zip(finer.into_iter().zip(ragged)) {
+                // a ratio of up to 1 changes nothing: its logarithm need not be computed
+                if finer > 1.0 && *weight > 0.0 {
+                    *weight *= 1.0 - finer.ln().min(1.0);
+                }
+                if ragged > 1.0 && *weight > 0.0 {
+                    *weight *= 1.0 - ragged.ln().min(1.0);
+                }
             }
-            let (mosaic, pyramid) = (mosaic + NOISE_ENERGY, pyramid + NOISE_ENERGY);
-            let ragged = RAGGED + (RAGGED_IN_DETAIL - RAGGED) * pyramid / (pyramid + HALF_DETAIL);
-            weight * (1.0 - excess(pyramid / mosaic / FINER)) * (1.0 - excess(mosaic / pyramid / ragged))
-        };
-        let energies = mosaic.data.iter().zip(&pyramid.data);
-        Plane { width, height, data: energies.enumerate().map(weight).collect() }
+        }
+        weights
     }
 
     /// Box sums of two differences at low frequencies: of the pyramid image from the corrected mosaic (the largest over
@@ -183,6 +191,46 @@ impl<S: Sample> ImagePair<'_, S> {
             box_sum.apply(&mut outside, AROUND_SIDE, 1);
         }
         [different, outside]
+    }
+}
+
+/// Pixels whose weights are computed at a time.
+const PART: usize = 64;
+
+/// Factors of box sums, to grey levels; `channels` are those that the distances are summed over.
+struct Scales {
+    change: f32,
+    difference: f32,
+    channels: f32,
+}
+
+/// Weights of the mosaic by what low frequencies and the correction say of it: `max(w_c, w_a)` in METHOD.md. The `sums`
+/// are those of the change by the correction, of the difference from the pyramid image, and of the distance of that
+/// image from both mosaics; `energies` are the fine energies of the mosaic.
+#[inline(always)]
+fn consistency<N: Int>(sums: [&[N]; 3], energies: &[f32], scales: &Scales, weights: &mut [f32]) {
+    let [change, different, outside] = sums;
+    let pixels = change.iter().zip(different).zip(outside).zip(energies);
+    for (weight, (((change, different), outside), energy)) in weights.iter_mut().zip(pixels) {
+        let change = change.value() * scales.change;
+        let outside = (outside.value() * scales.difference / scales.channels - OF_CORRECTION * change).max(0.0);
+        let corrected =
+            (change / CORRECTION).min(1.0) * ((INCONSISTENT - outside) / (INCONSISTENT - CONSISTENT)).clamp(0.0, 1.0);
+        let equal = ((DIFFERENT - different.value() * scales.difference) / (DIFFERENT - EQUAL)).clamp(0.0, 1.0);
+        let mean = WEIGHT_TEXTURELESS + (WEIGHT_TEXTURED - WEIGHT_TEXTURELESS) * energy / (energy + HALF_TEXTURED);
+        *weight = corrected.max(equal * mean);
+    }
+}
+
+/// How much more fine energy one image has than the other, in multiples of what is accepted: `finer` the pyramid image,
+/// `ragged` the mosaic. `energies` are the fine energies of the mosaic and of the pyramid image.
+#[inline(always)]
+fn detail_ratios((mosaic, pyramid): (&[f32], &[f32]), finer: &mut [f32; PART], ragged: &mut [f32; PART]) {
+    let pixels = mosaic.iter().zip(pyramid);
+    for ((finer, ragged), (mosaic, pyramid)) in finer.iter_mut().zip(ragged).zip(pixels) {
+        let (mosaic, pyramid) = (mosaic + NOISE_ENERGY, pyramid + NOISE_ENERGY);
+        let limit = RAGGED + (RAGGED_IN_DETAIL - RAGGED) * pyramid / (pyramid + HALF_DETAIL);
+        (*finer, *ragged) = (pyramid / mosaic / FINER, mosaic / pyramid / limit);
     }
 }
 

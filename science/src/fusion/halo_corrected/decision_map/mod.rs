@@ -163,7 +163,12 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                 let around = around.zip(self.coarse.textureless.row(y / CELL)).skip(rect.x / CELL);
                 let cells = slices.chunks_mut(CELL).zip(textured.chunks_mut(CELL)).zip(around);
                 for (i, ((slices, textured), ((&around, &around_energy), &textureless))) in cells.enumerate() {
-                    if around == UNCOVERED || slices.iter().all(|&own| own == around) {
+                    // cells are whole except at the border of the canvas, and whole ones are compared at once
+                    let settled = match slices.first_chunk::<CELL>() {
+                        Some(cell) => *cell == [around; CELL],
+                        None => slices.iter().all(|&own| own == around),
+                    };
+                    if around == UNCOVERED || settled {
                         continue;
                     }
                     let covered = self.slices.coverage(usize::from(around)).span(y);
