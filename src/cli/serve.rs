@@ -1,6 +1,8 @@
 //! `pinstack serve`: the API and the workers.
 
-use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
+use std::{
+    fs::Permissions, io::Write, net::SocketAddr, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration,
+};
 
 use anyhow::Context;
 use tokio::{
@@ -191,12 +193,19 @@ fn hosts(config: &ServeConfig) -> Vec<String> {
     config.hosts.iter().cloned().chain(listened).collect()
 }
 
-/// Writes the address atomically, so that no reader sees half of it.
+/// Writes the address atomically, so that no reader sees half of it. The temporary file has a name of its own: two
+/// servers may write `data.port-1` and `data.port-2` at the same time.
 fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
-    let new = file.with_extension("new");
-    std::fs::write(&new, format!("{address}\n"))
-        .and_then(|()| std::fs::rename(&new, file))
-        .with_context(|| format!("port_file: cannot write {}", file.display()))
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // a temporary file is for its owner alone otherwise; this one is for the program that waits for the server
+    let readable = Permissions::from_mode(0o666);
+    let write = || -> std::io::Result<()> {
+        let mut new = tempfile::Builder::new().permissions(readable).tempfile_in(folder)?;
+        writeln!(new, "{address}")?;
+        new.persist(file)?;
+        Ok(())
+    };
+    write().with_context(|| format!("port_file: cannot write {}", file.display()))
 }
 
 /// SIGTERM and SIGINT.
@@ -216,5 +225,40 @@ impl StopSignals {
             _ = self.terminate.recv() => {}
             _ = self.interrupt.recv() => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn servers_that_start_at_once_write_a_port_file_each_and_touch_no_other_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let in_it = |name: &str| folder.path().join(name);
+        std::fs::write(in_it("data.new"), "of another program").expect("a file");
+        std::thread::scope(|threads| {
+            for server in 1..5u16 {
+                let file = in_it(&format!("data.port-{server}"));
+                threads.spawn(move || {
+                    for attempt in 0..200 {
+                        let address = SocketAddr::from(([127, 0, 0, 1], 1000 * server + attempt));
+                        write_port_file(&file, address).expect("written");
+                        assert_eq!(std::fs::read_to_string(&file).expect("there"), format!("{address}\n"));
+                    }
+                });
+            }
+        });
+        assert_eq!(std::fs::read_to_string(in_it("data.new")).expect("there"), "of another program");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 5);
+        let mode = std::fs::metadata(in_it("data.port-1")).expect("there").permissions().mode();
+        assert_eq!(mode & 0o400, 0o400);
+    }
+
+    #[test]
+    fn a_port_file_that_cannot_be_written_is_named() {
+        let error = write_port_file(Path::new("/no/such/folder/port"), SocketAddr::from(([127, 0, 0, 1], 1)));
+        let text = format!("{:#}", error.expect_err("there is no such folder"));
+        assert!(text.starts_with("port_file: cannot write /no/such/folder/port: "), "{text}");
     }
 }

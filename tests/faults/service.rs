@@ -76,7 +76,10 @@ impl Service {
             if let Ok(address) = std::fs::read_to_string(&port) {
                 return Some(Self { process, url: format!("http://{}", address.trim()) });
             }
-            if process.try_wait().expect("it can be asked").is_some() {
+            if let Some(status) = process.try_wait().expect("it can be asked") {
+                // what it said, in case it was expected to listen; tests show it only where they fail
+                let said = std::fs::read_to_string(data.with_extension("log")).unwrap_or_default();
+                println!("pinstack ended before it listened, with {status}:\n{said}");
                 return None;
             }
             sleep(LOOK).await;
