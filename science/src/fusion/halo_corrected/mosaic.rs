@@ -118,11 +118,11 @@ fn average<S: Sample, const C: usize>(
     Ok(values)
 }
 
-/// The slices, out of `slices`, that are `among` those sought, as runs: the first and the last slice of each. Slices
-/// that are not separable from one are a single run, unless the rail went back and forth.
-fn runs(slices: usize, among: impl Fn(usize) -> bool) -> Vec<(u16, u16)> {
+/// The slices below `slices` for which `is_sought` holds, as runs of consecutive slices: the first and the last of
+/// each. The slices that are not separable from one slice are a single run, unless the rail moved back and forth.
+fn runs(slices: usize, is_sought: impl Fn(usize) -> bool) -> Vec<(u16, u16)> {
     let mut runs: Vec<(u16, u16)> = Vec::new();
-    for slice in (0..slices).filter(|&slice| among(slice)).map(|slice| slice as u16) {
+    for slice in (0..slices).filter(|&slice| is_sought(slice)).map(|slice| slice as u16) {
         match runs.last_mut() {
             Some((_, last)) if *last + 1 == slice => *last = slice,
             _ => runs.push((slice, slice)),

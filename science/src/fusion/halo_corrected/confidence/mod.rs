@@ -197,16 +197,19 @@ impl<S: Sample> ImagePair<'_, S> {
 /// Pixels whose weights are computed at a time.
 const PART: usize = 64;
 
-/// Factors of box sums, to grey levels; `channels` are those that the distances are summed over.
+/// What turns box sums into means in grey levels of 255.
 struct Scales {
+    /// Factor of the sums of the change.
     change: f32,
+    /// Factor of the sums of differences and of distances.
     difference: f32,
+    /// Number of channels, over which distances are summed.
     channels: f32,
 }
 
-/// Weights of the mosaic by what low frequencies and the correction say of it: `max(w_c, w_a)` in METHOD.md. The `sums`
-/// are those of the change by the correction, of the difference from the pyramid image, and of the distance of that
-/// image from both mosaics; `energies` are the fine energies of the mosaic.
+/// Writes `max(w_c, w_a)` of METHOD.md per pixel, 0 to 1, before fine energies reduce it. `sums` are box sums: of the
+/// change by the correction, of the difference from the pyramid image, and of the distance of the pyramid image from
+/// the interval between both mosaics. `energies` are the fine energies of the mosaic, squared grey levels.
 #[inline(always)]
 fn consistency<N: Int>(sums: [&[N]; 3], energies: &[f32], scales: &Scales, weights: &mut [f32]) {
     let [change, different, outside] = sums;
