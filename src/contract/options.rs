@@ -3,13 +3,14 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use pinstack_science::fusion::Plan;
 use pinstack_science::segmentation::MaskParams;
 use pinstack_science::types::{
     calibration_options::CalibrationOptions,
     error::ErrorLocation,
     fusion_options::{GuidedParams, Method},
     mask_options::{MaskEdge, MaskThreshold},
-    profile::RAIL_MM,
+    profile::{ProfileInput, RAIL_MM},
     text_or_number::TextOrNumber,
 };
 
@@ -56,6 +57,17 @@ pub enum HeightMode {
     None,
     /// Yes, in the unit that the profile allows: millimetres in the object, millimetres of the rail, or steps.
     Auto,
+}
+
+/// What happens to the lateral colour of the lens that the profile knows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LateralColourMode {
+    /// Red and blue are moved to where green is.
+    #[default]
+    Correct,
+    /// Colours stay where the lens images them.
+    Keep,
 }
 
 /// Bits per sample of the image: `auto`, `8` or `16`.
@@ -206,7 +218,11 @@ pub struct StackOptions {
     /// covers), or `x,y,w,h` in px of the reference slice.
     #[schema(value_type = String, example = "none")]
     pub crop: Crop,
-    /// Colour of pixels whose alpha is 0: `black`, or `keep` (the fused colour).
+    /// Lateral colour of the lens, if the profile has it: `correct` (red and blue are moved to where green is), or
+    /// `keep`.
+    pub lateral_colour: LateralColourMode,
+    /// Colour of pixels whose alpha is 0: `black`, `keep` (the fused colour), or `pad` (the colour of the object
+    /// continued by 4 px).
     pub under_alpha: UnderAlpha,
     /// Height map: `none`, or `auto` (measured, in the unit that the profile allows; it takes time and memory).
     pub height: HeightMode,
@@ -258,6 +274,7 @@ impl Default for StackOptions {
             order: SliceOrder::default(),
             input_bits: InputBits::default(),
             crop: Crop::default(),
+            lateral_colour: LateralColourMode::default(),
             under_alpha: UnderAlpha::default(),
             height: HeightMode::default(),
             method: Method::default(),
@@ -280,9 +297,18 @@ impl Default for StackOptions {
 
 impl StackOptions {
     /// The parameters of the method `guided`.
-    pub fn guided(&self) -> GuidedParams {
+    fn guided(&self) -> GuidedParams {
         let &Self { r1, eps1, r2, eps2, average, r_g, sigma_g, .. } = self;
         GuidedParams { r1, eps1, r2, eps2, average, r_g, sigma_g }
+    }
+
+    /// How a stack with these options is fused with the profile `profile`.
+    pub fn plan(&self, profile: &ProfileInput) -> Plan {
+        let plan = Plan::from_profile(profile, self.method, self.guided());
+        match self.lateral_colour {
+            LateralColourMode::Correct => plan,
+            LateralColourMode::Keep => Plan { lateral_colour: None, ..plan },
+        }
     }
 
     /// The parameters of the mask for a picture of `width` x `height` px.

@@ -125,6 +125,7 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
         principal_distance_mm: measured.report.camera.principal_distance_mm,
         magnification: measured.magnification,
         distortion: measured.distortion,
+        lateral_colour: measured.lateral_colour,
         ..ProfileInput::default()
     }
 }

@@ -6,7 +6,7 @@ use super::{crop::crop_rect, input_bits::FullScaleSlices};
 use crate::contract::{Fault, input::SliceOrder, options::StackOptions};
 use pinstack_science::{
     archive::{self, ArchiveLimits, ReadAt},
-    fusion::{Plan, warped_slice},
+    fusion::warped_slice,
     imaging::Raster,
     types::profile::ProfileInput,
 };
@@ -29,7 +29,7 @@ pub fn slice_view(
         SliceOrder::Reverse => archive.reversed(),
     };
     let slices = FullScaleSlices::of(archive.front(), options.input_bits);
-    let plan = Plan::from_profile(profile, options.method, options.guided());
+    let plan = options.plan(profile);
     let warped = warped_slice(&slices, &plan, index)?;
     Ok(warped.crop(crop_rect(options.crop, profile)?))
 }

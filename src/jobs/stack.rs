@@ -77,7 +77,7 @@ pub fn run(
         [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
-    let plan = Plan::from_profile(&profile.input, options.method, options.guided());
+    let plan = options.plan(&profile.input);
     warnings.extend(unused_parameters(&plan));
     reading.progress("reading", 1, 1);
     times.end("reading");

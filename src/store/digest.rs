@@ -8,11 +8,14 @@ use std::{
 
 use sha2::{Digest, Sha256};
 
-use pinstack_science::types::profile::{CaptureMode, ProfileInput};
+use pinstack_science::types::{
+    lateral_colour::LateralColour,
+    profile::{CaptureMode, ProfileInput},
+};
 
 /// SHA-256 (hex) of what determines the pixels of a result: image size, reference slice, and for each slice the nine
-/// elements of its homography and its gain (1 if absent); and the lens distortion if there is any. Note, rail positions
-/// and origin are not included: profiles with the same digest give the same image.
+/// elements of its homography and its gain (1 if absent); and the lens distortion and the lateral colour if there are
+/// any. Note, rail positions and origin are not included: profiles with the same digest give the same image.
 pub fn profile_digest(input: &ProfileInput) -> String {
     let mut hash = Sha256::new();
     hash.update(b"pinstack profile 1\0");
@@ -29,6 +32,12 @@ pub fn profile_digest(input: &ProfileInput) -> String {
     if let Some(lens) = &input.distortion {
         hash.update(b"distortion\0");
         for number in [lens.centre_px[0], lens.centre_px[1], lens.k1, lens.k2, lens.radius_px] {
+            hash.update((number + 0.0).to_le_bytes());
+        }
+    }
+    if let Some(LateralColour { red, blue }) = &input.lateral_colour {
+        hash.update(b"lateral colour\0");
+        for number in [red, blue].into_iter().flat_map(|of| [of.scale, of.shift_px[0], of.shift_px[1]]) {
             hash.update((number + 0.0).to_le_bytes());
         }
     }
@@ -125,7 +134,7 @@ pub fn digests_of(mut reader: impl Read) -> io::Result<FileDigests> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pinstack_science::types::Homography;
+    use pinstack_science::types::{Homography, lateral_colour::ColourDisplacement};
 
     fn input() -> ProfileInput {
         ProfileInput {
@@ -149,6 +158,11 @@ mod tests {
         let mut moved = input();
         moved.homographies[1].0[2] = 0.500_000_1;
         assert_ne!(base, profile_digest(&moved));
+        let [red, blue] = [0.001, -0.001].map(|scale| ColourDisplacement { scale, shift_px: [0.0; 2] });
+        let of =
+            |red, blue| profile_digest(&ProfileInput { lateral_colour: Some(LateralColour { red, blue }), ..input() });
+        assert_ne!(base, of(red, blue));
+        assert_ne!(of(blue, red), of(red, blue));
     }
 
     #[test]

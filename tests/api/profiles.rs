@@ -203,6 +203,7 @@ async fn unknown_values_of_a_profile_are_null() {
         "origin",
         "principal_distance_px",
         "distortion",
+        "lateral_colour",
     ] {
         assert_eq!(shown.get(name), Some(&Value::Null), "{name}");
     }

@@ -272,10 +272,18 @@ async fn the_pinhole_of_a_client_is_stored_and_checked() {
     let app = TestApp::start().await;
     let mut body = json!({ "image_width": 640, "image_height": 480, "reference_index": 2, "homographies": stack(),
         "principal_distance_mm": 121.0, "principal_point_px": [320.5, 239.0], "magnification": 0.86, "pixel_pitch_mm": 0.00625,
-        "distortion": { "centre_px": [320.0, 240.0], "k1": 0.02, "k2": 0.0, "radius_px": 400.0 } });
+        "distortion": { "centre_px": [320.0, 240.0], "k1": 0.02, "k2": 0.0, "radius_px": 400.0 },
+        "lateral_colour": { "red": { "scale": 0.002, "shift_px": [0.1, -0.2] }, "blue": { "scale": -0.001, "shift_px": [0.0, 0.0] } } });
     stored(app.put(URL).json(&body)).await;
     let shown: Value = app.get(URL).send().await.unwrap().json().await.unwrap();
-    for name in ["principal_distance_mm", "principal_point_px", "magnification", "pixel_pitch_mm", "distortion"] {
+    for name in [
+        "principal_distance_mm",
+        "principal_point_px",
+        "magnification",
+        "pixel_pitch_mm",
+        "distortion",
+        "lateral_colour",
+    ] {
         assert_eq!(shown[name], body[name], "{name}");
     }
     assert_eq!(shown["principal_distance_px"], 19_360.0);
@@ -287,12 +295,17 @@ async fn the_pinhole_of_a_client_is_stored_and_checked() {
         ("principal_point_px", json!([1e9, 0])),
         ("magnification", json!(-1)),
         ("distortion", folded),
+        ("lateral_colour", json!({ "red": { "scale": 0.5 }, "blue": { "scale": 0 } })),
     ] {
         let right = body[name].clone();
         body[name] = wrong;
         assert!(refused(app.put(URL).json(&body), 422, "invalid_profile").await.contains(name));
         body[name] = right;
     }
-    body["distortion"] = Value::Null;
-    assert_ne!(stored(app.put(URL).json(&body)).await["digest"], shown["digest"], "distortion moves pixels");
+    for name in ["distortion", "lateral_colour"] {
+        let right = body[name].clone();
+        body[name] = Value::Null;
+        assert_ne!(stored(app.put(URL).json(&body)).await["digest"], shown["digest"], "{name} moves pixels");
+        body[name] = right;
+    }
 }

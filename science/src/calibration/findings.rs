@@ -23,9 +23,6 @@ const POOR_GAIN: f64 = 0.01;
 /// Relative deviation of the brightness or tint of a slice from which it is named.
 const OUTLIER: f64 = 0.01;
 
-/// Lateral colour at the image corners that is reported, px.
-const FRINGE: f64 = 0.3;
-
 /// Input of the findings.
 pub(super) struct Facts<'a> {
     /// The slices, for their names.
@@ -345,15 +342,13 @@ fn target(facts: &Facts) -> Vec<Finding> {
         );
         out.push(Finding::remark("target_aslant", detail));
     }
-    let half = 0.5 * (facts.tracked.width as f64).hypot(facts.tracked.height as f64);
-    if let Some(scales) = facts.tracked.colour_scales
-        && scales.iter().any(|(scale, sigma)| scale.abs() * half > FRINGE && scale.abs() > 5.0 * sigma)
-    {
-        let [red, blue] = scales.map(|(scale, _)| scale * half);
+    let (width, height) = (facts.tracked.width as u32, facts.tracked.height as u32);
+    if let Some(colours) = facts.tracked.colours.and_then(|measured| measured.worth_correcting(width, height)) {
+        let [red, blue] = [colours.red, colours.blue].map(|colour| colour.size_px(width, height));
         let detail = format!(
-            "the lens has lateral colour: relative to green, the image corners move outward in red by {red:.1} px and in \
-             blue by {blue:.1} px; slices are aligned by green, and the coloured fringes stay in the result: correct \
-             them in the raw converter, alike in all slices and before the calibration"
+            "the lens has lateral colour: relative to green, the image corners are displaced in red by {red:.1} px and in \
+             blue by {blue:.1} px; the profile keeps it, and fusion moves red and blue to where green is, unless a stack \
+             is sent with lateral_colour=keep"
         );
         out.push(Finding::remark("lateral_colour", detail));
     }

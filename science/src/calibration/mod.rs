@@ -79,6 +79,7 @@ pub use target_check::dot_target;
 use crate::imaging::Slices;
 use crate::types::calibration_options::CalibrationOptions;
 use crate::types::distortion::Distortion;
+use crate::types::lateral_colour::LateralColour;
 use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
 use crate::types::report::CalibrationReport;
 use crate::types::{Control, Error, ErrorKind, Interrupted, Warning};
@@ -130,6 +131,8 @@ pub struct Calibration {
     pub model: HomographyModel,
     /// Lens distortion that stays with the sensor; the homographies are then between images without it. `None`: none.
     pub distortion: Option<Distortion>,
+    /// Lateral colour that is large enough to correct; `None`: no, or not measured.
+    pub lateral_colour: Option<LateralColour>,
     /// Findings for the user.
     pub warnings: Vec<Warning>,
     /// The verdict in one sentence.

@@ -148,6 +148,7 @@ pub(super) fn report(
             .map(|s| s.dots.into_iter().map(|dot| Dot { at: seen_at(dot.at), ..dot }).collect())
             .collect(),
         distortion: lens.distortion,
+        lateral_colour: tracked.colours.and_then(|measured| measured.worth_correcting(width, height)),
         report,
     }
 }

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::coarse_registration::SimilarityMotion;
 use super::detection::{self, Detection, Diagnosis, Expected, Target};
 use super::identity::{self, Labelling};
-use super::lateral_colour::{self, ColourScales};
+use super::lateral_colour::{self, MeasuredColours};
 use super::lattice::Places;
 use super::statistics::median;
 use super::tint;
@@ -32,7 +32,7 @@ pub(super) struct Tracked {
     /// Per slice whether its labels are certain.
     pub labelling: Vec<Labelling>,
     /// Lateral colour in the slice in which the grid was found first; `None` for grey slices.
-    pub colour_scales: Option<ColourScales>,
+    pub colours: Option<MeasuredColours>,
 }
 
 /// Most slices in which the grid is searched for, besides the reference.
@@ -66,13 +66,13 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
             && let Some((target, mut detection)) = detection::measure_grid(&slice, target, &lattice, control)?
         {
             detection.tint = tint::tint(&slice, &detection);
-            let colour_scales = lateral_colour::measure(&slice, target, &detection, control)?;
-            first = Some((index, target, detection, colour_scales));
+            let colours = lateral_colour::measure(&slice, target, &detection, control)?;
+            first = Some((index, target, detection, colours));
             break;
         }
         tried.push((index, detection::diagnose(&slice)));
     }
-    let Some((start, target, detection, colour_scales)) = first else { return Err(no_grid(slices, &tried).into()) };
+    let Some((start, target, detection, colours)) = first else { return Err(no_grid(slices, &tried).into()) };
     tick();
     let follow = |indices: Vec<usize>| follow(&loader, target, &detection, indices, control, &tick);
     let (up, down) = rayon::join(|| follow((start + 1..count).collect()), || follow((0..start).rev().collect()));
@@ -82,7 +82,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
     let labelling = identity::settle(&mut detections, start);
     same_orientation(slices, &detections, start, target.code.is_some())?;
-    Ok(Tracked { width, height, target, detections, diagnoses, labelling, colour_scales })
+    Ok(Tracked { width, height, target, detections, diagnoses, labelling, colours })
 }
 
 /// The reference slice, then slices spread over the stack, from the middle outward.

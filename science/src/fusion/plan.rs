@@ -2,12 +2,13 @@
 
 use super::height::{HeightMap, axis::HeightAxis};
 use crate::{
-    imaging::{Plane, Raster},
+    imaging::{Plane, Raster, warp::Warp},
     quality::StackQuality,
     types::{
         Error, ErrorKind, Homography, Warning,
         distortion::Distortion,
         fusion_options::{GuidedParams, Method},
+        lateral_colour::LateralColour,
         profile::{CaptureMode, ProfileInput},
     },
 };
@@ -42,6 +43,8 @@ pub struct Plan {
     pub height_map: Option<HeightAxis>,
     /// Lens distortion of all slices and of the canvas, if there is any.
     pub distortion: Option<Distortion>,
+    /// Lateral colour of the lens, which is corrected when slices are resampled; `None`: colours stay where they are.
+    pub lateral_colour: Option<LateralColour>,
 }
 
 /// One slice of a [`Plan`].
@@ -74,6 +77,7 @@ impl Plan {
             near_first: None,
             height_map: None,
             distortion: None,
+            lateral_colour: None,
         }
     }
 
@@ -95,6 +99,7 @@ impl Plan {
             near_first: near_first(profile),
             height_map: None,
             distortion: profile.distortion,
+            lateral_colour: profile.lateral_colour,
         }
     }
 
@@ -102,6 +107,24 @@ impl Plan {
     #[must_use]
     pub fn with_height_map(self, profile: &ProfileInput) -> Self {
         Self { height_map: Some(HeightAxis::from_profile(profile, self.near_first)), ..self }
+    }
+
+    /// The resampling of slice `index` of the plan to the canvas.
+    ///
+    /// # Errors
+    /// [`ErrorKind::InvalidProfile`] when its homography, the distortion or the lateral colour cannot be applied.
+    pub(super) fn warp(&self, index: usize) -> Result<Warp, Error> {
+        let size = (self.width, self.height);
+        let slice = &self.slices[index];
+        Warp::with_distortion(&slice.homography, slice.gain, size, self.distortion.as_ref())
+            .and_then(|warp| warp.with_lateral_colour(self.lateral_colour.as_ref()))
+            .ok_or_else(|| {
+                let detail = format!(
+                    "slice {index} cannot be resampled: its homography, the lens distortion or the lateral colour of the \
+                     profile is not valid"
+                );
+                Error::new(ErrorKind::InvalidProfile, detail)
+            })
     }
 
     /// Rail positions of all slices, mm; `None` if any is unknown.

@@ -2,7 +2,7 @@
 
 use super::Plan;
 use crate::{
-    imaging::{Raster, Samples, Slices, warp::Warp},
+    imaging::{Raster, Samples, Slices},
     types::{Error, ErrorKind},
 };
 
@@ -11,13 +11,13 @@ use crate::{
 ///
 /// # Errors
 /// [`ErrorKind::SliceCountMismatch`] when the stack or the plan has no such slice; [`ErrorKind::SizeMismatch`] when its
-/// size is not that of the plan; [`ErrorKind::InvalidProfile`] when its homography or the lens distortion cannot be
-/// inverted; those of [`Slices::load`].
+/// size is not that of the plan; [`ErrorKind::InvalidProfile`] when the geometry of the plan cannot be applied to it;
+/// those of [`Slices::load`].
 pub fn warped_slice(slices: &dyn Slices, plan: &Plan, index: usize) -> Result<Raster, Error> {
-    let Some(planned) = plan.slices.get(index).filter(|_| index < slices.count()) else {
+    if index >= slices.count().min(plan.slices.len()) {
         let detail = format!("there is no slice {index}: the stack has {} slices", slices.count());
         return Err(Error::new(ErrorKind::SliceCountMismatch, detail));
-    };
+    }
     let Raster { width, height, channels, samples } = slices.load(index)?;
     if (width, height) != (plan.width, plan.height) {
         let detail = format!(
@@ -26,12 +26,7 @@ pub fn warped_slice(slices: &dyn Slices, plan: &Plan, index: usize) -> Result<Ra
         );
         return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(slices.name(index), u32::try_from(index).ok()));
     }
-    let warp = Warp::with_distortion(&planned.homography, planned.gain, (width, height), plan.distortion.as_ref());
-    let warp = warp.ok_or_else(|| {
-        let detail =
-            format!("the homography of slice {index} or the lens distortion of the profile cannot be inverted");
-        Error::new(ErrorKind::InvalidProfile, detail)
-    })?;
+    let warp = plan.warp(index)?;
     let samples = match samples {
         Samples::Eight(samples) => Samples::Eight(warp.apply(samples, channels)),
         Samples::Sixteen(samples) => Samples::Sixteen(warp.apply(samples, channels)),

@@ -10,6 +10,7 @@ pub mod error;
 pub mod fusion_options;
 pub mod homography;
 pub mod intrinsics;
+pub mod lateral_colour;
 pub mod mask_options;
 pub mod matrices;
 pub mod metrics;

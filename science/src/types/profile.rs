@@ -5,7 +5,9 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Error, ErrorKind, Homography, distortion::Distortion, error::ErrorLocation};
+use super::{
+    Error, ErrorKind, Homography, distortion::Distortion, error::ErrorLocation, lateral_colour::LateralColour,
+};
 
 /// What moves between slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -78,6 +80,10 @@ pub struct ProfileInput {
     /// Radial lens distortion that stays with the sensor. The homographies are then between images without it.
     #[serde(default)]
     pub distortion: Option<Distortion>,
+    /// Lateral colour of the lens. Fusion moves red and blue to where green is, unless a stack says
+    /// `lateral_colour=keep`.
+    #[serde(default)]
+    pub lateral_colour: Option<LateralColour>,
 }
 
 impl ProfileInput {
@@ -201,6 +207,9 @@ impl ProfileInput {
             && let Some(why) = distortion.objection(self.image_width, self.image_height)
         {
             object("/distortion".into(), format!("the distortion {why}"), None);
+        }
+        if let Some(why) = self.lateral_colour.as_ref().and_then(LateralColour::objection) {
+            object("/lateral_colour".into(), format!("lateral_colour {why}"), None);
         }
         if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
             object("/note".into(), "the note is longer than 4,000 characters".into(), None);

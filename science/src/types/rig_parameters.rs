@@ -114,6 +114,7 @@ impl RigParameters {
             magnification: Some(self.magnification),
             note: self.note.clone(),
             distortion: None,
+            lateral_colour: None,
         };
         profile.check()?;
         Ok(profile)

@@ -21,7 +21,10 @@ use crate::{
         state::App,
     },
 };
-use pinstack_science::archive::{npy, npz};
+use pinstack_science::{
+    archive::{npy, npz},
+    types::lateral_colour::LateralColour,
+};
 
 /// Format of the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
@@ -109,6 +112,10 @@ fn as_npz(profile: &Profile) -> ApiResult<Vec<u8>> {
     if let Some(lens) = &input.distortion {
         let numbers = [lens.centre_px[0], lens.centre_px[1], lens.k1, lens.k2, lens.radius_px];
         arrays.push(("distortion", npy::of_floats(&[5], numbers)));
+    }
+    if let Some(LateralColour { red, blue }) = &input.lateral_colour {
+        let numbers = [red, blue].into_iter().flat_map(|of| [of.scale, of.shift_px[0], of.shift_px[1]]);
+        arrays.push(("lateral_colour", npy::of_floats(&[2, 3], numbers)));
     }
     npz::packed(arrays).map_err(ApiError::internal)
 }

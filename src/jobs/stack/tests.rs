@@ -21,6 +21,8 @@ use pinstack_science::{
 };
 use sha2::{Digest, Sha256};
 
+mod lateral_colour;
+
 fn run_with(job: &TestJob, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
     let JobRequest::Stack(request) = &job.context.job.request else { panic!("a stack") };
     run(&job.context, request, &ArchiveLimits::default(), sink)

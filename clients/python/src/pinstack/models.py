@@ -43,6 +43,9 @@ JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 Keep = Literal["always", "usable", "good"]
 
 
+LateralColourMode = Literal["correct", "keep"]
+
+
 LengthUnit = Literal["mm", "radius"]
 
 
@@ -200,6 +203,13 @@ class CalibrationResult(TypedDict):
     verdict: str
 
 
+class ColourDisplacement(TypedDict):
+    """Displacement of a colour relative to green."""
+
+    scale: float
+    shift_px: NotRequired[List[float]]
+
+
 class Distortion(TypedDict):
     """Radial distortion of the pixels of every slice, the same for all slices."""
 
@@ -327,6 +337,13 @@ class Intrinsics(TypedDict):
     principal_point_px: NotRequired[Optional[List[float]]]
 
 
+class LateralColour(TypedDict):
+    """Where red and blue light falls relative to green light; the same in every slice."""
+
+    blue: ColourDisplacement
+    red: ColourDisplacement
+
+
 class LimitsInfo(TypedDict):
     """Limits of the service."""
 
@@ -430,6 +447,7 @@ class ProfileInput(TypedDict):
     homographies: List[Homography]
     image_height: int
     image_width: int
+    lateral_colour: NotRequired[Optional[LateralColour]]
     magnification: NotRequired[Optional[float]]
     note: NotRequired[Optional[str]]
     pixel_pitch_mm: NotRequired[Optional[float]]
@@ -535,6 +553,7 @@ class RerunOptions(TypedDict):
     jpeg_quality: NotRequired[Optional[int]]
     keep_days: NotRequired[Optional[int]]
     label: NotRequired[Optional[str]]
+    lateral_colour: NotRequired[Optional[LateralColourMode]]
     mask: NotRequired[Optional[MaskMode]]
     mask_edge: NotRequired[Optional[MaskEdge]]
     mask_min_blob_px: NotRequired[Optional[int]]
@@ -791,6 +810,7 @@ class StackOptions(TypedDict):
     jpeg_quality: int
     keep_days: Optional[int]
     label: Optional[str]
+    lateral_colour: LateralColourMode
     mask: MaskMode
     mask_edge: MaskEdge
     mask_min_blob_px: Optional[int]
@@ -824,6 +844,7 @@ class StackOptionsInput(TypedDict):
     jpeg_quality: NotRequired[int]
     keep_days: NotRequired[Optional[int]]
     label: NotRequired[Optional[str]]
+    lateral_colour: NotRequired[LateralColourMode]
     mask: NotRequired[MaskMode]
     mask_edge: NotRequired[MaskEdge]
     mask_min_blob_px: NotRequired[Optional[int]]

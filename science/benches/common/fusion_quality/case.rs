@@ -68,6 +68,7 @@ impl Stack {
             near_first: self.near_end_known.then_some(true),
             height_map: None,
             distortion: None,
+            lateral_colour: None,
         }
     }
 

@@ -66,6 +66,7 @@ impl Case {
             near_first: Some(true),
             height_map: None,
             distortion: None,
+            lateral_colour: None,
         }
     }
 

@@ -73,7 +73,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
         target,
         detections,
         labelling: vec![labelling; SLICES],
-        colour_scales: None,
+        colours: None,
         diagnoses: vec![None; SLICES],
     }
 }
@@ -86,10 +86,10 @@ fn analysed(tracked: &Tracked) -> (LensAnalysis, Option<Tracked>) {
 }
 
 fn without(tracked: &Tracked, distortion: &Distortion) -> Tracked {
-    let Tracked { width, height, target, colour_scales, .. } = *tracked;
+    let Tracked { width, height, target, colours, .. } = *tracked;
     let (detections, diagnoses) = (tracked.detections.clone(), tracked.diagnoses.clone());
     let labelling = tracked.labelling.clone();
-    straightened(Tracked { width, height, target, detections, diagnoses, labelling, colour_scales }, distortion)
+    straightened(Tracked { width, height, target, detections, diagnoses, labelling, colours }, distortion)
 }
 
 /// Largest distance, px, between where the corners of the reference slice truly lie in the slices and where the found

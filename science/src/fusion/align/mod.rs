@@ -18,9 +18,9 @@ use rayon::prelude::*;
 
 use super::run::{Run, locked, unlocked};
 use crate::{
-    imaging::{Coverage, Plane, Sample, grey, warp::Warp},
+    imaging::{Coverage, Plane, Sample, grey},
     quality::slice::{Fingerprint, SliceMeasurements, SliceMeter, WarpedSlice},
-    types::{Error, ErrorKind, Interrupted},
+    types::Interrupted,
 };
 use coarse_focus::CoarseFocus;
 use focus_measure::{FocusMeasure, RowBuffers};
@@ -148,14 +148,7 @@ impl<S: Sample> Pass<'_, S> {
         control.check()?;
         let fingerprint = self.meter.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
 
-        let (size, planned) = ((plan.width, plan.height), &plan.slices[slice]);
-        let warp = Warp::with_distortion(&planned.homography, planned.gain, size, plan.distortion.as_ref())
-            .ok_or_else(|| {
-                Error::new(
-                    ErrorKind::InvalidProfile,
-                    format!("the homography of slice {slice} or the lens distortion of the profile cannot be inverted"),
-                )
-            })?;
+        let warp = plan.warp(slice)?;
         let buffer = locked(&self.buffers).pop().unwrap_or_default();
         let (warped, spare) = warp.resample_cancellable(samples, C, buffer, || control.check())?;
         self.run.slices.recycle(spare);

@@ -10,6 +10,7 @@
 //!
 //! 8-bit samples are weighted in fixed point ([`fixed`]), 16-bit samples in floating point ([`float`]).
 
+mod colours;
 mod distorted;
 mod fixed;
 #[cfg(target_arch = "x86_64")]
@@ -30,7 +31,8 @@ use super::{
     sample::Sample,
     simd::{self, Avx2},
 };
-use crate::types::{Homography, distortion::Distortion};
+use crate::types::{Homography, distortion::Distortion, lateral_colour::LateralColour};
+use colours::ColourPosition;
 use fixed::Fixed;
 use float::Float;
 
@@ -52,6 +54,8 @@ pub struct Warp {
     simd: Option<Avx2>,
     /// Replaces `to_slice` where there is lens distortion.
     distorted: Option<SliceMapping>,
+    /// Red and blue of slices with three channels, where the lens has lateral colour.
+    colours: Option<[ColourPosition; 2]>,
 }
 
 impl Warp {
@@ -80,6 +84,7 @@ impl Warp {
             coverage,
             simd: Avx2::detect(),
             distorted: None,
+            colours: None,
         })
     }
 
@@ -104,6 +109,17 @@ impl Warp {
         let mapping = SliceMapping::new(to_canvas.inverse()?, *distortion, slice);
         let coverage = Coverage::of_mapping(&mapping, slice);
         Some(Self { coverage, distorted: Some(mapping), ..plain })
+    }
+
+    /// The same warp for a lens with lateral colour: red and blue of a pixel are taken from where the lens images them.
+    /// The coverage stays that of green: where red or blue of a pixel is outside the slice, they are those of the
+    /// nearest pixel of its border. `None` when the lateral colour is not valid ([`LateralColour::objection`]).
+    pub fn with_lateral_colour(self, colours: Option<&LateralColour>) -> Option<Self> {
+        let Some(colours) = colours else { return Some(self) };
+        if colours.objection().is_some() {
+            return None;
+        }
+        Some(Self { colours: Some(ColourPosition::of(colours, self.slice)), ..self })
     }
 
     /// The same warp without vector instructions. It gives the same bits; tests compare the two.
@@ -150,7 +166,7 @@ impl Warp {
             self.slice.0 * self.slice.1 * channels,
             "the number of samples does not match the slice"
         );
-        if self.identity {
+        if self.identity && (self.colours.is_none() || channels == 1) {
             return Ok((samples, buffer));
         }
         let warped = match channels {
@@ -211,7 +227,19 @@ impl Warp {
                     );
                 }
             }
-            weights.weigh(source, (&us[..count], &vs[..count]), &mut out[start * C..(start + count) * C]);
+            let out = &mut out[start * C..(start + count) * C];
+            weights.weigh(source, (&us[..count], &vs[..count]), out);
+            if let Some(colours) = self.colours.as_ref().filter(|_| C == 3) {
+                for colour in colours {
+                    let [us, vs] = colour.positions([&us, &vs]);
+                    let mut displaced = [S::default(); 3 * BLOCK];
+                    let displaced = &mut displaced[..out.len()];
+                    weights.weigh(source, (&us[..count], &vs[..count]), displaced);
+                    for (out, from) in out.chunks_exact_mut(C).zip(displaced.chunks_exact(C)) {
+                        out[colour.channel] = from[colour.channel];
+                    }
+                }
+            }
             start += count;
         }
     }

@@ -22,7 +22,7 @@ pub fn buttons(job: &Job, viewer: &Viewer) -> Markup {
 type Choice = (&'static str, &'static str, &'static [(&'static str, &'static str)]);
 
 /// Options that the page offers for another run.
-const CHOICES: [Choice; 9] = [
+const CHOICES: [Choice; 10] = [
     (
         "method",
         "Method",
@@ -34,6 +34,7 @@ const CHOICES: [Choice; 9] = [
     ("format", "Format", &[("png", "PNG"), ("tiff", "TIFF"), ("jpeg", "JPEG")]),
     ("bit_depth", "Bits", &[("8", "8"), ("16", "16"), ("auto", "as the slices")]),
     ("order", "Order of the slices", &[("name", "by name"), ("reverse", "reverse")]),
+    ("lateral_colour", "Lateral colour of the lens", &[("correct", "corrected"), ("keep", "left as it is")]),
     ("height", "Height map", &[("none", "none"), ("auto", "measured")]),
     (
         "priority",
