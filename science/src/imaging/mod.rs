@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`raster`], [`sample`] | image types, 8 and 16 bits |
 //! | [`codec`] | JPEG, PNG and TIFF, with ICC profile and EXIF |
-//! | [`slices`] | the source of the slices of a stack |
+//! | [`slices`], [`grey_slices`] | the source of the slices of a stack, in colour or grey |
 //! | [`warp`], [`coverage`] | resampling to the reference slice, and which pixels a slice covers |
 //! | [`filter`] | mean, guided filter, focus measures, blur by a disc |
 //! | [`grey`], [`statistics`], [`thumbnail`], [`compositing`] | luma, medians and quantiles, small copies, RGBA output |
@@ -15,6 +15,7 @@ pub mod compositing;
 pub mod coverage;
 pub mod filter;
 pub mod grey;
+pub mod grey_slices;
 pub mod mapping;
 pub mod padding;
 pub mod raster;

@@ -5,6 +5,7 @@ use super::{
     *,
 };
 use crate::{
+    imaging::grey_slices::{GreySlices, GreyValue},
     segmentation::{MaskParams, Silhouette, segment},
     synth::{Light, Rig, Scene, scene::SCENES},
     types::mask_options::MaskEdge,
@@ -65,6 +66,24 @@ impl Case {
         let pairs = alpha.data.iter().zip(&self.0.truth.cover.data);
         let sum: f64 = pairs.map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum();
         (sum / alpha.data.len() as f64).sqrt() / 255.0
+    }
+}
+
+#[test]
+fn silhouettes_of_grey_slices_are_as_good_as_those_of_slices_in_colour() {
+    for (name, scene) in SCENES {
+        let mut sums = [0.0; 2];
+        for seed in 1..=3 {
+            let case = Case::new(&scene(seed), &Rig { seed, ..Rig::sized(360, 240, 7) });
+            let all = &&case.0.slices[..];
+            let grey = GreySlices::of(&all, GreyValue::Luma);
+            let grey: Vec<Raster> = (0..7).map(|i| grey.load(i).unwrap()).collect();
+            for (sum, slices) in sums.iter_mut().zip([&case.0.slices, &grey]) {
+                *sum += case.iou(&case.segment(slices, MaskEdge::Hard).mask) / 3.0;
+            }
+        }
+        println!("{name}: IoU {:.5} in colour, {:.5} in grey", sums[0], sums[1]);
+        assert!(sums[1] > sums[0] - 3e-4, "{name}: IoU {:.5} in colour, {:.5} in grey", sums[0], sums[1]);
     }
 }
 

@@ -22,6 +22,9 @@ pub(super) struct Fixed {
     x: Box<[AlongX; PHASES]>,
     /// The weight of each of the four rows, eight times.
     y: Box<[[[i16; 8]; 4]; PHASES]>,
+    /// The same for grey: the weight of each row twice, row by row.
+    #[cfg(target_arch = "x86_64")]
+    y_of_grey: Box<[[i16; 8]; PHASES]>,
     /// Added before the final truncation, to round: half a level, and the mean loss of the truncations along x.
     half: i32,
     shift: u32,
@@ -67,7 +70,17 @@ impl Fixed {
             *y = quantised(weights, whole).map(|weight| [weight; 8]);
         }
         let shift = bits as u32 + LEFT_BITS;
-        Some(Self { x, y, half: (1 << (shift - 1)) + whole, shift, simd })
+        #[cfg(target_arch = "x86_64")]
+        let y_of_grey = Box::new(std::array::from_fn(|phase| std::array::from_fn(|i| y[phase][i / 2][0])));
+        Some(Self {
+            x,
+            y,
+            #[cfg(target_arch = "x86_64")]
+            y_of_grey,
+            half: (1 << (shift - 1)) + whole,
+            shift,
+            simd,
+        })
     }
 
     /// Computes the pixels of `out` from the source positions `us`, `vs`.
@@ -75,10 +88,11 @@ impl Fixed {
         #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "there are kernels for x86 alone"))]
         let mut done = 0..0;
         #[cfg(target_arch = "x86_64")]
-        if C == 3
-            && let Some(simd) = self.simd
-        {
-            done = super::fixed_avx2::weigh(simd, self, source, (us, vs), out);
+        if let Some(simd) = self.simd {
+            done = match C {
+                1 => super::fixed_avx2_grey::weigh(simd, self, source, (us, vs), out),
+                _ => super::fixed_avx2::weigh(simd, self, source, (us, vs), out),
+            };
         }
         let _ = self.simd;
         let end = us.len().min(vs.len());
@@ -120,6 +134,11 @@ impl Fixed {
     #[cfg(target_arch = "x86_64")]
     pub(super) fn weights(&self, u: i32, v: i32) -> (&AlongX, &[[i16; 8]; 4]) {
         (&self.x[u as usize & (PHASES - 1)], &self.y[v as usize & (PHASES - 1)])
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    pub(super) fn grey_weights(&self, u: i32, v: i32) -> (&AlongX, &[i16; 8]) {
+        (&self.x[u as usize & (PHASES - 1)], &self.y_of_grey[v as usize & (PHASES - 1)])
     }
 
     #[cfg(target_arch = "x86_64")]

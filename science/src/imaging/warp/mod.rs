@@ -15,6 +15,8 @@ mod distorted;
 mod fixed;
 #[cfg(target_arch = "x86_64")]
 mod fixed_avx2;
+#[cfg(target_arch = "x86_64")]
+mod fixed_avx2_grey;
 mod float;
 #[cfg(target_arch = "x86_64")]
 mod float_avx2;
