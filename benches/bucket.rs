@@ -18,7 +18,7 @@ use pinstack::store::{
 };
 use pinstack_science::{
     archive::{ArchiveLimits, open_shared, pack},
-    fusion::{self, MetricsRequest, Plan, SlicePlan},
+    fusion::{self, FusionRequest, Plan, SlicePlan},
     imaging::codec::{Metadata, encode_jpeg, encode_png},
     synth::{Light, Rig, Scene, render},
     types::{NoControl, fusion_options::Method},
@@ -104,7 +104,7 @@ async fn run(rig: &Rig, zip: &[u8], megabits: f64, way: Way) -> f64 {
             zip.read_exact_at(&mut all, 0).expect("every byte");
         }
         let archive = open_shared(Arc::clone(&zip), &ArchiveLimits::default()).expect("a sound zip");
-        fusion::fuse(archive.front(), &plan, &MetricsRequest::default(), &scratch, &NoControl).expect("an image")
+        fusion::fuse(archive.front(), &plan, &FusionRequest::default(), &scratch, &NoControl).expect("an image")
     };
     let fused = tokio::task::spawn_blocking(fuse).await.expect("no panic");
     assert_eq!(fused.image.width, STACK.0);

@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use pinstack_science::{
-    fusion::{Fused, MetricsRequest, Plan, fuse},
+    fusion::{Fused, FusionRequest, Plan, fuse},
     imaging::Raster,
     quality::two_source,
     types::NoControl,
@@ -27,7 +27,7 @@ fn image(path: &Path) -> Raster {
 
 fn fuse_aligned(slices: &[Raster]) -> Fused {
     let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
-    fuse(&slices, &plan, &MetricsRequest::default(), &std::env::temp_dir(), &NoControl).unwrap()
+    fuse(&slices, &plan, &FusionRequest::default(), &std::env::temp_dir(), &NoControl).unwrap()
 }
 
 #[test]

@@ -15,7 +15,7 @@
 //!
 //! use pinstack_science::{
 //!     calibration::calibrate,
-//!     fusion::{self, MetricsRequest, Plan, SlicePlan},
+//!     fusion::{self, FusionRequest, Plan, SlicePlan},
 //!     segmentation::{self, MaskParams},
 //!     synth::{DotTarget, Light, Rendered, Rig, Scene, Stage},
 //!     types::{NoControl, calibration_options::CalibrationOptions, fusion_options::Method},
@@ -40,16 +40,16 @@
 //!     ..Plan::aligned(400, 300, 5)
 //! };
 //! let scratch = std::env::temp_dir();
-//! let fuse = |light, request: &MetricsRequest<'_>| {
+//! let fuse = |light, request: &FusionRequest<'_>| {
 //!     fusion::fuse(&Rendered::scene(stage.clone(), light), &plan, request, &scratch, &NoControl)
 //! };
 //!
 //! // Segment: the silhouette of the object, from the fused back light.
-//! let back = fuse(Light::Back, &MetricsRequest::default())?;
+//! let back = fuse(Light::Back, &FusionRequest::default())?;
 //! let silhouette = segmentation::segment(&back.image, &back.valid, &MaskParams::default_for(400, 300));
 //!
 //! // Measure: the metrics of the front light, within the silhouette.
-//! let fused = fuse(Light::Front, &MetricsRequest { enabled: true, object: Some(&silhouette.mask) })?;
+//! let fused = fuse(Light::Front, &FusionRequest { metrics: true, object: Some(&silhouette.mask), shown: None })?;
 //! let quality = fused.quality.expect("the metrics were requested");
 //! assert_eq!(quality.slices.len(), 5);
 //! # Ok::<(), pinstack_science::types::Interrupted>(())

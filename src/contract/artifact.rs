@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | `image` | fused image, RGBA | PNG, TIFF or JPEG (option `format`) | PNG, TIFF, JPEG |
 //! | `mask` | silhouette, 8-bit grey | PNG | TIFF |
-//! | `backlight` | fused back-light stack | PNG | TIFF, JPEG |
+//! | `backlight` | fused back-light stack, grey | PNG | TIFF, JPEG |
 //! | `depth` | index of the sharpest slice, 16-bit grey | PNG | TIFF |
 //! | `height` | height map, 16-bit grey (option `height`) | PNG | TIFF |
 //! | `height-sigma` | standard deviation of the heights, 16-bit grey | PNG | TIFF |
@@ -128,7 +128,7 @@ impl StackArtifact {
                 formats: VIEWABLE,
                 needs_back_light: true,
                 needs_height: false,
-                // RGB at least
+                // an upper bound: it is grey
                 pixel_bytes: |sizes| sizes.slice_pixel.max(3),
             },
             Self::Depth => Row {

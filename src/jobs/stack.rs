@@ -19,16 +19,17 @@ use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
     input::SliceOrder,
-    options::{HeightMode, MaskMode},
+    options::{HeightMode, MaskMode, UnderAlpha},
     outcome::{HeightInfo, JobOutcome, StackOutcome},
     request::StackRequest,
 };
 use pinstack_science::{
     archive::{self, ArchiveLimits, StackArchive},
-    fusion::{self, Fused, MetricsRequest, Plan},
+    fusion::{self, Fused, FusionRequest, Plan},
     imaging::{
         Slices,
         codec::{self, Metadata},
+        grey_slices::{GreySlices, GreyValue},
     },
     quality::VERSIONS,
     segmentation::{Silhouette, segment},
@@ -92,7 +93,10 @@ pub fn run(
     let silhouette = if with_back {
         let back = Plan { method: plan.method.for_back_light(), ..plan.clone() };
         let control = Phase::new(sink, back.method.progress_stages(), READ, middle);
-        let back = fusion::fuse(&back_slices, &back, &MetricsRequest::default(), &context.scratch, &control)?;
+        // only brightness counts; green is where the geometry of the profile holds
+        let grey_value = if back.lateral_colour.is_some() { GreyValue::Green } else { GreyValue::Luma };
+        let grey = GreySlices::of(&back_slices, grey_value);
+        let back = fusion::fuse(&grey, &back, &FusionRequest::default(), &context.scratch, &control)?;
         times.end("fusing the back light");
         let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
@@ -111,14 +115,18 @@ pub fn run(
         None
     };
 
-    // front light
+    // front light; what the mask hides is not fused
     let plan = match options.height {
         HeightMode::None => plan,
         HeightMode::Auto => plan.with_height_map(&profile.input),
     };
     let control = Phase::new(sink, plan.method.progress_stages(), middle, FUSED);
-    let metrics_request = MetricsRequest { enabled: true, object: silhouette.as_ref().map(|s| &s.mask) };
-    let front = fusion::fuse(&front_slices, &plan, &metrics_request, &context.scratch, &control)?;
+    let wanted = FusionRequest {
+        metrics: true,
+        object: silhouette.as_ref().map(|s| &s.mask),
+        shown: silhouette.as_ref().filter(|_| options.under_alpha != UnderAlpha::Keep).map(Silhouette::image_alpha),
+    };
+    let front = fusion::fuse(&front_slices, &plan, &wanted, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
     diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
     warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));

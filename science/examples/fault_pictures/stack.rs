@@ -1,7 +1,7 @@
 //! A rendered stack, and the faults that are made in it.
 
 use pinstack_science::{
-    fusion::{Fused, MetricsRequest, Plan, SlicePlan, fuse},
+    fusion::{Fused, FusionRequest, Plan, SlicePlan, fuse},
     imaging::{Plane, Raster, Samples},
     synth::{Light, Rig, Scene, Stage},
     types::{Homography, NoControl, fusion_options::Method},
@@ -84,6 +84,6 @@ pub fn true_plan(rig: &Rig) -> Plan {
 
 /// Fuses slices; with `object`, measures the metrics on it.
 pub fn fused(slices: &[Raster], plan: &Plan, object: Option<&Plane<u8>>) -> Fused {
-    let request = MetricsRequest { enabled: object.is_some(), object };
+    let request = FusionRequest { metrics: object.is_some(), object, shown: None };
     fuse(&slices, plan, &request, &std::env::temp_dir(), &NoControl).expect("fused")
 }

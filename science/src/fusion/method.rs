@@ -15,6 +15,7 @@ use super::{
     plan::Plan,
     pyramid,
     run::Run,
+    shown,
     tiles::Blended,
 };
 use crate::{
@@ -96,7 +97,7 @@ pub(super) fn second_pass<S: Sample, const C: usize>(
 ) -> Result<Blended<S>, Interrupted> {
     match run.plan.method {
         Method::Guided => guided::blend::<S, C>(run, aligned),
-        Method::Pyramid => pyramid::blend::<S, C>(run, aligned, None),
+        Method::Pyramid => pyramid::blend::<S, C>(run, aligned, None, shown::MARGIN),
         Method::HaloCorrected => {
             let no_energy = || Error::new(ErrorKind::Internal, "the first pass has not measured the focus energy");
             let energy = aligned.energy.take().ok_or_else(no_energy)?;

@@ -21,13 +21,13 @@ use crate::{
 pub(super) fn slice_meter<'a>(run: &Run<'a>) -> Option<SliceMeter<'a>> {
     let (plan, request) = (run.plan, run.request);
     let slices = plan.slices.len();
-    request.enabled.then(|| SliceMeter::new(plan.width, plan.height, slices, plan.reference, request.object))
+    request.metrics.then(|| SliceMeter::new(plan.width, plan.height, slices, plan.reference, request.object))
 }
 
 /// Measures the residual shifts between neighbouring warped slices.
 pub(super) fn alignment<S: Sample>(run: &Run<'_>, aligned: &Aligned) -> Result<Alignment, Interrupted> {
     let (plan, request, control) = (run.plan, run.request, run.control);
-    if !request.enabled {
+    if !request.metrics {
         return Ok(Alignment::default());
     }
     control.check()?;

@@ -27,7 +27,8 @@
 //!
 //! - Memory does not depend on the number of slices ([`Plan::memory_bytes`]); the scratch file does
 //!   ([`Plan::scratch_bytes`]).
-//! - The same input gives the same bytes, for any number of threads and any size of tiles.
+//! - The same input gives the same bytes, for any number of threads and any size of tiles. Pixels that are not shown
+//!   ([`FusionRequest::shown`]) may depend on the size of the tiles.
 //! - A pixel that a slice does not cover is never chosen and enters no mean, filter or metric.
 
 mod align;
@@ -42,6 +43,7 @@ mod pyramid;
 mod resources;
 mod run;
 mod sample_format;
+mod shown;
 mod tiles;
 mod warped_slice;
 
@@ -50,7 +52,7 @@ mod tests;
 
 use std::path::Path;
 
-pub use plan::{Fused, MetricsRequest, Plan, SlicePlan, UNCOVERED};
+pub use plan::{Fused, FusionRequest, Plan, SlicePlan, UNCOVERED};
 pub use resources::slices_in_flight;
 pub use warped_slice::warped_slice;
 
@@ -85,7 +87,7 @@ const MAX_CLAMPED_FRACTION: f64 = 0.01;
 pub fn fuse(
     slices: &dyn Slices,
     plan: &Plan,
-    request: &MetricsRequest<'_>,
+    request: &FusionRequest<'_>,
     scratch_dir: &Path,
     control: &dyn Control,
 ) -> Result<Fused, Interrupted> {
@@ -113,7 +115,7 @@ pub fn fuse_by_decision_map(
     scratch_dir: &Path,
     control: &dyn Control,
 ) -> Result<Fused, Interrupted> {
-    let request = &MetricsRequest::default();
+    let request = &FusionRequest::default();
     check(slices, plan, request)?;
     if (decision_map.width, decision_map.height) != (plan.width, plan.height) {
         return Err(Error::new(ErrorKind::Internal, "the decision map does not have the size of the canvas").into());
@@ -124,9 +126,10 @@ pub fn fuse_by_decision_map(
 }
 
 /// Checks what a stack is to be fused by.
-fn check(slices: &dyn Slices, plan: &Plan, request: &MetricsRequest<'_>) -> Result<(), Interrupted> {
+fn check(slices: &dyn Slices, plan: &Plan, request: &FusionRequest<'_>) -> Result<(), Interrupted> {
     plan.check(slices.count())?;
-    if request.object.is_some_and(|object| (object.width, object.height) != (plan.width, plan.height)) {
+    let planes = [request.object, request.shown].into_iter().flatten();
+    if planes.into_iter().any(|plane| (plane.width, plane.height) != (plan.width, plan.height)) {
         return Err(Error::new(ErrorKind::Internal, "the silhouette does not have the size of the canvas").into());
     }
     Ok(())
@@ -159,7 +162,8 @@ impl Run<'_> {
         let (width, height) = (self.plan.width, self.plan.height);
         let covered = valid.data.iter().filter(|&&v| v != 0).count();
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
-        let mut warnings = warnings(width * height, covered, blended.clamped);
+        let mut warnings =
+            warnings(width * height, covered, blended.clamped as f64 / blended.fused.min(covered).max(1) as f64);
         warnings.extend(blended.contradicts_near_end.then(|| depth_order_disagrees(self.plan)));
         Ok(Fused { image, index: aligned.index, height_map, valid, quality, warnings })
     }
@@ -176,8 +180,9 @@ fn depth_order_disagrees(plan: &Plan) -> Warning {
     Warning::new("depth_order_disagrees", detail)
 }
 
-/// The warnings about a canvas of `pixels` px, of which `covered` are covered and `clamped` have a clamped sample.
-fn warnings(pixels: usize, covered: usize, clamped: usize) -> Vec<Warning> {
+/// The warnings about a canvas of `pixels` px, of which `covered` are covered, and whose fused pixels have a clamped
+/// sample in the fraction `clamped`.
+fn warnings(pixels: usize, covered: usize, clamped: f64) -> Vec<Warning> {
     let mut warnings = Vec::new();
     if covered < pixels {
         let percent = 100.0 * (pixels - covered) as f64 / pixels as f64;
@@ -189,14 +194,13 @@ fn warnings(pixels: usize, covered: usize, clamped: usize) -> Vec<Warning> {
             ),
         ));
     }
-    let fraction = clamped as f64 / covered.max(1) as f64;
-    if fraction > MAX_CLAMPED_FRACTION {
+    if clamped > MAX_CLAMPED_FRACTION {
         warnings.push(Warning::new(
             "fusion_overshoot",
             format!(
                 "{:.1} % of the fused pixels were outside the range of their bit depth and were clamped; check the image for \
                  halos, or expose the slices so that fewer pixels are near black or white",
-                100.0 * fraction
+                100.0 * clamped
             ),
         ));
     }

@@ -212,14 +212,19 @@ fn scale(homography: &Homography) -> f64 {
     (homography.0[0] * homography.0[4] - homography.0[1] * homography.0[3]).sqrt()
 }
 
-/// Which metrics [`fuse`](super::fuse) measures. The default is none.
+/// What [`fuse`](super::fuse) is asked for besides the fused image. The default is nothing, for an image that is shown
+/// as a whole.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct MetricsRequest<'a> {
+pub struct FusionRequest<'a> {
     /// Whether [`Fused::quality`] is measured.
-    pub enabled: bool,
+    pub metrics: bool,
     /// Silhouette of the object: 255 inside, 0 outside, of the size of the canvas. The metrics are restricted to it,
     /// and so is [`Fused::height_map`].
     pub object: Option<&'a Plane<u8>>,
+    /// The pixels of the image that will be shown: those that are not 0, of the size of the canvas. They contain the
+    /// object. Only they and what is within 32 px of them are fused, which takes less time; the other pixels of
+    /// [`Fused::image`] are similar to those of the reference slice. `None`: all pixels are shown.
+    pub shown: Option<&'a Plane<u8>>,
 }
 
 /// A fused stack.

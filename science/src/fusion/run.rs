@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{
-    plan::{MetricsRequest, Plan},
+    plan::{FusionRequest, Plan},
     sample_format::FormattedSlices,
 };
 use crate::{imaging::Plane, types::Control};
@@ -15,7 +15,7 @@ use crate::{imaging::Plane, types::Control};
 pub(super) struct Run<'a> {
     pub slices: FormattedSlices<'a>,
     pub plan: &'a Plan,
-    pub request: &'a MetricsRequest<'a>,
+    pub request: &'a FusionRequest<'a>,
     pub scratch_dir: &'a Path,
     pub control: &'a dyn Control,
     /// The slice of each pixel, where [`fuse_by_decision_map`](super::fuse_by_decision_map) gives it.

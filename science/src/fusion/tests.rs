@@ -7,6 +7,7 @@ mod oracle;
 mod pyramid;
 pub(super) mod rendered;
 mod robust;
+mod shown;
 mod silhouette;
 
 use super::*;
@@ -81,15 +82,17 @@ fn unaligned(width: usize, height: usize, slices: usize) -> (Vec<Raster>, Plan) 
 }
 
 fn fused(slices: &[Raster], plan: &Plan) -> Fused {
-    fuse(&slices, plan, &MetricsRequest::default(), &std::env::temp_dir(), &NoControl).unwrap()
+    fuse(&slices, plan, &FusionRequest::default(), &std::env::temp_dir(), &NoControl).unwrap()
 }
 
 fn fused_in_tiles(slices: &[Raster], plan: &Plan, tile: usize) -> Fused {
-    let (request, folder) = (MetricsRequest::default(), std::env::temp_dir());
+    fused_as_asked(slices, plan, &FusionRequest::default(), tile)
+}
+
+fn fused_as_asked(slices: &[Raster], plan: &Plan, request: &FusionRequest<'_>, tile: usize) -> Fused {
+    let folder = std::env::temp_dir();
     let slices = FormattedSlices::open(&slices, plan.width, plan.height).unwrap();
-    Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, decision_map: None, tile }
-        .fuse()
-        .unwrap()
+    Run { slices, plan, request, scratch_dir: &folder, control: &NoControl, decision_map: None, tile }.fuse().unwrap()
 }
 
 fn values(raster: &Raster) -> Vec<f64> {
@@ -231,7 +234,7 @@ fn where_the_sharp_slice_covers_nothing_another_slice_is_used() {
 fn a_slice_of_another_size_is_refused_and_named() {
     let slices = [strips(60, 40, 1)[0].clone(), strips(60, 41, 1)[0].clone()];
     let stop =
-        fuse(&&slices[..], &Plan::aligned(60, 40, 2), &MetricsRequest::default(), &std::env::temp_dir(), &NoControl);
+        fuse(&&slices[..], &Plan::aligned(60, 40, 2), &FusionRequest::default(), &std::env::temp_dir(), &NoControl);
     let Err(Interrupted::Failed(error)) = stop else { panic!("{stop:?}") };
     assert_eq!(error.kind, ErrorKind::SizeMismatch);
     assert_eq!(error.locations[0].slice, Some(1));
@@ -242,7 +245,7 @@ fn a_slice_of_another_size_is_refused_and_named() {
 fn a_profile_for_another_number_of_slices_is_refused() {
     let slices = strips(60, 40, 2);
     let stop =
-        fuse(&&slices[..], &Plan::aligned(60, 40, 3), &MetricsRequest::default(), &std::env::temp_dir(), &NoControl);
+        fuse(&&slices[..], &Plan::aligned(60, 40, 3), &FusionRequest::default(), &std::env::temp_dir(), &NoControl);
     assert!(matches!(stop, Err(Interrupted::Failed(Error { kind: ErrorKind::SliceCountMismatch, .. }))));
 }
 
@@ -255,7 +258,7 @@ fn grey_slices_in_a_stack_in_colour_are_accepted_and_the_reverse_is_refused() {
     let stop = fuse(
         &&[grey, colour][..],
         &Plan::aligned(60, 40, 2),
-        &MetricsRequest::default(),
+        &FusionRequest::default(),
         &std::env::temp_dir(),
         &NoControl,
     );
@@ -269,7 +272,7 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
     let object = Plane::from_fn(600, 140, |x, _| if x < 300 { 255u8 } else { 0 });
     let measured = |threads: usize, object: Option<&Plane<u8>>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let request = MetricsRequest { enabled: true, object };
+        let request = FusionRequest { metrics: true, object, shown: None };
         pool.install(|| fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).unwrap())
     };
     let (one, two) = (measured(1, None), measured(3, None));
@@ -289,7 +292,7 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
 fn a_silhouette_of_another_size_is_refused() {
     let slices = strips(60, 40, 2);
     let object = Plane::filled(61, 40, 255u8);
-    let request = MetricsRequest { enabled: true, object: Some(&object) };
+    let request = FusionRequest { metrics: true, object: Some(&object), shown: None };
     let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &request, &std::env::temp_dir(), &NoControl);
     assert!(matches!(stop, Err(Interrupted::Failed(_))));
 }
@@ -298,7 +301,7 @@ fn a_silhouette_of_another_size_is_refused() {
 fn a_missing_scratch_folder_is_an_error() {
     let slices = strips(60, 40, 2);
     let nowhere = Path::new("/nowhere/at/all");
-    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &MetricsRequest::default(), nowhere, &NoControl);
+    let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &FusionRequest::default(), nowhere, &NoControl);
     let Err(Interrupted::Failed(error)) = stop else { panic!("{stop:?}") };
     assert!(error.detail.contains("scratch file"), "{}", error.detail);
 }

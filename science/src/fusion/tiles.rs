@@ -4,7 +4,10 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::run::{Run, locked};
+use super::{
+    align::Aligned,
+    run::{Run, locked},
+};
 use crate::{
     imaging::{Rect, Sample},
     types::Interrupted,
@@ -17,18 +20,21 @@ pub(super) const TILE: usize = 512;
 pub(super) struct Blended<S> {
     /// Interleaved samples of the canvas.
     pub pixels: Vec<S>,
-    /// Number of pixels with a sample that was clamped.
+    /// Number of pixels that were fused.
+    pub fused: usize,
+    /// Number of them with a sample that was clamped.
     pub clamped: usize,
     /// Whether the stack contradicts the plan about its near end.
     pub contradicts_near_end: bool,
 }
 
-/// Makes an image of `C` channels, tile by tile; `stage` names its progress.
+/// Makes an image of `C` channels, tile by tile; `stage` names its progress. Every pixel within `margin` px of a shown
+/// pixel is fused.
 ///
 /// `tile` fuses a rectangle into an interleaved buffer and returns the number of pixels with a clamped sample. `tools`
 /// makes its buffers, once per thread.
 pub(super) fn in_tiles<S: Sample, const C: usize, T>(
-    run: &Run<'_>,
+    (run, aligned, margin): (&Run<'_>, &Aligned, usize),
     stage: &'static str,
     tools: impl Fn() -> T + Sync,
     tile: impl Fn(&mut T, Rect, &mut Vec<S>) -> Result<usize, Interrupted> + Sync,
@@ -41,7 +47,7 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
         .flat_map(|(row, &(y, height))| columns.iter().map(move |&(x, width)| (row, Rect { x, y, width, height })))
         .collect();
 
-    let mut pixels = vec![S::default(); width * height * C];
+    let mut pixels = run.unfused::<S, C>(aligned)?;
     let mut rest = pixels.as_mut_slice();
     let mut bands = Vec::new();
     for &(_, height) in &rows {
@@ -52,30 +58,33 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
 
     let done = Mutex::new(0);
     run.control.progress(stage, 0, tiles.len());
-    let clamped = tiles
+    let counts = tiles
         .par_iter()
         .with_max_len(1)
         .map_init(
             || (tools(), Vec::new()),
-            |(tools, out), &(row, rect)| -> Result<usize, Interrupted> {
+            |(tools, out), &(row, rect)| -> Result<[usize; 2], Interrupted> {
                 run.control.check()?;
-                let clamped = tile(tools, rect, out)?;
-                let mut band = locked(&bands[row]);
-                for (y, line) in out.chunks_exact(rect.width * C).enumerate() {
-                    let start = (y * width + rect.x) * C;
-                    band[start..start + line.len()].copy_from_slice(line);
+                let mut counts = [0, 0];
+                if let Some(part) = run.part_to_fuse(rect, margin) {
+                    counts = [part.width * part.height, tile(tools, part, out)?];
+                    let mut band = locked(&bands[row]);
+                    for (y, line) in out.chunks_exact(part.width * C).enumerate() {
+                        let start = ((part.y - rect.y + y) * width + part.x) * C;
+                        band[start..start + line.len()].copy_from_slice(line);
+                    }
                 }
-                drop(band);
                 let mut done = locked(&done);
                 *done += 1;
                 run.control.progress(stage, *done, tiles.len());
-                Ok(clamped)
+                Ok(counts)
             },
         )
         .collect::<Result<Vec<_>, Interrupted>>()?;
     drop(bands);
 
-    Ok(Blended { pixels, clamped: clamped.into_iter().sum(), contradicts_near_end: false })
+    let [fused, clamped] = counts.into_iter().fold([0, 0], |[a, b], [c, d]| [a + c, b + d]);
+    Ok(Blended { pixels, fused, clamped, contradicts_near_end: false })
 }
 
 /// `length` divided into the fewest pieces of at most `max`, as equal as possible: (start, length) of each.

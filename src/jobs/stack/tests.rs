@@ -218,6 +218,31 @@ fn a_black_and_a_white_back_light_are_named_as_such() {
 }
 
 #[test]
+fn pixels_that_the_mask_hides_are_not_fused_and_all_others_are_as_without_it() {
+    for mask_edge in [MaskEdge::Hard, MaskEdge::Soft] {
+        let of = |under_alpha: UnderAlpha| {
+            let job = TestJob::stack(&both_zip(), StackOptions { under_alpha, mask_edge, ..options() });
+            let (output, outcome) = done(&job);
+            (picture_of(&output), outcome.metrics.fusion.q_g_top.expect("measured"), outcome.metrics.focus)
+        };
+        let (whole, score, focus) = of(UnderAlpha::Keep);
+        for under_alpha in [UnderAlpha::Black, UnderAlpha::Pad] {
+            let (image, score_here, focus_here) = of(under_alpha);
+            assert!(focus_here == focus && (score_here - score).abs() < 1e-5, "{under_alpha:?}");
+            let mut visible = 0;
+            for (pixel, whole) in image.chunks_exact(4).zip(whole.chunks_exact(4)) {
+                assert_eq!(pixel[3], whole[3]);
+                if pixel[3] != 0 {
+                    assert_eq!(pixel, whole, "{under_alpha:?}, {mask_edge:?}");
+                    visible += 1;
+                }
+            }
+            assert!(visible > 1_000, "{visible} px");
+        }
+    }
+}
+
+#[test]
 fn format_depth_and_crop_are_as_asked() {
     let crop = Crop::Rect { x: 20, y: 10, width: 100, height: 80 };
     let asked = StackOptions { format: ImageFormat::Tiff, bit_depth: BitDepth::Sixteen, crop, ..options() };

@@ -1,7 +1,7 @@
 //! A scene and a rig, rendered as a stack with its truth, and fused.
 
 use pinstack_science::{
-    fusion::{Fused, MetricsRequest, Plan, SlicePlan, UNCOVERED, fuse, fuse_by_decision_map},
+    fusion::{Fused, FusionRequest, Plan, SlicePlan, UNCOVERED, fuse, fuse_by_decision_map},
     imaging::{Coverage, Plane, Raster, Sample, Samples, warp::Warp},
     synth::{Light, Rig, Stage, Truth, scene::Make},
     types::{
@@ -74,7 +74,7 @@ impl Stack {
 
     pub fn fuse(&self, method: Method) -> Fused {
         let (slices, folder) = (&self.slices[..], std::env::temp_dir());
-        let request = MetricsRequest::default();
+        let request = FusionRequest::default();
         fuse(&slices, &self.plan(method), &request, &folder, &NoControl).expect("the stack can be fused")
     }
 

@@ -4,7 +4,7 @@ use std::{fmt, path::Path};
 
 use pinstack_science::{
     fusion::{
-        Fused, MetricsRequest, Plan, SlicePlan, fuse,
+        Fused, FusionRequest, Plan, SlicePlan, fuse,
         height::{axis::HeightAxis, relief::relief},
     },
     imaging::{
@@ -102,7 +102,7 @@ impl Stack {
             height_map: Some(HeightAxis::steps(count, 0, None)),
             ..Plan::aligned(rig.width, rig.height, count)
         };
-        let request = MetricsRequest { enabled: false, object: Some(&self.truth.mask) };
+        let request = FusionRequest { metrics: false, object: Some(&self.truth.mask), shown: None };
         fuse(&&self.slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).expect("the stack can be fused")
     }
 
@@ -204,7 +204,7 @@ pub fn relief_of(folder: &Path, to: &Path, method: Method) {
     let first = slices.first().unwrap_or_else(|| panic!("{} contains no pictures", folder.display()));
     let plan = Plan::aligned(first.width, first.height, slices.len());
     let plan = Plan { method, height_map: Some(HeightAxis::steps(slices.len(), 0, None)), ..plan };
-    let fused = fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), &NoControl)
+    let fused = fuse(&&slices[..], &plan, &FusionRequest::default(), &std::env::temp_dir(), &NoControl)
         .unwrap_or_else(|why| panic!("{why}"));
     let map = fused.height_map.expect("the plan asks for heights");
     println!("median sigma {:?} steps, {:.1} % valid", map.median_sigma, 100.0 * map.valid_fraction);

@@ -9,12 +9,13 @@ use std::{
 };
 
 use pinstack_science::{
-    fusion::{MetricsRequest, fuse},
+    fusion::{Fused, FusionRequest, fuse},
     imaging::{
         Samples, Slices,
         codec::{self, Metadata},
         filter::saliency::{Rows, Saliency},
         grey,
+        grey_slices::{GreySlices, GreyValue},
         warp::Warp,
     },
     segmentation::{MaskParams, segment},
@@ -28,7 +29,7 @@ use super::{
 };
 
 /// The stages that are measured, each in a process of its own.
-pub const STAGES: [&str; 10] = [
+pub const STAGES: [&str; 11] = [
     "decode only",
     "warp",
     "saliency",
@@ -38,11 +39,12 @@ pub const STAGES: [&str; 10] = [
     "with metrics",
     "back light",
     "its mask",
+    "within the mask",
     "PNG of the result",
 ];
 
 /// Those of them that need a back light.
-pub const OF_BACK: [&str; 2] = ["back light", "its mask"];
+pub const OF_BACK: [&str; 3] = ["back light", "its mask", "within the mask"];
 
 /// What the child does: one stage.
 pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
@@ -53,8 +55,15 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
         Warp::new(&plan.slices[i].homography, plan.slices[i].gain, size, size).expect("a regular homography")
     };
     let fused = |control: &dyn Control| {
-        fuse(archive.front(), &plan, &MetricsRequest::default(), folder, control).expect("it can be fused")
+        fuse(archive.front(), &plan, &FusionRequest::default(), folder, control).expect("it can be fused")
     };
+    let fused_back = |control: &dyn Control| {
+        let back = case.back(folder);
+        let grey = GreySlices::of(back.front(), GreyValue::Luma);
+        fuse(&grey, &case.plan_of_back(), &FusionRequest::default(), folder, control).expect("it can be fused")
+    };
+    let silhouette =
+        |back: &Fused| segment(&back.image, &back.valid, &MaskParams::default_for(case.width, case.height));
     let started = (cpu(), Instant::now());
     let passes = Passes(Mutex::new(None));
     let since = |(cpu_then, wall_then): (Duration, Instant)| Cost {
@@ -112,21 +121,27 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             watch.cost()
         }
         "with metrics" => {
-            let request = MetricsRequest { enabled: true, object: None };
+            let request = FusionRequest { metrics: true, object: None, shown: None };
             fuse(archive.front(), &plan, &request, folder, &passes).expect("it can be fused");
             since(started)
         }
         "back light" => {
-            fuse(case.back(folder).front(), &case.plan_of_back(), &MetricsRequest::default(), folder, &passes)
-                .expect("it can be fused");
+            fused_back(&passes);
             since(started)
         }
         "its mask" => {
-            let back =
-                fuse(case.back(folder).front(), &case.plan_of_back(), &MetricsRequest::default(), folder, &passes)
-                    .expect("it can be fused");
-            let params = MaskParams::default_for(case.width, case.height);
-            watch.time(|| std::hint::black_box(segment(&back.image, &back.valid, &params)));
+            let back = fused_back(&passes);
+            watch.time(|| std::hint::black_box(silhouette(&back)));
+            watch.cost()
+        }
+        // what a job does with the front light of a stack that has a back light
+        "within the mask" => {
+            let silhouette = silhouette(&fused_back(&passes));
+            let inside = silhouette.mask.data.iter().filter(|v| **v != 0).count() as f64;
+            eprintln!("the object covers {:.0} % of the canvas", 100.0 * inside / (case.width * case.height) as f64);
+            let request =
+                FusionRequest { metrics: true, object: Some(&silhouette.mask), shown: Some(silhouette.image_alpha()) };
+            watch.time(|| fuse(archive.front(), &plan, &request, folder, &passes)).expect("it can be fused");
             watch.cost()
         }
         "PNG of the result" => {

@@ -23,6 +23,7 @@ mod tile;
 use super::{
     align::Aligned,
     run::Run,
+    shown,
     tiles::{Blended, in_tiles},
 };
 use crate::{imaging::Sample, types::Interrupted};
@@ -33,7 +34,7 @@ use tile::TileBlender;
 pub(super) fn blend<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Blended<S>, Interrupted> {
     let presence = Presence::new(&aligned.index, aligned.coverages.len());
     let blender = || TileBlender::<S>::new(&run.plan.params);
-    in_tiles::<S, C, _>(run, "fusing", blender, |blender, rect, out| {
+    in_tiles::<S, C, _>((run, aligned, shown::MARGIN), "fusing", blender, |blender, rect, out| {
         blender.tile::<C>(rect, aligned, &presence, run.control, out)
     })
 }

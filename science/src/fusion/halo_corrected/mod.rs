@@ -30,6 +30,7 @@ use super::{
     align::{Aligned, MeasuredEnergy},
     pyramid,
     run::Run,
+    shown,
     tiles::{Blended, in_tiles},
 };
 use crate::{
@@ -66,16 +67,22 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     }
     drop(energy);
     let relevance = cells.relevance(coarse.noise, &aligned.coverages)?;
-    let pyramid = pyramid::blend::<S, C>(run, aligned, Some(&relevance))?;
+    let pyramid = pyramid::blend::<S, C>(run, aligned, Some(&relevance), shown::MARGIN + reach())?;
     if !model.is_known() {
         return Ok((pyramid, map.slice));
     }
     let fusion = Fusion { slices: &slices, map: &map, model: &model, pyramid: &pyramid.pixels };
-    let mut blended =
-        in_tiles::<S, C, _>(run, "correcting halos", Rows::default, |rows, rect, out| fusion.tile(rect, out, rows))?;
+    let what = (run, aligned, shown::MARGIN);
+    let tile = |rows: &mut Rows, rect: Rect, out: &mut Vec<S>| fusion.tile(rect, out, rows);
+    let mut blended = in_tiles::<S, C, _>(what, "correcting halos", Rows::default, tile)?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
     blended.contradicts_near_end = model.contradicts_profile();
     Ok((blended, map.slice))
+}
+
+/// How far around a tile its pixels depend on the mosaic and on the pyramid image, px.
+fn reach() -> usize {
+    confidence::REACH.max(FocusEnergy::for_edges().reach())
 }
 
 /// What all tiles share.
@@ -93,7 +100,7 @@ impl<S: Sample, const C: usize> Fusion<'_, S, C> {
     fn tile(&self, rect: Rect, out: &mut Vec<S>, rows: &mut Rows) -> Result<usize, Interrupted> {
         let Self { slices, map, model, pyramid } = *self;
         let (width, height) = slices.size();
-        let window = rect.grown(confidence::REACH.max(FocusEnergy::for_edges().reach()), width, height);
+        let window = rect.grown(reach(), width, height);
         let mut values = mosaic::mosaic(slices, map, model, window)?;
         let before = values.clone();
         correction::correct(slices, map, model, window, &mut values)?;

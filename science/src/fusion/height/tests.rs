@@ -3,7 +3,7 @@
 use super::{HeightMap, axis::HeightAxis};
 use crate::{
     fusion::{
-        Fused, MetricsRequest, Plan,
+        Fused, FusionRequest, Plan,
         run::Run,
         sample_format::FormattedSlices,
         tests::rendered::{Rendered, rendered},
@@ -14,7 +14,7 @@ use crate::{
 };
 
 fn fused(slices: &[Raster], plan: &Plan, object: Option<&Plane<u8>>, tile: usize) -> Fused {
-    let (request, folder) = (MetricsRequest { enabled: false, object }, std::env::temp_dir());
+    let (request, folder) = (FusionRequest { metrics: false, object, shown: None }, std::env::temp_dir());
     let slices = FormattedSlices::open(&slices, plan.width, plan.height).unwrap();
     Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, tile, decision_map: None }
         .fuse()

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use rayon::prelude::*;
 
 use crate::{
-    fusion::{Fused, MetricsRequest, Plan, fuse, tests::rendered::true_plan},
+    fusion::{Fused, FusionRequest, Plan, fuse, tests::rendered::true_plan},
     imaging::{Plane, Raster, Samples},
     quality::StackQuality,
     synth::{
@@ -43,7 +43,7 @@ impl Stack {
     }
 
     fn fused(&self, masked: bool) -> Fused {
-        let request = MetricsRequest { enabled: true, object: masked.then_some(&self.object) };
+        let request = FusionRequest { metrics: true, object: masked.then_some(&self.object), shown: None };
         fuse(&&self.slices[..], &self.plan, &request, &std::env::temp_dir(), &NoControl).unwrap()
     }
 
@@ -422,7 +422,7 @@ fn table_of_findings_on_real_stacks() {
             })
             .collect();
         let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
-        let request = MetricsRequest { enabled: true, object: None };
+        let request = FusionRequest { metrics: true, object: None, shown: None };
         let quality = fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).unwrap().quality.unwrap();
         println!("{name}\n{:#?}\n{:?}\n{:?}\n{:?}", quality.findings, quality.fusion, quality.focus, quality.alignment);
     }

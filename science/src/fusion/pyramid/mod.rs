@@ -55,14 +55,16 @@ use reach::{Reach, Sizes};
 /// Number of halvings. The base has only what is coarser than about 30 px.
 const LEVELS: usize = 4;
 
-/// Runs the second pass. With `relevance`, level 0 is fused from the slices that matter alone.
+/// Runs the second pass. With `relevance`, level 0 is fused from the slices that matter alone. Every pixel within
+/// `margin` px of a shown pixel is fused.
 pub(super) fn blend<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
     relevance: Option<&Relevance>,
+    margin: usize,
 ) -> Result<Blended<S>, Interrupted> {
     let canvas = Canvas::new(run.plan.width, run.plan.height);
-    in_tiles::<S, C, _>(run, "fusing", Pyramid::default, |pyramid, rect, out| {
+    in_tiles::<S, C, _>((run, aligned, margin), "fusing", Pyramid::default, |pyramid, rect, out| {
         pyramid.tile::<C>(&canvas, rect, (aligned, relevance), run.control, out)
     })
 }

@@ -39,7 +39,7 @@ fn a_cancel_stops_the_fusion_at_any_check() {
     let (slices, plan) = unaligned(120, 90, 3);
     let never = CancelAfter::new(usize::MAX);
     let fused =
-        |control: &CancelAfter| fuse(&&slices[..], &plan, &MetricsRequest::default(), &std::env::temp_dir(), control);
+        |control: &CancelAfter| fuse(&&slices[..], &plan, &FusionRequest::default(), &std::env::temp_dir(), control);
     assert!(fused(&never).is_ok());
     let total = never.done.load(Ordering::Relaxed);
     assert!(total > 10, "only {total} checks");
@@ -51,7 +51,7 @@ fn a_cancel_stops_the_fusion_at_any_check() {
 /// The progress of fusing `slices`: (stage, completed, total) of each report.
 fn progress_of(slices: &[Raster], plan: &Plan) -> Vec<(&'static str, usize, usize)> {
     let control = CancelAfter::new(usize::MAX);
-    fuse(&slices, plan, &MetricsRequest::default(), &std::env::temp_dir(), &control).unwrap();
+    fuse(&slices, plan, &FusionRequest::default(), &std::env::temp_dir(), &control).unwrap();
     unlocked(control.steps)
 }
 

@@ -90,7 +90,7 @@ fn fused(slices: &[Raster], rig: &Rig, lateral_colour: Option<LateralColour>) ->
         lateral_colour,
         ..ProfileInput::default()
     };
-    let (request, folder) = (MetricsRequest::default(), std::env::temp_dir());
+    let (request, folder) = (FusionRequest::default(), std::env::temp_dir());
     fusion::fuse(&slices, &options().plan(&profile), &request, &folder, &NoControl).expect("fused").image
 }
 
