@@ -205,6 +205,21 @@ mod tests {
     }
 
     #[test]
+    fn lateral_colour_of_the_target_becomes_that_of_the_profile() {
+        let mut target = DotTarget::for_rig(&rig(), 12);
+        target.flaws.faults.lateral = [0.008, 0.0, -0.008];
+        let zip = zip(members("front", &target_stack(&rig(), &target)));
+        let job = TestJob::calibration(&zip, CalibrationOptions::default());
+        let output = run_with(&job, &Recorder::default()).expect("the calibration");
+        let found = output.profile.expect("a profile").input.lateral_colour.expect("measured");
+        // 150 px from the middle to a corner
+        for (colour, truth) in [(found.red, 0.008), (found.blue, -0.008)] {
+            assert!(150.0 * (colour.scale - truth).abs() < 0.1, "{found:?}");
+        }
+        assert!(output.warnings.iter().any(|warning| warning.code == "lateral_colour"), "{:?}", output.warnings);
+    }
+
+    #[test]
     fn a_calibration_below_the_grade_of_keep_makes_no_revision() {
         // few dots far from the corners, in noise
         let noisy = Rig { noise: 20.0, ..rig() };
