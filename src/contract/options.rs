@@ -1,5 +1,7 @@
 //! Options of stacks: types, defaults and checks. Every option has a default.
 
+mod crop;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -13,6 +15,8 @@ use pinstack_science::types::{
     profile::{ProfileInput, RAIL_MM},
     text_or_number::TextOrNumber,
 };
+
+pub use crop::Crop;
 
 use super::{
     Code, Fault, Name, Priority,
@@ -131,47 +135,12 @@ pub enum UnderAlpha {
     Pad,
 }
 
-/// Part of the reference slice's canvas that the results show.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub enum Crop {
-    /// All of it: every view has the same intrinsics.
-    #[default]
-    None,
-    /// The largest rectangle that every slice covers. It depends only on the profile.
-    Valid,
-    /// A rectangle in reference-slice pixels.
-    Rect {
-        /// Left column.
-        x: u32,
-        /// Top row.
-        y: u32,
-        /// Width in px.
-        width: u32,
-        /// Height in px.
-        height: u32,
-    },
-}
-
-impl TryFrom<String> for Crop {
-    type Error = String;
-    fn try_from(text: String) -> Result<Self, String> {
-        let numbers: Option<Vec<u32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
-        match (text.as_str(), numbers.as_deref()) {
-            ("none", _) => Ok(Self::None),
-            ("valid", _) => Ok(Self::Valid),
-            (_, Some(&[x, y, width, height])) if width > 0 && height > 0 => Ok(Self::Rect { x, y, width, height }),
-            _ => Err(format!("crop is '{text}'; it must be 'none', 'valid' or 'x,y,w,h' in px of the reference slice")),
-        }
-    }
-}
-
-impl From<Crop> for String {
-    fn from(crop: Crop) -> Self {
-        match crop {
-            Crop::None => "none".into(),
-            Crop::Valid => "valid".into(),
-            Crop::Rect { x, y, width, height } => format!("{x},{y},{width},{height}"),
+impl UnderAlpha {
+    /// Whether pixels whose alpha is 0 have the colour that was fused there.
+    pub fn is_fused_colour(self) -> bool {
+        match self {
+            Self::Keep => true,
+            Self::Black | Self::Pad => false,
         }
     }
 }

@@ -71,7 +71,7 @@ impl Pictures<'_> {
 
         let info = self.info();
         let metadata = source.for_output(info.width, info.height, &self.camera());
-        let keep_hidden_colour = options.under_alpha == UnderAlpha::Keep;
+        let keep_hidden_colour = options.under_alpha.is_fused_colour();
         let mut image = compositing::rgba(&front.image, &self.alpha(), rect, self.depth(), keep_hidden_colour);
         if options.under_alpha == UnderAlpha::Pad {
             padding::pad(&mut image);

@@ -19,7 +19,7 @@ use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
     input::SliceOrder,
-    options::{HeightMode, MaskMode, UnderAlpha},
+    options::{HeightMode, MaskMode},
     outcome::{HeightInfo, JobOutcome, StackOutcome},
     request::StackRequest,
 };
@@ -124,7 +124,7 @@ pub fn run(
     let wanted = FusionRequest {
         metrics: true,
         object: silhouette.as_ref().map(|s| &s.mask),
-        shown: silhouette.as_ref().filter(|_| options.under_alpha != UnderAlpha::Keep).map(Silhouette::image_alpha),
+        shown: silhouette.as_ref().filter(|_| !options.under_alpha.is_fused_colour()).map(Silhouette::image_alpha),
     };
     let front = fusion::fuse(&front_slices, &plan, &wanted, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);

@@ -127,7 +127,7 @@ fn corner(stride: usize, u: i32, v: i32) -> usize {
 /// 16 bytes from `low` and from `high` on must be readable.
 #[inline]
 #[target_feature(enable = "avx2")]
-unsafe fn both(low: *const __m128i, high: *const __m128i) -> __m256i {
+pub(super) unsafe fn both(low: *const __m128i, high: *const __m128i) -> __m256i {
     // SAFETY: as this function demands; neither read claims any alignment.
     unsafe { _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(_mm_loadu_si128(low)), _mm_loadu_si128(high)) }
 }

@@ -2,7 +2,7 @@
 
 use std::{arch::x86_64::*, ops::Range};
 
-use super::{PHASE_BITS, Source, fixed::Fixed, inside::Inside};
+use super::{PHASE_BITS, Source, fixed::Fixed, fixed_avx2::both, inside::Inside};
 use crate::imaging::simd::{self, Avx2};
 
 /// Pixels that are computed at a time.
@@ -90,15 +90,4 @@ unsafe fn taps(samples: &[u8], stride: usize, u: i32, v: i32) -> __m128i {
     // SAFETY: as this function demands; the reads claim no alignment.
     let at = |row: usize| unsafe { samples.as_ptr().add(start + row * stride).cast::<i32>().read_unaligned() };
     _mm_setr_epi32(at(0), at(1), at(2), at(3))
-}
-
-/// 16 bytes in each half.
-///
-/// # Safety
-/// 16 bytes from `low` and from `high` on must be readable.
-#[inline]
-#[target_feature(enable = "avx2")]
-unsafe fn both(low: *const __m128i, high: *const __m128i) -> __m256i {
-    // SAFETY: as this function demands; neither read claims any alignment.
-    unsafe { _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(_mm_loadu_si128(low)), _mm_loadu_si128(high)) }
 }
