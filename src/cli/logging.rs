@@ -5,7 +5,12 @@ use std::io::{self, IsTerminal, Write};
 use anyhow::anyhow;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
-use tracing_subscriber::{EnvFilter, fmt};
+use tracing_subscriber::{
+    filter::{LevelFilter, Targets},
+    fmt,
+    layer::SubscriberExt,
+    util::SubscriberInitExt,
+};
 
 /// Format of the log.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -18,23 +23,35 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts logging. `filter` is a filter of `tracing`: `info`, `pinstack=debug,info`, ...
+/// Starts logging. `filter` is a level, or levels by crate or module: `info`, `info,pinstack=debug`, ...
 ///
 /// # Errors
 /// When the filter is not valid.
 pub fn start(filter: &str, format: LogFormat) -> anyhow::Result<()> {
-    let filter = EnvFilter::try_new(filter).map_err(|error| anyhow!("log: '{filter}' is not a log filter: {error}"))?;
+    let filter = filter_of(filter)?;
     // colours only on a terminal, not in a file or a collector
     let colours = std::io::stderr().is_terminal();
-    let log =
-        fmt().with_env_filter(filter).with_writer(move || OneLine { to: io::stderr(), colours }).with_ansi(colours);
+    let log = fmt()
+        .with_max_level(LevelFilter::TRACE)
+        .with_writer(move || OneLine { to: io::stderr(), colours })
+        .with_ansi(colours);
     // fails if logging was started before (by another service in this process), which then stays as it is
     let _ = match format {
-        LogFormat::Text => log.with_target(false).try_init(),
+        LogFormat::Text => log.with_target(false).finish().with(filter).try_init(),
         // there is only one span, so the list of spans would repeat it
-        LogFormat::Json => log.json().with_span_list(false).try_init(),
+        LogFormat::Json => log.json().with_span_list(false).finish().with(filter).try_init(),
     };
     Ok(())
+}
+
+/// The filter that the setting `log` describes.
+fn filter_of(setting: &str) -> anyhow::Result<Targets> {
+    setting.parse().map_err(|error| {
+        anyhow!(
+            "log: '{setting}' is not a log filter ({error}); use a level (error, warn, info, debug, trace, off), or \
+             levels by module such as info,pinstack=debug"
+        )
+    })
 }
 
 /// Writes each event as one line: line ends inside it (for example in text from a client) and other control characters
@@ -70,6 +87,20 @@ impl<W: Write> Write for OneLine<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_filter_is_a_level_or_levels_by_module() {
+        let enabled = |setting: &str, target: &str, level: tracing::Level| {
+            filter_of(setting).expect("a filter").would_enable(target, &level)
+        };
+        assert!(enabled("info", "pinstack::http", tracing::Level::INFO));
+        assert!(!enabled("info", "pinstack::http", tracing::Level::DEBUG));
+        assert!(enabled("info,pinstack=debug", "pinstack::http", tracing::Level::DEBUG));
+        assert!(!enabled("info,pinstack=debug", "sqlx", tracing::Level::DEBUG));
+        assert!(!enabled("off", "pinstack", tracing::Level::ERROR));
+        let refused = filter_of("pinstack=loud").expect_err("no such level").to_string();
+        assert!(refused.contains("pinstack=loud") && refused.contains("info,pinstack=debug"), "{refused}");
+    }
 
     #[test]
     fn an_event_is_one_line_whatever_it_contains() {

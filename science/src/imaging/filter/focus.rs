@@ -73,11 +73,12 @@ impl FocusEnergy {
         rows: std::ops::Range<usize>,
         buffers: &mut Rows,
         luma: impl Fn(usize, &mut [f32]),
-        emit: impl FnMut(usize, &[f32]),
+        mut emit: impl FnMut(usize, &[f32]),
     ) {
+        // the work is compiled once, not for every caller: two calls per row cost nothing
         match &self.after {
-            After::Near(after) => self.run(after, size, rows, buffers, luma, emit),
-            After::Wide(after) => self.run(after, size, rows, buffers, luma, emit),
+            After::Near(after) => self.run(after, size, rows, buffers, &luma, &mut emit),
+            After::Wide(after) => self.run(after, size, rows, buffers, &luma, &mut emit),
         }
     }
 
@@ -96,8 +97,8 @@ impl FocusEnergy {
         (width, height): (usize, usize),
         rows: std::ops::Range<usize>,
         buffers: &mut Rows,
-        luma_of: impl Fn(usize, &mut [f32]),
-        mut emit: impl FnMut(usize, &[f32]),
+        luma_of: &dyn Fn(usize, &mut [f32]),
+        emit: &mut dyn FnMut(usize, &[f32]),
     ) {
         if width == 0 || rows.is_empty() {
             return;

@@ -19,7 +19,12 @@ const CHUNK_BYTES: usize = 1 << 20;
 ///
 /// # Errors
 /// Any I/O error of `out`, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
-pub fn encode_png(out: impl Write, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
+pub fn encode_png(mut out: impl Write, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
+    encode(&mut out, raster, metadata)
+}
+
+/// [`encode_png`], compiled once for all writers.
+fn encode(out: &mut dyn Write, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
     let mut info = Info::with_size(side(raster.width)?, side(raster.height)?);
     info.color_type = match raster.channels {
         1 => ColorType::Grayscale,

@@ -42,7 +42,16 @@ const INLINE_BYTES: usize = 4;
 ///
 /// # Errors
 /// Any I/O error of `out`, and [`io::ErrorKind::InvalidInput`] for other numbers of channels.
-pub fn encode_tiff(out: impl Write + Seek, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
+pub fn encode_tiff(mut out: impl Write + Seek, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
+    encode(&mut out, raster, metadata)
+}
+
+trait Seekable: Write + Seek {}
+
+impl<W: Write + Seek> Seekable for W {}
+
+/// [`encode_tiff`], compiled once for all writers.
+fn encode(out: &mut dyn Seekable, raster: &Raster, metadata: &Metadata) -> io::Result<()> {
     if !matches!(raster.channels, 1 | 3 | 4) || raster.width == 0 || raster.height == 0 {
         let shape = format!("{} x {} px of {} channels", raster.width, raster.height, raster.channels);
         return Err(io::Error::new(io::ErrorKind::InvalidInput, shape));
