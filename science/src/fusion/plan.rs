@@ -222,8 +222,9 @@ pub struct FusionRequest<'a> {
     /// and so is [`Fused::height_map`].
     pub object: Option<&'a Plane<u8>>,
     /// The pixels of the image that will be shown: those that are not 0, of the size of the canvas. They contain the
-    /// object. They and what is within 32 px of them are fused. Other pixels of [`Fused::image`] may be those of the
-    /// reference slice, which saves time. `None`: all pixels are shown.
+    /// object. They and what is within 32 px of them are fused. To save time, other pixels of [`Fused::image`] may be
+    /// those of the reference slice, and [`Fused::index`] may be the largest focus measure there. `None`: all pixels are
+    /// shown.
     pub shown: Option<&'a Plane<u8>>,
 }
 

@@ -30,5 +30,5 @@ pub use coverage::Coverage;
 pub use grey::LUMA;
 pub use mapping::SliceMapping;
 pub use raster::{Depth, Plane, Raster, Rect, Samples};
-pub use sample::Sample;
+pub use sample::{Sample, Sum};
 pub use slices::Slices;

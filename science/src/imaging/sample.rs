@@ -1,12 +1,35 @@
 //! The sample types of a raster, as a trait, so that a kernel is written once for both.
 
-use super::{Depth, Samples};
+use std::ops::{Add, AddAssign, Mul};
+
+use super::{Depth, Samples, simd};
 
 mod sealed {
     /// Implemented by `u8` and `u16` alone: vector code reads and writes samples as the bytes they are.
     pub trait Sealed {}
     impl Sealed for u8 {}
     impl Sealed for u16 {}
+}
+
+/// Integers for sums of samples: narrow ones, of which a vector holds more.
+pub trait Sum: Copy + Default + From<u8> + Add<Output = Self> + AddAssign + Mul<Output = Self> {
+    /// The sum as a float; exact.
+    fn value(self) -> f32;
+}
+
+impl Sum for u16 {
+    #[inline(always)]
+    fn value(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+impl Sum for i32 {
+    /// Exact up to 2^24: 256 samples of 16 bits are less.
+    #[inline(always)]
+    fn value(self) -> f32 {
+        self as f32
+    }
 }
 
 /// An integer sample, `u8` or `u16`. Kernels compute in `f32` or in exact integers and round once at the end.
@@ -18,10 +41,14 @@ mod sealed {
 /// # use pinstack_science::imaging::{Depth, Sample, Samples};
 /// #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 /// struct Padded(u8, u16);
+/// impl From<Padded> for i32 {
+///     fn from(_: Padded) -> Self { 0 }
+/// }
 /// impl Sample for Padded {
 ///     const DEPTH: Depth = Depth::Sixteen;
 ///     const BYTES: usize = 2;
 ///     const TO_SIXTEEN: u32 = 1;
+///     type Sum = i32;
 ///     fn value(self) -> f32 { 0.0 }
 ///     fn integer(self) -> u32 { 0 }
 ///     fn rounded(_: f32) -> Self { Self::default() }
@@ -37,6 +64,8 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
     const BYTES: usize;
     /// The factor from this full scale to that of 16 bits: 257 or 1.
     const TO_SIXTEEN: u32;
+    /// The smallest integers that the sum of 256 samples fits.
+    type Sum: Sum + From<Self>;
 
     /// The sample as a float, 0 to full scale.
     fn value(self) -> f32;
@@ -61,6 +90,7 @@ impl Sample for u8 {
     const DEPTH: Depth = Depth::Eight;
     const BYTES: usize = 1;
     const TO_SIXTEEN: u32 = 257;
+    type Sum = u16;
 
     #[inline(always)]
     fn value(self) -> f32 {
@@ -74,7 +104,7 @@ impl Sample for u8 {
 
     #[inline(always)]
     fn rounded(value: f32) -> Self {
-        (value + 0.5) as Self
+        simd::truncated(value + 0.5, 255) as Self
     }
 
     fn of(samples: &Samples) -> Option<&[Self]> {
@@ -100,6 +130,7 @@ impl Sample for u16 {
     const DEPTH: Depth = Depth::Sixteen;
     const BYTES: usize = 2;
     const TO_SIXTEEN: u32 = 1;
+    type Sum = i32;
 
     #[inline(always)]
     fn value(self) -> f32 {
@@ -113,7 +144,7 @@ impl Sample for u16 {
 
     #[inline(always)]
     fn rounded(value: f32) -> Self {
-        (value + 0.5) as Self
+        simd::truncated(value + 0.5, 65_535) as Self
     }
 
     fn of(samples: &Samples) -> Option<&[Self]> {

@@ -129,12 +129,18 @@ impl CoarseFocus {
             let means = smoothed(&cells, self.columns, self.rows, &half_kernel);
             let mut running = locked(scale);
             let RunningScale { best, slice: sharpest, .. } = &mut *running;
-            for ((best, sharpest), &energy) in best.iter_mut().zip(sharpest).zip(&means) {
-                if energy > *best || (energy == *best && (slice as u16) < *sharpest) {
-                    *best = energy;
-                    *sharpest = slice as u16;
-                }
-            }
+            let slice = slice as u16;
+            simd::run(
+                Avx2::detect(),
+                #[inline(always)]
+                || {
+                    for ((best, sharpest), &energy) in best.iter_mut().zip(sharpest).zip(&means) {
+                        let wins = (energy > *best) | ((energy == *best) & (slice < *sharpest));
+                        *best = if wins { energy } else { *best };
+                        *sharpest = if wins { slice } else { *sharpest };
+                    }
+                },
+            );
         }
     }
 

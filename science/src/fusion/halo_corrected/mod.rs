@@ -61,7 +61,8 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let coarse = coarse.finish(plan.reference);
     let textured = energy.map(|energy| energy > TEXTURED * coarse.noise);
     let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
-    let mut map = decision_map::refine(&slices, &aligned.index, textured, &energy, &coarse, &model)?;
+    let what = (run, shown::MARGIN + reach() + correction::REACH);
+    let mut map = decision_map::refine(what, &slices, &aligned.index, textured, &energy, &coarse, &model)?;
     if let Some(given) = run.decision_map {
         map = decision_map::given(&slices, map, given, coarse.noise)?;
     }

@@ -172,7 +172,7 @@ impl Filters {
         (y, columns): (usize, &std::ops::Range<usize>),
         out: &'a mut Vec<f32>,
     ) -> &'a mut [f32] {
-        let Self { line, halves: [even, odd], .. } = self;
+        let Self { line, .. } = self;
         let (first_row, weights) = taps(y, size.1);
         // coarse pixels under the columns, and one on each side if it exists
         let (start, end) = (columns.start / 2, (columns.end - 1) / 2 + 1);
@@ -181,27 +181,19 @@ impl Filters {
         line.clear();
         line.resize(count + 2, 0.0);
         out.resize(2 * count, 0.0);
-        let rows = (first_row..).zip(weights).filter(|row| row.1 > 0.0);
+        let mut rows = (first_row..).zip(weights).filter(|row| row.1 > 0.0);
+        let mut next = || rows.next().map(|(row, weight)| (coarse.part(from, row as usize, to - from), weight));
+        let rows = [next(), next(), next()];
         simd::run(
             simd,
             #[inline(always)]
             || {
-                let held = &mut line[from + 1 - start..][..to - from];
-                for (row, weight) in rows {
-                    let row = coarse.part(from, row as usize, to - from);
-                    held.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
-                }
-                even.resize(count, 0.0);
-                odd.resize(count, 0.0);
+                add_up(rows, &mut line[from + 1 - start..][..to - from]);
                 let [before, here, after] = [0, 1, 2].map(|by| &line[by..by + count]);
-                for ((((even, odd), before), here), after) in
-                    even.iter_mut().zip(odd.iter_mut()).zip(before).zip(here).zip(after)
+                for (((out, before), here), after) in
+                    out.as_chunks_mut::<2>().0.iter_mut().zip(before).zip(here).zip(after)
                 {
-                    *even = 0.125 * before + 0.75 * here + 0.125 * after;
-                    *odd = 0.5 * here + 0.5 * after;
-                }
-                for ((out, &even), &odd) in out.as_chunks_mut::<2>().0.iter_mut().zip(&*even).zip(&*odd) {
-                    *out = [even, odd];
+                    *out = [0.125 * before + 0.75 * here + 0.125 * after, 0.5 * here + 0.5 * after];
                 }
             },
         );
@@ -265,6 +257,21 @@ pub(super) fn weigh<const K: usize>(out: &mut [f32], rows: [&[f32]; K], kernel: 
             sum += kernel[tap] * rows[tap][x];
         }
         *out = sum;
+    }
+}
+
+/// The weighted sum of up to three rows.
+#[inline(always)]
+fn add_up(rows: [Option<(&[f32], f32)>; 3], out: &mut [f32]) {
+    match rows {
+        [Some((a, u)), None, _] => out.iter_mut().zip(a).for_each(|(out, a)| *out = u * a),
+        [Some((a, u)), Some((b, v)), None] => {
+            out.iter_mut().zip(a).zip(b).for_each(|((out, a), b)| *out = u * a + v * b);
+        }
+        [Some((a, u)), Some((b, v)), Some((c, w))] => {
+            out.iter_mut().zip(a).zip(b).zip(c).for_each(|(((out, a), b), c)| *out = u * a + v * b + w * c);
+        }
+        [None, ..] => {}
     }
 }
 

@@ -9,14 +9,14 @@ use super::filter::{Level, Patch, WEIGHT, split};
 use crate::{
     fusion::align::ScratchFile,
     imaging::{
-        Coverage, Rect, Sample,
+        Coverage, Rect, Sample, Sum,
         simd::{self, Avx2},
     },
     types::Error,
 };
 
 /// The binomial kernel of 5 taps, in sixteenths.
-const KERNEL: [i32; 5] = [1, 4, 6, 4, 1];
+const KERNEL: [u8; 5] = [1, 4, 6, 4, 1];
 
 /// Zeros before and after a row.
 const PAD: usize = 2;
@@ -26,12 +26,12 @@ const PART: usize = 64;
 
 /// The samples of a slice, one plane per channel; 0 where the slice covers nothing.
 #[derive(Default)]
-pub(super) struct FinestLevel<S> {
+pub(super) struct FinestLevel<S: Sample> {
     pub planes: [Patch<S>; 3],
     interleaved: Vec<S>,
     bytes: Vec<u8>,
-    line: Vec<i32>,
-    halves: [Vec<i32>; 2],
+    line: Vec<S::Sum>,
+    halves: [Vec<S::Sum>; 2],
 }
 
 impl<S: Sample> FinestLevel<S> {
@@ -75,7 +75,7 @@ impl<S: Sample> FinestLevel<S> {
         let scale = 255.0 / S::DEPTH.max() / 256.0;
         let Self { planes, line, halves, .. } = self;
         line.clear();
-        line.resize((source.width + 2 * PAD).max(first + 2 * rect.width + 4), 0);
+        line.resize((source.width + 2 * PAD).max(first + 2 * rect.width + 4), S::Sum::default());
         let nothing = vec![S::default(); source.width];
         out.iter_mut().for_each(|plane| plane.shape(rect, 0.0));
         for y in rect.y..rect.y + rect.height {
@@ -101,7 +101,7 @@ impl<S: Sample> FinestLevel<S> {
         let source = self.planes[0].rect;
         let first = 2 * rect.x - source.x;
         let Self { line, halves, .. } = self;
-        line.fill(0);
+        line.fill(S::Sum::default());
         let mut last = None;
         for y in rect.y..rect.y + rect.height {
             let spans = rows_around(y, source).map(|y| {
@@ -114,8 +114,9 @@ impl<S: Sample> FinestLevel<S> {
                 out.data.copy_within(above..above + rect.width, above + rect.width);
                 continue;
             }
-            line[PAD..PAD + source.width].fill(0);
+            line[PAD..PAD + source.width].fill(S::Sum::default());
             for (span, weight) in spans.iter().zip(KERNEL) {
+                let weight = S::Sum::from(weight);
                 line[PAD + span.start..PAD + span.end].iter_mut().for_each(|covered| *covered += weight);
             }
             last = Some(spans);
@@ -154,25 +155,27 @@ fn deinterleave<S: Sample>(pixels: &[S], [r, g, b]: [&mut [S]; 3]) {
 
 /// The sum of five rows, weighted by [`KERNEL`].
 #[inline(always)]
-fn add_rows<S: Sample>(out: &mut [i32], rows: [&[S]; 5]) {
+fn add_rows<S: Sample>(out: &mut [S::Sum], rows: [&[S]; 5]) {
     let count = out.len();
     let [a, b, c, d, e] = rows.map(|row| &row[..count]);
+    let [four, six] = [4, 6].map(S::Sum::from);
     for x in 0..count {
-        let [a, b, c, d, e] = [a[x], b[x], c[x], d[x], e[x]].map(|sample| sample.integer() as i32);
-        out[x] = (a + e) + 4 * (b + d) + 6 * c;
+        let [a, b, c, d, e] = [a[x], b[x], c[x], d[x], e[x]].map(S::Sum::from);
+        out[x] = (a + e) + four * (b + d) + six * c;
     }
 }
 
 /// The weighted sum around every second pixel of a line, which begins two pixels before the first of them.
 #[inline(always)]
-fn reduce_row(line: &[i32], halves: &mut [Vec<i32>; 2], scale: f32, out: &mut [f32]) {
+fn reduce_row<N: Sum>(line: &[N], halves: &mut [Vec<N>; 2], scale: f32, out: &mut [f32]) {
     let count = out.len();
     split(&line[..2 * count + 4], halves);
     let [even, odd] = halves;
     let [a, c, e] = [0, 1, 2].map(|by| &even[by..by + count]);
     let [b, d] = [0, 1].map(|by| &odd[by..by + count]);
+    let [four, six] = [4, 6].map(N::from);
     for x in 0..count {
-        out[x] = ((a[x] + e[x]) + 4 * (b[x] + d[x]) + 6 * c[x]) as f32 * scale;
+        out[x] = ((a[x] + e[x]) + four * (b[x] + d[x]) + six * c[x]).value() * scale;
     }
 }
 

@@ -30,7 +30,7 @@ const RING: usize = SMOOTH.len();
 const PART: usize = 16;
 
 /// A level of a slice.
-pub(super) enum SliceLevel<'a, S> {
+pub(super) enum SliceLevel<'a, S: Sample> {
     /// Level 0, and the area that the slice covers.
     Finest(&'a FinestLevel<S>, &'a Coverage),
     /// Another level: values times covered fraction, and covered fraction.

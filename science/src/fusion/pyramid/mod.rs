@@ -94,7 +94,7 @@ impl Canvas {
 
 /// The buffers of one thread, reused from tile to tile.
 #[derive(Default)]
-struct Pyramid<S> {
+struct Pyramid<S: Sample> {
     filters: Filters,
     fuser: LevelFuser,
     finest: FinestLevel<S>,
@@ -291,20 +291,36 @@ impl<S: Sample> Pyramid<S> {
         out.resize(rect.width * rect.height * C, S::default());
         let (scale, columns, mut clamped) = (S::DEPTH.max() / 255.0, rect.x..rect.x + rect.width, 0);
         let mut outside = vec![false; rect.width];
+        let mut rounded: [Vec<S>; C] = std::array::from_fn(|_| vec![S::default(); rect.width]);
         for y in rect.y..rect.y + rect.height {
             let out = &mut out[(y - rect.y) * rect.width * C..][..rect.width * C];
             let slices = &index.row(y)[columns.clone()];
             outside.fill(false);
             for (c, plane) in result.iter_mut().enumerate().take(C) {
                 let values = plane.row_mut(y);
-                for (value, outside) in values.iter_mut().zip(&mut outside) {
-                    *outside |= (*value < -1.0) | (*value > 256.0);
-                    *value *= scale;
-                }
+                simd::run(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        for (value, outside) in values.iter_mut().zip(&mut outside) {
+                            *outside |= (*value < -1.0) | (*value > 256.0);
+                            *value *= scale;
+                        }
+                    },
+                );
                 self.range.clamp(c, y, &columns, values);
-                for ((out, &value), &slice) in out.chunks_exact_mut(C).zip(&*values).zip(slices) {
-                    out[c] = if slice == UNCOVERED { S::default() } else { S::rounded(value) };
-                }
+                simd::run(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        for ((rounded, &value), &slice) in rounded[c].iter_mut().zip(&*values).zip(slices) {
+                            *rounded = S::rounded(if slice == UNCOVERED { 0.0 } else { value });
+                        }
+                    },
+                );
+            }
+            for (x, pixel) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
+                *pixel = std::array::from_fn(|c| rounded[c][x]);
             }
             let covered = outside.iter().zip(slices).filter(|&(_, &slice)| slice != UNCOVERED);
             clamped += covered.filter(|(outside, _)| **outside).count();

@@ -123,8 +123,16 @@ impl<S: Sample> ImagePair<'_, S> {
         let level = S::DEPTH.max() / 255.0;
         let mut box_sum = BoxSum::new(width, height);
         // 16ths of a grey level, as integers
-        let mut change: Vec<N> =
-            self.change.iter().map(|&change| N::from((16.0 * change.min(64.0 * level) / level) as i32)).collect();
+        let mut change = vec![N::default(); self.change.len()];
+        simd::run(
+            Avx2::detect(),
+            #[inline(always)]
+            || {
+                for (sixteenths, &change) in change.iter_mut().zip(self.change) {
+                    *sixteenths = N::from(simd::truncated(16.0 * change.min(64.0 * level) / level, u16::MAX));
+                }
+            },
+        );
         box_sum.apply(&mut change, CORRECTION_SIDE, 2);
         let change_scale = 1.0 / (16 * CORRECTION_SIDE.pow(4)) as f32;
         let any_change = change.iter().any(|&change| change > N::default());
@@ -169,22 +177,45 @@ impl<S: Sample> ImagePair<'_, S> {
     /// over channels).
     fn differences<N: Int, const C: usize>(&self, any_change: bool, box_sum: &mut BoxSum<N>) -> [Vec<N>; 2] {
         let zeros = || vec![N::default(); self.window.width * self.window.height];
-        let (mut different, mut coarse, mut after) = (zeros(), Vec::new(), zeros());
+        let (mut different, mut coarse, mut after, simd) = (zeros(), zeros(), zeros(), Avx2::detect());
+        let pyramid = self.pyramid.as_chunks::<C>().0;
         for channel in 0..C {
-            let of_channel = |pixel: &[S]| pixel[channel].integer() as i32;
-            let pixels = self.corrected.chunks_exact(C).zip(self.pyramid.chunks_exact(C));
-            coarse.clear();
-            coarse.extend(pixels.map(|(one, other)| N::from(of_channel(one) - of_channel(other))));
+            let pixels = self.corrected.as_chunks::<C>().0.iter().zip(pyramid);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || {
+                    for (coarse, (one, other)) in coarse.iter_mut().zip(pixels) {
+                        *coarse = N::from(one[channel].integer() as i32 - other[channel].integer() as i32);
+                    }
+                },
+            );
             box_sum.apply(&mut coarse, COARSE_SIDE, 2);
-            different.iter_mut().zip(&coarse).for_each(|(largest, coarse)| *largest = (*largest).max(coarse.abs()));
-            after.iter_mut().zip(&coarse).for_each(|(sum, coarse)| *sum += *coarse);
+            simd::run(
+                simd,
+                #[inline(always)]
+                || {
+                    for ((largest, sum), coarse) in different.iter_mut().zip(&mut after).zip(&coarse) {
+                        *largest = (*largest).max(coarse.abs());
+                        *sum += *coarse;
+                    }
+                },
+            );
         }
         box_sum.apply(&mut different, AROUND_SIDE, 1);
         let mut outside = zeros();
         if any_change {
-            let all = |pixel: &[S]| pixel.iter().map(|sample| sample.integer() as i32).sum::<i32>();
-            let pixels = self.uncorrected.chunks_exact(C).zip(self.pyramid.chunks_exact(C));
-            let mut before: Vec<N> = pixels.map(|(one, other)| N::from(all(one) - all(other))).collect();
+            let (mut before, pixels) = (coarse, self.uncorrected.as_chunks::<C>().0.iter().zip(pyramid));
+            simd::run(
+                simd,
+                #[inline(always)]
+                || {
+                    let all = |pixel: &[S; C]| pixel.iter().map(|sample| sample.integer() as i32).sum::<i32>();
+                    for (before, (one, other)) in before.iter_mut().zip(pixels) {
+                        *before = N::from(all(one) - all(other));
+                    }
+                },
+            );
             box_sum.apply(&mut before, COARSE_SIDE, 2);
             let both = after.iter().zip(&before);
             outside.iter_mut().zip(both).for_each(|(outside, (&after, &before))| *outside = distance(after, before));

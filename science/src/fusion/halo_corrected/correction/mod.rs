@@ -40,6 +40,12 @@ use corrections::{Correction, Corrections, Kind};
 /// moves is no blur of the other slice and must not be removed as if it were.
 const MAX_BEYOND: f32 = 8.0;
 
+/// How far around a tile the decision map matters, px.
+pub(super) const REACH: usize = MAX_RADIUS as usize;
+
+/// Pixels of a row that are compared at once.
+const RUN: usize = 16;
+
 /// Corrects the tile `rect`: its pixels are interleaved in `out`, in the scale of the samples.
 pub(super) fn correct<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
@@ -52,7 +58,7 @@ pub(super) fn correct<S: Sample, const C: usize>(
         return Ok(());
     }
     let (width, height) = slices.size();
-    let around = present(map, slices.count(), rect.grown(MAX_RADIUS as usize, width, height));
+    let around = present(map, slices.count(), rect.grown(REACH, width, height));
     let inside = present(map, slices.count(), rect);
     let spreads = |near: u16, far: u16| model.spreads_over(usize::from(near), usize::from(far));
     let pairs = inside.iter().flat_map(|&far| around.iter().map(move |&near| (near, far)));
@@ -75,13 +81,16 @@ fn present(map: &DecisionMap, slices: usize, rect: Rect) -> Vec<u16> {
     let mut seen = vec![false; slices];
     for y in rect.y..rect.y + rect.height {
         let mut last = UNCOVERED;
-        for &slice in &map.slice.row(y)[rect.x..rect.x + rect.width] {
-            if slice == last {
+        // most neighbours have the same slice, so several are compared at once
+        for slices in map.slice.row(y)[rect.x..rect.x + rect.width].chunks(RUN) {
+            if slices.first_chunk() == Some(&[last; RUN]) {
                 continue;
             }
-            last = slice;
-            if let Some(seen) = seen.get_mut(usize::from(slice)) {
-                *seen = true;
+            for &slice in slices {
+                if slice != last {
+                    last = slice;
+                    seen.get_mut(usize::from(slice)).into_iter().for_each(|seen| *seen = true);
+                }
             }
         }
     }

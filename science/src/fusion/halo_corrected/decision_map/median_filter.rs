@@ -11,6 +11,9 @@ use crate::{
     },
 };
 
+/// How far around a pixel the filter looks, px.
+pub(super) const MEDIAN_REACH: usize = 2;
+
 /// The median over five rows of the medians over five columns; beyond the canvas its border is repeated. A pixel keeps
 /// its slice where the new slice does not cover it.
 pub(super) fn median_filter<S: Sample, const C: usize>(

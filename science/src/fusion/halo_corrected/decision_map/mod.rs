@@ -37,6 +37,7 @@ use crate::{
     fusion::{
         align::coarse_focus::{CELL, CoarseFocusMaps},
         plan::UNCOVERED,
+        run::Run,
     },
     imaging::{
         Plane, Rect, Sample,
@@ -48,7 +49,7 @@ use crate::{
     types::Interrupted,
 };
 pub(super) use given::given;
-use median_filter::median_filter;
+use median_filter::{MEDIAN_REACH, median_filter};
 
 /// Focus energy, in multiples of that of noise, from which a pixel has texture.
 pub(super) const TEXTURED: f32 = 4.0;
@@ -84,8 +85,10 @@ pub(crate) struct DecisionMap {
     pub textured: Plane<bool>,
 }
 
-/// Refines the argmax `sharpest` of the focus `energy`; `textured` is where that energy is more than noise.
+/// Refines the argmax `sharpest` of the focus `energy`; `textured` is where that energy is more than noise. Every pixel
+/// within `margin` px of a shown pixel is refined.
 pub(super) fn refine<S: Sample, const C: usize>(
+    (run, margin): (&Run<'_>, usize),
     slices: &WarpedSlices<'_, S, C>,
     sharpest: &Plane<u16>,
     textured: Plane<bool>,
@@ -104,6 +107,7 @@ pub(super) fn refine<S: Sample, const C: usize>(
                 height: TILE.min(height - y),
             })
         })
+        .filter(|&rect| run.part_to_fuse(rect, margin + MEDIAN_REACH).is_some())
         .collect();
     let refinement = Refinement { slices, sharpest, textured: &textured, energy, coarse, model };
     let tiles: Vec<Tile> = tiles
@@ -142,14 +146,8 @@ struct Refinement<'a, S, const C: usize> {
 
 impl<S: Sample, const C: usize> Refinement<'_, S, C> {
     fn tile(&self, rect: Rect, rows: &mut Rows) -> Result<Tile, Interrupted> {
-        let cut = |y: usize| rect.y + y;
         let columns = rect.x..rect.x + rect.width;
-        let textured = (0..rect.height).flat_map(|y| &self.textured.row(cut(y))[columns.clone()]).copied().collect();
-        let mut tile = Tile {
-            rect,
-            slice: (0..rect.height).flat_map(|y| &self.sharpest.row(cut(y))[columns.clone()]).copied().collect(),
-            textured,
-        };
+        let mut tile = Tile { rect, slice: self.sharpest.crop(rect).data, textured: self.textured.crop(rect).data };
         for (number, scale) in self.coarse.scales.iter().enumerate() {
             let weak = if number == 0 { WEAK } else { 0.0 };
             // textured pixels, by (slice that is sharpest around them, own slice)
