@@ -100,11 +100,14 @@ pub fn run(
         times.end("fusing the back light");
         let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
-        let silhouette = segment(&back.image, &back.valid, &options.mask_params(plan.width, plan.height));
+        let (silhouette, artifact) = rayon::join(
+            || segment(&back.image, &back.valid, &options.mask_params(plan.width, plan.height)),
+            || writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default()),
+        );
         if options.mask == MaskMode::Required {
             require_useful(&silhouette)?;
         }
-        written.push(writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default())?);
+        written.push(artifact?);
         warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code.as_str())));
         warnings.extend_from_slice(&silhouette.warnings);
         back_light = Some(diagnosis::reduced_back_light(&back.image));

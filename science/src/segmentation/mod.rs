@@ -21,6 +21,8 @@ mod tones;
 mod translucent;
 mod warnings;
 
+use rayon::prelude::*;
+
 use crate::{
     imaging::{Plane, Raster, Sample, grey},
     types::{
@@ -41,6 +43,9 @@ const WIDE_HOLE_PX: u64 = 16;
 /// Brightest value of a true hole, 0 as the object to 1 as the background. A wide hole outside of this range is a
 /// reflection.
 const HOLE_BRIGHTNESS: [f64; 2] = [0.65, 1.2];
+
+/// Pixels that a thread takes at a time.
+const PART: usize = 1 << 16;
 
 /// Parameters of [`segment`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,20 +113,18 @@ pub fn segment(backlight: &Raster, valid: &Plane<u8>, params: &MaskParams) -> Si
     if let Some(illumination) = &illumination {
         illumination.even_out(&mut grey, width);
     }
-    let histogram = Histogram::of(grey.iter().enumerate().filter(|&(at, _)| is_valid(at)).map(|(_, &v)| v));
-    let tones = Tones::of(&histogram, params.threshold);
+    let tones = Tones::of(&Histogram::of_pixels(&grey, is_valid), params.threshold);
 
     let object = |at: usize| is_valid(at) && f64::from(grey[at]) < tones.threshold;
-    let mut mask = Plane { width, height, data: (0..grey.len()).map(|at| if object(at) { 255 } else { 0 }).collect() };
+    let pixels = (0..grey.len()).into_par_iter();
+    let mut mask = Plane { width, height, data: pixels.map(|at| if object(at) { 255 } else { 0 }).collect() };
     let thin = if is_auto { translucent::find(&grey, &mask, is_valid, &tones) } else { None };
     if let Some(thin) = &thin {
         mask.data.iter_mut().zip(&thin.pixels).filter(|(_, thin)| **thin).for_each(|(v, _)| *v = 255);
     }
     let faint = |at: usize| is_valid(at) && tones.cover(grey[at]) > MIN_COVER;
     let parts = remove_small(&mut mask, params.min_blob_px, faint);
-    let holes = fill_holes(&mut mask, params.min_hole_px, is_valid, |at| {
-        (f64::from(grey[at]) - tones.dark) / (tones.bright - tones.dark).max(1e-6)
-    });
+    let holes = fill_holes(&mut mask, params.min_hole_px, is_valid, &grey, &tones);
 
     let metrics = MaskMetrics {
         foreground_fraction: object_share(mask.data.iter().copied()),
@@ -140,9 +143,10 @@ pub fn segment(backlight: &Raster, valid: &Plane<u8>, params: &MaskParams) -> Si
 
 /// Removes parts of fewer than `least` pixels, and returns the number of parts that remain. Faint pixels join parts but
 /// do not count.
-fn remove_small(mask: &mut Plane<u8>, least: u32, faint: impl Fn(usize) -> bool) -> u32 {
+fn remove_small(mask: &mut Plane<u8>, least: u32, faint: impl Fn(usize) -> bool + Sync) -> u32 {
     let (width, height) = (mask.width, mask.height);
-    let mut components = Components::of(width, height, Connectivity::Eight, |at| mask.data[at] != 0 || faint(at));
+    let joined: Vec<bool> = mask.data.par_iter().enumerate().map(|(at, &object)| object != 0 || faint(at)).collect();
+    let mut components = Components::of(width, height, Connectivity::Eight, |at| joined[at]);
     let pixels = components.accumulate(|pixels: &mut u64, y, columns| {
         *pixels += mask.row(y)[columns.clone()].iter().filter(|&&v| v != 0).count() as u64;
     });
@@ -160,31 +164,26 @@ struct Hole {
     pixels: u64,
     /// Whether it reaches the border of the canvas or pixels that are not valid.
     open: bool,
-    /// Its brightest pixel, 0 as the object to 1 as the background.
-    brightest: f64,
+    /// Its largest grey value.
+    brightest: f32,
 }
 
 /// Fills holes of fewer than `least` pixels and reflections, and returns the number of holes that remain.
-fn fill_holes(
-    mask: &mut Plane<u8>,
-    least: u32,
-    is_valid: impl Fn(usize) -> bool,
-    brightness: impl Fn(usize) -> f64,
-) -> u32 {
+fn fill_holes(mask: &mut Plane<u8>, least: u32, is_valid: impl Fn(usize) -> bool, grey: &[f32], tones: &Tones) -> u32 {
     let (width, height) = (mask.width, mask.height);
     let mut components = Components::of(width, height, Connectivity::Four, |at| mask.data[at] == 0);
     let holes = components.accumulate(|hole: &mut Hole, y, columns| {
         let start = y * width;
         hole.pixels += columns.len() as u64;
         hole.open |= y == 0 || y + 1 == height || columns.start == 0 || columns.end == width;
-        for at in start + columns.start..start + columns.end {
-            hole.open |= !is_valid(at);
-            hole.brightest = hole.brightest.max(brightness(at));
-        }
+        let pixels = start + columns.start..start + columns.end;
+        hole.brightest = grey[pixels.clone()].iter().fold(hole.brightest, |brightest, &v| brightest.max(v));
+        hole.open |= !pixels.into_iter().all(&is_valid);
     });
     let is_filled = |hole: &Hole| {
-        let reflects =
-            hole.pixels >= WIDE_HOLE_PX && !(HOLE_BRIGHTNESS[0]..=HOLE_BRIGHTNESS[1]).contains(&hole.brightest);
+        // 0 as the object to 1 as the background
+        let brightest = (f64::from(hole.brightest) - tones.dark) / (tones.bright - tones.dark).max(1e-6);
+        let reflects = hole.pixels >= WIDE_HOLE_PX && !(HOLE_BRIGHTNESS[0]..=HOLE_BRIGHTNESS[1]).contains(&brightest);
         !hole.open && (hole.pixels < u64::from(least) || reflects)
     };
     components.for_each_run(&holes, |hole, y, columns| {
@@ -199,8 +198,11 @@ fn fill_holes(
 fn grey_values(raster: &Raster) -> Vec<f32> {
     fn of<S: Sample>(samples: &[S], channels: usize, pixels: usize) -> Vec<f32> {
         let mut out = vec![0.0; pixels];
-        grey::luma_row(samples, channels, &mut out);
-        out.iter_mut().for_each(|v| *v /= 255.0);
+        let parts = out.par_chunks_mut(PART).zip(samples.par_chunks(PART * channels));
+        parts.for_each(|(out, samples)| {
+            grey::luma_row(samples, channels, out);
+            out.iter_mut().for_each(|v| *v /= 255.0);
+        });
         out
     }
     let pixels = raster.width * raster.height;

@@ -3,6 +3,10 @@
 //! The threshold maximises the between-class variance `s_B^2 = p_0 p_1 (m_0 - m_1)^2` of dark and bright pixels, with
 //! `p` the share and `m` the mean of each class. The separability is `s_B^2 / s^2`, with `s^2` the total variance.
 
+use rayon::prelude::*;
+
+use super::PART;
+
 /// Bins over full scale: 16 times finer than 8 bits, so that colour and 16-bit pictures lose nothing.
 const BINS: usize = 4096;
 
@@ -31,6 +35,20 @@ impl Histogram {
             counts[bin.min(BINS - 1)] += 1;
         }
         Self { counts }
+    }
+
+    /// Counts the values of the pixels for whose index `counts` is true.
+    pub(super) fn of_pixels(values: &[f32], counts: impl Fn(usize) -> bool + Sync) -> Self {
+        let parts = values.par_chunks(PART).enumerate().map(|(part, values)| {
+            Self::of((part * PART..).zip(values).filter(|&(at, _)| counts(at)).map(|(_, &value)| value))
+        });
+        parts.reduce(
+            || Self { counts: vec![0; BINS] },
+            |mut sum, part| {
+                sum.counts.iter_mut().zip(part.counts).for_each(|(sum, count)| *sum += count);
+                sum
+            },
+        )
     }
 
     /// The threshold with the largest between-class variance, in the middle when a range of thresholds has it; none

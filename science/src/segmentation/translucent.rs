@@ -9,6 +9,8 @@
 //! 4. Areas that end gradually are dropped: they are the defocused edge of something dark, which no slice shows sharp.
 //!    A wing has an edge, at which most of its cover is lost within a few pixels.
 
+use rayon::prelude::*;
+
 use super::{
     components::{Components, Connectivity, reachable},
     tones::Tones,
@@ -43,12 +45,13 @@ pub(super) struct Translucent {
 pub(super) fn find(
     grey: &[f32],
     mask: &Plane<u8>,
-    is_valid: impl Fn(usize) -> bool,
+    is_valid: impl Fn(usize) -> bool + Sync,
     tones: &Tones,
 ) -> Option<Translucent> {
     let (width, height) = (mask.width, mask.height);
     let reach = (width.min(height) / REACH_OF_SIDE).clamp(REACH_LIMITS.0, REACH_LIMITS.1);
-    let between: Vec<bool> = (0..grey.len()).map(|at| is_valid(at) && COVER.contains(&tones.cover(grey[at]))).collect();
+    let pixels = (0..grey.len()).into_par_iter();
+    let between: Vec<bool> = pixels.map(|at| is_valid(at) && COVER.contains(&tones.cover(grey[at]))).collect();
     let areas = eroded(&between, width, height, reach);
     if !areas.contains(&true) {
         return None;
