@@ -28,8 +28,8 @@
 //! - Memory does not depend on the number of slices ([`Plan::memory_bytes`]); the scratch file does
 //!   ([`Plan::scratch_bytes`]).
 //! - The same input gives the same bytes, for any number of threads and any size of tiles. Pixels that are not shown
-//!   ([`FusionRequest::shown`]) may depend on the size of the tiles, and far from those that are shown the index is the
-//!   largest focus measure: a decision map is refined only where it matters.
+//!   ([`FusionRequest::shown`]) may depend on the size of the tiles, and far from those that are shown the index is
+//!   less exact: a decision map is refined completely only where it matters.
 //! - A pixel that a slice does not cover is never chosen and enters no mean, filter or metric.
 
 mod align;

@@ -223,8 +223,7 @@ pub struct FusionRequest<'a> {
     pub object: Option<&'a Plane<u8>>,
     /// The pixels of the image that will be shown: those that are not 0, of the size of the canvas. They contain the
     /// object. They and what is within 32 px of them are fused. To save time, other pixels of [`Fused::image`] may be
-    /// those of the reference slice, and [`Fused::index`] may be the largest focus measure there. `None`: all pixels
-    /// are shown.
+    /// those of the reference slice, and [`Fused::index`] may be less exact there. `None`: all pixels are shown.
     pub shown: Option<&'a Plane<u8>>,
 }
 

@@ -85,8 +85,8 @@ pub(crate) struct DecisionMap {
     pub textured: Plane<bool>,
 }
 
-/// Refines the argmax `sharpest` of the focus `energy`; `textured` is where that energy is more than noise. Every pixel
-/// within `margin` px of a shown pixel is refined.
+/// Refines the argmax `sharpest` of the focus `energy`; `textured` is where that energy is more than noise. Blur is
+/// predicted within `margin` px of every shown pixel; what is farther away is refined as if nothing could be predicted.
 pub(super) fn refine<S: Sample, const C: usize>(
     (run, margin): (&Run<'_>, usize),
     slices: &WarpedSlices<'_, S, C>,
@@ -107,13 +107,15 @@ pub(super) fn refine<S: Sample, const C: usize>(
                 height: TILE.min(height - y),
             })
         })
-        .filter(|&rect| run.part_to_fuse(rect, margin + MEDIAN_REACH).is_some())
         .collect();
     let refinement = Refinement { slices, sharpest, textured: &textured, energy, coarse, model };
     let tiles: Vec<Tile> = tiles
         .into_par_iter()
         .with_max_len(1)
-        .map_init(Rows::default, |rows, rect| refinement.tile(rect, rows))
+        .map_init(Rows::default, |rows, rect| {
+            let matters = run.part_to_fuse(rect, margin + MEDIAN_REACH).is_some();
+            refinement.tile(rect, matters, rows)
+        })
         .collect::<Result<_, Interrupted>>()?;
     let mut map = DecisionMap { slice: sharpest.clone(), textured };
     for tile in tiles {
@@ -145,7 +147,7 @@ struct Refinement<'a, S, const C: usize> {
 }
 
 impl<S: Sample, const C: usize> Refinement<'_, S, C> {
-    fn tile(&self, rect: Rect, rows: &mut Rows) -> Result<Tile, Interrupted> {
+    fn tile(&self, rect: Rect, predicts: bool, rows: &mut Rows) -> Result<Tile, Interrupted> {
         let columns = rect.x..rect.x + rect.width;
         let mut tile = Tile { rect, slice: self.sharpest.crop(rect).data, textured: self.textured.crop(rect).data };
         for (number, scale) in self.coarse.scales.iter().enumerate() {
@@ -180,8 +182,9 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                         }
                         if !has_texture {
                             (*own, *textured) = (around, false);
-                        } else if energies[column]
-                            <= explicable(around_energy, self.model.radius(around.into(), (*own).into()))
+                        } else if predicts
+                            && energies[column]
+                                <= explicable(around_energy, self.model.radius(around.into(), (*own).into()))
                         {
                             candidates.add((around, *own), line.start + column);
                         }
