@@ -118,6 +118,14 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_pixels_of_all_parts_are_counted_once() {
+        let values: Vec<f32> = (0..2 * PART + 777).map(|at| (at * 7919 % 1009) as f32 / 1008.0).collect();
+        let counts = |at: usize| at % 3 != 1;
+        let one_by_one = Histogram::of((0..).zip(&values).filter(|&(at, _)| counts(at)).map(|(_, &value)| value));
+        assert_eq!(Histogram::of_pixels(&values, counts).counts, one_by_one.counts);
+    }
+
+    #[test]
     fn two_values_are_separated_in_the_middle_and_completely() {
         let otsu = Histogram::of([0.2f32; 30].into_iter().chain([0.8; 10])).otsu().unwrap();
         assert!((otsu.threshold - 0.5).abs() < 0.001, "{otsu:?}");

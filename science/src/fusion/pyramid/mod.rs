@@ -26,23 +26,21 @@
 
 mod filter;
 mod finest;
+mod finish;
 mod level_fusion;
 mod reach;
-
-use std::mem;
 
 use super::{
     align::{
         Aligned,
         relevance::{Relevance, Use},
     },
-    plan::UNCOVERED,
     run::Run,
     tiles::{Blended, in_tiles},
 };
 use crate::{
     imaging::{
-        Coverage, LUMA, Plane, Rect, Sample,
+        Coverage, LUMA, Rect, Sample,
         simd::{self, Avx2},
     },
     types::{Control, Interrupted},
@@ -255,78 +253,6 @@ impl<S: Sample> Pyramid<S> {
         let mut energy = Patch::default();
         self.filters.smooth(simd, &deviation, inner, &mut energy);
         self.fuser.add_base::<C>(&self.values, &coarsest[WEIGHT], &energy, geometry, sums);
-    }
-
-    /// Expands and adds the fused levels, clamps and rounds them. Returns the number of pixels with a sample that was
-    /// outside the range of its depth by more than one grey level of 255.
-    fn finish<const C: usize>(&mut self, canvas: &Canvas, rect: Rect, index: &Plane<u16>, out: &mut Vec<S>) -> usize {
-        let (levels, simd) = (self.sums.len(), Avx2::detect());
-        let (mut result, mut expanded) = (mem::take(&mut self.values), Vec::new());
-        normalised::<C>(simd, &self.sums[levels - 1], &mut result);
-        for level in (0..levels - 1).rev() {
-            let [first, second, third, weights] = &mut self.sums[level];
-            let rect = weights.rect;
-            for (sums, coarse) in [first, second, third].into_iter().zip(&result).take(C) {
-                for y in rect.y..rect.y + rect.height {
-                    let columns = rect.x..rect.x + rect.width;
-                    let size = canvas.sizes.0[level + 1];
-                    let coarse = self.filters.expand(simd, coarse, size, (y, &columns), &mut expanded);
-                    let (sums, weights) = (sums.row_mut(y), weights.row(y));
-                    simd::run(
-                        simd,
-                        #[inline(always)]
-                        || {
-                            for ((sum, &weight), coarse) in sums.iter_mut().zip(weights).zip(coarse) {
-                                let there = *sum / weight + *coarse;
-                                *sum = if weight > 0.0 { there } else { *sum };
-                            }
-                        },
-                    );
-                }
-            }
-            mem::swap(&mut result, &mut self.sums[level]);
-        }
-
-        out.clear();
-        out.resize(rect.width * rect.height * C, S::default());
-        let (scale, columns, mut clamped) = (S::DEPTH.max() / 255.0, rect.x..rect.x + rect.width, 0);
-        let mut outside = vec![false; rect.width];
-        let mut rounded: [Vec<S>; C] = std::array::from_fn(|_| vec![S::default(); rect.width]);
-        for y in rect.y..rect.y + rect.height {
-            let out = &mut out[(y - rect.y) * rect.width * C..][..rect.width * C];
-            let slices = &index.row(y)[columns.clone()];
-            outside.fill(false);
-            for (c, plane) in result.iter_mut().enumerate().take(C) {
-                let values = plane.row_mut(y);
-                simd::run(
-                    simd,
-                    #[inline(always)]
-                    || {
-                        for (value, outside) in values.iter_mut().zip(&mut outside) {
-                            *outside |= (*value < -1.0) | (*value > 256.0);
-                            *value *= scale;
-                        }
-                    },
-                );
-                self.range.clamp(c, y, &columns, values);
-                simd::run(
-                    simd,
-                    #[inline(always)]
-                    || {
-                        for ((rounded, &value), &slice) in rounded[c].iter_mut().zip(&*values).zip(slices) {
-                            *rounded = S::rounded(if slice == UNCOVERED { 0.0 } else { value });
-                        }
-                    },
-                );
-            }
-            for (x, pixel) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
-                *pixel = std::array::from_fn(|c| rounded[c][x]);
-            }
-            let covered = outside.iter().zip(slices).filter(|&(_, &slice)| slice != UNCOVERED);
-            clamped += covered.filter(|(outside, _)| **outside).count();
-        }
-        self.values = result;
-        clamped
     }
 }
 

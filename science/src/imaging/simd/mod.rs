@@ -27,7 +27,7 @@ impl Avx2 {
 }
 
 /// The integer part of `value`, clamped to 0 and `max`; 0 for NaN. `as` gives the same, but the compiler does not
-/// vectorise it well: loops over samples take four times as long.
+/// vectorise it well: loops over samples take several times as long.
 #[inline(always)]
 pub fn truncated(value: f32, max: u16) -> i32 {
     let clamped = value.max(0.0).min(f32::from(max));

@@ -129,6 +129,7 @@ impl Grid {
     }
 
     /// Convolution with a separable window, where it lies entirely inside; none if it does not fit.
+    // inlined into all its callers it takes the compiler four seconds
     #[inline(never)]
     fn filtered(&self, window: &[f64]) -> Option<Self> {
         let side = window.len();

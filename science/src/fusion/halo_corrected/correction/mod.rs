@@ -87,9 +87,9 @@ fn present(map: &DecisionMap, slices: usize, rect: Rect) -> Vec<u16> {
                 continue;
             }
             for &slice in slices {
-                if slice != last {
-                    last = slice;
-                    seen.get_mut(usize::from(slice)).into_iter().for_each(|seen| *seen = true);
+                last = slice;
+                if let Some(seen) = seen.get_mut(usize::from(slice)) {
+                    *seen = true;
                 }
             }
         }
