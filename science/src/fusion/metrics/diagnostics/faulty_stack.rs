@@ -81,10 +81,10 @@ impl Stack {
     }
 }
 
-/// The code of a finding, and what makes a stack that must have it.
+/// A fault: the code of the finding that must report it, and how a stack gets it.
 type Fault = (&'static str, fn(Stack) -> Stack);
 
-/// All faults, and no fault.
+/// All faults that are simulated. The first, without a code, is a stack without a fault.
 pub(super) const FAULTS: [Fault; 15] = [
     ("", |stack| stack),
     ("range_too_short_near", |stack| {
