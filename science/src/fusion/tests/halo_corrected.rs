@@ -223,6 +223,52 @@ fn extreme_pictures_stay_in_range() {
     }
 }
 
+/// The contrast of detail on far parts, 2 to 6 px beside the outline of a nearer part, relative to the truth: the slope
+/// of the regression of the fused image on the true one, both without their mean over 5 x 5 px.
+fn contrast_beside_outlines(scene: &Scene, seed: u64) -> f64 {
+    let rig = Rig { seed, ..Rig::sized(480, 320, 11) };
+    let Rendered { slices, plan, truth } = rendered(&rig, scene, Light::Front);
+    let fused = fused(&slices, &halo_corrected(plan)).image.luma();
+    let sharp = truth.sharp.luma();
+    let nearest_within = |x: usize, y: usize, reach: usize| {
+        let square = (y - reach..=y + reach).flat_map(|v| (x - reach..=x + reach).map(move |u| (u, v)));
+        square.map(|(u, v)| truth.slice.at(u, v)).filter(|slice| !slice.is_nan()).fold(f32::INFINITY, f32::min)
+    };
+    let detail = |image: &Plane<f32>, x: usize, y: usize| {
+        let square = (y - 2..=y + 2).flat_map(|v| (x - 2..=x + 2).map(move |u| (u, v)));
+        f64::from(image.at(x, y)) - square.map(|(u, v)| f64::from(image.at(u, v))).sum::<f64>() / 25.0
+    };
+    let (mut both, mut truth_alone, mut count) = (0.0, 0.0, 0);
+    for (x, y) in (20..300).flat_map(|y| (20..460).map(move |x| (x, y))) {
+        let slice = truth.slice.at(x, y);
+        if nearest_within(x, y, 6) < slice - 2.0 && nearest_within(x, y, 1) > slice - 1.0 {
+            let (fused, sharp) = (detail(&fused, x, y), detail(&sharp, x, y));
+            (both, truth_alone, count) = (both + fused * sharp, truth_alone + sharp * sharp, count + 1);
+        }
+    }
+    assert!(count > 500, "{count} pixels beside outlines");
+    both / truth_alone
+}
+
+#[test]
+fn detail_beside_outlines_keeps_most_of_its_contrast() {
+    let scenes = [
+        ("plates", Scene::plates(3)),
+        ("weave", Scene::weave(2)),
+        ("insect", Scene::insect(2)),
+        ("wing", Scene::wing(1)),
+        ("flower", Scene::flower(2)),
+    ];
+    let contrasts = scenes.map(|(name, scene)| {
+        let contrast = contrast_beside_outlines(&scene, 6);
+        println!("{name}: {:.1} % of the true contrast", 100.0 * contrast);
+        contrast
+    });
+    let mean = contrasts.iter().sum::<f64>() / contrasts.len() as f64;
+    assert!(contrasts.iter().all(|&contrast| contrast < 1.0), "no more than the truth: {contrasts:?}");
+    assert!(mean > 0.855, "mean {mean:.3}");
+}
+
 /// The share of the ground 2 to 8 px beside the object that is more than 3 grey levels darker than the truth.
 fn share_of_dark_line(seed: u64, blur: f64) -> f64 {
     let (width, height) = (300usize, 200usize);
