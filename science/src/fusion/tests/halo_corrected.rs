@@ -224,7 +224,7 @@ fn extreme_pictures_stay_in_range() {
 }
 
 /// The contrast of detail on far parts, 2 to 6 px beside the outline of a nearer part, relative to the truth: the slope
-/// of the regression of the fused image on the true one, both without their mean over 5 x 5 px.
+/// of a regression of the fused image on the true image, after the mean over 5 x 5 px is subtracted from both.
 fn contrast_beside_outlines(scene: &Scene, seed: u64) -> f64 {
     let rig = Rig { seed, ..Rig::sized(480, 320, 11) };
     let Rendered { slices, plan, truth } = rendered(&rig, scene, Light::Front);

@@ -18,7 +18,7 @@ pub(super) struct Correction {
 /// Why a pixel is corrected.
 #[derive(Clone, Copy)]
 pub(super) enum Kind {
-    /// It shows the far part, and near parts cover it with their blur by this share, over 0.
+    /// It shows the far part, and the blur of near parts covers it by this share, more than 0.
     Covered(f32),
     /// The decision map gives it to the near part, but may reach too far here: the nearest far pixel is at this
     /// distance, px.

@@ -3,7 +3,7 @@
 //! Let `c_a` be the share of each cell of 4 x 4 px that is textured and of the near slice `a`, and `D_ab` the disc
 //! between `a` and the far slice `b` of a pixel. Near parts cover the pixel by `s = sum over a of (D_ab * c_a)`. The
 //! share `t` of the blur that is removed is `min(1, (s - 0.05) / (0.3 - 0.05))`, with the near slice that contributes
-//! most, and the gain of detail is `g = 1 / (1 - min(s, 0.1))`. All pixels of one cell and one slice have the same.
+//! most. The gain of detail is `g = 1 / (1 - min(s, 0.1))`. All pixels of one cell and one slice have the same `s`.
 
 use std::collections::BTreeMap;
 
@@ -20,19 +20,19 @@ use crate::{
 const FROM: f32 = 0.05;
 const COMPLETE: f32 = 0.3;
 
-/// Cover up to which the loss of detail is made good. The decision map gives some pixels beside an outline to the near
-/// part, so the cover there is less than it seems, and too much gain would make noise of detail.
-const FULL_GAIN: f32 = 0.1;
+/// Largest cover whose loss of contrast is compensated. The decision map extends beyond the outlines of near parts, so
+/// the true cover is less than the computed one, and a larger gain would exaggerate detail.
+const MAX_COMPENSATED: f32 = 0.1;
 
 /// Share of the blur of near parts that is removed where they cover a pixel by `cover`, 0 to 1.
 pub(super) fn removed(cover: f32) -> f32 {
     ((cover - FROM) / (COMPLETE - FROM)).clamp(0.0, 1.0)
 }
 
-/// Factor that gives the detail of a pixel covered by `cover` its contrast again: the pixel's own slice shows the far
-/// part only through the rest, `1 - cover`.
+/// Factor on the detail of a pixel that near parts cover by `cover`, 1 to 1.11. The pixel's own slice shows the far
+/// part at the contrast `1 - cover`.
 pub(super) fn detail_gain(cover: f32) -> f32 {
-    1.0 / (1.0 - cover.clamp(0.0, FULL_GAIN))
+    1.0 / (1.0 - cover.clamp(0.0, MAX_COMPENSATED))
 }
 
 /// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to consider; `skip`

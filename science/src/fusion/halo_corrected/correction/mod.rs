@@ -5,9 +5,9 @@
 //! Beside the outline of a near part, sharp in slice `a`, a far part, sharp in slice `b`, is covered by the near part's
 //! blur in `b` and in every slice like it. But slice `a` shows the far part too, uncovered, only blurred by the disc
 //! `D` of known radius. So the far part is `I_a + g (I_b - D * I_b)`: coarse structure from the slice of the near part,
-//! detail from its own, which shows it through the cover and therefore too weak by the factor `g`. What remains of the
-//! cover is the detail of a blur, which is little. No outline is needed: on the near part by mistake, the formula
-//! changes little, because the near part's blur has little detail either.
+//! detail from its own. The cover weakens that detail, and the gain `g` restores it. What remains of the cover is the
+//! detail of a blur, which is little. No outline is needed: on the near part by mistake, the formula changes little,
+//! because the near part's blur has little detail either.
 //!
 //! | pixel | mosaic `I` becomes |
 //! |---|---|
@@ -133,19 +133,19 @@ fn apply<S: Sample, const C: usize>(
         let there = (y - window.y) * window.width + x - window.x;
         let here = (y - bounds.y) * bounds.width + x - bounds.x;
         let textureless = !map.textured.at(x, y);
-        // the pixel `I` becomes `I + cover (I_a - I) + detail (I - D * I_b) + far (I_b - D * I_b)`
-        let (cover, detail, far_share) = match (correction.kind, &matte) {
-            (Kind::Covered(share), _) if textureless => (defocus_spread::removed(share), 0.0, 0.0),
-            (Kind::Covered(share), _) => {
-                let removed = defocus_spread::removed(share);
-                (removed, removed * defocus_spread::detail_gain(share), 0.0)
+        // the pixel `I` becomes `I + removed (I_a - I) + detail (I - D * I_b) + far_share (I_b - D * I_b)`
+        let (removed, detail, far_share) = match (correction.kind, &matte) {
+            (Kind::Covered(cover), _) if textureless => (defocus_spread::removed(cover), 0.0, 0.0),
+            (Kind::Covered(cover), _) => {
+                let removed = defocus_spread::removed(cover);
+                (removed, removed * defocus_spread::detail_gain(cover), 0.0)
             }
             (Kind::Fattened(distance), Some(matte)) => (0.0, 0.0, matte.far_share(here, distance)),
             (Kind::Fattened(_), None) => (0.0, 0.0, 0.0),
         };
         for (c, out) in out[correction.at * C..(correction.at + 1) * C].iter_mut().enumerate() {
             let (near, far, blurred) = (near_slice[c].data[here], far_slice[c].data[there], blurred[c].data[here]);
-            let corrected = *out + cover * (near - *out) + detail * (*out - blurred) + far_share * (far - blurred);
+            let corrected = *out + removed * (near - *out) + detail * (*out - blurred) + far_share * (far - blurred);
             let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
             *out = corrected.clamp(low, high);
         }
