@@ -159,6 +159,29 @@ impl Coverage {
         })
     }
 
+    /// Repeats the border of the covered pixels beyond them: along each row, then from the nearest row that has any.
+    /// `plane` is the rectangle `rect` of the canvas; where none of it is covered, it stays as it is.
+    pub fn extend(&self, rect: Rect, plane: &mut Plane<f32>) {
+        if self.contains(rect) {
+            return;
+        }
+        let spans: Vec<Range<usize>> = self.spans_in(rect).collect();
+        for (y, span) in spans.iter().enumerate().filter(|(_, span)| !span.is_empty()) {
+            let row = plane.row_mut(y);
+            let (first, last) = (row[span.start], row[span.end - 1]);
+            row[..span.start].fill(first);
+            row[span.end..].fill(last);
+        }
+        let any = |span: &Range<usize>| !span.is_empty();
+        let Some((top, bottom)) = spans.iter().position(any).zip(spans.iter().rposition(any)) else { return };
+        // the covered rows are contiguous
+        let width = rect.width;
+        for y in (0..top).chain(bottom + 1..rect.height) {
+            let from = if y < top { top } else { bottom };
+            plane.data.copy_within(from * width..(from + 1) * width, y * width);
+        }
+    }
+
     /// `rect` as a mask: 255 covered, 0 not.
     pub fn mask(&self, rect: Rect) -> Plane<u8> {
         let mut plane = Plane::filled(rect.width, rect.height, 0);
@@ -209,6 +232,20 @@ mod tests {
             assert_eq!(part.row(y), &whole.row(y + rect.y)[rect.x..rect.x + rect.width]);
         }
         assert_eq!(whole.data.iter().filter(|&&v| v == 255).count(), coverage.pixels());
+    }
+
+    #[test]
+    fn extending_repeats_the_nearest_covered_row_and_column() {
+        let coverage = shifted(2.5, 1.0);
+        let rect = Rect { x: 1, y: 0, width: 5, height: 4 };
+        let mut plane = Plane { width: 5, height: 4, data: (0..20).map(|at| at as f32).collect() };
+        coverage.extend(rect, &mut plane);
+        let row = |y: f32| [5.0 * y + 2.0, 5.0 * y + 2.0, 5.0 * y + 2.0, 5.0 * y + 3.0, 5.0 * y + 4.0];
+        assert_eq!(plane.data, [row(1.0), row(1.0), row(2.0), row(3.0)].concat());
+        let uncovered = Rect { x: 0, y: 0, width: 3, height: 4 };
+        let mut plane = Plane::filled(3, 4, 7.0);
+        coverage.extend(uncovered, &mut plane);
+        assert_eq!(plane.data, vec![7.0; 12]);
     }
 
     #[test]

@@ -3,7 +3,9 @@
 use crate::{
     fusion::align::Aligned,
     imaging::{
-        Coverage, Plane, Rect, Sample, grey,
+        Coverage, Plane, Rect, Sample,
+        filter::disc::Disc,
+        grey,
         simd::{self, Avx2},
     },
     types::{Control, Interrupted},
@@ -57,8 +59,8 @@ impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
         Ok(plane)
     }
 
-    /// The channels of `rect` as planes, in the scale of the samples.
-    pub(super) fn channels(&self, slice: usize, rect: Rect) -> Result<[Plane<f32>; C], Interrupted> {
+    /// The channels of `rect`. Beyond the border of the slice its border pixels are repeated.
+    pub(super) fn patch(&self, slice: usize, rect: Rect) -> Result<Patch<C>, Interrupted> {
         let samples = self.samples(slice, rect)?;
         let mut planes: [Plane<f32>; C] = std::array::from_fn(|_| Plane::filled(rect.width, rect.height, 0.0));
         let out = planes.each_mut().map(|plane| &mut plane.data[..]);
@@ -73,6 +75,34 @@ impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
                 }
             },
         );
-        Ok(planes)
+        planes.iter_mut().for_each(|plane| self.coverage(slice).extend(rect, plane));
+        Ok(Patch { rect, channels: planes })
+    }
+}
+
+/// The channels of a rectangle of a slice, in the scale of its samples.
+pub(super) struct Patch<const C: usize> {
+    /// The rectangle on the canvas.
+    pub rect: Rect,
+    pub channels: [Plane<f32>; C],
+}
+
+impl<const C: usize> Patch<C> {
+    /// The part `rect` of the patch, blurred by `disc`.
+    pub(super) fn blurred(&self, disc: &Disc, rect: Rect) -> Self {
+        let inner = Rect { x: rect.x - self.rect.x, y: rect.y - self.rect.y, ..rect };
+        Self { rect, channels: self.channels.each_ref().map(|channel| disc.blurred_in(channel, inner)) }
+    }
+
+    /// Index of the pixel (x, y) of the canvas.
+    #[inline]
+    pub(super) fn index(&self, x: usize, y: usize) -> usize {
+        (y - self.rect.y) * self.rect.width + x - self.rect.x
+    }
+
+    /// The pixels of `channel` in row `y` of the canvas that `rect` contains.
+    pub(super) fn row(&self, channel: usize, y: usize, rect: Rect) -> &[f32] {
+        let start = self.index(rect.x, y);
+        &self.channels[channel].data[start..start + rect.width]
     }
 }

@@ -192,6 +192,30 @@ fn uncovered_parts_of_a_slice_leave_no_trace() {
 }
 
 #[test]
+fn beside_the_border_of_the_slices_the_correction_works_as_elsewhere() {
+    let cases = [(Scene::insect(2), 6, 140usize), (Scene::insect(1), 7, 140), (Scene::plates(3), 5, 220)];
+    for (scene, seed, border) in cases {
+        let Case { slices, plan, truth, edges, .. } = Case::new(&scene, seed);
+        // the same slices, without the columns of the canvas before `border`
+        let (mut cut_slices, mut cut_plan) = (slices.clone(), plan.clone());
+        for (slice, plan) in cut_slices.iter_mut().zip(&mut cut_plan.slices) {
+            let Samples::Eight(samples) = &mut slice.samples else { panic!("8 bits") };
+            let shift = border * slice.channels;
+            samples.chunks_exact_mut(slice.width * slice.channels).for_each(|row| row.copy_within(shift.., 0));
+            plan.homography = Homography::similarity(1.0, [border as f64, 0.0]).then(&plan.homography).unwrap();
+        }
+        // near the border, where all slices cover the canvas
+        let columns = border + 12..border + 40;
+        let beside = Plane::from_fn(480, 320, |x, y| if columns.contains(&x) { edges.at(x, y) } else { 0 });
+        let score = |slices: &[Raster], plan: Plan| {
+            psnr(&fused(slices, &halo_corrected(plan)).image.luma(), &truth, Some(&beside)).unwrap()
+        };
+        let (cut, whole) = (score(&cut_slices, cut_plan), score(&slices, plan));
+        assert!(cut > whole - 0.6, "seed {seed}: {cut:.2} dB beside the border, {whole:.2} where the slices go on");
+    }
+}
+
+#[test]
 fn a_hot_pixel_in_one_slice_spreads_by_at_most_two_pixels() {
     let mut slices = vec![eight(80, 60, &strip(80, 60, 1, 0)); 5];
     let clean = slices[0].clone();

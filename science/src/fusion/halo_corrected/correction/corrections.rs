@@ -16,13 +16,12 @@ pub(super) struct Correction {
 }
 
 /// Why a pixel is corrected.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(super) enum Kind {
     /// It shows the far part, and the blur of near parts covers it by this share, more than 0.
     Covered(f32),
-    /// The decision map gives it to the near part, but may reach too far here: the nearest far pixel is at this
-    /// distance, px.
-    Fattened(f32),
+    /// The decision map gives it to the near part, but may reach too far here.
+    Fattened,
 }
 
 /// Near slice, far slice, and the block within the tile (row, column).

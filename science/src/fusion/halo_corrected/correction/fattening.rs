@@ -14,8 +14,8 @@ use crate::imaging::Rect;
 /// How far the decision map reaches over the outline of a near part, px.
 const REACH: usize = 6;
 
-/// Lists the candidates of the tile `rect` in `corrections`, each with the nearest far pixel, and returns which pixels
-/// they are.
+/// Lists the candidates of the tile `rect` in `corrections`, each with the slice of the nearest far pixel, and returns
+/// which pixels they are.
 pub(super) fn find(
     map: &DecisionMap,
     model: &DefocusModel,
@@ -56,10 +56,9 @@ pub(super) fn find(
                 })
             };
             if let Some(found) = found {
-                let (at, (dx, dy)) = (here.wrapping_add_signed(steps[found]), offsets[found]);
+                let at = here.wrapping_add_signed(steps[found]);
                 let far = map.slice.at(window.x + at % window.width, window.y + at / window.width);
-                let kind = Kind::Fattened((dx as f32).hypot(dy as f32));
-                corrections.add(near, far, Correction { at: row * rect.width + column, kind });
+                corrections.add(near, far, Correction { at: row * rect.width + column, kind: Kind::Fattened });
                 *fattened = true;
             }
         }

@@ -15,7 +15,8 @@
 //! | the same, without texture | `I + t (I_a - I)` |
 //! | near, but in reach of the far part ([`fattening`]) | `I + m (I_b - D * I_b)`, `m` from the [`boundary_matte`] |
 //!
-//! Each result is clamped to 8 grey levels around the range that `I_a`, `I_b` and `I` span at the pixel.
+//! Each result is clamped to 8 grey levels around the range that `I_a`, `I_b` and `I` span at the pixel. Pixels that
+//! `I_a` or `I_b` does not cover stay as they are.
 
 mod boundary_matte;
 mod corrections;
@@ -98,8 +99,29 @@ fn present(map: &DecisionMap, slices: usize, rect: Rect) -> Vec<u16> {
     (0..slices).filter(|&slice| seen[slice]).map(|slice| slice as u16).collect()
 }
 
-/// Applies the corrections of one block, all between the slices `near` and `far`. A block that these slices do not
-/// cover stays as it is.
+/// How a pixel changes: `I` becomes `I + removed (I_a - I) + detail (I - D * I_b) + far_share (I_b - D * I_b)`.
+struct Change {
+    removed: f32,
+    detail: f32,
+    far_share: f32,
+}
+
+impl Change {
+    /// The change of a pixel that near parts cover by `cover`, 0 to 1.
+    fn covered(cover: f32, textured: bool) -> Self {
+        let removed = defocus_spread::removed(cover);
+        let detail = if textured { removed * defocus_spread::detail_gain(cover) } else { 0.0 };
+        Self { removed, detail, far_share: 0.0 }
+    }
+
+    /// The change of a near pixel that shows the far part by `far_share`, 0 to 1.
+    fn fattened(far_share: f32) -> Self {
+        Self { removed: 0.0, detail: 0.0, far_share }
+    }
+}
+
+/// Applies the corrections of one block, all between the slices `near` and `far`. Pixels that one of them does not
+/// cover stay as they are.
 fn apply<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
     map: &DecisionMap,
@@ -111,40 +133,38 @@ fn apply<S: Sample, const C: usize>(
 ) -> Result<(), Interrupted> {
     let (width, height) = slices.size();
     let disc = Disc::new(model.radius(near, far));
-    let needs_matte = corrections.iter().any(|correction| matches!(correction.kind, Kind::Fattened(_)));
-    let bounds = bounding_box(corrections.iter().map(|correction| correction.at), rect).grown(
-        if needs_matte { boundary_matte::REACH } else { 0 },
-        width,
-        height,
-    );
+    let fattened = corrections.iter().filter(|correction| correction.kind == Kind::Fattened);
+    let fattened: Vec<usize> = fattened.map(|correction| correction.at).collect();
+    let matte_rect = (!fattened.is_empty())
+        .then(|| bounding_box(fattened.into_iter(), rect).grown(boundary_matte::REACH, width, height));
+    let margin = matte_rect.map_or(0, |_| boundary_matte::REACH);
+    let bounds = bounding_box(corrections.iter().map(|correction| correction.at), rect).grown(margin, width, height);
     let window = bounds.grown(disc.reach(), width, height);
-    if !slices.covers(far, window) || !slices.covers(near, bounds) {
-        return Ok(());
-    }
-    let far_slice = slices.channels(far, window)?;
-    let near_slice = slices.channels(near, bounds)?;
-    let inner = Rect { x: bounds.x - window.x, y: bounds.y - window.y, ..bounds };
-    let blurred = far_slice.each_ref().map(|channel| disc.blurred_in(channel, inner));
+    let far_slice = slices.patch(far, window)?;
+    let near_slice = slices.patch(near, if matte_rect.is_some() { window } else { bounds })?;
+    let blurred = far_slice.blurred(&disc, bounds);
     let level = S::DEPTH.max() / 255.0;
-    let matte = needs_matte.then(|| BoundaryMatte::new(&near_slice, &blurred, level));
+    let matte = matte_rect.map(|matte_rect| {
+        let near_blurred = near_slice.blurred(&disc, matte_rect);
+        BoundaryMatte::new([&near_slice, &blurred], [&far_slice, &near_blurred], matte_rect, level)
+    });
+    let covers_all = slices.covers(near, bounds) && slices.covers(far, bounds);
     let beyond = MAX_BEYOND * level;
     for correction in corrections {
         let (x, y) = (rect.x + correction.at % rect.width, rect.y + correction.at / rect.width);
-        let there = (y - window.y) * window.width + x - window.x;
-        let here = (y - bounds.y) * bounds.width + x - bounds.x;
-        let textureless = !map.textured.at(x, y);
-        // the pixel `I` becomes `I + removed (I_a - I) + detail (I - D * I_b) + far_share (I_b - D * I_b)`
-        let (removed, detail, far_share) = match (correction.kind, &matte) {
-            (Kind::Covered(cover), _) if textureless => (defocus_spread::removed(cover), 0.0, 0.0),
-            (Kind::Covered(cover), _) => {
-                let removed = defocus_spread::removed(cover);
-                (removed, removed * defocus_spread::detail_gain(cover), 0.0)
-            }
-            (Kind::Fattened(distance), Some(matte)) => (0.0, 0.0, matte.far_share(here, distance)),
-            (Kind::Fattened(_), None) => (0.0, 0.0, 0.0),
+        let covers = |slice: usize| slices.coverage(slice).span(y).contains(&x);
+        let is_covered = covers_all || (covers(near) && covers(far));
+        if !is_covered {
+            continue;
+        }
+        let Change { removed, detail, far_share } = match correction.kind {
+            Kind::Covered(cover) => Change::covered(cover, map.textured.at(x, y)),
+            Kind::Fattened => Change::fattened(matte.as_ref().map_or(0.0, |matte| matte.far_share(x, y))),
         };
+        let (of_near, of_far, of_blurred) = (near_slice.index(x, y), far_slice.index(x, y), blurred.index(x, y));
         for (c, out) in out[correction.at * C..(correction.at + 1) * C].iter_mut().enumerate() {
-            let (near, far, blurred) = (near_slice[c].data[here], far_slice[c].data[there], blurred[c].data[here]);
+            let (near, far) = (near_slice.channels[c].data[of_near], far_slice.channels[c].data[of_far]);
+            let blurred = blurred.channels[c].data[of_blurred];
             let corrected = *out + removed * (near - *out) + detail * (*out - blurred) + far_share * (far - blurred);
             let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
             *out = corrected.clamp(low, high);
