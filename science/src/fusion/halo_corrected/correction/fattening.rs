@@ -26,7 +26,7 @@ pub(super) fn find(
     let window = rect.grown(REACH, map.slice.width, map.slice.height);
     let (rank, least_covered) = ranks(model, slices);
     let ranks = textured_ranks(map, window, &rank);
-    let farthest = sliding_maximum::<u16, REACH>(&ranks, window, rect);
+    let farthest = sliding_maximum::<REACH>(&ranks, window, rect);
     let offsets = offsets();
     let stride = window.width as isize;
     let steps: Vec<isize> = offsets.iter().map(|&(dx, dy)| dy * stride + dx).collect();
