@@ -159,8 +159,9 @@ impl Coverage {
         })
     }
 
-    /// Repeats the border of the covered pixels beyond them: along each row, then from the nearest row that has any.
-    /// `plane` is the rectangle `rect` of the canvas; where none of it is covered, it stays as it is.
+    /// Fills the uncovered pixels of `plane`, which is the rectangle `rect` of the canvas. A row with covered pixels
+    /// gets the nearest of them on either side; the rows above and below are copies of the nearest such row. A
+    /// rectangle without any covered pixel stays as it is.
     pub fn extend(&self, rect: Rect, plane: &mut Plane<f32>) {
         if self.contains(rect) {
             return;

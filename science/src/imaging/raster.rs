@@ -97,6 +97,19 @@ impl Rect {
             height: (self.y + self.height + margin).min(height) - y,
         }
     }
+
+    /// Extended to whole squares of `side` px, counted from the top left of a `width` x `height` image, and clipped to
+    /// that image.
+    #[must_use]
+    pub fn in_squares(self, side: usize, width: usize, height: usize) -> Self {
+        let (x, y) = (self.x / side * side, self.y / side * side);
+        Self {
+            x,
+            y,
+            width: (self.x + self.width).next_multiple_of(side).min(width) - x,
+            height: (self.y + self.height).next_multiple_of(side).min(height) - y,
+        }
+    }
 }
 
 /// Bits per sample.
@@ -211,6 +224,14 @@ fn cropped<S: Copy>(samples: &[S], (width, channels): (usize, usize), rect: Rect
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_rectangle_is_extended_to_whole_squares_within_the_image() {
+        let rect = |x, y, width, height| Rect { x, y, width, height };
+        assert_eq!(rect(5, 8, 4, 1).in_squares(4, 30, 20), rect(4, 8, 8, 4));
+        assert_eq!(rect(4, 8, 8, 4).in_squares(4, 30, 20), rect(4, 8, 8, 4));
+        assert_eq!(rect(27, 13, 3, 6).in_squares(8, 30, 20), rect(24, 8, 6, 12));
+    }
 
     #[test]
     fn a_crop_has_the_samples_of_its_rectangle() {

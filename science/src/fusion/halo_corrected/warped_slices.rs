@@ -88,19 +88,20 @@ pub(super) struct Patch<const C: usize> {
 }
 
 impl<const C: usize> Patch<C> {
-    /// The part `rect` of the patch, blurred by `disc`.
+    /// The part `rect` of the patch, in coordinates of the canvas, blurred by `disc`. Beyond the patch its border
+    /// pixels are repeated.
     pub(super) fn blurred(&self, disc: &Disc, rect: Rect) -> Self {
         let inner = Rect { x: rect.x - self.rect.x, y: rect.y - self.rect.y, ..rect };
         Self { rect, channels: self.channels.each_ref().map(|channel| disc.blurred_in(channel, inner)) }
     }
 
-    /// Index of the pixel (x, y) of the canvas.
+    /// Index, in each channel, of the pixel (x, y) of the canvas, which the patch must contain.
     #[inline]
     pub(super) fn index(&self, x: usize, y: usize) -> usize {
         (y - self.rect.y) * self.rect.width + x - self.rect.x
     }
 
-    /// The pixels of `channel` in row `y` of the canvas that `rect` contains.
+    /// Row `y` of `rect` in a channel, both in coordinates of the canvas. The patch must contain `rect`.
     pub(super) fn row(&self, channel: usize, y: usize, rect: Rect) -> &[f32] {
         let start = self.index(rect.x, y);
         &self.channels[channel].data[start..start + rect.width]

@@ -71,13 +71,9 @@ impl Disc {
                 false => self.at_full_size(&plane.crop(seen), inner),
             };
         }
-        // whole blocks of the pixels that become one, at the places they have in the plane
+        // each square of this side becomes one pixel
         let side = 1usize << self.halvings;
-        let seen = rect.grown(self.reach(), plane.width, plane.height);
-        let (left, top) = (seen.x / side * side, seen.y / side * side);
-        let right = (seen.x + seen.width).next_multiple_of(side).min(plane.width);
-        let bottom = (seen.y + seen.height).next_multiple_of(side).min(plane.height);
-        let seen = Rect { x: left, y: top, width: right - left, height: bottom - top };
+        let seen = rect.grown(self.reach(), plane.width, plane.height).in_squares(side, plane.width, plane.height);
         let mut small = match seen == Rect::whole(plane.width, plane.height) {
             true => halved(plane, self.simd),
             false => halved(&plane.crop(seen), self.simd),

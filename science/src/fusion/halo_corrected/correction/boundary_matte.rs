@@ -3,16 +3,18 @@
 //!
 //! Let `I_a` be the slice of the near part, `I_b` that of the far part, and `D *` the blur by the disc between them.
 //! Where a pixel shows the far part, `I_a` is the defocused `I_b` and looks like `D * I_b`; where it shows the near
-//! part, `I_b` looks like `D * I_a`. With the differences `u_far = rms of I_a - D * I_b` and
-//! `u_near = rms of I_b - D * I_a`, in grey levels of 255, the share of the far part is
+//! part, `I_b` looks like `D * I_a`. Let `u_far` be the rms of `I_a - D * I_b` and `u_near` that of `I_b - D * I_a`,
+//! in grey levels of 255. The share of the far part is
 //!
 //! ```text
 //! m = ramp(q, 0.45, 0.8),  q = u_far / (u_far + u_near + 1.75)
 //! ```
 //!
-//! where `ramp(x, a, b)` is 1 up to `a`, 0 from `b` on, and linear between. The rms is over the channels and a binomial
-//! of 3 x 3 px. Both differences contain what the blurred near part hides and adds beside its outline; the quotient is
-//! little affected by it, and by contrast.
+//! where `ramp(x, a, b)` is 1 up to `a`, 0 from `b` on, and linear between. The rms is over the channels and over 3 x 3
+//! px with binomial weights. A quotient, because the differences grow with the contrast of the texture.
+//!
+//! Limit: beside its outline, the blur of the near part is in `I_b`, and so in `u_far`. If the two parts differ much in
+//! brightness, the share of the far part comes out too small.
 
 use super::super::warped_slices::Patch;
 use crate::imaging::{
@@ -40,8 +42,8 @@ pub(super) struct BoundaryMatte {
 }
 
 impl BoundaryMatte {
-    /// The matte of `rect`, which all patches contain. `near` and `far` each are a slice, and the other slice with the
-    /// blur that makes it look like this one; `level` is a grey level of 255 in their scale.
+    /// The matte of `rect`, which all patches must contain. `near` are the near slice and the blurred far slice, `far`
+    /// the far slice and the blurred near slice; `level` is a grey level of 255 in their scale.
     pub(super) fn new<const C: usize>(near: [&Patch<C>; 2], far: [&Patch<C>; 2], rect: Rect, level: f32) -> Self {
         Self { rect, from_far: differences(near, rect, level), from_near: differences(far, rect, level) }
     }
@@ -55,8 +57,8 @@ impl BoundaryMatte {
     }
 }
 
-/// Mean square over channels of the difference of two patches in `rect`, grey levels of 255 squared, weighted by the
-/// binomial `1 2 1` along both axes. Beyond the rectangle its border is repeated.
+/// Mean square of the difference of two patches in `rect`, over the channels and 3 x 3 px with binomial weights, in
+/// grey levels of 255 squared.
 fn differences<const C: usize>([one, other]: [&Patch<C>; 2], rect: Rect, level: f32) -> Vec<f32> {
     let width = rect.width;
     let (simd, scale) = (Avx2::detect(), 1.0 / (C as f32 * level * level));
@@ -75,8 +77,16 @@ fn differences<const C: usize>([one, other]: [&Patch<C>; 2], rect: Rect, level: 
             );
         }
     }
+    smooth(&mut squares, width);
+    squares
+}
+
+/// Smooths an image of `width` columns by the weights `1 2 1` along both axes. Beyond its border the border pixels are
+/// repeated.
+fn smooth(values: &mut [f32], width: usize) {
+    let simd = Avx2::detect();
     let mut line = vec![0.0f32; width + 2];
-    for row in squares.chunks_exact_mut(width.max(1)) {
+    for row in values.chunks_exact_mut(width.max(1)) {
         line[1..=width].copy_from_slice(row);
         (line[0], line[width + 1]) = (row[0], row[width - 1]);
         simd::run(
@@ -90,10 +100,10 @@ fn differences<const C: usize>([one, other]: [&Patch<C>; 2], rect: Rect, level: 
         );
     }
     // the row above, as it was
-    let mut above = squares.get(..width).map(<[f32]>::to_vec).unwrap_or_default();
-    let rows = rect.height;
+    let mut above = values.get(..width).map(<[f32]>::to_vec).unwrap_or_default();
+    let rows = values.len() / width.max(1);
     for y in 0..rows {
-        let (here, below) = squares[y * width..].split_at_mut(width);
+        let (here, below) = values[y * width..].split_at_mut(width);
         line[..width].copy_from_slice(here);
         let below = if y + 1 < rows { &below[..width] } else { &line[..width] };
         simd::run(
@@ -107,7 +117,6 @@ fn differences<const C: usize>([one, other]: [&Patch<C>; 2], rect: Rect, level: 
         );
         above.copy_from_slice(&line[..width]);
     }
-    squares
 }
 
 /// The mean of three neighbours with the weights `1 2 1`.

@@ -48,12 +48,7 @@ pub(super) fn find(
 ) {
     let (width, height) = (map.slice.width, map.slice.height);
     let reach = pairs.iter().map(|&(near, far)| model.radius(near.into(), far.into())).fold(0.0, f32::max);
-    let window = rect.grown(reach as usize + 2 * CELL, width, height);
-    // whole cells, at the places they have on the canvas
-    let (left, top) = (window.x / CELL * CELL, window.y / CELL * CELL);
-    let (right, bottom) = (window.x + window.width, window.y + window.height);
-    let (right, bottom) = (right.next_multiple_of(CELL).min(width), bottom.next_multiple_of(CELL).min(height));
-    let window = Rect { x: left, y: top, width: right - left, height: bottom - top };
+    let window = rect.grown(reach as usize + 2 * CELL, width, height).in_squares(CELL, width, height);
     let columns = window.width.div_ceil(CELL);
     let regions = Regions::of(map, rect, window, skip);
     let mut covers = vec![Cover { sum: 0.0, largest: (0.0, UNCOVERED) }; regions.all.len()];
