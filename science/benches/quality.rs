@@ -9,7 +9,7 @@ use pinstack_science::{
         alignment,
         sampling::Blocks,
         score::Scorer,
-        slice::{Fingerprint, SliceMeter, WarpedSlice},
+        slice::{Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
     },
 };
 
@@ -30,13 +30,24 @@ fn measure(c: &mut Criterion) {
     let luma = picture(WIDTH, HEIGHT, 1);
     let samples: Vec<u8> = luma.data.iter().flat_map(|&v| [v as u8, (v / 2.0) as u8, v as u8]).collect();
     let (meter, coverage) = (SliceMeter::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
-    let slice = WarpedSlice { samples: &samples[..], channels: 3, coverage: &coverage, gain: 1.02 };
+    let row = |y: usize, x: usize, width: usize| &samples[(y * WIDTH + x) * 3..][..width * 3];
+    let read = |rect: Rect| {
+        let rows = (rect.y..rect.y + rect.height).flat_map(|y| row(y, rect.x, rect.width));
+        Ok(rows.copied().collect::<Vec<u8>>())
+    };
+    let slice = WarpedSlice { samples: &read, channels: 3, coverage: &coverage, gain: 1.02 };
+    let saliency = vec![1.0; WIDTH];
     let mut group = c.benchmark_group("quality");
     group.throughput(Throughput::Elements((WIDTH * HEIGHT) as u64));
     group.bench_function("measure one slice", |b| {
         b.iter(|| {
             let fingerprint = Fingerprint::of(&samples, 3, WIDTH, HEIGHT);
-            meter.measure(3, black_box(&slice), vec![1.0; meter.points().count()], fingerprint)
+            let mut rows = RowMeasurements::default();
+            for y in 0..HEIGHT {
+                rows.take_samples(&meter, y, row(y, 0, WIDTH), 3, slice.gain);
+                rows.take_saliency(&meter, y, &saliency, &(0..WIDTH));
+            }
+            meter.measure(3, black_box(&slice), rows, fingerprint)
         });
     });
     group.finish();

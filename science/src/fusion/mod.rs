@@ -53,6 +53,8 @@ mod tests;
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 pub use plan::{Fused, FusionRequest, Plan, SlicePlan, UNCOVERED};
 pub use resources::slices_in_flight;
 pub use warped_slice::warped_slice;
@@ -95,7 +97,7 @@ pub fn fuse(
     check(slices, plan, request)?;
     control.check()?;
     control.progress("aligning", 0, slices.count());
-    let slices = FormattedSlices::open(slices, plan.width, plan.height)?;
+    let slices = FormattedSlices::open(slices, plan)?;
     Run { slices, plan, request, scratch_dir, control, tile: tiles::TILE, decision_map: None }.fuse()
 }
 
@@ -121,7 +123,7 @@ pub fn fuse_by_decision_map(
     if (decision_map.width, decision_map.height) != (plan.width, plan.height) {
         return Err(Error::new(ErrorKind::Internal, "the decision map does not have the size of the canvas").into());
     }
-    let slices = FormattedSlices::open(slices, plan.width, plan.height)?;
+    let slices = FormattedSlices::open(slices, plan)?;
     let decision_map = Some(decision_map);
     Run { slices, plan, request, scratch_dir, control, tile: tiles::TILE, decision_map }.fuse()
 }
@@ -158,10 +160,10 @@ impl Run<'_> {
             None => ScoreSums::default(),
         };
 
-        let valid = aligned.index.map(|slice| if slice == UNCOVERED { 0 } else { 255 });
+        let valid = aligned.index.par_map(|slice| if slice == UNCOVERED { 0 } else { 255 });
         let quality = metrics::finish(self, meter.as_ref(), aligned.measurements, &scores, alignment, &aligned.index);
         let (width, height) = (self.plan.width, self.plan.height);
-        let covered = valid.data.iter().filter(|&&v| v != 0).count();
+        let covered = valid.data.par_iter().filter(|&&v| v != 0).count();
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let mut warnings =
             warnings(width * height, covered, blended.clamped as f64 / blended.fused.min(covered).max(1) as f64);

@@ -15,7 +15,8 @@ impl Plan {
     ///
     /// ```text
     /// bytes  = P max(first, second) + (48 threads + 32 + M) MiB
-    /// first  = 6 + 9 s L             largest focus measure and its slice; per slice: decoded, warped, and a buffer
+    /// first  = 6 + (7 s + 1) L       largest focus measure and its slice; per slice: samples, before and after
+    ///                                alpha is dropped, and the cells of the focus energy
     /// second = 3 + 3 s + max(X, Z)   index, validity, fused image; X is the need of the method, Z of the height map
     /// X      = 14 + 3 s  for Method::HaloCorrected (decision map, pyramid image), else 0
     /// Z      = 13 with a height map (estimate and confidence per pixel and per cell, the map), else 0
@@ -24,7 +25,7 @@ impl Plan {
     pub fn memory_bytes(&self, threads: usize, depth: Depth, metrics: bool) -> u64 {
         let pixels = (self.width * self.height) as u64;
         let pixel = 3 * depth.bytes() as u64;
-        let in_flight = 3 * pixel;
+        let in_flight = 7 * depth.bytes() as u64 + 1;
         let first_pass = 6 + in_flight * slices_in_flight(threads, self.slices.len()) as u64;
         let height = if self.height_map.is_some() { height::BYTES_PER_PIXEL } else { 0 };
         let second_pass = 3 + pixel + method::extra_bytes_per_pixel(self.method, pixel).max(height);
@@ -45,7 +46,27 @@ impl Plan {
     }
 }
 
-/// Number of slices that [`fuse`](super::fuse) decodes and warps at the same time with `threads` threads.
+/// Number of slices that [`fuse`](super::fuse) decodes or has in memory at the same time with `threads` threads.
 pub fn slices_in_flight(threads: usize, slices: usize) -> usize {
-    align::lanes(threads, slices)
+    align::slices_in_flight(threads, slices)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_of_the_threads_decode_and_there_are_never_more_slices_in_memory_than_four() {
+        let in_flight = [1, 2, 4, 6, 8, 64].map(|threads| slices_in_flight(threads, 20));
+        assert_eq!(in_flight, [1, 2, 3, 4, 4, 4]);
+        assert_eq!([slices_in_flight(8, 1), slices_in_flight(8, 3)], [1, 3]);
+    }
+
+    #[test]
+    fn memory_is_bounded_by_a_constant_for_any_number_of_slices_and_threads() {
+        let need = |slices, threads| Plan::aligned(6000, 4000, slices).memory_bytes(threads, Depth::Eight, true);
+        assert_eq!(need(4, 8), need(200, 8));
+        // each thread has buffers of its own, and nothing else
+        assert_eq!(need(20, 64) - need(20, 8), 56 * 48 * MIB);
+    }
 }

@@ -1,8 +1,10 @@
 //! The sample format of a stack, and its slices converted to it.
 
-use std::sync::Mutex;
+use std::{iter, sync::Mutex};
 
-use super::run::locked;
+use rayon::prelude::*;
+
+use super::{plan::Plan, resources::slices_in_flight, run::locked};
 use crate::{
     imaging::{Depth, Raster, Sample, Samples, Slices},
     types::{Error, ErrorKind},
@@ -30,27 +32,35 @@ impl SampleFormat {
 
 /// The slices of a stack, converted to the format of the first one while they are loaded.
 ///
-/// The format is known only once slice 0 is decoded. That raster is kept until slice 0 is loaded, so that no slice is
-/// decoded twice.
+/// The format is known only once slice 0 is decoded. The slices after it are decoded at the same time by other threads,
+/// and all of these rasters are kept until they are loaded, so that no slice is decoded twice.
 pub(super) struct FormattedSlices<'a> {
     slices: &'a dyn Slices,
     width: usize,
     height: usize,
     format: SampleFormat,
-    first: Mutex<Option<Raster>>,
+    /// The first slices, decoded; none once it is loaded.
+    first: Vec<Mutex<Option<Result<Raster, Error>>>>,
     /// Memory of decoded slices that are no longer needed, for the next ones.
     spare: Mutex<Vec<Vec<u8>>>,
 }
 
 impl<'a> FormattedSlices<'a> {
-    /// Decodes slice 0 of a stack of `width` x `height` px.
+    /// Decodes the first slices of the stack of `plan`, as many as will be in flight at a time.
     ///
     /// # Errors
-    /// An error that names the slice when it cannot be decoded or is neither grey nor RGB.
-    pub(super) fn open(slices: &'a dyn Slices, width: usize, height: usize) -> Result<Self, Error> {
-        let first = slices.load(0)?;
-        let format = SampleFormat::of(&first).map_err(|error| error.in_file(slices.name(0), Some(0)))?;
-        Ok(Self { slices, width, height, format, first: Mutex::new(Some(first)), spare: Mutex::default() })
+    /// An error that names the slice when slice 0 cannot be decoded or is neither grey nor RGB. Errors of other slices
+    /// are those of [`FormattedSlices::load`].
+    pub(super) fn open(slices: &'a dyn Slices, plan: &Plan) -> Result<Self, Error> {
+        let ahead = slices_in_flight(rayon::current_num_threads(), plan.slices.len());
+        let decode = |slice: usize| slices.load(slice);
+        let (zeroth, others): (_, Vec<_>) =
+            rayon::join(|| decode(0), || (1..ahead).into_par_iter().with_max_len(1).map(decode).collect());
+        let zeroth = zeroth?;
+        let format = SampleFormat::of(&zeroth).map_err(|error| error.in_file(slices.name(0), Some(0)))?;
+        let first = iter::once(Ok(zeroth)).chain(others).map(|raster| Mutex::new(Some(raster))).collect();
+        let (width, height) = (plan.width, plan.height);
+        Ok(Self { slices, width, height, format, first, spare: Mutex::default() })
     }
 
     /// Takes the samples of a slice back, so that the next slice can be decoded into their memory.
@@ -85,9 +95,8 @@ impl<'a> FormattedSlices<'a> {
     /// # Errors
     /// An error that names the slice when it cannot be decoded, has another size, or would lose information.
     pub(super) fn load<S: Sample, const C: usize>(&self, slice: usize) -> Result<Vec<S>, Error> {
-        let decoded = if slice == 0 { locked(&self.first).take() } else { None };
-        let raster = match decoded {
-            Some(raster) => raster,
+        let raster = match self.first.get(slice).and_then(|first| locked(first).take()) {
+            Some(raster) => raster?,
             None => {
                 let buffer = locked(&self.spare).pop().unwrap_or_default();
                 self.slices.load_into(slice, buffer)?

@@ -91,7 +91,7 @@ fn fused_in_tiles(slices: &[Raster], plan: &Plan, tile: usize) -> Fused {
 
 fn fused_as_asked(slices: &[Raster], plan: &Plan, request: &FusionRequest<'_>, tile: usize) -> Fused {
     let folder = std::env::temp_dir();
-    let slices = FormattedSlices::open(&slices, plan.width, plan.height).unwrap();
+    let slices = FormattedSlices::open(&slices, plan).unwrap();
     Run { slices, plan, request, scratch_dir: &folder, control: &NoControl, decision_map: None, tile }.fuse().unwrap()
 }
 

@@ -1,5 +1,7 @@
 //! Image types: [`Plane`] (one channel of any type), [`Raster`] (interleaved 8 or 16-bit samples) and [`Rect`].
 
+use rayon::prelude::*;
+
 use super::grey;
 
 /// One channel, row-major, without padding: sample (x, y) is `data[y * width + x]`.
@@ -64,6 +66,15 @@ impl<T: Copy> Plane<T> {
     /// A plane of the same size with `value` applied to each sample.
     pub fn map<U>(&self, value: impl FnMut(T) -> U) -> Plane<U> {
         Plane { width: self.width, height: self.height, data: self.data.iter().copied().map(value).collect() }
+    }
+
+    /// The same as [`Plane::map`], by all threads: for planes of the size of a picture.
+    pub fn par_map<U: Send>(&self, value: impl Fn(T) -> U + Sync) -> Plane<U>
+    where
+        T: Sync,
+    {
+        let data = self.data.par_iter().map(|sample| value(*sample)).collect();
+        Plane { width: self.width, height: self.height, data }
     }
 }
 

@@ -11,7 +11,7 @@ use std::{
 use pinstack_science::{
     fusion::{Fused, FusionRequest, fuse},
     imaging::{
-        Samples, Slices,
+        Sample, Samples, Slices,
         codec::{self, Metadata},
         filter::saliency::{Rows, Saliency},
         grey,
@@ -19,7 +19,7 @@ use pinstack_science::{
         warp::Warp,
     },
     segmentation::{MaskParams, segment},
-    types::{Cancelled, Control},
+    types::Control,
 };
 use rayon::prelude::*;
 
@@ -78,22 +78,10 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             since(started)
         }
         "warp" => {
-            let (mut eights, mut sixteens) = (Vec::new(), Vec::new());
             for i in 0..case.slices {
-                let going_on = || Ok::<(), Cancelled>(());
                 match archive.front().load(i).expect("a slice").samples {
-                    Samples::Eight(samples) => {
-                        eights = watch
-                            .time(|| warp(i).resample_cancellable(samples, 3, eights, going_on))
-                            .expect("not cancelled")
-                            .0;
-                    }
-                    Samples::Sixteen(samples) => {
-                        sixteens = watch
-                            .time(|| warp(i).resample_cancellable(samples, 3, sixteens, going_on))
-                            .expect("not cancelled")
-                            .0;
-                    }
+                    Samples::Eight(samples) => watch.time(|| warp_rows(&warp(i), &samples)),
+                    Samples::Sixteen(samples) => watch.time(|| warp_rows(&warp(i), &samples)),
                 }
             }
             watch.cost()
@@ -161,4 +149,16 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             }
         }
     }
+}
+
+/// Warps a slice, and forgets it row by row.
+fn warp_rows<S: Sample>(warp: &Warp, samples: &[S]) {
+    let (rows, width) = (warp.rows::<S, 3>(samples), warp.coverage().width());
+    (0..warp.coverage().height()).into_par_iter().with_min_len(64).for_each_init(
+        || vec![S::default(); width * 3],
+        |out, y| {
+            rows.row(y, out);
+            std::hint::black_box(out);
+        },
+    );
 }

@@ -94,11 +94,6 @@ impl CoarseFocus {
         }
     }
 
-    /// The cells of a slice, all 0.
-    pub(super) fn cells(&self) -> Vec<f32> {
-        vec![0.0; self.columns * self.rows]
-    }
-
     /// Number of cells in `rows` rows of pixels.
     pub(super) fn cells_in_rows(&self, rows: usize) -> usize {
         rows.div_ceil(CELL) * self.columns
@@ -246,7 +241,7 @@ mod tests {
     fn coarse_focus(order: &[usize], energy: impl Fn(usize, usize) -> f32) -> CoarseFocusMaps {
         let coarse = CoarseFocus::new(24, 16, order.len());
         for &slice in order {
-            let mut cells = coarse.cells();
+            let mut cells = vec![0.0; coarse.cells_in_rows(16)];
             let row: Vec<f32> = (0..24).map(|x| energy(slice, x)).collect();
             (0..16).for_each(|y| coarse.add(&mut cells, y, &row, 0..24));
             coarse.enter(slice, cells);
@@ -272,7 +267,7 @@ mod tests {
     #[test]
     fn uncovered_columns_add_no_energy() {
         let coarse = CoarseFocus::new(10, 4, 1);
-        let mut cells = coarse.cells();
+        let mut cells = vec![0.0; coarse.cells_in_rows(4)];
         (0..4).for_each(|y| coarse.add(&mut cells, y, &[1.0; 10], 3..9));
         assert_eq!(cells, [0.25, 1.0, 0.25]);
     }

@@ -48,7 +48,8 @@ impl FocusMeasure {
         }
     }
 
-    /// Measures `rows` of a slice of `size`; `luma` writes a row of its luma.
+    /// Measures `rows` of a slice of `size`; `luma` writes a row of its luma, and is called once for each row within
+    /// reach, from the first to the last.
     ///
     /// `emit(y, values, grey_levels)` gets each row: `values` compare slices; `grey_levels` are the same in grey
     /// levels, for the metrics. The latter are valid only with `in_grey_levels`.
@@ -58,7 +59,7 @@ impl FocusMeasure {
         rows: Range<usize>,
         buffers: &mut RowBuffers,
         in_grey_levels: bool,
-        luma: impl Fn(usize, &mut [f32]),
+        luma: impl FnMut(usize, &mut [f32]),
         mut emit: impl FnMut(usize, &[f32], &[f32]),
     ) {
         match self {
@@ -78,15 +79,7 @@ impl FocusMeasure {
         }
     }
 
-    /// The cells of a slice for the coarse focus, all 0; none for the saliency.
-    pub(super) fn cells(&self) -> Vec<f32> {
-        match self {
-            Self::Saliency(_) => Vec::new(),
-            Self::Energy(_, coarse) => coarse.cells(),
-        }
-    }
-
-    /// Number of cells in `rows` rows of pixels.
+    /// Number of cells of the coarse focus in `rows` rows of pixels; none for the saliency.
     pub(super) fn cells_in_rows(&self, rows: usize) -> usize {
         match self {
             Self::Saliency(_) => 0,

@@ -1,39 +1,43 @@
 //! First pass: resamples each slice to the canvas, measures its focus, and writes it to the scratch file.
 //!
 //! In: the slices and the plan. Out: [`Aligned`]. Slices are processed in parallel, in any order; the result does not
-//! depend on the order.
+//! depend on the order. A slice is decoded by one thread and then processed in bands of rows by all threads that are
+//! free ([`schedule`]). Each row is warped, measured and stored while it is in the processor's cache ([`slice`]), so a
+//! warped slice is never in memory as a whole.
 
 pub(super) mod coarse_focus;
 pub(super) mod focus_measure;
 pub(super) mod relevance;
+mod schedule;
 mod scratch;
 mod sharpest;
+mod slice;
 
-use std::sync::{
-    Mutex, OnceLock,
-    atomic::{AtomicUsize, Ordering},
-};
+use std::sync::{Arc, Mutex, OnceLock};
 
-use rayon::prelude::*;
+use rayon::Scope;
 
-use super::run::{Run, locked, unlocked};
+use super::run::{Run, locked};
 use crate::{
-    imaging::{Coverage, Plane, Sample, grey},
-    quality::slice::{Fingerprint, SliceMeasurements, SliceMeter, WarpedSlice},
-    types::Interrupted,
+    imaging::{Coverage, Plane, Rect, Sample},
+    quality::slice::{Fingerprint, RowMeasurements, SliceMeasurements, SliceMeter, WarpedSlice},
+    types::{Error, ErrorKind, Interrupted},
 };
 use coarse_focus::CoarseFocus;
-use focus_measure::{FocusMeasure, RowBuffers};
+use focus_measure::FocusMeasure;
 use relevance::CellEnergies;
+use schedule::{Schedule, Step};
 pub(super) use scratch::{BLOCK as SCRATCH_BLOCK, ScratchFile};
 use sharpest::Sharpest;
+use slice::{Buffers, DecodedSlice};
 
-/// Most slices in flight. Each costs memory; four keep all threads busy while decoders run on one thread.
+/// Most slices that are decoded or in memory at a time: each costs memory.
 const MAX_IN_FLIGHT: usize = 4;
 
-/// Number of lanes, each with one slice in flight.
-pub(super) fn lanes(threads: usize, slices: usize) -> usize {
-    threads.min(MAX_IN_FLIGHT).min(slices).max(1)
+/// Number of slices that are decoded or in memory at a time: half of the threads decode, because that takes less than
+/// half of the time of a slice, and the other half processes one more slice.
+pub(super) fn slices_in_flight(threads: usize, slices: usize) -> usize {
+    (threads / 2 + 1).min(MAX_IN_FLIGHT).min(slices).max(1)
 }
 
 /// What the first pass hands to the second.
@@ -70,143 +74,133 @@ pub(super) fn align<S: Sample, const C: usize>(
     meter: Option<&SliceMeter<'_>>,
 ) -> Result<Aligned, Interrupted> {
     let plan = run.plan;
-    let slices = plan.slices.len();
+    let (slices, threads) = (plan.slices.len(), rayon::current_num_threads());
+    let in_flight = slices_in_flight(threads, slices);
+    let (width, height) = (plan.width, plan.height);
+    let (mut index, mut largest) = (Plane::filled(width, height, 0), Plane::filled(width, height, 0.0));
     let pass = Pass::<S> {
         run,
         meter,
-        scratch: ScratchFile::create(run.scratch_dir, plan.width, plan.height, C)?,
-        sharpest: Sharpest::new(plan.width, plan.height, plan.reference),
+        scratch: ScratchFile::create(run.scratch_dir, width, height, C)?,
+        sharpest: Sharpest::new(&mut index, &mut largest, plan.reference),
         cells: match focus {
             FocusMeasure::Saliency(_) => None,
-            FocusMeasure::Energy(..) => Some(CellEnergies::create(run.scratch_dir, plan.width, plan.height)?),
+            FocusMeasure::Energy(..) => Some(CellEnergies::create(run.scratch_dir, width, height)?),
         },
         focus,
+        schedule: Schedule::new(slices, in_flight),
         buffers: Mutex::new(Vec::new()),
+        done: Mutex::new(0),
+        results: (0..slices).map(|_| OnceLock::new()).collect(),
     };
-    let (next, done) = (AtomicUsize::new(0), Mutex::new(0));
-    let failure: Mutex<Option<(usize, Interrupted)>> = Mutex::new(None);
-    let results: Vec<OnceLock<(Coverage, Option<SliceMeasurements>)>> = (0..slices).map(|_| OnceLock::new()).collect();
-
-    // Each lane takes one slice at a time, so there are never more slices in flight than lanes.
-    let lanes = lanes(rayon::current_num_threads(), slices);
-    (0..lanes).into_par_iter().with_max_len(1).for_each(|_| {
-        while locked(&failure).is_none() {
-            let slice = next.fetch_add(1, Ordering::Relaxed);
-            let Some(result) = results.get(slice) else { return };
-            match pass.slice::<C>(slice) {
-                Ok(outcome) => {
-                    // only one lane takes this slice, so the cell is empty
-                    let _ = result.set(outcome);
-                    let mut done = locked(&done);
-                    *done += 1;
-                    run.control.progress("aligning", *done, slices);
-                }
-                Err(stop) => {
-                    let mut failure = locked(&failure);
-                    if failure.as_ref().is_none_or(|(other, _)| slice < *other) {
-                        *failure = Some((slice, stop));
-                    }
-                }
-            }
-        }
-    });
+    rayon::scope(|scope| pass.call_threads::<C>(scope, in_flight));
     run.slices.free_memory();
-    if let Some((_, stop)) = unlocked(failure) {
-        return Err(stop);
-    }
+    let Pass { scratch, focus, cells, schedule, results, .. } = pass;
+    schedule.finish()?;
     let (coverages, measurements): (Vec<_>, Vec<_>) = results.into_iter().filter_map(OnceLock::into_inner).unzip();
     let measurements = measurements.into_iter().flatten().collect();
-    let (index, energy) = match (pass.focus, pass.cells) {
-        (FocusMeasure::Energy(_, coarse), Some(cells)) => {
-            let (index, largest) = pass.sharpest.finish_with_values();
-            (index, Some(MeasuredEnergy { largest, coarse, cells }))
-        }
-        (FocusMeasure::Saliency(_) | FocusMeasure::Energy(..), _) => (pass.sharpest.finish(), None),
+    let energy = match (focus, cells) {
+        (FocusMeasure::Energy(_, coarse), Some(cells)) => Some(MeasuredEnergy { largest, coarse, cells }),
+        (FocusMeasure::Saliency(_) | FocusMeasure::Energy(..), _) => None,
     };
-    Ok(Aligned { scratch: pass.scratch, coverages, index, energy, measurements })
+    Ok(Aligned { scratch, coverages, index, energy, measurements })
 }
 
-/// What all lanes share.
+/// What all threads share.
 struct Pass<'a, S> {
     run: &'a Run<'a>,
     meter: Option<&'a SliceMeter<'a>>,
     scratch: ScratchFile,
-    sharpest: Sharpest,
+    sharpest: Sharpest<'a>,
     focus: FocusMeasure,
     /// Only with [`FocusMeasure::Energy`].
     cells: Option<CellEnergies>,
-    /// Buffers for warped slices, at most one per lane: fresh memory costs as much as a filter.
-    buffers: Mutex<Vec<Vec<S>>>,
+    schedule: Schedule<DecodedSlice<S>>,
+    /// Buffers that no thread uses at the moment.
+    buffers: Mutex<Vec<Buffers<S>>>,
+    /// Number of finished slices.
+    done: Mutex<usize>,
+    /// Per finished slice: what it covers, and its measurements.
+    results: Vec<OnceLock<(Coverage, Option<SliceMeasurements>)>>,
 }
 
 impl<S: Sample> Pass<'_, S> {
-    /// Processes slice `slice`; returns what it covers and its measurements.
-    fn slice<const C: usize>(&self, slice: usize) -> Result<(Coverage, Option<SliceMeasurements>), Interrupted> {
+    /// Lets up to `threads` more threads work.
+    fn call_threads<'s, const C: usize>(&'s self, scope: &Scope<'s>, threads: usize) {
+        (0..threads).for_each(|_| scope.spawn(|scope| self.work::<C>(scope)));
+    }
+
+    /// Does steps until there is nothing to do. No step waits for other threads: it could be made to wait for the very
+    /// thread that it runs on.
+    fn work<'s, const C: usize>(&'s self, scope: &Scope<'s>) {
+        while let Some(step) = self.schedule.next() {
+            let (slice, outcome) = match step {
+                Step::Decode(slice) => {
+                    let decoded = self.decode::<C>(slice).map(|decoded| {
+                        let bands = decoded.bands();
+                        self.schedule.decoded(decoded, bands);
+                        self.call_threads::<C>(scope, bands.min(rayon::current_num_threads()) - 1);
+                    });
+                    (slice, decoded)
+                }
+                Step::Band(slice, band) => (slice.index, self.band::<C>(slice, band)),
+            };
+            if let Err(stop) = outcome {
+                self.schedule.failed(slice, stop);
+            }
+        }
+    }
+
+    fn decode<const C: usize>(&self, slice: usize) -> Result<DecodedSlice<S>, Interrupted> {
         let (plan, control) = (self.run.plan, self.run.control);
         control.check()?;
         let samples = self.run.slices.load::<S, C>(slice)?;
-        control.check()?;
         let fingerprint = self.meter.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
-
-        let warp = plan.warp(slice)?;
-        let buffer = locked(&self.buffers).pop().unwrap_or_default();
-        let (warped, spare) = warp.resample_cancellable(samples, C, buffer, || control.check())?;
-        self.run.slices.recycle(spare);
-        self.scratch.write(slice, &warped)?;
-        let coverage = warp.coverage().clone();
-        let measurements = self.measure::<C>(slice, &warped, &coverage, fingerprint)?;
-        locked(&self.buffers).push(warped);
-        Ok((coverage, measurements))
+        Ok(DecodedSlice::new(slice, samples, plan.warp(slice)?, self.focus.reach(), fingerprint))
     }
 
-    /// Measures the focus of a warped slice and updates the running argmax and the coarse focus. The meter gets the
-    /// same values.
-    fn measure<const C: usize>(
-        &self,
-        slice: usize,
-        warped: &[S],
-        covered: &Coverage,
-        fingerprint: Option<Fingerprint>,
-    ) -> Result<Option<SliceMeasurements>, Interrupted> {
-        let plan = self.run.plan;
-        let (width, height) = (plan.width, plan.height);
-        let supported = covered.eroded(self.focus.reach());
-
-        let mut cells = self.focus.cells();
-        let of_band = |buffers: &mut RowBuffers, (band, cells): (usize, &mut [f32])| -> Result<Vec<f32>, Interrupted> {
-            self.run.control.check()?;
-            let mut picked = Vec::new();
-            let luma_of = |y: usize, out: &mut [f32]| {
-                grey::luma_row(&warped[y * width * C..(y + 1) * width * C], C, out);
-            };
-            let band = self.sharpest.rows(band);
-            let in_grey_levels = self.meter.is_some();
-            let size = (width, height);
-            self.focus.rows(size, band.clone(), buffers, in_grey_levels, luma_of, |y, values, grey_levels| {
-                self.sharpest.update(y, slice, values, covered, &supported);
-                let columns = supported.span(y);
-                if let Some(meter) = self.meter {
-                    meter.points().pick(y, grey_levels, &columns, &mut picked);
-                }
-                self.focus.add_to_cells(cells, y - band.start, values, columns);
-            });
-            Ok(picked)
-        };
-        let cells_of_band = self.focus.cells_in_rows(sharpest::BAND);
-        let mut parts: Vec<&mut [f32]> = cells.chunks_mut(cells_of_band.max(1)).collect();
-        parts.resize_with(self.sharpest.bands(), Default::default);
-        let bands = parts.into_par_iter().enumerate();
-        let picked: Vec<Vec<f32>> = bands.map_init(RowBuffers::default, of_band).collect::<Result<_, Interrupted>>()?;
-        if let Some(energies) = &self.cells {
-            energies.write(slice, &cells)?;
+    /// Processes a band of `slice`, and finishes the slice with its last one.
+    fn band<const C: usize>(&self, slice: Arc<DecodedSlice<S>>, band: usize) -> Result<(), Interrupted> {
+        self.run.control.check()?;
+        let mut buffers = locked(&self.buffers).pop().unwrap_or_default();
+        slice.process::<C>(self, band, &mut buffers)?;
+        locked(&self.buffers).push(buffers);
+        match Arc::into_inner(slice) {
+            Some(slice) => self.finish::<C>(slice),
+            None => Ok(()),
         }
-        self.focus.enter_cells(slice, cells);
+    }
 
-        let measurements = self.meter.zip(fingerprint).map(|(meter, fingerprint)| {
-            let gain = plan.slices[slice].gain;
-            let warped = WarpedSlice { samples: warped, channels: C, coverage: covered, gain };
-            meter.measure(slice, &warped, picked.concat(), fingerprint)
-        });
-        Ok(measurements)
+    /// Enters what was found in a slice into the coarse focus and the results.
+    fn finish<const C: usize>(&self, slice: DecodedSlice<S>) -> Result<(), Interrupted> {
+        let (plan, index) = (self.run.plan, slice.index);
+        let DecodedSlice { samples, warp, fingerprint, found, .. } = slice;
+        self.run.slices.recycle(samples);
+        self.schedule.freed();
+
+        let (cells, rows): (Vec<_>, Vec<_>) = found.into_iter().filter_map(OnceLock::into_inner).unzip();
+        let cells = cells.concat();
+        if let Some(energies) = &self.cells {
+            energies.write(index, &cells)?;
+        }
+        self.focus.enter_cells(index, cells);
+
+        let coverage = warp.coverage().clone();
+        let read = |rect: Rect| {
+            let mut samples = Vec::new();
+            self.scratch.read::<S>(index, rect, &mut samples, &mut Vec::new()).map(|()| samples)
+        };
+        let warped = WarpedSlice { samples: &read, channels: C, coverage: &coverage, gain: plan.slices[index].gain };
+        let measure = |(meter, fingerprint): (&SliceMeter<'_>, Fingerprint)| {
+            meter.measure(index, &warped, RowMeasurements::join(rows), fingerprint)
+        };
+        let measurements = self.meter.zip(fingerprint).map(measure).transpose()?;
+        self.results[index]
+            .set((coverage, measurements))
+            .map_err(|_| Error::new(ErrorKind::Internal, "a slice was processed twice"))?;
+        let mut done = locked(&self.done);
+        *done += 1;
+        self.run.control.progress("aligning", *done, plan.slices.len());
+        Ok(())
     }
 }

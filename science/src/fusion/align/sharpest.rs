@@ -2,11 +2,10 @@
 
 use std::sync::Mutex;
 
+use rayon::prelude::*;
+
 use crate::{
-    fusion::{
-        plan::UNCOVERED,
-        run::{locked, unlocked},
-    },
+    fusion::{plan::UNCOVERED, run::locked},
     imaging::{
         Coverage, Plane,
         simd::{self, Avx2},
@@ -14,7 +13,7 @@ use crate::{
 };
 
 /// Rows under one lock.
-pub(super) const BAND: usize = 128;
+const BAND: usize = 128;
 
 /// Pixels that are checked for ties at a time.
 const PART: usize = 256;
@@ -28,37 +27,30 @@ const UNSUPPORTED: f32 = -1.0;
 /// 1. The larger value wins.
 /// 2. Of equal values above 0, the slice with the lower index wins.
 /// 3. Of equal values that are not above 0, the reference slice wins, then the lower index.
-pub(super) struct Sharpest {
+pub(super) struct Sharpest<'a> {
     width: usize,
-    height: usize,
     reference: usize,
     simd: Option<Avx2>,
-    bands: Vec<Mutex<Band>>,
+    bands: Vec<Mutex<Band<'a>>>,
 }
 
-struct Band {
-    best: Vec<f32>,
-    slice: Vec<u16>,
+struct Band<'a> {
+    best: &'a mut [f32],
+    slice: &'a mut [u16],
 }
 
-impl Sharpest {
-    pub(super) fn new(width: usize, height: usize, reference: usize) -> Self {
-        let band = |start: usize| {
-            let pixels = BAND.min(height - start) * width;
-            Mutex::new(Band { best: vec![f32::NEG_INFINITY; pixels], slice: vec![UNCOVERED; pixels] })
+impl<'a> Sharpest<'a> {
+    /// The argmax is kept in two planes of the size of the canvas, whose values are overwritten. `slices` is the
+    /// sharpest slice per pixel, [`UNCOVERED`] where no slice covers it, and `values` is its focus measure there.
+    pub(super) fn new(slices: &'a mut Plane<u16>, values: &'a mut Plane<f32>, reference: usize) -> Self {
+        let (width, band) = (slices.width, (slices.width * BAND).max(1));
+        let bands = slices.data.par_chunks_mut(band).zip(values.data.par_chunks_mut(band));
+        let blank = |(slice, best): (&'a mut [u16], &'a mut [f32])| {
+            slice.fill(UNCOVERED);
+            best.fill(f32::NEG_INFINITY);
+            Mutex::new(Band { best, slice })
         };
-        let simd = Avx2::detect();
-        Self { width, height, reference, simd, bands: (0..height).step_by(BAND).map(band).collect() }
-    }
-
-    /// Number of bands of [`BAND`] rows.
-    pub(super) fn bands(&self) -> usize {
-        self.bands.len()
-    }
-
-    /// The rows of band `band`.
-    pub(super) fn rows(&self, band: usize) -> std::ops::Range<usize> {
-        band * BAND..((band + 1) * BAND).min(self.height)
+        Self { width, reference, simd: Avx2::detect(), bands: bands.map(blank).collect() }
     }
 
     /// Enters row `y` of the focus measure of `slice`. `covered` is the area that the slice covers, `supported` the
@@ -110,27 +102,6 @@ impl Sharpest {
             _ => slice < other,
         }
     }
-
-    /// The sharpest slice per pixel; [`UNCOVERED`] where no slice covers it.
-    pub(super) fn finish(self) -> Plane<u16> {
-        let mut data = Vec::with_capacity(self.width * self.height);
-        for band in self.bands {
-            data.extend(unlocked(band).slice);
-        }
-        Plane { width: self.width, height: self.height, data }
-    }
-
-    /// The sharpest slice per pixel, and its value.
-    pub(super) fn finish_with_values(self) -> (Plane<u16>, Plane<f32>) {
-        let (width, height) = (self.width, self.height);
-        let (mut slices, mut values) = (Vec::with_capacity(width * height), Vec::with_capacity(width * height));
-        for band in self.bands {
-            let Band { best, slice } = unlocked(band);
-            slices.extend(slice);
-            values.extend(best);
-        }
-        (Plane { width, height, data: slices }, Plane { width, height, data: values })
-    }
 }
 
 /// Enters all values that are larger than the best so far. Returns whether any value is equal to the best: the caller
@@ -151,13 +122,20 @@ fn enter_larger(slice: u16, values: &[f32], best: &mut [f32], sharpest: &mut [u1
 mod tests {
     use super::*;
 
+    /// The argmax in a canvas of 4 x 1 px after `enter`.
+    fn after(reference: usize, enter: impl FnOnce(&Sharpest<'_>)) -> Vec<u16> {
+        let (mut slices, mut values) = (Plane::filled(4, 1, 7), Plane::filled(4, 1, 7.0));
+        enter(&Sharpest::new(&mut slices, &mut values, reference));
+        slices.data
+    }
+
     fn argmax(order: &[usize], values: &[[f32; 4]], reference: usize) -> Vec<u16> {
-        let sharpest = Sharpest::new(4, 1, reference);
         let full = Coverage::full(4, 1);
-        for &slice in order {
-            sharpest.update(0, slice, &values[slice], &full, &full);
-        }
-        sharpest.finish().data
+        after(reference, |sharpest| {
+            for &slice in order {
+                sharpest.update(0, slice, &values[slice], &full, &full);
+            }
+        })
     }
 
     #[test]
@@ -175,12 +153,11 @@ mod tests {
         let shifted = crate::types::Homography::similarity(1.0, [-2.0, 0.0]);
         let half = Coverage::of(&shifted, (4, 1), 4, 1);
         let none = half.eroded(4);
-        let sharpest = Sharpest::new(4, 1, 0);
-        sharpest.update(0, 1, &[9.0; 4], &half, &none);
-        sharpest.update(0, 2, &[0.0; 4], &half, &half);
-        assert_eq!(sharpest.finish().data, [UNCOVERED, UNCOVERED, 2, 2]);
-        let sharpest = Sharpest::new(4, 1, 0);
-        sharpest.update(0, 1, &[9.0; 4], &full, &none);
-        assert_eq!(sharpest.finish().data, [1; 4]);
+        let beside = after(0, |sharpest| {
+            sharpest.update(0, 1, &[9.0; 4], &half, &none);
+            sharpest.update(0, 2, &[0.0; 4], &half, &half);
+        });
+        assert_eq!(beside, [UNCOVERED, UNCOVERED, 2, 2]);
+        assert_eq!(after(0, |sharpest| sharpest.update(0, 1, &[9.0; 4], &full, &none)), [1; 4]);
     }
 }

@@ -59,7 +59,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let plan = run.plan;
     let slices = WarpedSlices::<S, C>::new(aligned, run.control);
     let coarse = coarse.finish(plan.reference);
-    let textured = energy.map(|energy| energy > TEXTURED * coarse.noise);
+    let textured = energy.par_map(|energy| energy > TEXTURED * coarse.noise);
     let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
     let what = (run, shown::MARGIN + reach() + correction::REACH);
     let mut map = decision_map::refine(what, &slices, &aligned.index, textured, &energy, &coarse, &model)?;

@@ -22,7 +22,7 @@ fn sampled_and_whole(rig: &Rig, scene: &Scene, masked: bool) -> [FusionMetrics; 
     let request = FusionRequest { metrics: true, object: masked.then_some(&object), shown: None };
     let (folder, slices) = (std::env::temp_dir(), &slices[..]);
     let run = Run {
-        slices: FormattedSlices::open(&slices, rig.width, rig.height).unwrap(),
+        slices: FormattedSlices::open(&slices, &plan).unwrap(),
         plan: &plan,
         request: &request,
         scratch_dir: &folder,

@@ -22,7 +22,7 @@ fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
     let (folder, slices) = (std::env::temp_dir(), &slices[..]);
     let fused = fuse(&slices, &plan, &request, &folder, &NoControl).unwrap();
     let run = Run {
-        slices: FormattedSlices::open(&slices, rig.width, rig.height).unwrap(),
+        slices: FormattedSlices::open(&slices, &plan).unwrap(),
         plan: &plan,
         request: &request,
         scratch_dir: &folder,

@@ -72,13 +72,13 @@ impl FocusEnergy {
         size: (usize, usize),
         rows: std::ops::Range<usize>,
         buffers: &mut Rows,
-        luma: impl Fn(usize, &mut [f32]),
+        mut luma: impl FnMut(usize, &mut [f32]),
         mut emit: impl FnMut(usize, &[f32]),
     ) {
         // the work is compiled once, not for every caller: two calls per row cost nothing
         match &self.after {
-            After::Near(after) => self.run(after, size, rows, buffers, &luma, &mut emit),
-            After::Wide(after) => self.run(after, size, rows, buffers, &luma, &mut emit),
+            After::Near(after) => self.run(after, size, rows, buffers, &mut luma, &mut emit),
+            After::Wide(after) => self.run(after, size, rows, buffers, &mut luma, &mut emit),
         }
     }
 
@@ -97,7 +97,7 @@ impl FocusEnergy {
         (width, height): (usize, usize),
         rows: std::ops::Range<usize>,
         buffers: &mut Rows,
-        luma_of: &dyn Fn(usize, &mut [f32]),
+        luma_of: &mut dyn FnMut(usize, &mut [f32]),
         emit: &mut dyn FnMut(usize, &[f32]),
     ) {
         if width == 0 || rows.is_empty() {

@@ -45,7 +45,7 @@ impl Saliency {
         (width, height): (usize, usize),
         rows: std::ops::Range<usize>,
         buffers: &mut Rows,
-        luma: impl Fn(usize, &mut [f32]),
+        mut luma: impl FnMut(usize, &mut [f32]),
         mut emit: impl FnMut(usize, &[f32], &[f32]),
     ) {
         if width == 0 || rows.is_empty() {

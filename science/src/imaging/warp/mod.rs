@@ -42,7 +42,7 @@ const PHASE_BITS: u32 = 10;
 const PHASES: usize = 1 << PHASE_BITS;
 /// Pixels whose positions are projected at a time.
 const BLOCK: usize = 64;
-/// Rows per task of a thread.
+/// Least number of rows per task of a thread.
 const BAND: usize = 16;
 
 /// The mapping of one slice to the canvas.
@@ -141,65 +141,25 @@ impl Warp {
     /// # Panics
     /// When the number of samples does not match the slice size of [`Warp::new`].
     pub fn apply<S: Sample>(&self, samples: Vec<S>, channels: usize) -> Vec<S> {
-        match self.resample_cancellable(samples, channels, Vec::new(), || Ok::<(), std::convert::Infallible>(())) {
-            Ok((warped, _)) => warped,
-            Err(never) => match never {},
+        match channels {
+            1 => self.rows::<S, 1>(&samples).all(),
+            _ => self.rows::<S, 3>(&samples).all(),
         }
     }
 
-    /// Like [`Warp::apply`], but calls `check` every few rows and stops at its first error. Returns the warped samples
-    /// and, for reuse, memory that is no longer needed: one of the two is in the memory of `samples`, the other in that
-    /// of `buffer`.
-    ///
-    /// # Errors
-    /// The error of `check`.
+    /// The rows of the warped slice with `C` (1 or 3) channels; they are computed when they are asked for.
     ///
     /// # Panics
     /// As [`Warp::apply`].
-    pub fn resample_cancellable<S: Sample, E: Send>(
-        &self,
-        samples: Vec<S>,
-        channels: usize,
-        buffer: Vec<S>,
-        check: impl Fn() -> Result<(), E> + Sync,
-    ) -> Result<(Vec<S>, Vec<S>), E> {
-        assert_eq!(
-            samples.len(),
-            self.slice.0 * self.slice.1 * channels,
-            "the number of samples does not match the slice"
-        );
-        if self.identity && (self.colours.is_none() || channels == 1) {
-            return Ok((samples, buffer));
+    pub fn rows<'a, S: Sample, const C: usize>(&'a self, samples: &'a [S]) -> WarpedRows<'a, S, C> {
+        let (width, height) = self.slice;
+        assert_eq!(samples.len(), width * height * C, "the number of samples does not match the slice");
+        WarpedRows {
+            warp: self,
+            copies: self.identity && (self.colours.is_none() || C == 1),
+            source: Source { samples, width, height },
+            weights: Weights::new::<S>(f64::from(self.gain), self.simd),
         }
-        let warped = match channels {
-            1 => self.resample::<S, 1, E>(&samples, buffer, check)?,
-            _ => self.resample::<S, 3, E>(&samples, buffer, check)?,
-        };
-        Ok((warped, samples))
-    }
-
-    fn resample<S: Sample, const C: usize, E: Send>(
-        &self,
-        samples: &[S],
-        mut out: Vec<S>,
-        check: impl Fn() -> Result<(), E> + Sync,
-    ) -> Result<Vec<S>, E> {
-        let (width, height) = (self.coverage.width(), self.coverage.height());
-        out.resize(width * height * C, S::default());
-        let source = Source::<S, C> { samples, width: self.slice.0, height: self.slice.1 };
-        let weights = Weights::new::<S>(f64::from(self.gain), self.simd);
-        out.par_chunks_mut((width * C * BAND).max(1)).enumerate().try_for_each(|(band, rows)| {
-            check()?;
-            for (row, out) in rows.chunks_mut(width * C).enumerate() {
-                let y = band * BAND + row;
-                let span = self.coverage.span(y);
-                out[..span.start * C].fill(S::default());
-                out[span.end * C..].fill(S::default());
-                self.row(&source, &weights, y, span, out);
-            }
-            Ok(())
-        })?;
-        Ok(out)
     }
 
     fn row<S: Sample, const C: usize>(
@@ -244,6 +204,40 @@ impl Warp {
             }
             start += count;
         }
+    }
+}
+
+/// The rows of a warped slice: see [`Warp::rows`].
+pub struct WarpedRows<'a, S, const C: usize> {
+    warp: &'a Warp,
+    /// Whether the slice is copied as it is.
+    copies: bool,
+    source: Source<'a, S, C>,
+    weights: Weights,
+}
+
+impl<S: Sample, const C: usize> WarpedRows<'_, S, C> {
+    /// Computes row `y` of the canvas: interleaved samples, 0 where the slice does not cover the canvas.
+    ///
+    /// # Panics
+    /// When `y` is beyond the canvas, or the length of `out` is not that of a row.
+    pub fn row(&self, y: usize, out: &mut [S]) {
+        if self.copies {
+            out.copy_from_slice(&self.source.samples[y * out.len()..(y + 1) * out.len()]);
+            return;
+        }
+        let span = self.warp.coverage.span(y);
+        out[..span.start * C].fill(S::default());
+        out[span.end * C..].fill(S::default());
+        self.warp.row(&self.source, &self.weights, y, span, out);
+    }
+
+    /// All rows, computed in parallel.
+    fn all(&self) -> Vec<S> {
+        let (width, height) = (self.warp.coverage.width(), self.warp.coverage.height());
+        let mut out = vec![S::default(); width * height * C];
+        out.par_chunks_mut((width * C).max(1)).with_min_len(BAND).enumerate().for_each(|(y, row)| self.row(y, row));
+        out
     }
 }
 

@@ -1,5 +1,8 @@
 use super::*;
-use crate::quality::slice::{Fingerprint, SliceMeter, WarpedSlice};
+use crate::{
+    imaging::Rect,
+    quality::slice::{Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
+};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
@@ -45,12 +48,13 @@ impl Stack {
 /// Depth coverage of slices whose saliency is given for every pixel.
 fn measure_planes(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&Plane<u8>>) -> DepthCoverage {
     let meter = SliceMeter::new(WIDTH, HEIGHT, saliency.len(), saliency.len() / 2, object);
-    let grey = vec![100u8; WIDTH * HEIGHT];
+    let read = |rect: Rect| Ok(vec![100u8; rect.width * rect.height]);
     let everywhere = crate::imaging::Coverage::full(WIDTH, HEIGHT);
     let measured = |(n, plane): (usize, &Plane<f32>)| {
-        let picked = meter.points().positions().map(|(x, y)| plane.at(x, y)).collect();
-        let slice = WarpedSlice { samples: &grey[..], channels: 1, coverage: &everywhere, gain: 1.0 };
-        meter.measure(n, &slice, picked, Fingerprint::default())
+        let mut rows = RowMeasurements::default();
+        (0..HEIGHT).for_each(|y| rows.take_saliency(&meter, y, plane.row(y), &(0..WIDTH)));
+        let slice = WarpedSlice { samples: &read, channels: 1, coverage: &everywhere, gain: 1.0 };
+        meter.measure(n, &slice, rows, Fingerprint::default()).expect("it can be read")
     };
     let measurements: Vec<SliceMeasurements> = saliency.iter().enumerate().map(measured).collect();
     measure(&measurements, meter.points(), &DecisionMap { index, settled: false }, object.is_some())

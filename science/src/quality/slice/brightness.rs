@@ -3,9 +3,8 @@
 //! The canvas is cut into square cells, and each slice keeps the mean of every cell. Two slices are compared by the
 //! median ratio over the cells that both cover, which neither defocus nor a few changed cells can move.
 
-use super::WarpedSlice;
 use crate::{
-    imaging::{LUMA, Rect, Sample, statistics},
+    imaging::{Coverage, LUMA, Rect, Sample, statistics},
     quality::FULL,
 };
 
@@ -27,15 +26,73 @@ pub(crate) struct Brightness {
     means: Vec<[f32; 4]>,
 }
 
-impl Brightness {
-    pub(super) fn of<S: Sample>(slice: &WarpedSlice<'_, S>, gain: f64) -> Self {
-        let (width, height) = (slice.coverage.width(), slice.coverage.height());
+/// The cells of a canvas, from the top left. What is left over at the right and at the bottom is in no cell.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cells {
+    side: usize,
+    columns: usize,
+    rows: usize,
+}
+
+impl Cells {
+    pub(super) fn of(width: usize, height: usize) -> Self {
         let side = ((width * height / CELLS) as f64).sqrt() as usize;
         let side = side.max(LEAST_SIDE).min(width.min(height)).max(1);
-        let cells = (0..height / side)
-            .flat_map(|y| (0..width / side).map(move |x| Rect { x: x * side, y: y * side, width: side, height: side }));
-        let mean = |cell: Rect| if slice.coverage.contains(cell) { mean(slice, gain, cell) } else { [f32::NAN; 4] };
-        Self { means: cells.map(mean).collect() }
+        Self { side, columns: width / side, rows: height / side }
+    }
+
+    /// Distance of the rows that are read, px.
+    fn step(self) -> usize {
+        (self.side / ROWS).max(1)
+    }
+}
+
+/// Sums over the parts of a row of pixels that are in the cells.
+#[derive(Debug, Clone)]
+pub(super) struct RowSums {
+    /// The row of cells.
+    row: usize,
+    /// Per cell: the sums of [`row_sums`].
+    cells: Vec<([u32; 3], u32)>,
+}
+
+impl RowSums {
+    /// The sums of row `y` of a warped slice, whose samples are `samples` after the gain; none for a row that is not
+    /// read.
+    pub(super) fn of<S: Sample>(cells: Cells, y: usize, samples: &[S], channels: usize, gain: f64) -> Option<Self> {
+        let row = y / cells.side;
+        if row >= cells.rows || !(y % cells.side).is_multiple_of(cells.step()) {
+            return None;
+        }
+        let scale = S::DEPTH.max() / 255.0;
+        let full = (FULL * scale).min(FULL * scale * gain as f32) as u32;
+        let parts = samples.chunks_exact(cells.side * channels).take(cells.columns);
+        Some(Self { row, cells: parts.map(|part| row_sums(part, channels, full)).collect() })
+    }
+}
+
+impl Brightness {
+    /// The brightness of a slice from the sums of its rows, in any order. `max` is the largest sample value.
+    pub(super) fn of(
+        cells: Cells,
+        rows: &[RowSums],
+        coverage: &Coverage,
+        channels: usize,
+        max: f32,
+        gain: f64,
+    ) -> Self {
+        let mut means = Vec::with_capacity(cells.rows * cells.columns);
+        for row in 0..cells.rows {
+            let of_row: Vec<&RowSums> = rows.iter().filter(|sums| sums.row == row).collect();
+            for column in 0..cells.columns {
+                let side = cells.side;
+                let cell = Rect { x: column * side, y: row * side, width: side, height: side };
+                let known = coverage.contains(cell) && !of_row.is_empty();
+                let sums = of_row.iter().map(|row| row.cells[column]);
+                means.push(if known { mean(sums, side, channels, max / 255.0, gain) } else { [f32::NAN; 4] });
+            }
+        }
+        Self { means }
     }
 
     /// Median ratio of luma over the common cells; none without common cells.
@@ -62,20 +119,21 @@ impl Brightness {
     }
 }
 
-fn mean<S: Sample>(slice: &WarpedSlice<'_, S>, gain: f64, cell: Rect) -> [f32; 4] {
-    let (width, channels) = (slice.coverage.width(), slice.channels);
-    let scale = S::DEPTH.max() / 255.0;
-    let full = (FULL * scale).min(FULL * scale * gain as f32) as u32;
-    let step = (cell.height / ROWS).max(1);
+/// The mean of a cell from the sums of the rows that were read, each `width` px long.
+fn mean(
+    of_rows: impl Iterator<Item = ([u32; 3], u32)>,
+    width: usize,
+    channels: usize,
+    scale: f32,
+    gain: f64,
+) -> [f32; 4] {
     let (mut sums, mut clipped, mut rows) = ([0u64; 3], 0, 0);
-    for y in (cell.y..cell.y + cell.height).step_by(step) {
-        let row = &slice.samples[(y * width + cell.x) * channels..(y * width + cell.x + cell.width) * channels];
-        let (of_row, clipped_here) = row_sums(row, channels, full);
+    for (of_row, clipped_here) in of_rows {
         sums.iter_mut().zip(of_row).for_each(|(sum, more)| *sum += u64::from(more));
         clipped += clipped_here;
         rows += 1;
     }
-    let samples = (rows * cell.width) as f32;
+    let samples = (rows * width) as f32;
     let unit = 1.0 / (samples * scale * gain as f32);
     let [red, green, blue] = sums.map(|sum| sum as f32 * unit);
     let luma = LUMA[0] * red + LUMA[1] * green + LUMA[2] * blue;

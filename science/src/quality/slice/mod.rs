@@ -1,17 +1,22 @@
-//! Measurements of single slices, taken while a warped slice is in memory: sharpness, clipping, coverage, brightness, a
+//! Measurements of single slices, taken while a slice is warped: sharpness, clipping, coverage, brightness, a
 //! fingerprint that reveals duplicates, and the focus measure at the sample points.
 
 mod brightness;
 mod fingerprint;
 
-use rayon::prelude::*;
+use std::ops::Range;
 
 use super::{
     FULL, ZERO, deterministic_sum,
     sampling::{Blocks, Points},
     score::sobel,
 };
-use crate::imaging::{Coverage, Plane, Rect, Sample, grey};
+use crate::{
+    imaging::{Coverage, Plane, Rect, Sample, grey},
+    types::Error,
+};
+
+use brightness::{Cells, RowSums};
 
 pub(super) use brightness::Brightness;
 pub use fingerprint::Fingerprint;
@@ -25,13 +30,46 @@ pub struct SliceMeter<'a> {
     object: Option<&'a Plane<u8>>,
     blocks: Blocks,
     points: Points,
+    cells: Cells,
 }
 
+/// What the meter takes from the rows of a slice while it is warped.
+#[derive(Debug, Clone, Default)]
+pub struct RowMeasurements {
+    saliency: Vec<f32>,
+    brightness: Vec<RowSums>,
+}
+
+impl RowMeasurements {
+    /// Takes the row `y` of samples of a warped slice, after the gain `gain`.
+    pub fn take_samples<S: Sample>(&mut self, meter: &SliceMeter<'_>, y: usize, row: &[S], channels: usize, gain: f64) {
+        self.brightness.extend(RowSums::of(meter.cells, y, row, channels, usable(gain)));
+    }
+
+    /// Takes the row `y` of the focus measure, which is valid in `known` columns. Call it in ascending order of rows.
+    pub fn take_saliency(&mut self, meter: &SliceMeter<'_>, y: usize, values: &[f32], known: &Range<usize>) {
+        meter.points.pick(y, values, known, &mut self.saliency);
+    }
+
+    /// The measurements of bands of rows, which are given from the top to the bottom.
+    pub fn join(bands: Vec<Self>) -> Self {
+        let mut all = Self::default();
+        for band in bands {
+            all.saliency.extend(band.saliency);
+            all.brightness.extend(band.brightness);
+        }
+        all
+    }
+}
+
+/// The interleaved samples of a rectangle of the canvas.
+pub type ReadSamples<'a, S> = dyn Fn(Rect) -> Result<Vec<S>, Error> + Sync + 'a;
+
 /// A slice after resampling to the canvas of the reference slice.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct WarpedSlice<'a, S> {
-    /// Interleaved samples of the whole canvas, after the gain.
-    pub samples: &'a [S],
+    /// Reads the samples after the gain.
+    pub samples: &'a ReadSamples<'a, S>,
     /// Channels: 1 or 3.
     pub channels: usize,
     /// The pixels of the canvas that the slice covers.
@@ -77,7 +115,8 @@ impl<'a> SliceMeter<'a> {
     pub fn new(width: usize, height: usize, slices: usize, reference: usize, object: Option<&'a Plane<u8>>) -> Self {
         let object = object.filter(|object| object.width == width && object.height == height);
         let (blocks, points) = (Blocks::of(width, height, object), Points::of(width, height, object));
-        Self { width, height, reference: reference.min(slices.saturating_sub(1)), object, blocks, points }
+        let cells = Cells::of(width, height);
+        Self { width, height, reference: reference.min(slices.saturating_sub(1)), object, blocks, points, cells }
     }
 
     /// The points at which the focus measure of every slice is kept: see [`Points::pick`].
@@ -100,22 +139,22 @@ impl<'a> SliceMeter<'a> {
         &self.blocks
     }
 
-    /// Measures warped slice `index`. `saliency` is the focus measure at the points, from [`Points::pick`], NaN where
-    /// it is unknown; `fingerprint` is that of the slice before warping. Samples that do not fit the canvas give no
-    /// numbers.
+    /// Measures warped slice `index`. `rows` is what was taken from all of its rows; `fingerprint` is that of the slice
+    /// before warping. A slice that does not fit the canvas gives no numbers.
+    ///
+    /// # Errors
+    /// The error of reading the samples.
     pub fn measure<S: Sample>(
         &self,
         index: usize,
         slice: &WarpedSlice<'_, S>,
-        saliency: Vec<f32>,
+        rows: RowMeasurements,
         fingerprint: Fingerprint,
-    ) -> SliceMeasurements {
-        // an invalid gain would make every brightness invalid
-        let gain = if slice.gain.is_finite() && slice.gain > 0.0 { slice.gain } else { 1.0 };
+    ) -> Result<SliceMeasurements, Error> {
+        let gain = usable(slice.gain);
         let size = (slice.coverage.width(), slice.coverage.height());
-        let fits = size == (self.width, self.height)
-            && slice.samples.len() == self.width * self.height * slice.channels
-            && saliency.len() == self.points.count();
+        let RowMeasurements { saliency, brightness } = rows;
+        let fits = size == (self.width, self.height) && saliency.len() == self.points.count();
         let mut measured = SliceMeasurements {
             index,
             reference: self.reference,
@@ -129,16 +168,16 @@ impl<'a> SliceMeter<'a> {
         };
         if !fits {
             measured.saliency = vec![f32::NAN; self.points.count()];
-            return measured;
+            return Ok(measured);
         }
         measured.covered = ratio(slice.coverage.pixels() as f64, (self.width * self.height) as f64);
-        measured.brightness = Brightness::of(slice, gain);
+        let (channels, max) = (slice.channels, S::DEPTH.max());
+        measured.brightness = Brightness::of(self.cells, &brightness, slice.coverage, channels, max, gain);
         // pixels whose eight neighbours are covered too
         let inner = slice.coverage.eroded(1);
-        let of_blocks: Vec<BlockSums> =
-            self.blocks.rects.par_iter().map(|rect| self.block(slice, &inner, gain as f32, *rect)).collect();
         let mut sums = BlockSums::default();
-        for block in of_blocks {
+        for rect in &self.blocks.rects {
+            let block = self.block(slice, &inner, gain as f32, *rect)?;
             sums.gradients += block.gradients;
             sums.inner += block.inner;
             sums.clipped += block.clipped;
@@ -146,20 +185,22 @@ impl<'a> SliceMeter<'a> {
         }
         measured.tenengrad = ratio(sums.gradients, sums.inner);
         measured.clipped = ratio(sums.clipped, sums.pixels);
-        measured
+        Ok(measured)
     }
 
-    fn block<S: Sample>(&self, slice: &WarpedSlice<'_, S>, inner: &Coverage, gain: f32, rect: Rect) -> BlockSums {
+    fn block<S: Sample>(
+        &self,
+        slice: &WarpedSlice<'_, S>,
+        inner: &Coverage,
+        gain: f32,
+        rect: Rect,
+    ) -> Result<BlockSums, Error> {
         let mut sums = BlockSums::default();
         if slice.coverage.misses(rect) {
-            return sums;
+            return Ok(sums);
         }
         let mut luma = Plane::filled(rect.width, rect.height, 0.0f32);
-        for y in 0..rect.height {
-            let start = ((rect.y + y) * self.width + rect.x) * slice.channels;
-            let row = &slice.samples[start..start + rect.width * slice.channels];
-            grey::luma_row(row, slice.channels, luma.row_mut(y));
-        }
+        grey::luma_row(&(slice.samples)(rect)?, slice.channels, &mut luma.data);
         let whole = self.object.is_none() && slice.coverage.contains(rect);
         let (mut values, mut weights) = (vec![0.0f32; rect.width], vec![1.0f32; rect.width]);
         let weigh = |coverage: &Coverage, y: usize, weights: &mut [f32]| {
@@ -182,7 +223,7 @@ impl<'a> SliceMeter<'a> {
             sums.clipped += deterministic_sum::dot(&values, &weights);
             sums.pixels += deterministic_sum::sum(&weights);
         }
-        let Some(across) = rect.width.checked_sub(2) else { return sums };
+        let Some(across) = rect.width.checked_sub(2) else { return Ok(sums) };
         for y in 1..rect.height.saturating_sub(1) {
             if !whole {
                 weigh(inner, y, &mut weights);
@@ -195,8 +236,13 @@ impl<'a> SliceMeter<'a> {
             sums.gradients += deterministic_sum::dot(&values[..across], &weights[1..=across]);
             sums.inner += deterministic_sum::sum(&weights[1..=across]);
         }
-        sums
+        Ok(sums)
     }
+}
+
+/// The gain, or 1 in place of an invalid one, which would make every brightness invalid.
+fn usable(gain: f64) -> f64 {
+    if gain.is_finite() && gain > 0.0 { gain } else { 1.0 }
 }
 
 fn ratio(part: f64, whole: f64) -> Option<f64> {

@@ -17,9 +17,36 @@ fn meter(object: Option<&Plane<u8>>) -> SliceMeter<'_> {
     SliceMeter::new(WIDTH, HEIGHT, 2, 0, object)
 }
 
+/// Measures a slice of which all samples are given; its focus measure is 1 everywhere.
+fn measure_samples<S: Sample>(
+    meter: &SliceMeter<'_>,
+    samples: &[S],
+    channels: usize,
+    coverage: &Coverage,
+    gain: f64,
+) -> SliceMeasurements {
+    let (width, height) = (coverage.width(), coverage.height());
+    let row_of = |y: usize, columns: Range<usize>| {
+        &samples[(y * width + columns.start) * channels..(y * width + columns.end) * channels]
+    };
+    let read = |rect: Rect| {
+        let rows = rect.y..rect.y + rect.height;
+        Ok(rows.flat_map(|y| row_of(y, rect.x..rect.x + rect.width)).copied().collect())
+    };
+    let bands = [0..height / 3, height / 3..height].map(|band| {
+        let mut rows = RowMeasurements::default();
+        for y in band {
+            rows.take_samples(meter, y, row_of(y, 0..width), channels, gain);
+            rows.take_saliency(meter, y, &vec![1.0; width], &(0..width));
+        }
+        rows
+    });
+    let slice = WarpedSlice { samples: &read, channels, coverage, gain };
+    meter.measure(1, &slice, RowMeasurements::join(bands.into()), Fingerprint::default()).expect("it can be read")
+}
+
 fn measure(meter: &SliceMeter<'_>, luma: &Plane<u8>, coverage: &Coverage, gain: f64) -> SliceMeasurements {
-    let slice = WarpedSlice { samples: &luma.data[..], channels: 1, coverage, gain };
-    meter.measure(1, &slice, vec![1.0; meter.points().count()], Fingerprint::default())
+    measure_samples(meter, &luma.data, 1, coverage, gain)
 }
 
 fn measured(luma: &Plane<u8>, gain: f64) -> SliceMeasurements {
@@ -47,10 +74,7 @@ fn a_colour_drift_is_distinguished_from_a_brightness_drift() {
     let grey: Vec<u8> = scene().data.iter().flat_map(|&v| [v, v, v]).collect();
     let warm: Vec<u8> = scene().data.iter().flat_map(|&v| [(f32::from(v) * 1.2).round() as u8, v, v]).collect();
     let coverage = covered(WIDTH);
-    let brightness = |samples: &[u8]| {
-        let slice = WarpedSlice { samples, channels: 3, coverage: &coverage, gain: 1.0 };
-        meter(None).measure(0, &slice, vec![1.0; WIDTH * HEIGHT], Fingerprint::default()).brightness
-    };
+    let brightness = |samples: &[u8]| measure_samples(&meter(None), samples, 3, &coverage, 1.0).brightness;
     let [red, blue] = brightness(&warm).balance_ratio(&brightness(&grey)).unwrap();
     assert!((red - 1.2).abs() < 0.005 && (blue - 1.0).abs() < 1e-6, "{red}, {blue}");
 }
@@ -62,8 +86,7 @@ fn uncovered_pixels_do_not_count() {
     assert_eq!((torn_measured.covered, torn_measured.clipped), (Some(0.5), Some(0.0)));
     let half = Plane::from_fn(32, HEIGHT, |x, y| scene().at(x, y));
     let alone = SliceMeter::new(32, HEIGHT, 2, 0, None);
-    let slice = WarpedSlice { samples: &half.data[..], channels: 1, coverage: &Coverage::full(32, HEIGHT), gain: 1.0 };
-    let alone = alone.measure(1, &slice, vec![1.0; 32 * HEIGHT], Fingerprint::default());
+    let alone = measure(&alone, &half, &Coverage::full(32, HEIGHT), 1.0);
     assert!((torn_measured.tenengrad.unwrap() / alone.tenengrad.unwrap() - 1.0).abs() < 1e-9);
     let ratio = torn_measured.brightness.exposure_ratio(&measured(&scene(), 1.0).brightness).unwrap();
     assert!((ratio - 1.0).abs() < 1e-6);
@@ -94,12 +117,21 @@ fn tenengrad_of_a_ramp_is_its_squared_sobel_slope() {
 }
 
 #[test]
-fn samples_that_do_not_fit_the_canvas_give_no_numbers() {
-    let coverage = Coverage::full(8, 8);
-    let slice = WarpedSlice { samples: &[1u8; 64][..], channels: 1, coverage: &coverage, gain: 1.0 };
-    let measured = meter(None).measure(0, &slice, Vec::new(), Fingerprint::default());
+fn a_slice_that_does_not_fit_the_canvas_gives_no_numbers() {
+    let measured = measure(&meter(None), &Plane::filled(8, 8, 1u8), &Coverage::full(8, 8), 1.0);
     assert_eq!((measured.covered, measured.tenengrad), (None, None));
     assert!(measured.saliency.iter().all(|s| s.is_nan()));
+}
+
+#[test]
+fn samples_that_cannot_be_read_are_an_error() {
+    let (coverage, meter) = (covered(WIDTH), meter(None));
+    let read = |_: Rect| Err::<Vec<u8>, _>(Error::new(crate::types::ErrorKind::ResourcesExhausted, "the disk is gone"));
+    let slice = WarpedSlice { samples: &read, channels: 1, coverage: &coverage, gain: 1.0 };
+    let mut rows = RowMeasurements::default();
+    (0..HEIGHT).for_each(|y| rows.take_saliency(&meter, y, &[1.0; WIDTH], &(0..WIDTH)));
+    let error = meter.measure(0, &slice, rows, Fingerprint::default()).expect_err("nothing can be read");
+    assert!(error.detail.contains("the disk is gone"), "{}", error.detail);
 }
 
 #[test]

@@ -117,15 +117,19 @@ pub(super) fn refine<S: Sample, const C: usize>(
             refinement.tile(rect, matters, rows)
         })
         .collect::<Result<_, Interrupted>>()?;
-    let mut map = DecisionMap { slice: sharpest.clone(), textured };
-    for tile in tiles {
-        for y in 0..tile.rect.height {
-            let (from, to) = (y * tile.rect.width, tile.rect.x..tile.rect.x + tile.rect.width);
-            let row = from..from + tile.rect.width;
-            map.slice.row_mut(tile.rect.y + y)[to.clone()].copy_from_slice(&tile.slice[row.clone()]);
-            map.textured.row_mut(tile.rect.y + y)[to].copy_from_slice(&tile.textured[row]);
+    let mut map = DecisionMap { slice: Plane::filled(width, height, 0), textured };
+    let band = (width * TILE).max(1);
+    let bands = map.slice.data.par_chunks_mut(band).zip(map.textured.data.par_chunks_mut(band));
+    bands.zip(tiles.par_chunks(width.div_ceil(TILE).max(1))).for_each(|((slices, textured), tiles)| {
+        for Tile { rect, slice, textured: has_texture } in tiles {
+            for y in 0..rect.height {
+                let (from, to) = (y * rect.width, y * width + rect.x);
+                slices[to..to + rect.width].copy_from_slice(&slice[from..from + rect.width]);
+                textured[to..to + rect.width].copy_from_slice(&has_texture[from..from + rect.width]);
+            }
         }
-    }
+    });
+    drop(tiles);
     map.slice = median_filter(slices, &map.slice);
     Ok(map)
 }
