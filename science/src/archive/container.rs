@@ -4,6 +4,7 @@
 //! entries that overlap or have equal names are refused. An I/O error of the disk is never reported as a damaged zip.
 
 mod copying;
+mod decoding;
 
 use std::{
     fs::File,

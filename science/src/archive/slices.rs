@@ -2,10 +2,7 @@
 
 use super::{ArchiveLimits, container::Container, members::Member};
 use crate::{
-    imaging::{
-        Raster, Slices,
-        codec::{self, Header},
-    },
+    imaging::{Raster, Slices, codec::Header},
     types::{Error, ErrorKind},
 };
 
@@ -80,10 +77,9 @@ impl Slices for ArchivedSlices {
     }
 
     fn load_into(&self, index: usize, buffer: Vec<u8>) -> Result<Raster, Error> {
-        let bytes = self.bytes(index)?;
+        let decoded = self.container.decode(self.member(index)?, &self.limits, buffer);
+        let raster = decoded.map_err(|error| at_slice(error, index))?;
         let name = self.name(index);
-        let decoded = codec::decode_into(&bytes, &self.limits.image, buffer);
-        let raster = decoded.map_err(|fault| fault.in_file(name, slice(index)))?;
         let size = (raster.width, raster.height);
         if self.size.is_some_and(|expected| expected != size) {
             let detail =

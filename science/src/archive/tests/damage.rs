@@ -19,6 +19,57 @@ fn exercise(bytes: &[u8]) {
     }
 }
 
+/// Pictures of 8 and 16 bits in each format.
+fn files() -> Vec<(&'static str, Vec<u8>)> {
+    let eight = sized(40, 30, 7);
+    let sixteen = Raster::sixteen(20, 30, 3, (0..20 * 30 * 3).map(|i| (i * 7919 % 65_521) as u16).collect());
+    let tiff_of = |raster: &Raster| {
+        let mut out = io::Cursor::new(Vec::new());
+        codec::encode_tiff(&mut out, raster, &Metadata::default()).unwrap();
+        out.into_inner()
+    };
+    let of = |raster: &Raster| [("png", png_of(raster, &Metadata::default())), ("tif", tiff_of(raster))];
+    let mut files: Vec<_> = [of(&eight), of(&sixteen)].concat();
+    files.push(("jpg", codec::encode_jpeg(&sized(40, 30, 7), 90)));
+    files
+}
+
+/// What becomes of a file as the first slice of a stack: a picture, or an error in words.
+fn loaded(extension: &str, file: &[u8], crc: Option<u32>, make: fn(Entry) -> Entry) -> Result<Raster, String> {
+    let slice = Entry { crc, ..entry(&format!("front/a.{extension}"), file) };
+    let next = entry(&format!("front/b.{extension}"), file);
+    let archive = open_bytes(&zip(&[make(slice), next])).map_err(|error| error.detail)?;
+    let picture = archive.front().load(0);
+    picture.map_err(|error| {
+        assert_eq!(error.locations[0].slice, Some(0), "{}", error.detail);
+        error.detail
+    })
+}
+
+#[test]
+fn a_stored_and_a_compressed_member_give_the_same_picture_or_the_same_error() {
+    let both = |extension: &str, file: &[u8], crc: Option<u32>| {
+        let stored = loaded(extension, file, crc, |entry| entry);
+        assert_eq!(stored, loaded(extension, file, crc, |entry| deflated(entry, 8)), "{extension}");
+        stored
+    };
+    for (extension, file) in files() {
+        let sound = both(extension, &file, None).expect("a picture");
+        assert!(both(extension, &file, Some(1)).is_err_and(|why| why.contains("damaged in the zip")), "{extension}");
+        // what follows a file does not matter, but its bytes count for the CRC
+        let longer = [&file[..], &[0; 3000]].concat();
+        assert_eq!(both(extension, &longer, None).expect("a picture"), sound, "{extension}");
+        let mut refused = 0;
+        for at in (1..file.len()).step_by(file.len() / 40) {
+            let mut torn = file.clone();
+            torn[at] ^= 0x55;
+            refused += usize::from(both(extension, &torn, None).is_err());
+            refused += usize::from(both(extension, &file[..at], None).is_err());
+        }
+        assert!(refused >= 30, "{extension}: {refused}");
+    }
+}
+
 fn sound() -> Vec<u8> {
     let mut entries = pictures(&["w/front/a.png", "w/front/b.png", "w/back/a.png", "w/back/b.png"]);
     entries[1] = deflated(entries[1].clone(), 8);

@@ -137,13 +137,34 @@ pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
 /// # Errors
 /// As [`decode`].
 pub fn decode_into(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<Raster, ImageFault> {
-    let format = sniff::format_of(&mut Cursor::new(bytes))?;
+    let (mut reader, length) = (Cursor::new(bytes), bytes.len() as u64);
+    let format = sniff::format_of(&mut reader)?;
     let (raster, orientation) = catch_panic(format, || match format {
         Format::Jpeg => jpeg::decode(bytes, limits, buffer),
-        Format::Png => png::decode(bytes, limits),
-        Format::Tiff => tiff::decode(bytes, limits),
+        Format::Png => png::decode(reader, length, limits),
+        Format::Tiff => tiff::decode(reader, length, limits),
     })?;
     Ok(orientation::apply(raster, orientation))
+}
+
+/// The same as [`decode`] for a file of `length` bytes that is read while it is decoded, so that it is never in memory
+/// as a whole. `None` for formats that are only decoded from memory (JPEG). `reader` is at the start of the file; it
+/// seeks, so it should not be slow at that.
+///
+/// # Errors
+/// As [`decode`]; [`ImageFault::Unreadable`] with the error of the reader.
+pub fn decode_while_reading(
+    mut reader: impl BufRead + Seek,
+    length: u64,
+    limits: &Limits,
+) -> Result<Option<Raster>, ImageFault> {
+    let format = sniff::format_of(&mut reader)?;
+    let decoded = catch_panic(format, || match format {
+        Format::Jpeg => Ok(None),
+        Format::Png => png::decode(reader, length, limits).map(Some),
+        Format::Tiff => tiff::decode(reader, length, limits).map(Some),
+    })?;
+    Ok(decoded.map(|(raster, orientation)| orientation::apply(raster, orientation)))
 }
 
 /// The ICC profile and the EXIF block of a file. Never fails: unreadable parts are absent.

@@ -59,12 +59,12 @@ pub(super) fn metadata(bytes: &[u8]) -> Metadata {
     }
 }
 
-/// The picture as stored, and its orientation.
-pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), ImageFault> {
-    let mut reader = open(Cursor::new(bytes), limits)?;
+/// The picture as stored, and its orientation, of a file of `length` bytes.
+pub(super) fn decode(reader: impl BufRead + Seek, length: u64, limits: &Limits) -> Result<(Raster, u8), ImageFault> {
+    let mut reader = open(reader, limits)?;
     let orientation = header(reader.info(), limits)?.orientation;
     let size = reader.output_buffer_size().ok_or_else(|| ImageFault::damaged(Format::Png, "its size overflows"))?;
-    if size / LARGEST_RATIO > bytes.len() {
+    if (size / LARGEST_RATIO) as u64 > length {
         return Err(ImageFault::Torn(Format::Png));
     }
     let raster = if reader.output_color_type().1 == BitDepth::Sixteen {

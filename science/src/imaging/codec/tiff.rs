@@ -181,13 +181,14 @@ fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     (!icc.is_empty()).then(|| icc.to_vec())
 }
 
-/// The picture as stored, and its orientation.
-pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<(Raster, u8), ImageFault> {
-    refuse_pages(open(Cursor::new(bytes), limits)?.decoder)?;
-    let Opened { decoder, header, stored } = open(Cursor::new(bytes), limits)?;
+/// The picture as stored, and its orientation, of a file of `length` bytes.
+pub(super) fn decode(mut reader: impl Read + Seek, length: u64, limits: &Limits) -> Result<(Raster, u8), ImageFault> {
+    refuse_pages(open(&mut reader, limits)?.decoder)?;
+    reader.rewind().map_err(|error| ImageFault::from_io(Format::Tiff, &error))?;
+    let Opened { decoder, header, stored } = open(reader, limits)?;
 
     let declared = header.width as usize * header.height as usize * stored * usize::from(header.bit_depth / 8);
-    if declared / LARGEST_RATIO > bytes.len() {
+    if (declared / LARGEST_RATIO) as u64 > length {
         return Err(ImageFault::Torn(Format::Tiff));
     }
     // one row of tiles may extend beyond the picture; no valid file needs more than this
