@@ -174,7 +174,7 @@ fn policy(config: &ServeConfig) -> Policy {
 /// `max_connections`, lowered to what the limit of open files allows.
 fn connections(config: &ServeConfig) -> usize {
     let limit = files::raise_limit();
-    let fit = files::fitting(config.max_connections, limit);
+    let fit = files::fitting(config.max_connections, config.workers, limit);
     if fit < config.max_connections {
         let (wanted, limit) = (config.max_connections, limit.unwrap_or(u64::MAX));
         tracing::warn!(

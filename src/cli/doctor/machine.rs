@@ -108,7 +108,7 @@ fn meminfo(text: &str) -> Option<u64> {
 /// Whether the limit of open files holds `max_connections`.
 pub(super) fn open_files(config: &ServeConfig) -> Finding {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).maximum;
-    let fit = files::fitting(config.max_connections, limit);
+    let fit = files::fitting(config.max_connections, config.workers, limit);
     let shown = limit.map_or_else(|| "without limit".to_owned(), |limit| format!("at most {limit}"));
     if fit < config.max_connections {
         let wanted = config.max_connections;
