@@ -1,5 +1,7 @@
 //! Whatever bytes come, they are an answer.
 
+use std::sync::atomic::AtomicU64;
+
 use super::*;
 
 /// Opens and loads everything; whatever it is, it is an answer.
@@ -68,6 +70,57 @@ fn a_stored_and_a_compressed_member_give_the_same_picture_or_the_same_error() {
         }
         assert!(refused >= 30, "{extension}: {refused}");
     }
+}
+
+/// A disk that counts the bytes that are read.
+struct CountingDisk {
+    bytes: Vec<u8>,
+    read: AtomicU64,
+}
+
+impl ReadAt for CountingDisk {
+    fn length(&self) -> io::Result<u64> {
+        self.bytes.length()
+    }
+
+    fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+        let read = self.bytes.read_at(buffer, at)?;
+        self.read.fetch_add(read as u64, Ordering::Relaxed);
+        Ok(read)
+    }
+}
+
+/// A grey TIFF of 1 x `height` px, each in its own strip, by turns at the start and at the end of the file.
+fn tiff_of_strips(height: u32) -> Vec<u8> {
+    let (offsets, counts) = (8 + 2 + 9 * 12 + 4, 8 + 2 + 9 * 12 + 4 + 4 * height);
+    let end = counts + 4 * height;
+    let fields = [(256u16, 1, 1), (257, 1, height), (258, 1, 8), (259, 1, 1), (262, 1, 1), (273, height, offsets)];
+    let fields = fields.into_iter().chain([(277, 1, 1), (278, 1, 1), (279, height, counts)]);
+    let mut out = b"II\x2A\0\x08\0\0\0\x09\0".to_vec();
+    for (tag, count, value) in fields {
+        out.extend(tag.to_le_bytes());
+        out.extend(4u16.to_le_bytes());
+        out.extend([count, value].map(u32::to_le_bytes).concat());
+    }
+    out.extend([0; 4]);
+    (0..height).for_each(|y| out.extend((if y % 2 == 0 { 8 } else { end }).to_le_bytes()));
+    (0..height).for_each(|_| out.extend(1u32.to_le_bytes()));
+    out.push(77);
+    out
+}
+
+#[test]
+fn strips_all_over_a_file_cost_one_small_read_each() {
+    const STRIPS: u32 = 20_000;
+    let file = tiff_of_strips(STRIPS);
+    let bytes = zip(&[entry("a.tif", &file), entry("b.tif", &file)]);
+    let (size, read) = (bytes.len() as u64, AtomicU64::new(0));
+    let disk = Arc::new(CountingDisk { bytes, read });
+    let archive = open_shared(disk.clone(), &ArchiveLimits::default()).unwrap();
+    disk.read.store(0, Ordering::Relaxed);
+    assert_eq!(archive.front().load(0).unwrap().height, STRIPS as usize);
+    let read = disk.read.load(Ordering::Relaxed);
+    assert!(read <= 8192 * u64::from(STRIPS) + 8 * size, "{read} bytes");
 }
 
 fn sound() -> Vec<u8> {
