@@ -2,16 +2,16 @@
 //!
 //! In: the slices and the plan. Out: [`Aligned`]. Slices are processed in parallel, in any order; the result does not
 //! depend on the order. A slice is decoded by one thread and then processed in bands of rows by all threads that are
-//! free ([`schedule`]). Each row is warped, measured and stored while it is in the processor's cache ([`slice`]), so a
-//! warped slice is never in memory as a whole.
+//! free ([`schedule`]). Each row is warped, measured and stored while it is in the processor's cache
+//! ([`decoded_slice`]), so a warped slice is never in memory as a whole.
 
 pub(super) mod coarse_focus;
+mod decoded_slice;
 pub(super) mod focus_measure;
 pub(super) mod relevance;
 mod schedule;
 mod scratch;
 mod sharpest;
-mod slice;
 
 use std::sync::{Arc, Mutex, OnceLock};
 
@@ -24,12 +24,12 @@ use crate::{
     types::{Error, ErrorKind, Interrupted},
 };
 use coarse_focus::CoarseFocus;
+use decoded_slice::{Buffers, DecodedSlice};
 use focus_measure::FocusMeasure;
 use relevance::CellEnergies;
 use schedule::{Schedule, Step};
 pub(super) use scratch::{BLOCK as SCRATCH_BLOCK, ScratchFile};
 use sharpest::Sharpest;
-use slice::{Buffers, DecodedSlice};
 
 /// Most slices that are decoded or in memory at a time: each costs memory.
 const MAX_IN_FLIGHT: usize = 4;
