@@ -58,6 +58,11 @@ impl<S: Sample> DecodedSlice<S> {
         self.found.len()
     }
 
+    /// Whether all bands are processed.
+    pub(super) fn is_complete(&self) -> bool {
+        self.found.iter().all(|found| found.get().is_some())
+    }
+
     /// Processes the band `band`: writes its rows to the scratch file, and updates the running argmax.
     pub(super) fn process<const C: usize>(
         &self,

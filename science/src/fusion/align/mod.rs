@@ -166,8 +166,9 @@ impl<S: Sample> Pass<'_, S> {
         slice.process::<C>(self, band, &mut buffers)?;
         locked(&self.buffers).push(buffers);
         match Arc::into_inner(slice) {
-            Some(slice) => self.finish::<C>(slice),
-            None => Ok(()),
+            // a band that failed on another thread is missing: its error ends the fusion
+            Some(slice) if slice.is_complete() => self.finish::<C>(slice),
+            _ => Ok(()),
         }
     }
 

@@ -48,6 +48,20 @@ fn a_cancel_stops_the_fusion_at_any_check() {
     }
 }
 
+#[test]
+fn a_cancel_while_other_threads_work_on_the_same_slice_is_reported_as_a_cancel() {
+    // three bands per slice
+    let (slices, plan) = unaligned(60, 600, 3);
+    let plan = Plan { method: Method::HaloCorrected, ..plan };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+    for checks in 0..40 {
+        let control = CancelAfter::new(checks);
+        let fused =
+            pool.install(|| fuse(&&slices[..], &plan, &FusionRequest::default(), &std::env::temp_dir(), &control));
+        assert!(matches!(fused, Err(Interrupted::Cancelled(_))), "after {checks} checks");
+    }
+}
+
 /// The progress of fusing `slices`: (stage, completed, total) of each report.
 fn progress_of(slices: &[Raster], plan: &Plan) -> Vec<(&'static str, usize, usize)> {
     let control = CancelAfter::new(usize::MAX);
