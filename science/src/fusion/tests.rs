@@ -3,6 +3,7 @@
 mod control;
 mod focus_range;
 mod halo_corrected;
+mod near_detail;
 mod oracle;
 mod pyramid;
 pub(super) mod rendered;

@@ -5,6 +5,7 @@
 //! free ([`schedule`]). Each row is warped, measured and stored while it is in the processor's cache
 //! ([`decoded_slice`]), so a warped slice is never in memory as a whole.
 
+pub(super) mod cell_energies;
 pub(super) mod coarse_focus;
 mod decoded_slice;
 pub(super) mod focus_measure;
@@ -23,10 +24,10 @@ use crate::{
     quality::slice::{Fingerprint, RowMeasurements, SliceMeasurements, SliceMeter, WarpedSlice},
     types::{Error, ErrorKind, Interrupted},
 };
+use cell_energies::CellEnergies;
 use coarse_focus::CoarseFocus;
 use decoded_slice::{Buffers, DecodedSlice};
 use focus_measure::FocusMeasure;
-use relevance::CellEnergies;
 use schedule::{Schedule, Step};
 pub(super) use scratch::{BLOCK as SCRATCH_BLOCK, ScratchFile};
 use sharpest::Sharpest;

@@ -3,9 +3,8 @@
 //! Level 0 of a pyramid has three quarters of all pixels, and the weight of a slice there falls with the fourth power
 //! of its energy. Most slices are far out of focus in a block: they have no weight, and need not be processed.
 //!
-//! In: the focus energy of each slice in cells of 4 x 4 px, in any order of slices. It is kept in a scratch file, one
-//! byte per cell. Out: [`Relevance`]. With `e_n` the energy of slice `n` in a cell, `e` the largest of all slices, and
-//! `E_0` that of noise:
+//! In: the [`CellEnergies`] of all slices. Out: [`Relevance`]. With `e_n` the energy of slice `n` in a cell, `e` the
+//! largest of all slices, and `E_0` that of noise:
 //!
 //! | block, with the cells up to 8 px around it | slices |
 //! |---|---|
@@ -13,16 +12,14 @@
 //! | `e <= 4 E_0` in all cells | all |
 //! | else | those that cover only a part of it, and those with `e_n >= e / 4` in a cell with `e > 4 E_0` |
 
-use std::path::Path;
-
 use rayon::prelude::*;
 
-use super::{coarse_focus::CELL, scratch::ScratchFile};
+use super::{
+    cell_energies::{CellEnergies, STEPS, code_of},
+    coarse_focus::CELL,
+};
 use crate::{
-    imaging::{
-        Coverage, Rect,
-        simd::{self, Avx2},
-    },
+    imaging::{Coverage, Rect},
     types::Error,
 };
 
@@ -38,36 +35,10 @@ const TEXTURED: f32 = 4.0;
 /// Slices from which noise is averaged with equal weights: the estimate of noise is the lower quartile of the slices.
 const MIN_SLICES: usize = 8;
 
-/// Steps of a code per factor of 2 of the energy.
-const STEPS: u32 = 8;
 /// A slice matters up to a quarter of the largest energy.
 const RELEVANT_STEPS: u8 = 2 * STEPS as u8;
 
-/// The focus energy of all slices in cells.
-pub(in crate::fusion) struct CellEnergies {
-    file: ScratchFile,
-    columns: usize,
-    rows: usize,
-}
-
 impl CellEnergies {
-    /// For slices of `width` x `height` px; creates a file in `folder`.
-    pub(super) fn create(folder: &Path, width: usize, height: usize) -> Result<Self, Error> {
-        let (columns, rows) = (width.div_ceil(CELL), height.div_ceil(CELL));
-        Ok(Self { file: ScratchFile::create(folder, columns, rows, 1)?, columns, rows })
-    }
-
-    /// Keeps the `cells` of slice `slice`.
-    pub(super) fn write(&self, slice: usize, cells: &[f32]) -> Result<(), Error> {
-        let mut codes = vec![0u8; cells.len()];
-        simd::run(
-            Avx2::detect(),
-            #[inline(always)]
-            || codes.iter_mut().zip(cells).for_each(|(code, &energy)| *code = code_of(energy)),
-        );
-        self.file.write(slice, &codes)
-    }
-
     /// The slices that matter. `noise` is the energy of noise, `coverages` what each slice covers.
     pub(in crate::fusion) fn relevance(&self, noise: f32, coverages: &[Coverage]) -> Result<Relevance, Error> {
         let (height, width) =
@@ -100,7 +71,7 @@ impl CellEnergies {
         largest.clear();
         largest.resize(band.width * band.height, 0);
         for slice in 0..coverages.len() {
-            self.file.read(slice, band, codes, bytes)?;
+            self.read(slice, band, codes, bytes)?;
             largest.iter_mut().zip(&*codes).for_each(|(largest, &code)| *largest = code.max(*largest));
         }
         let around =
@@ -116,7 +87,7 @@ impl CellEnergies {
             block.uniform = !has_texture[column] && coverages.len() >= MIN_SLICES;
         }
         for (slice, coverage) in coverages.iter().enumerate() {
-            self.file.read(slice, band, codes, bytes)?;
+            self.read(slice, band, codes, bytes)?;
             for (column, block) in blocks.iter_mut().enumerate() {
                 let rect = Rect { x: column * BLOCK, y: row * BLOCK, width: BLOCK, height: BLOCK };
                 let covered = coverage.contains(rect.grown(MARGIN * CELL, coverage.width(), coverage.height()));
@@ -200,15 +171,6 @@ impl Relevance {
             y = below;
         }
     }
-}
-
-/// The energy as a byte: [`STEPS`] steps per factor of 2, from 2^-12 to 2^20 squared grey levels.
-#[inline(always)]
-fn code_of(energy: f32) -> u8 {
-    /// The code of 1 without the shift: the exponent and the first three bits of the mantissa of a float.
-    const ONE: i32 = (1.0f32.to_bits() >> 20) as i32;
-    let code = (energy.max(0.0).to_bits() >> 20) as i32 - ONE + 12 * STEPS as i32;
-    code.clamp(0, 255) as u8
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ use crate::{
     types::Interrupted,
 };
 use confidence::ImagePair;
-use decision_map::{DecisionMap, TEXTURED};
+use decision_map::{DecisionMap, MeasuredFocus, TEXTURED};
 use defocus_model::DefocusModel;
 use warped_slices::WarpedSlices;
 
@@ -62,7 +62,8 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let textured = energy.par_map(|energy| energy > TEXTURED * coarse.noise);
     let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
     let what = (run, shown::MARGIN + reach() + correction::REACH);
-    let mut map = decision_map::refine(what, &slices, &aligned.index, textured, &energy, &coarse, &model)?;
+    let focus = MeasuredFocus { sharpest: &aligned.index, energy: &energy, coarse: &coarse, cells: &cells };
+    let mut map = decision_map::refine(what, &slices, focus, textured, &model)?;
     if let Some(given) = run.decision_map {
         map = decision_map::given(&slices, map, given, coarse.noise)?;
     }

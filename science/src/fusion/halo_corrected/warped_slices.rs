@@ -51,11 +51,12 @@ impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
         Ok(samples)
     }
 
-    /// Luma of `rect`, 0 to 255.
+    /// Luma of `rect`, 0 to 255. Beyond the border of the slice its border pixels are repeated.
     pub(super) fn luma(&self, slice: usize, rect: Rect) -> Result<Plane<f32>, Interrupted> {
         let samples = self.samples(slice, rect)?;
         let mut plane = Plane::filled(rect.width, rect.height, 0.0);
         grey::luma_row(&samples, C, &mut plane.data);
+        self.coverage(slice).extend(rect, &mut plane);
         Ok(plane)
     }
 

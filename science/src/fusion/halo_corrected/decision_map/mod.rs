@@ -19,10 +19,14 @@
 //! not there. No prediction is exact enough to tell, so such a pixel counts as one without texture.
 //!
 //! The first condition of the last row saves time: blur leaves little of the energy of detail, so a pixel with more
-//! than that has detail of its own, and no prediction is made for it. At last a median filter removes outliers.
+//! than that has detail of its own, and no prediction is made for it.
+//!
+//! The argmax is also wrong where a thin or smooth near part lies before strong texture: [`near_detail`] finds such
+//! parts. At last a median filter removes outliers.
 
 mod given;
 mod median_filter;
+mod near_detail;
 
 use std::collections::BTreeMap;
 
@@ -35,7 +39,10 @@ use super::{
 };
 use crate::{
     fusion::{
-        align::coarse_focus::{CELL, CoarseFocusMaps},
+        align::{
+            cell_energies::CellEnergies,
+            coarse_focus::{CELL, CoarseFocusMaps},
+        },
         plan::UNCOVERED,
         run::Run,
     },
@@ -50,6 +57,7 @@ use crate::{
 };
 pub(super) use given::given;
 use median_filter::{MEDIAN_REACH, median_filter};
+use near_detail::NearDetail;
 
 /// Focus energy, in multiples of that of noise, from which a pixel has texture.
 pub(super) const TEXTURED: f32 = 4.0;
@@ -85,15 +93,24 @@ pub(crate) struct DecisionMap {
     pub textured: Plane<bool>,
 }
 
-/// Refines the argmax `sharpest` of the focus `energy`; `textured` is where that energy is more than noise. Blur is
-/// predicted within `margin` px of every shown pixel; what is farther away is refined as if nothing could be predicted.
+/// What the first pass measured.
+#[derive(Clone, Copy)]
+pub(super) struct MeasuredFocus<'a> {
+    /// Per pixel, the slice with the largest focus energy.
+    pub sharpest: &'a Plane<u16>,
+    /// Per pixel, that energy.
+    pub energy: &'a Plane<f32>,
+    pub coarse: &'a CoarseFocusMaps,
+    pub cells: &'a CellEnergies,
+}
+
+/// Refines the argmax of the focus energy; `textured` is where that energy is more than noise. Blur is predicted within
+/// `margin` px of every shown pixel; what is farther away is refined as if nothing could be predicted.
 pub(super) fn refine<S: Sample, const C: usize>(
     (run, margin): (&Run<'_>, usize),
     slices: &WarpedSlices<'_, S, C>,
-    sharpest: &Plane<u16>,
+    focus: MeasuredFocus<'_>,
     textured: Plane<bool>,
-    energy: &Plane<f32>,
-    coarse: &CoarseFocusMaps,
     model: &DefocusModel,
 ) -> Result<DecisionMap, Interrupted> {
     let (width, height) = slices.size();
@@ -108,12 +125,12 @@ pub(super) fn refine<S: Sample, const C: usize>(
             })
         })
         .collect();
-    let refinement = Refinement { slices, sharpest, textured: &textured, energy, coarse, model };
+    let refinement = Refinement { slices, focus, textured: &textured, model };
     let tiles: Vec<Tile> = tiles
         .into_par_iter()
         .with_max_len(1)
         .map_init(Rows::default, |rows, rect| {
-            let matters = run.part_to_fuse(rect, margin + MEDIAN_REACH).is_some();
+            let matters = run.part_to_fuse(rect, margin + MEDIAN_REACH + near_detail::RIM).is_some();
             refinement.tile(rect, matters, rows)
         })
         .collect::<Result<_, Interrupted>>()?;
@@ -121,7 +138,7 @@ pub(super) fn refine<S: Sample, const C: usize>(
     let band = (width * TILE).max(1);
     let bands = map.slice.data.par_chunks_mut(band).zip(map.textured.data.par_chunks_mut(band));
     bands.zip(tiles.par_chunks(width.div_ceil(TILE).max(1))).for_each(|((slices, textured), tiles)| {
-        for Tile { rect, slice, textured: has_texture } in tiles {
+        for Tile { rect, slice, textured: has_texture, .. } in tiles {
             for y in 0..rect.height {
                 let (from, to) = (y * rect.width, y * width + rect.x);
                 slices[to..to + rect.width].copy_from_slice(&slice[from..from + rect.width]);
@@ -129,7 +146,8 @@ pub(super) fn refine<S: Sample, const C: usize>(
             }
         }
     });
-    drop(tiles);
+    let found = tiles.into_iter().flat_map(|tile| tile.near_detail).collect();
+    near_detail::apply(&mut map, found, model);
     map.slice = median_filter(slices, &map.slice);
     Ok(map)
 }
@@ -139,22 +157,24 @@ struct Tile {
     rect: Rect,
     slice: Vec<u16>,
     textured: Vec<bool>,
+    /// Pixels of far slices that show detail of a near part.
+    near_detail: Vec<NearDetail>,
 }
 
 struct Refinement<'a, S, const C: usize> {
     slices: &'a WarpedSlices<'a, S, C>,
-    sharpest: &'a Plane<u16>,
+    focus: MeasuredFocus<'a>,
     textured: &'a Plane<bool>,
-    energy: &'a Plane<f32>,
-    coarse: &'a CoarseFocusMaps,
     model: &'a DefocusModel,
 }
 
 impl<S: Sample, const C: usize> Refinement<'_, S, C> {
     fn tile(&self, rect: Rect, predicts: bool, rows: &mut Rows) -> Result<Tile, Interrupted> {
         let columns = rect.x..rect.x + rect.width;
-        let mut tile = Tile { rect, slice: self.sharpest.crop(rect).data, textured: self.textured.crop(rect).data };
-        for (number, scale) in self.coarse.scales.iter().enumerate() {
+        let MeasuredFocus { sharpest, energy, coarse, .. } = self.focus;
+        let (slice, textured) = (sharpest.crop(rect).data, self.textured.crop(rect).data);
+        let mut tile = Tile { rect, slice, textured, near_detail: Vec::new() };
+        for (number, scale) in coarse.scales.iter().enumerate() {
             let weak = if number == 0 { WEAK } else { 0.0 };
             // textured pixels, by (slice that is sharpest around them, own slice)
             let mut candidates = PixelGroups::new();
@@ -162,9 +182,9 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                 let y = rect.y + row;
                 let line = row * rect.width..(row + 1) * rect.width;
                 let (slices, textured) = (&mut tile.slice[line.clone()], &mut tile.textured[line.clone()]);
-                let energies = &self.energy.row(y)[columns.clone()];
+                let energies = &energy.row(y)[columns.clone()];
                 let around = scale.slice.row(y / CELL).iter().zip(scale.energy.row(y / CELL));
-                let around = around.zip(self.coarse.textureless.row(y / CELL)).skip(rect.x / CELL);
+                let around = around.zip(coarse.textureless.row(y / CELL)).skip(rect.x / CELL);
                 let cells = slices.chunks_mut(CELL).zip(textured.chunks_mut(CELL)).zip(around);
                 for (i, ((slices, textured), ((&around, &around_energy), &textureless))) in cells.enumerate() {
                     // cells are whole except at the border of the canvas, and whole ones are compared at once
@@ -204,6 +224,9 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                 }
             }
         }
+        if predicts {
+            tile.near_detail = self.near_detail(&tile, rows)?;
+        }
         Ok(tile)
     }
 
@@ -229,7 +252,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         let unexplained = measure.plane(&difference, rows);
         for &at in pixels {
             let (x, y) = (tile.rect.x + at % tile.rect.width, tile.rect.y + at / tile.rect.width);
-            if unexplained.at(x - core.x, y - core.y) < MAX_UNEXPLAINED * self.energy.at(x, y) {
+            if unexplained.at(x - core.x, y - core.y) < MAX_UNEXPLAINED * self.focus.energy.at(x, y) {
                 tile.slice[at] = around as u16;
                 tile.textured[at] = false;
             }
