@@ -38,7 +38,7 @@ pub fn start(filter: &str, format: LogFormat) -> anyhow::Result<()> {
     // fails if logging was started before (by another service in this process), which then stays as it is
     let _ = match format {
         LogFormat::Text => log.with_target(false).finish().with(filter).try_init(),
-        // there is only one span, so the list of spans would repeat it
+        // an event is within one span at most (`request` or `job`), so the list of spans would repeat it
         LogFormat::Json => log.json().with_span_list(false).finish().with(filter).try_init(),
     };
     Ok(())

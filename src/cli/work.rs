@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 
 use super::{
     config::{Flags, ServeConfig},
-    logging,
+    files, logging,
     serve::{ENDED_BY_SIGNAL, GRACE, StopSignals, workers},
     store::make_files_private,
 };
@@ -29,6 +29,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
     }
     logging::start(&config.log, config.log_format)?;
     make_files_private();
+    files::raise_limit();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         let mut signals = StopSignals::listen()?;

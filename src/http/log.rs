@@ -1,7 +1,7 @@
 //! The fields of a request that each of its log lines has.
 //!
 //! The span `request` ([`span`]) has the request id and the client from the start; [`note`] adds what becomes known
-//! later: token, rig, lens, upload, job, trace. Tasks that a request starts log within the same span
+//! later: token, rig, lens, scan, upload, job, trace_id. Tasks that a request starts log within the same span
 //! ([`super::background`]).
 
 use std::{cell::RefCell, fmt::Display, net::IpAddr};
@@ -22,6 +22,7 @@ pub fn span(id: &str, client: Option<IpAddr>) -> Span {
         token = field::Empty,
         rig = field::Empty,
         lens = field::Empty,
+        scan = field::Empty,
         upload = field::Empty,
         job = field::Empty,
         trace_id = field::Empty

@@ -135,7 +135,7 @@ impl<'a> ArtifactWriter<'a> {
                           send the zip again";
             return Fault::new(Code::InsufficientStorage, detail).into();
         }
-        tracing::error!(job = %self.context.job.id, ?error, "cannot write an artifact");
+        tracing::error!(?error, "cannot write an artifact");
         let detail = "the service could not write the results; its log has the cause under the id of the job";
         Fault::new(Code::Unavailable, detail).into()
     }

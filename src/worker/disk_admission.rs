@@ -43,7 +43,7 @@ impl Executor {
                 return Ok(Err(never_fits(bytes, &state)));
             }
             if !waits {
-                tracing::warn!(job = %job.id, needs = bytes, ?state, "a job waits for disk space");
+                tracing::warn!(needs = bytes, ?state, "a job waits for disk space");
                 keeper.report(Progress { stage: STAGE.into(), ..Progress::default() });
                 waits = true;
             }

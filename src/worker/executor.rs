@@ -31,8 +31,8 @@ pub(super) const MB: u64 = 1 << 20;
 /// Attempts to write the end of a job. When all fail, the lease expires and the job runs again.
 const END_ATTEMPTS: u32 = 5;
 
-/// Longest time between two of them, as a part of the lease. After the storage was away, other workers leave the job
-/// alone for a fifth of it.
+/// The pause between two of these attempts is at most the lease divided by this. It must be shorter than a fifth of the
+/// lease: for that long after the storage was unavailable, no other worker takes the job.
 const END_PAUSES_PER_LEASE: u32 = 10;
 
 /// State that all workers of a pool share.
@@ -63,7 +63,7 @@ impl Executor {
     }
 
     async fn run_in_trace(&self, job: Job, gate: OwnedMutexGuard<()>, trace: &Trace) {
-        tracing::info!(job = %job.id, kind = ?job.request.kind(), attempt = job.attempt, "job claimed");
+        tracing::info!(kind = ?job.request.kind(), attempt = job.attempt, "job claimed");
         let started = Instant::now();
         let _busy = events::busy();
         let keeper = Arc::new(LeaseKeeper::starting_at(job.progress.clone()));
@@ -79,7 +79,7 @@ impl Executor {
         let (code, detail) = ending.fault().map(|fault| (fault.code.name(), one_line(&fault.detail))).unzip();
         let (rig, lens) = (&job.rig, &job.lens);
         tracing::info!(
-            job = %job.id, ?kind, %rig, %lens, attempt = job.attempt, ending = ending.name(),
+            ?kind, %rig, %lens, attempt = job.attempt, ending = ending.name(),
             code = code.map(field::display), detail, "job leaves its worker"
         );
         events::left(kind, ending.event(), started.elapsed());
@@ -95,11 +95,11 @@ impl Executor {
             }
             Ok(false) => events::lease_lost(kind),
             Err(error) => {
-                tracing::error!(job = %job.id, ?error, "the end of a job cannot be written; it will run again");
+                tracing::error!(?error, "the end of a job cannot be written; it will run again");
             }
         }
         if let Err(error) = gc_job(&self.deps.store, job.id).await {
-            tracing::warn!(job = %job.id, ?error, "the blobs that a job left cannot be removed; the next garbage collection retries");
+            tracing::warn!(?error, "the blobs that a job left cannot be removed; the next garbage collection retries");
         }
     }
 
@@ -179,11 +179,11 @@ impl Executor {
 
     /// Runs the job on a blocking thread, and converts a panic into a fault: a bug in one job must not kill the worker.
     async fn on_a_thread(&self, context: JobContext, keeper: Arc<LeaseKeeper>) -> Result<JobOutput, JobError> {
-        let (runner, id, log) = (Arc::clone(&self.deps.runner), context.job.id, Span::current());
+        let (runner, log) = (Arc::clone(&self.deps.runner), Span::current());
         match tokio::task::spawn_blocking(move || log.in_scope(|| runner.run(&context, &*keeper))).await {
             Ok(result) => result,
             Err(error) => {
-                tracing::error!(job = %id, %error, "a job panicked");
+                tracing::error!(%error, "a job panicked");
                 let detail = "this job hit a bug of the service; its log has the details under the id of the job";
                 Err(Fault::new(Code::Internal, detail).into())
             }
@@ -197,7 +197,10 @@ impl Executor {
             let (rig, lens, revision) = (&job.rig, &job.lens, request.profile_revision);
             Fault::new(
                 Code::ProfileNotFound,
-                format!("revision {revision} of profile {rig}/{lens} does not exist any more"),
+                format!(
+                    "revision {revision} of the profile of rig '{rig}' and lens '{lens}' does not exist any more; store or \
+                     calibrate the profile again, then send the stack again"
+                ),
             )
         };
         Ok(found.map(Some).ok_or_else(missing))
@@ -226,14 +229,14 @@ impl Executor {
             match self.write_end_once(job, ending).await {
                 Ok(true) => return Ok(true),
                 Ok(false) => {
-                    tracing::warn!(job = %job.id, "the lease was lost before the end; nothing was published");
+                    tracing::warn!("the lease was lost before the end; nothing was published");
                     return Ok(false);
                 }
                 Err(error) if attempts >= END_ATTEMPTS && !is_away(&error) => return Err(error),
                 // at shutdown, the lease expires
                 Err(error) if self.abandon.is_cancelled() => return Err(error),
                 Err(error) => {
-                    tracing::warn!(job = %job.id, ?error, attempts, "cannot write the end of a job; trying again")
+                    tracing::warn!(?error, attempts, "cannot write the end of a job; trying again")
                 }
             }
             tokio::time::sleep(pause).await;

@@ -139,7 +139,7 @@ impl LeaseKeeper {
             Ok(Some(_)) => {}
             // deleted by a client
             Ok(None) => self.stop(StopReason::Cancelled),
-            Err(error) => tracing::warn!(job = %job.id, error = ?error, "cannot read the row of a running job"),
+            Err(error) => tracing::warn!(error = ?error, "cannot read the row of a running job"),
         }
     }
 
@@ -152,7 +152,7 @@ impl LeaseKeeper {
             Ok(Heartbeat::CancelRequested) => self.stop(StopReason::Cancelled),
             Ok(Heartbeat::Lost) => self.stop(StopReason::Lost),
             // the job continues: if the lease is lost meanwhile, the fencing token prevents publication
-            Err(error) => tracing::warn!(job = %job.id, error = ?error, "a heartbeat failed"),
+            Err(error) => tracing::warn!(error = ?error, "a heartbeat failed"),
         }
     }
 }

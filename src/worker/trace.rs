@@ -1,6 +1,7 @@
 //! The span of an attempt of a job in the traces of OpenTelemetry. The trace is that of the request that made the job.
 
-use tracing::Span;
+use tracing::{Span, field};
+use uuid::Uuid;
 
 use super::lease_keeper::LeaseKeeper;
 use crate::{
@@ -12,8 +13,12 @@ use crate::{
     },
 };
 
-/// The span; none without a collector.
-pub(super) struct Trace(Option<OpenSpan>);
+/// The span of an attempt, and the job that it is of.
+pub(super) struct Trace {
+    job: Uuid,
+    /// None without a collector.
+    span: Option<OpenSpan>,
+}
 
 impl Trace {
     /// Begins the span of a claimed job. Before the first one, the time in the queue becomes a span.
@@ -24,26 +29,27 @@ impl Trace {
         }
         let (rig, lens) = (job.rig.as_str(), job.lens.as_str());
         let facts = JobFacts { id: job.id, kind: job.request.kind(), attempt: job.attempt, rig, lens };
-        Self(traces::job(row, facts))
+        Self { job: job.id, span: traces::job(row, facts) }
     }
 
     /// The span that work runs within.
     pub(super) fn span(&self) -> Option<&OpenSpan> {
-        self.0.as_ref()
+        self.span.as_ref()
     }
 
-    /// The span of the log lines, which adds the id of the trace to them. Its level is `error`, so that the log filter
-    /// never removes it.
+    /// The span of the log lines, which adds the ids of the job and of the trace to them. Its level is `error`, so that
+    /// the log filter never removes it.
     pub(super) fn log_span(&self) -> Span {
-        match &self.0 {
-            Some(span) => tracing::error_span!("job", trace_id = %span.trace_id()),
-            None => Span::none(),
+        let log = tracing::error_span!("job", job = %self.job, trace_id = field::Empty);
+        if let Some(span) = &self.span {
+            log.record("trace_id", field::display(span.trace_id()));
         }
+        log
     }
 
     /// Adds the stages that the thread of the job was in until now.
     pub(super) fn add_stages(&self, keeper: &LeaseKeeper) {
-        let Some(span) = &self.0 else { return };
+        let Some(span) = &self.span else { return };
         for visit in keeper.visits() {
             span.add_child(visit.stage, visit.from, visit.to);
         }
@@ -51,7 +57,7 @@ impl Trace {
 
     /// Tells how the attempt ended.
     pub(super) fn ending(&self, ending: events::Ending, fault: Option<&Fault>) {
-        let Some(span) = &self.0 else { return };
+        let Some(span) = &self.span else { return };
         span.set("pinstack.job.ending", ending.as_str());
         if let Some(fault) = fault {
             span.set("error.type", fault.code.name());

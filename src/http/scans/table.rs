@@ -4,7 +4,10 @@
 //! label, pan and tilt are equal; without any of these, each upload is a view of its own. The stack that counts is the
 //! newest that did not fail; so a failed repetition does not hide a good result.
 
-use std::{collections::HashMap, path::Path};
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
 
 use jiff::Timestamp;
 use uuid::Uuid;
@@ -298,12 +301,17 @@ fn name_apart(views: &mut [View]) {
         }
     }
     let counts = count(views);
+    let mut taken: HashSet<String> = counts.keys().cloned().collect();
     let mut numbers: HashMap<String, usize> = HashMap::new();
     for view in views.iter_mut().rev() {
         let stem = view.stem.to_lowercase();
         if counts.get(&stem).is_some_and(|n| *n > 1) {
-            let number = numbers.entry(stem).or_default();
+            let number = numbers.entry(stem.clone()).or_default();
             *number += 1;
+            // another view may have this name already
+            while !taken.insert(format!("{stem}_{number}")) {
+                *number += 1;
+            }
             view.stem = format!("{}_{number}", view.stem);
         }
     }

@@ -6,6 +6,7 @@ use axum::{
     response::Response,
 };
 use base64::{Engine, prelude::BASE64_STANDARD};
+use uuid::Uuid;
 
 use crate::{
     contract::{Code, JobKind},
@@ -67,8 +68,10 @@ pub async fn upload(
     if job.upload_removed {
         return Err(removed());
     }
-    let gone = || ApiError::new(Code::NotFound, "the stack was deleted");
-    let content = content(&app, &stored.key).await?.ok_or_else(gone)?;
+    let content = match content(&app, &stored.key).await? {
+        Some(content) => content,
+        None => return Err(missing(&app, id, &stored.key).await),
+    };
     let name = name::of_upload(&job);
     let tag = stored.sha256.clone();
     let download =
@@ -92,6 +95,21 @@ pub fn removed() -> ApiError {
     let detail = "the zip of this stack was removed at the end of its retention period (keep_uploads_days of the server); \
                   its results are kept; send the zip again to fuse it with other options";
     ApiError::new(Code::UploadRemoved, detail)
+}
+
+/// The error for a zip that is not there: the stack was deleted since its row was read, or the zip was lost.
+async fn missing(app: &App, id: Uuid, key: &str) -> ApiError {
+    match app.store.metadata.job(id).await {
+        Ok(Some(job)) if !job.upload_removed => {
+            tracing::error!(key, "the stored zip of a stack is missing; `pinstack verify` lists all missing files");
+            let detail = "the stored zip of the stack is missing; send the zip again, and ask the operator to run \
+                          `pinstack verify`";
+            ApiError::new(Code::Internal, detail)
+        }
+        Ok(Some(_)) => removed(),
+        Ok(None) => ApiError::new(Code::NotFound, "the stack was deleted"),
+        Err(error) => error.into(),
+    }
 }
 
 /// The value of `Repr-Digest` for a SHA-256 in hex.

@@ -50,6 +50,14 @@ fn a_label_that_several_views_share_is_told_apart_by_angles() {
 }
 
 #[test]
+fn a_number_that_another_label_ends_with_is_not_given_again() {
+    let stacks = ["bee 1", "bee_1", "bee_1_1"].map(|label| stack(Some(label), None, None));
+    let stems = stems(stacks.into());
+    assert_eq!(stems.iter().collect::<std::collections::HashSet<_>>().len(), 3, "{stems:?}");
+    assert!(stems.contains(&"bee_1_1".to_owned()), "{stems:?}");
+}
+
+#[test]
 fn the_newest_stack_that_did_not_fail_counts() {
     let failed = ViewStack { state: JobState::Failed, ..stack(None, Some(20.0), Some(0.0)) };
     let (newer, older) = (stack(None, Some(20.0), Some(0.0)), stack(None, Some(20.0004), Some(0.0)));
