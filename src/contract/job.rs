@@ -27,7 +27,7 @@ impl JobKind {
 }
 
 /// State of a job: `queued`, then `running`, then one of `succeeded`, `failed` and `cancelled`. A running job returns
-/// to `queued` only when its worker died or was shut down.
+/// to `queued` only when its worker died or was shut down, or when the machine or the storage failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobState {

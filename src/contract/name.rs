@@ -18,7 +18,7 @@ pub struct InvalidName {
 }
 
 fn suggested(suggestion: &Option<Name>) -> String {
-    suggestion.as_ref().map(|name| format!("; '{name}' would be one")).unwrap_or_default()
+    suggestion.as_ref().map(|name| format!("; for example '{name}'")).unwrap_or_default()
 }
 
 /// The valid name nearest to a text: slashes and colons become hyphens, other forbidden characters underscores.
@@ -97,7 +97,7 @@ mod tests {
         ] {
             let refused = Name::new(text).expect_err("it breaks the rule");
             assert_eq!(refused.suggestion.as_ref().map(Name::as_str), name, "{text}");
-            assert_eq!(refused.to_string().contains("would be one"), name.is_some(), "{refused}");
+            assert_eq!(refused.to_string().contains("for example"), name.is_some(), "{refused}");
         }
         let long = Name::new("x".repeat(65)).expect_err("too long");
         assert_eq!(long.suggestion, Some(Name("x".repeat(64))));

@@ -47,7 +47,7 @@ pub async fn cancel(app: &App, id: Uuid, kind: JobKind) -> ApiResult<(StatusCode
     if let Some(CancelRequest::AlreadyEnded(state)) = app.store.metadata.cancel(id).await?
         && state != JobState::Cancelled
     {
-        let detail = format!("the {} has already ended: it is {}", kind.as_str(), state.as_str());
+        let detail = format!("the {} has already {}, so it cannot be cancelled", kind.as_str(), state.as_str());
         return Err(ApiError::new(Code::Conflict, detail));
     }
     let job = load(app, id, kind).await?;

@@ -84,7 +84,11 @@ impl From<StoreError> for ApiError {
         match error {
             StoreError::DiskFull(cause) => {
                 tracing::error!(%cause, "disk full");
-                Self::new(Code::InsufficientStorage, "the disk of the server is full; nothing was stored")
+                Self::new(
+                    Code::InsufficientStorage,
+                    "the disk of the server is full; nothing was stored; free some space (for example delete old stacks), then send it \
+                     again",
+                )
             }
             StoreError::InvalidCursor => Self::new(
                 Code::InvalidRequest,

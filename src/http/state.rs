@@ -85,7 +85,7 @@ pub struct Policy {
     pub cors_origins: Vec<String>,
     /// How long a signed URL of a file in a bucket is valid; `None`: clients get files from the service alone.
     pub presigned: Option<Duration>,
-    /// Worker threads of this process, for `/v1/info`.
+    /// Number of jobs that this process runs at a time, for `/v1/info`.
     pub workers: usize,
 }
 

@@ -51,9 +51,9 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     let image_sample = request.options.bit_depth.sample_bytes(layout.bit_depth);
     let sizes = PixelSizes { image_sample, slice_pixel };
     let outputs = [StackArtifact::Image, StackArtifact::Depth].map(|artifact| artifact.pixel_bytes(&sizes));
-    // the map of heights and deviations, and the one of both that is being written
+    // height and deviation of a pixel, 4 bytes; the one of them that is being encoded, 2 bytes
     let heights = if with_height { 4 + 2 } else { 0 };
-    // the fused picture; validity and alpha; what comes out
+    // the fused picture; validity and alpha; the outputs
     let composing = slice_pixel + 2 + silhouettes + heights + outputs.iter().sum::<u64>();
     let composing = pixels(layout).saturating_mul(composing);
     fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
@@ -66,15 +66,15 @@ fn files(layout: &StackLayout, in_flight: usize) -> u64 {
 
 fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let layout = &request.layout;
-    let lanes = threads.clamp(1, 2);
-    let in_flight = lanes as u64;
+    let slices = threads.clamp(1, 2);
+    let in_flight = slices as u64;
     let decoded = u64::from(layout.channels) * sample(layout);
     let samples = pixels(layout).min(MAX_SAMPLES as u64);
     // six planes of floats, four of bytes, and one of both while dots are told from what is not
     let planes = samples * in_flight * (6 * 4 + 4 + 8);
     let kept = (SLICE_BYTES as u64).saturating_mul(layout.front.len() as u64);
     let decoding = pixels(layout).saturating_mul(in_flight * decoded);
-    decoding.saturating_add(planes).saturating_add(kept).saturating_add(files(layout, lanes))
+    decoding.saturating_add(planes).saturating_add(kept).saturating_add(files(layout, slices))
 }
 
 fn pixels(layout: &StackLayout) -> u64 {

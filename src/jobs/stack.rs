@@ -61,7 +61,7 @@ pub fn run(
     let profile = context
         .profile
         .as_ref()
-        .ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile of this stack was deleted"))?;
+        .ok_or_else(|| Fault::new(Code::ProfileNotFound, "the profile revision of this stack is missing; store or calibrate the profile again, then send the stack again"))?;
     let options = &request.options;
     let mut times = Times::since(context.started);
     let mut warnings = Vec::new();

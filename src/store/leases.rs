@@ -65,7 +65,7 @@ pub enum Attempt {
 #[async_trait]
 pub trait Leases: Send + Sync + 'static {
     /// Claims a job for the time `lease`: one whose lease expired, or else the next of the queue, in which rigs take
-    /// turns. A job that was claimed `max_attempts` times and lost each time fails with `worker_lost` instead.
+    /// turns. A job whose worker was lost in attempt `max_attempts` fails with `worker_lost` instead.
     async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>>;
     /// Renews the lease and stores the progress.
     async fn heartbeat(

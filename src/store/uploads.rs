@@ -1,4 +1,4 @@
-//! Resumable uploads: their metadata. Their bytes are in [`super::blobs`].
+//! Resumable uploads: their metadata. Their bytes are in [`super::parts`].
 //!
 //! The offset of a row counts bytes on stable storage only: bytes are written and synced before the row is updated. One
 //! request at a time holds the lock on the bytes of an upload. A newer request increments the generation of the row;

@@ -107,7 +107,7 @@ table! {
         "Objects that garbage collections removed"
 
     TRACE_SPANS Counter "pinstack_trace_spans_total" ["outcome"]
-        "Spans of traces that were exported, or lost because the collector did not take them"
+        "Spans of traces that were exported, or lost because the queue was full or the collector did not take them"
 
     BUILD_INFO Gauge "pinstack_build_info" ["version"]
         "1, with the version as a label"

@@ -50,7 +50,8 @@ pub struct Config {
     pub progress_gap: Duration,
     /// How often the queue is polled: other processes accept jobs and lose leases too.
     pub poll: Duration,
-    /// Number of claims of a job whose worker dies each time.
+    /// Largest number of attempts that count: those whose worker died, and those that ended with an error of the
+    /// machine.
     pub max_attempts: u32,
     /// Time until the next claim of a job whose first attempt failed with an error of the machine; longer after each
     /// attempt.

@@ -6,5 +6,5 @@ mod members;
 mod peak;
 mod replay;
 mod targets;
-mod torn;
+mod truncated;
 mod zips;

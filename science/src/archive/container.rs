@@ -1,4 +1,4 @@
-//! Reads and writes zip containers. The only module, with its child, that uses the `zip` crate.
+//! Reads and writes zip containers. No module but this and its children uses the `zip` crate.
 //!
 //! Untrusted input: sizes are checked before memory is allocated, the directory is parsed within a byte budget, and
 //! entries that overlap or have equal names are refused. An I/O error of the disk is never reported as a damaged zip.

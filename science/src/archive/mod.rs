@@ -1,7 +1,7 @@
 //! Untrusted zip files become ordered slices, and untrusted numpy files become matrices ([`npy`], [`npz`]).
 //!
-//! A zip is never extracted. Names are labels, not paths. Nothing is written to disk. One member is in memory at a
-//! time, and never more of it than its declared size and [`ArchiveLimits`] allow. [`open`] checks everything that the
+//! A zip is never extracted. Names are labels, not paths. Nothing is written to disk. Each load holds one member in
+//! memory, and never more of it than its declared size and [`ArchiveLimits`] allow. [`open`] checks everything that the
 //! directory and the picture headers show. Errors that only decoding shows are returned by [`ArchivedSlices`].
 //!
 //! # Accepted archives

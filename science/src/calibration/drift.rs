@@ -2,15 +2,12 @@
 
 use crate::types::{Homography, profile::ProfileInput, report::Drift};
 
-/// Up to this movement of an image corner, in px, the rig counts as unmoved: it is the corner uncertainty of a good
-/// calibration.
+/// Up to this movement of an image corner, in px, the rig counts as unmoved: it is three standard deviations of a
+/// corner of a good calibration.
 pub const NO_MOVEMENT_PX: f64 = 0.3;
 /// Up to this movement of an image corner, in px, the rig counts as slightly moved. Beyond it, stacks may be affected.
 pub const SMALL_MOVEMENT_PX: f64 = 1.0;
 
-/// Compares two profiles of one rig and lens: how far the image corners of each slice moved, and how the gains changed.
-/// Each profile comes with its revision number; `from` is the older one.
-///
 /// Compares two profiles of one rig and lens: how far the image corners of each slice moved, and how the gains changed.
 /// Each profile comes with its revision number; `from` is the older one.
 ///

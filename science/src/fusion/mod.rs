@@ -133,7 +133,11 @@ fn check(slices: &dyn Slices, plan: &Plan, request: &FusionRequest<'_>) -> Resul
     plan.check(slices.count())?;
     let planes = [request.object, request.shown].into_iter().flatten();
     if planes.into_iter().any(|plane| (plane.width, plane.height) != (plan.width, plan.height)) {
-        return Err(Error::new(ErrorKind::Internal, "the silhouette does not have the size of the canvas").into());
+        return Err(Error::new(
+            ErrorKind::Internal,
+            "the silhouette or the plane of shown pixels does not have the size of the canvas",
+        )
+        .into());
     }
     Ok(())
 }
@@ -167,7 +171,7 @@ impl Run<'_> {
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let mut warnings =
             warnings(width * height, covered, blended.clamped as f64 / blended.fused.min(covered).max(1) as f64);
-        warnings.extend(blended.contradicts_near_end.then(|| depth_order_disagrees(self.plan)));
+        warnings.extend(blended.contradicts_profile.then(|| depth_order_disagrees(self.plan)));
         Ok(Fused { image, index: aligned.index, height_map, valid, quality, warnings })
     }
 }

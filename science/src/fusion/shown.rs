@@ -6,8 +6,8 @@ use crate::{
     types::Interrupted,
 };
 
-/// All pixels within this distance of a shown pixel are fused, px: farther than the windows of the metrics reach, and
-/// than colours are continued beyond outlines.
+/// All pixels within this distance of a shown pixel are fused, px. The windows of the metrics reach less far, and
+/// colours are continued less far beyond outlines.
 pub(super) const MARGIN: usize = 32;
 
 impl Run<'_> {

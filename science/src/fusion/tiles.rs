@@ -25,7 +25,7 @@ pub(super) struct Blended<S> {
     /// Number of them with a sample that was clamped.
     pub clamped: usize,
     /// Whether the stack contradicts the plan about its near end.
-    pub contradicts_near_end: bool,
+    pub contradicts_profile: bool,
 }
 
 /// Makes an image of `C` channels, tile by tile; `stage` names its progress. Every pixel within `margin` px of a shown
@@ -84,7 +84,7 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     drop(bands);
 
     let [fused, clamped] = counts.into_iter().fold([0, 0], |[a, b], [c, d]| [a + c, b + d]);
-    Ok(Blended { pixels, fused, clamped, contradicts_near_end: false })
+    Ok(Blended { pixels, fused, clamped, contradicts_profile: false })
 }
 
 /// `length` divided into the fewest pieces of at most `max`, as equal as possible: (start, length) of each.

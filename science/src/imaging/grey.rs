@@ -56,7 +56,7 @@ pub fn guide_row<S: Sample>(pixels: &[S], channels: usize, out: &mut [u16]) {
 /// Applies `grey` to each pixel. Channels are split first, a block at a time: the compiler vectorises the splitting and
 /// the arithmetic separately, but not together.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn in_blocks<S: Sample, T>(pixels: &[S], channels: usize, out: &mut [T], grey: impl Fn(S, S, S) -> T) {
     let mut done = 0;
     if channels == 3 {

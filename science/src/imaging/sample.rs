@@ -64,7 +64,7 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
     const BYTES: usize;
     /// The factor from this full scale to that of 16 bits: 257 or 1.
     const TO_SIXTEEN: u32;
-    /// The smallest integers that the sum of 256 samples fits.
+    /// The smallest integers that hold the sum of 256 samples.
     type Sum: Sum + From<Self>;
 
     /// The sample as a float, 0 to full scale.

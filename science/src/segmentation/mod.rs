@@ -40,8 +40,8 @@ use tones::Tones;
 
 /// Holes of at least this many pixels are wide enough to show the back light in their middle as bright as it is.
 const WIDE_HOLE_PX: u64 = 16;
-/// Brightest value of a true hole, 0 as the object to 1 as the background. A wide hole outside of this range is a
-/// reflection.
+/// Range of the brightest value of a true hole, where 0 is as bright as the object and 1 as the background. A wide hole
+/// outside of this range is a reflection.
 const HOLE_BRIGHTNESS: [f64; 2] = [0.65, 1.2];
 
 /// Pixels that a thread takes at a time.

@@ -90,9 +90,9 @@ pub struct FocusMetrics {
     pub textured_fraction: Option<f64>,
     /// Share of the object's pixels that are not textured: smooth, or never in focus. Null without a mask.
     pub unfocused_fraction: Option<f64>,
-    /// True if the object extends in front of the first slice.
+    /// True if the object extends beyond the plane of the first slice, whichever side is near the camera.
     pub range_too_short_near: Option<bool>,
-    /// True if the object extends behind the last slice.
+    /// True if the object extends beyond the plane of the last slice.
     pub range_too_short_far: Option<bool>,
     /// 0-based indices of inner slices that contribute almost no pixels.
     pub redundant_slices: Vec<u32>,

@@ -45,7 +45,7 @@ pub struct CalibrationReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
-    /// The worst image corner has a standard deviation of at most 0.3 px, and no finding makes it doubtful.
+    /// The worst image corner has a standard deviation of at most 0.1 px, and no finding makes it doubtful.
     Good,
     /// The worst image corner has a standard deviation of at most 0.6 px, or a finding makes the result doubtful.
     Usable,

@@ -178,7 +178,7 @@ impl<'a> Paint<'a> {
     }
 }
 
-/// Half a level, made row by row.
+/// The next level, half as wide and high, made row by row.
 struct Half {
     width: usize,
     height: usize,

@@ -29,7 +29,7 @@ use crate::http::state::Policy;
 pub const RESERVE: usize = 32;
 /// How long an evicted connection may take to send its last answer.
 const LAST_ANSWER: Duration = Duration::from_secs(1);
-/// Number of addresses from which shares without connections are removed.
+/// From this number of addresses on, the shares of addresses without connections are removed.
 const MAX_IDLE_SHARES: usize = 1024;
 
 /// The slots of a server.

@@ -33,7 +33,14 @@ const MAX_JSON_VALUES: usize = 1 << 16;
 /// # Errors
 /// `upload_too_large` over the limit; `upload_incomplete` when the body ends early or times out.
 pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>, ApiError> {
-    let too_large = || ApiError::new(Code::UploadTooLarge, format!("this body has at most {MAX_JSON_BYTES} bytes"));
+    let too_large = || {
+        ApiError::new(
+            Code::UploadTooLarge,
+            format!(
+                "the body is too large: a JSON body may have at most {MAX_JSON_BYTES} bytes; check that this is the right file"
+            ),
+        )
+    };
     let announced = content_length(headers).unwrap_or(0);
     let waits = waits_for_continue(headers);
     let mut body = WatchedBody::new(body, MAX_JSON_BYTES, app.policy.body_idle_timeout, waits);
@@ -119,7 +126,8 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
     let text = String::from_utf8_lossy(bytes);
     let not_finite = ["NaN", "Infinity"].iter().any(|word| text.contains(word));
     if not_finite || inner.to_string().contains("out of range") {
-        let detail = format!("{pointer}: a number is not finite ({inner})");
+        let place = if pointer.is_empty() { String::new() } else { format!("{pointer}: ") };
+        let detail = format!("{place}a number is not finite ({inner})");
         let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), ..ErrorLocation::default() };
         return Err(Fault::new(shape, detail).at(place));
     }

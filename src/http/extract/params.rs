@@ -29,11 +29,16 @@ pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
         return Err(ApiError::new(Code::InvalidRequest, detail));
     }
     let Ok(Query(pairs)) = Query::<Vec<(String, String)>>::try_from_uri(uri) else {
-        return Err(ApiError::new(Code::InvalidRequest, "the query string is not valid"));
+        return Err(ApiError::new(
+            Code::InvalidRequest,
+            "the query string is not valid: write names and values as percent-encoded UTF-8",
+        ));
     };
     for (i, (name, _)) in pairs.iter().enumerate() {
         if pairs.iter().take(i).any(|(earlier, _)| earlier == name) {
-            return Err(ApiError::new(Code::InvalidRequest, format!("the parameter '{name}' is given twice")));
+            let name: String = name.chars().take(80).collect();
+            let detail = format!("the parameter '{name}' is given twice; give it once");
+            return Err(ApiError::new(Code::InvalidRequest, detail));
         }
     }
     Ok(pairs)
@@ -72,7 +77,7 @@ pub fn from_uri<T: DeserializeOwned>(uri: &Uri) -> Result<T, ApiError> {
 pub fn refuse_rest(pairs: &[(String, String)], known: &str) -> Result<(), ApiError> {
     let Some((name, _)) = pairs.first() else { return Ok(()) };
     let name: String = name.chars().take(80).collect();
-    Err(ApiError::new(Code::InvalidRequest, format!("unknown parameter '{name}'; known here: {known}")))
+    Err(ApiError::new(Code::InvalidRequest, format!("unknown parameter '{name}'; known parameters: {known}")))
 }
 
 /// The filter of a list of jobs.
@@ -116,7 +121,7 @@ impl de::Error for Refusal {
 
     fn unknown_field(field: &str, expected: &'static [&'static str]) -> Self {
         let field: String = field.chars().take(80).collect();
-        let detail = format!("unknown parameter '{field}'; known here: {}", expected.join(", "));
+        let detail = format!("unknown parameter '{field}'; known parameters: {}", expected.join(", "));
         Self { name: Some(field), detail }
     }
 }
@@ -231,7 +236,7 @@ mod tests {
         assert_eq!(options("r1=many").unwrap_err(), "r1 is 'many'; it must be a whole number");
         assert_eq!(options("mask=maybe").unwrap_err(), "mask is 'maybe'; it must be one of: auto, none, required");
         assert!(options("bit_depth=12").unwrap_err().contains("'auto', '8' or '16'"));
-        assert!(options("r7=1").unwrap_err().starts_with("unknown parameter 'r7'; known here: profile_revision"));
+        assert!(options("r7=1").unwrap_err().starts_with("unknown parameter 'r7'; known parameters: profile_revision"));
         assert!(options("r1=1&r1=2").unwrap_err().contains("given twice"));
         assert!(options("scan=.hidden").unwrap_err().contains("not beginning with a dot"));
     }

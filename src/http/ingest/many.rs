@@ -69,7 +69,8 @@ pub async fn check(
 /// Stores the zips and makes the jobs, in the order given. On an error there are no jobs, and the blobs are removed
 /// again.
 ///
-/// # Errors `queue_full`; `insufficient_storage`; `conflict` when some of the jobs were made before; `not_found` when a
+/// # Errors
+/// `queue_full`; `insufficient_storage`; `conflict` when some of the jobs were made before; `not_found` when a
 /// resumable upload was deleted meanwhile.
 pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin) -> ApiResult<Vec<Job>> {
     let bytes = checked.iter().map(|checked| checked.job.request.upload().bytes).sum();

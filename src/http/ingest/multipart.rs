@@ -63,9 +63,12 @@ pub(super) async fn receive<S: Receivable>(
                 format!("the form has a part with a name of {} bytes; the limit is {MAX_NAME} bytes", name.len());
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
-        if seen.contains(&name) || seen.len() >= MAX_PARTS {
-            let detail =
-                format!("the form has the part '{name}' twice, or more than {MAX_PARTS} parts; send each part once");
+        if seen.contains(&name) {
+            let detail = format!("the form has the part '{name}' twice; send each part once");
+            return Err(ApiError::new(Code::InvalidRequest, detail));
+        }
+        if seen.len() >= MAX_PARTS {
+            let detail = format!("the form has more than {MAX_PARTS} parts; send all slices in one zip");
             return Err(ApiError::new(Code::InvalidRequest, detail));
         }
         if FILE_PARTS.contains(&name.as_str()) {

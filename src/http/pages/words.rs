@@ -31,7 +31,7 @@ pub fn bytes(bytes: u64) -> String {
     format!("{value:.decimals$} {}", UNITS[unit])
 }
 
-/// A duration, such as `2 min 5 s`.
+/// A duration, such as `85 s`, `12 min` or `3 h 5 min`.
 pub fn duration(time: Duration) -> String {
     let seconds = time.as_secs_f64().round() as u64;
     match seconds {

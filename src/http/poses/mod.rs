@@ -126,7 +126,7 @@ pub struct KnownViews {
 /// Receives a file of poses, and answers with the report on them.
 ///
 /// # Errors
-/// `invalid_request` for a file that holds no poses, `upload_too_large` over 128 MiB, `insufficient_storage`.
+/// `invalid_poses` for a file that holds no poses, `upload_too_large` over 128 MiB, `insufficient_storage`.
 pub async fn report(
     app: &App,
     caller: &Caller,

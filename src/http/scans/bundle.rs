@@ -100,7 +100,8 @@ pub fn file_name(scan: &Name, layout: Layout) -> String {
 
 /// The bundle of a scan.
 ///
-/// # Errors `scan_not_found`; `not_found` when no view has a result; `not_finished`; `scan_mismatch`; `internal` when a
+/// # Errors
+/// `scan_not_found`; `not_found` when no view has a result; `not_finished`; `scan_mismatch`; `internal` when a
 /// result is missing or damaged.
 pub async fn zip_of(app: &App, caller: &Caller, name: &Name, layout: Layout, partial: bool) -> ApiResult<StoredZip> {
     let scan = find(app, caller, name).await?;

@@ -17,7 +17,7 @@ use crate::{
 /// Fraction of a quota from which its use counts as high.
 const HIGH: f64 = 0.8;
 
-/// All gauges in the text format. Costs three queries that read only indexes, and one look at the file system and the
+/// All gauges in the text format. Costs four queries that read only indexes, and one look at the file system and the
 /// process.
 ///
 /// # Errors

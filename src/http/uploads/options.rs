@@ -26,14 +26,14 @@ const EXTENSIONS: &str = "creation,creation-with-upload,checksum,termination,exp
     responses((status = 204, description = "Version, extensions and limits", headers(
         ("Tus-Version" = String, description = "`1.0.0`"),
         ("Tus-Extension" = String, description = "Supported extensions"),
-        ("Tus-Max-Size" = u64, description = "Largest upload, bytes"),
+        ("Tus-Max-Size" = u64, description = "Largest upload of any purpose, bytes"),
         ("Tus-Checksum-Algorithm" = String, description = "`sha1,sha256`"))))
 )]
 pub async fn options(State(app): State<App>) -> Response {
     let headers = HeaderMap::from_iter([
         (TUS_VERSION, VERSION),
         (TUS_EXTENSION, HeaderValue::from_static(EXTENSIONS)),
-        (TUS_MAX_SIZE, HeaderValue::from(app.policy.max_upload_bytes)),
+        (TUS_MAX_SIZE, HeaderValue::from(app.policy.max_upload_bytes.max(app.policy.max_scan_bytes))),
         (TUS_CHECKSUM_ALGORITHM, HeaderValue::from_static(ALGORITHMS)),
     ]);
     (StatusCode::NO_CONTENT, headers).into_response()

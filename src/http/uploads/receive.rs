@@ -163,13 +163,15 @@ fn beyond(length: u64) -> ApiError {
 }
 
 fn broken_off() -> ApiError {
-    let detail = "the body ended early or timed out; what arrived is stored, unless it had an Upload-Checksum; get the \
-                  offset with HEAD and continue from there";
+    let detail = "the body ended early or timed out; what arrived is stored, unless the request had an Upload-Checksum; \
+                  get the offset with HEAD and continue from there";
     ApiError::new(Code::UploadIncomplete, detail)
 }
 
 fn shutting_down() -> ApiError {
-    ApiError::new(Code::Unavailable, "the server is shutting down; what arrived is stored; continue when it is back")
+    let detail = "the server is shutting down; what arrived is stored, unless the request had an Upload-Checksum; when \
+                  the server is back, get the offset with HEAD and continue from there";
+    ApiError::new(Code::Unavailable, detail)
 }
 
 /// As [`taken_over`], where the newer request is in another process.
@@ -182,6 +184,6 @@ fn overtaken() -> ApiError {
 fn taken_over() -> ApiError {
     ApiError::new(
         Code::Conflict,
-        "a newer request has taken over this upload, so this one was ended; what it sent is stored",
+        "a newer request has taken over this upload, so this one was ended; what it sent is stored, unless it had an Upload-Checksum",
     )
 }

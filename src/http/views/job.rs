@@ -25,7 +25,8 @@ pub struct JobView {
     pub state: JobState,
     /// Progress of the job.
     pub progress: Progress,
-    /// Number of times a worker claimed the job. Above 1: an earlier worker died or lost its lease.
+    /// Number of attempts that count. Above 1: in an earlier attempt the worker died, or the machine failed (such as a
+    /// full disk).
     pub attempt: u32,
     /// True when cancellation was requested. The job is cancelled as soon as its worker sees the request.
     pub cancel_requested: bool,

@@ -3,7 +3,7 @@
 //! | question | answer |
 //! |---|---|
 //! | whose clock | that of the database. The clocks of the machines that run pinstack are not compared; only how long a lease has not changed is measured by the monotonic clock of the process that looks |
-//! | isolation | `READ COMMITTED`. What a transaction decides upon it locks first: the row that it changes (`FOR UPDATE`), or one of a few advisory locks ([`Lock`]) where the decision is over many rows |
+//! | isolation | `READ COMMITTED`. A transaction first locks what it decides on: the row that it changes (`FOR UPDATE`), or one of a few advisory locks ([`Lock`]) where the decision is over many rows |
 //! | why not `SERIALIZABLE` | the limit of the queue and a quota are sums over all rows, so any two acceptances conflict; they would fail and be retried under load, where a lock lets them pass one after the other, in a few milliseconds each |
 //! | who is told of a change | every process that listens, by `NOTIFY` within the transaction. A notification that is lost delays only: every listener polls as well |
 //!
@@ -65,8 +65,8 @@ const SCHEMA: [(i64, &str, &str); 4] = [
 /// The newest version of the schema.
 pub(in crate::store) const NEWEST_SCHEMA: i64 = SCHEMA[SCHEMA.len() - 1].0;
 
-/// Advisory locks, held until the transaction ends. A transaction takes at most one of them, and `Profiles` may follow
-/// the lock of a row; no row is locked by a transaction that then waits for another row, so none waits in a circle.
+/// Advisory locks, held until the transaction ends. Against deadlocks, `Accept` and `Expiry` are taken first and never
+/// together; only `Profiles` may be taken after another lock or after the lock of a row.
 #[derive(Debug, Clone, Copy)]
 enum Lock {
     /// Jobs and uploads are accepted, scans written and deleted one at a time: the limits are sums over all rows, and

@@ -1,5 +1,5 @@
-//! State transitions that end a job. Each reads and writes within one transaction that holds the write lock, so exactly
-//! one of a concurrent cancellation and finish wins.
+//! State transitions that end a job. Each reads and writes within one transaction that locks the row of the job
+//! (`FOR UPDATE`), so exactly one of a concurrent cancellation and finish wins.
 
 use sqlx::PgConnection;
 use uuid::Uuid;

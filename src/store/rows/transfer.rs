@@ -257,7 +257,7 @@ pub(in crate::store) async fn to_postgres_from(from: &mut SqliteConnection, to: 
     Ok(())
 }
 
-/// Names of the tables that have rows, of those that a new database does not have.
+/// Names of the tables that have rows. The tables of the clock are not counted: a new database has rows in them too.
 ///
 /// # Errors
 /// When the database cannot be read.

@@ -72,16 +72,16 @@ pub(in crate::store) fn not_storable(id: Uuid, error: &StoreError) -> Finish {
 /// The end of a job whose row cannot be read: no worker could ever do it.
 pub(in crate::store) fn unreadable(id: Uuid, error: &StoreError) -> Finish {
     tracing::error!(job = %id, ?error, "the row of a job cannot be read");
-    let detail = "the stored request of this job cannot be read any more; the log of the service has the details under the id of \
-                  the job, and 'pinstack verify' finds other damage";
+    let detail = "the stored request of this job cannot be read any more; send the stack or target again; the log of the service \
+                  has the details under the id of the job, and 'pinstack verify' finds other damage";
     Finish::Failed(Fault::new(Code::Internal, detail))
 }
 
 /// The error of a job that lost its worker `attempts` times, as JSON.
 pub(in crate::store) fn worker_lost(attempts: u32) -> StoreResult<String> {
     let detail = format!(
-        "the worker died {attempts} times on this job, so it is not retried; the usual reason is a stack that needs \
-         too much memory; see the log of the service"
+        "the worker died during attempt {attempts}, the last one, so the job is not retried; the usual reason is a stack \
+         that needs too much memory: send fewer or smaller slices, or add memory; the log of the service has more"
     );
     json::stored::<Fault>("the error of a job", &Fault::new(Code::WorkerLost, detail))
 }

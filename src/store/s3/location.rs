@@ -48,7 +48,7 @@ impl S3Url {
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
         let is_name = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b"-.".contains(&b);
         if !(3..=63).contains(&bucket.len()) || !bucket.bytes().all(is_name) {
-            bail!("{form}; a bucket has 3 to 63 of a-z 0-9 . - in its name");
+            bail!("{form}; the name of a bucket has 3 to 63 characters of a-z 0-9 . -");
         }
         if !prefix.is_empty() {
             require_key(prefix).map_err(|_| {

@@ -124,7 +124,8 @@ impl ScanArchive {
     /// compressed bytes, others are stored; size and CRC of each member are checked. The same scan gives the same
     /// bytes.
     ///
-    /// # Errors [`ErrorKind::InvalidArchive`] with the file name for a damaged member;
+    /// # Errors
+    /// [`ErrorKind::InvalidArchive`] with the file name for a damaged member;
     /// [`ErrorKind::ResourcesExhausted`] when the scan cannot be read; [`ErrorKind::DiskFull`] and [`ErrorKind::Io`]
     /// when `out` cannot be written; [`ErrorKind::Internal`] when there is no such view.
     pub fn write_view(&self, index: usize, out: impl Write + Seek) -> Result<(), Error> {

@@ -208,7 +208,8 @@ fn smoothed(cells: &[f32], columns: usize, rows: usize, half: &[f32]) -> Vec<f32
 /// Cells whose sums are kept in registers.
 const PART: usize = 32;
 
-/// Adds to `out` the weighted sum of pairs of rows; `pair` gives the two at a distance from the centre.
+/// Writes to `out`, which must be 0, the weighted sum of pairs of rows; `pair` gives the two at a distance from the
+/// centre.
 #[inline(always)]
 fn weigh<'a>(half: &[f32], pair: impl Fn(usize) -> [&'a [f32]; 2], out: &mut [f32]) {
     let mut done = 0;

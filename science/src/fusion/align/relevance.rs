@@ -1,7 +1,8 @@
 //! Which slices matter for the finest detail of the pyramid image, per block of 32 x 32 px.
 //!
-//! Level 0 of a pyramid has three quarters of all pixels, and the weight of a slice there falls with the fourth power
-//! of its energy. Most slices are far out of focus in a block: they have no weight, and need not be processed.
+//! Level 0 of a pyramid has three quarters of all pixels, and the weight of a slice there grows with the fourth power
+//! of the energy of its detail. Most slices are far out of focus in a block: they have no weight, and need not be
+//! processed.
 //!
 //! In: the [`CellEnergies`] of all slices. Out: [`Relevance`]. With `e_n` the energy of slice `n` in a cell, `e` the
 //! largest of all slices, and `E_0` that of noise:

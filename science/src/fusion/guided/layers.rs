@@ -130,7 +130,7 @@ fn clamp(weights: &mut [f32], sharpest: &[bool]) -> bool {
 
 /// Writes each of `values` `C` times to `out`; the rest of `out` is unchanged.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn repeat<const C: usize>(values: &[f32], out: &mut [f32; PART_SAMPLES]) {
     if let (Some(values), 3) = (values.first_chunk::<PART>(), C) {
         for i in 0..PART {

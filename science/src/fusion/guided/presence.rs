@@ -1,5 +1,5 @@
-//! The slices that are the sharpest somewhere in a rectangle. Any other slice has the weight 0 within reach of its
-//! filters and can be skipped.
+//! The slices that are the sharpest somewhere in a rectangle. Any other slice has the weight 0 at each pixel whose
+//! filter windows lie within the rectangle, and is skipped there.
 
 use crate::{
     fusion::plan::UNCOVERED,

@@ -3,9 +3,9 @@
 //! At the outline of a near part, the slice of the near part shows a sharp step. The slice of what lies behind shows
 //! the same step blurred. Texture on both sides hides that in a single row of pixels. So brightness is averaged along
 //! the outline: texture averages out, and the step remains. Let `p_a` and `p_b` be the mean brightness of two slices
-//! over the distance from the border between their pixels in the decision map, and `q_a`, `q_b` the same for the slices
-//! blurred by the disc of the blur radius between them. If slice *a* is the near one, `q_a` agrees with `p_b`, and
-//! `q_b` does not agree with `p_a`, because it is blurred twice where `p_a` is sharp.
+//! over the distance from the border between their pixels in the map of the sharpest slices, and `q_a`, `q_b` the same
+//! for the slices blurred by the disc of the blur radius between them. If slice *a* is the near one, `q_a` agrees with
+//! `p_b`, and `q_b` does not agree with `p_a`, because it is blurred twice where `p_a` is sharp.
 
 use rayon::prelude::*;
 
@@ -30,16 +30,16 @@ const CLEAR: f64 = 4.0;
 const SMALLEST_MISFIT: f64 = 5.0;
 
 /// How many votes are needed, and by which majority.
-pub(super) struct Ballot {
+pub(super) struct MajorityRule {
     votes: usize,
     majority: f64,
 }
 
 /// Decides where the profile does not give the direction. In thickets and behind nets a smaller majority may be wrong;
 /// then nothing is corrected, which costs less than a correction in the wrong direction.
-pub(super) const DECISIVE: Ballot = Ballot { votes: 30, majority: 0.8 };
+pub(super) const DECISIVE: MajorityRule = MajorityRule { votes: 30, majority: 0.8 };
 /// Contradicts the profile.
-pub(super) const CONTRADICTING: Ballot = Ballot { votes: 50, majority: 0.9 };
+pub(super) const CONTRADICTING: MajorityRule = MajorityRule { votes: 50, majority: 0.9 };
 
 /// Votes of depth steps on the direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -51,11 +51,11 @@ pub(super) struct Votes {
 
 impl Votes {
     /// The direction, if there are enough votes and the majority is large enough.
-    pub(super) fn decision(self, ballot: &Ballot) -> Option<bool> {
+    pub(super) fn decision(self, rule: &MajorityRule) -> Option<bool> {
         let share = self.increasing as f64 / self.all.max(1) as f64;
-        match self.all >= ballot.votes {
-            true if share >= ballot.majority => Some(true),
-            true if share <= 1.0 - ballot.majority => Some(false),
+        match self.all >= rule.votes {
+            true if share >= rule.majority => Some(true),
+            true if share <= 1.0 - rule.majority => Some(false),
             _ => None,
         }
     }
@@ -77,7 +77,7 @@ pub(super) fn votes<S: Sample, const C: usize>(
     Ok(Votes { increasing: votes.iter().filter(|&&increasing| increasing).count(), all: votes.len() })
 }
 
-/// A border between two slices in the decision map.
+/// A border between two slices in the map of the sharpest slices.
 #[derive(Clone)]
 struct DepthStep {
     x: usize,

@@ -78,7 +78,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let tile = |rows: &mut Rows, rect: Rect, out: &mut Vec<S>| fusion.tile(rect, out, rows);
     let mut blended = in_tiles::<S, C, _>(what, "correcting halos", Rows::default, tile)?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
-    blended.contradicts_near_end = model.contradicts_profile();
+    blended.contradicts_profile = model.contradicts_profile();
     Ok((blended, map.slice))
 }
 

@@ -27,22 +27,22 @@ pub(super) struct Maximum {
     pub sigma: f64,
 }
 
-/// The slices around the decided one.
+/// The slices around the one that the index gives the pixel.
 pub(super) struct Window<'a> {
     /// Position of each slice in steps, increasing.
     pub positions: &'a [f64],
     /// Focus energy of each; negative where the slice does not cover the pixel.
     pub energies: &'a [f32],
-    /// Index of the decided slice in the window.
+    /// Place in the window of the slice that the index gives the pixel.
     pub decided: usize,
-    /// Farthest slice from the decided one that may be the maximum.
+    /// Largest distance from that slice, in slices, at which the maximum is looked for.
     pub search: usize,
     /// Whether the window begins with the first slice of the stack, and ends with the last.
     pub at_ends: [bool; 2],
 }
 
-/// The maximum of the focus curve; `noise` is the focus energy of noise. `None` if the curve has no maximum near the
-/// decided slice, or none that stands out of the noise.
+/// The maximum of the focus curve; `noise` is the focus energy of noise. `None` if the curve has no maximum near that
+/// slice, or none that stands out of the noise.
 pub(super) fn maximum(window: &Window<'_>, noise: f64) -> Option<Maximum> {
     let (positions, energies) = (window.positions, window.energies);
     let last = energies.len().checked_sub(1)?;

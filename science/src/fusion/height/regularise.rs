@@ -8,9 +8,11 @@
 //! h(p) = sum G(p - q) T(h_q - r_p) c_q h_q / sum G(p - q) T(h_q - r_p) c_q
 //! ```
 //!
-//! The reference `r_p` is the pixel's own estimate if its neighbours confirm it, else their median. So nothing is mixed
-//! across a step between surfaces, and a step stays where it is. A pixel that remains uncertain takes the mean of the
-//! reliable cells of 4 x 4 px around it: of all if they lie on one surface, else of those near the slice of the index.
+//! The reference `r_p` is the pixel's own estimate if that is reliable and near the weighted median of 9 pixels (itself
+//! and those 2 px away), else that median. If the index is a decision map and its slice is [`SAME_SURFACE`] steps or
+//! more from this, `r_p` is the position of that slice. So nothing is mixed across a step between surfaces, and a step
+//! stays where it is. A pixel that remains uncertain takes the mean of the reliable cells of 4 x 4 px around it: of all
+//! if they lie on one surface, else of those near the slice of the index.
 //!
 //! The variance of the mean is a share of the mean variance of its estimates and of their spread, times
 //! `sum G c / sum G T c`, which is more than 1 near other surfaces, plus the squared departure from the decision map.

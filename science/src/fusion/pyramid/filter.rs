@@ -46,7 +46,7 @@ impl<T: Copy> Patch<T> {
         &self.row(y)[x - self.rect.x..][..width]
     }
 
-    /// The same part of row `y`, mutable.
+    /// The part of row `y` of the plane that is in the rectangle, mutable.
     pub(super) fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[(y - self.rect.y) * self.rect.width..][..self.rect.width]
     }
@@ -64,9 +64,9 @@ impl<T: Copy> Patch<T> {
 }
 
 /// The binomial kernel of 5 taps.
-const REDUCE: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
+const BINOMIAL: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 /// That kernel convolved with itself.
-pub(super) const SMOOTH: [f32; 9] = [
+pub(super) const ENERGY_KERNEL: [f32; 9] = [
     1.0 / 256.0,
     8.0 / 256.0,
     28.0 / 256.0,
@@ -77,8 +77,8 @@ pub(super) const SMOOTH: [f32; 9] = [
     8.0 / 256.0,
     1.0 / 256.0,
 ];
-/// Reach of [`SMOOTH`], px.
-pub(super) const SMOOTHING: usize = SMOOTH.len() / 2;
+/// Reach of [`ENERGY_KERNEL`], px.
+pub(super) const ENERGY_REACH: usize = ENERGY_KERNEL.len() / 2;
 
 /// The three pixels of a coarse row of `length` px that a fine pixel is interpolated from: index of the first, and
 /// weights. Pixels beyond the ends have the weight 0, and the weights add up to 1.
@@ -104,7 +104,7 @@ pub(super) fn weights_along(lengths: &[usize]) -> Vec<Vec<f32>> {
     for &length in &lengths[1..] {
         let finer = &levels[levels.len() - 1];
         let of = |x: usize| -> f32 {
-            let around = REDUCE
+            let around = BINOMIAL
                 .iter()
                 .enumerate()
                 .filter_map(|(tap, weight)| Some(weight * finer.get((2 * x + tap).checked_sub(2)?).copied()?));
@@ -142,7 +142,7 @@ impl Filters {
                     split(line, halves);
                     let [even, odd] = &*halves;
                     let count = row.len();
-                    weigh(row, [even, odd, &even[1..], &odd[1..], &even[2..]].map(|taps| &taps[..count]), &REDUCE);
+                    weigh(row, [even, odd, &even[1..], &odd[1..], &even[2..]].map(|taps| &taps[..count]), &BINOMIAL);
                 },
             );
         }
@@ -158,7 +158,7 @@ impl Filters {
             simd::run(
                 simd,
                 #[inline(always)]
-                || weigh(row, rows, &REDUCE),
+                || weigh(row, rows, &BINOMIAL),
             );
         }
     }
@@ -216,7 +216,7 @@ impl Filters {
     /// beyond the canvas count as 0.
     pub(super) fn smooth(&mut self, simd: Option<Avx2>, values: &Patch<f32>, rect: Rect, out: &mut Patch<f32>) {
         let Self { nothing, line, across, .. } = self;
-        let reach = REDUCE.len() / 2;
+        let reach = BINOMIAL.len() / 2;
         across.shape(Rect { x: rect.x, width: rect.width, ..values.rect }, 0.0);
         let skipped = values.rect.x as isize + reach as isize - rect.x as isize;
         for y in values.rect.y..values.rect.y + values.rect.height {
@@ -225,7 +225,7 @@ impl Filters {
             simd::run(
                 simd,
                 #[inline(always)]
-                || weigh(row, std::array::from_fn(|tap| &line[tap..]), &REDUCE),
+                || weigh(row, std::array::from_fn(|tap| &line[tap..]), &BINOMIAL),
             );
         }
         out.shape(rect, 0.0);
@@ -240,7 +240,7 @@ impl Filters {
             simd::run(
                 simd,
                 #[inline(always)]
-                || weigh(row, rows, &REDUCE),
+                || weigh(row, rows, &BINOMIAL),
             );
         }
     }

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::{
-    filter::{Filters, Level, Patch, SMOOTH, SMOOTHING, WEIGHT, weigh},
+    filter::{ENERGY_KERNEL, ENERGY_REACH, Filters, Level, Patch, WEIGHT, weigh},
     finest::FinestLevel,
 };
 use crate::imaging::{
@@ -24,7 +24,7 @@ const INCOMPLETE: f32 = 1e-18;
 const COMPLETE: f32 = 0.999;
 
 /// Rows of a ring: those that a smoothed energy depends on.
-const RING: usize = SMOOTH.len();
+const RING: usize = ENERGY_KERNEL.len();
 
 /// Pixels that are kept in registers.
 const PART: usize = 16;
@@ -77,19 +77,19 @@ impl LevelFuser {
         part: Rect,
         sums: &mut Level,
     ) {
-        let rect = part.grown(SMOOTHING, geometry.size.0, geometry.size.1);
+        let rect = part.grown(ENERGY_REACH, geometry.size.0, geometry.size.1);
         let columns = rect.x..rect.x + rect.width;
         let Self { filters, expanded, energy, details, smoothed, total, covered } = self;
-        // the buffer begins `SMOOTHING` px before the part; beyond the canvas the energy is 0
+        // the buffer begins `ENERGY_REACH` px before the part; beyond the canvas the energy is 0
         energy.clear();
-        energy.resize(part.width + 2 * SMOOTHING, 0.0);
-        let inner = rect.x + SMOOTHING - part.x..rect.x + SMOOTHING - part.x + rect.width;
+        energy.resize(part.width + 2 * ENERGY_REACH, 0.0);
+        let inner = rect.x + ENERGY_REACH - part.x..rect.x + ENERGY_REACH - part.x + rect.width;
         details[..C].iter_mut().for_each(|ring| ring.resize(RING * rect.width, 0.0));
         smoothed.resize(RING * part.width, 0.0);
         total.resize(part.width, 0.0);
         covered.resize(part.width, 0.0);
         let own = part.x - rect.x..part.x - rect.x + part.width;
-        let before = SMOOTHING as isize;
+        let before = ENERGY_REACH as isize;
         for at in part.y as isize - before..(part.y + part.height) as isize + before {
             let slot = (at + before) as usize % RING;
             let ring = slot * part.width..(slot + 1) * part.width;
@@ -139,7 +139,7 @@ impl LevelFuser {
                     simd::run(
                         simd,
                         #[inline(always)]
-                        || weigh(smoothed, std::array::from_fn(|tap| &energy[tap..]), &SMOOTH),
+                        || weigh(smoothed, std::array::from_fn(|tap| &energy[tap..]), &ENERGY_KERNEL),
                     );
                 }
             }
@@ -156,11 +156,11 @@ impl LevelFuser {
             }
             let rows = std::array::from_fn(|tap| {
                 let slot = (y + tap) % RING;
-                // row `y - SMOOTHING + tap` is in slot `(y + tap) % RING`
+                // row `y - ENERGY_REACH + tap` is in slot `(y + tap) % RING`
                 &smoothed[slot * part.width..(slot + 1) * part.width]
             });
             let (across, down) = (&geometry.across[part.x..part.x + part.width], geometry.down[y]);
-            let slot = (y + SMOOTHING) % RING * rect.width;
+            let slot = (y + ENERGY_REACH) % RING * rect.width;
             let [first, second, third, weights] = &mut *sums;
             let weights = weights.part_mut(part.x, y, part.width);
             let sums = [first, second, third];
@@ -168,7 +168,7 @@ impl LevelFuser {
                 simd,
                 #[inline(always)]
                 || {
-                    weigh(total, rows, &SMOOTH);
+                    weigh(total, rows, &ENERGY_KERNEL);
                     weights_of(total, covered, across, down, weights);
                 },
             );
@@ -218,7 +218,7 @@ impl LevelFuser {
 
 /// The detail of a row of level 0, and its energy; both are 0 outside the columns `covered`.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn of_samples<S: Sample, const C: usize>(
     samples: [&[S]; 3],
     coarse: [&[f32]; 3],

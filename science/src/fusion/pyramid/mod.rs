@@ -53,7 +53,7 @@ use reach::{Reach, Sizes};
 /// Number of halvings. The base has only what is coarser than about 30 px.
 const LEVELS: usize = 4;
 
-/// Runs the second pass. With `relevance`, level 0 is fused from the slices that matter alone. Every pixel within
+/// Runs the second pass. With `relevance`, level 0 is fused only from the slices that matter. Every pixel within
 /// `margin` px of a shown pixel is fused.
 pub(super) fn blend<S: Sample, const C: usize>(
     run: &Run<'_>,
@@ -223,7 +223,7 @@ impl<S: Sample> Pyramid<S> {
         let (Some(coarsest), Some(sums)) = (self.levels.last(), self.sums.last_mut()) else { return };
         let inner = sums[WEIGHT].rect;
         normalised::<C>(simd, coarsest, &mut self.values);
-        let near = inner.grown(reach::BASE_SMOOTHING / 2, geometry.size.0, geometry.size.1);
+        let near = inner.grown(reach::BASE_REACH / 2, geometry.size.0, geometry.size.1);
         let mut deviation = Patch::default();
         deviation.reset(near, 0.0f32);
         // weighted mean of the surroundings, channel by channel

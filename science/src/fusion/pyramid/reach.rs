@@ -3,11 +3,11 @@
 
 use std::ops::Range;
 
-use super::filter::SMOOTHING;
+use super::filter::ENERGY_REACH;
 use crate::imaging::Rect;
 
 /// Radius of the energy of the base, pixels of the coarsest level.
-pub(super) const BASE_SMOOTHING: usize = 4;
+pub(super) const BASE_REACH: usize = 4;
 
 /// Ranges of pixels along one axis, per level, finest first. Pixel `i` of a level is at pixel `2 i` of the next finer
 /// one.
@@ -30,7 +30,7 @@ impl Axis {
         }
         let last = lengths.len() - 1;
         let around = |level: usize| {
-            let reach = if level == last { BASE_SMOOTHING } else { SMOOTHING };
+            let reach = if level == last { BASE_REACH } else { ENERGY_REACH };
             result[level].start.saturating_sub(reach)..(result[level].end + reach).min(lengths[level])
         };
         let detail: Vec<Range<usize>> = (0..=last).map(around).collect();

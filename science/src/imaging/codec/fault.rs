@@ -45,7 +45,7 @@ pub enum ImageFault {
     },
     /// The file is truncated.
     #[error("the {0} ends before the picture does (truncated file); copy it again from the camera")]
-    Torn(Format),
+    Truncated(Format),
     /// The file violates its format.
     #[error("the {format} is damaged ({why}); copy it again from the camera")]
     Damaged {
@@ -104,7 +104,7 @@ impl ImageFault {
     /// The fault for a failed read: an early end is a truncated file, any other error concerns the reader.
     pub(super) fn from_io(format: Format, error: &io::Error) -> Self {
         match error.kind() {
-            io::ErrorKind::UnexpectedEof => Self::Torn(format),
+            io::ErrorKind::UnexpectedEof => Self::Truncated(format),
             _ => Self::Unreadable(error.to_string()),
         }
     }

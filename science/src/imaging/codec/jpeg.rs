@@ -298,15 +298,15 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(
     let head = Head::read(bytes)?;
     let header = head.header(limits)?;
     if u64::from(header.width) * u64::from(header.height) / PIXELS_PER_BYTE > bytes.len() as u64 {
-        return Err(ImageFault::Torn(Format::Jpeg));
+        return Err(ImageFault::Truncated(Format::Jpeg));
     }
-    let Walk { end, scans } = walk(bytes).ok_or(ImageFault::Torn(Format::Jpeg))?;
+    let Walk { end, scans } = walk(bytes).ok_or(ImageFault::Truncated(Format::Jpeg))?;
     if scans.len() > MAX_SCANS {
         return Err(damaged(format!("it has more than {MAX_SCANS} scans")));
     }
     let is_progressive = head.process == PROGRESSIVE;
     if is_progressive && !is_complete(&scans, &head.components) {
-        return Err(ImageFault::Torn(Format::Jpeg));
+        return Err(ImageFault::Truncated(Format::Jpeg));
     }
     let ends_by_refining = is_progressive && scans.last().and_then(|scan| Pass::of(scan)).is_some_and(|p| p.refines);
     // Refinement bits may be ones or zeros, so one guard does not reveal missing ones. A decoder that reads beyond the
@@ -315,7 +315,7 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(
         if ends_by_refining { Some(digest(&samples(bytes, &head, end, GUARD_ZEROS, Vec::new())?)) } else { None };
     let samples = samples(bytes, &head, end, GUARD_ONES, buffer)?;
     if other.is_some_and(|other| other != digest(&samples)) {
-        return Err(ImageFault::Torn(Format::Jpeg));
+        return Err(ImageFault::Truncated(Format::Jpeg));
     }
     let (width, height, channels) = (usize::from(head.width), usize::from(head.height), head.components.len());
     Ok((Raster::eight(width, height, channels, samples), header.orientation))

@@ -65,7 +65,7 @@ pub(super) fn decode(reader: impl BufRead + Seek, length: u64, limits: &Limits) 
     let orientation = header(reader.info(), limits)?.orientation;
     let size = reader.output_buffer_size().ok_or_else(|| ImageFault::damaged(Format::Png, "its size overflows"))?;
     if (size / LARGEST_RATIO) as u64 > length {
-        return Err(ImageFault::Torn(Format::Png));
+        return Err(ImageFault::Truncated(Format::Png));
     }
     let raster = if reader.output_color_type().1 == BitDepth::Sixteen {
         // decoded into its final memory: the memory budget of a job has no space for a second copy of 16 bits

@@ -189,7 +189,7 @@ pub(super) fn decode(mut reader: impl Read + Seek, length: u64, limits: &Limits)
 
     let declared = header.width as usize * header.height as usize * stored * usize::from(header.bit_depth / 8);
     if (declared / LARGEST_RATIO) as u64 > length {
-        return Err(ImageFault::Torn(Format::Tiff));
+        return Err(ImageFault::Truncated(Format::Tiff));
     }
     // one row of tiles may extend beyond the picture; no valid file needs more than this
     let largest = (header.width as usize + 4096) * (header.height as usize + 4096) * stored * 2;

@@ -194,7 +194,7 @@ fn add_chords(chords: &[Chord], sums: &[f32], bases: &[f32], share: f32, out: &m
 
 /// The blurred pixels starting at `x`.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn chords_of<const N: usize>(chords: &[Chord], sums: &[f32], bases: &[f32], share: f32, x: usize) -> [f32; N] {
     let mut blurred = [0.0; N];
     blurred.copy_from_slice(&bases[x..x + N]);

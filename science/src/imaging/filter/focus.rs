@@ -182,7 +182,7 @@ fn weigh<const N: usize>(half: &[f32; N], taps: [[&[f32]; 2]; N], out: &mut [f32
 }
 
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn weigh_part<const N: usize, const P: usize>(half: &[f32; N], taps: &[[&[f32]; 2]; N], x: usize) -> [f32; P] {
     let middle = &taps[0][0][x..x + P];
     let mut sums = [0.0; P];

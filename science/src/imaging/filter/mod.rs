@@ -1,7 +1,7 @@
-//! Filters: the focus measure, the guided filter, and the windowed sums they are made of.
+//! Filters: the two focus measures, the guided filter, the mean filter, and blur by a disc.
 //!
-//! Wherever a sum must not depend on how a picture is cut into tiles, it is a sum of integers held in `f64`,
-//! far below 2^53: such sums are exact, and so the same in every order.
+//! The guided filter and the mean filter add integers (`u32`, `u64`, or integers in `f64` below 2^53): such sums are
+//! exact, and so the same in every order and for every division into tiles.
 
 pub mod disc;
 pub mod focus;

@@ -132,7 +132,7 @@ fn laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
 
 /// The default kernel of 11 taps, unrolled. The order of the additions is the same as for other kernels.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn smooth_by_six(weights: &[f32; 6], taps: [[&[f32]; 2]; 6], out: &mut [f32]) {
     let count = out.len();
     let taps = taps.map(|pair| pair.map(|row| &row[..count]));

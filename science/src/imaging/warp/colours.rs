@@ -3,7 +3,7 @@
 use super::{BLOCK, PHASES};
 use crate::types::lateral_colour::{ColourDisplacement, LateralColour};
 
-/// Where a colour is in the slice, from where green is.
+/// Position of a colour in the slice: `factor * p + offset`, with `p` the position of green.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ColourPosition {
     /// Index of the colour in a pixel.

@@ -9,7 +9,7 @@ use super::{BLOCK, PHASES};
 /// [`super::SliceMapping`]. The rest of `us` and `vs` is arbitrary.
 #[inline(always)]
 pub(super) fn positions(curves: &[[f64; 5]; 2], count: usize, us: &mut [i32; BLOCK], vs: &mut [i32; BLOCK]) {
-    /// 2^52: see the positions without distortion.
+    /// 2^52: see `positions` in the parent module.
     const ROUNDER: f64 = 4_503_599_627_370_496.0;
     /// Limit far beyond any slice.
     const FAR: f64 = 2_147_483_000.0;

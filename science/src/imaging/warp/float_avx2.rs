@@ -84,7 +84,7 @@ unsafe fn pixel(first: *const u16, stride: usize, [along_x, along_y]: [&[f32; 4]
         value = _mm_add_ps(value, _mm_mul_ps(_mm_set1_ps(weight), _mm_castsi128_ps(column)));
     }
     let rounded = _mm_add_ps(_mm_mul_ps(value, _mm_set1_ps(gain)), _mm_set1_ps(0.5));
-    // below the range is 0 as packing has it; above it a conversion would not know
+    // packing turns negative values into 0; large ones are limited first, because their conversion is not defined
     let whole = _mm_cvttps_epi32(_mm_min_ps(rounded, _mm_set1_ps(65_535.0)));
     _mm_cvtsi128_si64(_mm_packus_epi32(whole, whole)) as u64
 }

@@ -8,7 +8,8 @@
 //!    common similarity is the fault of the profile.
 //! 4. Pairs that too few windows show near focus are compared at half the resolution ([`unfocused_pairs`]), only to
 //!    tell whether one slice is displaced against the other.
-//! 5. [`reversal`] compares it with what the profile leaves in a stack of the opposite order.
+//! 5. [`reversal`] compares the common similarities with those that the profile leaves in a stack of the opposite
+//!    order.
 
 mod comparison;
 mod in_focus_pairs;
@@ -102,8 +103,8 @@ impl Shift {
 /// `width` x `height` canvas, or over the bounding box of `object` (255 inside, 0 outside).
 ///
 /// A window counts in the pairs of slices that are both near its focus. A window without common texture gives no shift.
-/// A number with fewer than three shifts is none. `read` is called from several threads; the result does not depend on
-/// their number.
+/// Numbers that need shifts are `None` with fewer than three. `read` is called from several threads; the result does
+/// not depend on their number.
 pub fn measure(
     slices: usize,
     read: &ReadWindow<'_>,

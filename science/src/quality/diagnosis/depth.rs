@@ -17,7 +17,7 @@ impl Diagnoser<'_> {
         if focus.range_too_short_near == Some(true) && still(0..half) {
             let detail = format!(
                 "the stack starts inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
-                 sharper in front of it; start the stack some steps earlier",
+                 sharper in a slice before it; start the stack some steps earlier",
                 percent(focus.peak_at_first_fraction),
                 self.name(0)
             );
@@ -26,7 +26,7 @@ impl Diagnoser<'_> {
         if focus.range_too_short_far == Some(true) && still(pairs - half..pairs) {
             let detail = format!(
                 "the stack ends inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
-                 sharper behind it; end the stack some steps later",
+                 sharper in a slice after it; end the stack some steps later",
                 percent(focus.peak_at_last_fraction),
                 self.name(last)
             );

@@ -159,7 +159,7 @@ struct AtEnd<'a> {
     at: &'a [(usize, usize)],
     /// Index of the end slice.
     end: usize,
-    /// How many steps the slices are apart from which the peak is estimated.
+    /// Distance between the slices from which the peak is estimated, slices.
     apart: usize,
 }
 

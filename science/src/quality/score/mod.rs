@@ -260,7 +260,7 @@ pub(super) fn same_shape<A, B>(a: &Plane<A>, b: &Plane<B>) -> bool {
     a.width == b.width && a.height == b.height && a.data.len() == b.data.len()
 }
 
-/// ScoreSums the squared differences to the right and lower neighbours, where both pixels count.
+/// Sums the squared differences to the right and lower neighbours, where both pixels count.
 fn differences(fused: &Plane<f32>, counts: &PixelWeights, sums: &mut ScoreSums) {
     if fused.width == 0 {
         return;

@@ -56,8 +56,8 @@ pub fn q_e(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     Some(q_w(a, b, fused)? * q_w(&edges(a), &edges(b), &edges(fused))?)
 }
 
-/// Spatial frequency: square root of the sum of squared differences to the right and lower neighbours, divided by the
-/// number of pixels.
+/// Spatial frequency: `sqrt(s / n)`, with `s` the sum of the squared differences to the right and lower neighbours and
+/// `n` the number of pixels.
 pub fn spatial_frequency(picture: &Plane<f32>) -> Option<f64> {
     let [right, below] = squared_differences(picture);
     ratio(right + below, picture.data.len() as f64).map(f64::sqrt)

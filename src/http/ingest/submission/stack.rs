@@ -114,28 +114,35 @@ impl StackSubmission {
         if layout.front.len() != *slice_count as usize {
             let found = layout.front.len();
             let skipped = archive::skipped(&layout.front).map_or(String::new(), |skipped| format!(": {skipped}"));
-            let detail = format!("the archive has {found} front-light slices, {profile} has {slice_count}{skipped}");
+            let detail = format!(
+                "the archive has {found} front-light slices, {profile} has {slice_count}{skipped}; send all slices of the \
+                 stack, or calibrate again with this number of slices"
+            );
             return Err(Fault::new(Code::SliceCountMismatch, detail));
         }
         if !layout.back.is_empty() && layout.back.len() != layout.front.len() {
             let (front, back) = (layout.front.len(), layout.back.len());
             let detail = format!(
-                "the archive has {front} front-light slices and {back} back-light slices; both need the same number"
+                "the archive has {front} front-light slices and {back} back-light slices; send one back-light slice \
+                 for each front-light slice"
             );
             return Err(Fault::new(Code::SliceCountMismatch, detail));
         }
         if (layout.width, layout.height) != (input.image_width, input.image_height) {
             let (width, height) = (layout.width, layout.height);
             let (expected_width, expected_height) = (input.image_width, input.image_height);
-            let turned = match layout.orientation {
-                1 => String::new(),
-                tag => format!(
-                    " after their orientation tag ({tag}) was applied; switch off the automatic rotation of the camera, or \
-                     remove the tag (exiftool -Orientation= *.jpg)"
+            let (turned, advice) = match layout.orientation {
+                1 => (String::new(), "; set the camera to this size, or calibrate again"),
+                tag => (
+                    format!(
+                        " after their orientation tag ({tag}) was applied; switch off the automatic rotation of the \
+                         camera, or remove the tag (exiftool -Orientation= *.jpg)"
+                    ),
+                    "",
                 ),
             };
             let detail = format!(
-                "the slices have {width} x {height} px{turned}; {profile} is for {expected_width} x {expected_height} px"
+                "the slices have {width} x {height} px{turned}; {profile} is for {expected_width} x {expected_height} px{advice}"
             );
             return Err(Fault::new(Code::SizeMismatch, detail));
         }
@@ -147,7 +154,8 @@ impl StackSubmission {
             return Err(Fault::new(Code::InvalidRequest, detail));
         }
         if self.options.mask == MaskMode::Required && layout.back.is_empty() {
-            let detail = "mask=required, but the archive has no back-light slices; put them into a folder 'back'";
+            let detail = "mask=required, but the archive has no back-light slices; put them into a folder 'back', or send \
+                          mask=auto";
             return Err(Fault::new(Code::MaskFailed, detail));
         }
         Ok(())

@@ -90,8 +90,8 @@ impl Picture {
     }
 }
 
-/// Number of slices that can be shown: all as long as the zip is stored on this machine. A zip in a bucket would be
-/// copied here as a whole for each slice.
+/// Number of slices that can be shown: all as long as the zip is stored on this machine. Slices of a zip in a bucket
+/// are not shown: each would fetch the directory of the zip and the slice from the bucket again.
 pub fn slices_shown(app: &App, job: &Job) -> usize {
     let is_here = !job.upload_removed && app.store.blobs.is_local() && outcome::of_stack(job).is_ok();
     if is_here { job.request.layout().front.len() } else { 0 }

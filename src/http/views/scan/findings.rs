@@ -23,7 +23,7 @@ pub(super) fn findings(
     };
     let failed = named(&|row| matches!(row.state, JobState::Failed | JobState::Cancelled));
     if !failed.is_empty() {
-        let detail = format!("{} has no result: see its error, and send it or fuse it again", listed(&failed));
+        let detail = format!("no result for {}: see the error of each, then send it or fuse it again", listed(&failed));
         add("failed_views", detail, failed);
     }
     if !missing.is_empty() {
@@ -64,7 +64,7 @@ pub(super) fn findings(
         .collect();
     if !other_profile.is_empty() {
         let detail = format!(
-            "{} was fused with another profile revision than most: the views have no common camera; fuse the scan again",
+            "fused with another profile revision than most: {}; the views have no common camera: fuse the scan again",
             listed(&other_profile)
         );
         add("mixed_revisions", detail, other_profile.clone());
@@ -72,7 +72,8 @@ pub(super) fn findings(
     let usual = most_common(rows.iter().filter_map(|row| row.image_size_px));
     let other_size = named(&|row| row.image_size_px.is_some() && row.image_size_px != usual);
     if !other_size.is_empty() {
-        let detail = format!("{} has another size than most: fuse it again with the same crop", listed(&other_size));
+        let detail =
+            format!("another size than most: {}; fuse these views again with the same crop", listed(&other_size));
         add("mixed_sizes", detail, other_size.clone());
     }
     let told: Vec<String> = other_profile.into_iter().chain(other_size).collect();
@@ -80,15 +81,15 @@ pub(super) fn findings(
         other_cameras(views).into_iter().filter(|(name, _)| !told.contains(name)).unzip();
     if let Some(difference) = differences.first() {
         let detail = format!(
-            "{} has another camera than most ({difference}): the views have no common camera; fuse the scan again with \
-             one crop and profile",
+            "another camera than most ({difference}): {}; the views have no common camera: fuse the scan again with one \
+             crop and profile",
             listed(&other_camera)
         );
         add("mixed_cameras", detail, other_camera);
     }
     let differ = named(&|row| !row.outliers.is_empty());
     if !differ.is_empty() {
-        let detail = format!("{} differs from its neighbours: see its outliers", listed(&differ));
+        let detail = format!("views that differ from their neighbours: {}; see the outliers of each", listed(&differ));
         add("outliers", detail, differ);
     }
     found

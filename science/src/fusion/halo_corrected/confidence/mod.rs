@@ -68,8 +68,9 @@ pub(super) const REACH: usize = 2 * (COARSE_SIDE / 2) + AROUND_SIDE / 2;
 const FINER: f32 = 1.3;
 const NOISE_ENERGY: f32 = 0.5;
 
-/// Fine energy of the mosaic, in multiples of the pyramid image's, from which it is ragged, which is no detail: without
-/// detail, and among much of it, where the mosaic keeps more than pyramids do and ragged borders are not visible.
+/// Fine energy of the mosaic, in multiples of the pyramid image's, from which it counts as ragged borders of the
+/// decision map and not as detail: where the pyramid image has no detail, and where it has much. Among much detail the
+/// mosaic keeps more of it than pyramids do, and ragged borders are not visible.
 const RAGGED: f32 = 1.2;
 const RAGGED_IN_DETAIL: f32 = 2.7;
 /// Energy of the pyramid image, squared grey levels, at which that limit is half-way.

@@ -6,8 +6,8 @@
 //! blur in `b` and in every slice like it. But slice `a` shows the far part too, uncovered, only blurred by the disc
 //! `D` of known radius. So the far part is `I_a + g (I_b - D * I_b)`: coarse structure from the slice of the near part,
 //! detail from its own. The cover weakens that detail, and the gain `g` restores it. What remains of the cover is the
-//! detail of a blur, which is little. No outline is needed: on the near part by mistake, the formula changes little,
-//! because the near part's blur has little detail either.
+//! detail of a blur, which is little. No outline is needed: where the formula is applied to the near part by
+//! mistake, it changes little, because the near part's blur has little detail either.
 //!
 //! | pixel | mosaic `I` becomes |
 //! |---|---|

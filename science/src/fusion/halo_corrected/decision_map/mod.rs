@@ -6,7 +6,8 @@
 //! The argmax is wrong beside strong detail: a strong edge, defocused, can have more focus energy than the smooth
 //! surface over which it spreads has in any slice. That blur can be predicted. For each scale of the coarse focus, from
 //! narrow to wide, let `a` be the slice that is sharpest around a pixel, `b` the pixel's own slice, `r` the blur radius
-//! between them, `D` the disc of that radius, and `E` the focus energy. A pixel takes `a` instead of `b`
+//! between them, `D` the disc of that radius, `E` the focus energy, and `E_around` that of `a` in the window of the
+//! scale. A pixel takes `a` instead of `b`
 //!
 //! | pixel | when |
 //! |---|---|
@@ -14,15 +15,15 @@
 //! | textured, but `E(I_b) <= 0.045 E_around` at the narrow scale | both are separable |
 //! | textured | both are separable, `E(I_b) <= max(8 / r^2, 1 / 12) E_around`, and `E(I_b - D * I_a) < 0.2 E(I_b)` |
 //!
-//! Beside strong detail, such as a bright outline on black ground, the rim of its disc has weak energy at every
-//! distance in one slice or another. That slice would be taken for a part of its own, and blur would be removed that is
-//! not there. No prediction is exact enough to tell, so such a pixel counts as one without texture.
+//! The second row: beside strong detail, such as a bright outline on black ground, the rim of its disc has weak energy
+//! at every distance, in one slice or another. That slice would be taken for the slice of another part, and blur would
+//! be removed that is not there. No prediction is exact enough to tell, so such a pixel counts as one without texture.
 //!
-//! The first condition of the last row saves time: blur leaves little of the energy of detail, so a pixel with more
+//! The second condition of the last row saves time: blur leaves little of the energy of detail, so a pixel with more
 //! than that has detail of its own, and no prediction is made for it.
 //!
 //! The argmax is also wrong where a thin or smooth near part lies before strong texture: [`near_detail`] finds such
-//! parts. At last a median filter removes outliers.
+//! parts. Finally, a median filter removes outliers.
 
 mod given;
 mod median_filter;

@@ -47,7 +47,7 @@ pub(super) struct Subsampled {
     of_pixels: [Vec<f32>; 2],
     rows: Buffers,
     inner: Rect,
-    /// Subsampled of `means`.
+    /// The cells that `means` covers.
     out: Rect,
     next: usize,
 }
@@ -128,7 +128,7 @@ impl CellWindow {
 
 /// Sums along a row of cells.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn across(weighted: &[u64], running: &[u64], reach: usize, edge: u64, out: &mut [u64]) {
     let count = out.len();
     let (first, last) = (&weighted[..count], &weighted[2 * reach..][..count]);
@@ -344,12 +344,12 @@ fn spread(cells: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Subsampled that are summed up at a time.
+/// Cells that are summed up at a time.
 const REGION: usize = 8;
 
 /// Sums of `I`, `I p`, `p` and `I^2` over the cells of four rows.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn sum_cells(grey: [&[u16]; CELL], map: [&[bool]; CELL], [i, ip, p, ii]: [&mut [u64]; 4]) {
     let mut x = 0;
     while x < i.len() {
@@ -377,9 +377,9 @@ fn sum_cells(grey: [&[u16]; CELL], map: [&[bool]; CELL], [i, ip, p, ii]: [&mut [
     }
 }
 
-/// Lines of windows from their sums, as often as the cells in their middles have pixels.
+/// Coefficients of windows from their sums, times the number of valid pixels of the cell in the middle.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn lines([i, ip, p, ii, n]: [&[u64]; 5], own: &[u64], eps: f64, a: &mut [u64], b: &mut [u64]) {
     let count = a.len();
     let (i, ip, p, ii, n) = (&i[..count], &ip[..count], &p[..count], &ii[..count], &n[..count]);

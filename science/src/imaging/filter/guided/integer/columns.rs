@@ -66,7 +66,7 @@ pub(super) fn exchange(part: Part<'_>, enters: (&[u16], &[bool]), leaves: (&[u16
 }
 
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn sum_rows(i: &mut [u32], ip: &mut [u32], p: &mut [u32], enters: (&[u16], &[bool]), leaves: (&[u16], &[bool])) {
     let n = i.len();
     let (ip, p) = (&mut ip[..n], &mut p[..n]);

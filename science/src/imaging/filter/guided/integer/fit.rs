@@ -156,7 +156,7 @@ impl Fit {
 /// `a` and `b`, in units of 1 / `unit` and rounded, of a row of windows of `span` columns, the first of which begins at
 /// column `start` of the running sums.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn lines(
     running: &Columns,
     start: usize,

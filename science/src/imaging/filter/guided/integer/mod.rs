@@ -210,7 +210,7 @@ impl Integer {
 
 /// The results of a row, from prefix sums of the coefficients.
 #[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "several slices side by side")]
+#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
 fn means(grey: &[u16], a: &[u32], b: &[u32], span: usize, share: &[f64], per_unit: f64, out: &mut [f32]) {
     let count = out.len();
     let (grey, share) = (&grey[..count], &share[..count]);

@@ -51,7 +51,7 @@ fn a_progressive_jpeg_without_its_last_scans_is_truncated() {
         assert!(scans.len() > 5, "{} scans", scans.len());
         for &end in &scans[1..] {
             let told = codec::decode(&closed(&bytes[..end]), &Limits::default());
-            assert_eq!(told.err(), Some(ImageFault::Torn(Format::Jpeg)), "closed at {end}");
+            assert_eq!(told.err(), Some(ImageFault::Truncated(Format::Jpeg)), "closed at {end}");
         }
     }
 }
