@@ -5,13 +5,14 @@
 
 mod copying;
 mod decoding;
+mod disk_failure;
 
 use std::{
     fs::File,
     io::{self, BufReader, Read, Seek, SeekFrom, Write},
     path::Path,
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc,
         atomic::{AtomicU64, Ordering},
     },
 };
@@ -25,6 +26,7 @@ use crate::{
     imaging::codec::{self, Header, ImageFault},
     types::{Error, ErrorKind},
 };
+use disk_failure::DiskFailure;
 
 /// Maximum expansion ratio of deflate. Bounds the allocation when the declared size is wrong.
 const LARGEST_RATIO: u64 = 1_100;
@@ -37,23 +39,6 @@ struct SharedReader {
     at: u64,
     budget: Arc<AtomicU64>,
     failure: DiskFailure,
-}
-
-/// The last I/O error of the disk. Libraries wrap such errors so that they look like a damaged zip.
-#[derive(Clone, Default)]
-struct DiskFailure(Arc<Mutex<Option<io::Error>>>);
-
-impl DiskFailure {
-    fn note(&self, error: &io::Error) {
-        let noted = error.raw_os_error().map_or_else(|| error.kind().into(), io::Error::from_raw_os_error);
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(noted);
-    }
-
-    /// Replaces the error of `result` when its cause was an I/O error.
-    fn explain<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
-        let noted = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
-        result.map_err(|fault| noted.map_or(fault, unreadable))
-    }
 }
 
 /// Message of a read beyond the budget. Identifies that error inside a `ZipError`.

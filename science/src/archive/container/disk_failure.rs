@@ -1,0 +1,44 @@
+//! The first I/O error of the disk. Libraries wrap such errors so that they look like a damaged zip.
+
+use std::{
+    io,
+    sync::{Arc, OnceLock},
+};
+
+use super::unreadable;
+use crate::types::Error;
+
+/// The code of the system and the kind of that error, if there was one. All clones share it, and it stays: a thread that
+/// succeeds must not hide it from the one that failed.
+#[derive(Clone, Default)]
+pub(super) struct DiskFailure(Arc<OnceLock<(Option<i32>, io::ErrorKind)>>);
+
+impl DiskFailure {
+    pub(super) fn note(&self, error: &io::Error) {
+        let _ = self.0.set((error.raw_os_error(), error.kind()));
+    }
+
+    /// Replaces the error of `result` when the disk has failed before: that may be the cause.
+    pub(super) fn explain<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
+        result.map_err(|fault| match self.0.get() {
+            None => fault,
+            Some(&(code, kind)) => unreadable(code.map_or_else(|| kind.into(), io::Error::from_raw_os_error)),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::ErrorKind;
+
+    #[test]
+    fn an_error_of_the_disk_explains_what_fails_after_it_even_if_something_else_succeeded_meanwhile() {
+        let damaged = || Err::<(), _>(Error::new(ErrorKind::InvalidArchive, "the picture is damaged"));
+        let failure = DiskFailure::default();
+        assert_eq!(failure.explain(damaged()).unwrap_err().kind, ErrorKind::InvalidArchive);
+        failure.clone().note(&io::Error::from_raw_os_error(5));
+        assert!(failure.explain(Ok(())).is_ok());
+        assert_eq!(failure.explain(damaged()).unwrap_err().kind, ErrorKind::ResourcesExhausted);
+    }
+}
