@@ -8,8 +8,8 @@ use std::{
 use super::unreadable;
 use crate::types::Error;
 
-/// The code of the system and the kind of that error, if there was one. All clones share it, and it stays: a thread that
-/// succeeds must not hide it from the one that failed.
+/// The code of the system and the kind of that error, if there was one. All clones share it, and it stays: a thread
+/// that succeeds must not hide it from the one that failed.
 #[derive(Clone, Default)]
 pub(super) struct DiskFailure(Arc<OnceLock<(Option<i32>, io::ErrorKind)>>);
 
