@@ -85,6 +85,15 @@ impl DiskBudget {
         self.reserve_beside(bytes, 0).await
     }
 
+    /// Reserves space for a stored file of `bytes` that is about to be read as a whole: a file in a bucket is copied to
+    /// this machine first. To be held until it is copied. A file that is here needs nothing.
+    ///
+    /// # Errors
+    /// When the disk cannot be measured.
+    pub async fn reserve_copy(self: &Arc<Self>, bytes: u64) -> StoreResult<Result<Reservation, DiskState>> {
+        self.reserve(if self.blobs.is_local() { 0 } else { bytes }).await
+    }
+
     /// Reserves `bytes` if `beside` more would fit as well: bytes that will be needed and are reserved later.
     ///
     /// # Errors

@@ -7,7 +7,10 @@ use tokio::task::JoinSet;
 
 use super::*;
 use crate::store::{
-    conformance::disk::{SmallDisk, TOTAL},
+    conformance::{
+        disk::{SmallDisk, TOTAL},
+        memory::MemoryBlobStore,
+    },
     open,
 };
 
@@ -27,6 +30,17 @@ impl Dice {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) % most
     }
+}
+
+#[tokio::test]
+async fn only_a_file_that_is_not_on_this_machine_needs_space_for_a_copy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = open(folder.path()).await.expect("a store");
+    // no space at all
+    let local = DiskBudget::new(&store, u64::MAX);
+    assert!(local.reserve_copy(1).await.expect("measured").is_ok());
+    let elsewhere = DiskBudget::new(&MemoryBlobStore::under(store), u64::MAX);
+    assert!(elsewhere.reserve_copy(1).await.expect("measured").is_err());
 }
 
 #[tokio::test]

@@ -37,7 +37,7 @@ use crate::{
     },
     jobs::slice_view,
     store::{
-        Store,
+        Store, StoreError,
         blobs::{Access, LocalBlob, OpenBlob},
         failpoint::step,
         is_full,
@@ -294,7 +294,14 @@ impl Stored {
 
 async fn made(app: &App, source: String, making: Making) -> Outcome {
     let store = &app.store;
+    let fault = |error: StoreError| ApiError::from(error).fault().clone();
+    // until it is here: afterwards the free bytes of the disk exclude it
+    let copied = match store.blobs.head(&source).await.map_err(fault)? {
+        Some(blob) => app.disk.reserve_copy(blob.size).await.map_err(fault)?.map_err(|_| disk_full())?,
+        None => return Err(internal(&anyhow::anyhow!("{source} is missing"))),
+    };
     let stored = Arc::new(Stored::get(&app.store, &source, making).await?);
+    drop(copied);
     let measured = Arc::clone(&stored);
     let most = blocking(move || match &*measured {
         Stored::File(picture, _) => most_bytes(picture.path()),
@@ -302,7 +309,7 @@ async fn made(app: &App, source: String, making: Making) -> Outcome {
         Stored::Slice(_, recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
     })
     .await?;
-    let reserved = app.disk.reserve(most).await.map_err(|error| ApiError::from(error).fault().clone())?;
+    let reserved = app.disk.reserve(most).await.map_err(fault)?;
     let Ok(mut space) = reserved else { return Err(disk_full()) };
     let (spool, limits) = (store.workspace.path().to_owned(), app.policy.archive);
     blocking(move || {

@@ -5,7 +5,7 @@ use futures::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
-use super::{quota::QuotaClaim, reservation::UploadReservation};
+use super::{admission::disk_full, quota::QuotaClaim, reservation::UploadReservation};
 use crate::{
     contract::{Code, request::Upload},
     http::{
@@ -33,8 +33,9 @@ impl SpooledZip {
     /// The stored zip of a job, as a spool file that shares its bytes. `None` when the blob is gone.
     ///
     /// # Errors
-    /// When the blob store cannot share it.
+    /// `insufficient_storage` when it is in a bucket and does not fit on the disk; when the blob store cannot share it.
     pub async fn of_stored(app: &App, upload: &Upload) -> ApiResult<Option<Self>> {
+        let _space = app.disk.reserve_copy(upload.bytes).await?.map_err(|state| disk_full(upload.bytes, 0, &state))?;
         let Some(file) = app.store.blobs.share(&upload.key, &app.store.workspace).await? else { return Ok(None) };
         let Upload { bytes, sha256, filename, .. } = upload.clone();
         // the store checks the quota

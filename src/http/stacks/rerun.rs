@@ -94,7 +94,7 @@ pub async fn rerun(
     }
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
     if !request.key.is_repeat {
-        // the zip is shared and needs no space of its own
+        // a local zip is shared by a hard link; space for the copy of one in a bucket is reserved when it is made
         require_admissible(&app, &caller, 0, submission.disk_need(0)).await?;
     }
     let zip = stored_zip(&app, &first).await?;

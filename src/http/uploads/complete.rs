@@ -7,6 +7,7 @@ use crate::{
     http::{
         auth::Caller,
         ingest::{
+            admission::disk_full,
             many::ManyOrigin,
             receive::Receivable,
             scan_views::group,
@@ -105,6 +106,7 @@ async fn stored_zip(app: &App, locked: &mut UploadLock) -> ApiResult<Option<Open
 /// A file with all bytes.
 async fn whole_file(app: &App, locked: &mut UploadLock) -> ApiResult<SpoolFile> {
     let PartialUpload { id, length, .. } = locked.upload;
+    let _space = app.disk.reserve_copy(length).await?.map_err(|state| disk_full(length, 0, &state))?;
     let assembled = locked.parts.assemble(length, &app.store.workspace).await?;
     assembled.ok_or_else(|| ApiError::internal(format!("the bytes of upload {id} are missing")))
 }
