@@ -78,7 +78,8 @@ pub async fn copy_files(
     workspace: &Workspace,
     snapshot: &Path,
 ) -> StoreResult<Copied> {
-    let mut backup = Backup { store, blobs, workspace, shared: HashMap::new(), copied: Copied::default() };
+    let mut backup =
+        Backup { store, blobs, workspace, shared: HashMap::new(), files_of: HashMap::new(), copied: Copied::default() };
     while !backup.copy_once(snapshot).await? {
         tracing::info!("a blob was deleted before it was copied; the database is copied again");
     }
@@ -123,6 +124,9 @@ struct Backup<'a> {
     workspace: &'a Workspace,
     /// Blobs of the backup that share their bytes with others in the store, by the inode in the store.
     shared: HashMap<Inode, String>,
+    /// How many files of a job this backup has copied: when the rows are read again, these are no files of an earlier
+    /// backup.
+    files_of: HashMap<Uuid, usize>,
     copied: Copied,
 }
 
@@ -140,8 +144,8 @@ impl Backup<'_> {
         for id in metadata.open_uploads().await? {
             metadata.delete_upload(id).await?;
         }
-        (self.copied.jobs, self.copied.unreadable) = (0, 0);
-        let (jobs, unreadable) = all_jobs(&metadata).await?;
+        (self.copied.jobs, self.copied.kept, self.copied.unreadable) = (0, 0, 0);
+        let (readable, unreadable) = all_ids(&metadata).await?;
         for id in unreadable {
             self.copy_unreadable(&metadata, id).await?;
             self.copied.jobs += 1;
@@ -149,8 +153,9 @@ impl Backup<'_> {
         }
         let mut is_complete = true;
         // oldest first: a rerun shares the zip of an older stack, which an earlier backup may have copied
-        for job in jobs.iter().rev() {
-            is_complete = self.copy_job(job).await?;
+        for id in readable.into_iter().rev() {
+            let Some(job) = metadata.job(id).await? else { continue };
+            is_complete = self.copy_job(&job).await?;
             self.copied.jobs += 1;
             if !is_complete {
                 break;
@@ -165,6 +170,9 @@ impl Backup<'_> {
     async fn copy_job(&mut self, job: &Job) -> StoreResult<bool> {
         let upload = (!job.upload_removed).then(|| job.request.upload().key.as_str());
         let results = job.outcome.as_ref().map(|outcome| outcome.artifacts()).unwrap_or_default();
+        // found there, though this backup has copied them before the rows were read again
+        let before = self.files_of.get(&job.id).copied().unwrap_or_default();
+        let mut present: usize = 0;
         for key in upload.into_iter().chain(results.iter().map(|artifact| artifact.key.as_str())) {
             if self.blobs.head(key).await?.is_some() {
                 // only blobs of this machine share an inode
@@ -174,7 +182,7 @@ impl Backup<'_> {
                 {
                     self.shared.insert(inode, key.to_owned());
                 }
-                self.copied.kept += 1;
+                present += 1;
                 continue;
             }
             let bytes = match self.store.blobs.fetch(key, &self.store.workspace).await? {
@@ -182,10 +190,7 @@ impl Backup<'_> {
                 None => None,
             };
             match bytes {
-                Some(bytes) => {
-                    self.copied.files += 1;
-                    self.copied.bytes += bytes;
-                }
+                Some(bytes) => self.count(job.id, bytes),
                 None if self.is_changed(job).await? => return Ok(false),
                 None => {
                     let detail = format!("{key} of job {} is missing; 'pinstack verify' finds other damage", job.id);
@@ -193,7 +198,15 @@ impl Backup<'_> {
                 }
             }
         }
+        self.copied.kept += present.saturating_sub(before);
         Ok(true)
+    }
+
+    /// Counts a file of a job that was copied.
+    fn count(&mut self, id: Uuid, bytes: u64) {
+        *self.files_of.entry(id).or_default() += 1;
+        self.copied.files += 1;
+        self.copied.bytes += bytes;
     }
 
     /// True when a job was deleted, or its zip expired, since `job` was read.
@@ -222,16 +235,18 @@ impl Backup<'_> {
     /// Copies what exists of the blobs of a job whose row cannot be read. A missing one does not prevent the backup of
     /// the rest.
     async fn copy_unreadable(&mut self, metadata: &Arc<dyn MetadataStore>, id: Uuid) -> StoreResult<()> {
+        let before = self.files_of.get(&id).copied().unwrap_or_default();
+        let mut present: usize = 0;
         for key in metadata.blob_keys(id).await? {
             if self.blobs.head(&key).await?.is_some() {
-                self.copied.kept += 1;
+                present += 1;
             } else if let Some(from) = self.store.blobs.fetch(&key, &self.store.workspace).await?
                 && let Some(bytes) = self.copy_file(from, &key).await?
             {
-                self.copied.files += 1;
-                self.copied.bytes += bytes;
+                self.count(id, bytes);
             }
         }
+        self.copied.kept += present.saturating_sub(before);
         Ok(())
     }
 
@@ -253,16 +268,16 @@ impl Backup<'_> {
     }
 }
 
-/// The jobs, and the ids of those whose row cannot be read.
-async fn all_jobs(metadata: &Arc<dyn MetadataStore>) -> StoreResult<(Vec<Job>, Vec<Uuid>)> {
-    let (mut jobs, mut unreadable, mut cursor) = (Vec::new(), Vec::new(), None);
+/// The ids of the jobs whose row can be read, newest first, and of those whose row cannot.
+async fn all_ids(metadata: &Arc<dyn MetadataStore>) -> StoreResult<(Vec<Uuid>, Vec<Uuid>)> {
+    let (mut readable, mut unreadable, mut cursor) = (Vec::new(), Vec::new(), None);
     loop {
         let page = metadata.jobs(&JobFilter::default(), &PageRequest { limit: PAGE, cursor }).await?;
-        jobs.extend(page.items);
+        readable.extend(page.items.iter().map(|job| job.id));
         unreadable.extend(page.skipped.iter().filter_map(|row| Uuid::try_parse(&row.id).ok()));
         cursor = page.next_cursor;
         if cursor.is_none() {
-            return Ok((jobs, unreadable));
+            return Ok((readable, unreadable));
         }
     }
 }

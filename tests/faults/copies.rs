@@ -2,10 +2,11 @@
 
 use std::{fs, path::Path};
 
+use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
 use crate::{
-    service::{armed_command, command},
+    service::{LOOK, armed_child, armed_command, command, is_stopped},
     story::Story,
 };
 
@@ -65,6 +66,26 @@ async fn a_backup_of_a_running_service_is_complete_and_can_be_restored_and_serve
     served.delete(&first).await.expect("it was gone before");
     let fourth = served.post("d").await.expect("a stack");
     assert_eq!(served.image(&fourth).await.expect("an image"), image, "and the service continues to work");
+}
+
+/// The rows are read again then. Files that were copied until then are no files of an earlier backup.
+#[tokio::test]
+async fn a_stack_that_is_deleted_during_a_backup_is_omitted() {
+    let (mut story, [_, second], _) = with_two_stacks().await;
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy");
+    let to = ["backup", "--to", copy.to_str().expect("UTF-8")];
+    // at the third of the six files of the first stack
+    let backup = armed_child(&story.data(), &to, "backup.copy=2*off->1*return(stop)->off");
+    while !is_stopped(&backup) {
+        tokio::time::sleep(LOOK).await;
+    }
+    story.delete(&second).await.expect("deleted");
+    kill_process(Pid::from_child(&backup), Signal::CONT).expect("it continues");
+    let done = backup.wait_with_output().expect("it ends");
+    let told = text(&done);
+    assert!(told.contains("1 jobs; 6 files copied") && told.contains("0 were there already"), "{told}");
+    assert!(verified(&copy).starts_with("1 jobs, 6 files"));
 }
 
 #[tokio::test]

@@ -52,6 +52,20 @@ pub fn armed_command(data: &Path, arguments: &[&str], fault: &str) -> Output {
     command.output().expect("pinstack starts")
 }
 
+/// The same, not waited for.
+pub fn armed_child(data: &Path, arguments: &[&str], fault: &str) -> Child {
+    let mut command = pinstack();
+    command.env("FAILPOINTS", fault).args(arguments).arg("--data-dir").arg(data);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("pinstack starts")
+}
+
+/// True while a process is stopped by a signal.
+pub fn is_stopped(process: &Child) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).unwrap_or_default();
+    // after the name in parentheses, which may hold blanks
+    stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('T'))
+}
+
 /// Deletes what has expired, including the zips of stacks that succeeded.
 pub fn clean_up(data: &Path, fault: Option<&str>) -> Output {
     let mut command = pinstack();
@@ -115,9 +129,7 @@ impl Service {
 
     /// True while it is stopped by a signal.
     pub fn is_stopped(&self) -> bool {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.process.id())).unwrap_or_default();
-        // after the name in parentheses, which may hold blanks
-        stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('T'))
+        is_stopped(&self.process)
     }
 
     /// Files and sockets that it has open.
