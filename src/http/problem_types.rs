@@ -74,9 +74,9 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Cross-origin request refused",
             "A page of another origin sent a request that changes something, and the service requires no token. Add the \
              origin to the setting 'cors_origins', or require tokens.",
-            "the request comes from a page of the origin https://other.example; while the service requires no token, it \
-             accepts changes only from its own pages and from programs that are not browsers; to allow this origin, add it \
-             to the setting 'cors_origins'",
+            "the request comes from a page of the origin https://other.example; while the service requires no token, \
+             it accepts changes only from its own pages and from programs that are not browsers; to allow an origin, \
+             add it to the setting 'cors_origins'",
         ),
         Code::MisdirectedRequest => row(
             S::MISDIRECTED_REQUEST,
@@ -100,14 +100,14 @@ pub fn problem_type(code: Code) -> ProblemType {
             Never,
             "Not found",
             "There is no such URL, job, file or revision, or the token must not see it.",
-            "there is nothing with the id 0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10",
+            "there is no stack 0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10",
         ),
         Code::MethodNotAllowed => row(
             S::METHOD_NOT_ALLOWED,
             Never,
             "Method not allowed",
             "The URL exists, but not with this method. The Allow header lists its methods.",
-            "POST is not allowed on /healthz; the Allow header lists the methods that are",
+            "POST is not allowed on /v1/info; the Allow header lists the methods that are",
         ),
         Code::MethodNotImplemented => row(
             S::NOT_IMPLEMENTED,
@@ -122,21 +122,22 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Profile not found",
             "No profile is stored for this rig and lens. Calibrate the rig, PUT a profile, or correct the names. GET \
              /v1/profiles lists all profiles.",
-            "there is no profile for rig 'turntable-1' and lens 'mpe65-2x'; GET /v1/profiles lists all",
+            "there is no profile for rig 'turntable-1' and lens 'mpe65-2x'; calibrate it, or PUT \
+             /v1/profiles/turntable-1/mpe65-2x first",
         ),
         Code::NotFinished => row(
             S::CONFLICT,
             Later,
             "Job not finished",
             "The job has not ended, so its result does not exist yet. Wait, or follow its events.",
-            "the job is running; its result exists once it has succeeded",
+            "the job is running; its results are available when it has succeeded",
         ),
         Code::NoResult => row(
             S::NOT_FOUND,
             Never,
             "No such result",
             "The job ended without this result: it failed, was cancelled, or had no back light. The job shows why.",
-            "the stack has no back light, so it has no mask",
+            "there is no mask: the stack has no back-light slices",
         ),
         Code::ScanNotFound => row(
             S::NOT_FOUND,
@@ -152,8 +153,9 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Views do not fit together",
             "All views of a scan need one camera and one canvas: the same rig and lens, and for a bundle images of one size, \
              crop and profile revision. The detail names the views that differ.",
-            "the scan 'bee-42' is of rig 'turntable-1' and lens 'mpe65-2x', the stack is of rig 'turntable-2' and lens \
-             'mpe65-2x'",
+            "the scan 'bee-42' is of rig 'turntable-1' and lens 'mpe65-2x', the stack is of rig 'turntable-2' and \
+             lens 'mpe65-2x'; all views of a scan need one camera: use another scan, or send the stack with the rig \
+             and lens of the scan",
         ),
         Code::UploadRemoved => row(
             S::GONE,
@@ -161,15 +163,15 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Upload removed",
             "The zip of the stack has expired and was removed (setting 'keep_uploads_days' of the server). The results \
              remain. Send the zip again to fuse it again.",
-            "the zip of this stack has expired and was removed (setting 'keep_uploads_days' of the server); its results \
-             remain; send the zip again to fuse it again",
+            "the zip of this stack was removed at the end of its retention period (keep_uploads_days of the server); its \
+             results are kept; send the zip again to fuse it with other options",
         ),
         Code::Conflict => row(
             S::CONFLICT,
             Later,
             "Conflict",
             "The state of the job or upload does not allow this. Read the current state and decide.",
-            "the stack has succeeded already, so it cannot be cancelled",
+            "the stack has already succeeded, so it cannot be cancelled",
         ),
         Code::PreconditionFailed => row(
             S::PRECONDITION_FAILED,
@@ -177,7 +179,8 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Precondition failed",
             "The profile was changed in the meantime: If-Match names a revision that is not the current one. Or the request \
              asks for a version of tus that is not supported. Read the current state and decide.",
-            "the profile is at revision 4 now; read it again and decide",
+            "the profile of rig 'turntable-1' and lens 'mpe65-2x' is at revision 4, which does not satisfy if-match; read the \
+             profile again and retry",
         ),
         Code::IdempotencyKeyReused => row(
             S::UNPROCESSABLE_ENTITY,
@@ -191,50 +194,51 @@ pub fn problem_type(code: Code) -> ProblemType {
             Never,
             "Unsupported media type",
             "This operation does not accept the Content-Type of the body. The detail lists the types that it accepts.",
-            "the body is 'image/jpeg'; send the zip as application/zip, or multipart/form-data",
+            "the body is 'image/jpeg'; send the zip as application/zip, or in a multipart/form-data form",
         ),
         Code::NotAcceptable => row(
             S::NOT_ACCEPTABLE,
             Never,
             "Not acceptable",
             "The Accept header allows no format that is available. The detail lists the formats.",
-            "the report is available as text/html or application/json",
+            "the report is available as text/html and application/json; name one of them in Accept",
         ),
         Code::RangeNotSatisfiable => row(
             S::RANGE_NOT_SATISFIABLE,
             Never,
             "Range not satisfiable",
             "The range begins after the end of the file. The Content-Range header has the length of the file.",
-            "the range begins after the end of the file (48210 bytes)",
+            "the range is outside the file, which has 48210 bytes",
         ),
         Code::UploadTooLarge => row(
             S::PAYLOAD_TOO_LARGE,
             Never,
             "Upload too large",
             "The body is larger than allowed. GET /v1/info shows every limit.",
-            "the upload is over the limit of 68719476736 bytes; GET /v1/info shows every limit",
+            "the upload is larger than the limit of 68719476736 bytes; GET /v1/info shows all limits",
         ),
         Code::UploadIncomplete => row(
             S::BAD_REQUEST,
             Later,
             "Upload incomplete",
             "The body ended early, or no data arrived until the timeout. Send it again, or use /v1/uploads, which can resume.",
-            "the upload broke off before its end; nothing was stored; send it again",
+            "the upload ended before its last byte; nothing was stored; send it again",
         ),
         Code::ChecksumMismatch => row(
             checksum_mismatch(),
             Later,
             "Checksum mismatch",
             "The bytes of the request do not match its Upload-Checksum. None of them were kept. Send them again.",
-            "the bytes of this request do not match its Upload-Checksum; none of them were kept; send them again from the \
-             same offset",
+            "the bytes of this request do not match its Upload-Checksum; none of them were stored; send them again \
+             from the same offset",
         ),
         Code::Locked => row(
             S::LOCKED,
             AfterSeconds(1),
             "Upload is locked by another request",
             "Another request works on this upload and did not release it in time. Retry after the seconds in Retry-After.",
-            "the upload is locked by another request; retry in a second",
+            "another request is writing to upload 0196e1b4-2f0a-7c3e-9a51-6d1f0c2b7a10 and has not released it; try \
+             again in a moment",
         ),
         Code::InsufficientStorage => row(
             S::INSUFFICIENT_STORAGE,
@@ -242,16 +246,16 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Insufficient storage",
             "The disk or the quota of the token has too little free space. The detail has the figures. Delete old stacks, or \
              enlarge the disk or the quota.",
-            "not enough disk space for this upload: it needs 4100000000 bytes and its job up to 900000000; 3900000000 are \
-             free, of which 0 are reserved by uploads and jobs in progress and 536870912 must stay free; delete old stacks \
-             or enlarge the disk",
+            "not enough disk space for this upload: it needs 4100000000 bytes and its job up to 900000000; \
+             3900000000 bytes are free, of which 0 are reserved by uploads and jobs in progress and 536870912 must \
+             stay free; delete old stacks or enlarge the disk",
         ),
         Code::QueueFull => row(
             S::SERVICE_UNAVAILABLE,
             AfterSeconds(30),
             "Queue full",
             "Too many jobs are queued, or too many uploads are open. Retry after the seconds in Retry-After.",
-            "1000 jobs are queued, which is the limit; try again later",
+            "the queue is full: 1000 jobs are waiting; try again later",
         ),
         Code::InvalidArchive => row(
             S::UNPROCESSABLE_ENTITY,
@@ -272,7 +276,8 @@ pub fn problem_type(code: Code) -> ProblemType {
             S::UNPROCESSABLE_ENTITY,
             Never,
             "Archive too large",
-            "The zip has too many members, or would unpack to more than the limits allow. GET /v1/info shows every limit.",
+            "The zip has too many members or views, or would unpack to more than the limits allow. GET /v1/info shows every \
+             limit.",
             "the zip has 30000 members; at most 2500 are allowed",
         ),
         Code::InvalidImage => row(
@@ -288,15 +293,16 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Size mismatch",
             "The slices differ in size from one another or from the profile. Check the settings of the camera, or calibrate \
              again.",
-            "the slices have 6000 x 4000 px, the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision 3) is for 5760 x \
-             3840 px",
+            "the slices have 6000 x 4000 px; the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision 3) is \
+             for 5760 x 3840 px; set the camera to this size, or calibrate again",
         ),
         Code::SliceCountMismatch => row(
             S::UNPROCESSABLE_ENTITY,
             Never,
             "Slice count mismatch",
             "The number of slices differs from the profile, or front and back differ. Look for missing or extra pictures.",
-            "the archive has 20 front-light slices, the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision 3) has 21",
+            "the archive has 20 front-light slices, the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision \
+             3) has 21; send all slices of the stack, or calibrate again with this number of slices",
         ),
         Code::InvalidProfile => row(
             S::UNPROCESSABLE_ENTITY,
@@ -312,7 +318,8 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Invalid poses",
             "The file is none that a reconstruction program writes for camera poses, is truncated, or has no registered \
              view. The detail names the line or the element.",
-            "line 7 of images.txt has 8 values; the line of an image has 10",
+            "line 7: value 9 is ''; an image has a line of 10 values (IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME), and \
+             a line with its points, which may be empty",
         ),
         Code::TargetNotFound => row(
             S::UNPROCESSABLE_ENTITY,
@@ -320,14 +327,16 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Target not found",
             "The dots of the target were not found in too many slices. The detail names the slices. GET \
              /v1/calibrations/{id}/overlay shows what was found.",
-            "no grid of dots was found in 3 of 21 slices: img_0.jpg, img_1.jpg, img_20.jpg",
+            "no grid of dots was found in the 3 slices that were searched (img_0.jpg, img_10.jpg, img_20.jpg); each \
+             is blurred everywhere: focus on the target in at least one slice; the target needs at least 12 whole round \
+             dots in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
         ),
         Code::MaskFailed => row(
             S::UNPROCESSABLE_ENTITY,
             Never,
             "Mask failed",
             "mask=required, but no mask could be made. Add a back-light stack in the folder 'back'.",
-            "mask=required, but the archive has no back-light slices; put them into a folder 'back'",
+            "mask=required, but the archive has no back-light slices; put them into a folder 'back', or send mask=auto",
         ),
         Code::WorkerLost => row(
             S::INTERNAL_SERVER_ERROR,
@@ -335,14 +344,16 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Worker lost",
             "The worker process died several times while it ran this job, so the job failed. Check the log of the service, \
              first for memory.",
-            "the worker died 3 times while it ran this job; the job failed",
+            "the worker died during attempt 3, the last one, so the job is not retried; the usual reason is a stack \
+             that needs too much memory: send fewer or smaller slices, or add memory; the log of the service has more",
         ),
         Code::Unavailable => row(
             S::SERVICE_UNAVAILABLE,
             AfterSeconds(5),
             "Service unavailable",
             "The service is shutting down or temporarily unable to work. Retry after the seconds in Retry-After.",
-            "the server is shutting down; the bytes that arrived are stored; resume when it is back",
+            "the server is shutting down; what arrived is stored, unless the request had an Upload-Checksum; when \
+             the server is back, get the offset with HEAD and continue from there",
         ),
         Code::Internal => row(
             S::INTERNAL_SERVER_ERROR,

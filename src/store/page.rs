@@ -1,7 +1,5 @@
 //! Pages of lists.
 
-use super::StoreError;
-
 /// One page of a list, newest entry first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Page<T> {
@@ -16,7 +14,7 @@ pub struct Page<T> {
 /// A row that cannot be read. The log has the reason; `pinstack verify` reports the row too.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct Skipped {
-    /// Id of the job, or `{rig}/{lens}?revision={N}` of a profile.
+    /// Id of the job or upload, or `{rig}/{lens}?revision={N}` of a profile.
     pub id: String,
     /// What to do.
     pub detail: String,
@@ -24,7 +22,7 @@ pub struct Skipped {
 
 impl Skipped {
     /// Omits a row from a list and logs why.
-    pub(crate) fn unreadable(id: String, error: &StoreError) -> Self {
+    pub(crate) fn unreadable(id: String, error: &dyn std::fmt::Debug) -> Self {
         tracing::error!(row = id, ?error, "a row cannot be read; lists omit it");
         let detail = "this row cannot be read and is omitted; see the log of the service, or run 'pinstack verify'";
         Self { id, detail: detail.to_owned() }

@@ -17,6 +17,7 @@ mod logs;
 mod optics;
 mod pages;
 mod poses;
+mod problem_examples;
 mod process;
 mod profile_files;
 mod profiles;

@@ -249,9 +249,9 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
         .first()
         .filter(|(_, first)| tried.iter().all(|(_, diagnosis)| diagnosis == first))
         .map(|(_, diagnosis)| diagnosis.phrase());
-    let why = same.map_or(String::new(), |diagnosis| format!("; {diagnosis}"));
+    let why = same.map_or(String::new(), |diagnosis| format!("; each {diagnosis}"));
     let detail = format!(
-        "no grid of dots was found in the {} slices that were searched ({}{}){why}: the target needs at least 12 whole \
+        "no grid of dots was found in the {} slices that were searched ({}{}){why}; the target needs at least 12 whole \
          round dots in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
         tried.len(),
         names.join(", "),
@@ -260,7 +260,7 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for (index, diagnosis) in tried {
         error = error.at(ErrorLocation {
-            detail: format!("no grid of dots in this slice; {}", diagnosis.phrase()),
+            detail: format!("no grid of dots in this slice, which {}", diagnosis.phrase()),
             pointer: None,
             file: Some(slices.name(*index).to_owned()),
             slice: Some(*index as u32),

@@ -19,7 +19,7 @@ use super::{
     range::{Wanted, wanted},
 };
 use crate::{
-    contract::{Code, outcome::Artifact},
+    contract::{Code, JobKind, outcome::Artifact},
     http::{
         extract::conditional::{etag, not_modified, require_match},
         problem::{ApiError, ApiResult},
@@ -99,7 +99,7 @@ pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> 
     let Some(content) = content(app, &artifact.key).await? else { return Err(missing(app, job, artifact).await) };
     if content.length != artifact.bytes {
         let found = format!("has {} bytes instead of the {} in its row", content.length, artifact.bytes);
-        return Err(damaged(artifact, &found));
+        return Err(damaged(job, artifact, &found));
     }
     let (tag, media_type) = (artifact.sha256.clone(), artifact.media_type.clone());
     Ok(Download { content: Some(content), tag, media_type, name })
@@ -109,7 +109,7 @@ pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> 
 async fn missing(app: &App, job: &Job, artifact: &Artifact) -> ApiError {
     match app.store.metadata.job(job.id).await {
         Ok(Some(row)) if row.outcome.as_ref().is_some_and(|o| o.artifacts().contains(artifact)) => {
-            damaged(artifact, "is missing")
+            damaged(job, artifact, "is missing")
         }
         Ok(_) => ApiError::new(Code::NotFound, format!("the {} was deleted", artifact.name)),
         Err(error) => error.into(),
@@ -117,10 +117,14 @@ async fn missing(app: &App, job: &Job, artifact: &Artifact) -> ApiError {
 }
 
 /// The error for a file that does not match its row. It is not sent, because its `ETag` would be wrong.
-fn damaged(artifact: &Artifact, found: &str) -> ApiError {
+fn damaged(job: &Job, artifact: &Artifact, found: &str) -> ApiError {
     tracing::error!(key = artifact.key, "a stored result {found}; `pinstack verify` lists all damaged results");
+    let remedy = match job.request.kind() {
+        JobKind::Stack => "fuse the stack again",
+        JobKind::Calibration => "send the target stack again",
+    };
     let detail = format!(
-        "the stored file of the {} is damaged; fuse the stack again, and ask the operator to run `pinstack verify`",
+        "the stored file of the {} is damaged; {remedy}, and ask the operator to run `pinstack verify`",
         artifact.name
     );
     ApiError::new(Code::Internal, detail)

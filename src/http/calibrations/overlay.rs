@@ -8,12 +8,12 @@ use axum::{
 use serde::Deserialize;
 
 use crate::{
-    contract::{JobKind, artifact::overlay_name},
+    contract::{Code, JobKind, artifact::overlay_name},
     http::{
         artifacts::{download, name, outcome},
         extract::{JobId, params},
         job_resource::load,
-        problem::ApiResult,
+        problem::{ApiError, ApiResult},
         state::App,
     },
 };
@@ -51,7 +51,13 @@ pub async fn overlay(State(app): State<App>, JobId(id): JobId, uri: Uri, headers
     let Parameters { slice } = params::from_uri(&uri)?;
     let job = load(&app, id, JobKind::Calibration).await?;
     let reference = outcome::of_calibration(&job)?.reference_index;
-    let what = overlay_name(slice.unwrap_or(reference) as usize);
+    let (slice, slices) = (slice.unwrap_or(reference) as usize, job.request.layout().front.len());
+    if slice >= slices {
+        let last = slices.saturating_sub(1);
+        let detail = format!("the calibration has no slice {slice}; its {slices} slices are 0 to {last}");
+        return Err(ApiError::new(Code::NoResult, detail));
+    }
+    let what = overlay_name(slice);
     let artifact = outcome::artifact(&job, &what)?;
     let download = download::stored(&app, &job, artifact, name::of(&job, &what, &artifact.media_type)).await?;
     download.answer(&headers).await

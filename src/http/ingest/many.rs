@@ -46,6 +46,31 @@ pub enum ManyOrigin {
     ResumableUpload(Uuid),
 }
 
+/// Requires places in the queue for all views of a scan, before anything is written. The transaction of [`submit_all`]
+/// checks it again.
+///
+/// # Errors
+/// `queue_full`, which tells clients to try again later; `impossible` when the scan has more views than may ever be
+/// queued.
+pub async fn require_queue_places(app: &App, views: usize, impossible: Code) -> ApiResult<()> {
+    let limit = app.policy.queue_limit;
+    if views as u64 > limit {
+        let detail = format!(
+            "the scan has {views} views, and at most {limit} jobs may be queued: raise the setting 'queue_limit', or send \
+             the views in parts"
+        );
+        return Err(ApiError::new(impossible, detail));
+    }
+    let waiting = app.store.metadata.counts().await?.queued;
+    if waiting.saturating_add(views as u64) > limit {
+        let detail = format!(
+            "the scan has {views} views, {waiting} jobs are waiting, and at most {limit} may be queued; try again later"
+        );
+        return Err(ApiError::new(Code::QueueFull, detail));
+    }
+    Ok(())
+}
+
 /// Checks one zip against its submission.
 ///
 /// # Errors

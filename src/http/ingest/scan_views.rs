@@ -9,7 +9,7 @@ use std::{fs::File, path::PathBuf, sync::Arc};
 
 use super::{
     admission::disk_full,
-    many::{CheckedJob, ManyOrigin, SpooledUpload, check, submit_all},
+    many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
     submission::scan::ScanSubmission,
 };
 use crate::{
@@ -70,7 +70,8 @@ impl Grouped {
     /// Makes the stacks. `idempotency`: key and fingerprint of the request.
     ///
     /// # Errors
-    /// The fault of each view that is refused, under the code of the first; `insufficient_storage`; `queue_full`.
+    /// The fault of each view that is refused, under the code of the first; `insufficient_storage`; `queue_full`;
+    /// `archive_too_large` for a request with more views than may ever be queued.
     pub async fn submit(
         &self,
         app: &App,
@@ -79,7 +80,7 @@ impl Grouped {
         origin: ManyOrigin,
     ) -> ApiResult<ScanArchiveView> {
         let mut view = self.view(&submission.scan.name, submission.slice_count());
-        let checked = self.check_views(app, submission, idempotency).await?;
+        let checked = self.check_views(app, submission, idempotency, &origin).await?;
         let jobs = submit_all(app, checked, origin).await?;
         for (view, job) in view.views.iter_mut().zip(&jobs) {
             view.stack = Some(url(job));
@@ -92,12 +93,14 @@ impl Grouped {
         app: &App,
         submission: &ScanSubmission,
         idempotency: Option<(String, String)>,
+        origin: &ManyOrigin,
     ) -> ApiResult<Vec<CheckedJob>> {
-        // before anything is written; the transaction checks it again
-        let waiting = app.store.metadata.counts().await?.queued;
-        if waiting.saturating_add(self.views() as u64) > app.policy.queue_limit {
-            return Err(queue_too_short(self.views(), waiting, app.policy.queue_limit));
-        }
+        let impossible = match origin {
+            ManyOrigin::Request(_) => Code::ArchiveTooLarge,
+            // its bytes are kept: it becomes jobs as soon as the limit is raised
+            ManyOrigin::ResumableUpload(_) => Code::QueueFull,
+        };
+        require_queue_places(app, self.views(), impossible).await?;
         let bytes = self.0.views().iter().map(|view| view.bytes).sum();
         let reserved = app.disk.reserve(bytes).await?;
         let mut reserved = reserved.map_err(|state| disk_full(bytes, 0, &state))?;
@@ -138,21 +141,6 @@ impl Grouped {
         let (file, bytes, sha256) = written.await.map_err(ApiError::internal)??;
         Ok(SpooledUpload { file, bytes, sha256, filename })
     }
-}
-
-/// The error for a scan that does not fit into the queue.
-fn queue_too_short(views: usize, waiting: u64, limit: u64) -> ApiError {
-    let detail = if views as u64 > limit {
-        format!(
-            "the scan has {views} views, and at most {limit} jobs may be queued: raise the setting 'queue_limit', or send \
-             the scan in several zips"
-        )
-    } else {
-        format!(
-            "the scan has {views} views, {waiting} jobs are waiting, and at most {limit} may be queued; try again later"
-        )
-    };
-    ApiError::new(Code::QueueFull, detail)
 }
 
 /// The key of a view: that of the request for the first, with a suffix that no client can send for the others.

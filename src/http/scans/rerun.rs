@@ -21,7 +21,7 @@ use crate::{
         background,
         extract::params,
         ingest::{
-            many::{CheckedJob, ManyOrigin, SpooledUpload, check, submit_all},
+            many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
             spool::SpooledZip,
         },
         problem::{ApiError, ApiResult},
@@ -84,6 +84,7 @@ pub struct SkippedView {
         (status = 202, description = "The new stacks are accepted", body = ScanRerun),
         (status = 400, description = "`invalid_request`: an invalid option, one that belongs to a single view, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out before the end of the body"),
         (status = 404, description = "`scan_not_found`; `not_found`: the scan has no views; `profile_not_found`: no such revision"),
+        (status = 409, description = "`conflict`: the scan has more views than may be queued (setting `queue_limit` of the server)"),
         (status = 410, description = "`upload_removed`: the zips of all views were removed"),
         (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
@@ -147,6 +148,7 @@ async fn rerun_views(
         let detail = format!("the zips of all {} views were removed; send them again", views.len());
         return Err(ApiError::new(Code::UploadRemoved, detail));
     }
+    require_queue_places(app, checked.len(), Code::Conflict).await?;
     let jobs = submit_all(app, checked, ManyOrigin::Request(caller.id())).await?;
     let views = jobs.iter().zip(again);
     let views =

@@ -104,6 +104,13 @@ pub async fn list(State(app): State<App>, uri: Uri) -> ApiResult<Json<OpenUpload
     let page = PageQuery::take(&mut pairs)?;
     params::refuse_rest(&pairs, "limit, cursor")?;
     let page = app.store.metadata.list_open_uploads(&page).await?;
-    let items = page.items.into_iter().map(OpenUpload::of).collect::<ApiResult<_>>()?;
-    Ok(Json(OpenUploadList { items, next_cursor: page.next_cursor, skipped: page.skipped }))
+    let (mut items, mut skipped) = (Vec::new(), page.skipped);
+    for open in page.items {
+        let id = open.upload.id;
+        match OpenUpload::of(open) {
+            Ok(item) => items.push(item),
+            Err(error) => skipped.push(Skipped::unreadable(id.to_string(), &error.fault().detail)),
+        }
+    }
+    Ok(Json(OpenUploadList { items, next_cursor: page.next_cursor, skipped }))
 }

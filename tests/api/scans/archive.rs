@@ -162,12 +162,19 @@ async fn a_repeated_request_gets_the_stacks_of_the_first() {
 
 #[tokio::test]
 async fn a_scan_that_does_not_fit_into_the_queue_makes_no_stack() {
-    let app = TestApp::start_with(|policy| policy.queue_limit = 2).await;
-    app.with_profile(2).await;
-    app.with_scan("bee").await;
-    let refused = app.post("/v1/scans/bee/archive").body(zip(&members(&VIEWS, 2))).send().await.unwrap();
-    problem(refused, 503, "queue_full").await;
-    assert!(app.jobs_with_blobs().await.is_empty());
+    // three views, and two or three places: to wait does not help in the first case
+    for (limit, waiting, status, code) in [(2, 0, 422, "archive_too_large"), (3, 1, 503, "queue_full")] {
+        let app = TestApp::start_with(|policy| policy.queue_limit = limit).await;
+        app.with_profile(2).await;
+        app.with_scan("bee").await;
+        for _ in 0..waiting {
+            app.with_stack("").await;
+        }
+        let refused = app.post("/v1/scans/bee/archive").body(zip(&members(&VIEWS, 2))).send().await.unwrap();
+        assert_eq!(refused.headers().contains_key("retry-after"), status == 503);
+        problem(refused, status, code).await;
+        assert_eq!(app.jobs_with_blobs().await.len(), waiting);
+    }
 }
 
 #[tokio::test]

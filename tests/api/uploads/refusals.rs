@@ -1,6 +1,9 @@
 //! Uploads that are refused, at their creation or later.
 
+use std::time::Duration;
+
 use base64::{Engine, prelude::BASE64_STANDARD};
+use pinstack::store::uploads::{NewUpload, OpenUploadLimits};
 use uuid::Uuid;
 
 use super::*;
@@ -109,4 +112,25 @@ async fn a_zip_that_is_refused_at_its_end_is_deleted_and_the_reason_kept() {
     assert!(app.store.parts.list().await.unwrap().is_empty());
     assert!(app.jobs_with_blobs().await.is_empty());
     assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0);
+}
+
+/// Written by another version of the service, or damaged.
+#[tokio::test]
+async fn an_upload_with_unreadable_metadata_is_omitted_from_the_list() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let url = begun(&app, 1000).await;
+    let unreadable = NewUpload {
+        id: Uuid::now_v7(),
+        length: 1000,
+        digest: Vec::new(),
+        metadata: "rig !!!".to_owned(),
+        keep: Duration::from_secs(60),
+        owner: None,
+    };
+    let limits = OpenUploadLimits { all: 10, of_owner: 10 };
+    app.store.metadata.create_upload(&unreadable, limits).await.unwrap();
+    let list = shown(&app, "/v1/uploads").await;
+    assert_eq!((list["items"].as_array().unwrap().len(), &list["items"][0]["id"]), (1, &json!(id_of(&url))));
+    assert_eq!(list["skipped"][0]["id"], json!(unreadable.id), "{list}");
 }

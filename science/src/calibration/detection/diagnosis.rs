@@ -20,14 +20,14 @@ pub(crate) enum Diagnosis {
 }
 
 impl Diagnosis {
-    /// The reason as a phrase, with what to do.
+    /// The reason, with what to do; a phrase whose subject is the slice.
     pub(crate) fn phrase(self) -> &'static str {
         match self {
-            Self::Clipped => "a large part of it is clipped: reduce the exposure",
-            Self::Black => "it is almost black: increase the exposure, and check the lamp and the shutter",
-            Self::NoContrast => "it has almost no contrast: it is blank, or far out of focus, or shows no target",
-            Self::Blurred => "it is blurred everywhere: focus on the target in at least one slice",
-            Self::Other => "it shows another object, too few dots, or dots too irregular to form a grid",
+            Self::Clipped => "is clipped in a large part: reduce the exposure",
+            Self::Black => "is almost black: increase the exposure, and check the lamp and the shutter",
+            Self::NoContrast => "has almost no contrast: it is blank, or far out of focus, or shows no target",
+            Self::Blurred => "is blurred everywhere: focus on the target in at least one slice",
+            Self::Other => "shows another object, too few dots, or dots too irregular to form a grid",
         }
     }
 }

@@ -51,7 +51,8 @@ pub(super) fn unmeasured_slices(
         .map(|cause| {
             let some: Vec<&str> =
                 indices.iter().filter(|&&i| loss(i) == *cause).take(8).map(|&i| slices.name(i)).collect();
-            format!("{} is {}", some.join(", "), cause.phrase())
+            let verb = if some.len() == 1 { "is" } else { "are" };
+            format!("{} {verb} {}", some.join(", "), cause.phrase())
         })
         .collect();
     let named = if named.is_empty() { String::new() } else { format!("; {}", named.join("; ")) };

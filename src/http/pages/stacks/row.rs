@@ -128,8 +128,12 @@ fn stage(job: &Job) -> String {
     }
 }
 
-/// The time that a running job still needs if it goes on as before.
+/// The time that a running job still needs if it goes on as before. `None` near its beginning, and in a later attempt:
+/// only the begin of the first is known.
 fn left(job: &Job, now: Timestamp) -> Option<Duration> {
+    if job.attempt > 1 {
+        return None;
+    }
     let passed = Duration::try_from(now.duration_since(job.started_at?)).ok()?;
     let fraction = job.progress.fraction;
     (fraction >= MIN_FRACTION).then(|| passed.mul_f64(((1.0 - fraction) / fraction).clamp(0.0, 100.0)))
