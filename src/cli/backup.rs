@@ -16,9 +16,9 @@ use crate::store::{
     verify::{Depth, Report, verify},
 };
 
-/// Back up the database and all files into a folder; a server may run meanwhile. Files that an earlier backup in the
-/// folder has are not copied again. A backup is a data folder itself, also where the rows are in Postgres; uploads that
-/// are still arriving are not in it.
+/// Back up the database and all files into a folder, while a server may run. Files of an earlier backup in the folder
+/// are not copied again. The backup is a data folder on which a server can run, even if the original is in Postgres and
+/// S3. Uploads that are still arriving are not in it.
 #[derive(Debug, Args)]
 pub struct Backup {
     #[command(flatten)]
@@ -28,17 +28,18 @@ pub struct Backup {
     to: PathBuf,
 }
 
-/// Restore a backup, or move a data folder: into a data folder or a Postgres database that has no rows yet; at the end,
-/// every file is compared with its digest. If it is interrupted, repeat it.
+/// Restore a backup, or move a data folder, into a new data folder or an empty Postgres database. At the end every file
+/// is compared with its digest. If it is interrupted, run it again.
 #[derive(Debug, Args)]
 pub struct Restore {
     #[command(flatten)]
     place: Place,
-    /// Folder of the backup, or a data folder. Stop its server before the last time
+    /// Folder of the backup, or a data folder to move. A server that runs on it must be stopped, except with
+    /// --files-only
     #[arg(long, value_name = "DIR")]
     from: PathBuf,
-    /// Only copy the files, while a server runs on the folder: the next restore, with the rows, then takes less time.
-    /// Needs Postgres, because a data folder gets its rows at once
+    /// Copy only the files, while a server still runs on the folder: a later restore without this option then has less
+    /// to copy, and the server is stopped for a shorter time. Only into Postgres
     #[arg(long)]
     files_only: bool,
 }
@@ -108,13 +109,13 @@ async fn into_database(
     let (_, to) = open(config).await?;
     let rows = to.workspace.new_path("rows")?;
     let copied = copy_files(&backup, &*to.blobs, &to.workspace, &rows).await;
-    let copied = copied.context("the files could not be copied; repeat the command to go on")?;
+    let copied = copied.context("the files could not be copied; run the command again to continue")?;
     backup.metadata.close().await;
     print(copied);
     if files_only {
         to.metadata.close().await;
         data_folder::remove_file(&rows)?;
-        println!("the files are there; stop the server of {}, then restore without --files-only", from.display());
+        println!("the files are copied; stop the server of {}, then restore without --files-only", from.display());
         return Ok(());
     }
     let filled = data_folder::fill_database(database, &rows).await;

@@ -7,17 +7,18 @@ use clap::Args;
 use super::store::Place;
 use crate::store::gc::{GRACE, collect};
 
-/// Remove expired stacks and uploads, and files that no row refers to, now; a server does this every hour. A server may
+/// Remove expired stacks and uploads, and files that belong to no stack, now instead of at the next hour. A server may
 /// run meanwhile.
 #[derive(Debug, Args)]
 pub struct Gc {
     #[command(flatten)]
     place: Place,
-    /// Keep files that are younger, seconds: an upload is stored before its row is written. 0 only while no server runs
+    /// Keep files that are younger than this, seconds: they may belong to a stack that is just being accepted. Use 0
+    /// only while no server runs
     #[arg(long, value_name = "SECONDS", default_value_t = GRACE.as_secs())]
     grace_s: u64,
-    /// Confirm that the clock is right, after it jumped or after no server ran for more than a day: what has expired by
-    /// this clock is then removed
+    /// Confirm that the clock of this machine is right. Needed after the clock has jumped, or after no server ran for
+    /// more than a day: until then nothing that has expired is removed
     #[arg(long)]
     clock_is_right: bool,
 }
@@ -34,11 +35,11 @@ impl Gc {
             if self.clock_is_right {
                 store.metadata.confirm_clock().await?;
             }
-            let collected = collect(&store, Duration::from_secs(self.grace_s), &config.retention()).await?;
+            let removed = collect(&store, Duration::from_secs(self.grace_s), &config.retention()).await?;
             store.metadata.close().await;
             println!(
-                "removed: {} expired jobs, {} expired zips of jobs, {} expired uploads, {} jobs' files without a row",
-                collected.expired, collected.uploads, collected.given_up, collected.orphans
+                "removed: {} expired jobs, {} expired zips of jobs, {} expired uploads, files of {} unknown jobs",
+                removed.expired, removed.uploads, removed.given_up, removed.orphans
             );
             Ok(())
         })

@@ -20,10 +20,10 @@ pub struct Plan {
     /// f-number that is set on the lens
     #[arg(long, value_name = "N")]
     f_number: f64,
-    /// Magnification of the middle of the object
+    /// Magnification at the middle of the object. Give either this or --object-distance-mm
     #[arg(long, value_name = "M")]
     magnification: Option<f64>,
-    /// Instead: distance from the lens to the middle of the object, mm
+    /// Distance from the lens to the middle of the object, mm
     #[arg(long, value_name = "MM")]
     object_distance_mm: Option<f64>,
     /// Size of one pixel on the sensor, micrometres
@@ -41,10 +41,10 @@ pub struct Plan {
     /// Height of the image, px
     #[arg(long, value_name = "PX")]
     image_height: Option<u32>,
-    /// Diameter of the exit pupil over that of the entrance pupil
+    /// Diameter of the exit pupil divided by that of the entrance pupil
     #[arg(long, value_name = "P", default_value_t = 1.0)]
     pupil_ratio: f64,
-    /// Share of the depth of field that neighbouring slices have in common
+    /// Fraction of the depth of field by which neighbouring slices overlap, 0 to 0.95
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
     overlap: f64,
     /// Wavelength of the light, nm
@@ -56,7 +56,7 @@ pub struct Plan {
     /// Smallest step of the rail, micrometres
     #[arg(long, value_name = "UM")]
     rail_resolution_um: Option<f64>,
-    /// Number of slices, if it is given rather than wanted
+    /// Number of slices, if it is fixed; default: as many as the depth needs
     #[arg(long, value_name = "N")]
     slices: Option<u32>,
     /// Print JSON, as GET /v1/optics/plan answers

@@ -30,7 +30,7 @@ impl Verify {
             let report = verify(&store, depth).await?;
             store.metadata.close().await;
             println!(
-                "{} jobs, {} files ({} bytes), {} profile revisions, {} open uploads; {} jobs' files without a row",
+                "{} jobs, {} files ({} bytes), {} profile revisions, {} open uploads; files of {} unknown jobs",
                 report.jobs, report.files, report.bytes, report.revisions, report.open_uploads, report.orphans
             );
             for line in report.faults.iter().chain(&report.unreadable) {

@@ -18,7 +18,7 @@ use tokio_rustls::TlsAcceptor;
 use tower::ServiceExt;
 
 use super::{
-    connections::{Reading, Seat, Slots, slots::RESERVE},
+    connections::{Seat, Slots, WriteTimeout, slots::RESERVE},
     router,
     session::OverTls,
     state::App,
@@ -88,7 +88,7 @@ async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>,
                 if let Err(error) = stream.set_nodelay(true) {
                     tracing::debug!(%error, "TCP_NODELAY");
                 }
-                let stream = Reading::new(stream, app.policy.body_idle_timeout);
+                let stream = WriteTimeout::new(stream, app.policy.body_idle_timeout);
                 tokio::spawn(connection.serve(stream, tls.clone()));
             }
             Err(error) if is_of_one_connection(&error) => {}
@@ -116,7 +116,7 @@ struct Connection {
 }
 
 impl Connection {
-    async fn serve(self, stream: Reading<TcpStream>, tls: Option<TlsAcceptor>) {
+    async fn serve(self, stream: WriteTimeout<TcpStream>, tls: Option<TlsAcceptor>) {
         let seat = Arc::clone(&self.seat);
         tokio::select! {
             () = self.greet(stream, tls) => {}
@@ -124,7 +124,7 @@ impl Connection {
         }
     }
 
-    async fn greet(self, stream: Reading<TcpStream>, tls: Option<TlsAcceptor>) {
+    async fn greet(self, stream: WriteTimeout<TcpStream>, tls: Option<TlsAcceptor>) {
         let Some(tls) = tls else { return self.speak(stream, None).await };
         match timeout(self.header_timeout, tls.accept(stream)).await {
             Ok(Ok(stream)) => self.speak(stream, Some(OverTls)).await,

@@ -34,7 +34,7 @@ pub const GRACE: Duration = Duration::from_secs(60 * 60);
 
 /// What a collection removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Collected {
+pub struct Removed {
     /// Expired jobs.
     pub expired: usize,
     /// Jobs without a row that had blobs.
@@ -51,20 +51,20 @@ pub struct Collected {
 /// # Errors
 /// When metadata or blobs cannot be read or removed. What was removed until then stays removed; the next collection
 /// continues.
-pub async fn collect(store: &Store, grace: Duration, keep: &Retention) -> StoreResult<Collected> {
+pub async fn collect(store: &Store, grace: Duration, keep: &Retention) -> StoreResult<Removed> {
     let Store { metadata, blobs, parts, .. } = store;
-    let mut collected = Collected::default();
+    let mut removed = Removed::default();
     for id in metadata.delete_expired_jobs(keep).await? {
         delete_blobs(&**blobs, id).await?;
-        collected.expired += 1;
+        removed.expired += 1;
     }
     for id in metadata.expire_job_uploads(keep).await? {
         blobs.delete(&upload_key(id)).await?;
-        collected.uploads += 1;
+        removed.uploads += 1;
     }
     for id in metadata.delete_expired_uploads().await? {
         gc_upload(store, id).await?;
-        collected.given_up += 1;
+        removed.given_up += 1;
     }
     for id in parts.list().await? {
         gc_upload(store, id).await?;
@@ -79,11 +79,11 @@ pub async fn collect(store: &Store, grace: Duration, keep: &Retention) -> StoreR
             gc_job(store, id).await?;
         } else if now.duration_since(last_modified).unwrap_or_default() >= grace {
             delete_blobs(&**blobs, id).await?;
-            collected.orphans += 1;
+            removed.orphans += 1;
         }
     }
     blobs.remove_leftovers().await?;
-    Ok(collected)
+    Ok(removed)
 }
 
 /// The jobs that have blobs, each with the time at which the latest of them was stored.

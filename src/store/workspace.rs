@@ -109,13 +109,13 @@ fn remove_folders_of_the_dead(folders: &Path) -> io::Result<()> {
 /// A complete local file that is to become a blob ([`super::blobs::BlobStore::put`]).
 #[derive(Debug)]
 pub struct SpoolFile {
-    owner: Owner,
+    location: Location,
     /// Key of a blob with the same bytes.
     origin: Option<String>,
 }
 
 #[derive(Debug)]
-enum Owner {
+enum Location {
     /// Removed when dropped.
     Temporary(TempPath),
     /// Kept when dropped: its owner removes it.
@@ -125,25 +125,25 @@ enum Owner {
 impl SpoolFile {
     /// A file that is removed when this is dropped, unless it has become a blob.
     pub fn temporary(path: TempPath) -> Self {
-        Self { owner: Owner::Temporary(path), origin: None }
+        Self { location: Location::Temporary(path), origin: None }
     }
 
     /// A temporary file with the bytes of the blob `origin`, which need not be sent again if the store can copy.
     pub fn copy_of(path: TempPath, origin: &str) -> Self {
-        Self { owner: Owner::Temporary(path), origin: Some(origin.to_owned()) }
+        Self { location: Location::Temporary(path), origin: Some(origin.to_owned()) }
     }
 
     /// A file that stays when this is dropped, unless it has become a blob: the parts of an upload, a file in the
     /// scratch folder of a job.
     pub fn persistent(path: PathBuf) -> Self {
-        Self { owner: Owner::Persistent(path), origin: None }
+        Self { location: Location::Persistent(path), origin: None }
     }
 
     /// The path of the file.
     pub fn path(&self) -> &Path {
-        match &self.owner {
-            Owner::Temporary(path) => path,
-            Owner::Persistent(path) => path,
+        match &self.location {
+            Location::Temporary(path) => path,
+            Location::Persistent(path) => path,
         }
     }
 

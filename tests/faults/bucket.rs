@@ -157,7 +157,7 @@ impl Site {
             let done = command(&self.data("operator"), &[arguments, &["--config", settings]].concat());
             let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
             assert!(done.status.success(), "{text}");
-            assert!(arguments[0] == "gc" || text.contains("; 0 jobs' files"), "{text}");
+            assert!(arguments[0] == "gc" || text.contains("; files of 0 unknown jobs"), "{text}");
         }
     }
 }

@@ -54,7 +54,7 @@ async fn a_backup_of_a_running_service_is_complete_and_can_be_restored_and_serve
     story.image(&third).await.expect("an image");
     let told = backup(&story.data(), &copy);
     assert!(told.starts_with("2 jobs; 6 files copied") && told.contains("6 were there already"), "{told}");
-    assert!(verified(&copy).contains("; 0 jobs' files"));
+    assert!(verified(&copy).contains("; files of 0 unknown jobs"));
 
     let done = command(&restored, &["restore", "--from", copy.to_str().expect("UTF-8")]);
     assert!(done.status.success(), "{}", text(&done));
@@ -133,7 +133,7 @@ async fn a_backup_killed_at_any_failpoint_leaves_the_earlier_one_complete_and_ca
             }
         }
         backup(&story.data(), &copy);
-        assert!(verified(&copy).contains("; 0 jobs' files"));
+        assert!(verified(&copy).contains("; files of 0 unknown jobs"));
     }
 }
 

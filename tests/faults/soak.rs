@@ -194,7 +194,8 @@ async fn every_stack_is_accounted_for_after_cancels_deletes_and_kills() {
         let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
         assert!(done.status.success(), "{text}");
         assert!(
-            arguments[0] == "gc" || text.starts_with(&format!("{kept} jobs")) && text.contains("; 0 jobs' files"),
+            arguments[0] == "gc"
+                || text.starts_with(&format!("{kept} jobs")) && text.contains("; files of 0 unknown jobs"),
             "{text}"
         );
     }

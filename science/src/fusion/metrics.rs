@@ -103,7 +103,7 @@ pub(super) fn finish(
     alignment: Alignment,
     index: &Plane<u16>,
 ) -> Option<StackQuality> {
-    let map = quality::DecisionMap { index, settled: run.plan.method.refines_the_index() };
+    let map = quality::DecisionMap { index, refined: run.plan.method.refines_the_index() };
     meter.map(|meter| quality::finish(meter, measurements, scores, alignment, &map, run.slices.names()))
 }
 

@@ -71,8 +71,8 @@ pub struct DecisionMap<'a> {
     pub index: &'a Plane<u16>,
     /// Whether the labels are final decisions: true when fusion corrected doubtful labels from their surroundings,
     /// false when each label is the slice with the highest focus measure at that pixel alone. Defocus spread of near
-    /// parts puts more wrong labels into a map that is not settled, so thresholds on it are higher.
-    pub settled: bool,
+    /// parts puts more wrong labels into a map that is not refined, so thresholds on it are higher.
+    pub refined: bool,
 }
 
 /// Combines all measurements of a stack and derives the findings.

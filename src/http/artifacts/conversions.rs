@@ -91,7 +91,7 @@ pub struct SliceRecipe {
 
 /// How a file is made.
 #[derive(Debug, Clone)]
-pub enum Making {
+pub enum Conversion {
     /// The stored picture in another format.
     File(FileFormat),
     /// The pyramid of the stored picture.
@@ -100,7 +100,7 @@ pub enum Making {
     Slice(Arc<SliceRecipe>),
 }
 
-impl Making {
+impl Conversion {
     fn form(&self) -> Form {
         match self {
             Self::File(format) => Form::File(*format),
@@ -119,7 +119,7 @@ type Outcome = Result<Arc<Converted>, Fault>;
 #[derive(Debug)]
 enum Entry {
     /// Being made by a task.
-    Making(watch::Receiver<Option<Outcome>>),
+    InProgress(watch::Receiver<Option<Outcome>>),
     /// Cached, with the time of its last use in ticks of a counter.
     Kept(Arc<Converted>, u64),
 }
@@ -140,7 +140,7 @@ impl Default for Conversions {
 }
 
 impl Conversions {
-    /// The picture with this digest, stored under the key `source`, as `making` says. Made when it is not cached. For a
+    /// The picture with this digest, stored under the key `source`, as `conversion` says. Made when it is not cached. For a
     /// slice, `source` is the key of the zip and `digest` the id of the stack, from which all that it is warped with
     /// follows.
     ///
@@ -152,9 +152,9 @@ impl Conversions {
         app: &App,
         source: &str,
         digest: &str,
-        making: Making,
+        conversion: Conversion,
     ) -> ApiResult<Arc<Converted>> {
-        let key = (digest.to_owned(), making.form());
+        let key = (digest.to_owned(), conversion.form());
         let mut waiting = {
             let mut entries = self.entries();
             let (map, clock) = &mut *entries;
@@ -165,12 +165,12 @@ impl Conversions {
                     return Ok(Arc::clone(file));
                 }
                 // a task that panicked leaves its entry behind
-                Some(Entry::Making(waiting)) if waiting.has_changed().is_ok() => waiting.clone(),
+                Some(Entry::InProgress(waiting)) if waiting.has_changed().is_ok() => waiting.clone(),
                 _ => {
                     let (result, waiting) = watch::channel(None);
-                    map.insert(key.clone(), Entry::Making(waiting.clone()));
+                    map.insert(key.clone(), Entry::InProgress(waiting.clone()));
                     let (this, app, source) = (Arc::clone(self), app.clone(), source.to_owned());
-                    background::spawn(async move { this.make(&app, source, key, making, result).await });
+                    background::spawn(async move { this.make(&app, source, key, conversion, result).await });
                     waiting
                 }
             }
@@ -211,7 +211,14 @@ impl Conversions {
         self.begun.load(Ordering::Relaxed)
     }
 
-    async fn make(&self, app: &App, source: String, key: Key, making: Making, result: watch::Sender<Option<Outcome>>) {
+    async fn make(
+        &self,
+        app: &App,
+        source: String,
+        key: Key,
+        conversion: Conversion,
+        result: watch::Sender<Option<Outcome>>,
+    ) {
         let Ok(_turn) = self.turn.acquire().await else { return };
         {
             let mut entries = self.entries();
@@ -222,7 +229,7 @@ impl Conversions {
             }
         }
         self.begun.fetch_add(1, Ordering::Relaxed);
-        let outcome = made(app, source, making).await;
+        let outcome = made(app, source, conversion).await;
         {
             let mut entries = self.entries();
             match &outcome {
@@ -248,7 +255,7 @@ impl Conversions {
 fn kept_source((key, entry): (&Key, &Entry)) -> Option<(Key, String)> {
     match entry {
         Entry::Kept(file, _) => Some((key.clone(), file.source.clone())),
-        Entry::Making(_) => None,
+        Entry::InProgress(_) => None,
     }
 }
 
@@ -257,7 +264,7 @@ fn evict(map: &mut HashMap<Key, Entry>) {
     loop {
         let kept = map.iter().filter_map(|(key, entry)| match entry {
             Entry::Kept(file, used) => Some((*used, file.length, key)),
-            Entry::Making(_) => None,
+            Entry::InProgress(_) => None,
         });
         let (files, bytes) = kept.clone().fold((0, 0), |(n, sum), (_, length, _)| (n + 1, sum + length));
         if files <= 1 || (files <= KEEP_FILES && bytes <= KEEP_BYTES) {
@@ -277,12 +284,12 @@ enum Stored {
 }
 
 impl Stored {
-    async fn get(store: &Store, source: &str, making: Making) -> Result<Self, Fault> {
+    async fn get(store: &Store, source: &str, conversion: Conversion) -> Result<Self, Fault> {
         let picture = async || store.blobs.fetch(source, &store.workspace).await;
-        let found = match making {
-            Making::File(format) => picture().await.map(|found| found.map(|picture| Self::File(picture, format))),
-            Making::Pyramid(colours) => picture().await.map(|found| found.map(|it| Self::Pyramid(it, colours))),
-            Making::Slice(recipe) => {
+        let found = match conversion {
+            Conversion::File(format) => picture().await.map(|found| found.map(|picture| Self::File(picture, format))),
+            Conversion::Pyramid(colours) => picture().await.map(|found| found.map(|it| Self::Pyramid(it, colours))),
+            Conversion::Slice(recipe) => {
                 let zip = store.blobs.open(source, Access::Parts, &store.workspace).await;
                 zip.map(|found| found.map(|zip| Self::Slice(zip, recipe)))
             }
@@ -292,7 +299,7 @@ impl Stored {
     }
 }
 
-async fn made(app: &App, source: String, making: Making) -> Outcome {
+async fn made(app: &App, source: String, conversion: Conversion) -> Outcome {
     let store = &app.store;
     let fault = |error: StoreError| ApiError::from(error).fault().clone();
     // until it is here: afterwards the free bytes of the disk exclude it
@@ -300,7 +307,7 @@ async fn made(app: &App, source: String, making: Making) -> Outcome {
         Some(blob) => app.disk.reserve_copy(blob.size).await.map_err(fault)?.map_err(|_| disk_full())?,
         None => return Err(internal(&anyhow::anyhow!("{source} is missing"))),
     };
-    let stored = Arc::new(Stored::get(&app.store, &source, making).await?);
+    let stored = Arc::new(Stored::get(&app.store, &source, conversion).await?);
     drop(copied);
     let measured = Arc::clone(&stored);
     let most = blocking(move || match &*measured {

@@ -7,7 +7,7 @@ use axum::{
 
 use super::{
     accept,
-    conversions::{Form, Making},
+    conversions::{Conversion, Form},
     download::{self, Content, Download, Source},
     name, outcome,
     redirect::MayRedirect,
@@ -74,7 +74,7 @@ async fn converted(
     } else {
         // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
-        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Making::File(format)).await?)
+        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Conversion::File(format)).await?)
     };
     let content = match file {
         Some(converted) => {

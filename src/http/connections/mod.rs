@@ -2,11 +2,11 @@
 //! end for those that do not read.
 
 pub mod range;
-pub mod reading;
 pub mod slots;
 pub mod tally;
+pub mod write_timeout;
 
 pub use range::AddressRange;
-pub use reading::Reading;
 pub use slots::{Seat, Slots};
 pub use tally::Tally;
+pub use write_timeout::WriteTimeout;

@@ -47,13 +47,13 @@ pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>,
     if announced > MAX_JSON_BYTES {
         return Err(too_large());
     }
-    let verdict = body.verdict();
+    let end_reason = body.end_reason();
     let mut whole = Vec::with_capacity(usize::try_from(announced).unwrap_or(0).min(FIRST_BYTES));
     while let Some(chunk) = body.next().await {
         match chunk {
             Ok(chunk) => whole.extend_from_slice(&chunk),
             Err(EndedEarly) => {
-                let error = verdict.error();
+                let error = end_reason.error();
                 return Err(if error.fault().code == Code::UploadTooLarge { too_large() } else { error });
             }
         }

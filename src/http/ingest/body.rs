@@ -26,9 +26,9 @@ const LINGER_TIME: Duration = Duration::from_secs(5);
 
 /// Why a body ended early. The libraries that the body passes through drop the reason, so it is kept here.
 #[derive(Debug, Clone, Default)]
-pub struct Verdict(Arc<Mutex<Option<Fault>>>);
+pub struct EndReason(Arc<Mutex<Option<Fault>>>);
 
-impl Verdict {
+impl EndReason {
     /// Sets the reason.
     pub fn set(&self, fault: Fault) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(fault);
@@ -50,7 +50,7 @@ fn broken_off() -> Fault {
     Fault::new(Code::UploadIncomplete, "the upload ended before its last byte; nothing was stored; send it again")
 }
 
-/// The body ended early; [`Verdict`] has the reason.
+/// The body ended early; [`EndReason`] has the reason.
 #[derive(Debug, thiserror::Error)]
 #[error("the body ended early")]
 pub struct EndedEarly;
@@ -69,7 +69,7 @@ pub struct WatchedBody {
     idle_timeout: Duration,
     max_bytes: u64,
     seen: u64,
-    verdict: Verdict,
+    end_reason: EndReason,
 }
 
 impl WatchedBody {
@@ -85,13 +85,13 @@ impl WatchedBody {
             idle_timeout,
             max_bytes,
             seen: 0,
-            verdict: Verdict::default(),
+            end_reason: EndReason::default(),
         }
     }
 
     /// Where the reason of an early end is kept.
-    pub fn verdict(&self) -> Verdict {
-        self.verdict.clone()
+    pub fn end_reason(&self) -> EndReason {
+        self.end_reason.clone()
     }
 
     fn count(&mut self, chunk: &Bytes) -> Result<(), EndedEarly> {
@@ -100,7 +100,7 @@ impl WatchedBody {
         if self.seen <= self.max_bytes {
             return Ok(());
         }
-        self.verdict.set(too_large(self.max_bytes));
+        self.end_reason.set(too_large(self.max_bytes));
         Err(EndedEarly)
     }
 }
@@ -137,7 +137,7 @@ impl Stream for WatchedBody {
             }
             Poll::Ready(Some(Err(_))) => {
                 this.inner = None;
-                this.verdict.set(broken_off());
+                this.end_reason.set(broken_off());
                 Poll::Ready(Some(Err(EndedEarly)))
             }
             Poll::Ready(None) => {
@@ -149,7 +149,7 @@ impl Stream for WatchedBody {
                 this.inner = None;
                 let seconds = this.idle_timeout.as_secs_f64();
                 let detail = format!("the upload timed out: nothing arrived for {seconds} s; send it again");
-                this.verdict.set(Fault::new(Code::UploadIncomplete, detail));
+                this.end_reason.set(Fault::new(Code::UploadIncomplete, detail));
                 Poll::Ready(Some(Err(EndedEarly)))
             }
         }

@@ -22,7 +22,7 @@ use std::{
 use bytes::Bytes;
 use futures::{Stream, StreamExt};
 
-use super::body::{EndedEarly, Verdict, WatchedBody};
+use super::body::{EndReason, EndedEarly, WatchedBody};
 use crate::contract::{Code, Fault};
 
 /// Most bytes of a form outside the data of its parts: boundaries, headers, preamble and epilogue.
@@ -34,7 +34,7 @@ pub struct FormBody(Arc<Shared>);
 
 struct Shared {
     body: Mutex<WatchedBody>,
-    verdict: Verdict,
+    end_reason: EndReason,
     /// Bytes given to the parser.
     given: AtomicU64,
     /// Bytes that it returned as data of parts.
@@ -48,10 +48,10 @@ struct Shared {
 impl FormBody {
     /// Wraps a body.
     pub fn new(body: WatchedBody) -> Self {
-        let verdict = body.verdict();
+        let end_reason = body.end_reason();
         Self(Arc::new(Shared {
             body: Mutex::new(body),
-            verdict,
+            end_reason,
             given: AtomicU64::default(),
             returned: AtomicU64::default(),
             progress: AtomicU64::default(),
@@ -60,8 +60,8 @@ impl FormBody {
     }
 
     /// Why the body ended early, if it did.
-    pub fn verdict(&self) -> &Verdict {
-        &self.0.verdict
+    pub fn end_reason(&self) -> &EndReason {
+        &self.0.end_reason
     }
 
     /// A part began.
@@ -78,7 +78,7 @@ impl FormBody {
     /// Reads and discards what follows the last boundary.
     ///
     /// # Errors
-    /// When that is too long, or the body ends early; [`Self::verdict`] has the reason.
+    /// When that is too long, or the body ends early; [`Self::end_reason`] has the reason.
     pub async fn drain(&mut self) -> Result<(), EndedEarly> {
         while let Some(chunk) = self.next().await {
             chunk?;
@@ -99,7 +99,7 @@ impl FormBody {
             "the form has more than {MAX_OUTSIDE} bytes outside the data of its parts: its boundary does not appear, or \
              the headers of a part do not end; check that the boundary is the one in the Content-Type"
         );
-        self.0.verdict.set(Fault::new(Code::InvalidRequest, detail));
+        self.0.end_reason.set(Fault::new(Code::InvalidRequest, detail));
         EndedEarly
     }
 

@@ -95,7 +95,7 @@ pub(super) async fn receive<S: Receivable>(
         }
         seen.push(name);
     }
-    body.drain().await.map_err(|EndedEarly| body.verdict().error())?;
+    body.drain().await.map_err(|EndedEarly| body.end_reason().error())?;
     let submission = S::read(app, caller, target, &fields).await?;
     match file {
         Some(file) => Ok((submission, file)),
@@ -134,7 +134,7 @@ async fn text(mut part: Field<'_>, body: &FormBody, left: &mut usize) -> ApiResu
 }
 
 fn broken(body: &FormBody, error: &MultipartError) -> ApiError {
-    body.verdict().known().unwrap_or_else(|| {
+    body.end_reason().known().unwrap_or_else(|| {
         let detail = format!("the form cannot be read: {}", error.body_text());
         ApiError::new(Code::UploadIncomplete, detail)
     })

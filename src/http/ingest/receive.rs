@@ -89,8 +89,8 @@ pub(super) async fn receive<S: Receivable>(
     require_zip(&media_type)?;
     let submission = S::read(app, caller, target, &fields).await?;
     let reservation = admit(request, max_body, submission.disk_need(announced)).await?;
-    let verdict = body.verdict();
-    let zip = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| verdict.error()).await?;
+    let end_reason = body.end_reason();
+    let zip = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| end_reason.error()).await?;
     Ok((submission, zip))
 }
 

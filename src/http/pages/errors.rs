@@ -49,7 +49,7 @@ fn accepts_html(headers: &HeaderMap) -> bool {
 }
 
 fn page(problem: &Problem, refused: &Response) -> Response {
-    let frame = Frame { title: &problem.title, place: Place::Elsewhere, viewer: None, script: None };
+    let frame = Frame { title: &problem.title, place: Place::Elsewhere, user: None, script: None };
     let mut response = frame.answer(html! {
         h1 { (problem.title) }
         p.lead { (sentence(&problem.detail)) "." }

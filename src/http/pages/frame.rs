@@ -22,7 +22,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
 
 /// The person in front of the browser, and what the service allows them. Buttons that it would refuse are not shown.
 #[derive(Debug, Clone, Default)]
-pub struct Viewer {
+pub struct PageUser {
     /// Name of the token; `None` where none is needed.
     pub name: Option<String>,
     /// May send, rerun, cancel and delete stacks and scans.
@@ -31,7 +31,7 @@ pub struct Viewer {
     pub profiles: bool,
 }
 
-impl Viewer {
+impl PageUser {
     /// The rights of a caller.
     pub fn of(caller: &Caller) -> Self {
         let may = |scope: Scope| caller.require(&[scope]).is_ok();
@@ -43,7 +43,7 @@ impl Viewer {
     }
 }
 
-impl FromRequestParts<App> for Viewer {
+impl FromRequestParts<App> for PageUser {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Infallible> {
@@ -76,7 +76,7 @@ pub struct Frame<'a> {
     /// Where it is in the navigation.
     pub place: Place,
     /// Who sees it; `None` for a page that anyone sees, which has no navigation.
-    pub viewer: Option<&'a Viewer>,
+    pub user: Option<&'a PageUser>,
     /// Module that runs on the page.
     pub script: Option<&'static str>,
 }
@@ -102,8 +102,8 @@ impl Frame<'_> {
                     a.skip href="#content" { "Skip to the content" }
                     header.top {
                         a.brand href="/" { img src=(assets::url("icon.svg")) alt="" width="24" height="24"; "pinstack" }
-                        @if let Some(viewer) = self.viewer {
-                            (self.navigation(viewer))
+                        @if let Some(user) = self.user {
+                            (self.navigation(user))
                         }
                     }
                     main id="content" tabindex="-1" { (content) }
@@ -113,10 +113,10 @@ impl Frame<'_> {
         }
     }
 
-    fn navigation(&self, viewer: &Viewer) -> Markup {
+    fn navigation(&self, user: &PageUser) -> Markup {
         let places = [
             (Place::Stacks, "/", "Stacks", true),
-            (Place::Send, "/send", "Send", viewer.stacks || viewer.profiles),
+            (Place::Send, "/send", "Send", user.stacks || user.profiles),
             (Place::Scans, "/scans", "Scans", true),
             (Place::Profiles, "/profiles", "Profiles", true),
             (Place::Plan, "/plan", "Plan", true),
@@ -132,7 +132,7 @@ impl Frame<'_> {
             div.who {
                 a href="/guide" { "Guide" }
                 a href="/docs/" { "API" }
-                @if let Some(name) = &viewer.name {
+                @if let Some(name) = &user.name {
                     span title="The token with which you are signed in" { (text(name)) }
                     form method="post" action="/sign-out" { button.quiet type="submit" { "Sign out" } }
                 }

@@ -5,7 +5,7 @@ use axum::{http::Uri, response::Response};
 use maud::{Markup, html};
 
 use super::{
-    frame::{Frame, Place, Viewer},
+    frame::{Frame, PageUser, Place},
     words::sentence,
 };
 use crate::http::{extract::params, problem::ApiResult};
@@ -35,7 +35,7 @@ const SHOWN: usize = 200;
 ///
 /// # Errors
 /// `invalid_request` for a damaged URL.
-pub async fn page(viewer: Viewer, uri: Uri) -> ApiResult<Response> {
+pub async fn page(user: PageUser, uri: Uri) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     pairs.retain(|(_, value)| !value.trim().is_empty());
     for (_, value) in &mut pairs {
@@ -43,7 +43,7 @@ pub async fn page(viewer: Viewer, uri: Uri) -> ApiResult<Response> {
         *value = value.trim().replace(',', ".");
     }
     let planned = (!pairs.is_empty()).then(|| planned(&pairs));
-    let frame = Frame { title: "Plan", place: Place::Plan, viewer: Some(&viewer), script: None };
+    let frame = Frame { title: "Plan", place: Place::Plan, user: Some(&user), script: None };
     Ok(frame.answer(html! {
         h1 { "Plan a capture" }
         p.soft { "How many slices an object needs, where the rail stops for each, and which dot target to print for the calibration." }

@@ -7,7 +7,7 @@ use axum::{extract::State, http::Uri, response::Response};
 use maud::{Markup, html};
 
 use super::{
-    frame::{Frame, Place, Viewer, respond},
+    frame::{Frame, PageUser, Place, respond},
     stacks::thumbnail,
     words::{count, sentence, state, text},
 };
@@ -40,7 +40,7 @@ struct Shown<'a> {
 pub async fn page(
     State(app): State<App>,
     caller: Caller,
-    viewer: Viewer,
+    user: PageUser,
     ScanName(name): ScanName,
     uri: Uri,
 ) -> ApiResult<Response> {
@@ -59,7 +59,7 @@ pub async fn page(
     if params::take(&mut pairs, "part").is_some() {
         return Ok(respond(live));
     }
-    let frame = Frame { title: name.as_str(), place: Place::Scans, viewer: Some(&viewer), script: Some("scan.js") };
+    let frame = Frame { title: name.as_str(), place: Place::Scans, user: Some(&user), script: Some("scan.js") };
     let input = &scan.scan.input;
     Ok(frame.answer(html! {
         div.head {
@@ -71,7 +71,7 @@ pub async fn page(
                     @for words in [&input.specimen, &input.taxon, &input.operator, &input.note].into_iter().flatten() { " · " (text(words)) }
                 }
             }
-            @if viewer.stacks {
+            @if user.stacks {
                 div.buttons {
                     a.button.main href={ "/send?purpose=scan&scan=" (name) "&rig=" (input.rig) "&lens=" (input.lens) } { "Send more views" }
                     button type="button" id="rerun" disabled[scan.views.is_empty()] { "Fuse all again" }

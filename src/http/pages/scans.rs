@@ -6,7 +6,7 @@ use maud::html;
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::{
-    frame::{Frame, Place, Viewer},
+    frame::{Frame, PageUser, Place},
     words::{ago, text},
 };
 use crate::{
@@ -21,23 +21,23 @@ const ROWS: u32 = 50;
 ///
 /// # Errors
 /// `invalid_request` for a cursor that is none.
-pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer, uri: Uri) -> ApiResult<Response> {
+pub async fn page(State(app): State<App>, caller: Caller, user: PageUser, uri: Uri) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     let cursor = params::take(&mut pairs, "cursor");
     let is_first = cursor.is_none();
     let filter = ScanFilter { owner: caller.sees_only(&app), ..ScanFilter::default() };
     let page = app.store.metadata.scans(&filter, &PageRequest { limit: ROWS, cursor }).await?;
     let now = Timestamp::now();
-    let frame = Frame { title: "Scans", place: Place::Scans, viewer: Some(&viewer), script: None };
+    let frame = Frame { title: "Scans", place: Place::Scans, user: Some(&user), script: None };
     Ok(frame.answer(html! {
         div.head {
             div { h1 { "Scans" } p.soft { "A scan is many views of one object, taken with one rig and lens." } }
-            @if viewer.stacks { a.button.main href="/send" { "Send a scan" } }
+            @if user.stacks { a.button.main href="/send" { "Send a scan" } }
         }
         @if page.items.is_empty() {
             div.empty {
                 p.lead { @if is_first { "There are no scans yet." } @else { "There are no more scans." } }
-                @if viewer.stacks { p { "Send a folder that has a folder for each view, or name a scan when you send a stack." } }
+                @if user.stacks { p { "Send a folder that has a folder for each view, or name a scan when you send a stack." } }
             }
         } @else {
             div.wide tabindex="0" role="region" aria-label="Scans" {

@@ -1,10 +1,10 @@
 //! `/send`: stacks, scans and calibrations by drag and drop. The browser's script packs folders, uploads in pieces and
-//! goes on after a cut line; the server side is the resumable upload of the API.
+//! continues after a broken connection; the server side is the resumable upload of the API.
 
 use axum::{extract::State, response::Response};
 use maud::{Markup, html};
 
-use super::frame::{Frame, Place, Viewer};
+use super::frame::{Frame, PageUser, Place};
 use crate::{
     contract::{Code, Name},
     http::{
@@ -22,8 +22,8 @@ const SUGGESTED: u32 = 200;
 ///
 /// # Errors
 /// `forbidden` for a person who may only read.
-pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer) -> ApiResult<Response> {
-    if !viewer.stacks && !viewer.profiles {
+pub async fn page(State(app): State<App>, caller: Caller, user: PageUser) -> ApiResult<Response> {
+    if !user.stacks && !user.profiles {
         let detail = "you are signed in with a token that may only read; sign in with one that may send stacks";
         return Err(ApiError::new(Code::Forbidden, detail));
     }
@@ -33,11 +33,11 @@ pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer) -> Api
     let scans = app.store.metadata.scans(&scans, &request).await?.items;
     let scans: Vec<(Name, Name, Name)> =
         scans.into_iter().map(|scan| (scan.name, scan.input.rig, scan.input.lens)).collect();
-    let frame = Frame { title: "Send", place: Place::Send, viewer: Some(&viewer), script: Some("send.js") };
+    let frame = Frame { title: "Send", place: Place::Send, user: Some(&user), script: Some("send.js") };
     Ok(frame.answer(html! {
         h1 { "Send pictures" }
         form id="send" {
-            (purpose(&viewer))
+            (purpose(&user))
             (camera(&keys))
             (view(&scans))
             div.drop id="drop" {
@@ -58,22 +58,22 @@ pub async fn page(State(app): State<App>, caller: Caller, viewer: Viewer) -> Api
             ul.jobs id="uploads" {}
             p.soft id="said" role="status" {}
         }
-        p.soft.small { "An upload goes on after a cut line by itself. After this page was closed, choose the same file or folder again: "
-            "only what is missing is sent." }
+        p.soft.small { "If the connection breaks, the upload continues by itself. If this page is closed, choose the same file or folder "
+            "again: only what is missing is sent." }
     }))
 }
 
-fn purpose(viewer: &Viewer) -> Markup {
+fn purpose(user: &PageUser) -> Markup {
     html! {
         fieldset {
             legend { "What is it?" }
             div.fields {
-                @if viewer.stacks {
+                @if user.stacks {
                     label.check { input type="radio" name="purpose" value="stack" checked; "One stack" }
                     label.check { input type="radio" name="purpose" value="scan"; "A scan: the stacks of many views" }
                 }
-                @if viewer.profiles {
-                    label.check { input type="radio" name="purpose" value="calibration" checked[!viewer.stacks]; "A calibration: a dot target" }
+                @if user.profiles {
+                    label.check { input type="radio" name="purpose" value="calibration" checked[!user.stacks]; "A calibration: a dot target" }
                 }
             }
         }

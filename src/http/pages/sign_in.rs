@@ -98,7 +98,7 @@ fn destination(next: Option<&str>) -> String {
 }
 
 fn shown(next: &str, error: Option<&str>) -> Response {
-    let frame = Frame { title: "Sign in", place: Place::Elsewhere, viewer: None, script: None };
+    let frame = Frame { title: "Sign in", place: Place::Elsewhere, user: None, script: None };
     frame.answer(content(next, error))
 }
 

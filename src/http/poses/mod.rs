@@ -158,10 +158,10 @@ async fn receive(app: &App, caller: &Caller, headers: &HeaderMap, body: Body) ->
         return Err(too_large());
     }
     let body = WatchedBody::new(body, MAX_BYTES, app.policy.body_idle_timeout, waits_for_continue(headers));
-    let verdict = body.verdict();
+    let end_reason = body.end_reason();
     let reservation = UploadReservation::admit(app, caller.id(), length, 0, QuotaClaim::default()).await?;
     let file = spool(app, body, reservation, None, |EndedEarly| {
-        let error = verdict.error();
+        let error = end_reason.error();
         if error.fault().code == Code::UploadTooLarge { too_large() } else { error }
     });
     Ok(file.await?.file)

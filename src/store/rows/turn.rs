@@ -26,7 +26,7 @@ use crate::{contract::Priority, store::NewJob};
 const BYTES_PER_UNIT: u64 = 1024;
 
 /// What a job takes its turn by.
-pub(in crate::store) struct Turn {
+pub(in crate::store) struct TurnInput {
     /// Column `background`.
     pub(in crate::store) background: i64,
     /// Column `share`.
@@ -38,7 +38,7 @@ pub(in crate::store) struct Turn {
     pub(in crate::store) work: i64,
 }
 
-impl Turn {
+impl TurnInput {
     /// Of a job that is to be accepted, sent with the token `sender`. That of a resumable upload is in the row of the
     /// upload, not in the job.
     pub(in crate::store) fn of(job: &NewJob, sender: Option<Uuid>) -> Self {

@@ -18,7 +18,7 @@ use crate::{
             page::Window,
             signed, state,
             transition::Transition,
-            turn::{Queue, Turn},
+            turn::{Queue, TurnInput},
             unsigned,
         },
     },
@@ -254,7 +254,7 @@ async fn insert_behind(
     if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
         return Ok(Enqueue::OverQuota(over));
     }
-    let place = Turn::of(job, sender);
+    let place = TurnInput::of(job, sender);
     let turn = next_turn(&mut *connection, &place).await?;
     let row: JobRow = sqlx::query_as(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
@@ -288,7 +288,7 @@ async fn insert_behind(
 }
 
 /// The turn of a job that is accepted now, as [`rows::turn`](crate::store::rows::turn) defines it.
-async fn next_turn(connection: &mut SqliteConnection, place: &Turn) -> StoreResult<i64> {
+async fn next_turn(connection: &mut SqliteConnection, place: &TurnInput) -> StoreResult<i64> {
     let turn = sqlx::query_scalar(
         "SELECT MAX(
              COALESCE((SELECT max(turn) FROM jobs WHERE background = ?1 AND started_at IS NOT NULL), 0) - ?3,

@@ -168,7 +168,7 @@ const scenarios = {
     page.settled();
   },
 
-  // a person stops an upload, lets it go on, and removes another
+  // a person stops an upload, lets it continue, and removes another
   async pause(browser) {
     const page = await opened(browser);
     let hold = true;
@@ -186,7 +186,7 @@ const scenarios = {
     await waiting;
     await page.click('text=Pause');
     await page.waitForSelector('#uploads >> text=paused at');
-    await page.click('text=Go on');
+    await page.click('text=Continue');
     await finished(page);
     hold = true;
     await describe(page);

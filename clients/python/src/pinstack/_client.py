@@ -180,7 +180,7 @@ class Client:
             idempotency_key: send it in one request with this key: a repetition with the same key and zip gets the
                 first stack, also from another process. Without it the upload is resumable.
             on_bytes: called with bytes sent and their total.
-            resume: path of an upload that ``on_created`` told earlier; it goes on where it was cut off.
+            resume: path of an upload that ``on_created`` told earlier; it continues where it was cut off.
             on_created: called with the path of the upload as soon as it exists.
             options: ``label``, ``scan``, ``pan_deg``, ``method``, ... of ``models.StackOptionsInput``.
         """

@@ -72,7 +72,7 @@ def wait(path: str, retry: Retry, on_progress: Optional[OnProgress], timeout_s: 
         if timeout_s is not None:
             left = began + timeout_s - (yield Clock())
             if left <= 0:
-                detail = f"{path} did not end within {timeout_s:g} s; it goes on, and can be waited for again"
+                detail = f"{path} did not end within {timeout_s:g} s; it continues, and can be waited for again"
                 raise PinstackError("timeout", detail)
         headers = {"accept": "text/event-stream"}
         if sink.last_id is not None:

@@ -1,7 +1,7 @@
 """Resumable uploads by tus 1.0.0.
 
 Each piece carries its checksum, so the service stores it whole or not at all. After a failure the offset is asked
-again, and the upload goes on there. The upload and its stack or calibration have the same id: an upload whose last
+again, and the upload continues there. The upload and its stack or calibration have the same id: an upload whose last
 response was lost makes no second one.
 """
 
@@ -19,7 +19,7 @@ from ._paths import shown
 from ._zips import Source
 
 VERSION = {"tus-resumable": "1.0.0"}
-#: After these the offset is asked and the upload goes on: another offset, locked, damaged on the way, cut off.
+#: After these the offset is asked and the upload continues: another offset, locked, damaged on the way, cut off.
 RESUMABLE = TEMPORARY | {400, 409, 423, 460}
 
 #: Bytes below which a piece is not halved.

@@ -1,7 +1,7 @@
 """What is sent: a file, bytes, or a zip that is made while it is read.
 
 A :class:`StoredZip` has a length before anything is read and the same bytes at every offset each time, so an upload
-can go on at any offset, also in another process. Its members are stored, not compressed: pictures are compressed
+can continue at any offset, also in another process. Its members are stored, not compressed: pictures are compressed
 already. Nothing is copied to the disk.
 """
 

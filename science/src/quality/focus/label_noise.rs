@@ -29,7 +29,7 @@ pub(super) fn fraction(index: &Plane<u16>, at: &[(usize, usize)]) -> Option<f64>
 }
 
 /// Median over pixels of the lead `(s1 - s2) / s1` of the largest saliency over the second largest: 0 (none) to 1.
-pub(super) fn ambiguity<'a>(saliency: impl Iterator<Item = &'a [f32]>) -> Option<f64> {
+pub(super) fn median_lead<'a>(saliency: impl Iterator<Item = &'a [f32]>) -> Option<f64> {
     let lead = |values: &[f32]| {
         let (first, second) = values.iter().fold((0.0f32, 0.0f32), |(first, second), &value| match value {
             value if value > first => (value, first),
@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn the_lead_of_the_sharpest_slice_is_a_share_of_it() {
         let saliency: [&[f32]; 3] = [&[8.0, 6.0, 1.0], &[2.0, 4.0, 1.0], &[9.0, 9.0, 9.0]];
-        assert_eq!(ambiguity(saliency.into_iter()), Some(0.25));
-        assert_eq!(ambiguity(std::iter::empty()), None);
+        assert_eq!(median_lead(saliency.into_iter()), Some(0.25));
+        assert_eq!(median_lead(std::iter::empty()), None);
     }
 }

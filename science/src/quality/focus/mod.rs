@@ -131,7 +131,7 @@ pub(super) fn measure(
     metrics.uneven_steps =
         pairs(&|n| steps[n].is_some_and(|step| step > UNEVEN) && falls[n].is_some_and(|fall| fall < UNEVEN_FALL));
     metrics.label_noise = label_noise::fraction(index, &at);
-    metrics.ambiguity = label_noise::ambiguity(textured.iter().map(|(_, saliency)| *saliency));
+    metrics.ambiguity = label_noise::median_lead(textured.iter().map(|(_, saliency)| *saliency));
     metrics.order = FocusCurves::of(
         at.iter().copied().zip(textured.iter().map(|(_, saliency)| *saliency)),
         (index.width, index.height),
@@ -179,7 +179,7 @@ impl AtEnd<'_> {
         let of_end = self.textured.iter().zip(self.at).filter(|((label, _), _)| *label == self.end);
         let curves = of_end.map(|((_, saliency), &at)| (at, self.saliency(saliency, self.apart)));
         let size = (decision_map.index.width, decision_map.index.height);
-        range::extends_beyond(curves, self.textured.len(), size, noise, decision_map.settled)
+        range::extends_beyond(curves, self.textured.len(), size, noise, decision_map.refined)
     }
 
     /// Saliency in the end slice and in the two slices that are `apart` and twice `apart` steps from it.

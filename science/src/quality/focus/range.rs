@@ -9,17 +9,17 @@ const IN_CELLS: f64 = 0.012;
 /// A peak farther before the end slice than this, in units of the distance between the slices compared, is outside the
 /// range.
 const OUTSIDE: f32 = 0.75;
-/// The same two limits for a decision map that is not settled. It has more pixels beside outlines in the end slice.
+/// The same two limits for a decision map that is not refined. It has more pixels beside outlines in the end slice.
 /// There saliency falls with defocus more slowly than on a surface, which moves the peak of the parabola outwards.
-const IN_CELLS_UNSETTLED: f64 = 0.013;
-const OUTSIDE_UNSETTLED: f32 = 1.5;
+const IN_CELLS_UNREFINED: f64 = 0.013;
+const OUTSIDE_UNREFINED: f32 = 1.5;
 /// Cells in each direction over the canvas, and the fewest points of a cell.
 const GRID: usize = 20;
 const LEAST_POINTS: usize = 6;
 
 /// Whether a considerable part of the object is in focus beyond an end of the stack. `curves` are the textured pixels
 /// that are labelled with the end slice: position, and saliency in the end slice and in two slices after it, all
-/// equally far apart. `textured` is the number of all textured pixels, `noise` the saliency of noise, `settled` as in
+/// equally far apart. `textured` is the number of all textured pixels, `noise` the saliency of noise, `refined` as in
 /// [`super::DecisionMap`].
 ///
 /// Two tests must agree. A single pixel is unreliable: noise and defocus spread change its three values, and where a
@@ -30,9 +30,9 @@ pub(super) fn extends_beyond(
     textured: usize,
     (width, height): (usize, usize),
     noise: f32,
-    settled: bool,
+    refined: bool,
 ) -> bool {
-    let (outside, share_in_cells) = if settled { (OUTSIDE, IN_CELLS) } else { (OUTSIDE_UNSETTLED, IN_CELLS_UNSETTLED) };
+    let (outside, share_in_cells) = if refined { (OUTSIDE, IN_CELLS) } else { (OUTSIDE_UNREFINED, IN_CELLS_UNREFINED) };
     let mut cells = vec![(0usize, [0.0f32; 3]); GRID * GRID];
     let mut single = 0usize;
     for ((x, y), saliency) in curves {
@@ -65,8 +65,8 @@ mod tests {
         (0..count).map(one).collect()
     }
 
-    fn extends(z: f32, count: usize, settled: bool) -> bool {
-        extends_beyond(curves(z, count).into_iter(), 40_000, (400, 300), 3.0, settled)
+    fn extends(z: f32, count: usize, refined: bool) -> bool {
+        extends_beyond(curves(z, count).into_iter(), 40_000, (400, 300), 3.0, refined)
     }
 
     #[test]

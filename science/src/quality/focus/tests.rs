@@ -57,7 +57,7 @@ fn measure_planes(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&P
         meter.measure(n, &slice, rows, Fingerprint::default()).expect("it can be read")
     };
     let measurements: Vec<SliceMeasurements> = saliency.iter().enumerate().map(measured).collect();
-    measure(&measurements, meter.points(), &DecisionMap { index, settled: false }, object.is_some())
+    measure(&measurements, meter.points(), &DecisionMap { index, refined: false }, object.is_some())
 }
 
 #[test]

@@ -199,7 +199,7 @@ async function start(what, metadata) {
     });
     pause.addEventListener('click', () => {
       upload.setPaused(!upload.isPaused);
-      pause.textContent = upload.isPaused ? 'Go on' : 'Pause';
+      pause.textContent = upload.isPaused ? 'Continue' : 'Pause';
     });
     stop.addEventListener('click', () => upload.remove());
     const job = await upload.run();

@@ -15,7 +15,7 @@ function kept(key) {
 function keep(key, url) {
   try {
     if (url) localStorage.setItem(PREFIX + key, url); else localStorage.removeItem(PREFIX + key);
-  } catch { /* without it the upload only cannot go on after a reload */ }
+  } catch { /* without it, an upload cannot be continued after a reload */ }
 }
 
 /** A resumable upload. `told` is called with `{state, sent, total, detail}` whenever something changes. */

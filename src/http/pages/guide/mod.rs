@@ -15,7 +15,7 @@ use rust_embed::RustEmbed;
 
 use self::markdown::{Heading, Rendered};
 use super::{
-    frame::{Frame, Place, Viewer},
+    frame::{Frame, PageUser, Place},
     words::text,
 };
 use crate::{
@@ -74,21 +74,21 @@ pub fn explanation(code: &str) -> Option<String> {
 ///
 /// # Errors
 /// `not_found`, for a program without it.
-pub async fn start(viewer: Viewer) -> ApiResult<Response> {
-    shown("", &viewer)
+pub async fn start(user: PageUser) -> ApiResult<Response> {
+    shown("", &user)
 }
 
 /// A page, or a picture of one.
 ///
 /// # Errors
 /// `not_found`.
-pub async fn page(Path(name): Path<String>, viewer: Viewer) -> ApiResult<Response> {
+pub async fn page(Path(name): Path<String>, user: PageUser) -> ApiResult<Response> {
     if let Some(page) = name.strip_suffix(".md").filter(|page| PAGES.contains_key(*page)) {
         return Ok(Redirect::permanent(&format!("/guide/{page}")).into_response());
     }
     match media_type(&name).and_then(|media_type| Some((media_type, Docs::get(&name)?))) {
         Some((media_type, file)) => Ok(([(header::CONTENT_TYPE, media_type)], file.data.into_owned()).into_response()),
-        None => shown(&name, &viewer),
+        None => shown(&name, &user),
     }
 }
 
@@ -100,10 +100,10 @@ fn media_type(name: &str) -> Option<&'static str> {
     }
 }
 
-fn shown(name: &str, viewer: &Viewer) -> ApiResult<Response> {
+fn shown(name: &str, user: &PageUser) -> ApiResult<Response> {
     let missing = || ApiError::new(Code::NotFound, "the guide has no such page; its first page is /guide");
     let page = PAGES.get(name).ok_or_else(missing)?;
-    let frame = Frame { title: &page.title, place: Place::Elsewhere, viewer: Some(viewer), script: None };
+    let frame = Frame { title: &page.title, place: Place::Elsewhere, user: Some(user), script: None };
     Ok(frame.answer(html! {
         article.guide {
             @if !name.is_empty() { p.crumbs { a href="/guide" { "Guide" } } }

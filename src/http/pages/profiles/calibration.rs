@@ -12,7 +12,7 @@ use crate::{
         extract::{JobId, params},
         job_resource::load,
         pages::{
-            frame::{Frame, Place, Viewer, respond},
+            frame::{Frame, PageUser, Place, respond},
             stacks::row,
             words::{sentence, text},
         },
@@ -26,7 +26,7 @@ use crate::{
 ///
 /// # Errors
 /// `not_found`.
-pub async fn page(State(app): State<App>, viewer: Viewer, JobId(id): JobId, uri: Uri) -> ApiResult<Response> {
+pub async fn page(State(app): State<App>, user: PageUser, JobId(id): JobId, uri: Uri) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     let job = load(&app, id, JobKind::Calibration).await?;
     let queue = row::queue(&app, std::slice::from_ref(&job)).await?;
@@ -35,7 +35,7 @@ pub async fn page(State(app): State<App>, viewer: Viewer, JobId(id): JobId, uri:
         return Ok(respond(state));
     }
     let name = row::name(&job);
-    let frame = Frame { title: &name, place: Place::Profiles, viewer: Some(&viewer), script: Some("job.js") };
+    let frame = Frame { title: &name, place: Place::Profiles, user: Some(&user), script: Some("job.js") };
     Ok(frame.answer(html! {
         div.head {
             div {
@@ -43,7 +43,7 @@ pub async fn page(State(app): State<App>, viewer: Viewer, JobId(id): JobId, uri:
                 h1 { (text(&name)) }
                 p.soft { a href={ "/profiles/" (job.rig) "/" (job.lens) } { (job.rig) " · " (job.lens) } }
             }
-            @if viewer.profiles && !job.state.is_final() {
+            @if user.profiles && !job.state.is_final() {
                 div.buttons { button type="button" id="cancel" disabled[job.cancel_requested] { "Cancel" } }
             }
         }

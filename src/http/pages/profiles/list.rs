@@ -10,7 +10,7 @@ use crate::{
     http::{
         extract::params,
         pages::{
-            frame::{Frame, Place, Viewer},
+            frame::{Frame, PageUser, Place},
             stacks::row::name,
             words::{ago, sentence, state, text},
         },
@@ -29,7 +29,7 @@ const CALIBRATIONS: u32 = 10;
 ///
 /// # Errors
 /// `invalid_request` for a cursor that is none.
-pub async fn page(State(app): State<App>, viewer: Viewer, uri: Uri) -> ApiResult<Response> {
+pub async fn page(State(app): State<App>, user: PageUser, uri: Uri) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     let cursor = params::take(&mut pairs, "cursor");
     let is_first = cursor.is_none();
@@ -37,11 +37,11 @@ pub async fn page(State(app): State<App>, viewer: Viewer, uri: Uri) -> ApiResult
     let filter = JobFilter { kind: Some(JobKind::Calibration), ..JobFilter::default() };
     let calibrations = app.store.metadata.jobs(&filter, &PageRequest { limit: CALIBRATIONS, cursor: None }).await?;
     let now = Timestamp::now();
-    let frame = Frame { title: "Profiles", place: Place::Profiles, viewer: Some(&viewer), script: None };
+    let frame = Frame { title: "Profiles", place: Place::Profiles, user: Some(&user), script: None };
     Ok(frame.answer(html! {
         div.head {
             div { h1 { "Profiles" } p.soft { "A profile describes how each slice of a rig and lens is laid onto the reference slice." } }
-            @if viewer.profiles { a.button.main href="/send?purpose=calibration" { "Calibrate" } }
+            @if user.profiles { a.button.main href="/send?purpose=calibration" { "Calibrate" } }
         }
         @if profiles.items.is_empty() {
             div.empty {

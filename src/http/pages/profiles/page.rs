@@ -9,7 +9,7 @@ use crate::{
     http::{
         extract::ProfileKey,
         pages::{
-            frame::{Frame, Place, Viewer},
+            frame::{Frame, PageUser, Place},
             words::{date, sentence, text},
         },
         problem::ApiResult,
@@ -26,7 +26,7 @@ const ROWS: u32 = 50;
 ///
 /// # Errors
 /// `profile_not_found`.
-pub async fn page(State(app): State<App>, viewer: Viewer, ProfileKey { rig, lens }: ProfileKey) -> ApiResult<Response> {
+pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens }: ProfileKey) -> ApiResult<Response> {
     let Some(profile) = app.store.metadata.profile(&rig, &lens, None).await? else {
         return Err(not_found(&app, &rig, &lens, None).await);
     };
@@ -35,7 +35,7 @@ pub async fn page(State(app): State<App>, viewer: Viewer, ProfileKey { rig, lens
     let drift = drift_plot::plot(&app, &rig, &lens, &numbers).await?;
     let title = format!("{rig} · {lens}");
     let export = format!("/v1/profiles/{rig}/{lens}/export");
-    let frame = Frame { title: &title, place: Place::Profiles, viewer: Some(&viewer), script: None };
+    let frame = Frame { title: &title, place: Place::Profiles, user: Some(&user), script: None };
     Ok(frame.answer(html! {
         div.head {
             div { p.crumbs { a href="/profiles" { "Profiles" } } h1 { (title) } }

@@ -2,12 +2,12 @@
 
 use maud::{Markup, html};
 
-use crate::{http::pages::frame::Viewer, store::Job};
+use crate::{http::pages::frame::PageUser, store::Job};
 
 /// The buttons; none for a person who may only read.
-pub fn buttons(job: &Job, viewer: &Viewer) -> Markup {
+pub fn buttons(job: &Job, user: &PageUser) -> Markup {
     html! {
-        @if viewer.stacks {
+        @if user.stacks {
             div.buttons {
                 @if !job.state.is_final() {
                     button type="button" id="cancel" disabled[job.cancel_requested] { "Cancel" }
@@ -44,9 +44,9 @@ const CHOICES: [Choice; 10] = [
 ];
 
 /// The form for another run with other options.
-pub fn rerun(job: &Job, viewer: &Viewer) -> Markup {
+pub fn rerun(job: &Job, user: &PageUser) -> Markup {
     html! {
-        @if viewer.stacks && !job.upload_removed {
+        @if user.stacks && !job.upload_removed {
             details {
                 summary { "Fuse again with other options" }
                 form id="rerun" data-stack=(job.id) {

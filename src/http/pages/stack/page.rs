@@ -19,7 +19,7 @@ use crate::{
         extract::{JobId, params},
         job_resource::{load, not_found},
         pages::{
-            frame::{Frame, Place, Viewer},
+            frame::{Frame, PageUser, Place},
             stacks::row,
             words::{sentence, text},
         },
@@ -36,7 +36,7 @@ use crate::{
 pub async fn page(
     State(app): State<App>,
     caller: Caller,
-    viewer: Viewer,
+    user: PageUser,
     JobId(id): JobId,
     uri: Uri,
 ) -> ApiResult<Response> {
@@ -59,20 +59,20 @@ pub async fn page(
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
     let reference = reference.map(|profile| profile.input.reference_index as usize);
-    let frame = Frame { title: &name, place: Place::Stacks, viewer: Some(&viewer), script: Some("stack.js") };
+    let frame = Frame { title: &name, place: Place::Stacks, user: Some(&user), script: Some("stack.js") };
     Ok(frame.answer(html! {
         div.head {
             div {
                 p.crumbs { a href="/" { "Stacks" } }
                 h1 { (text(&name)) }
             }
-            (actions::buttons(&job, &viewer))
+            (actions::buttons(&job, &user))
         }
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
         @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref())) }
         (facts::warnings(&job, outcome))
-        (actions::rerun(&job, &viewer))
+        (actions::rerun(&job, &user))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }
         div.columns {
             (facts::facts(&job, request, outcome))

@@ -18,7 +18,7 @@ use crate::{
     contract::{Code, JobKind, artifact::StackArtifact, request::JobRequest},
     http::{
         artifacts::{
-            conversions::{Converted, Form, Making, SliceRecipe},
+            conversions::{Conversion, Converted, Form, SliceRecipe},
             download, outcome,
             pyramid::{self, Colours},
         },
@@ -71,7 +71,7 @@ impl Picture {
                     // refuses a damaged file
                     drop(download::stored(app, job, stored, String::new()).await?);
                 }
-                app.conversions.get(app, &stored.key, &stored.sha256, Making::Pyramid(colours)).await
+                app.conversions.get(app, &stored.key, &stored.sha256, Conversion::Pyramid(colours)).await
             }
             Self::Slice(index) => {
                 let stack = job.id.to_string();
@@ -84,7 +84,7 @@ impl Picture {
                 let profile = metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
                 let profile = profile.ok_or_else(none)?.input;
                 let recipe = SliceRecipe { profile, options: request.options.clone(), index };
-                app.conversions.get(app, &request.upload.key, &stack, Making::Slice(Arc::new(recipe))).await
+                app.conversions.get(app, &request.upload.key, &stack, Conversion::Slice(Arc::new(recipe))).await
             }
         }
     }

@@ -23,7 +23,7 @@ use crate::{
             params,
         },
         pages::{
-            frame::{Frame, Place, Viewer},
+            frame::{Frame, PageUser, Place},
             words::text,
         },
         problem::ApiResult,
@@ -42,7 +42,7 @@ const ROWS: u32 = 24;
 pub async fn list(
     State(app): State<App>,
     caller: Caller,
-    viewer: Viewer,
+    user: PageUser,
     uri: Uri,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
@@ -59,15 +59,15 @@ pub async fn list(
     if rows_alone {
         return Ok(fragment(&headers, rows));
     }
-    let frame = Frame { title: "Stacks", place: Place::Stacks, viewer: Some(&viewer), script: Some("list.js") };
+    let frame = Frame { title: "Stacks", place: Place::Stacks, user: Some(&user), script: Some("list.js") };
     Ok(frame.answer(html! {
         div.head {
             div { h1 { "Stacks" } }
-            @if viewer.stacks { a.button.main href="/send" { "Send a stack" } }
+            @if user.stacks { a.button.main href="/send" { "Send a stack" } }
         }
         (filters(&filter))
         @if page.items.is_empty() && page.skipped.is_empty() {
-            (empty(&filter, is_first, &viewer))
+            (empty(&filter, is_first, &user))
         }
         div id="rows" { (rows) }
         p.soft id="told" role="status" {}
@@ -139,7 +139,7 @@ fn filters(filter: &JobFilter) -> Markup {
     }
 }
 
-fn empty(filter: &JobFilter, is_first: bool, viewer: &Viewer) -> Markup {
+fn empty(filter: &JobFilter, is_first: bool, user: &PageUser) -> Markup {
     let is_all = JobFilter { kind: filter.kind, owner: filter.owner, ..JobFilter::default() } == *filter;
     html! {
         div.empty {
@@ -147,7 +147,7 @@ fn empty(filter: &JobFilter, is_first: bool, viewer: &Viewer) -> Markup {
                 p.lead { "There are no stacks yet." }
                 p { "A stack needs the profile of its rig and lens. Photograph a " a href="/plan" { "dot target" }
                     " at every rail position once, and send these pictures as a calibration. Then send your stacks." }
-                @if viewer.stacks { p { a.button.main href="/send" { "Send pictures" } } }
+                @if user.stacks { p { a.button.main href="/send" { "Send pictures" } } }
             } @else {
                 p.lead { "No stack matches." }
                 p { a href="/" { "Show all stacks" } }

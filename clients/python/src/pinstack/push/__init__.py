@@ -3,7 +3,7 @@
 | module | what it does |
 |---|---|
 | ``folders`` | which folders are stacks, and their slices |
-| ``journal`` | what was sent, on disk: nothing is sent twice, and an upload goes on after a crash |
+| ``journal`` | what was sent, on disk: nothing is sent twice, and an upload continues after a crash |
 | ``sender`` | sends one stack, waits for it and saves its results |
 | ``run`` | several stacks at a time |
 | ``watch`` | sends folders as they become complete |

@@ -32,7 +32,7 @@ from .watch import wait_until_quiet, watch
 DONE, SOME_FAILED, USAGE, UNREACHABLE, INTERRUPTED = 0, 1, 2, 3, 130
 
 EPILOG = """exit codes: 0 everything is done; 1 some stacks were refused, failed or are incomplete; 2 wrong usage;
-3 the service cannot be reached; 130 interrupted. A run that ended early goes on when the command is given again."""
+3 the service cannot be reached; 130 interrupted. A run that ended early continues when the command is given again."""
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:

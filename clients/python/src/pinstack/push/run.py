@@ -18,7 +18,7 @@ from .settings import Settings
 
 
 class Stopped(Exception):
-    """The user ended the run; the next one goes on."""
+    """The user ended the run; the next one continues."""
 
 
 def send_all(
@@ -34,7 +34,7 @@ def send_all(
     """Sends the stacks, at most ``settings.jobs`` at a time, and returns how each ended, in their order.
 
     A stack that is refused or fails does not stop the others. After ``stop`` no further stack is begun, and what is
-    being sent is left as it is: the next run goes on there. ``wait`` waits until a stack is complete; if it says False,
+    being sent is left as it is: the next run continues it. ``wait`` waits until a stack is complete; if it says False,
     the stack is not sent.
     """
     stop = stop if stop is not None else threading.Event()

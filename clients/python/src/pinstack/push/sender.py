@@ -74,7 +74,7 @@ def send(
         # what was sent before this is known to the service: the next run asks it
         return Outcome(found.name, "incomplete", [f"the journal cannot be written: {error}; is its disk full?"])
     except OSError as error:
-        # the next run goes on where this one ended
+        # the next run continues where this one ended
         return Outcome(found.name, "incomplete", [f"{shown(error.filename or found.view)}: {error.strerror or error}"])
 
 

@@ -14,7 +14,7 @@ use tokio::{
 
 /// A stream whose writes fail when they make no progress for `timeout`, which ends the connection. Reads have no
 /// timeout here: those of the head and the body are set elsewhere.
-pub struct Reading<S> {
+pub struct WriteTimeout<S> {
     stream: S,
     timeout: Duration,
     /// Deadline of the pending write; created at the first one.
@@ -22,7 +22,7 @@ pub struct Reading<S> {
     is_waiting: bool,
 }
 
-impl<S> Reading<S> {
+impl<S> WriteTimeout<S> {
     /// Wraps a stream.
     pub fn new(stream: S, timeout: Duration) -> Self {
         Self { stream, timeout, deadline: None, is_waiting: false }
@@ -45,13 +45,13 @@ impl<S> Reading<S> {
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Reading<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for WriteTimeout<S> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         Pin::new(&mut self.stream).poll_read(cx, buf)
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Reading<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for WriteTimeout<S> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
         let write = Pin::new(&mut self.stream).poll_write(cx, buf);
         self.with_deadline(write, cx)
