@@ -8,7 +8,12 @@ use tokio::{
     net::TcpStream,
 };
 
-use crate::app::{TestApp, problem, profile, stack_zip};
+use pinstack::store::tokens::Scope;
+
+use crate::{
+    access::token,
+    app::{TestApp, problem, profile, stack_zip},
+};
 
 const PROFILE: &str = "/v1/profiles/rig/lens";
 const POST: &str = "/v1/stacks?rig=rig&lens=lens";
@@ -48,6 +53,17 @@ async fn a_request_for_an_unknown_host_is_refused() {
     let guarded = TestApp::start_with(|policy| policy.auth_required = true).await;
     let answer = guarded.get("/v1/profiles").header("host", "lab.example").send().await.unwrap();
     problem(answer, 401, "unauthorized").await;
+}
+
+/// Pages of other sites have no token. A server need not be restarted after the first one was made.
+#[tokio::test]
+async fn once_there_is_a_token_any_host_name_is_accepted() {
+    let app = TestApp::start_with(|policy| policy.auth_once_there_are_tokens = true).await;
+    let request = || app.get("/v1/profiles").header("host", "lab.example");
+    problem(request().send().await.unwrap(), 421, "misdirected_request").await;
+    let admin = token(&app, "admin", &[Scope::Admin]).await;
+    problem(request().send().await.unwrap(), 401, "unauthorized").await;
+    assert_eq!(request().bearer_auth(admin).send().await.unwrap().status(), StatusCode::OK);
 }
 
 #[tokio::test]

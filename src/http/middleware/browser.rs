@@ -33,7 +33,12 @@ const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 
 /// The layer.
 pub async fn check(State(app): State<App>, request: Request, next: Next) -> Response {
-    match admit(&app.policy, &request) {
+    let admitted = match host(&request).map(|host| require_own_page(&app.policy, &request, host)) {
+        Ok(Err(refusal)) => unless_it_needs_a_token(&app, refusal).await,
+        Ok(Ok(())) => Ok(()),
+        Err(error) => Err(error),
+    };
+    match admitted {
         Ok(()) => next.run(request).await,
         Err(error) => {
             let (parts, body) = request.into_parts();
@@ -43,8 +48,16 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
     }
 }
 
-fn admit(policy: &Policy, request: &Request) -> ApiResult<()> {
-    let host = host(request)?;
+/// Tokens may be required since the first one was made. If that is unknown, the request stays refused.
+async fn unless_it_needs_a_token(app: &App, refusal: ApiError) -> ApiResult<()> {
+    match app.requires_token().await {
+        Ok(true) => Ok(()),
+        Ok(false) | Err(_) => Err(refusal),
+    }
+}
+
+/// Refuses what a page of another site can make a browser send.
+fn require_own_page(policy: &Policy, request: &Request, host: Option<Authority>) -> ApiResult<()> {
     if policy.auth_required {
         return Ok(());
     }
