@@ -29,7 +29,8 @@ pub struct Backup {
 }
 
 /// Restore a backup, or move a data folder, into a new data folder or an empty Postgres database. At the end every file
-/// is compared with its digest. If it is interrupted, run it again.
+/// is compared with its digest. If it is interrupted while it copies, run it again; if while it compares, everything is
+/// restored, and 'pinstack verify' compares again.
 #[derive(Debug, Args)]
 pub struct Restore {
     #[command(flatten)]

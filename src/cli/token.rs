@@ -10,7 +10,9 @@ use super::{
 use crate::{
     contract::Name,
     store::{
-        MetadataStore, folder, open_shared_metadata,
+        MetadataStore,
+        backup::remove_mark,
+        folder, open_shared_metadata,
         tokens::{NewToken, Scope, mint, names},
     },
 };
@@ -64,6 +66,9 @@ impl Token {
         let (data_dir, database) = (&config.data_dir, config.database()?);
         make_files_private();
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
+        if !matches!(self.command, Command::List) {
+            remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
+        }
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
             let metadata = open_shared_metadata(data_dir, database.as_ref()).await?;

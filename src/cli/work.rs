@@ -13,7 +13,7 @@ use super::{
 use crate::{
     disk_budget::DiskBudget,
     jobs::ScienceRunner,
-    store::{self, folder},
+    store::{self, backup::remove_mark, folder},
     telemetry::traces,
     worker::{Deps, Pool, maintenance},
 };
@@ -36,6 +36,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let traces = config.collector().map(traces::start).transpose()?;
         let data_dir = &config.data_dir;
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
+        remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
         let store = store::open_shared(data_dir, &config.shared()?).await?;
         let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(ScienceRunner::default()));
         let pool = Pool::start(Deps { store: store.clone(), disk, runner }, workers(&config));

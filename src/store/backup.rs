@@ -25,8 +25,8 @@ use super::{
     local::{self, remove},
 };
 
-/// Marks a folder as a backup, which the next backup may replace. A server that runs on the folder removes the mark:
-/// the folder is a store of its own from then on and must not be overwritten.
+/// Marks a folder as a backup, which the next backup may replace. A server or worker that runs on the folder, and a
+/// change of its tokens, remove the mark: the folder is a store of its own from then on and must not be overwritten.
 pub const MARK: &str = "pinstack.copy";
 /// Rows that are read at a time.
 const PAGE: u32 = 200;

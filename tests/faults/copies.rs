@@ -152,6 +152,22 @@ async fn a_folder_with_other_content_is_not_used_for_a_backup() {
     assert!(!nowhere.status.success() && text(&nowhere).contains("--data-dir"), "{}", text(&nowhere));
 }
 
+/// A store of its own from then on: the next backup must not replace what was changed in it.
+#[tokio::test]
+async fn a_backup_whose_tokens_were_changed_is_not_overwritten() {
+    let (story, _, _) = with_two_stacks().await;
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy");
+    backup(&story.data(), &copy);
+    let listed = command(&copy, &["token", "list"]);
+    assert!(listed.status.success(), "{}", text(&listed));
+    backup(&story.data(), &copy);
+    let added = command(&copy, &["token", "add", "ann", "--scope", "read"]);
+    assert!(added.status.success(), "{}", text(&added));
+    let again = command(&story.data(), &["backup", "--to", copy.to_str().expect("UTF-8")]);
+    assert!(!again.status.success() && text(&again).contains("not a backup"), "{}", text(&again));
+}
+
 #[tokio::test]
 async fn missing_and_changed_files_are_reported() {
     let (story, [first, second], _) = with_two_stacks().await;
