@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 import httpx
 import pytest
-from fake import UPLOAD, Uploads
+from fake import JOB, UPLOAD, Uploads
 
 from pinstack import Client, PinstackError, Retry
 from pinstack.push import folders, settings, sheet
@@ -212,6 +212,23 @@ def test_a_stack_of_which_a_slice_is_held_while_it_is_sent_is_incomplete(
     assert outcome.state == "incomplete" and "2.jpg cannot be read: another program holds it" in outcome.sentences[0]
     entry = journal.entry(key(stack, settings.Settings()))
     assert (entry.upload, entry.ended) == (UPLOAD, None), "the upload is continued"
+    journal.close()
+
+
+@pytest.mark.parametrize("code, is_sent_again", [("insufficient_storage", True), ("invalid_image", False)])
+def test_only_a_stack_that_failed_because_of_the_machine_is_sent_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, is_sent_again: bool
+) -> None:
+    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
+    failed = {"state": "failed", "error": {"code": code, "detail": "it failed"}}
+    monkeypatch.setattr(Client, "wait", lambda *_, **__: failed)
+    journal = Journal(tmp_path / "journal")
+    at = key(stack, settings.Settings())
+    journal.note(at, "v", job=JOB)
+    service = Client("http://rig", transport=httpx.MockTransport(Uploads()))
+    outcome = send(service, journal, stack, settings.Settings(), tmp_path, lambda *step: None)
+    assert (outcome.state, outcome.sentences[0]) == ("failed", "it failed")
+    assert journal.entry(at).job == (None if is_sent_again else JOB)
     journal.close()
 
 

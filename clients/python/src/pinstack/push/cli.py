@@ -32,7 +32,10 @@ from .watch import wait_until_quiet, watch
 DONE, SOME_FAILED, USAGE, UNREACHABLE, INTERRUPTED = 0, 1, 2, 3, 130
 
 EPILOG = """exit codes: 0 everything is done; 1 some stacks were refused, failed or are incomplete; 2 wrong usage;
-3 the service cannot be reached; 130 interrupted. A run that ended early continues when the command is given again."""
+3 the service cannot be reached or is busy; 130 interrupted. A run that ended early continues when the command is given
+again. With several folders, results and journal are in the first one: give them in the same order again."""
+
+EPILOG_OF_WATCH = """exit codes: 0 it was stopped; 2 wrong usage; 3 the service cannot be reached at the start."""
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -47,6 +50,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         for table in ("options", "names"):
             given[table] = {name: value for text in given[table] for name, value in option(text).items()}
         settings = load(given.pop("config"), given, os.environ)
+        if given.get("json") and not given.get("dry_run"):
+            raise PinstackError("invalid_source", "--json shows what --dry-run finds; give both, or neither")
         if given.get("dry_run"):
             return _dry_run(folders, settings, as_json=bool(given.get("json")))
         return _push(folders, settings) if command == "push" else _watch(folders[0], settings, given.get("log"))
@@ -62,8 +67,10 @@ def _parser() -> argparse.ArgumentParser:
     push = commands.add_parser("push", help="send all stacks in folders", epilog=EPILOG)
     push.add_argument("folders", nargs="+", metavar="DIR")
     push.add_argument("--dry-run", action="store_true", help="only show which files are which stack; sends names alone")
-    push.add_argument("--json", action="store_true", help="show that as JSON")
-    watching = commands.add_parser("watch", help="send stacks as they become complete, until stopped", epilog=EPILOG)
+    push.add_argument("--json", action="store_true", help="with --dry-run: show that as JSON")
+    watching = commands.add_parser(
+        "watch", help="send stacks as they become complete, until stopped", epilog=EPILOG_OF_WATCH
+    )
     watching.add_argument("folders", nargs=1, metavar="DIR")
     watching.add_argument("--every-s", type=float, help="seconds between two looks")
     watching.add_argument("--log", type=Path, help="also write to this file; it is rotated at 5 MB")

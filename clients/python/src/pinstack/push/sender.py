@@ -16,6 +16,9 @@ from .journal import Entry, Journal, key_of
 from .results import missing, save_results
 from .settings import Settings
 
+#: Codes of stacks that failed because of the machine of the service, so they may succeed when they are sent again.
+OF_THE_MACHINE = frozenset({"unavailable", "insufficient_storage", "worker_lost", "internal"})
+
 #: Called with a stack's name, what happens to it, and how far it is (0 to 1).
 OnStep = Callable[[str, str, float], None]
 
@@ -117,6 +120,9 @@ def _send(
     if stack["state"] != "succeeded":
         problem_of_job = stack.get("error") or {}
         detail = str(problem_of_job.get("detail") or "it was cancelled at the service")
+        if problem_of_job.get("code") in OF_THE_MACHINE:
+            journal.forget(at)
+            return Outcome(found.name, "failed", [detail, "the next run sends it again"], stack)
         journal.note(at, found.name, ended=detail)
         return Outcome(found.name, "failed", [detail], stack)
     on_step(found.name, "saving", 0.0)
