@@ -133,7 +133,10 @@ fn refuse_turned(found: &[Found<'_>]) -> Result<(), Error> {
 fn refuse_sizes(found: &[Found<'_>]) -> Result<(u32, u32), Error> {
     let size_of = |header: &Header| (header.width, header.height);
     let Some((width, height)) = usual(found, size_of) else {
-        return Err(Error::new(ErrorKind::SliceCountMismatch, "the zip holds no slices"));
+        return Err(Error::new(
+            ErrorKind::SliceCountMismatch,
+            "the zip holds no slices; put the pictures of the stack into it, as JPEG, PNG or TIFF",
+        ));
     };
     let odd: Vec<&Found<'_>> = found.iter().filter(|f| size_of(&f.header) != (width, height)).collect();
     let Some(first) = odd.first() else { return Ok((width, height)) };

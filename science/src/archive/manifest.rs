@@ -119,8 +119,9 @@ impl Pictures {
             let free = called.flatten().copied().filter(|&at| self.left.get(at).is_some_and(Option::is_some)).min();
             let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {
                 let word = light.word();
-                let detail =
-                    format!("{FILE} lists the {word} slice {label}, which is not in the zip or was listed before");
+                let detail = format!(
+                    "{FILE} lists the {word} slice {label}, which is not in the zip or was listed before; correct the list, or omit it"
+                );
                 return Err(invalid(&label, detail));
             };
             out.push(picture.member);

@@ -140,9 +140,9 @@ impl Default for Conversions {
 }
 
 impl Conversions {
-    /// The picture with this digest, stored under the key `source`, as `conversion` says. Made when it is not cached. For a
-    /// slice, `source` is the key of the zip and `digest` the id of the stack, from which all that it is warped with
-    /// follows.
+    /// The picture with this digest, stored under the key `source`, as `conversion` says. Made when it is not cached.
+    /// For a slice, `source` is the key of the zip and `digest` the id of the stack, from which all that it is warped
+    /// with follows.
     ///
     /// # Errors
     /// `insufficient_storage` when the disk is full; `internal` when the picture cannot be read; what is wrong with a

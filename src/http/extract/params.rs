@@ -119,6 +119,10 @@ impl de::Error for Refusal {
         Self { name: None, detail: message.to_string() }
     }
 
+    fn missing_field(field: &'static str) -> Self {
+        Self { name: Some(field.to_owned()), detail: format!("the parameter '{field}' is missing; add it to the URL") }
+    }
+
     fn unknown_field(field: &str, expected: &'static [&'static str]) -> Self {
         let field: String = field.chars().take(80).collect();
         let detail = format!("unknown parameter '{field}'; known parameters: {}", expected.join(", "));
