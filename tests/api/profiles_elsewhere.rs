@@ -256,8 +256,8 @@ async fn impossible_rig_parameters_are_refused_with_their_location() {
         ("rail_positions_mm", json!([0, 20, 40, 60, -20]), "check the sign of the rail"),
         ("slice_count", json!(3), "9 rail positions for 3 slices"),
         ("drift_px_per_mm", json!([5000, 0]), "drift_px_per_mm"),
-        ("capture_mode", json!("zoom"), "/capture_mode: unknown variant `zoom`"),
-        ("magnificaton", json!(1), "unknown field `magnificaton`"),
+        ("capture_mode", json!("zoom"), "/capture_mode is 'zoom'; it must be one of: fixed_lens, moving_lens"),
+        ("magnificaton", json!(1), "unknown member 'magnificaton'; known members: image_width"),
     ];
     for (name, value, sentence) in cases {
         let told = refused(changed(name, value), 422, "invalid_profile").await;

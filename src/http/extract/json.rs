@@ -7,6 +7,7 @@ use axum::{
 use futures::StreamExt;
 use serde::de::DeserializeOwned;
 
+use super::json_sentence::sentence;
 use crate::{
     contract::{Code, Fault},
     http::{
@@ -118,7 +119,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
     let pointer = pointer(error.path());
     let inner = error.into_inner();
     if inner.is_data() {
-        let detail = if pointer.is_empty() { inner.to_string() } else { format!("{pointer}: {inner}") };
+        let (detail, pointer) = sentence(&inner.to_string(), &pointer);
         let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), ..ErrorLocation::default() };
         return Err(Fault::new(shape, detail).at(place));
     }

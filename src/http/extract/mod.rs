@@ -2,6 +2,7 @@
 
 pub mod conditional;
 pub mod json;
+mod json_sentence;
 pub mod page;
 pub mod params;
 pub mod path;

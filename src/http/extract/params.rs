@@ -4,7 +4,10 @@
 use axum::{extract::Query, http::Uri};
 use serde::{
     Deserialize, Deserializer,
-    de::{self, DeserializeOwned, IntoDeserializer, value::MapDeserializer},
+    de::{
+        self, DeserializeOwned, IntoDeserializer,
+        value::{MapDeserializer, SeqDeserializer},
+    },
     forward_to_deserialize_any,
 };
 
@@ -194,6 +197,15 @@ impl<'de> Deserializer<'de> for Parameter<'de> {
         visitor.visit_newtype_struct(self)
     }
 
+    /// A list is written with commas, in square brackets or without.
+    fn deserialize_seq<V: de::Visitor<'de>>(self, visitor: V) -> Result<V::Value, Refusal> {
+        let list = self.text.trim();
+        let list = list.strip_prefix('[').and_then(|list| list.strip_suffix(']')).unwrap_or(list);
+        let items = list.split(',').filter(|_| !list.trim().is_empty());
+        let items = items.map(|text| Parameter { text: text.trim(), ..self });
+        visitor.visit_seq(SeqDeserializer::new(items)).map_err(|e| self.named(e))
+    }
+
     fn deserialize_enum<V: de::Visitor<'de>>(
         self,
         _: &'static str,
@@ -207,7 +219,7 @@ impl<'de> Deserializer<'de> for Parameter<'de> {
     }
 
     forward_to_deserialize_any! {
-        i8 i16 i32 f32 char str string bytes byte_buf unit unit_struct seq tuple tuple_struct map struct
+        i8 i16 i32 f32 char str string bytes byte_buf unit unit_struct tuple tuple_struct map struct
         identifier ignored_any
     }
 }
@@ -216,7 +228,7 @@ impl<'de> Deserializer<'de> for Parameter<'de> {
 mod tests {
     use super::*;
     use crate::contract::options::{BitDepth, Crop, MaskMode, StackOptions};
-    use pinstack_science::types::mask_options::MaskThreshold;
+    use pinstack_science::types::{calibration_options::CalibrationOptions, mask_options::MaskThreshold};
 
     fn options(query: &str) -> Result<StackOptions, String> {
         let uri: Uri = format!("/x?{query}").parse().expect("a test writes valid URLs");
@@ -233,6 +245,20 @@ mod tests {
         assert_eq!(read.crop, Crop::Rect { x: 1, y: 2, width: 30, height: 40 });
         assert_eq!((read.r1, read.eps2), (20, 1e-5));
         assert_eq!(read.label.as_deref(), Some("a b"));
+    }
+
+    #[test]
+    fn a_list_is_written_with_commas() {
+        let read = |text: &str| -> Result<CalibrationOptions, String> {
+            let uri: Uri = format!("/x?rail_positions_mm={text}").parse().expect("a test writes valid URLs");
+            from_uri(&uri).map_err(|e| e.fault().detail.clone())
+        };
+        for text in ["0,0.5,-1", "[0,0.5,%20-1]"] {
+            assert_eq!(read(text).expect(text).rail_positions_mm, Some(vec![0.0, 0.5, -1.0]));
+        }
+        assert_eq!(read("").expect("no positions").rail_positions_mm, Some(vec![]));
+        assert_eq!(read("0,x,1").unwrap_err(), "rail_positions_mm is 'x'; it must be a number");
+        assert_eq!(read("0,,1").unwrap_err(), "rail_positions_mm is ''; it must be a number");
     }
 
     #[test]
