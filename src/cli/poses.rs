@@ -27,7 +27,7 @@ pub struct Poses {
     /// Known distance from the centre of the turntable to the centre of projection, mm
     #[arg(long, value_name = "MM", value_parser = length)]
     radius_mm: Option<f64>,
-    /// Two views whose distance is known, instead
+    /// Instead of --radius-mm: two views whose distance is known
     #[arg(long, num_args = 2, value_names = ["VIEW", "VIEW"], requires = "pair_mm", conflicts_with = "radius_mm")]
     pair: Option<Vec<String>>,
     /// Their distance, mm

@@ -22,7 +22,7 @@ pub struct Target {
     /// Dots of two sizes, which make every dot unique
     #[arg(long)]
     coded: bool,
-    /// Diameter of a dot over the pitch
+    /// Diameter of a dot divided by the pitch
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
     dot_ratio: f64,
     /// White dots on black
