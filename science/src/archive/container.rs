@@ -185,8 +185,8 @@ impl Container {
         if member.size > limits.max_member_bytes {
             let (size, most) = (member.size, limits.max_member_bytes);
             let detail = format!(
-                "{} has {size} bytes uncompressed; at most {most} are allowed for one file: save it with fewer bytes, or \
-                 remove it if it is not a slice",
+                "{} has {size} bytes uncompressed; at most {most} are allowed for one file: make it smaller, or \
+                 remove it if it is not needed",
                 member.name
             );
             return Err(Error::new(ErrorKind::ArchiveTooLarge, detail).in_file(&member.name, None));

@@ -174,7 +174,7 @@ fn a_torn_zip_is_an_invalid_profile() {
         told(whole[..cut].to_vec(), None);
     }
     let large = zipped(&[("homographies", vec![0; (1 << 20) + 1])]);
-    assert!(told(large, None).contains("at most 1048576 are read"));
+    assert!(told(large, None).contains("at most 1048576 are allowed"));
 }
 
 proptest! {
