@@ -102,7 +102,7 @@ mod tests {
         #[serde(default)]
         more: BTreeMap<String, i64>,
         #[serde(default)]
-        parts: Vec<Sent>,
+        parts: Vec<Self>,
         #[serde(default)]
         mode: Mode,
     }
