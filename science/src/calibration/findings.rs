@@ -128,14 +128,21 @@ fn rail(facts: &Facts) -> Vec<Finding> {
     if let (Some(given), Some(found)) = (facts.capture.told, facts.capture.found)
         && given != found
     {
-        let detail =
-            format!("capture_mode specifies {}, but the slices show {}", capture::name(given), capture::name(found));
+        let detail = format!(
+            "capture_mode specifies {}, but the slices show {}: correct the option, or check what the rail moves",
+            capture::name(given),
+            capture::name(found)
+        );
         out.push(Finding::remark("capture_mode_disagrees", detail));
     }
     if camera::is_contradictory(facts.camera) {
         out.push(Finding::remark(
             "principal_distance_disagrees",
-            format!("principal distance {}", facts.camera.detail),
+            format!(
+                "principal distance {:.2} mm, {}",
+                facts.camera.principal_distance_mm.unwrap_or_default(),
+                facts.camera.detail
+            ),
         ));
     }
     out
