@@ -186,7 +186,7 @@ const scenarios = {
     await waiting;
     await page.click('text=Pause');
     await page.waitForSelector('#uploads >> text=paused at');
-    await page.click('text=Continue');
+    await page.click('#uploads >> text="Continue"');
     await finished(page);
     hold = true;
     await describe(page);
