@@ -7,7 +7,7 @@ use axum::{
 use futures::StreamExt;
 use serde::de::DeserializeOwned;
 
-use super::json_sentence::sentence;
+use super::json_sentence::{sentence, shortened};
 use crate::{
     contract::{Code, Fault},
     http::{
@@ -135,13 +135,13 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
     Err(Fault::new(Code::InvalidRequest, format!("the body is not JSON: {inner}")))
 }
 
-/// The path as a JSON pointer (RFC 6901).
+/// The path as a JSON pointer (RFC 6901). Of a long name only the beginning is in it.
 fn pointer(path: &serde_path_to_error::Path) -> String {
     use serde_path_to_error::Segment;
     path.iter()
         .filter_map(|segment| match segment {
             Segment::Seq { index } => Some(format!("/{index}")),
-            Segment::Map { key } => Some(format!("/{}", key.replace('~', "~0").replace('/', "~1"))),
+            Segment::Map { key } => Some(format!("/{}", shortened(key).replace('~', "~0").replace('/', "~1"))),
             Segment::Enum { variant } => Some(format!("/{variant}")),
             Segment::Unknown => None,
         })

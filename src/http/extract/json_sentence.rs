@@ -1,4 +1,10 @@
-//! Sentences for JSON of a wrong structure: the messages of serde name types of Rust, and places by line and column.
+//! Sentences for JSON of a wrong structure: the messages of serde name types of Rust, places by line and column, and
+//! quote what was sent at any length.
+
+use crate::contract::one_line;
+
+/// Most characters that are quoted of a value or a name.
+const QUOTED: usize = 80;
 
 /// The sentence for serde's `message` about the place `pointer`, with the JSON pointer of what is wrong: of a missing
 /// member, its own.
@@ -7,22 +13,21 @@ pub(super) fn sentence(message: &str, pointer: &str) -> (String, String) {
     if let Some(member) = message.strip_prefix("missing field ").map(unquoted) {
         return (format!("{}'{member}' is missing; add it", prefix(pointer)), format!("{pointer}/{member}"));
     }
+    let subject = if pointer.is_empty() { "the body" } else { pointer };
     let refused = |kind: &str| message.strip_prefix(kind)?.split_once(", expected ");
     if let Some((member, known)) = refused("unknown field ") {
-        let member = unquoted(member);
+        let member = shortened(unquoted(member));
         // serde has counted the member to the place already
         let of = pointer.strip_suffix(&format!("/{member}")).unwrap_or(pointer);
         let detail = format!("{}unknown member '{member}'; known members: {}", prefix(of), listed(known));
         return (detail, pointer.to_owned());
     }
     if let Some((value, known)) = refused("unknown variant ") {
-        let subject = if pointer.is_empty() { "the body" } else { pointer };
-        let detail = format!("{subject} is '{}'; it must be one of: {}", unquoted(value), listed(known));
+        let detail = format!("{subject} is '{}'; it must be one of: {}", shortened(unquoted(value)), listed(known));
         return (detail, pointer.to_owned());
     }
     let wrong = ["invalid type: ", "invalid value: "].iter().find_map(|kind| message.strip_prefix(kind));
     if let Some((given, expected)) = wrong.and_then(|rest| rest.rsplit_once(", expected ")) {
-        let subject = if pointer.is_empty() { "the body" } else { pointer };
         return (format!("{subject} is {}; it must be {}", found(given), needed(expected)), pointer.to_owned());
     }
     if let Some((length, expected)) =
@@ -33,7 +38,15 @@ pub(super) fn sentence(message: &str, pointer: &str) -> (String, String) {
             pointer.to_owned(),
         );
     }
-    (format!("{}{message}", prefix(pointer)), pointer.to_owned())
+    (format!("{}{}", prefix(pointer), one_line(message)), pointer.to_owned())
+}
+
+/// The beginning of a text from a client.
+pub(super) fn shortened(text: &str) -> String {
+    match text.char_indices().nth(QUOTED) {
+        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
+        None => text.to_owned(),
+    }
 }
 
 fn prefix(pointer: &str) -> String {
@@ -59,8 +72,8 @@ fn found(given: &str) -> String {
         "sequence" => "a list".to_owned(),
         "map" => "an object".to_owned(),
         _ => match given.strip_prefix("string ") {
-            Some(text) => format!("the text {text}"),
-            None => given.split_once('`').map_or(given, |(_, value)| value.trim_end_matches('`')).to_owned(),
+            Some(text) => format!("the text {}", shortened(text)),
+            None => shortened(given.split_once('`').map_or(given, |(_, value)| value.trim_end_matches('`'))),
         },
     }
 }
@@ -139,6 +152,16 @@ mod tests {
             let fault = parse::<Sent>(text.as_bytes(), Code::InvalidRequest).expect_err(text);
             let place = fault.locations.first().expect(text);
             assert_eq!((fault.detail.as_str(), place.pointer.as_deref()), (detail, Some(pointer)), "{text}");
+        }
+        let long = "x".repeat(1000);
+        for sent in [
+            format!(r#"{{"width": "{long}"}}"#),
+            format!(r#"{{"width": 1, "{long}": 2}}"#),
+            format!(r#"{{"width": 1, "more": {{"{long}": []}}}}"#),
+        ] {
+            let fault = parse::<Sent>(sent.as_bytes(), Code::InvalidRequest).expect_err("it is wrong");
+            let pointer = fault.locations.first().and_then(|place| place.pointer.clone()).unwrap_or_default();
+            assert!(fault.detail.len() < 300 && pointer.len() < 150, "{fault:?}");
         }
         let other = sentence("crop is 'x'; it must be 'none'", "/crop");
         assert_eq!(other, ("/crop: crop is 'x'; it must be 'none'".to_owned(), "/crop".to_owned()));
