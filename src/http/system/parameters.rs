@@ -36,17 +36,14 @@ pub fn add_options(operation: &mut Value, schemas: &Value) {
     let id = operation["operationId"].as_str().unwrap_or_default();
     let Some((_, options)) = OPERATIONS_WITH_OPTIONS.iter().find(|(operation, _)| *operation == id) else { return };
     let properties = schemas[options]["properties"].as_object();
-    let options = properties.into_iter().flatten().filter_map(|(name, property)| query_parameter(name, property));
+    let options = properties.into_iter().flatten().map(|(name, property)| query_parameter(name, property));
     let Some(parameters) = operation.get_mut("parameters").and_then(Value::as_array_mut) else { return };
     let end = parameters.iter().position(|parameter| parameter["in"] == "header").unwrap_or(parameters.len());
     parameters.splice(end..end, options);
 }
 
-/// An option as a query parameter; `None` for a list, which only JSON can give.
-fn query_parameter(name: &str, property: &Value) -> Option<Value> {
-    if property.get("items").is_some() {
-        return None;
-    }
+/// An option as a query parameter. A list is written with commas.
+fn query_parameter(name: &str, property: &Value) -> Value {
     // an optional enumeration is a choice between a reference and null
     let choices = property["oneOf"].as_array().into_iter().flatten();
     let property = choices.into_iter().find(|choice| choice.get("$ref").is_some()).unwrap_or(property);
@@ -56,8 +53,12 @@ fn query_parameter(name: &str, property: &Value) -> Option<Value> {
             schema[member] = value.clone();
         }
     }
-    let description = property["description"].as_str().unwrap_or_default().replace('\n', " ");
-    Some(json!({ "name": name, "in": "query", "required": false, "description": description, "schema": schema }))
+    let mut description = property["description"].as_str().unwrap_or_default().replace('\n', " ");
+    if property.get("items").is_some() {
+        schema = json!({ "type": "string" });
+        description.push_str(" In the URL: numbers separated by commas.");
+    }
+    json!({ "name": name, "in": "query", "required": false, "description": description, "schema": schema })
 }
 
 /// Completes the parameters of an operation with what their names imply.
@@ -96,7 +97,7 @@ pub(super) fn precise(name: &str) -> Option<Value> {
         "bit_depth" => json!({ "type": "string", "enum": ["auto", "8", "16"] }),
         "input_bits" => json!({ "type": "string", "enum": ["auto", "10", "12", "14", "16"] }),
         "crop" => text("^(none|valid|[0-9]{1,5},[0-9]{1,5},[1-9][0-9]{0,4},[1-9][0-9]{0,4})$"),
-        // matrices
+        // numbers separated by commas
         "rail_positions_mm" => text(NUMBERS),
         // headers
         "Idempotency-Key" => text("^[!-~]([ -~]{0,253}[!-~])?$"),
