@@ -51,13 +51,13 @@ pub enum ManyOrigin {
 ///
 /// # Errors
 /// `queue_full`, which tells clients to try again later; `impossible` when the scan has more views than may ever be
-/// queued.
-pub async fn require_queue_places(app: &App, views: usize, impossible: Code) -> ApiResult<()> {
+/// queued: to raise the limit helps then, or `instead`.
+pub async fn require_queue_places(app: &App, views: usize, impossible: Code, instead: &str) -> ApiResult<()> {
     let limit = app.policy.queue_limit;
     if views as u64 > limit {
         let detail = format!(
-            "the scan has {views} views, and at most {limit} jobs may be queued: raise the setting 'queue_limit', or send \
-             the views in parts"
+            "the scan has {views} views, and at most {limit} jobs may be queued: raise the setting 'queue_limit', or \
+             {instead}"
         );
         return Err(ApiError::new(impossible, detail));
     }

@@ -100,7 +100,7 @@ impl Grouped {
             // its bytes are kept: it becomes jobs as soon as the limit is raised
             ManyOrigin::ResumableUpload(_) => Code::QueueFull,
         };
-        require_queue_places(app, self.views(), impossible).await?;
+        require_queue_places(app, self.views(), impossible, "send the views in several zips").await?;
         let bytes = self.0.views().iter().map(|view| view.bytes).sum();
         let reserved = app.disk.reserve(bytes).await?;
         let mut reserved = reserved.map_err(|state| disk_full(bytes, 0, &state))?;

@@ -148,7 +148,7 @@ async fn rerun_views(
         let detail = format!("the zips of all {} views were removed; send them again", views.len());
         return Err(ApiError::new(Code::UploadRemoved, detail));
     }
-    require_queue_places(app, checked.len(), Code::Conflict).await?;
+    require_queue_places(app, checked.len(), Code::Conflict, "rerun its stacks one by one").await?;
     let jobs = submit_all(app, checked, ManyOrigin::Request(caller.id())).await?;
     let views = jobs.iter().zip(again);
     let views =
