@@ -120,7 +120,8 @@ impl Pictures {
             let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {
                 let word = light.word();
                 let detail = format!(
-                    "{FILE} lists the {word} slice {label}, which is not in the zip or was listed before; correct the list, or omit it"
+                    "{FILE} lists the {word} slice {label}, which is not in the zip or was listed before; correct \
+                     the list, or omit it"
                 );
                 return Err(invalid(&label, detail));
             };

@@ -139,7 +139,7 @@ fn rail(facts: &Facts) -> Vec<Finding> {
         out.push(Finding::remark(
             "principal_distance_disagrees",
             format!(
-                "principal distance {:.2} mm, {}",
+                "the principal distance is {:.2} mm {}",
                 facts.camera.principal_distance_mm.unwrap_or_default(),
                 facts.camera.detail
             ),

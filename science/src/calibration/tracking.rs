@@ -249,11 +249,16 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
         .first()
         .filter(|(_, first)| tried.iter().all(|(_, diagnosis)| diagnosis == first))
         .map(|(_, diagnosis)| diagnosis.phrase());
-    let why = same.map_or(String::new(), |diagnosis| format!("; each {diagnosis}"));
+    let subject = if tried.len() == 1 { "it" } else { "each" };
+    let why = same.map_or(String::new(), |diagnosis| format!("; {subject} {diagnosis}"));
+    let slices_searched = if tried.len() == 1 {
+        "the slice that was searched".to_owned()
+    } else {
+        format!("the {} slices that were searched", tried.len())
+    };
     let detail = format!(
-        "no grid of dots was found in the {} slices that were searched ({}{}){why}; the target needs at least 12 whole \
+        "no grid of dots was found in {slices_searched} ({}{}){why}; the target needs at least 12 whole \
          round dots in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
-        tried.len(),
         names.join(", "),
         if tried.len() > names.len() { ", ..." } else { "" },
     );

@@ -25,7 +25,7 @@ use crate::{contract::Priority, store::NewJob};
 /// Bytes of a zip per unit of work.
 const BYTES_PER_UNIT: u64 = 1024;
 
-/// What a job takes its turn by.
+/// What the turn of a job is computed from.
 pub(in crate::store) struct TurnInput {
     /// Column `background`.
     pub(in crate::store) background: i64,

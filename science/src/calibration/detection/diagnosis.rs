@@ -25,9 +25,9 @@ impl Diagnosis {
         match self {
             Self::Clipped => "is clipped in a large part: reduce the exposure",
             Self::Black => "is almost black: increase the exposure, and check the lamp and the shutter",
-            Self::NoContrast => "has almost no contrast: it is blank, or far out of focus, or shows no target",
+            Self::NoContrast => "has almost no contrast: check that the target is in view, lit and in focus",
             Self::Blurred => "is blurred everywhere: focus on the target in at least one slice",
-            Self::Other => "shows another object, too few dots, or dots too irregular to form a grid",
+            Self::Other => "shows no grid that can be followed: use a flat, well printed target that fills the image",
         }
     }
 }

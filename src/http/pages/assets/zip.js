@@ -1,6 +1,7 @@
 // A zip of files without compression, as a Blob that refers to the files: its bytes are read while they are sent, so
 // a folder of any size needs no memory. Each file is read once before, for its CRC-32. Zip64, because a stack can be
-// larger than 4 GB. The bytes depend on the files alone, so a later visit makes the same zip and can continue to send it.
+// larger than 4 GB. The bytes depend on the files alone, so a later visit makes the same zip and
+// can continue to send it.
 
 const TABLES = (() => {
   const tables = [new Uint32Array(256)];

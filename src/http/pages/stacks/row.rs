@@ -129,7 +129,7 @@ fn stage(job: &Job) -> String {
 }
 
 /// The time that a running job still needs if it goes on as before. `None` near its beginning, and in a later attempt:
-/// only the begin of the first is known.
+/// only the time at which the first began is known.
 fn left(job: &Job, now: Timestamp) -> Option<Duration> {
     if job.attempt > 1 {
         return None;
