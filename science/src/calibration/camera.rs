@@ -25,8 +25,8 @@ const MAX_DIFFERENCE: f64 = 0.02;
 /// The camera from the options and the measured quantities.
 pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport {
     let by_pitch = known.magnification.zip(options.focal_mm).map(|(m, f)| f * (1.0 + m));
-    let fixed = known.capture != Some(CaptureMode::MovingLens);
-    let by_rail = known.growth_per_mm.filter(|g| fixed && g.abs() > 1e-9).map(|g| 1.0 / g.abs());
+    let moving = known.capture == Some(CaptureMode::MovingLens);
+    let by_rail = known.growth_per_mm.filter(|g| !moving && g.abs() > 1e-9).map(|g| 1.0 / g.abs());
     let (distance, cross_check, detail) = match (by_rail, by_pitch) {
         (Some(rail), Some(pitch)) => {
             let off = 100.0 * (rail / pitch - 1.0);
@@ -48,9 +48,21 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
             None,
             "from the rail law; give focal_mm, target_pitch_mm and pixel_pitch_mm for a cross-check".into(),
         ),
+        (None, Some(pitch)) if moving => (
+            Some(pitch),
+            None,
+            "from focal length and target pitch; with a moving lens the rail cannot check it".into(),
+        ),
         (None, Some(pitch)) => {
             (Some(pitch), None, "from focal length and target pitch; give rail_step_mm for a cross-check".into())
         }
+        (None, None) if moving => (
+            None,
+            None,
+            "not known, because with a moving lens the rail does not tell it: give focal_mm with target_pitch_mm and \
+             pixel_pitch_mm"
+                .into(),
+        ),
         (None, None) => (
             None,
             None,
@@ -106,6 +118,11 @@ mod tests {
         assert_eq!((report.principal_distance_mm, report.principal_distance_px), (None, None));
         assert!(report.detail.contains("rail_step_mm"));
         let moving = Known { growth_per_mm: Some(0.01), capture: Some(CaptureMode::MovingLens), magnification: None };
-        assert_eq!(camera(&CalibrationOptions::default(), moving).principal_distance_mm, None);
+        let report = camera(&CalibrationOptions::default(), moving);
+        assert_eq!(report.principal_distance_mm, None);
+        assert!(!report.detail.contains("rail_step_mm") && report.detail.contains("focal_mm"), "{}", report.detail);
+        let options = CalibrationOptions { focal_mm: Some(65.0), ..CalibrationOptions::default() };
+        let report = camera(&options, Known { magnification: Some(1.0), ..moving });
+        assert!(!report.detail.contains("rail_step_mm"), "{}", report.detail);
     }
 }

@@ -17,7 +17,7 @@ use crate::imaging::Plane;
 
 /// Brightness at one dot, grey levels 0..255.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct DotLight {
+pub(super) struct DotBrightness {
     /// Mean over whole grid steps, with missing dots drawn in.
     pub mean: f64,
     /// The same in linear light, 0..1, with the values taken as sRGB; `None` where it was not measured.
@@ -27,14 +27,14 @@ pub(super) struct DotLight {
 }
 
 /// Measures the brightness around the dot at `at` (px of the plane).
-pub(super) fn measure_light(
+pub(super) fn measure_brightness(
     plane: &Plane<f32>,
     field: &FlatField,
     filled: &Plane<f32>,
     at: [f64; 2],
     steps: [[f64; 2]; 2],
     phase: &PhaseMeasurement,
-) -> DotLight {
+) -> DotBrightness {
     let ground = field.ground_at(at);
     let mean = match field.polarity {
         Polarity::DarkOnLight => ground * (1.0 - phase.mean),
@@ -66,7 +66,7 @@ pub(super) fn measure_light(
             (levels.len() == 4).then(|| levels.iter().sum::<f64>() / 4.0)
         }
     };
-    DotLight { mean, linear_mean: None, bright }
+    DotBrightness { mean, linear_mean: None, bright }
 }
 
 /// Mean of the linear light in each window, 0..1, with the values taken as sRGB and missing dots drawn in.

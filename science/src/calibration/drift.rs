@@ -11,6 +11,7 @@ pub const SMALL_MOVEMENT_PX: f64 = 1.0;
 /// Compares two profiles of one rig and lens: how far the image corners of each slice moved, and how the gains changed.
 /// Each profile comes with its revision number; `from` is the older one.
 ///
+/// The corners are compared as they are seen, so it does not matter whether a profile knows the distortion of the lens.
 /// Profiles with different image sizes or slice counts cannot be compared. Every distance is then `None`, and `detail`
 /// gives the reason.
 pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
@@ -25,7 +26,7 @@ pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
         gain_ratio: vec![None; slices],
         detail,
     };
-    if let Some(why) = objection(from, to) {
+    if let Some(why) = why_incomparable(from, to) {
         return incomparable(why);
     }
     let Some(rebased) = Rebased::on(old, new.reference_index as usize) else {
@@ -41,8 +42,12 @@ pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
         .iter()
         .zip(&rebased.homographies)
         .map(|(new_homography, old_homography)| {
-            let moved = old_homography.as_ref()?.corner_distance(new_homography, new.image_width, new.image_height);
-            moved.is_finite().then_some(moved)
+            let old_homography = (*old_homography)?;
+            let moved = Homography::corners(new.image_width, new.image_height).map(|corner| {
+                let (a, b) = (seen(old, &old_homography, corner), seen(new, new_homography, corner));
+                (a[0] - b[0]).hypot(a[1] - b[1])
+            });
+            moved.into_iter().try_fold(0.0_f64, |worst, moved| moved.is_finite().then(|| worst.max(moved)))
         })
         .collect();
     let gain_ratio = gains.iter().zip(&rebased.gains).map(|(new, old)| ratio(*new, *old)).collect();
@@ -78,7 +83,7 @@ fn sentence(worst: f64, slice: usize, since: u32) -> String {
 }
 
 /// Why two profiles cannot be compared.
-fn objection((from, old): (u32, &ProfileInput), (to, new): (u32, &ProfileInput)) -> Option<String> {
+fn why_incomparable((from, old): (u32, &ProfileInput), (to, new): (u32, &ProfileInput)) -> Option<String> {
     let sizes = [(old.image_width, old.image_height), (new.image_width, new.image_height)];
     if sizes[0] != sizes[1] {
         let [(a, b), (c, d)] = sizes;
@@ -93,7 +98,22 @@ fn objection((from, old): (u32, &ProfileInput), (to, new): (u32, &ProfileInput))
             counts[0], counts[1]
         ));
     }
+    if new.reference_index as usize >= counts[1] {
+        return Some(format!(
+            "revisions {from} and {to} cannot be compared: the reference slice of revision {to} is slice {}, but it has \
+             {} slices",
+            new.reference_index, counts[1]
+        ));
+    }
     None
+}
+
+/// Where the point `p` of a slice, px, is in the reference slice, as both are seen: with the distortion of the profile.
+fn seen(profile: &ProfileInput, homography: &Homography, p: [f64; 2]) -> [f64; 2] {
+    match &profile.distortion {
+        Some(distortion) => distortion.distort(homography.apply(distortion.undistort(p))),
+        None => homography.apply(p),
+    }
 }
 
 /// A profile rebased on another of its slices.
@@ -131,6 +151,7 @@ fn ratio(new: f64, old: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::types::distortion::Distortion;
 
     /// A rail of `count` slices of 200 x 100 px; the image grows by `growth` per slice.
     fn profile(count: usize, reference: usize, growth: f64) -> ProfileInput {
@@ -185,6 +206,33 @@ mod tests {
         let found = drift((1, &old), (2, &new));
         assert!(found.worst_px.is_some_and(|worst| worst < 1e-9), "{found:?}");
         assert!(found.gain_ratio.iter().all(|ratio| ratio.is_some_and(|r| (r - 1.0).abs() < 1e-9)), "{found:?}");
+    }
+
+    #[test]
+    fn slices_are_compared_as_they_are_seen_when_the_profiles_have_distortion() {
+        // the same rig, once with the distortion that only a later calibration measured
+        let seen = profile(5, 2, 0.01);
+        let distortion = Distortion { centre_px: [99.5, 49.5], k1: 0.02, k2: 0.0, radius_px: 111.0 };
+        let with = ProfileInput { distortion: Some(distortion), ..seen.clone() };
+        let found = drift((1, &seen), (2, &with));
+        let largest = Homography::corners(200, 100).map(|corner| {
+            let sent = with.homographies[4].apply(distortion.undistort(corner));
+            let (a, b) = (distortion.distort(sent), seen.homographies[4].apply(corner));
+            (a[0] - b[0]).hypot(a[1] - b[1])
+        });
+        let largest = largest.into_iter().fold(0.0, f64::max);
+        assert!(largest > 0.01 && (found.corner_px[4].expect("compared") - largest).abs() < 1e-9, "{found:?}");
+        // the reference slice has not moved, whatever the lens does
+        assert!(found.corner_px[2].is_some_and(|moved| moved < 1e-6), "{found:?}");
+    }
+
+    #[test]
+    fn a_reference_slice_beyond_the_slices_is_named() {
+        let old = profile(5, 2, 0.01);
+        let new = ProfileInput { reference_index: 7, ..old.clone() };
+        let found = drift((1, &old), (2, &new));
+        assert!(found.detail.contains("the reference slice of revision 2 is slice 7"), "{}", found.detail);
+        assert_eq!(found.worst_px, None);
     }
 
     #[test]

@@ -90,7 +90,7 @@ fn rail(facts: &Facts) -> Vec<Finding> {
         .solution
         .anomalies
         .iter()
-        .map(|event| match event.clone() {
+        .map(|anomaly| match anomaly.clone() {
             RailAnomaly::Missing { after } => Finding::remark(
                 "slice_missing",
                 format!("a slice seems to be missing between {} and {}: the step between them is twice the usual one; check the rail and the files", name(after), name(after + 1)),
@@ -108,15 +108,15 @@ fn rail(facts: &Facts) -> Vec<Finding> {
                 "uneven_step",
                 format!("the step between {} and {} is {steps:.2} times the usual one: check the rail for backlash or a missed step", name(after), name(after + 1)),
             ),
-            RailAnomaly::Bumped { from, by } => Finding::limiting(
+            RailAnomaly::Bumped { after, from, by } => Finding::limiting(
                 Grade::Usable,
                 "rig_bumped",
-                format!("the image {} between {} and {}: the rig was bumped or the target moved; fix both and calibrate again", jumps(by), name(from.saturating_sub(1)), name(from)),
+                format!("the image {} between {} and {}: the rig was bumped or the target moved; fasten both, and calibrate again", jumps(by), name(after), name(from)),
             ),
             RailAnomaly::Displaced { slice, by } => Finding::limiting(
                 Grade::Usable,
                 "slice_displaced",
-                format!("{} lies beside the line of the other slices: its image {}; its own dots were used: check the rail for backlash, and take the slice again", name(slice), jumps(by)),
+                format!("{} lies beside the line of the other slices: its image {}; its own dots were used: check the rail for backlash, and take the stack again", name(slice), jumps(by)),
             ),
             RailAnomaly::OutOfOrder { order } => Finding::limiting(
                 Grade::Usable,
@@ -226,7 +226,7 @@ fn tints(facts: &Facts) -> Option<Finding> {
             Grade::Usable,
             "tint_outlier",
             format!(
-                "the tint differs from that of the other slices in {}: fix the white balance, and calibrate again",
+                "the tint differs from that of the other slices in {}: set a fixed white balance, and calibrate again",
                 listed(&some, sizes)
             ),
         )
@@ -268,11 +268,12 @@ fn dots(facts: &Facts) -> Vec<Finding> {
         if some.is_empty() {
             continue;
         }
-        let advice = if cause == Loss::Blurred { String::new() } else { format!("; {}", cause.advice()) };
+        let [is, was] = if some.len() == 1 { ["is", "was"] } else { ["are", "were"] };
         let detail = format!(
-            "{}, and therefore predicted from the other slices: {}{advice}",
+            "{} {is} {}, and {was} predicted from the other slices; {}",
+            list(facts.slices, &some),
             cause.phrase(),
-            list(facts.slices, &some)
+            cause.advice()
         );
         let allows = if cause == Loss::Other { Grade::Usable } else { Grade::Good };
         out.push(Finding::limiting(allows, "slice_interpolated", detail));

@@ -36,7 +36,7 @@ impl Polarity {
     }
 }
 
-/// About 50,000 evenly spread samples of a plane, at most.
+/// Evenly spread samples of a plane: 33,000 to 100,000, or all of a smaller one.
 fn thinned(plane: &Plane<f32>) -> Vec<f64> {
     let stride = (plane.data.len() / 50_000).max(1) | 1;
     plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect()

@@ -3,7 +3,7 @@
 //! Blur is the usual reason, and a target with a coarser grid the usual answer. A slice that is black, blank,
 //! over-exposed or of another target needs another answer. A slice between sharp slices is not lost by blur.
 
-use super::detection::Diagnosis;
+use super::detection::{Detection, Diagnosis};
 use super::tracking::Tracked;
 
 /// The reason why a slice was not measured.
@@ -26,21 +26,19 @@ pub(super) const ALL: [Loss; 5] = [Loss::Other, Loss::Black, Loss::Blank, Loss::
 
 /// Share of the strongest modulation from which a slice counts as sharp.
 const SHARP: f64 = 0.6;
+/// Share of the strongest modulation from which the dots of a slice can be measured.
+const MEASURABLE: f64 = 0.3;
 
 impl Loss {
     /// Why slice `index` was not measured.
     pub(super) fn of(tracked: &Tracked, index: usize) -> Self {
         let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
-        let is_sharp =
-            |i: usize| tracked.detections[i].as_ref().is_some_and(|s| s.modulation.abs() > SHARP * strongest);
-        let mut beside = [index.checked_sub(1), Some(index + 1).filter(|i| *i < tracked.detections.len())]
-            .into_iter()
-            .flatten()
-            .peekable();
-        let is_between_sharp = beside.peek().is_some() && beside.all(is_sharp);
-        if tracked.detections[index].is_some() {
-            return if is_sharp(index) { Self::Other } else { Self::Blurred };
+        let share = |d: &Option<Detection>| d.as_ref().map(|d| d.modulation.abs() / strongest);
+        let shares: Vec<Option<f64>> = tracked.detections.iter().map(share).collect();
+        if let Some(share) = shares[index] {
+            return if share > SHARP { Self::Other } else { Self::Blurred };
         }
+        let is_between_sharp = is_between_sharp(&shares, index);
         match tracked.diagnoses[index] {
             Some(Diagnosis::Black) => Self::Black,
             Some(Diagnosis::Clipped) => Self::Clipped,
@@ -67,10 +65,50 @@ impl Loss {
             Self::Blurred => {
                 "use a target with larger, more widely spaced dots (pitch at least 2.5 times the largest blur radius)"
             }
-            Self::Black => "check the lamp, the flash and the shutter, and take it again",
-            Self::Blank => "check that nothing covers the target or the lens, and take it again",
-            Self::Clipped => "reduce the exposure, and take it again",
-            Self::Other => "check that it shows the same target, well printed and in the same place, and take it again",
+            Self::Black => "check the lamp, the flash and the shutter, and take the stack again",
+            Self::Blank => "check that nothing covers the target or the lens, and take the stack again",
+            Self::Clipped => "reduce the exposure, and take the stack again",
+            Self::Other => {
+                "check that every slice shows the same target, well printed and in the same place, and take the stack again"
+            }
         }
+    }
+}
+
+/// Whether the nearest slices that show the grid are so sharp that blur cannot have removed it from slice `index`.
+/// `shares`: the modulation of each slice as a share of the strongest; `None` where the grid was not found.
+fn is_between_sharp(shares: &[Option<f64>], index: usize) -> bool {
+    let shown = |i: usize| shares[i].map(|share| (i, share));
+    let mut before = (0..index).rev().filter_map(shown);
+    let mut after = (index + 1..shares.len()).filter_map(shown);
+    let (nearest, farther) = match (before.next(), after.next()) {
+        (Some((_, a)), Some((_, b))) => return a.min(b) > SHARP,
+        (Some(nearest), None) => (nearest, before.next()),
+        (None, Some(nearest)) => (nearest, after.next()),
+        (None, None) => return false,
+    };
+    // beyond the last slice that shows the grid, blur grows as it did up to there
+    let per_slice = farther.map_or(0.0, |(i, share)| (share - nearest.1) / i.abs_diff(nearest.0) as f64);
+    let expected = nearest.1 - per_slice.max(0.0) * index.abs_diff(nearest.0) as f64;
+    nearest.1 > SHARP && expected > MEASURABLE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_between_sharp;
+
+    #[test]
+    fn blur_removes_the_grid_only_where_the_slices_beside_it_are_blurred_or_blur_grows_towards_it() {
+        let is = |shares: &[f64], index| {
+            let shares: Vec<Option<f64>> = shares.iter().map(|s| (*s > 0.0).then_some(*s)).collect();
+            is_between_sharp(&shares, index)
+        };
+        let (between, blurred) = ([0.9, 1.0, 0.0, 0.0, 0.9], [0.5, 0.0, 1.0, 0.9, 0.8]);
+        assert!(is(&between, 2) && is(&between, 3) && !is(&blurred, 1));
+        let (end, start) = ([0.9, 1.0, 0.95, 0.0, 0.0], [0.0, 0.0, 0.95, 1.0, 0.9]);
+        assert!(is(&end, 3) && is(&end, 4) && is(&start, 0) && is(&start, 1));
+        let growing = [1.0, 0.9, 0.7, 0.0, 0.0];
+        assert!(is(&growing, 3) && !is(&growing, 4));
+        assert!(!is(&[0.0, 0.0], 1));
     }
 }

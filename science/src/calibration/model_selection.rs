@@ -183,14 +183,20 @@ pub(super) fn select_model(
     let risks: Vec<(f64, StackModel)> = fitted.filter_map(|(model, _)| risk(*model).map(|r| (r, *model))).collect();
     let least = risks.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
     // simplest first: it wins unless another is clearly better
-    let best = risks.iter().find(|r| r.0 <= TOLERANCE * least + FLOOR * FLOOR).map(|r| r.1);
+    let simplest = risks.iter().find(|r| r.0 <= TOLERANCE * least + FLOOR * FLOOR);
+    let best = simplest.map(|r| r.1);
     let model = wanted.or(best).unwrap_or(StackModel::PerSlice(TransformModel::Similarity));
     let reason = match (wanted, best) {
         (Some(_), Some(best)) if best != model => {
             format!("{} was requested; the dots favour {}", phrase(model), phrase(best))
         }
         (Some(_), _) => format!("{} was requested", phrase(model)),
-        (None, _) => format!("{} has the least expected error at the image corners", phrase(model)),
+        (None, None) => format!("the dots do not suffice to compare the models: {} is used", phrase(model)),
+        (None, Some(_)) if simplest.is_some_and(|r| r.0 > least) => format!(
+            "{} is the simplest model whose expected error at the image corners is nearly the least",
+            phrase(model)
+        ),
+        (None, Some(_)) => format!("{} has the least expected error at the image corners", phrase(model)),
     };
     for (candidate, judged) in &mut judged {
         judged.chosen = *candidate == model;
@@ -277,7 +283,7 @@ mod tests {
         (evidence, offsets)
     }
 
-    /// CornerError errors from the fits of the models.
+    /// Corner errors from the fits of the models.
     fn corners(evidence: &[Evidence], offsets: &[f64], model: StackModel) -> Vec<CornerError> {
         let frame = transform_models::Frame { centre: [400.0, 300.0], half: 500.0 };
         let all: Vec<Vec<Match>> = evidence.iter().map(|e| e.matches.clone()).collect();

@@ -38,6 +38,8 @@ pub(super) enum RailAnomaly {
     },
     /// The image jumped sideways or turned, and stayed there: the rig was bumped, or the target moved.
     Bumped {
+        /// The last measured slice before the jump.
+        after: usize,
         /// The first slice after the jump.
         from: usize,
         /// How far it jumped.

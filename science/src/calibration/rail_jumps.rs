@@ -33,15 +33,16 @@ pub(super) fn find(motions: &[Option<[f64; 3]>], positions: &[f64], half: f64) -
     let turns = of_part(&part(motions, positions, |[_, _, turn]| [turn]));
     let degrees = |px: f64| (px / half).to_degrees();
     let mut out = Vec::new();
+    let mut bumped = |from: usize, shift: [f64; 2], turn: f64| {
+        let after = (0..from).rev().find(|&i| motions[i].is_some()).unwrap_or(from);
+        out.push(RailAnomaly::Bumped { after, from, by: Jump { shift, turn: degrees(turn) } });
+    };
     match (shifts.lasting, turns.lasting) {
-        (Some((from, shift)), turned) => {
-            let turn = turned.filter(|(at, _)| *at == from).map_or(0.0, |(_, [turn])| degrees(turn));
-            out.push(RailAnomaly::Bumped { from, by: Jump { shift, turn } });
+        (Some((from, shift)), Some((turned_from, [turn]))) if from == turned_from => bumped(from, shift, turn),
+        (shift, turn) => {
+            shift.into_iter().for_each(|(from, shift)| bumped(from, shift, 0.0));
+            turn.into_iter().for_each(|(from, [turn])| bumped(from, [0.0; 2], turn));
         }
-        (None, Some((from, [turn]))) => {
-            out.push(RailAnomaly::Bumped { from, by: Jump { shift: [0.0; 2], turn: degrees(turn) } });
-        }
-        (None, None) => {}
     }
     for slice in 0..motions.len() {
         let shift = shifts.single.iter().find(|(at, _)| *at == slice).map(|(_, shift)| *shift);
@@ -215,11 +216,15 @@ mod tests {
         let (mut shifted, positions) = motions(13, 0.05, 3);
         add(&mut shifted, 8..13, [3.0, -1.0, 0.0]);
         shifted[3] = None;
-        let [RailAnomaly::Bumped { from: 8, by }] = find(&shifted, &positions, HALF)[..] else { panic!("not found") };
+        let [RailAnomaly::Bumped { from: 8, by, .. }] = find(&shifted, &positions, HALF)[..] else {
+            panic!("not found")
+        };
         assert!((by.shift[0] - 3.0).abs() < 0.3 && (by.shift[1] + 1.0).abs() < 0.3 && by.turn == 0.0, "{by:?}");
         let (mut turned, positions) = motions(9, 0.05, 4);
         add(&mut turned, 5..9, [0.0, 0.0, HALF * 0.5_f64.to_radians()]);
-        let [RailAnomaly::Bumped { from: 5, by }] = find(&turned, &positions, HALF)[..] else { panic!("not found") };
+        let [RailAnomaly::Bumped { from: 5, by, .. }] = find(&turned, &positions, HALF)[..] else {
+            panic!("not found")
+        };
         assert!(by.shift == [0.0; 2] && (by.turn - 0.5).abs() < 0.05, "{by:?}");
     }
 
@@ -232,6 +237,29 @@ mod tests {
             let [RailAnomaly::Displaced { slice, by }] = found[..] else { panic!("{found:?}") };
             assert!(slice == displaced && (by.shift[0] - 9.0).abs() < 2.5, "{found:?}");
         }
+    }
+
+    #[test]
+    fn a_shift_and_a_turn_at_different_slices_are_both_found() {
+        let (mut motions, positions) = motions(15, 0.05, 7);
+        add(&mut motions, 5..15, [4.0, 0.0, 0.0]);
+        add(&mut motions, 10..15, [0.0, 0.0, HALF * 0.5_f64.to_radians()]);
+        let found = find(&motions, &positions, HALF);
+        let [RailAnomaly::Bumped { from: 5, by: first, .. }, RailAnomaly::Bumped { from: 10, by: second, .. }] =
+            found[..]
+        else {
+            panic!("{found:?}")
+        };
+        assert!(first.turn == 0.0 && second.shift == [0.0; 2] && (second.turn - 0.5).abs() < 0.05, "{found:?}");
+    }
+
+    #[test]
+    fn a_jump_is_named_between_slices_that_were_measured() {
+        let (mut motions, positions) = motions(13, 0.05, 3);
+        add(&mut motions, 8..13, [3.0, -1.0, 0.0]);
+        motions[7] = None;
+        let found = find(&motions, &positions, HALF);
+        assert!(matches!(found[..], [RailAnomaly::Bumped { after: 6, from: 8, .. }]), "{found:?}");
     }
 
     #[test]

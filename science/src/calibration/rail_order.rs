@@ -33,16 +33,19 @@ pub(super) fn true_order(scales: &[Option<(f64, f64)>]) -> Option<Vec<usize>> {
     Some(if falling > rising { order.into_iter().rev().collect() } else { order })
 }
 
-/// The rank of each slice in `order`; a slice that is not in it comes after its predecessor.
+/// The rank of each slice in `order`. Slices that are not in it come after the slice before them, evenly spread up to
+/// the next rank; those before the first slice of `order` come before all others.
 pub(super) fn ranks(order: &[usize], count: usize) -> Vec<f64> {
-    let mut out = vec![f64::NAN; count];
-    order.iter().enumerate().for_each(|(rank, &i)| out[i] = rank as f64);
-    let mut last = 0.0;
-    for rank in &mut out {
-        if rank.is_nan() {
-            *rank = last + 0.5;
+    let mut known = vec![None; count];
+    order.iter().enumerate().for_each(|(rank, &i)| known[i] = Some(rank as f64));
+    let mut out = Vec::with_capacity(count);
+    let mut last = -1.0;
+    for run in known.chunk_by(|a, b| a.is_some() == b.is_some()) {
+        let parts = run.len() as f64 + 1.0;
+        for (k, rank) in run.iter().enumerate() {
+            out.push(rank.unwrap_or(last + (k as f64 + 1.0) / parts));
         }
-        last = *rank;
+        last = run[run.len() - 1].unwrap_or(last);
     }
     out
 }
@@ -65,5 +68,14 @@ mod tests {
         doubled[3] = None;
         assert_eq!(true_order(&doubled), None);
         assert_eq!(ranks(&[3, 1, 0, 4], 5), [2.0, 1.0, 1.5, 0.0, 3.0]);
+    }
+
+    #[test]
+    fn unmeasured_slices_get_ranks_of_their_own() {
+        let ranks = ranks(&[1, 0, 4, 5], 8);
+        let mut sorted = ranks.clone();
+        sorted.sort_by(f64::total_cmp);
+        assert!(sorted.windows(2).all(|w| w[1] - w[0] > 0.2), "{ranks:?}");
+        assert_eq!([ranks[0], ranks[1], ranks[4], ranks[5]], [1.0, 0.0, 2.0, 3.0]);
     }
 }

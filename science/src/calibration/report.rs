@@ -91,10 +91,12 @@ pub(super) fn report(
     findings.extend(lens.finding.clone());
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.allows));
     // a slice that is lost to blur is blurred at least to where the pattern vanishes
-    let at_least =
-        |i: usize| blurs[i].or_else(|| (Loss::of(tracked, i) == Loss::Blurred).then_some(super::blur::VANISHES));
-    let known: Vec<Option<f64>> = (0..blurs.len()).map(at_least).collect();
-    let (grade, verdict) = verdict(&profile, &findings, &known, reference, pitch, options.target_pitch_mm);
+    let lost_to_blur = |i: usize| {
+        let is_lost = profile[i].interpolated && Loss::of(tracked, i) == Loss::Blurred;
+        is_lost.then(|| blurs[i].unwrap_or(super::blur::VANISHES))
+    };
+    let lost: Vec<Option<f64>> = (0..blurs.len()).map(lost_to_blur).collect();
+    let (grade, verdict) = verdict(&profile, &findings, &lost, reference, pitch, options.target_pitch_mm);
     let warnings: Vec<Warning> = findings.into_iter().map(|finding| finding.warning).collect();
     let target = TargetReport {
         pitch_px: pitch,
@@ -245,7 +247,7 @@ fn is_asymmetric(labels: impl Iterator<Item = [i32; 2]> + Clone) -> bool {
 fn verdict(
     profile: &[ProfileSlice],
     findings: &[Finding],
-    blurs: &[Option<f64>],
+    lost_to_blur: &[Option<f64>],
     reference: usize,
     pitch_px: f64,
     pitch_mm: Option<f64>,
@@ -264,20 +266,11 @@ fn verdict(
         }
     };
     let predicted: Vec<usize> = profile.iter().filter(|s| s.interpolated).map(|s| s.index as usize).collect();
-    let blur = blurs.iter().flatten().fold(0.0_f64, |m, b| m.max(*b));
     let tail = if predicted.is_empty() {
         format!("all {} slices measured", profile.len())
     } else {
-        let advice = match pitch_mm {
-            Some(mm) => format!("{:.2} mm or more", mm * blur / ADVISED),
-            None => format!("{:.1} times the pitch or more", blur / ADVISED),
-        };
-        let why = if blur > ADVISED && pitch_px > 0.0 {
-            format!(" (the target's pitch is too fine for their blur: use {advice})")
-        } else {
-            String::new()
-        };
-        format!("slices {} predicted{why}", ranges(&predicted))
+        let why = too_fine(&predicted, lost_to_blur, pitch_mm).filter(|_| pitch_px > 0.0).unwrap_or_default();
+        format!("{} predicted{why}", slices_named(&predicted))
     };
     let same = others().all(|s| s.homography.corner_distance(&Homography::IDENTITY, 1000, 1000) < 1e-3);
     let still = if same { "; all slices have the same geometry" } else { "" };
@@ -287,6 +280,32 @@ fn verdict(
         grade::word(grade)
     );
     (grade, text)
+}
+
+/// That the pitch of the target is too fine for the `predicted` slices, in brackets; `None` when blur is not the reason
+/// for any of them. `lost_to_blur`: the blur radii, in grid steps, of the slices of which it is.
+fn too_fine(predicted: &[usize], lost_to_blur: &[Option<f64>], pitch_mm: Option<f64>) -> Option<String> {
+    let blurred: Vec<usize> = predicted.iter().copied().filter(|&i| lost_to_blur[i].is_some()).collect();
+    let blur = lost_to_blur.iter().flatten().copied().fold(0.0, f64::max);
+    if blur <= ADVISED {
+        return None;
+    }
+    let which = match blurred.len() {
+        1 if predicted.len() == 1 => "its blur".to_owned(),
+        n if n == predicted.len() => "their blur".to_owned(),
+        _ => format!("the blur of {}", slices_named(&blurred)),
+    };
+    let advice = match pitch_mm {
+        Some(mm) => format!("{:.2} mm or more", mm * blur / ADVISED),
+        None => format!("{:.1} times the pitch or more", blur / ADVISED),
+    };
+    Some(format!(" (the target's pitch is too fine for {which}: use {advice})"))
+}
+
+/// Slices by their indices, as a phrase.
+fn slices_named(indices: &[usize]) -> String {
+    let noun = if indices.len() == 1 { "slice" } else { "slices" };
+    format!("{noun} {}", ranges(indices))
 }
 
 /// Indices as ranges: `0 to 2, 7`.

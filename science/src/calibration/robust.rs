@@ -14,7 +14,7 @@ pub(super) struct Consensus {
     pub is_inlier: Vec<bool>,
 }
 
-/// Random samples; with 40 % outliers one of 13 is free of outliers.
+/// Random samples; with 40 % outliers one of 8 is free of outliers.
 const SAMPLES: usize = 300;
 /// Most pairs that a sample is scored on.
 const JUDGES: usize = 400;

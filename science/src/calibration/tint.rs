@@ -4,7 +4,7 @@ use super::detection::Detection;
 use super::dot_photometry::to_light;
 use crate::imaging::{Raster, Samples};
 
-/// Most pixels that are read per slice, along each axis.
+/// Pixels that are read per slice, along each axis; fewer than twice as many in slices that are not a multiple of it.
 const SIDE: usize = 700;
 /// Largest share of pixels with several channels at full scale, which have lost their tint.
 const MAX_CLIPPED: f64 = 0.02;

@@ -1,7 +1,7 @@
 //! Tracking of the grid through the stack: detection in one slice, then from slice to slice outward in both directions.
 //!
-//! Input: the slices. Output: per slice the measured dots, or `None`. Each slice is decoded once, and only dot
-//! positions are kept of it.
+//! Input: the slices. Output: per slice the measured dots, or `None`. Each slice is decoded once (twice where the grid
+//! was searched for in vain before it was found in another slice). Its pixels are not kept.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -72,11 +72,12 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
         }
         tried.push((index, detection::diagnose(&slice)));
     }
-    let Some((start, target, detection, colours)) = first else { return Err(no_grid(slices, &tried).into()) };
+    let Some((start, target, mut detection, colours)) = first else { return Err(no_grid(slices, &tried).into()) };
     tick();
     let follow = |indices: Vec<usize>| follow(&loader, target, &detection, indices, control, &tick);
     let (up, down) = rayon::join(|| follow((start + 1..count).collect()), || follow((0..start).rev().collect()));
     let (up, down) = (up?, down?);
+    detection.shrink();
     let (width, height, _) = loader.size.unwrap_or_default();
     let found = (Some(detection), None);
     let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
@@ -208,7 +209,8 @@ fn same_orientation(
     };
     let others = match turned.len() - 1 {
         0 => String::new(),
-        n => format!(" (and {n} other slices have another orientation)"),
+        1 => " (and 1 other slice has another orientation, too)".to_owned(),
+        n => format!(" (and {n} other slices have another orientation, too)"),
     };
     let name = slices.name(first);
     let detail = format!(

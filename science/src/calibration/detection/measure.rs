@@ -158,7 +158,7 @@ fn detection(
         let clipped = full.map_or(0.0, |f| f.harmonics[0].sine.hypot(f.harmonics[1].sine));
         let shared_sigma =
             pitch * (SYNTHETIC_SIGMA * synthetic * (1.0 + 10.0 * synthetic)).hypot(CLIPPED_SIGMA * clipped) * bin;
-        let light = dot_photometry::measure_light(&image.plane, field, &inpainted.filled, *at, steps, phase);
+        let light = dot_photometry::measure_brightness(&image.plane, field, &inpainted.filled, *at, steps, phase);
         let sigma = pitch * phase::shift_sigma(noise, amplitude(phase), steps) * bin;
         // modulation = amplitude / mean level; for dark dots the mean contrast is the missing light, whatever the
         // ground level
@@ -203,8 +203,8 @@ fn detection(
     })
 }
 
-/// The dots whose brightness is measured in linear light: brightness is smooth, so a selection is enough. Every first,
-/// second or fourth row and column, so that slices with other dots select the same ones.
+/// The dots whose brightness is measured in linear light: brightness is smooth, so a selection is enough. Every n-th
+/// row and column, with n a power of 2, so that slices with other dots select the same ones.
 fn lit_labels(dots: &BTreeMap<Label, MeasuredDot>) -> Vec<Label> {
     let every = |n: i32| -> Vec<Label> {
         dots.keys().filter(|[i, j]| i.rem_euclid(n) == 0 && j.rem_euclid(n) == 0).copied().collect()

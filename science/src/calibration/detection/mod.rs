@@ -17,7 +17,7 @@ use super::blobs;
 use super::coarse_registration::{CoarseRegistration, RegisteredMotion, SimilarityMotion};
 use super::code::{self, Identification, Identity, RecognisedCode};
 use super::dlt;
-use super::dot_photometry::DotLight;
+use super::dot_photometry::DotBrightness;
 use super::flat_field::{FlatField, Polarity};
 use super::identity::{self, Fingerprint};
 use super::lattice::{self, Label, Lattice, MIN_DOTS, Places};
@@ -43,7 +43,7 @@ pub(super) struct MeasuredDot {
     /// Standard deviation of each coordinate, from noise and from the invalid part of its window.
     pub sigma: f64,
     /// Brightness around it.
-    pub light: DotLight,
+    pub light: DotBrightness,
     /// The part of `sigma` that neighbouring dots share (glare, inpainting).
     pub shared_sigma: f64,
     /// Share of its window that is synthetic or at full scale: brightness is unreliable there.
@@ -159,9 +159,7 @@ const DETECTION_SIDE: usize = 2400;
 const SAMPLES: f64 = 7e5;
 /// Upper bound of those samples, used to budget memory; reached only by very fine grids.
 pub const MAX_SAMPLES: usize = 8_000_000;
-/// Smallest dot pitch in that image when the sample bound applies, px.
-const COARSEST_PITCH: f64 = 8.0;
-/// Smallest dot pitch in that image otherwise, px.
+/// Smallest dot pitch in that image, px, unless [`MAX_SAMPLES`] requires a coarser one.
 const MEASURED_PITCH: f64 = 16.0;
 /// Least contrast of the predicted dots, in standard errors.
 const MIN_SIGNIFICANCE: f64 = 6.0;
@@ -219,9 +217,9 @@ fn largest_grid(image: &WorkingImage, polarity: Polarity, control: &dyn Control)
 fn resolution(pixels: f64, pitch: f64) -> usize {
     let within = |samples: f64| (pixels / samples).sqrt().ceil();
     let good = within(SAMPLES).min(pitch / MEASURED_PITCH);
-    // a very fine grid in a very large slice is measured more coarsely than is best for it
-    let bounded = within(MAX_SAMPLES as f64).min(pitch / COARSEST_PITCH);
-    good.max(bounded).max(1.0) as usize
+    // a very fine grid in a very large slice is measured more coarsely than is best for it, but never more coarsely
+    // than it was detected
+    good.max(within(MAX_SAMPLES as f64)).max(1.0) as usize
 }
 
 /// Recognises the code of the target and measures the dots of a slice in which the grid was detected. The target is
@@ -391,6 +389,16 @@ fn flat_field(image: &WorkingImage, target: Target, places: &Places) -> FlatFiel
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_slice_is_measured_with_at_most_the_samples_that_memory_is_budgeted_for() {
+        for (width, height, pitch) in [(4800, 4800, 15.0), (12_000, 12_000, 30.0), (6000, 4000, 10.0), (300, 200, 9.0)]
+        {
+            let bin = resolution(f64::from(width * height), pitch);
+            let samples = (width as usize / bin) * (height as usize / bin);
+            assert!(samples <= MAX_SAMPLES, "{width} x {height} px, pitch {pitch}: {samples} samples");
+        }
+    }
 
     #[test]
     fn of_a_very_large_grid_the_middle_is_kept() {

@@ -13,8 +13,23 @@ pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Labe
     let steps = grid_steps(places);
     let fits = |p: &[f64; 2]| phase::inside(&Window { at: *p, steps }, image.plane.width, image.plane.height);
     let all: Vec<Label> = places.iter().filter(|(_, p)| fits(p)).map(|(label, _)| *label).collect();
-    let every = ((all.len() as f64 / MAX_DOTS as f64).sqrt().ceil() as i32).max(1);
-    all.into_iter().filter(|[i, j]| i.rem_euclid(every) == 0 && j.rem_euclid(every) == 0).collect()
+    even_selection(all)
+}
+
+/// At most [`MAX_DOTS`] of `labels`, evenly spread: half of them, like the squares of one colour of a chessboard, as
+/// often as needed. Each selection contains the next smaller one, so slices that show other parts of the grid share
+/// their dots.
+fn even_selection(mut labels: Vec<Label>) -> Vec<Label> {
+    let mut step = 1;
+    while labels.len() > MAX_DOTS {
+        labels.retain(|[i, j]| (i.div_euclid(step) + j.div_euclid(step)).rem_euclid(2) == 0);
+        if labels.len() <= MAX_DOTS {
+            break;
+        }
+        step *= 2;
+        labels.retain(|[i, j]| i.rem_euclid(step) == 0 && j.rem_euclid(step) == 0);
+    }
+    labels
 }
 
 /// The windows of `labels`, with local grid steps where both neighbours are known.
@@ -52,4 +67,30 @@ pub(crate) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
             .collect();
         [0, 1].map(|a| median(&mut between.iter().map(|d| d[a]).collect::<Vec<_>>()))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(columns: i32, rows: i32) -> Vec<Label> {
+        (0..rows).flat_map(|j| (0..columns).map(move |i| [i - 7, j - 3])).collect()
+    }
+
+    #[test]
+    fn an_even_selection_of_a_large_grid_keeps_the_limit() {
+        for (columns, rows) in [(69, 69), (3, 1600), (35, 35), (200, 150), (34, 34)] {
+            let all = grid(columns, rows);
+            let selected = even_selection(all.clone());
+            assert!(selected.len() <= MAX_DOTS, "{columns} x {rows}: {}", selected.len());
+            assert!(3 * selected.len() > MAX_DOTS || selected.len() == all.len(), "{columns} x {rows}");
+        }
+    }
+
+    #[test]
+    fn slices_that_show_different_parts_of_a_grid_select_the_same_dots() {
+        let (large, small) = (even_selection(grid(100, 100)), even_selection(grid(60, 60)));
+        let shown: Vec<Label> = large.into_iter().filter(|l| grid(60, 60).contains(l)).collect();
+        assert!(shown.iter().all(|label| small.contains(label)) && shown.len() > 200, "{}", shown.len());
+    }
 }

@@ -214,7 +214,7 @@ fn by_coefficients(c: &Coefficients, p: &Parameters, base: [f64; 2], is_grid: bo
 }
 
 impl JointFit {
-    /// Standard deviation of `k1`.
+    /// Standard deviation of a free coefficient of the distortion.
     pub(super) fn sigma(&self, coefficient: usize) -> f64 {
         self.covariance[(coefficient, coefficient)].max(0.0).sqrt()
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::coarse_registration::SimilarityMotion;
 use super::super::detection::{MeasuredDot, Target};
-use super::super::dot_photometry::DotLight;
+use super::super::dot_photometry::DotBrightness;
 use super::super::flat_field::Polarity;
 use super::super::identity::Labelling;
 use super::super::robust::transfer_error;
@@ -38,7 +38,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
                 let at = seen(i, [300.3 + pitch * f64::from(column), 199.6 + pitch * f64::from(row)]);
                 let at = at.map(|v| v + 0.02 * noise.normal());
                 if (0.0..SIZE.0 as f64).contains(&at[0]) && (0.0..SIZE.1 as f64).contains(&at[1]) {
-                    let light = DotLight { mean: 200.0, linear_mean: None, bright: None };
+                    let light = DotBrightness { mean: 200.0, linear_mean: None, bright: None };
                     let dot = MeasuredDot { at, sigma: 0.02, light, shared_sigma: 0.0, invalid: 0.0 };
                     dots.insert([column, row], dot);
                 }

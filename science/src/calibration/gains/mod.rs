@@ -5,9 +5,10 @@
 //! | mean light | `tone` | mean over whole grid steps, which blur of any shape does not change, for each tone curve |
 //! | tone curve | `curve_fit` | the curves for which the mean light is smooth over the rail and follows the bright level |
 //! | own gain | `own_gain` | mean light and bright level, weighted by their uncertainties, averaged over the curves |
-//! | law | `law` | a slice that agrees with the smooth law takes the law's gain, so gains do not flicker |
+//! | law | `law` | in a slice that agrees with the smooth law, the weighted mean of both, so gains do not flicker |
 //!
-//! No estimator is switched on or off at a limit: each has an uncertainty that grows smoothly with blur.
+//! No estimator is switched on or off at a limit: each has an uncertainty that grows smoothly with blur. The bright level
+//! ends where its uncertainty leaves it almost no weight.
 
 mod curve_fit;
 mod law;
@@ -42,7 +43,7 @@ pub(super) struct Gain {
     pub value: f64,
     /// Relative standard deviation.
     pub sigma: f64,
-    /// The factor by the smooth law of the other slices; `None` without a law.
+    /// The factor by the smooth law of all slices; `None` without a law.
     pub by_law: Option<f64>,
     /// Brightness of the slice over what the law expects, when the difference is significant.
     pub off_law: Option<f64>,

@@ -5,7 +5,7 @@ use super::ln::{LEAST_SIGMA, Ln};
 use super::tone::{self, TONES, tone};
 use super::{MAX_SIGMA, OWN, blurs, fill};
 use crate::calibration::detection::Detection;
-use crate::calibration::dot_photometry::{self, DotLight};
+use crate::calibration::dot_photometry::{self, DotBrightness};
 use crate::calibration::statistics::median;
 use crate::calibration::tracking::Tracked;
 
@@ -130,7 +130,7 @@ fn bright_level(slice: &Detection) -> f64 {
 
 /// `ln` of the median over the shared dots of brightness in `base` over brightness in `slice`. Uses dots with valid
 /// windows in both slices when there are enough of them.
-fn against(slice: &Detection, base: &Detection, measure: impl Fn(&DotLight) -> Option<f64>) -> Option<Ln> {
+fn against(slice: &Detection, base: &Detection, measure: impl Fn(&DotBrightness) -> Option<f64>) -> Option<Ln> {
     let ratio = |max_invalid: f64| {
         let shared = slice.dots.iter().filter_map(|(label, d)| base.dots.get(label).map(|b| (d, b)));
         let clean = shared.filter(|(d, b)| d.invalid.max(b.invalid) < max_invalid);

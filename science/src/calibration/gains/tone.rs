@@ -8,7 +8,7 @@
 //! `t = 0` is a linear camera, `t = 1` sRGB, more than 1 a curve with more contrast. The family is linear in `t`, so
 //! the mean light for any `t` follows from two measured means.
 
-use crate::calibration::dot_photometry::{DotLight, to_light};
+use crate::calibration::dot_photometry::{DotBrightness, to_light};
 
 /// The values of `t` that are compared.
 pub(super) const TONES: usize = 31;
@@ -27,7 +27,7 @@ pub(super) fn prior_cost(t: f64) -> f64 {
 }
 
 /// Mean light at a dot for the curve `t`, on the scale 0..255; `None` where it was not measured.
-pub(super) fn mean_light(light: &DotLight, t: f64) -> Option<f64> {
+pub(super) fn mean_light(light: &DotBrightness, t: f64) -> Option<f64> {
     Some((1.0 - t) * light.mean + t * 255.0 * light.linear_mean?)
 }
 

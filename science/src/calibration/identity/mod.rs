@@ -61,7 +61,7 @@ pub(super) fn settle(detections: &mut [Option<Detection>], seed: usize) -> Vec<L
     let known: Vec<&Fingerprint> = prints.iter().collect();
     let correlate = sensor::moves_with_target(&known);
     let mut settled = if correlate { first } else { compared(detections, seed, false) };
-    complete(&mut settled, detections, correlate);
+    settle_uncertain(&mut settled, detections, correlate);
     let is_confirmed = |s: &Settled| s.decision.certain && !s.is_half_off;
     for (slot, settled) in detections.iter_mut().zip(&settled) {
         if let (Some(detection), Some(settled)) = (slot.as_mut(), settled) {
@@ -83,12 +83,12 @@ pub(super) fn settle(detections: &mut [Option<Detection>], seed: usize) -> Vec<L
     settled.iter().enumerate().map(labelling).collect()
 }
 
-/// Rounds of [`complete`]: each can make slices certain that help others.
+/// Rounds of [`settle_uncertain`]: each can make slices certain that help others.
 const ROUNDS: usize = 3;
 
 /// Compares the slices whose labels are not certain with all that are. Slices of another scale may show an end of the
 /// grid, or a mark, that the neighbour and the first slice do not show.
-fn complete(settled: &mut [Option<Settled>], detections: &[Option<Detection>], correlate: bool) {
+fn settle_uncertain(settled: &mut [Option<Settled>], detections: &[Option<Detection>], correlate: bool) {
     let print = |i: usize, shift: Label| {
         let detection = detections[i].as_ref().filter(|d| !d.is_tentative)?;
         let mut print = detection.fingerprint.clone()?;
@@ -155,7 +155,8 @@ fn compared(detections: &[Option<Detection>], seed: usize, correlate: bool) -> V
             print.relabel(found.shift);
             let is_half_off =
                 detection.merged && inner.0.as_ref().is_some_and(|other| shifts::is_half_step_off(&print, other));
-            // a chain is as certain as its weakest link, except where the first slice itself confirms the slice
+            // labels that are carried from slice to slice are as certain as those they were carried from, except where
+            // the first slice itself confirms the slice
             let by_first = || {
                 first.is_some_and(|first| {
                     let alone = decide(&[Comparison::new(&print, first)], correlate);

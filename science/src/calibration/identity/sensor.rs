@@ -15,7 +15,7 @@ const MIN_CELLS: f64 = 8.0;
 const CERTAIN: f64 = 3.0;
 /// Least correlation on the target.
 const LEAST: f64 = 0.03;
-/// Each sample of every so many is compared.
+/// One of so many samples is compared.
 const STRIDE: usize = 3;
 
 /// Sums of one correlation.
@@ -71,7 +71,7 @@ fn of_pair(a: &Fingerprint, b: &Fingerprint) -> Option<([f64; 2], f64)> {
 /// True when the deviations of the slices move with the target.
 pub(super) fn moves_with_target(fingerprints: &[&Fingerprint]) -> bool {
     let count = fingerprints.len();
-    let (mut lead, mut total, mut variance, mut pairs) = (0.0, 0.0, 0.0, 0.0);
+    let (mut lead, mut total, mut sigma, mut pairs) = (0.0, 0.0, 0.0, 0.0);
     // each slice with the one half a stack further, and the ends: far apart, yet not all blurred
     let half = count.div_ceil(2).max(1);
     for i in 0..count {
@@ -82,8 +82,9 @@ pub(super) fn moves_with_target(fingerprints: &[&Fingerprint]) -> bool {
         lead += weight * (target - sensor);
         total += weight * target;
         pairs += weight;
-        // neighbouring slices share their noise: the variances of pairs add up as if they were one
-        variance += weight / cells.sqrt();
+        // neighbouring slices share their noise, so the standard deviations of the pairs add up, not their variances;
+        // that of a correlation is 1 over the root of the number of samples
+        sigma += weight / (cells * CELL as f64).sqrt();
     }
-    pairs > 0.0 && total / pairs > LEAST && lead > CERTAIN * 0.25 * variance
+    pairs > 0.0 && total / pairs > LEAST && lead > CERTAIN * sigma
 }

@@ -11,7 +11,7 @@ use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
 use crate::types::Homography;
 
-/// CornerError uncertainty, px, from which a slice counts as predicted when the rail law halves it.
+/// Uncertainty of the image corners, px, from which a slice counts as predicted when the rail law halves it.
 const MAX_OWN_SIGMA: f64 = 0.4;
 
 /// Common input of all estimates.

@@ -37,6 +37,15 @@ fn ends(count: usize, lost: &[usize]) -> Option<String> {
     Some([some(first, "first"), some(last, "last")].into_iter().flatten().collect::<Vec<_>>().join(" and "))
 }
 
+/// Names of slices, at most eight, as a phrase.
+fn names(slices: &dyn Slices, indices: &[usize]) -> String {
+    let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
+    if indices.len() > names.len() {
+        names.push("...");
+    }
+    names.join(", ")
+}
+
 /// The error for slices that can neither be measured nor predicted. `loss` says why each was not measured.
 pub(super) fn unmeasured_slices(
     slices: &dyn Slices,
@@ -49,21 +58,16 @@ pub(super) fn unmeasured_slices(
         .iter()
         .filter(|cause| **cause != Loss::Blurred)
         .map(|cause| {
-            let some: Vec<&str> =
-                indices.iter().filter(|&&i| loss(i) == *cause).take(8).map(|&i| slices.name(i)).collect();
+            let some: Vec<usize> = indices.iter().copied().filter(|&i| loss(i) == *cause).collect();
             let verb = if some.len() == 1 { "is" } else { "are" };
-            format!("{} {verb} {}", some.join(", "), cause.phrase())
+            format!("{} {verb} {}", names(slices, &some), cause.phrase())
         })
         .collect();
     let named = if named.is_empty() { String::new() } else { format!("; {}", named.join("; ")) };
     let advice: Vec<&str> = causes.iter().map(|cause| cause.advice()).collect();
-    let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
-    if indices.len() > names.len() {
-        names.push("...");
-    }
     let detail = format!(
         "the dots could not be measured in {}{why}{named}: {}{}",
-        names.join(", "),
+        names(slices, indices),
         ends(slices.count(), indices)
             .map_or_else(String::new, |ends| format!("omit {ends}, from the target and from every stack, or ")),
         advice.join("; "),
@@ -71,7 +75,7 @@ pub(super) fn unmeasured_slices(
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for &index in indices {
         error = error.at(ErrorLocation {
-            detail: "fewer than 12 dots agree with the reference slice".into(),
+            detail: "too few dots of this slice agree with the reference slice".into(),
             pointer: None,
             file: Some(slices.name(index).to_owned()),
             slice: Some(index as u32),

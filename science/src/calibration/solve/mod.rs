@@ -84,7 +84,7 @@ const MAX_PREDICTED_SIGMA: f64 = 1.5;
 /// Distance from the rail law, in grid steps, from which the grid of a slice with merged dots counts as mistaken.
 const MISTAKEN: f64 = 0.3;
 
-/// Solves by_model slice. `given`: rail positions that the user specified.
+/// Solves every slice. `given`: rail positions that the user specified.
 ///
 /// # Errors
 /// An error that names the slices that can neither be measured nor predicted.
@@ -194,7 +194,8 @@ pub(super) fn solve(
         let worst = unmeasured.iter().filter_map(|&i| solution[i].as_ref().map(|m| m.sigma)).fold(0.0, f64::max);
         let why = if worst > 0.0 {
             format!(
-                ", and predicted from the other slices their corners are uncertain by {worst:.1} px (the limit is {MAX_PREDICTED_SIGMA} px)"
+                ", and a prediction from the other slices would leave their image corners uncertain by {worst:.1} px (the \
+                 limit is {MAX_PREDICTED_SIGMA} px)"
             )
         } else {
             ", and too few other slices were measured to predict them".to_owned()

@@ -2,6 +2,7 @@
 
 mod degenerate;
 mod gains;
+mod lost;
 mod rig;
 
 use std::path::PathBuf;

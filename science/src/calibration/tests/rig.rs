@@ -6,7 +6,7 @@ use crate::imaging::{Raster, Samples};
 use crate::synth::{DotTarget, Rig, target_stack};
 use crate::types::{Homography, NoControl, calibration_options::ModelChoice};
 
-fn rig(slices: usize) -> Rig {
+pub(super) fn rig(slices: usize) -> Rig {
     Rig { channels: 1, ..Rig::sized(480, 360, slices) }
 }
 
@@ -14,7 +14,7 @@ fn with(pictures: &[Raster], options: &CalibrationOptions) -> Calibration {
     calibrate(&pictures, options, &NoControl).expect("a calibration")
 }
 
-fn measured(pictures: &[Raster]) -> Calibration {
+pub(super) fn measured(pictures: &[Raster]) -> Calibration {
     with(pictures, &CalibrationOptions::default())
 }
 
@@ -23,7 +23,7 @@ fn truths(rig: &Rig) -> Vec<Homography> {
 }
 
 /// The rig with an aperture that gives this blur radius, as a share of the pitch, at the more blurred end of the stack.
-fn blurred(rig: Rig, target: &DotTarget, share: f64) -> Rig {
+pub(super) fn blurred(rig: Rig, target: &DotTarget, share: f64) -> Rig {
     let last = rig.slices() - 1;
     let now = [0, last].map(|i| target.blur_radius_px(&rig, i) / target.pitch_px(&rig, i));
     Rig { f_number: rig.f_number * now[0].max(now[1]) / share, ..rig }
@@ -33,7 +33,7 @@ fn codes(calibration: &Calibration) -> Vec<&str> {
     calibration.warnings.iter().map(|w| w.code.as_str()).collect()
 }
 
-fn sentence<'a>(calibration: &'a Calibration, code: &str) -> &'a str {
+pub(super) fn sentence<'a>(calibration: &'a Calibration, code: &str) -> &'a str {
     let warning = calibration.warnings.iter().find(|w| w.code == code);
     &warning.unwrap_or_else(|| panic!("no {code} among {:?}", calibration.warnings)).detail
 }
