@@ -1,6 +1,8 @@
 //! `pinstack token`: creates, lists and revokes access tokens.
 
-use anyhow::{Context, bail};
+use std::path::Path;
+
+use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 
 use super::{
@@ -66,16 +68,13 @@ impl Token {
         let (data_dir, database) = (&config.data_dir, config.database()?);
         make_files_private();
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
-        if !matches!(self.command, Command::List) {
-            remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        }
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
             let metadata = open_shared_metadata(data_dir, database.as_ref()).await?;
             let done = match self.command {
-                Command::Add { name, scopes, quota_gb } => add(&*metadata, name, scopes, quota_gb).await,
+                Command::Add { name, scopes, quota_gb } => add(&*metadata, data_dir, name, scopes, quota_gb).await,
                 Command::List => list(&*metadata).await,
-                Command::Revoke { name } => revoke(&*metadata, name).await,
+                Command::Revoke { name } => revoke(&*metadata, data_dir, name).await,
             };
             metadata.close().await;
             done
@@ -83,18 +82,29 @@ impl Token {
     }
 }
 
+/// Makes a backup a store of its own: before its tokens are changed, and not when nothing is changed.
+fn leave_backup(data_dir: &Path) -> anyhow::Result<()> {
+    remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))
+}
+
 async fn add(
     metadata: &dyn MetadataStore,
+    data_dir: &Path,
     name: String,
     scopes: Vec<Scope>,
     quota_gb: Option<u64>,
 ) -> anyhow::Result<()> {
     let name = Name::new(name)?;
+    let taken = || anyhow!("a token '{name}' exists or existed; choose another name");
+    if metadata.tokens().await?.iter().any(|token| token.name == name) {
+        return Err(taken());
+    }
+    leave_backup(data_dir)?;
     let (id, secret, text) = mint().context("the operating system provides no random bytes")?;
     let quota_bytes = quota_gb.map(|gb| gb.saturating_mul(GB));
-    let token = NewToken { id, name, digest: secret.digest(), scopes, quota_bytes };
+    let token = NewToken { id, name: name.clone(), digest: secret.digest(), scopes, quota_bytes };
     if !metadata.add_token(&token).await? {
-        bail!("a token '{}' exists or existed; choose another name", token.name);
+        return Err(taken());
     }
     eprintln!("A server on this folder requires tokens from its next request on, unless auth is none.");
     eprintln!("The token is shown only this once; the service stores a digest of it.");
@@ -113,10 +123,12 @@ async fn list(metadata: &dyn MetadataStore) -> anyhow::Result<()> {
     Ok(())
 }
 
-async fn revoke(metadata: &dyn MetadataStore, name: String) -> anyhow::Result<()> {
+async fn revoke(metadata: &dyn MetadataStore, data_dir: &Path, name: String) -> anyhow::Result<()> {
     let name = Name::new(name)?;
-    if !metadata.revoke_token(&name).await? {
-        bail!("there is no valid token '{name}'; list the tokens with 'pinstack token list'");
+    let missing = || anyhow!("there is no valid token '{name}'; list the tokens with 'pinstack token list'");
+    if !metadata.tokens().await?.iter().any(|token| token.name == name && token.revoked_at.is_none()) {
+        return Err(missing());
     }
-    Ok(())
+    leave_backup(data_dir)?;
+    metadata.revoke_token(&name).await?.then_some(()).ok_or_else(missing)
 }

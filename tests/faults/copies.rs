@@ -162,6 +162,10 @@ async fn a_backup_whose_tokens_were_changed_is_not_overwritten() {
     let listed = command(&copy, &["token", "list"]);
     assert!(listed.status.success(), "{}", text(&listed));
     backup(&story.data(), &copy);
+    for failing in [&["token", "add", "not a name", "--scope", "read"][..], &["token", "revoke", "ann"]] {
+        assert!(!command(&copy, failing).status.success());
+    }
+    backup(&story.data(), &copy);
     let added = command(&copy, &["token", "add", "ann", "--scope", "read"]);
     assert!(added.status.success(), "{}", text(&added));
     let again = command(&story.data(), &["backup", "--to", copy.to_str().expect("UTF-8")]);
