@@ -23,12 +23,14 @@ use crate::{
         ingest::{
             many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
             spool::SpooledZip,
+            submission::Submission,
         },
         problem::{ApiError, ApiResult},
         stacks::rerun::{changes, stored_zip, submission},
         state::App,
         views::job::url,
     },
+    store::Job,
 };
 
 /// Options that belong to one view.
@@ -126,29 +128,26 @@ async fn rerun_views(
     views: &[View],
     changes: &Map<String, Value>,
 ) -> ApiResult<ScanRerun> {
-    let (mut checked, mut again, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
+    let mut skipped = Vec::new();
+    let mut submissions = Vec::new();
     for view in views {
-        match check_view(app, caller, view, changes).await {
-            Ok(job) => {
-                checked.push(job);
-                again.push(view);
-            }
-            Err(error) if [Code::UploadRemoved, Code::NotFound].contains(&error.fault().code) => {
-                let (name, stack) = (view.stem.clone(), stack_url(view));
-                skipped.push(SkippedView { name, stack, detail: error.fault().detail.clone() });
-            }
-            Err(error) => {
-                let fault = error.fault().clone();
-                let detail = format!("view '{}': {}; no view is fused again", view.stem, fault.detail);
-                return Err(crate::contract::Fault { detail, ..fault }.into());
-            }
+        let submission = submission_of(app, caller, view, changes).await;
+        submissions.extend(unless_removed(view, submission, &mut skipped)?.map(|of_view| (view, of_view)));
+    }
+    // before zips are read, which takes long where they are in a bucket
+    require_queue_places(app, submissions.len(), Code::Conflict, "rerun its stacks one by one").await?;
+    let (mut checked, mut again) = (Vec::new(), Vec::new());
+    for (view, (first, submission)) in submissions {
+        let job = check_stored(app, &first, &submission).await;
+        if let Some(job) = unless_removed(view, job, &mut skipped)? {
+            checked.push(job);
+            again.push(view);
         }
     }
     if checked.is_empty() {
         let detail = format!("the zips of all {} views were removed; send them again", views.len());
         return Err(ApiError::new(Code::UploadRemoved, detail));
     }
-    require_queue_places(app, checked.len(), Code::Conflict, "rerun its stacks one by one").await?;
     let jobs = submit_all(app, checked, ManyOrigin::Request(caller.id())).await?;
     let views = jobs.iter().zip(again);
     let views =
@@ -156,16 +155,47 @@ async fn rerun_views(
     Ok(ScanRerun { scan, views: views.collect(), skipped })
 }
 
-async fn check_view(app: &App, caller: &Caller, view: &View, changes: &Map<String, Value>) -> ApiResult<CheckedJob> {
+/// What was found for a view; `None` when its zip or its stack was removed, which `skipped` then lists.
+///
+/// # Errors
+/// Any other error, with the name of the view.
+fn unless_removed<T>(view: &View, found: ApiResult<T>, skipped: &mut Vec<SkippedView>) -> ApiResult<Option<T>> {
+    match found {
+        Ok(found) => Ok(Some(found)),
+        Err(error) if [Code::UploadRemoved, Code::NotFound].contains(&error.fault().code) => {
+            let (name, stack) = (view.stem.clone(), stack_url(view));
+            skipped.push(SkippedView { name, stack, detail: error.fault().detail.clone() });
+            Ok(None)
+        }
+        Err(error) => {
+            let fault = error.fault().clone();
+            let detail = format!("view '{}': {}; no view is fused again", view.stem, fault.detail);
+            Err(crate::contract::Fault { detail, ..fault }.into())
+        }
+    }
+}
+
+/// The stack of a view, and the submission with the changed options.
+async fn submission_of(
+    app: &App,
+    caller: &Caller,
+    view: &View,
+    changes: &Map<String, Value>,
+) -> ApiResult<(Job, Submission)> {
     let gone = || ApiError::new(Code::NotFound, "the stack was deleted");
     let first = app.store.metadata.job(view.stack.id).await?.ok_or_else(gone)?;
     let JobRequest::Stack(stored) = &first.request else { return Err(gone()) };
     if first.upload_removed {
         return Err(crate::http::stacks::upload::removed());
     }
-    let of_view = submission(app, caller, &first, stored, changes.clone()).await?;
-    let SpooledZip { file, bytes, sha256, filename, quota: _ } = stored_zip(app, &first).await?;
-    check(app, &of_view, SpooledUpload { file, bytes, sha256, filename }, None).await
+    let submission = submission(app, caller, &first, stored, changes.clone()).await?;
+    Ok((first, submission))
+}
+
+/// Checks the stored zip of a stack against the submission.
+async fn check_stored(app: &App, first: &Job, submission: &Submission) -> ApiResult<CheckedJob> {
+    let SpooledZip { file, bytes, sha256, filename, quota: _ } = stored_zip(app, first).await?;
+    check(app, submission, SpooledUpload { file, bytes, sha256, filename }, None).await
 }
 
 fn stack_url(view: &View) -> String {
