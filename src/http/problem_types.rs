@@ -310,7 +310,7 @@ pub fn problem_type(code: Code) -> ProblemType {
             "Invalid profile",
             "A homography is singular, mirrored or not finite, or another number of the profile is impossible. The pointer \
              names the place.",
-            "the homography of slice 3 is mirrored",
+            "the homography of slice 3 is mirrored; check that x and y are not exchanged",
         ),
         Code::InvalidPoses => row(
             S::UNPROCESSABLE_ENTITY,

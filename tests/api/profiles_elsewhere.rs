@@ -190,7 +190,7 @@ async fn parameters_for_matrices_are_required_and_checked() {
     }
     let few = format!("{SIZED}&rail_positions_mm=1,2");
     let request = app.put(&few).header("content-type", "application/x-npy").body(npy_of(&stack()));
-    assert_eq!(refused(request, 422, "invalid_profile").await, "2 rail positions for 4 slices");
+    assert_eq!(refused(request, 422, "invalid_profile").await, "2 rail positions for 4 slices: give one per slice");
     let text = app.put(SIZED).header("content-type", "text/csv").body("1,0,0");
     assert!(refused(text, 415, "unsupported_media_type").await.contains("application/x-npy"));
 }
@@ -251,8 +251,12 @@ async fn impossible_rig_parameters_are_refused_with_their_location() {
     let cases = [
         ("magnification", json!(0), "magnification is 0; it must be 0.0001 to 1000"),
         ("rail_step_mm", json!(1), "rail_positions_mm and rail_step_mm are both given"),
-        ("rail_positions_mm", json!([0, 1, 1]), "reference_index is 4; it must be below the 3 slices"),
-        ("rail_positions_mm", json!([0, 1, 1, 2, 3]), "rail positions must rise or fall"),
+        (
+            "rail_positions_mm",
+            json!([0, 1, 2]),
+            "reference_index is 4, but the stack has 3 slices: use an index from 0 to 2",
+        ),
+        ("rail_positions_mm", json!([0, 1, 1, 2, 3]), "slice 1 is at 1 mm and slice 2 at 1 mm, against the direction"),
         ("rail_positions_mm", json!([0, 20, 40, 60, -20]), "check the sign of the rail"),
         ("slice_count", json!(3), "9 rail positions for 3 slices"),
         ("drift_px_per_mm", json!([5000, 0]), "drift_px_per_mm"),

@@ -352,7 +352,7 @@ fn target(facts: &Facts) -> Vec<Finding> {
     }
     let (width, height) = (facts.tracked.width as u32, facts.tracked.height as u32);
     if let Some(colours) = facts.tracked.colours.and_then(|measured| measured.worth_correcting(width, height)) {
-        let [red, blue] = [colours.red, colours.blue].map(|colour| colour.size_px(width, height));
+        let [red, blue] = [colours.red, colours.blue].map(|colour| colour.max_displacement_px(width, height));
         let detail = format!(
             "the lens has lateral colour: relative to green, the image corners are displaced in red by {red:.1} px and in \
              blue by {blue:.1} px; the profile keeps it, and fusion moves red and blue to where green is, unless a stack \

@@ -21,9 +21,9 @@ pub(super) struct MeasuredColours {
 impl MeasuredColours {
     /// The lateral colour, where it displaces a corner of the image by more than [`LEAST_FRINGE_PX`] beyond doubt.
     pub(super) fn worth_correcting(&self, width: u32, height: u32) -> Option<LateralColour> {
-        let size = self.colours.size_px(width, height);
+        let size = self.colours.max_displacement_px(width, height);
         let is_certain = size > LEAST_FRINGE_PX && size > BEYOND_DOUBT * self.corner_sigma;
-        (is_certain && self.colours.objection().is_none()).then_some(self.colours)
+        (is_certain && self.colours.violation().is_none()).then_some(self.colours)
     }
 }
 

@@ -22,8 +22,9 @@
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
-//! Each slice is decoded once (twice where the grid was searched for in vain at first). Of its pixels only a fingerprint
-//! is kept, and with its dots at most about 1 MB ([`SLICE_BYTES`]). The method is described in `docs/METHOD.md`.
+//! Each slice is decoded once (twice where the grid was searched for in vain at first). Of its pixels only a
+//! fingerprint is kept, and with its dots at most about 1 MB ([`SLICE_BYTES`]). The method is described in
+//! `docs/METHOD.md`.
 
 mod banding;
 mod blobs;

@@ -19,7 +19,7 @@ const OUTSIDE: [f64; 2] = [-1e9, -1e9];
 impl SliceMapping {
     /// `to_slice` maps ideal canvas pixels to ideal pixels of a slice of `slice` = (width, height) px.
     pub fn new(to_slice: Homography, distortion: Distortion, slice: (usize, usize)) -> Self {
-        let reach = distortion.reach(slice.0 as u32, slice.1 as u32) + 1.0;
+        let reach = distortion.max_ideal_radius_px(slice.0 as u32, slice.1 as u32) + 1.0;
         Self { to_slice, distortion, reach: reach * reach }
     }
 

@@ -34,21 +34,22 @@ impl Frame {
     }
 }
 
-/// One part as a raster of colour and coverage (premultiplied), box-filtered to the size of a pixel.
+/// One part as a raster of colour and coverage (premultiplied), averaged over two steps of the samples: 1 px up to
+/// [`DENSE_UP_TO_PX`], 2 px above.
 #[derive(Debug)]
 pub(super) struct Baked {
     grid: Grid,
     samples: Vec<[u16; 4]>,
     /// Per block: whether any sample in it or beside it is covered.
     occupied: Vec<bool>,
-    heights: Heights,
+    depths_at: Depths,
     /// Smallest and largest depth on the part.
     pub(super) depths: [f64; 2],
 }
 
 /// The depth of a part at every point of the picture.
 #[derive(Debug)]
-enum Heights {
+enum Depths {
     Relief(Relief, Frame),
     /// One per sample.
     Sampled(Vec<f32>),
@@ -67,7 +68,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// The raster for what lies between `low` and `high` px of the reference picture; `None` when that is outside of
-    /// all slices.
+    /// the picture and its border ([`BORDER`]).
     pub(super) fn covering(rig: &Rig, low: [f64; 2], high: [f64; 2]) -> Option<Self> {
         let per_px = if rig.width * rig.height <= DENSE_UP_TO_PX { 2 } else { 1 };
         let within = |value: f64, side: usize| value.clamp(-BORDER * side as f64, (1.0 + BORDER) * side as f64);
@@ -82,13 +83,13 @@ impl Grid {
         1.0 / self.per_px as f64
     }
 
-    /// The place of sample (x, y), which need not be whole, in px of the reference picture.
-    pub(super) fn place(&self, x: f64, y: f64) -> [f64; 2] {
+    /// The position of sample (x, y), which need not be whole, in px of the reference picture.
+    pub(super) fn sample_position(&self, x: f64, y: f64) -> [f64; 2] {
         [self.origin[0] + x * self.step(), self.origin[1] + y * self.step()]
     }
 }
 
-/// Bakes all parts. `None` for those outside the picture.
+/// Bakes all parts. Those outside the picture, or of which nothing is covered, are omitted.
 pub(super) fn bake(rig: &Rig, parts: &[Part]) -> Vec<Baked> {
     let frame = Frame::of(rig);
     let casters: Vec<Caster> = parts.iter().map(Caster::of).collect();
@@ -99,7 +100,7 @@ pub(super) fn bake(rig: &Rig, parts: &[Part]) -> Vec<Baked> {
 fn bake_part(rig: &Rig, frame: Frame, part: &Part, casters: &[Caster]) -> Option<Baked> {
     let bounds = part.shape.bounds();
     let grid = Grid::covering(rig, frame.to_px([bounds[0], bounds[1]]), frame.to_px([bounds[2], bounds[3]]))?;
-    // points around each sample, which are averaged over one pixel
+    // points around each sample, which are averaged
     let points = shade_points(frame, part, casters, grid.origin, grid.step(), [grid.width + 1, grid.height + 1]);
     let samples: Vec<[u16; 4]> = (0..grid.width * grid.height)
         .into_par_iter()
@@ -111,7 +112,7 @@ fn bake_part(rig: &Rig, frame: Frame, part: &Part, casters: &[Caster]) -> Option
         .collect();
     let depths = depth_range(frame, part, grid, &samples);
     // false for a part of which nothing is covered
-    (depths[0] <= depths[1]).then(|| Baked::new(grid, samples, Heights::Relief(part.relief, frame), depths))
+    (depths[0] <= depths[1]).then(|| Baked::new(grid, samples, Depths::Relief(part.relief, frame), depths))
 }
 
 /// The mean of the colours at four points, as it is stored.
@@ -227,50 +228,51 @@ fn depth_range(frame: Frame, part: &Part, grid: Grid, samples: &[[u16; 4]]) -> [
     let covered = samples.iter().enumerate().filter(|(_, sample)| sample[3] > 0);
     covered
         .map(|(at, _)| {
-            let point = frame.to_scene(grid.place((at % grid.width) as f64, (at / grid.width) as f64));
+            let point = frame.to_scene(grid.sample_position((at % grid.width) as f64, (at / grid.width) as f64));
             part.relief.depth(point[0], point[1])
         })
         .fold([f64::INFINITY, f64::NEG_INFINITY], |range, depth| [range[0].min(depth), range[1].max(depth)])
 }
 
 impl Baked {
-    fn new(grid: Grid, samples: Vec<[u16; 4]>, heights: Heights, depths: [f64; 2]) -> Self {
+    fn new(grid: Grid, samples: Vec<[u16; 4]>, depths_at: Depths, depths: [f64; 2]) -> Self {
         let occupied = occupied_blocks(&samples, grid.width, grid.height);
-        Self { grid, samples, occupied, heights, depths }
+        Self { grid, samples, occupied, depths_at, depths }
     }
 
     /// A part with a depth per sample; `None` when nothing of it is covered.
-    pub(super) fn with_heights(grid: Grid, samples: Vec<[u16; 4]>, heights: Vec<f32>) -> Option<Self> {
-        let covered = samples.iter().zip(&heights).filter(|(sample, _)| sample[3] > 0);
+    pub(super) fn with_depths(grid: Grid, samples: Vec<[u16; 4]>, depths_at: Vec<f32>) -> Option<Self> {
+        let covered = samples.iter().zip(&depths_at).filter(|(sample, _)| sample[3] > 0);
         let depths = covered.fold([f64::INFINITY, f64::NEG_INFINITY], |range, (_, &depth)| {
             [range[0].min(f64::from(depth)), range[1].max(f64::from(depth))]
         });
-        (depths[0] <= depths[1]).then(|| Self::new(grid, samples, Heights::Sampled(heights), depths))
+        (depths[0] <= depths[1]).then(|| Self::new(grid, samples, Depths::Sampled(depths_at), depths))
     }
 
     /// Depth at `px` of the reference picture, within the depths that the part has. It is defined beyond the outline,
     /// where the blur of the part goes.
     pub(super) fn depth(&self, px: [f64; 2]) -> f64 {
-        let depth = match &self.heights {
-            Heights::Relief(relief, frame) => {
+        let depth = match &self.depths_at {
+            Depths::Relief(relief, frame) => {
                 let point = frame.to_scene(px);
                 relief.depth(point[0], point[1])
             }
-            Heights::Sampled(heights) => self.sampled_depth(heights, px),
+            Depths::Sampled(depths_at) => self.sampled_depth(depths_at, px),
         };
         depth.clamp(self.depths[0], self.depths[1])
     }
 
     /// Bilinear, with repeated borders.
-    fn sampled_depth(&self, heights: &[f32], px: [f64; 2]) -> f64 {
+    fn sampled_depth(&self, depths_at: &[f32], px: [f64; 2]) -> f64 {
         let Grid { origin, per_px, width, height } = self.grid;
         let side =
             |axis: usize, count: usize| ((px[axis] - origin[axis]) * per_px as f64).clamp(0.0, (count - 1) as f64);
         let (x, y) = (side(0, width), side(1, height));
         let (left, top) = ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
         let (s, t) = (x - left as f64, y - top as f64);
-        let at =
-            |dx: usize, dy: usize| f64::from(heights[(top + dy).min(height - 1) * width + (left + dx).min(width - 1)]);
+        let at = |dx: usize, dy: usize| {
+            f64::from(depths_at[(top + dy).min(height - 1) * width + (left + dx).min(width - 1)])
+        };
         let upper = at(0, 0) * (1.0 - s) + at(1, 0) * s;
         let lower = at(0, 1) * (1.0 - s) + at(1, 1) * s;
         upper * (1.0 - t) + lower * t

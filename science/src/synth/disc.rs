@@ -39,7 +39,7 @@ impl Discs {
     /// Discs for blur radii of 0 to `largest` px.
     pub(super) fn up_to(largest: f64) -> Self {
         let count = (largest.max(0.0) * STEPS_PER_PX).ceil() as usize + 2;
-        Self((0..count).map(|step| Disc::new(spread_of_samples_removed(step as f64 / STEPS_PER_PX))).collect())
+        Self((0..count).map(|step| Disc::new(radius_without_pixel_spread(step as f64 / STEPS_PER_PX))).collect())
     }
 
     fn of(&self, radius: f32) -> &Disc {
@@ -50,7 +50,7 @@ impl Discs {
 
 /// Summing whole pixels widens a disc by the second moment of a pixel: 1/12 per axis; that of a disc is r^2 / 4. The
 /// radius is reduced accordingly, so that the blur has the requested width.
-fn spread_of_samples_removed(radius: f64) -> f64 {
+fn radius_without_pixel_spread(radius: f64) -> f64 {
     (radius * radius - 1.0 / 3.0).max(0.0).sqrt()
 }
 

@@ -4,8 +4,8 @@
 //! would store it, and the ground truth with which calibration, fusion and segmentation are evaluated. The same input
 //! gives the same bytes on any number of threads.
 //!
-//! The sensor is linear: sample values are proportional to light (no gamma curve), so occlusion, exposure and
-//! [`Rig::gain`] are exact multiplications of stored values.
+//! The sensor is linear unless [`Flaws::gamma`] or [`Faults::filmic`] is set: sample values are proportional to light,
+//! so occlusion, exposure and [`Rig::gain`] are exact multiplications of stored values.
 //!
 //! The renderer has its own blur and its own interpolation: the ground truth must not share code with the methods that
 //! it evaluates.

@@ -11,7 +11,8 @@ use crate::types::profile::CaptureMode;
 /// top-left pixel at (0, 0).
 ///
 /// Depth is a *fraction* 0..1: depth 0 is in focus in the first slice, depth 1 in the last, and the rail position is
-/// linear between them. The first slice is focused nearest to the camera.
+/// linear between them. In the rigs of [`Rig::sized`], [`Rig::moving_lens`] and `scan_rig`
+/// the first slice is focused nearest to the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rig {
     /// What moves.
@@ -29,12 +30,12 @@ pub struct Rig {
     /// Magnification M of what is in focus in the reference slice: d2 = f (1 + M), d1 = d2 / M.
     pub magnification: f64,
     /// One per slice, at least one, strictly rising or falling. Fixed lens: sensor offset, d2 of slice i is
-    /// d2 of the reference + `rail_mm[i] - rail_mm[reference]`. Moving lens: advance of the camera
-    /// towards the object.
+    /// d2 of the reference + `rail_mm[i] - rail_mm[reference]`, positive away from the lens (the opposite of
+    /// `ProfileInput::rail_positions_mm`). Moving lens: advance of the camera towards the object.
     pub rail_mm: Vec<f64>,
     /// Index of the reference slice.
     pub reference: usize,
-    /// In-plane drift of the image, px over the whole rail (plus a jitter of a tenth of it per slice).
+    /// In-plane drift of the image, px over the whole rail (plus a jitter of up to a tenth of it per slice).
     pub drift_px: [f64; 2],
     /// One per slice: further displacement of the image, px: jumps, backlash, steady drift. A slice without entry has
     /// none; that of the reference is subtracted from all.
@@ -69,8 +70,8 @@ impl Default for Rig {
 }
 
 impl Rig {
-    /// A fixed-lens rig at magnification 1 with a 65 mm lens and a 24 mm wide sensor whose image grows by
-    /// 6 % over the stack. The aperture is such that one step of the rail is 2 px of blur diameter (as a
+    /// A fixed-lens rig at magnification 1 with a 65 mm lens and a 24 mm wide sensor. The image shrinks by 6 %
+    /// from the first slice to the last. The aperture is such that one step of the rail is 2 px of blur diameter (as a
     /// photographer would choose it), at most 40 px from one end of the stack to the other.
     ///
     /// Reference is the middle slice. Imperfections: drift, rotation, keystone, falling exposure,
@@ -109,7 +110,7 @@ impl Rig {
         }
     }
 
-    /// The same rig without drift, rotation, keystone, vignetting and noise: pure optics.
+    /// The same rig without drift, displacement, rotation, keystone, vignetting and noise. Exposure and softness stay.
     #[must_use]
     pub fn ideal(self) -> Self {
         Self {
@@ -123,7 +124,7 @@ impl Rig {
         }
     }
 
-    /// The same range of focus, but camera and lens move together towards the object.
+    /// A focus range of the same length, but camera and lens move together towards the object.
     #[must_use]
     pub fn moving_lens(mut self) -> Self {
         let ends = [0.0, 1.0].map(|fraction| self.object_distance(fraction));
@@ -152,7 +153,7 @@ impl Rig {
     /// Distance from lens to sensor in slice `i`.
     ///
     /// # Panics
-    /// When there is no slice `i`, as all that takes an index here.
+    /// With a fixed lens, when there is no slice `i`.
     pub fn sensor_distance(&self, i: usize) -> f64 {
         let reference = self.focal_mm * (1.0 + self.magnification);
         match self.mode {
@@ -173,7 +174,7 @@ impl Rig {
     }
 
     /// Depth fraction of what is `distance` mm from the lens with the rail at the reference: the inverse of
-    /// [`Rig::object_distance`]. It is below 0 or above 1 for what no slice has in focus.
+    /// [`Rig::object_distance`]. It is below 0 or above 1 for what no slice has in focus, and 0 in a rig of one slice.
     pub fn depth_of(&self, distance: f64) -> f64 {
         let (first, last) = (self.rail_mm[0], self.rail_mm[self.rail_mm.len() - 1]);
         let d2 = self.focal_mm * (1.0 + self.magnification);
@@ -181,7 +182,7 @@ impl Rig {
             CaptureMode::FixedLens => self.conjugate(distance) - d2,
             CaptureMode::MovingLens => distance - self.conjugate(d2),
         };
-        (rail + self.rail_mm[self.reference] - first) / (last - first)
+        if first == last { 0.0 } else { (rail + self.rail_mm[self.reference] - first) / (last - first) }
     }
 
     /// Depth fraction of what is in focus in slice `i`.
@@ -233,7 +234,7 @@ impl Rig {
         self.rail_mm[i] - self.rail_mm[self.reference]
     }
 
-    /// Size of depth `fraction` in slice `i` relative to its size in the reference slice. The same for
+    /// Scale of the image at depth `fraction` in slice `i` relative to that in the reference slice. The same for
     /// every depth when the lens is fixed; different by parallax when it moves.
     pub fn scale(&self, i: usize, fraction: f64) -> f64 {
         match self.mode {
@@ -252,7 +253,7 @@ impl Rig {
         self.homography_at(i, self.focus_fraction(self.reference))
     }
 
-    /// The truth for slice `i` and depth `fraction`: slice px -> reference px.
+    /// The truth for slice `i` and depth `fraction`: slice px -> reference px; NaN if it cannot be inverted.
     pub fn homography_at(&self, i: usize, fraction: f64) -> Homography {
         if i == self.reference {
             return Homography::IDENTITY;
@@ -263,7 +264,8 @@ impl Rig {
         invertible.unwrap_or(Homography([f64::NAN; 9]))
     }
 
-    /// Drift, rotation and keystone of slice `i`: ideal slice px -> slice px. None in the reference.
+    /// Drift, displacement, rotation and keystone of slice `i`: ideal slice px -> slice px. The identity for the
+    /// reference slice.
     pub(super) fn disturbance(&self, i: usize) -> Matrix3<f64> {
         if i == self.reference {
             return Matrix3::identity();
@@ -340,7 +342,7 @@ mod tests {
         for i in 0..rig.slices() {
             let moved = rig.homography(i).corner_distance(&rig.homography_at(i, 0.05), 640, 480);
             assert!(moved < 1e-9, "slice {i}");
-            assert!(rig.homography(i).objection(640, 480).is_none());
+            assert!(rig.homography(i).violation(640, 480).is_none());
         }
         assert!(rig.homography(0).scale_at(rig.centre()) < 0.98, "the first slice is the largest");
         assert!(rig.homography(rig.reference).is_identity());

@@ -41,27 +41,28 @@ pub struct Stage {
     frame: Frame,
     parts: Vec<Baked>,
     /// Makes the noise of one view of a scan independent of that of another.
-    view: u64,
+    noise_salt: u64,
 }
 
 /// The geometry of a slice: slice px -> ideal slice px, and from there by depth to the reference.
-struct View {
+struct SliceGeometry {
     straight: Homography,
     /// `None` for the pinhole image of the ground truth.
     slice: Option<usize>,
 }
 
 impl Stage {
-    /// Samples `scene` for `rig`. Memory: about 40 bytes per pixel of the picture and part covering it.
+    /// Samples `scene` for `rig`. Memory per part: 32 bytes per pixel of its bounding box, 8 in pictures of more than
+    /// 6 MP; up to three times as much while it is sampled.
     pub fn new(rig: &Rig, scene: &Scene) -> Self {
         let parts = bake(rig, &scene.parts);
-        Self { rig: rig.clone(), scene: scene.clone(), frame: Frame::of(rig), parts, view: 0 }
+        Self { rig: rig.clone(), scene: scene.clone(), frame: Frame::of(rig), parts, noise_salt: 0 }
     }
 
     /// A stage with parts that were sampled elsewhere, far ones first. Background and back light are those of `scene`,
-    /// whose own parts are not rendered. Stages with different `view` have different noise.
-    pub(super) fn of_parts(rig: &Rig, scene: Scene, parts: Vec<Baked>, view: u64) -> Self {
-        Self { rig: rig.clone(), scene, frame: Frame::of(rig), parts, view }
+    /// whose own parts are not rendered. Stages with different `noise_salt` have different noise.
+    pub(super) fn of_parts(rig: &Rig, scene: Scene, parts: Vec<Baked>, noise_salt: u64) -> Self {
+        Self { rig: rig.clone(), scene, frame: Frame::of(rig), parts, noise_salt }
     }
 
     /// The rig.
@@ -75,18 +76,18 @@ impl Stage {
     /// When the rig has no slice `i`.
     pub fn render(&self, light: Light, i: usize) -> Raster {
         let straight = self.rig.disturbance(i).try_inverse().and_then(|back| Homography::from_matrix(&back));
-        let view = View { straight: straight.unwrap_or(Homography::IDENTITY), slice: Some(i) };
+        let view = SliceGeometry { straight: straight.unwrap_or(Homography::IDENTITY), slice: Some(i) };
         let picture = match light {
             Light::Front => self.front(&view),
             Light::Back => self.back(&view),
         };
-        expose(&self.rig, i, self.view ^ (light as u64 + 1), copy_rows(&picture, self.rig.width))
+        expose(&self.rig, i, self.noise_salt ^ (light as u64 + 1), copy_rows(&picture, self.rig.width))
     }
 
     /// The truth, in the geometry of the reference slice.
     pub fn truth(&self) -> Truth {
         let rig = &self.rig;
-        let view = View { straight: Homography::IDENTITY, slice: None };
+        let view = SliceGeometry { straight: Homography::IDENTITY, slice: None };
         let picture = self.front(&view);
         let light = expose_clean(rig, 1.0, copy_rows(&picture, rig.width));
         let sharp = quantise(rig, &light, |_, value| value);
@@ -110,7 +111,7 @@ impl Stage {
 
     /// Fraction of each pixel that the object covers.
     fn coverage(&self) -> Vec<[f32; 1]> {
-        let view = View { straight: Homography::IDENTITY, slice: None };
+        let view = SliceGeometry { straight: Homography::IDENTITY, slice: None };
         self.picture::<1>(&view, |_| [0.0], |[below], [cover]| [below * (1.0 - cover) + cover])
     }
 
@@ -131,7 +132,7 @@ impl Stage {
         }
     }
 
-    fn front(&self, view: &View) -> Vec<[f32; 3]> {
+    fn front(&self, view: &SliceGeometry) -> Vec<[f32; 3]> {
         let background = |px| self.background(px);
         self.picture::<4>(view, background, |below, part| {
             std::array::from_fn(|channel| below[channel] * (1.0 - part[3]) + part[channel])
@@ -141,7 +142,7 @@ impl Stage {
         .collect()
     }
 
-    fn back(&self, view: &View) -> Vec<[f32; 3]> {
+    fn back(&self, view: &SliceGeometry) -> Vec<[f32; 3]> {
         let shade = self.scene.shade;
         let field = |px| [self.back_light(px)];
         let picture = self.picture::<1>(view, field, |[below], [cover]| [below * (1.0 - cover) + shade * cover]);
@@ -166,7 +167,7 @@ impl Stage {
     /// Renders tile by tile: `ground` by reference px, then `over` for each part from far to near.
     fn picture<const C: usize>(
         &self,
-        view: &View,
+        view: &SliceGeometry,
         ground: impl Fn([f64; 2]) -> [f32; C] + Sync,
         over: impl Fn([f32; C], [f32; C]) -> [f32; C] + Sync,
     ) -> Vec<[f32; C]> {
@@ -176,8 +177,8 @@ impl Stage {
             radii.fold(0.0, f64::max)
         });
         let discs = Discs::up_to(largest);
-        // with a fixed lens every depth is seen at the same place
-        let shares_places = view.slice.is_some() && self.rig.mode == CaptureMode::FixedLens;
+        // with a fixed lens every depth is seen at the same pixel
+        let depths_coincide = view.slice.is_some() && self.rig.mode == CaptureMode::FixedLens;
         let columns = width.div_ceil(TILE);
         let tiles: Vec<Vec<[f32; C]>> = (0..columns * height.div_ceil(TILE))
             .into_par_iter()
@@ -185,7 +186,7 @@ impl Stage {
                 let mut area = Area::new(tile % columns * TILE, tile / columns * TILE, width, height);
                 let ground_at = |x: usize, y: usize| ground(self.to_reference(view, [x as f64, y as f64], None));
                 let mut out: Vec<[f32; C]> = area.pixels().map(|(x, y)| ground_at(x, y)).collect();
-                area.places = shares_places.then(|| Places::new(self, view, &area, margin(largest)));
+                area.seen = depths_coincide.then(|| ReferencePositions::new(self, view, &area, margin(largest)));
                 for part in &self.parts {
                     self.lay_over(view, part, &area, &discs, &mut out, &over);
                 }
@@ -205,7 +206,7 @@ impl Stage {
 
     fn lay_over<const C: usize>(
         &self,
-        view: &View,
+        view: &SliceGeometry,
         part: &Baked,
         area: &Area,
         discs: &Discs,
@@ -219,8 +220,8 @@ impl Stage {
         }
         let (width, height) = (area.width + 2 * margin, area.height + 2 * margin);
         let look = |x: usize, y: usize| {
-            if let Some(places) = &area.places {
-                return places.at(x, y, margin);
+            if let Some(seen) = &area.seen {
+                return seen.at(x, y, margin);
             }
             let at = [(area.x + x) as f64 - margin as f64, (area.y + y) as f64 - margin as f64];
             self.to_reference(view, at, Some(part))
@@ -258,7 +259,7 @@ impl Stage {
 
     /// Px of the reference picture that is seen at `px` of the slice, at the depth of `part` (or at the
     /// depth of the background: that of the last slice).
-    fn to_reference(&self, view: &View, px: [f64; 2], part: Option<&Baked>) -> [f64; 2] {
+    fn to_reference(&self, view: &SliceGeometry, px: [f64; 2], part: Option<&Baked>) -> [f64; 2] {
         let Some(i) = view.slice else { return px };
         let ideal = view.straight.apply(px);
         let [cx, cy] = self.rig.centre();
@@ -272,21 +273,21 @@ impl Stage {
         if self.rig.mode == CaptureMode::FixedLens {
             return first;
         }
-        // with a moving lens the place depends on the depth, which depends on the place, a little
+        // with a moving lens the position depends on the depth, which depends a little on the position
         at_depth(part.depth(at_depth(part.depth(first))))
     }
 
-    /// Whether `area` grown by `margin` can see `part`: by its corners, with room for the keystone.
-    fn touches(&self, view: &View, part: &Baked, area: &Area, margin: f64) -> bool {
+    /// Whether `area` grown by `margin` can see `part`: by its corners, with a margin for the keystone.
+    fn touches(&self, view: &SliceGeometry, part: &Baked, area: &Area, margin: f64) -> bool {
         let (left, top) = (area.x as f64 - margin, area.y as f64 - margin);
         let (right, bottom) = ((area.x + area.width) as f64 + margin, (area.y + area.height) as f64 + margin);
         let corners = [[left, top], [right, top], [left, bottom], [right, bottom]]
             .map(|corner| self.to_reference(view, corner, Some(part)));
         let bounds = part.bounds();
-        const ROOM: f64 = 3.0;
+        const KEYSTONE_MARGIN_PX: f64 = 3.0;
         let beyond = |axis: usize| {
-            corners.iter().all(|corner| corner[axis] < bounds[axis] - ROOM)
-                || corners.iter().all(|corner| corner[axis] > bounds[axis + 2] + ROOM)
+            corners.iter().all(|corner| corner[axis] < bounds[axis] - KEYSTONE_MARGIN_PX)
+                || corners.iter().all(|corner| corner[axis] > bounds[axis + 2] + KEYSTONE_MARGIN_PX)
         };
         !beyond(0) && !beyond(1)
     }
@@ -299,26 +300,26 @@ fn margin(radius: f64) -> usize {
 
 /// Per pixel of a tile and its margin: the px of the reference picture that is seen there, where it is the same for all
 /// depths.
-struct Places {
+struct ReferencePositions {
     margin: usize,
     width: usize,
-    places: Vec<[f64; 2]>,
+    positions: Vec<[f64; 2]>,
 }
 
-impl Places {
-    fn new(stage: &Stage, view: &View, area: &Area, margin: usize) -> Self {
+impl ReferencePositions {
+    fn new(stage: &Stage, view: &SliceGeometry, area: &Area, margin: usize) -> Self {
         let (width, height) = (area.width + 2 * margin, area.height + 2 * margin);
-        let place = |k: usize| {
+        let position = |k: usize| {
             let at = |start: usize, by: usize| (start + by) as f64 - margin as f64;
             stage.to_reference(view, [at(area.x, k % width), at(area.y, k / width)], None)
         };
-        Self { margin, width, places: (0..width * height).map(place).collect() }
+        Self { margin, width, positions: (0..width * height).map(position).collect() }
     }
 
-    /// The place of pixel (x, y) of the tile with a margin of `margin` px, which is at most that of all places.
+    /// What is seen at pixel (x, y) of the tile with a margin of `margin` px, which is at most the margin of all.
     fn at(&self, x: usize, y: usize, margin: usize) -> [f64; 2] {
         let by = self.margin - margin;
-        self.places[(y + by) * self.width + x + by]
+        self.positions[(y + by) * self.width + x + by]
     }
 }
 
@@ -328,13 +329,13 @@ struct Area {
     y: usize,
     width: usize,
     height: usize,
-    /// Where its pixels lie in the reference picture.
-    places: Option<Places>,
+    /// What its pixels see of the reference picture.
+    seen: Option<ReferencePositions>,
 }
 
 impl Area {
     fn new(x: usize, y: usize, width: usize, height: usize) -> Self {
-        Self { x, y, width: TILE.min(width - x), height: TILE.min(height - y), places: None }
+        Self { x, y, width: TILE.min(width - x), height: TILE.min(height - y), seen: None }
     }
 
     fn pixels(&self) -> impl Iterator<Item = (usize, usize)> {

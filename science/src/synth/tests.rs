@@ -25,16 +25,16 @@ fn psnr(squared_errors: &[f32]) -> f64 {
 }
 
 /// Pixels of the object that are in focus in slice `i`, more than `margin` px from any step of depth.
-fn calm_pixels(truth: &Truth, i: usize, margin: usize) -> Vec<(usize, usize)> {
+fn pixels_away_from_depth_steps(truth: &Truth, i: usize, margin: usize) -> Vec<(usize, usize)> {
     let depth = &truth.slice;
-    let calm = |x: usize, y: usize| {
+    let is_away = |x: usize, y: usize| {
         let own = depth.at(x, y);
         (own - i as f32).abs() < 0.4
             && (y - margin..=y + margin).all(|v| (x - margin..=x + margin).all(|u| (depth.at(u, v) - own).abs() < 1.0))
     };
     (margin..depth.height - margin)
         .flat_map(|y| (margin..depth.width - margin).map(move |x| (x, y)))
-        .filter(|&(x, y)| calm(x, y))
+        .filter(|&(x, y)| is_away(x, y))
         .collect()
 }
 
@@ -45,7 +45,7 @@ fn a_slice_shows_what_is_in_focus_where_its_homography_says_as_bright_as_its_gai
         let truth = stage.truth();
         let sharp = truth.sharp.luma();
         for i in 0..rig.slices() {
-            let pixels = calm_pixels(&truth, i, 8);
+            let pixels = pixels_away_from_depth_steps(&truth, i, 8);
             if pixels.len() < 100 {
                 continue;
             }
@@ -74,7 +74,7 @@ fn every_scene_has_something_to_focus_on_in_every_slice_and_the_right_slice_is_t
         let slices: Vec<_> = (0..rig.slices()).map(|i| stage.render(Light::Front, i).luma()).collect();
         // over the pixels in focus in slice i: the mean difference to the right neighbour in each slice
         for i in 0..rig.slices() {
-            let pixels = calm_pixels(&truth, i, 3);
+            let pixels = pixels_away_from_depth_steps(&truth, i, 3);
             if pixels.len() < 60 {
                 continue;
             }
@@ -117,7 +117,7 @@ fn the_back_lit_object_is_the_dark_part_of_the_picture() {
 }
 
 #[test]
-fn a_near_part_out_of_focus_veils_the_far_part_beside_its_outline() {
+fn defocus_spread_of_a_near_part_covers_the_far_part_beside_its_outline() {
     let plate = |centre: [f64; 2], depth: f64, base: [f32; 3]| scene::Part {
         shape: scene::Shape::Plate { centre, half: [0.4, 0.6], angle: 0.0, corner: 0.0 },
         holes: Vec::new(),
@@ -133,9 +133,9 @@ fn a_near_part_out_of_focus_veils_the_far_part_beside_its_outline() {
     // the outline of the near plate lies at x = 119.5 in the reference; the radius of blur is about 4 px
     let back = rig.homography(4).inverse().expect("a sane rig");
     let beside = back.apply([121.5, 90.0]);
-    let veiled = look_up(&far_in_focus, beside).expect("inside") * rig.gain(4) as f32;
+    let covered = look_up(&far_in_focus, beside).expect("inside") * rig.gain(4) as f32;
     let clear = sharp.at(121, 90);
-    assert!(veiled > clear + 25.0, "{veiled} against {clear}");
+    assert!(covered > clear + 25.0, "{covered} against {clear}");
     let away = back.apply([140.0, 90.0]);
     let uncovered = look_up(&far_in_focus, away).expect("inside") * rig.gain(4) as f32;
     assert!((uncovered - sharp.at(140, 90)).abs() < 3.0);

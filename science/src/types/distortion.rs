@@ -30,7 +30,7 @@ pub struct Distortion {
 
 /// Least slope of the distorted radius over the ideal radius, within the image.
 const MIN_SLOPE: f64 = 0.2;
-/// Largest ratio of the ideal radius to the distorted radius.
+/// Largest ratio of the ideal radius to the distorted radius, and of the distorted to the ideal.
 const MAX_RATIO: f64 = 2.0;
 
 impl Distortion {
@@ -80,12 +80,12 @@ impl Distortion {
     }
 
     /// The distance from the centre, in ideal px, beyond which no ideal point is in a `width` x `height` image.
-    pub fn reach(&self, width: u32, height: u32) -> f64 {
+    pub fn max_ideal_radius_px(&self, width: u32, height: u32) -> f64 {
         self.ideal_radius(self.farthest(width, height) / self.radius_px) * self.radius_px
     }
 
     /// Largest distance, px, between an image corner and its ideal position.
-    pub fn size_px(&self, width: u32, height: u32) -> f64 {
+    pub fn max_displacement_px(&self, width: u32, height: u32) -> f64 {
         let moved = |corner: [f64; 2]| {
             let ideal = self.undistort(corner);
             (ideal[0] - corner[0]).hypot(ideal[1] - corner[1])
@@ -96,7 +96,7 @@ impl Distortion {
     /// Why this cannot be the distortion of a `width` x `height` image, as the predicate of a sentence; `None` when it
     /// can. A valid distortion is finite, its centre is at most one image size outside the image, and within the image
     /// the distorted radius grows with the ideal radius, with a slope of at least 0.2, to between half and twice of it.
-    pub fn objection(&self, width: u32, height: u32) -> Option<String> {
+    pub fn violation(&self, width: u32, height: u32) -> Option<String> {
         let numbers = [self.centre_px[0], self.centre_px[1], self.k1, self.k2, self.radius_px];
         if numbers.iter().any(|v| !v.is_finite()) {
             return Some("has a number that is not finite".into());
@@ -106,7 +106,12 @@ impl Distortion {
         }
         let size = [f64::from(width), f64::from(height)];
         if !(0..2).all(|a| (-size[a]..=2.0 * size[a]).contains(&self.centre_px[a])) {
-            return Some(format!("has the centre {:?}, far outside the image", self.centre_px));
+            return Some(format!(
+                "has the centre {:?} px, far outside the image; x must be -{width} to {}, and y -{height} to {}",
+                self.centre_px,
+                2.0 * size[0],
+                2.0 * size[1]
+            ));
         }
         let far = self.farthest(width, height) / self.radius_px;
         const STEPS: u32 = 512;
@@ -122,7 +127,11 @@ impl Distortion {
                 return None;
             }
         }
-        Some("folds the image, or moves its corners by more than half of their distance from the centre".into())
+        Some(
+            "nearly folds the image, or puts a corner at less than half or more than twice its ideal distance from the \
+             centre; check k1, k2 and radius_px (k1 and k2 are for distances in units of radius_px)"
+                .into(),
+        )
     }
 }
 
@@ -137,7 +146,7 @@ mod tests {
     #[test]
     fn undistort_is_the_inverse_of_distort_over_the_image() {
         for lens in [of(0.03, 0.0), of(-0.08, 0.01), of(0.2, -0.05), of(0.0, 0.0)] {
-            assert_eq!(lens.objection(600, 400), None, "{lens:?}");
+            assert_eq!(lens.violation(600, 400), None, "{lens:?}");
             for corner in super::super::Homography::corners(600, 400).into_iter().chain([[310.0, 205.0], [1.0, 200.0]])
             {
                 let back = lens.distort(lens.undistort(corner));
@@ -152,10 +161,10 @@ mod tests {
     #[test]
     fn a_distortion_that_folds_the_image_is_refused() {
         for lens in [of(-0.5, 0.0), of(5.0, 0.0), of(0.1, -0.4), of(f64::NAN, 0.0), of(1e300, -1e300)] {
-            assert!(lens.objection(600, 400).is_some(), "{lens:?}");
+            assert!(lens.violation(600, 400).is_some(), "{lens:?}");
         }
-        assert!(Distortion { radius_px: 0.0, ..of(0.0, 0.0) }.objection(600, 400).is_some());
-        assert!(Distortion { centre_px: [1e5, 0.0], ..of(0.0, 0.0) }.objection(600, 400).is_some());
+        assert!(Distortion { radius_px: 0.0, ..of(0.0, 0.0) }.violation(600, 400).is_some());
+        assert!(Distortion { centre_px: [1e5, 0.0], ..of(0.0, 0.0) }.violation(600, 400).is_some());
     }
 
     #[test]

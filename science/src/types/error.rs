@@ -22,13 +22,14 @@ pub enum ErrorKind {
     SizeMismatch,
     /// The number of slices differs from that of the profile, or between front and back light.
     SliceCountMismatch,
-    /// A homography is singular, mirrored or not finite, or another value of the profile is impossible.
+    /// A homography is singular, mirrored or not finite, another value of the profile is impossible, or a file of
+    /// matrices is malformed.
     InvalidProfile,
     /// A file of camera poses cannot be read, or has no poses.
     InvalidPoses,
     /// Too few dots, no grid, or a mirrored grid.
     TargetNotFound,
-    /// The disk of the scratch file is full.
+    /// The disk that is written to is full, or a limit of its use is exceeded.
     DiskFull,
     /// Another resource is exhausted, possibly temporarily: threads, file handles, disk I/O.
     ResourcesExhausted,
@@ -92,6 +93,17 @@ impl Error {
     pub fn at(mut self, location: ErrorLocation) -> Self {
         self.locations.push(location);
         self
+    }
+
+    /// An error of several locations, with the sentence of the first and the number of the others. `None` without
+    /// locations.
+    pub fn of_locations(kind: ErrorKind, locations: Vec<ErrorLocation>) -> Option<Self> {
+        let more = match locations.len() {
+            0 | 1 => String::new(),
+            n => format!(" ({} more in errors)", n - 1),
+        };
+        let detail = format!("{}{more}", locations.first()?.detail);
+        Some(Self { kind, detail, locations, source: None })
     }
 
     /// Adds the file (and the 0-based slice) that the error concerns.

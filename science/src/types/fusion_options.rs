@@ -11,8 +11,8 @@ pub enum Method {
     Guided,
     /// Laplacian pyramid fusion (Burt & Adelson 1983).
     Pyramid,
-    /// A decision map with the halos of near parts removed, and Laplacian pyramid fusion where the map is not safe. The
-    /// former name `unveiled` is accepted.
+    /// A decision map with the halos of near parts removed, and Laplacian pyramid fusion where the confidence in the
+    /// map is low. The former name `unveiled` is accepted.
     #[default]
     #[serde(alias = "unveiled")]
     HaloCorrected,

@@ -12,8 +12,8 @@ use utoipa::ToSchema;
 #[schema(value_type = [f64; 9])]
 pub struct Homography(pub [f64; 9]);
 
-/// Largest movement of an image corner, in lengths of the image's longer side. A scale of 4 about a corner and a shift
-/// by the whole image stay below it.
+/// Largest movement of an image corner, in lengths of the image's longer side. A scale of 4 about a corner stays below
+/// it, and so does a shift by the whole image.
 const MAX_MOVE: f64 = 5.0;
 /// Largest ratio of the stretch in two directions. Lenses stay below 1.01.
 const MAX_ANISOTROPY: f64 = 4.0;
@@ -94,8 +94,8 @@ impl Homography {
         [[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]]
     }
 
-    /// Largest distance, px, between the images of the four image corners under `self` and under `other`. The accuracy
-    /// of a calibration is measured by it.
+    /// Largest distance, px, between the images of the four image corners under `self` and under `other`; infinite
+    /// where one of them has no finite image. The accuracy of a calibration is measured by it.
     pub fn corner_distance(&self, other: &Self, width: u32, height: u32) -> f64 {
         Self::corners(width, height)
             .into_iter()
@@ -103,7 +103,7 @@ impl Homography {
                 let (a, b) = (self.apply(corner), other.apply(corner));
                 (a[0] - b[0]).hypot(a[1] - b[1])
             })
-            .fold(0.0, f64::max)
+            .fold(0.0, |worst, moved| if moved.is_finite() { moved.max(worst) } else { f64::INFINITY })
     }
 
     /// Why this cannot be the homography of a slice of a `width` x `height` stack, as the predicate of a sentence;
@@ -112,7 +112,7 @@ impl Homography {
     /// A valid homography is finite, has `[8] == 1`, is not mirrored, keeps the image in front of the horizon, moves no
     /// corner by more than 5 times the longer side, scales by 1/4 to 4, and stretches no direction more than 4 times
     /// more than another. Everything computed from it is then finite.
-    pub fn objection(&self, width: u32, height: u32) -> Option<String> {
+    pub fn violation(&self, width: u32, height: u32) -> Option<String> {
         if self.0.iter().any(|v| !v.is_finite()) {
             return Some("has a number that is not finite".into());
         }
@@ -122,11 +122,14 @@ impl Homography {
         let corners = Self::corners(width, height);
         for corner in corners {
             if self.0[6] * corner[0] + self.0[7] * corner[1] + 1.0 < 0.1 {
-                return Some("maps a part of the image behind the camera".into());
+                return Some(
+                    "maps a part of the image to the horizon or behind the camera; check the last row of the matrix"
+                        .into(),
+                );
             }
         }
         if self.matrix().determinant() < 0.0 {
-            return Some("is mirrored".into());
+            return Some("is mirrored; check that x and y are not exchanged".into());
         }
         let most = MAX_MOVE * f64::from(width.max(height));
         let moved = corners.map(|corner| {
@@ -257,8 +260,17 @@ mod tests {
     }
 
     #[test]
+    fn a_corner_without_a_finite_image_is_infinitely_far() {
+        let horizon = Homography([1e308, 0.0, 0.0, 0.0, 1.0, 0.0, 1e308, 0.0, 1.0]);
+        for wrong in [Homography([f64::NAN; 9]), horizon] {
+            assert_eq!(wrong.corner_distance(&Homography::IDENTITY, 600, 400), f64::INFINITY);
+            assert_eq!(Homography::IDENTITY.corner_distance(&wrong, 600, 400), f64::INFINITY);
+        }
+    }
+
+    #[test]
     fn homographies_beyond_the_limits_are_refused() {
-        let error = |numbers| Homography(numbers).objection(64, 48).unwrap_or_default();
+        let error = |numbers| Homography(numbers).violation(64, 48).unwrap_or_default();
         assert!(
             error([1e-308, 0.0, 0.0, 0.0, 1e308, 0.0, 0.0, 0.0, 1.0]).starts_with("moves a corner of the image by inf")
         );
@@ -282,7 +294,7 @@ mod tests {
             [-1.0, 0.0, 63.0, 0.0, -1.0, 47.0, 0.0, 0.0, 1.0],
             [cos * 1.01, -sin, 3.0, sin, cos * 0.99, -2.0, 1e-4, -1e-4, 1.0],
         ] {
-            assert_eq!(Homography(numbers).objection(64, 48), None, "{numbers:?}");
+            assert_eq!(Homography(numbers).violation(64, 48), None, "{numbers:?}");
         }
     }
 
@@ -310,7 +322,7 @@ mod tests {
                 }
             }
             let homography = Homography(numbers);
-            if homography.objection(width, height).is_none() {
+            if homography.violation(width, height).is_none() {
                 let slice = crate::types::profile::ProfileSlice::given(1, homography, 1.0, width, height);
                 let text = serde_json::to_string(&slice).expect("JSON");
                 let again: crate::types::profile::ProfileSlice = serde_json::from_str(&text).expect("what was written");

@@ -20,27 +20,27 @@ pub struct LateralColour {
 /// in this colour, in px of the slice.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ColourDisplacement {
-    /// By which share a point is farther from the middle than in green; negative: nearer.
+    /// Scale of the image relative to green, minus 1. Negative: points are nearer to the middle than in green.
     pub scale: f64,
     /// Displacement in the middle of the image, `[x, y]` px.
     #[serde(default)]
     pub shift_px: [f64; 2],
 }
 
-/// Largest absolute value of [`ColourDisplacement::scale`]. Of a lens it is below 0.01.
+/// Largest absolute value of [`ColourDisplacement::scale`]. Real lenses stay below 0.01.
 const MAX_SCALE: f64 = 0.05;
 /// Largest absolute value of a coordinate of [`ColourDisplacement::shift_px`].
 const MAX_SHIFT_PX: f64 = 50.0;
 
 impl LateralColour {
     /// Largest displacement at a corner of a `width` x `height` image, px.
-    pub fn size_px(&self, width: u32, height: u32) -> f64 {
-        self.red.size_px(width, height).max(self.blue.size_px(width, height))
+    pub fn max_displacement_px(&self, width: u32, height: u32) -> f64 {
+        self.red.max_displacement_px(width, height).max(self.blue.max_displacement_px(width, height))
     }
 
     /// Why a lens cannot have this lateral colour, as the predicate of a sentence; `None` when it can: every number is
     /// finite, a scale is -0.05 to 0.05, and a shift at most 50 px in x and in y.
-    pub fn objection(&self) -> Option<String> {
+    pub fn violation(&self) -> Option<String> {
         [("red", self.red), ("blue", self.blue)].into_iter().find_map(|(colour, of)| {
             if !(-MAX_SCALE..=MAX_SCALE).contains(&of.scale) {
                 return Some(format!(
@@ -63,7 +63,7 @@ impl ColourDisplacement {
     }
 
     /// Largest displacement at a corner of a `width` x `height` image, px.
-    pub fn size_px(&self, width: u32, height: u32) -> f64 {
+    pub fn max_displacement_px(&self, width: u32, height: u32) -> f64 {
         let corners = super::Homography::corners(width, height);
         corners.into_iter().map(|p| self.at(p, width, height)).map(|d| d[0].hypot(d[1])).fold(0.0, f64::max)
     }
@@ -83,16 +83,16 @@ mod tests {
         let lens = of(0.01, [1.0, 0.0]);
         assert_eq!(lens.red.at([300.0, 200.0], 601, 401), [1.0, 0.0]);
         assert_eq!(lens.red.at([600.0, 400.0], 601, 401), [4.0, 2.0]);
-        assert!((lens.size_px(601, 401) - 20.0_f64.sqrt()).abs() < 1e-12);
-        assert_eq!(of(0.0, [0.0; 2]).size_px(601, 401), 0.0);
+        assert!((lens.max_displacement_px(601, 401) - 20.0_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(of(0.0, [0.0; 2]).max_displacement_px(601, 401), 0.0);
     }
 
     #[test]
     fn a_displacement_that_no_lens_has_is_refused() {
-        assert_eq!(of(-0.05, [50.0, -50.0]).objection(), None);
+        assert_eq!(of(-0.05, [50.0, -50.0]).violation(), None);
         for wrong in [of(0.051, [0.0; 2]), of(f64::NAN, [0.0; 2]), of(0.0, [0.0, -51.0]), of(0.0, [f64::INFINITY, 0.0])]
         {
-            assert!(wrong.objection().expect("refused").contains("for red"), "{wrong:?}");
+            assert!(wrong.violation().expect("refused").contains("for red"), "{wrong:?}");
         }
     }
 

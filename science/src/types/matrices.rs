@@ -1,6 +1,10 @@
 //! Conversion of matrices from other programs into the homographies of a profile.
 
-use super::{Error, ErrorKind, Homography, Warning, error::ErrorLocation, profile::MAX_SLICES};
+use super::{
+    Error, ErrorKind, Homography, Warning,
+    error::ErrorLocation,
+    profile::{MAX_SLICES, reference_beyond},
+};
 
 /// Direction in which the matrices of a file map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
@@ -32,8 +36,9 @@ const STILL_PX: f64 = 0.01;
 /// slice whose matrix is the identity (of several the one nearest the middle), else the middle slice.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidProfile`], with a location per slice, for matrices that are zero, not finite or singular, for
-/// fewer than 2 or more than [`MAX_SLICES`] matrices, and for a `reference` beyond the stack.
+/// [`ErrorKind::InvalidProfile`]. With a location per slice: matrices that are zero or not finite, whose last element
+/// is nearly zero, or that cannot be inverted where that is needed. Without a location: fewer than 2 or more than
+/// [`MAX_SLICES`] matrices. Other singular matrices are refused by [`super::profile::ProfileInput::check`].
 pub fn rebase(
     matrices: &[[f64; 9]],
     direction: Direction,
@@ -47,15 +52,24 @@ pub fn rebase(
         return Err(Error::new(ErrorKind::InvalidProfile, detail));
     }
     if let Some(reference) = reference.filter(|&index| index as usize >= count) {
-        let detail = format!("reference_index is {reference}; it must be below the {count} slices");
-        return Err(Error::new(ErrorKind::InvalidProfile, detail));
+        let detail = reference_beyond(reference as usize, count);
+        let location = ErrorLocation {
+            detail: detail.clone(),
+            pointer: Some("/reference_index".into()),
+            ..ErrorLocation::default()
+        };
+        return Err(Error::new(ErrorKind::InvalidProfile, detail).at(location));
     }
     refuse(
         matrices,
         |m| m.iter().all(|&v| v == 0.0),
         "nothing but zeros for a matrix: the program that made the file failed there; measure again, or omit these slices from the stack",
     )?;
-    refuse(matrices, |m| m.iter().any(|v| !v.is_finite()), "numbers that are not finite (NaN or infinity)")?;
+    refuse(
+        matrices,
+        |m| m.iter().any(|v| !v.is_finite()),
+        "numbers that are not finite (NaN or infinity); measure again, or omit these slices from the stack",
+    )?;
 
     let normalised: Vec<Option<Homography>> = matrices
         .iter()
@@ -73,14 +87,26 @@ pub fn rebase(
     let moves = |h: &Homography| h.corner_distance(&Homography::IDENTITY, width, height);
     let reference = reference.map_or_else(|| still_or_middle(&given, moves), |index| index as usize);
     let Some(base) = given.get(reference).copied() else {
-        return Err(Error::new(ErrorKind::InvalidProfile, "no slice can be the reference"));
+        return Err(Error::new(ErrorKind::Internal, "the reference slice has no matrix"));
     };
     let index = u32::try_from(reference).unwrap_or(u32::MAX);
     if base == Homography::IDENTITY {
         return Ok(Rebased { homographies: given, reference_index: index, warnings: Vec::new() });
     }
-    let back = base.inverse();
-    let rebased: Vec<Option<Homography>> = given.iter().map(|h| h.then(&back?)).collect();
+    let Some(back) = base.inverse() else {
+        let detail = format!(
+            "the matrix of slice {reference}, the reference, is singular: measure it again, or set reference_index to \
+             another slice"
+        );
+        let location = ErrorLocation {
+            detail: detail.clone(),
+            pointer: Some(format!("/homographies/{reference}")),
+            slice: Some(index),
+            ..ErrorLocation::default()
+        };
+        return Err(Error::new(ErrorKind::InvalidProfile, detail).at(location));
+    };
+    let rebased: Vec<Option<Homography>> = given.iter().map(|h| h.then(&back)).collect();
     refuse(&rebased, Option::is_none, "a matrix that cannot be rebased on the reference slice")?;
     let mut homographies: Vec<Homography> = rebased.into_iter().flatten().collect();
     if let Some(own) = homographies.get_mut(reference) {
@@ -89,7 +115,7 @@ pub fn rebase(
     }
     let moved = moves(&base);
     let mut warnings = Vec::new();
-    if moved.is_nan() || moved > STILL_PX {
+    if moved > STILL_PX {
         warnings.push(Warning::new(
             "rebased",
             format!(
@@ -211,5 +237,13 @@ mod tests {
         let flat = [Homography::IDENTITY, Homography([1.0; 9])];
         let error = rebased_on(&flat, Direction::ReferenceToSlice, None).expect_err("singular");
         assert!(error.detail.starts_with("slice 1 has a singular matrix"), "{error}");
+    }
+
+    #[test]
+    fn only_the_reference_is_blamed_for_its_singular_matrix() {
+        let slices = [Homography([1.0; 9]), Homography::IDENTITY];
+        let error = rebased_on(&slices, Direction::SliceToReference, Some(0)).expect_err("singular");
+        assert!(error.detail.starts_with("the matrix of slice 0, the reference, is singular"), "{error}");
+        assert_eq!(error.locations.iter().filter_map(|p| p.slice).collect::<Vec<_>>(), [0]);
     }
 }

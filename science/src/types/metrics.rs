@@ -75,7 +75,7 @@ pub struct FusionMetrics {
     /// Mean distance of the pixels from that range, grey levels of 255: the strength of halos.
     #[serde(default)]
     pub overshoot_levels: Option<f64>,
-    /// Share of pixels at full scale or at zero.
+    /// Share of pixels at full scale (grey level 254 or more) or at zero (below 0.5).
     #[serde(default)]
     pub clipped_fraction: Option<f64>,
     /// Mean grey level, 0 to 255. Compare it between the views of a scan.
@@ -107,7 +107,7 @@ pub struct FocusMetrics {
     /// Share of the textured pixels that are sharpest in the last slice and less sharp in each of the two before it.
     #[serde(default)]
     pub peak_at_last_fraction: Option<f64>,
-    /// Share of the textured pixels whose label in the decision map is not the most frequent one of their 5x5
+    /// Share of the textured pixels whose slice in the decision map is not the most frequent one of their 5x5
     /// neighbourhood.
     #[serde(default)]
     pub label_noise: Option<f64>,
@@ -159,7 +159,7 @@ pub struct SliceMetrics {
     /// 0-based index of an earlier slice that is the same image; else null.
     #[serde(default)]
     pub duplicate_of: Option<u32>,
-    /// Share of pixels at full scale or at zero.
+    /// Share of pixels at full scale (grey level 254 or more) or at zero (below 0.5).
     pub clipped_fraction: Option<f64>,
     /// Share of the canvas that the warped slice covers.
     pub valid_fraction: Option<f64>,
@@ -198,7 +198,7 @@ pub struct ResidualSimilarity {
     pub corner_drift_px: f64,
     /// Standard deviation of `corner_drift_px`, px.
     pub corner_drift_sigma_px: f64,
-    /// Number of shifts it was fitted to.
+    /// Number of measured shifts, with outliers; the fit does not use those.
     pub shifts: u32,
 }
 
@@ -229,7 +229,7 @@ pub struct MaskMetrics {
 /// Processing time, milliseconds of wall clock.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Timing {
-    /// From the claim to the last artifact.
+    /// From the start of the job to its last artifact.
     pub total: u64,
     /// Time per stage, in the order of execution.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -1,7 +1,6 @@
-//! The types that the other modules speak in: homographies, the numbers of a profile, options, metrics, reports,
-//! errors.
+//! Types that all modules share: homographies, profiles, options, metrics, reports, errors.
 //!
-//! They check their own rules and do nothing else; this module imports no other module of the crate.
+//! They check their rules and convert themselves from other forms. This module imports no other module of the crate.
 
 pub mod calibration_options;
 pub mod control;

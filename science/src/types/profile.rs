@@ -23,7 +23,8 @@ pub enum CaptureMode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HomographyModel {
-    /// One model for the whole stack: scale and shift are linear in the rail position (three parameters).
+    /// One model for the whole stack: from the reference slice to a slice, scale and shift are linear in the rail
+    /// position (three parameters).
     RailLinear,
     /// Scale, rotation and shift per slice (four parameters).
     Similarity,
@@ -55,23 +56,23 @@ pub struct ProfileInput {
     /// Rail position per slice, mm, increasing towards the object; strictly increasing or decreasing.
     #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
-    /// Factor per slice that matches its brightness to the reference slice.
+    /// Factor per slice that matches its brightness to the reference slice, 0.05 to 20.
     #[serde(default)]
     pub gains: Option<Vec<f64>>,
-    /// Size of one pixel on the sensor, mm.
+    /// Size of one pixel on the sensor, mm, 0.00001 to 1.
     #[serde(default)]
     pub pixel_pitch_mm: Option<f64>,
     /// What moves between slices.
     #[serde(default)]
     pub capture_mode: Option<CaptureMode>,
     /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole camera of the
-    /// fused image. In macro photography it differs much from the focal length engraved on the lens.
+    /// fused image, 0.1 to 100,000. In macro photography it differs much from the focal length engraved on the lens.
     #[serde(default)]
     pub principal_distance_mm: Option<f64>,
     /// Intersection of the optical axis with the reference slice, `[x, y]` px.
     #[serde(default)]
     pub principal_point_px: Option<[f64; 2]>,
-    /// Magnification (image size over object size) of the plane in focus in the reference slice.
+    /// Magnification (image size over object size) of the plane in focus in the reference slice, 0.0001 to 1000.
     #[serde(default)]
     pub magnification: Option<f64>,
     /// Free text, at most 4,000 characters.
@@ -80,8 +81,8 @@ pub struct ProfileInput {
     /// Radial lens distortion that stays with the sensor. The homographies are then between images without it.
     #[serde(default)]
     pub distortion: Option<Distortion>,
-    /// Lateral colour of the lens. Fusion moves red and blue to where green is, unless a stack says
-    /// `lateral_colour=keep`.
+    /// Lateral colour of the lens. Fusion moves red and blue to where green is, unless a
+    /// stack has the option `lateral_colour=keep`.
     #[serde(default)]
     pub lateral_colour: Option<LateralColour>,
 }
@@ -112,48 +113,52 @@ impl ProfileInput {
     /// [`ErrorKind::InvalidProfile`], with one location (a JSON pointer) per violated rule.
     pub fn check(&self) -> Result<(), Error> {
         let mut locations = Vec::new();
-        let mut object = |pointer: String, detail: String, slice: Option<u32>| {
+        let mut refuse = |pointer: String, detail: String, slice: Option<u32>| {
             locations.push(ErrorLocation { detail, pointer: Some(pointer), file: None, slice });
         };
         let count = self.homographies.len();
         for (name, size) in [("image_width", self.image_width), ("image_height", self.image_height)] {
             if !(16..=65_535).contains(&size) {
-                object(format!("/{name}"), format!("{name} is {size}; it must be 16 to 65535 px"), None);
+                refuse(format!("/{name}"), format!("{name} is {size}; it must be 16 to 65535 px"), None);
             }
         }
         if !(2..=MAX_SLICES).contains(&count) {
-            object("/homographies".into(), format!("{count} homographies; a stack has 2 to {MAX_SLICES} slices"), None);
-        }
-        if self.reference_index as usize >= count {
-            object(
-                "/reference_index".into(),
-                format!("reference_index is {}; it must be below the {count} slices", self.reference_index),
+            refuse(
+                "/homographies".into(),
+                format!("homographies has {count} entries; it must have one per slice, 2 to {MAX_SLICES}"),
                 None,
             );
         }
+        if count > 0 && self.reference_index as usize >= count {
+            refuse("/reference_index".into(), reference_beyond(self.reference_index as usize, count), None);
+        }
         for (i, homography) in self.homographies.iter().enumerate() {
-            if let Some(why) = homography.objection(self.image_width, self.image_height) {
-                object(format!("/homographies/{i}"), format!("the homography of slice {i} {why}"), Some(i as u32));
+            if let Some(why) = homography.violation(self.image_width, self.image_height) {
+                refuse(format!("/homographies/{i}"), format!("the homography of slice {i} {why}"), Some(i as u32));
             }
         }
         if let Some(reference) = self.homographies.get(self.reference_index as usize) {
             let moved = reference.corner_distance(&Homography::IDENTITY, self.image_width, self.image_height);
-            if moved.is_nan() || moved > 0.01 {
+            if moved > 0.01 {
                 let i = self.reference_index;
-                object(
+                refuse(
                     format!("/homographies/{i}"),
-                    format!("slice {i} is the reference, so its homography must be the identity"),
+                    format!(
+                        "slice {i} is the reference, so its homography must be the identity (a corner may move by 0.01 \
+                         px): multiply every homography by the inverse of this one, from the left, or set \
+                         reference_index to the slice whose homography is the identity"
+                    ),
                     Some(i),
                 );
             }
         }
         if let Some(gains) = &self.gains {
             if gains.len() != count {
-                object("/gains".into(), format!("{} gains for {count} slices", gains.len()), None);
+                refuse("/gains".into(), format!("{} gains for {count} slices: give one per slice", gains.len()), None);
             }
             for (i, gain) in gains.iter().enumerate() {
                 if !(0.05..=20.0).contains(gain) {
-                    object(
+                    refuse(
                         format!("/gains/{i}"),
                         format!("the gain of slice {i} is {gain}; it must be 0.05 to 20"),
                         Some(i as u32),
@@ -163,65 +168,91 @@ impl ProfileInput {
         }
         if let Some(rail) = &self.rail_positions_mm {
             if rail.len() != count {
-                object("/rail_positions_mm".into(), format!("{} rail positions for {count} slices", rail.len()), None);
+                let detail = format!("{} rail positions for {count} slices: give one per slice", rail.len());
+                refuse("/rail_positions_mm".into(), detail, None);
             }
-            let rising = rail.windows(2).all(|w| w[0] < w[1]);
-            let falling = rail.windows(2).all(|w| w[0] > w[1]);
-            if rail.iter().any(|z| !RAIL_MM.contains(z)) {
-                let detail = format!("rail positions must be {} to {} mm", RAIL_MM.start(), RAIL_MM.end());
-                object("/rail_positions_mm".into(), detail, None);
-            } else if !(rising || falling) {
-                object(
-                    "/rail_positions_mm".into(),
-                    "rail positions must rise or fall from slice to slice".into(),
-                    None,
-                );
+            if let Some((slice, detail)) = rail_violation(rail) {
+                refuse("/rail_positions_mm".into(), detail, Some(slice as u32));
             }
         }
         if let Some(pitch) = self.pixel_pitch_mm
             && !(1e-5..=1.0).contains(&pitch)
         {
-            object("/pixel_pitch_mm".into(), format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"), None);
+            refuse("/pixel_pitch_mm".into(), format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"), None);
         }
         if let Some(distance) = self.principal_distance_mm
             && !(0.1..=100_000.0).contains(&distance)
         {
             let detail = format!("principal_distance_mm is {distance}; it must be 0.1 to 100000");
-            object("/principal_distance_mm".into(), detail, None);
+            refuse("/principal_distance_mm".into(), detail, None);
         }
         if let Some(point) = self.principal_point_px {
             let size = [f64::from(self.image_width), f64::from(self.image_height)];
             // the axis of a shifted lens may be outside of the image, but not far
             if !(0..2).all(|a| (-4.0 * size[a]..=5.0 * size[a]).contains(&point[a])) {
-                let detail = format!("principal_point_px is {point:?}, far outside the image");
-                object("/principal_point_px".into(), detail, None);
+                let detail = format!(
+                    "principal_point_px is {point:?}, far outside the image; x must be {} to {}, and y {} to {}",
+                    -4.0 * size[0],
+                    5.0 * size[0],
+                    -4.0 * size[1],
+                    5.0 * size[1]
+                );
+                refuse("/principal_point_px".into(), detail, None);
             }
         }
         if let Some(magnification) = self.magnification
             && !(1e-4..=1e3).contains(&magnification)
         {
             let detail = format!("magnification is {magnification}; it must be 0.0001 to 1000");
-            object("/magnification".into(), detail, None);
+            refuse("/magnification".into(), detail, None);
         }
         if let Some(distortion) = &self.distortion
-            && let Some(why) = distortion.objection(self.image_width, self.image_height)
+            && let Some(why) = distortion.violation(self.image_width, self.image_height)
         {
-            object("/distortion".into(), format!("the distortion {why}"), None);
+            refuse("/distortion".into(), format!("the distortion {why}"), None);
         }
-        if let Some(why) = self.lateral_colour.as_ref().and_then(LateralColour::objection) {
-            object("/lateral_colour".into(), format!("lateral_colour {why}"), None);
+        if let Some(why) = self.lateral_colour.as_ref().and_then(LateralColour::violation) {
+            refuse("/lateral_colour".into(), format!("lateral_colour {why}"), None);
         }
         if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
-            object("/note".into(), "the note is longer than 4,000 characters".into(), None);
+            refuse("/note".into(), "the note is longer than 4,000 characters".into(), None);
         }
-        let Some(first) = locations.first() else { return Ok(()) };
-        let more = match locations.len() {
-            1 => String::new(),
-            n => format!(" ({} more in errors)", n - 1),
-        };
-        let detail = format!("{}{more}", first.detail);
-        Err(Error { kind: ErrorKind::InvalidProfile, detail, locations, source: None })
+        Error::of_locations(ErrorKind::InvalidProfile, locations).map_or(Ok(()), Err)
     }
+}
+
+/// That a reference slice is beyond the slices of a stack, as a sentence.
+pub(super) fn reference_beyond(index: usize, count: usize) -> String {
+    format!(
+        "reference_index is {index}, but the stack has {count} slices: use an index from 0 to {}",
+        count.saturating_sub(1)
+    )
+}
+
+/// The first slice whose rail position is out of range or does not continue the direction of those before it, with a
+/// sentence about it; `None` when the positions are valid.
+pub(super) fn rail_violation(rail: &[f64]) -> Option<(usize, String)> {
+    if let Some(slice) = rail.iter().position(|z| !RAIL_MM.contains(z)) {
+        let detail = format!(
+            "the rail position of slice {slice} is {} mm; it must be {} to {}",
+            rail[slice],
+            RAIL_MM.start(),
+            RAIL_MM.end()
+        );
+        return Some((slice, detail));
+    }
+    let is_rising = rail.len() > 1 && rail[1] > rail[0];
+    let continues = |w: &[f64]| if is_rising { w[1] > w[0] } else { w[1] < w[0] };
+    let slice = rail.windows(2).position(|w| !continues(w))? + 1;
+    let detail = format!(
+        "rail_positions_mm must increase from slice to slice, or decrease from slice to slice, but slice {} is at {} mm \
+         and slice {slice} at {} mm{}",
+        slice - 1,
+        rail[slice - 1],
+        rail[slice],
+        if slice > 1 { ", against the direction of the slices before" } else { "" }
+    );
+    Some((slice, detail))
 }
 
 /// One slice of a profile.
@@ -237,17 +268,20 @@ pub struct ProfileSlice {
     pub shift_px: [f64; 2],
     /// Factor that matches the brightness to the reference slice.
     pub gain: f64,
-    /// Dots found in this slice; null for an uploaded profile.
+    /// Dots found in this slice; null for a profile that was not calibrated.
     pub dots_found: Option<u32>,
-    /// Inliers of the homography; null for an uploaded profile.
+    /// Inliers of the homography; null for a profile that was not calibrated.
     pub inliers: Option<u32>,
-    /// RMS distance of the inliers in the reference slice, px.
+    /// RMS distance of the inliers in the reference slice, px; null for a profile that was not calibrated, and where no
+    /// dot was used.
     pub rms_px: Option<f64>,
-    /// 95th percentile of that distance, px.
+    /// 95th percentile of that distance, px; null where `rms_px` is.
     pub p95_px: Option<f64>,
-    /// Standard deviation of the worst image corner, propagated from the dots, px.
+    /// Standard deviation of the worst image corner, propagated from the dots, px; null for a profile that was not
+    /// calibrated.
     pub corner_sigma_px: Option<f64>,
-    /// True when the slice was too blurred to be measured and its homography was predicted by the rail model.
+    /// True when the homography was predicted by the rail law, because the dots of the slice could not be measured or
+    /// were too uncertain.
     pub interpolated: bool,
 }
 

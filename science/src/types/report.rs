@@ -91,7 +91,7 @@ pub struct CodeReport {
     pub rows: [u32; 2],
     /// True when the slices show the target mirrored.
     pub mirrored: bool,
-    /// Negative decadic logarithm of the probability that the code was recognised by chance.
+    /// Negative base-10 logarithm of the probability that the code was recognised by chance.
     pub certainty: f64,
 }
 
@@ -139,7 +139,7 @@ pub struct RailReport {
     pub positions: Vec<f64>,
     /// Rail position per slice derived from its scale, in the same unit; null where the slice was not measured.
     pub measured_positions: Vec<Option<f64>>,
-    /// RMS distance of the image corners between the rail law and the measured slices, px.
+    /// RMS of `off_law_px` over the slices that have it, px; 0 when none has.
     pub corner_rms_px: f64,
 }
 
@@ -152,7 +152,8 @@ pub struct CameraReport {
     pub principal_distance_px: Option<f64>,
     /// The principal distance from an independent source (target pitch instead of rail), mm, for comparison.
     pub cross_check_mm: Option<f64>,
-    /// Where the optical axis meets the reference slice, `[x, y]` px.
+    /// Where the optical axis meets the reference slice, `[x, y]` px. Always null at present: the rail tells it only
+    /// together with its own tilt, which is unknown.
     pub principal_point_px: Option<[f64; 2]>,
     /// Size of one pixel, mm.
     pub pixel_pitch_mm: Option<f64>,
@@ -171,13 +172,14 @@ pub struct SliceReport {
     pub name: String,
     /// Scale from this slice to the reference slice.
     pub scale: f64,
-    /// Scale by the rail law; null without a law.
+    /// Scale by the rail law; null for the reference slice, and without a law.
     pub law_scale: Option<f64>,
     /// Shift of the image centre from this slice to the reference slice, `[x, y]` px.
     pub shift_px: [f64; 2],
-    /// Shift by the rail law, px; null without a law.
+    /// Shift by the rail law, px; null for the reference slice, and without a law.
     pub law_shift_px: Option<[f64; 2]>,
-    /// Largest distance of an image corner between the slice's own estimate and the rail law, px.
+    /// Largest distance of an image corner between the slice's own estimate and the rail law, px; null for the
+    /// reference slice, without a law, and where nothing was measured.
     pub off_law_px: Option<f64>,
     /// Blur radius, px of the slice; null where nothing was measured.
     pub blur_radius_px: Option<f64>,
@@ -203,7 +205,7 @@ pub struct SliceReport {
     pub corner_sigma_px: f64,
     /// True when the homography was predicted by the rail law.
     pub interpolated: bool,
-    /// The dots; at most about 2,000, evenly selected.
+    /// The dots; at most 2,000, evenly selected.
     pub dots: Vec<DotReport>,
 }
 
@@ -213,7 +215,8 @@ pub struct DotReport {
     /// Position, `[x, y]` px of the slice.
     pub at: [f64; 2],
     /// Residual: the position mapped by the homography minus the dot in the reference slice, `[x, y]` px of the
-    /// reference; null when the reference slice does not show it.
+    /// reference; null when the reference slice does not show it. With a lens distortion both are taken without it,
+    /// although `at` is as seen in the slice.
     pub residual: Option<[f64; 2]>,
     /// False when it was an outlier or was not used.
     pub inlier: bool,
@@ -226,13 +229,14 @@ pub struct Drift {
     pub from_revision: u32,
     /// The newer revision.
     pub to_revision: u32,
-    /// Largest movement of an image corner per slice, px; null where only one of the profiles has the slice.
+    /// Largest movement of an image corner per slice, px; null where a corner has no finite position, and
+    /// everywhere when the profiles cannot be compared (see `detail`).
     pub corner_px: Vec<Option<f64>>,
     /// The largest of these movements, px.
     pub worst_px: Option<f64>,
     /// Index of the slice with the largest movement.
     pub worst_slice: Option<u32>,
-    /// New gain over old gain per slice.
+    /// New gain over old gain per slice; null everywhere when the profiles cannot be compared.
     pub gain_ratio: Vec<Option<f64>>,
     /// How far the rig moved, in one sentence, or why the profiles cannot be compared (different image size or slice
     /// count).

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 use super::{
     Error, ErrorKind, Homography,
     error::ErrorLocation,
-    profile::{CaptureMode, MAX_SLICES, ProfileInput, RAIL_MM},
+    profile::{CaptureMode, MAX_SLICES, ProfileInput, rail_violation, reference_beyond},
 };
 
 /// Source of the gains.
@@ -36,16 +36,16 @@ pub struct RigParameters {
     /// Height of every slice in px.
     #[schema(minimum = 16, maximum = 65535)]
     pub image_height: u32,
-    /// 0-based index of the slice that all others are mapped to; default: the middle one.
+    /// 0-based index of the slice that all others are mapped to; default: slice count / 2, rounded down.
     #[serde(default)]
     pub reference_index: Option<u32>,
     /// Number of slices; optional with `rail_positions_mm`.
     #[serde(default)]
     #[schema(minimum = 2, maximum = 1000)]
     pub slice_count: Option<u32>,
-    /// Focal length f of the lens at this setting, mm.
+    /// Focal length f of the lens at this setting, mm, 0.1 to 10,000.
     pub focal_mm: f64,
-    /// Magnification M: image size over object size of what is in focus in the reference slice.
+    /// Magnification M: image size over object size of what is in focus in the reference slice, 0.0001 to 1000.
     pub magnification: f64,
     /// Size of one pixel of the uploaded slices, mm; larger than the camera's own when the slices were reduced.
     #[serde(default)]
@@ -54,7 +54,7 @@ pub struct RigParameters {
     /// the sensor approaches the lens (`fixed_lens`), or when camera and lens approach the object (`moving_lens`).
     #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
-    /// Instead of the positions: the rail step from slice to slice, mm, with the same sign.
+    /// Instead of the positions: the rail step from slice to slice, mm, with the same sign; -1000 to 1000, and not 0.
     #[serde(default)]
     pub rail_step_mm: Option<f64>,
     /// What moves between slices.
@@ -62,7 +62,8 @@ pub struct RigParameters {
     /// Where the optical axis meets the reference slice, `[x, y]` px; default: the centre of the image.
     #[serde(default)]
     pub principal_point_px: Option<[f64; 2]>,
-    /// Shift of the principal point per mm of rail, `[x, y]` px, for a rail that is not parallel to the optical axis.
+    /// Shift of the principal point per mm of rail, `[x, y]` px, for a rail that is not parallel to the optical axis;
+    /// -1000 to 1000 each.
     #[serde(default)]
     pub drift_px_per_mm: [f64; 2],
     /// Source of the gains.
@@ -77,16 +78,16 @@ impl RigParameters {
     /// Computes the profile.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidProfile`] with a location for the first violated rule: values out of range, both or neither
-    /// of positions and step, a sensor that would be within the focal length of the lens, or a camera that would reach
-    /// the object.
+    /// [`ErrorKind::InvalidProfile`]: values out of range, both or neither of positions and step, a sensor that would
+    /// be closer to the lens than its focal length, or a camera that would reach the object. The location is that of
+    /// the first violated rule; if only the computed profile is invalid, there is one per violated rule. Each points at
+    /// a parameter.
     pub fn profile(&self) -> Result<ProfileInput, Error> {
         self.check_numbers()?;
         let rail = self.rail()?;
         let reference = self.reference_index.map_or(rail.len() / 2, |index| index as usize);
         let Some(&origin) = rail.get(reference) else {
-            let detail = format!("reference_index is {reference}; it must be below the {} slices", rail.len());
-            return Err(at("/reference_index", detail, None));
+            return Err(at("/reference_index", reference_beyond(reference, rail.len()), None));
         };
         let along: Vec<f64> = rail.iter().map(|z| z - origin).collect();
         self.check_reach(&along)?;
@@ -116,8 +117,29 @@ impl RigParameters {
             distortion: None,
             lateral_colour: None,
         };
-        profile.check()?;
-        Ok(profile)
+        match profile.check() {
+            Ok(()) => Ok(profile),
+            Err(error) => Err(self.in_own_terms(error)),
+        }
+    }
+
+    /// An error of the computed profile, with pointers to the parameters from which it was computed.
+    fn in_own_terms(&self, error: Error) -> Error {
+        let own = |location: ErrorLocation| {
+            let pointer = location.pointer.as_deref().unwrap_or_default();
+            if !["/homographies", "/gains"].iter().any(|computed| pointer.starts_with(computed)) {
+                return location;
+            }
+            let detail = format!("{}; check the rail, the focal length and the magnification", location.detail);
+            ErrorLocation { detail, pointer: Some(self.rail_pointer().to_owned()), ..location }
+        };
+        let locations = error.locations.iter().cloned().map(own).collect();
+        Error::of_locations(error.kind, locations).unwrap_or(error)
+    }
+
+    /// The member that gives the rail positions.
+    fn rail_pointer(&self) -> &'static str {
+        if self.rail_positions_mm.is_some() { "/rail_positions_mm" } else { "/rail_step_mm" }
     }
 
     /// Distance from lens to sensor in the reference slice, mm: `d2 = f (1 + M)`.
@@ -160,12 +182,18 @@ impl RigParameters {
             )),
             (Some(positions), None, count) => {
                 if let Some(count) = count.filter(|&count| count as usize != positions.len()) {
-                    let detail = format!("{} rail positions for {count} slices", positions.len());
+                    let detail = format!("{} rail positions for {count} slices: give one per slice", positions.len());
                     return Err(at("/rail_positions_mm", detail, None));
                 }
-                if positions.iter().any(|z| !RAIL_MM.contains(z)) {
-                    let detail = format!("rail positions must be {} to {} mm", RAIL_MM.start(), RAIL_MM.end());
+                if !(2..=MAX_SLICES).contains(&positions.len()) {
+                    let detail = format!(
+                        "rail_positions_mm has {} entries; it must have one per slice, 2 to {MAX_SLICES}",
+                        positions.len()
+                    );
                     return Err(at("/rail_positions_mm", detail, None));
+                }
+                if let Some((slice, detail)) = rail_violation(positions) {
+                    return Err(at("/rail_positions_mm", detail, u32::try_from(slice).ok()));
                 }
                 Ok(positions.clone())
             }
@@ -194,6 +222,15 @@ impl RigParameters {
                 return Err(at(&format!("/{name}"), detail, None));
             }
         }
+        if self.sensor_distance() > 100_000.0 {
+            let detail = format!(
+                "focal_mm {} and magnification {} put the sensor {} mm from the lens; the limit is 100000 mm",
+                self.focal_mm,
+                self.magnification,
+                self.sensor_distance()
+            );
+            return Err(at("/magnification", detail, None));
+        }
         if !self.drift_px_per_mm.iter().all(|drift| (-1000.0..=1000.0).contains(drift)) {
             let detail = format!("drift_px_per_mm is {:?}; both numbers must be -1000 to 1000", self.drift_px_per_mm);
             return Err(at("/drift_px_per_mm", detail, None));
@@ -213,8 +250,8 @@ impl RigParameters {
             }
             let detail = match self.capture_mode {
                 CaptureMode::FixedLens => format!(
-                    "in slice {i} the sensor would be {distance:.2} mm from the lens, within its focal length of {least} mm, \
-                     where nothing is in focus; check the sign of the rail (positive: towards the object, and so towards the \
+                    "in slice {i} the sensor would be {distance:.2} mm from the lens, closer than the focal length of \
+                     {least} mm, where nothing is in focus; check the sign of the rail (positive: towards the object, and so towards the \
                      lens) and the magnification"
                 ),
                 CaptureMode::MovingLens => format!(
@@ -223,7 +260,7 @@ impl RigParameters {
                     self.object_distance()
                 ),
             };
-            return Err(at("/rail_positions_mm", detail, u32::try_from(i).ok()));
+            return Err(at(self.rail_pointer(), detail, u32::try_from(i).ok()));
         }
         Ok(())
     }
@@ -309,7 +346,7 @@ mod tests {
         let wrong = RigParameters { rail_positions_mm: Some(vec![0.0, 1.0]), ..rig.clone() };
         assert!(refused(&wrong).contains("both given"));
         let wrong = RigParameters { rail_positions_mm: Some(vec![0.0, 1.0]), rail_step_mm: None, ..rig.clone() };
-        assert_eq!(refused(&wrong), "2 rail positions for 3 slices");
+        assert_eq!(refused(&wrong), "2 rail positions for 3 slices: give one per slice");
         let wrong = RigParameters { slice_count: None, ..rig.clone() };
         assert!(refused(&wrong).starts_with("slice_count is missing"));
         let wrong = RigParameters { rail_step_mm: Some(40.0), slice_count: Some(5), ..rig.clone() };
@@ -319,9 +356,37 @@ mod tests {
         let wrong = RigParameters { magnification: f64::NAN, ..rig.clone() };
         assert!(refused(&wrong).starts_with("magnification is NaN; it must be 0.0001 to 1000"));
         let wrong = RigParameters { reference_index: Some(3), ..rig };
-        assert_eq!(refused(&wrong), "reference_index is 3; it must be below the 3 slices");
+        assert_eq!(refused(&wrong), "reference_index is 3, but the stack has 3 slices: use an index from 0 to 2");
         let near = RigParameters { rail_step_mm: Some(140.0), ..macro_rig(CaptureMode::MovingLens) };
         assert!(refused(&near).contains("towards an object that is 130.00 mm away"));
+    }
+
+    #[test]
+    fn every_error_points_at_a_parameter() {
+        let rig = macro_rig(CaptureMode::FixedLens);
+        let positions = |rail: &[f64]| RigParameters {
+            reference_index: None,
+            slice_count: None,
+            rail_step_mm: None,
+            rail_positions_mm: Some(rail.to_vec()),
+            ..rig.clone()
+        };
+        let moving = macro_rig(CaptureMode::MovingLens);
+        let far = RigParameters { focal_mm: 10_000.0, magnification: 10.0, ..moving.clone() };
+        let grown = RigParameters { reference_index: Some(0), rail_step_mm: Some(-200.0), ..moving };
+        let near = RigParameters { rail_step_mm: Some(40.0), slice_count: Some(5), ..rig.clone() };
+        for (wrong, pointer, part) in [
+            (positions(&[]), "/rail_positions_mm", "has 0 entries"),
+            (positions(&[0.0]), "/rail_positions_mm", "has 1 entries"),
+            (positions(&[0.0, 1.0, 0.5]), "/rail_positions_mm", "slice 2 at 0.5 mm"),
+            (far, "/magnification", "110000 mm from the lens"),
+            (grown, "/rail_step_mm", "scales the image"),
+            (near, "/rail_step_mm", "check the sign of the rail"),
+        ] {
+            let error = wrong.profile().expect_err("impossible");
+            let own = |location: &ErrorLocation| location.pointer.as_deref() == Some(pointer);
+            assert!(error.detail.contains(part) && error.locations.iter().all(own), "{pointer}: {error:?}");
+        }
     }
 
     prop_compose! {

@@ -25,7 +25,7 @@ pub struct ViewAngles {
 impl ViewAngles {
     /// The name of a file of this view, without extension: `pan020_tilt-06`, `pan020p5_tilt06p25`. Angles are rounded
     /// to 0.001 degrees; `p` is the decimal point, because several programs end the name of an image at its first dot.
-    /// Names of a scan sort by pan, then by tilt.
+    /// With angles of 0 or more (pan below 1000, tilt below 100), names sort by pan, then by tilt.
     pub fn file_stem(&self) -> String {
         format!("pan{}_tilt{}", number(self.pan_deg, 3), number(self.tilt_deg, 2))
     }

@@ -3,7 +3,7 @@
 use pinstack_science::{
     fusion::{Fused, FusionRequest, Plan, SlicePlan, UNCOVERED, fuse, fuse_by_decision_map},
     imaging::{Coverage, Plane, Raster, Sample, Samples, warp::Warp},
-    synth::{Light, Rig, Stage, Truth, scene::Make},
+    synth::{Light, Rig, Stage, Truth, scene::SceneFromSeed},
     types::{
         NoControl,
         fusion_options::{GuidedParams, Method},
@@ -17,7 +17,7 @@ pub const SLICES: usize = 13;
 #[derive(Debug, Clone)]
 pub struct Case {
     pub scene: &'static str,
-    pub make: Make,
+    pub make: SceneFromSeed,
     pub seed: u64,
     pub size: (usize, usize),
     /// Factor on the blur of the rig.

@@ -12,7 +12,7 @@ use pinstack_science::{
         codec::{Limits, Metadata, decode, encode_png},
         filter::focus::{FocusEnergy, Rows},
     },
-    synth::{Light, Rig, Stage, Truth, scene::Make},
+    synth::{Light, Rig, Stage, Truth, scene::SceneFromSeed},
     types::{NoControl, fusion_options::Method},
 };
 
@@ -26,7 +26,7 @@ const NEAR: usize = 8;
 
 /// The stack to render.
 pub struct Case {
-    pub make: Make,
+    pub make: SceneFromSeed,
     pub seed: u64,
     pub slices: usize,
     /// Standard deviation of the noise, grey levels of 255.

@@ -210,7 +210,7 @@ impl Stack<'_> {
         let Frame { centre, half } = self.frame;
         let centre_px = [centre[0] + half * c[1], centre[1] + half * c[2]];
         let found = Distortion { centre_px, k1: c[0], k2: c[3], radius_px: half };
-        found.objection(self.tracked.width as u32, self.tracked.height as u32).is_none().then_some(found)
+        found.violation(self.tracked.width as u32, self.tracked.height as u32).is_none().then_some(found)
     }
 
     /// The joint estimate from the slices and the printed grid. Dots that were outliers only because of the distortion
@@ -278,7 +278,7 @@ impl Stack<'_> {
             format!(
                 "the lens distorts the image by {:.1} px at the corners, and the distortion stays with the sensor: it was \
                  measured, is part of the profile and is taken into account when stacks are aligned",
-                distortion.size_px(width, height)
+                distortion.max_displacement_px(width, height)
             ),
         );
         LensAnalysis {

@@ -7,8 +7,8 @@
 //! | own gain | `own_gain` | mean light and bright level, weighted by their uncertainties, averaged over the curves |
 //! | law | `law` | in a slice that agrees with the smooth law, the weighted mean of both, so gains do not flicker |
 //!
-//! No estimator is switched on or off at a limit: each has an uncertainty that grows smoothly with blur. The bright level
-//! ends where its uncertainty leaves it almost no weight.
+//! No estimator is switched on or off at a limit: each has an uncertainty that grows smoothly with blur. The bright
+//! level ends where its uncertainty leaves it almost no weight.
 
 mod curve_fit;
 mod law;

@@ -211,7 +211,7 @@ pub(super) fn solve(
             }
             _ => reference_slice(base, all_gains[index]),
         };
-        if let Some(why) = solved.homography.objection(width, height) {
+        if let Some(why) = solved.homography.violation(width, height) {
             let name = slices.name(index);
             let detail = format!(
                 "the homography of {name} (slice {index}) {why}: check that it shows the same target as the reference slice"

@@ -92,7 +92,7 @@ impl Warp {
 
     /// Like [`Warp::new`], for slices with lens distortion: `to_canvas` maps ideal pixels of the slice to ideal pixels
     /// of the canvas, which has the size of the slice and keeps the distortion. `None` also when the distortion is not
-    /// valid for the slice ([`Distortion::objection`]).
+    /// valid for the slice ([`Distortion::violation`]).
     pub fn with_distortion(
         to_canvas: &Homography,
         gain: f64,
@@ -101,7 +101,7 @@ impl Warp {
     ) -> Option<Self> {
         let plain = Self::new(to_canvas, gain, slice, slice)?;
         let Some(distortion) = distortion else { return Some(plain) };
-        if distortion.objection(slice.0 as u32, slice.1 as u32).is_some() {
+        if distortion.violation(slice.0 as u32, slice.1 as u32).is_some() {
             return None;
         }
         // without a homography the two distortions cancel
@@ -115,10 +115,10 @@ impl Warp {
 
     /// The same warp for a lens with lateral colour: red and blue of a pixel are taken from where the lens images them.
     /// The coverage stays that of green: where red or blue of a pixel is outside the slice, they are those of the
-    /// nearest pixel of its border. `None` when the lateral colour is not valid ([`LateralColour::objection`]).
+    /// nearest pixel of its border. `None` when the lateral colour is not valid ([`LateralColour::violation`]).
     pub fn with_lateral_colour(self, colours: Option<&LateralColour>) -> Option<Self> {
         let Some(colours) = colours else { return Some(self) };
-        if colours.objection().is_some() {
+        if colours.violation().is_some() {
             return None;
         }
         Some(Self { colours: Some(ColourPosition::of(colours, self.slice)), ..self })

@@ -76,7 +76,7 @@ impl Relief {
 }
 
 impl Relief {
-    /// The same heights over a picture that is `times` as large.
+    /// The same depths over a picture that is `times` as large.
     fn scaled(self, times: f64) -> Self {
         let point = |point: [f64; 2]| point.map(|length| times * length);
         match self {
@@ -155,17 +155,18 @@ impl Scene {
         weave::scene(seed)
     }
 
-    /// Wings before a body in segments: two veined membranes, and a net of veins through which one sees.
+    /// A body in segments between two veined membranes, one behind it and one before it, and a net of bare veins in
+    /// front.
     pub fn wing(seed: u64) -> Self {
         wing::scene(seed)
     }
 }
 
-/// A scene that follows from a seed.
-pub type Make = fn(u64) -> Scene;
+/// A scene from a seed.
+pub type SceneFromSeed = fn(u64) -> Scene;
 
-/// All scenes by name, each of which makes other trouble.
-pub const SCENES: [(&str, Make); 5] = [
+/// The scenes that fusion is evaluated on, by name. Each is difficult in another way. [`Scene::rim`] is for tests only.
+pub const SCENES: [(&str, SceneFromSeed); 5] = [
     ("insect", Scene::insect),
     ("flower", Scene::flower),
     ("plates", Scene::plates),

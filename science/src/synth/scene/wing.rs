@@ -1,4 +1,5 @@
-//! Wings before a body: a veined membrane, and a net of bare veins through whose meshes the body is seen.
+//! A body between two veined membranes, one behind it and one before it, and a net of bare veins through whose meshes
+//! the body is seen.
 
 use super::super::noise::{between, key};
 use super::{Part, Pattern, Relief, Scene, Shape, Skin, Stroke};

@@ -1,6 +1,6 @@
 //! The rendered faults against their own truth.
 
-use super::optics::overlap_middle;
+use super::disc_overlap::overlap_middle;
 use super::*;
 use crate::imaging::{Depth, Plane, Raster};
 

@@ -15,10 +15,12 @@ use crate::types::Homography;
 pub struct Faults {
     /// The target is moved on its plane at a slice and stays there.
     pub moved: Option<Moved>,
-    /// One slice shows something else.
+    /// 0-based index of a slice, and what it shows instead.
     pub replaced: Option<(usize, Replacement)>,
     /// Radial distortion k1 of the sensor side, the same in all slices: the ideal position of the pixel d is
-    /// `c + (d - c)(1 + k1 |d - c|^2 / R^2)` with the image centre c and half the image diagonal R. Above -0.3.
+    /// `c + (d - c)(1 + k1 |d - c|^2 / R^2)` with the image centre c and half the image diagonal R. Above -0.3;
+    /// positive is barrel distortion, because the direction is opposite to that of
+    /// [`Distortion`](crate::types::distortion::Distortion).
     pub distortion: f64,
     /// Lateral colour: the size of the red, green and blue image relative to the nominal one, minus 1.
     pub lateral: [f64; 3],
@@ -79,7 +81,7 @@ pub enum Kernel {
     /// A disc: an ideal lens.
     #[default]
     Disc,
-    /// Nearly a Gaussian: the quantiles of the radii of the discs that it consists of.
+    /// Nearly a Gaussian: five discs of equal light, one per class of radii.
     Gaussian,
     /// A bright core within a weak wide halo.
     CoreAndHalo,
@@ -98,7 +100,7 @@ impl Kernel {
             Self::Gaussian => &[[0.5049, 0.2], [0.7411, 0.2], [0.9180, 0.2], [1.1094, 0.2], [1.4568, 0.2]],
             // 0.8 * 0.25 + 0.2 * 4 = 1
             Self::CoreAndHalo => &[[0.5, 0.8], [2.0, 0.2]],
-            // a ring from r to s r: shares 1.5 and -0.5, 1.5 * 0.8 - 0.5 * 0.4 = 1
+            // squared radii 0.8 and 0.4, shares 1.5 and -0.5: a bright ring around a weaker middle; 1.5 * 0.8 - 0.5 * 0.4 = 1
             Self::Ring => &[[0.894_427_190_999_916, 1.5], [0.632_455_532_033_675_9, -0.5]],
         }
     }
@@ -149,7 +151,7 @@ impl Faults {
     }
 
     /// True when the channels see different pictures.
-    pub(super) fn colour(&self) -> bool {
+    pub(super) fn channels_differ(&self) -> bool {
         self.lateral != [0.0; 3] || self.axial_px != [0.0; 3]
     }
 

@@ -5,9 +5,9 @@ use super::Faults;
 /// The defects. The default is a perfect target in front of a linear sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flaws {
-    /// Dark specks on the plate; they move with it.
+    /// Number of dark specks on the plate; they move with it.
     pub target_dust: usize,
-    /// Soft dark specks on the sensor, at the same px in all slices.
+    /// Number of soft dark specks on the sensor, at the same px in all slices.
     pub sensor_dust: usize,
     /// Reflections of lamps, at the same px in all slices.
     pub glare: Vec<Glare>,
@@ -16,14 +16,13 @@ pub struct Flaws {
     /// The target is shown by a monitor whose pixels are this large in the reference slice, px of the
     /// camera.
     pub raster_px: Option<f64>,
-    /// Stored values are sRGB encoded. Blur, exposure, vignetting and glare happen to light; the noise
-    /// is one of stored values.
+    /// Stored values are sRGB encoded. Blur, exposure, vignetting and glare act before the encoding, noise after it.
     pub gamma: bool,
-    /// All light times this: a plate of light `white` clips above `1 / white`.
+    /// Factor on all light. A plate of light `white` clips with a factor above `1 / white`.
     pub overexposure: f64,
     /// Faults of the capture.
     pub faults: Faults,
-    /// Places and sizes of all random things follow from it.
+    /// Seed of all random positions and sizes.
     pub seed: u64,
 }
 

@@ -12,8 +12,8 @@ impl DotTarget {
         self.depth.unwrap_or_else(|| rig.focus_fraction(rig.reference))
     }
 
-    /// Grid units: pitches, the first dot at (0, 0). Place of a dot.
-    pub(super) fn place(&self, column: usize, row: usize) -> [f64; 2] {
+    /// Position of a dot, with its print error, in grid units: pitches, the first dot at (0, 0).
+    pub(super) fn grid_position(&self, column: usize, row: usize) -> [f64; 2] {
         let shift = if self.asymmetric && row % 2 == 1 { 0.5 } else { 0.0 };
         let [across, down, _] = self.flaws.faults.print_error(self.flaws.seed, column, row);
         [column as f64 + shift + across, row as f64 * self.row_step() + down]
@@ -41,8 +41,8 @@ impl DotTarget {
         printed
     }
 
-    /// Grid units from the middle of the grid -> distance from the lens when the rail is at the reference:
-    /// the factors of u and v, and the distance of the middle.
+    /// Coefficients `[fu, fv, d]`: a point (u, v) grid units from the middle of the grid is `d + fu u + fv v` mm from the
+    /// lens when the rail is at the reference.
     fn distances(&self, rig: &Rig) -> [f64; 3] {
         let [(sin_x, _), (sin_y, cos_y)] = self.tilt_deg.map(|angle| angle.to_radians().sin_cos());
         let (sin, cos) = self.rotation_deg.to_radians().sin_cos();
@@ -95,15 +95,14 @@ impl DotTarget {
     }
 
     /// The true centres of all dots in px of slice `i`, row by row: dot `row * columns + column`, the same
-    /// dot at the same place of the list in every slice. Dots outside the picture are listed too, and the
-    /// places of missing ones.
+    /// dot at the same index in every slice. Dots outside the picture and missing ones are listed too.
     pub fn dots(&self, rig: &Rig, i: usize) -> Vec<[f64; 2]> {
         let Some(map) = Homography::from_matrix(&self.to_slice(rig, i)) else {
             return Vec::new();
         };
         let middle = self.middle();
         (0..self.rows)
-            .flat_map(|row| (0..self.columns).map(move |column| self.place(column, row)))
+            .flat_map(|row| (0..self.columns).map(move |column| self.grid_position(column, row)))
             .map(|place| map.apply([place[0] - middle[0], place[1] - middle[1]]))
             .map(|ideal| self.flaws.faults.distort(rig, ideal))
             .collect()
@@ -114,7 +113,7 @@ impl DotTarget {
         rig.slice_in_focus(self.depth_fraction(rig))
     }
 
-    /// Pitch in the middle of slice `i`, px.
+    /// Pitch at the middle of the grid in slice `i`, px; NaN if it cannot be computed.
     pub fn pitch_px(&self, rig: &Rig, i: usize) -> f64 {
         Homography::from_matrix(&self.to_slice(rig, i)).map_or(f64::NAN, |map| map.scale_at([0.0, 0.0]))
     }
@@ -124,14 +123,15 @@ impl DotTarget {
         rig.blur_radius_px(i, self.depth_fraction(rig))
     }
 
-    /// The same for a place in grid units from the middle of the grid.
+    /// The same at a point in grid units from the middle of the grid.
     pub(super) fn blur_at(&self, rig: &Rig, i: usize, place: [f64; 2]) -> f64 {
         let [far_u, far_v, middle] = self.distances(rig);
         rig.blur_radius_of(i, middle + far_u * place[0] + far_v * place[1])
     }
 
     /// What slice `i` stores at `px` for the bright one of plate and dots, 0..1 of full scale, without blur,
-    /// dust, glare, stripes, uneven light on the plate and noise. The ratio of two slices is the gain between them at this place.
+    /// dust, glare, stripes, uneven light on the plate and noise. The ratio of two slices is the gain between them at this
+    /// position.
     pub fn stored_white(&self, rig: &Rig, i: usize, px: [f64; 2]) -> f64 {
         let exposure = rig.exposure(i) * self.flaws.faults.grey_exposure(i);
         let light = self.white.max(self.black) * exposure * transmission(rig, px);

@@ -1,11 +1,11 @@
 //! The dot target: its geometry, its rendering, and typical defects of a real setup.
 
+mod disc_overlap;
 #[cfg(test)]
 mod fault_tests;
 mod faults;
 mod flaws;
 mod layout;
-mod optics;
 mod render;
 #[cfg(test)]
 mod tests;
@@ -32,9 +32,9 @@ pub struct DotTarget {
     pub rotation_deg: f64,
     /// Where the middle of the grid lies relative to the optical axis, mm.
     pub offset_mm: [f64; 2],
-    /// Light of the plate, 0..1 of full scale.
+    /// Light of the bright part, 0..1 of full scale: the plate; with `invert` the dots.
     pub white: f64,
-    /// Light of the dots, 0..1 of full scale.
+    /// Light of the dark part, 0..1 of full scale: the dots; with `invert` the plate.
     pub black: f64,
     /// Bright dots on a dark plate.
     pub invert: bool,
@@ -84,7 +84,7 @@ impl DotTarget {
         }
     }
 
-    /// No target for a calibration: a small plate lying obliquely on a table among other round things.
+    /// No target for a calibration: a small plate lying obliquely on a table among discs, rings and sticks.
     pub fn oblique(rig: &Rig, columns: usize) -> Self {
         let whole = Self::for_rig(rig, columns);
         Self {

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
+use super::disc_overlap::{overlap, overlap_middle, rectangle, wave_left};
 use super::faults::filmic;
-use super::optics::{overlap, overlap_middle, rectangle, wave_left};
 use super::{DotTarget, Flaws, Replacement};
 use crate::imaging::{Raster, Samples};
 use crate::synth::noise::{between, fractal, key, uniform};
@@ -66,7 +66,7 @@ fn render_slice(rig: &Rig, target: &DotTarget, i: usize) -> Raster {
     };
     let flaws = &target.flaws;
     let faults = &flaws.faults;
-    let colours = if faults.colour() { 3 } else { 1 };
+    let colours = if faults.channels_differ() { 3 } else { 1 };
     let grids: Vec<Grid> = (0..colours).map(|channel| Grid::new(rig, target, i, faults.axial_px[channel])).collect();
     let specks = specks(rig, target, i, &map);
     let beyond = Beyond::new(rig, target, i);
@@ -165,7 +165,7 @@ impl<'a> Grid<'a> {
         let with_pixel = |blur: f64| ((blur + side * axial_px).powi(2) + PIXEL_MOMENT).sqrt();
         let middle = target.middle();
         let blur_of = |dot: usize| {
-            let place = target.place(dot % target.columns, dot / target.columns);
+            let place = target.grid_position(dot % target.columns, dot / target.columns);
             with_pixel(target.blur_at(rig, i, [place[0] - middle[0], place[1] - middle[1]]))
         };
         let blurs = if target.tilt_deg == [0.0; 2] {
@@ -225,7 +225,7 @@ impl<'a> Grid<'a> {
                     continue;
                 }
                 let blur = self.blurs[if self.blurs.len() == 1 { 0 } else { dot }] * zoom;
-                let centre = target.place(c, r);
+                let centre = target.grid_position(c, r);
                 let distance = (column - centre[0]).hypot(line - centre[1]);
                 let radius = self.coded.as_ref().map_or(self.dot, |coded| coded[dot]);
                 for &[size, share] in faults.kernel.discs() {
@@ -357,7 +357,7 @@ impl Beyond {
         })
     }
 
-    /// `plate` within the plate, what lies around it beyond.
+    /// `plate` where the plate is, the surround elsewhere.
     fn around(&self, plate: f64, place: [f64; 2], zoom: f64) -> f64 {
         const BLACK: f64 = 0.03;
         let blur = self.blur * zoom;

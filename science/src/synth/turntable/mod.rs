@@ -5,8 +5,8 @@
 //!
 //! Each limb is sampled once by rays through the centre of projection of the reference slice. The limbs are then
 //! composited from far to near, each blurred by the circle of confusion of its own depth at each pixel. So a far limb
-//! is there behind the defocus spread of a near one. Where limbs penetrate each other, only the surface of the nearer
-//! one is kept.
+//! is also rendered where the defocus spread of a near one covers it. Where limbs penetrate each other, only the
+//! surface of the nearer one is kept.
 
 mod solid;
 mod specimen;
@@ -32,11 +32,10 @@ use solid::{Hit, Ray};
 /// Direction to the light in camera axes (x right, y down, z forward): from the upper left, beside the camera.
 const TOWARDS_LIGHT: [f64; 3] = [-0.48, -0.6, -0.64];
 
-/// A rig for scans: 65 mm lens with a sensor 36 mm wide at magnification 0.86, in focus from 11 mm before to 11 mm
-/// behind the point where the axes of the turntable meet. The sensor moves.
+/// A rig for scans: 65 mm lens with a sensor 36 mm wide at magnification 0.87 (0.86 with an even number of slices), in
+/// focus from 11 mm before to 11 mm behind the point where the axes of the turntable meet. The sensor moves.
 ///
-/// The pictures are three times as wide as two are high. Noise 1 of 255, drift, rotation and keystone are those of
-/// [`Rig::sized`].
+/// The aspect ratio is 3:2. Noise 1 of 255, drift, rotation and keystone are those of [`Rig::sized`].
 pub fn scan_rig(width: usize, slices: usize) -> Rig {
     let base = Rig::sized(width, width * 2 / 3, slices);
     let (focal_mm, middle_mm, half_depth_mm) = (65.0, 141.0, 11.0);
@@ -148,8 +147,8 @@ fn overlap(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> bool {
     (0..2).all(|axis| a[0][axis] <= b[1][axis] && b[0][axis] <= a[1][axis])
 }
 
-/// Colour, coverage and depth of one limb. `farther` are the limbs that are painted before it: where one of them is
-/// nearer after all, this limb is left out, because it would hide what hides it.
+/// Colour, coverage and depth of one limb. `farther`: the limbs composited before this one. Where a ray meets one of
+/// them first, this limb is left transparent.
 fn sample_limb(
     camera: &Camera,
     specimen: &Specimen,
@@ -169,24 +168,24 @@ fn sample_limb(
         if hidden {
             return [0.0; 4];
         }
-        let slant = -hit.normal.dot(&ray.towards) / ray.towards.norm();
-        let [red, green, blue] = specimen.colour(limb, &hit, pixel_mm, slant, &towards_light);
+        let cos_incidence = -hit.normal.dot(&ray.towards) / ray.towards.norm();
+        let [red, green, blue] = specimen.colour(limb, &hit, pixel_mm, cos_incidence, &towards_light);
         [red, green, blue, 1.0]
     };
-    // points half a step before each sample; the four around a sample are averaged over one pixel
+    // points half a step before each sample; the four around a sample are averaged
     let columns = grid.width + 1;
     let points: Vec<[f32; 4]> = (0..columns * (grid.height + 1))
         .into_par_iter()
-        .map(|at| colour_at(grid.place((at % columns) as f64 - 0.5, (at / columns) as f64 - 0.5)))
+        .map(|at| colour_at(grid.sample_position((at % columns) as f64 - 0.5, (at / columns) as f64 - 0.5)))
         .collect();
     let sample = |at: usize| {
         let (x, y) = (at % grid.width, at / grid.width);
-        let ray = camera.ray(grid.place(x as f64, y as f64));
+        let ray = camera.ray(grid.sample_position(x as f64, y as f64));
         let distance = limb.solid.hit(&ray).map_or_else(|| limb.solid.nearest(&ray), |hit| hit.distance);
         let corner = y * columns + x;
         let around = [corner, corner + 1, corner + columns, corner + columns + 1].map(|point| points[point]);
         (stored(around), camera.rig.depth_of(distance) as f32)
     };
-    let (samples, heights) = (0..grid.width * grid.height).into_par_iter().map(sample).unzip();
-    Baked::with_heights(grid, samples, heights)
+    let (samples, depths) = (0..grid.width * grid.height).into_par_iter().map(sample).unzip();
+    Baked::with_depths(grid, samples, depths)
 }

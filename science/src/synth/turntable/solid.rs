@@ -38,9 +38,9 @@ pub enum Solid {
         /// Half of each axis.
         radii: Vector3<f64>,
     },
-    /// All points within `radius` of a line.
+    /// All points within `radius` of a line segment.
     Capsule {
-        /// One end of the line.
+        /// One end of the segment.
         from: Vector3<f64>,
         /// Its other end.
         to: Vector3<f64>,
@@ -88,10 +88,10 @@ impl Solid {
         }
     }
 
-    /// The point of the surface at this latitude, 0 to pi from the first pole, and longitude, 0 to 2 pi. The poles of
-    /// a capsule are its ends, the first one that of `to`; on its mantle `along` says where between `from` and `to`.
-    pub(super) fn surface_point(&self, latitude: f64, longitude: f64, along: f64) -> Vector3<f64> {
-        let (ring, pole) = latitude.sin_cos();
+    /// The point of the surface at this polar angle, 0 to pi from the first pole, and longitude, 0 to 2 pi. The poles
+    /// of a capsule are its ends, the first one that of `to`; on its mantle `along` says where between `from` and `to`.
+    pub(super) fn surface_point(&self, polar_angle: f64, longitude: f64, along: f64) -> Vector3<f64> {
+        let (ring, pole) = polar_angle.sin_cos();
         let (y, x) = longitude.sin_cos();
         let unit = Vector3::new(ring * x, ring * y, pole);
         match self {
@@ -120,8 +120,8 @@ impl Solid {
         }
     }
 
-    /// How far along the ray its point nearest to the solid is. At the outline of the solid this is where the ray
-    /// meets it.
+    /// How far along the ray its point nearest to the solid is: to the centre of an ellipsoid in the coordinates in
+    /// which it is a ball, or to the axis of a capsule. At the outline of the solid this is where the ray meets it.
     pub(super) fn nearest(&self, ray: &Ray) -> f64 {
         match self {
             Self::Ellipsoid { centre, turn, radii } => {

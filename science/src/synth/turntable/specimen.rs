@@ -70,17 +70,18 @@ impl Specimen {
     }
 
     /// Linear RGB of a limb where a ray meets it. `pixel_mm` is the width of a pixel on a surface that faces the
-    /// camera, `slant` the cosine between the normal and the direction to the camera, `towards_light` a unit vector.
+    /// camera, `cos_incidence` the cosine between the normal and the direction to the camera, `towards_light` a unit
+    /// vector.
     pub(super) fn colour(
         &self,
         limb: &Limb,
         hit: &Hit,
         pixel_mm: f64,
-        slant: f64,
+        cos_incidence: f64,
         towards_light: &Vector3<f64>,
     ) -> [f32; 3] {
         // a slanted surface shows more of its length per pixel: what is finer than that would only alias
-        let finest = 1.2 * pixel_mm / slant.max(0.1);
+        let finest = 1.2 * pixel_mm / cos_incidence.max(0.1);
         let marble = grain(self.seed, hit.point, finest);
         let spot = spot(self.seed, hit.point, finest);
         let diffuse = 0.62 + 0.38 * hit.normal.dot(towards_light).max(0.0) as f32;

@@ -1,8 +1,8 @@
 //! The surface of a specimen as triangles: what a reconstruction of its scan should find.
 //!
-//! Each limb is divided by lines of equal latitude and longitude. Triangles that lie within another limb are left out.
-//! Where limbs penetrate each other the triangles at the seam are kept whole, so they reach into the body by less than
-//! the length of an edge.
+//! Each limb is divided by lines of equal polar angle and longitude. Triangles that lie within another limb are left
+//! out. Where limbs penetrate each other the triangles at the seam are kept whole, so they reach into the body by less
+//! than the length of an edge.
 
 use std::f64::consts::PI;
 use std::io::{self, Write};
@@ -14,7 +14,7 @@ use super::{Limb, Solid, Specimen};
 /// Triangles in space, in mm, in the coordinates of [`crate::types::view`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
-    /// The corners.
+    /// The corners. Those within another limb are used by no triangle, and poles are repeated.
     pub points: Vec<Vector3<f64>>,
     /// Three indices of corners each, anticlockwise when seen from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -37,9 +37,9 @@ impl Surface {
         let first = self.points.len();
         let rows = rows(solid, edge_mm);
         let columns = ((2.0 * PI * solid.widest() / edge_mm).ceil() as usize).max(6);
-        for &(latitude, along) in &rows {
+        for &(polar_angle, along) in &rows {
             let around = (0..columns).map(|column| 2.0 * PI * column as f64 / columns as f64);
-            self.points.extend(around.map(|longitude| solid.surface_point(latitude, longitude, along)));
+            self.points.extend(around.map(|longitude| solid.surface_point(polar_angle, longitude, along)));
         }
         let within: Vec<bool> =
             self.points[first..].iter().map(|&point| others.iter().any(|limb| limb.solid.contains(point))).collect();
@@ -88,7 +88,7 @@ impl Surface {
     }
 }
 
-/// Latitude from pole to pole, 0 to pi, and with it how far along the line of a capsule, 0 to 1, each row of points
+/// Polar angle from pole to pole, 0 to pi, and with it how far along the line of a capsule, 0 to 1, each row of points
 /// lies.
 fn rows(solid: &Solid, edge_mm: f64) -> Vec<(f64, f64)> {
     let steps = |length: f64| ((length / edge_mm).ceil() as usize).max(3);

@@ -1,4 +1,4 @@
-//! Shares of a disc of light: what a blurred dot, a blurred border and a blurred raster leave.
+//! Fractions of a blur disc that lie on a dot, a half plane or a rectangle, and the contrast that blur leaves of a wave.
 
 use std::f64::consts::PI;
 
@@ -44,7 +44,7 @@ pub(super) fn half_plane(inside: f64, blur: f64) -> f64 {
     0.5 + (t.asin() + t * (1.0 - t * t).sqrt()) / PI
 }
 
-/// Share of a `half[0]` x `half[1]` (half sides) rectangle in a disc of radius `blur` at `at` from its
+/// Share of a disc of radius `blur` that lies on a rectangle with the half sides `half`; `at` is the disc's centre from its
 /// middle; exact beside the sides, close at the corners.
 pub(super) fn rectangle(half: [f64; 2], at: [f64; 2], blur: f64) -> f64 {
     let strip = |half: f64, at: f64| (half_plane(half - at, blur) + half_plane(half + at, blur) - 1.0).max(0.0);
