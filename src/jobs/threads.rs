@@ -1,6 +1,9 @@
 //! A thread pool per job.
 
+use std::thread;
+
 use rayon::ThreadPoolBuilder;
+use tracing::{Span, dispatcher};
 
 /// Runs `work` in a rayon pool of `threads` threads.
 ///
@@ -8,7 +11,16 @@ use rayon::ThreadPoolBuilder;
 /// own job, so a small stack would wait for every pass of a large one. With a pool per job the operating system shares
 /// the cores between jobs. If no threads can be started, the job uses the pool of the process.
 pub(super) fn with_own_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    match ThreadPoolBuilder::new().num_threads(threads).thread_name(|thread| format!("job-{thread}")).build() {
+    // the log lines of its threads are those of the job
+    let (span, subscriber) = (Span::current(), dispatcher::get_default(Clone::clone));
+    let started = ThreadPoolBuilder::new().num_threads(threads).spawn_handler(|thread| {
+        let (span, subscriber) = (span.clone(), subscriber.clone());
+        let name = format!("job-{}", thread.index());
+        let of_job = move || dispatcher::with_default(&subscriber, || span.in_scope(|| thread.run()));
+        thread::Builder::new().name(name).spawn(of_job)?;
+        Ok(())
+    });
+    match started.build() {
         Ok(pool) => pool.install(work),
         Err(error) => {
             tracing::warn!(%error, "cannot start threads for this job; it shares the thread pool of the process");
@@ -21,7 +33,6 @@ pub(super) fn with_own_threads<R: Send>(threads: usize, work: impl FnOnce() -> R
 mod tests {
     use std::{
         sync::{Barrier, Mutex, mpsc},
-        thread,
         time::Duration,
     };
 
@@ -49,6 +60,17 @@ mod tests {
             assert_eq!(small, 499_500);
             (0..threads).for_each(|_| over.send(()).expect("the large job waits"));
             assert!(large.join().is_ok());
+        });
+    }
+
+    #[test]
+    fn every_thread_of_a_job_is_in_the_span_of_the_job() {
+        let subscriber = tracing_subscriber::registry();
+        tracing::subscriber::with_default(subscriber, || {
+            let job = tracing::info_span!("job");
+            let own = job.id().expect("the span is enabled");
+            let spans = job.in_scope(|| with_own_threads(2, || rayon::broadcast(|_| Span::current().id())));
+            assert_eq!(spans, [Some(own.clone()), Some(own)]);
         });
     }
 

@@ -145,6 +145,8 @@ impl Backup<'_> {
             metadata.delete_upload(id).await?;
         }
         (self.copied.jobs, self.copied.kept, self.copied.unreadable) = (0, 0, 0);
+        // a file that was deleted since the last pass may have left its inode to another
+        self.shared.clear();
         let (readable, unreadable) = all_ids(&metadata).await?;
         for id in unreadable {
             self.copy_unreadable(&metadata, id).await?;

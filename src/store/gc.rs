@@ -5,15 +5,15 @@
 //! | queued, failed, cancelled | kept | removed |
 //! | running | kept | kept from the current lease on; those of older leases are removed |
 //! | succeeded | kept until its retention time expires | kept (those of the lease that published) |
-//! | no row | removed after [`GRACE`] | removed after [`GRACE`] |
+//! | no row | removed after [`GRACE`], but not while a scan may be stored | removed after [`GRACE`] |
 //!
 //! | resumable upload | its parts |
 //! |---|---|
 //! | open: waits for bytes or for its job | kept until it expires |
 //! | complete, refused, expired or deleted | removed |
 //!
-//! Safe beside running servers and other collections: a row is written after its blobs and removed before them, and it
-//! is read directly before its blobs are removed.
+//! Safe beside running servers and other collections: a row is written after its blobs, within [`MOST_STORING`] or
+//! while the row of its upload is open; it is removed before them, and read directly before they are removed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -26,11 +26,17 @@ use uuid::Uuid;
 use super::{
     BlobOwner, BlobStore, Retention, Store, StoreResult,
     blobs::{RESULTS, UPLOADS, job_of_key, results_prefix, upload_key},
+    uploads::ExpiredUpload,
 };
 use crate::contract::JobState;
 
 /// Minimum age of blobs without a row before they are removed: an upload is stored before its row is written.
 pub const GRACE: Duration = Duration::from_secs(60 * 60);
+/// Longest time from the first blob that a request stores to the row of its job: [`GRACE`], less what clocks may
+/// differ. A resumable upload may take longer, because its own row protects its blobs.
+pub const MOST_STORING: Duration = Duration::from_secs(50 * 60);
+/// How much the clocks of the database and of the bucket or file server may differ.
+const CLOCKS_DIFFER: Duration = Duration::from_secs(10 * 60);
 
 /// What a collection removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -39,7 +45,7 @@ pub struct Removed {
     pub expired: usize,
     /// Jobs without a row that had blobs.
     pub orphans: usize,
-    /// Resumable uploads that expired before they were complete.
+    /// Resumable uploads that expired while they waited for bytes or for their job.
     pub given_up: usize,
     /// Expired zips of jobs whose results are kept.
     pub uploads: usize,
@@ -62,22 +68,27 @@ pub async fn collect(store: &Store, grace: Duration, keep: &Retention) -> StoreR
         blobs.delete(&upload_key(id)).await?;
         removed.uploads += 1;
     }
-    for id in metadata.delete_expired_uploads().await? {
+    for ExpiredUpload { id, was_open } in metadata.delete_expired_uploads().await? {
         gc_upload(store, id).await?;
-        removed.given_up += 1;
+        removed.given_up += usize::from(was_open);
     }
     for id in parts.list().await? {
         gc_upload(store, id).await?;
     }
     let now = SystemTime::now();
-    for (id, last_modified) in jobs_with_blobs(&**blobs).await? {
+    let with_blobs = jobs_with_blobs(&**blobs).await?;
+    // the zips of a scan are stored one after the other, and the rows of its stacks are written together at the end,
+    // which may be much later; read after the list, so that what is not being stored any more has its rows
+    let storing_since = metadata.storing_since().await?.map(SystemTime::from);
+    let may_be_of_a_scan = |at: SystemTime| storing_since.is_some_and(|since| at + CLOCKS_DIFFER >= since);
+    for (id, last_modified) in with_blobs {
         if metadata.upload_is_open(id).await? {
             // complete, and its job is about to be created
             continue;
         }
         if metadata.blob_owner(id).await?.is_some() {
             gc_job(store, id).await?;
-        } else if now.duration_since(last_modified).unwrap_or_default() >= grace {
+        } else if now.duration_since(last_modified).unwrap_or_default() >= grace && !may_be_of_a_scan(last_modified) {
             delete_blobs(&**blobs, id).await?;
             removed.orphans += 1;
         }

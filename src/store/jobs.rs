@@ -44,7 +44,7 @@ pub struct Job {
     pub attempt: u32,
     /// Fencing token: incremented by each claim.
     pub lease_token: i64,
-    /// Incremented by every visible change; the id of server-sent events.
+    /// Incremented by every change except the removal of the zip; the id of server-sent events.
     pub version: i64,
     /// Time of acceptance.
     pub created_at: Timestamp,

@@ -23,7 +23,8 @@ pub trait MetadataStore: ProfileStore + ScanStore + JobQueue + Leases + Expiry +
     async fn healthy(&self) -> bool;
     /// Violations of integrity that the database reports about itself, one sentence each.
     async fn integrity_errors(&self) -> StoreResult<Vec<String>>;
-    /// Writes all rows, as of one moment, to a new database file that a data folder can hold. Writers do not wait.
+    /// Writes all rows, as of one moment, to a new database file that a data folder can hold. Writers of other
+    /// processes do not wait.
     ///
     /// # Errors
     /// When the file exists or cannot be written.

@@ -114,6 +114,15 @@ pub struct OpenUpload {
     pub last_byte_at: Option<Timestamp>,
 }
 
+/// An upload that expired, and was removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ExpiredUpload {
+    /// Its id.
+    pub id: Uuid,
+    /// True when it waited for bytes or for its job; false when it was complete or refused.
+    pub was_open: bool,
+}
+
 /// Stores the metadata of resumable uploads. An upload is open until it is complete, refused, deleted or expired.
 #[async_trait]
 pub trait UploadRecords: Send + Sync + 'static {
@@ -130,8 +139,8 @@ pub trait UploadRecords: Send + Sync + 'static {
     /// another generation than [`Advance::generation`] is the newest.
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool>;
     /// Creates the job of an upload whose bytes are complete, and records it in the upload, in one transaction. An
-    /// upload that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload does not exist or was
-    /// refused.
+    /// upload that has its job returns [`Enqueue::Repeated`] with it. `None` when the upload is not complete, does not
+    /// exist or was refused, or its job was deleted.
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>>;
     /// Creates the stacks of an upload that holds a whole scan, all or none, and records it in the upload, in one
     /// transaction. An upload that has its stacks returns [`EnqueueAll::Accepted`] without jobs. `None` when the upload
@@ -146,10 +155,13 @@ pub trait UploadRecords: Send + Sync + 'static {
     async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool>;
     /// Removes an upload, but not the job that it became; false when there is no such upload.
     async fn delete_upload(&self, id: Uuid) -> StoreResult<bool>;
-    /// Removes the expired uploads and returns their ids.
-    async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>>;
+    /// Removes the expired uploads, open or not, and returns them.
+    async fn delete_expired_uploads(&self) -> StoreResult<Vec<ExpiredUpload>>;
     /// True while the parts of this upload are needed: it waits for bytes or for its job.
     async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool>;
+    /// The time since which blobs of an upload may be stored whose jobs do not exist yet: the earliest last byte of an
+    /// open upload that is whole. `None` without such an upload.
+    async fn storing_since(&self) -> StoreResult<Option<Timestamp>>;
     /// The uploads whose parts are needed.
     async fn open_uploads(&self) -> StoreResult<Vec<Uuid>>;
     /// Bytes that open uploads have announced and not sent yet.

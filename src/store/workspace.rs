@@ -92,7 +92,9 @@ fn remove_folders_of_the_dead(folders: &Path) -> io::Result<()> {
     let mut living = Vec::new();
     for entry in fs::read_dir(folders)? {
         let path = entry?.path();
-        if path.extension().is_some_and(|e| e == "lock") && File::open(&path)?.try_lock().is_err() {
+        // to be locked, a file on NFS must be open for writing
+        let is_locked = || io::Result::Ok(File::options().write(true).open(&path)?.try_lock().is_err());
+        if path.extension().is_some_and(|e| e == "lock") && is_locked()? {
             living.push(path.with_extension(""));
         }
     }

@@ -220,7 +220,8 @@ impl Executor {
         if code == Code::InsufficientStorage { pause / 10 } else { pause }
     }
 
-    /// Writes the end of the job, with retries: as long as the storage is away, and a few times after other errors.
+    /// Writes the end of the job, with retries: as long as the storage is away or full, and a few times after other
+    /// errors.
     /// False when the lease was lost.
     async fn write_end(&self, job: &Job, ending: &Ending) -> StoreResult<bool> {
         let mut pause = Duration::from_millis(100);
@@ -229,7 +230,9 @@ impl Executor {
             match self.write_end_once(job, ending).await {
                 Ok(true) => return Ok(true),
                 Ok(false) => {
-                    tracing::warn!("the lease was lost before the end; nothing was published");
+                    tracing::warn!(
+                        "the job is not held any more: it ended already, was deleted, or another worker has it"
+                    );
                     return Ok(false);
                 }
                 Err(error) if attempts >= END_ATTEMPTS && !is_away(&error) => return Err(error),
@@ -284,8 +287,9 @@ impl From<Fault> for Stopped {
     }
 }
 
+/// Whether the storage will take the end of a job later: it does not answer, or its disk is full.
 fn is_away(error: &StoreError) -> bool {
-    matches!(error, StoreError::Unavailable(_))
+    matches!(error, StoreError::Unavailable(_) | StoreError::DiskFull(_))
 }
 
 /// How the run of a job ended.
@@ -358,7 +362,7 @@ pub(super) fn internal(error: StoreError) -> Stopped {
         StoreError::Unavailable(_) => return Stopped::Unavailable,
         StoreError::DiskFull(_) => Fault::new(
             Code::InsufficientStorage,
-            "the disk of the service is full, so the results could not be stored; free disk space and send the stack again",
+            "the disk of the service is full, so the job could not go on; free disk space and send the zip again",
         ),
         StoreError::InvalidCursor | StoreError::Other(_) => {
             Fault::new(Code::Unavailable, "the service could not reach its own storage; its log has the details")

@@ -3,6 +3,8 @@
 //! Every zip is checked before the first one becomes a blob, and all rows are written in one transaction. A crash
 //! before that leaves blobs without jobs, which garbage collection removes.
 
+use std::time::Instant;
+
 use uuid::Uuid;
 
 use super::{
@@ -16,7 +18,11 @@ use crate::{
         state::App,
         uploads::lock::not_found,
     },
-    store::{Enqueue, EnqueueAll, Job, NewJob, SpoolFile, blobs::upload_key, gc::delete_blobs},
+    store::{
+        Enqueue, EnqueueAll, Job, NewJob, SpoolFile,
+        blobs::upload_key,
+        gc::{MOST_STORING, delete_blobs},
+    },
     telemetry::traces,
 };
 
@@ -91,8 +97,8 @@ pub async fn check(
     Ok(CheckedJob { job, file })
 }
 
-/// Stores the zips and makes the jobs, in the order given. On an error there are no jobs, and the blobs are removed
-/// again.
+/// Stores the zips and makes the jobs, in the order given. If the jobs are refused, there are none, and the blobs are
+/// removed. After an error of the store the rows may exist; garbage collection decides about the blobs.
 ///
 /// # Errors
 /// `queue_full`; `insufficient_storage`; `conflict` when some of the jobs were made before; `not_found` when a
@@ -101,6 +107,7 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
     let bytes = checked.iter().map(|checked| checked.job.request.upload().bytes).sum();
     let key = checked.first().and_then(|first| first.job.idempotency.as_ref()).map(|(key, _)| key.clone());
     let mut jobs = Vec::with_capacity(checked.len());
+    let begun = Instant::now();
     for CheckedJob { mut job, file } in checked {
         if let ManyOrigin::Request(owner) = origin {
             job.owner = owner;
@@ -112,6 +119,10 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
             remove_blobs(app, &jobs).await;
             return Err(error.into());
         }
+    }
+    if matches!(origin, ManyOrigin::Request(_)) && begun.elapsed() > MOST_STORING {
+        remove_blobs(app, &jobs).await;
+        return Err(stored_too_slowly());
     }
     // an error here does not say whether the rows were stored: garbage collection decides about the blobs
     let limit = app.policy.queue_limit;
@@ -138,6 +149,16 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
     };
     remove_blobs(app, &jobs).await;
     Err(error)
+}
+
+/// Garbage collection may have taken some of the zips for leftovers.
+fn stored_too_slowly() -> ApiError {
+    let detail = format!(
+        "to store the zips of the scan took longer than {} minutes, which only a resumable upload may take; send the \
+         scan with POST /v1/uploads",
+        MOST_STORING.as_secs() / 60
+    );
+    ApiError::new(Code::Unavailable, detail)
 }
 
 async fn remove_blobs(app: &App, jobs: &[NewJob]) {

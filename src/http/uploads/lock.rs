@@ -51,7 +51,9 @@ pub async fn lock(app: &App, id: Uuid) -> ApiResult<(UploadLock, Takeover)> {
     loop {
         if let Some(parts) = app.store.parts.lock(id).await? {
             let upload = app.store.metadata.upload(id).await?;
-            if upload.as_ref().is_none_or(|upload| upload.state != UploadState::Receiving) {
+            let is_receiving = upload.as_ref().is_some_and(|upload| upload.state == UploadState::Receiving);
+            // an open upload may only seem to have expired, by a clock that jumped
+            if !is_receiving && !app.store.metadata.upload_is_open(id).await? {
                 // nothing will be written to it any more: remove its lock file
                 app.store.parts.remove(id).await?;
             }

@@ -21,7 +21,7 @@ async fn expired(metadata: &dyn MetadataStore) -> [Vec<Uuid>; 3] {
     [
         metadata.expire_job_uploads(&KEEP).await.unwrap(),
         metadata.delete_expired_jobs(&KEEP).await.unwrap(),
-        metadata.delete_expired_uploads().await.unwrap(),
+        metadata.delete_expired_uploads().await.unwrap().into_iter().map(|upload| upload.id).collect(),
     ]
 }
 
@@ -32,6 +32,9 @@ pub async fn a_clock_that_jumps_expires_nothing(store: Fresh) {
     for _ in 0..2 {
         store.clock.set_wall_by(JUMP_MS);
         assert_eq!(expired(metadata).await, NOTHING);
+        assert!(metadata.upload(upload).await.unwrap().is_some(), "it can be continued");
+        assert!(metadata.take_over_upload(upload).await.unwrap().is_some());
+        assert_eq!(metadata.reserved_bytes().await.unwrap(), 100);
         let late = accept(metadata, &stack()).await.id;
         assert_eq!(expired(metadata).await, NOTHING, "a stack that is sent then makes the clock no better");
         assert!(metadata.delete_job(late).await.unwrap());

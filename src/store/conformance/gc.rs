@@ -2,12 +2,13 @@
 
 use super::{
     blobs::{is_stored, put_blob},
+    uploads::{advance, begun},
     *,
 };
 use crate::{
     contract::JobState,
     store::{
-        Retention,
+        EnqueueAll, Retention,
         blobs::{result_key, upload_key},
         gc::{GRACE, collect, gc_job, jobs_with_blobs},
     },
@@ -77,6 +78,41 @@ pub async fn the_blobs_of_expired_and_deleted_jobs_are_removed(fresh: FreshStore
     clock.advance(Duration::from_secs(24 * 60 * 60));
     assert_eq!(collect(store, GRACE, &KEEP).await.unwrap().expired, 1);
     assert!(jobs_with_blobs(&*store.blobs).await.unwrap().is_empty());
+}
+
+pub async fn zips_of_a_scan_are_kept_while_its_upload_is_open_however_long_they_take_to_store(fresh: FreshStore) {
+    let FreshStore { store, .. } = &fresh;
+    let metadata = &*store.metadata;
+    let upload = begun(metadata, 100).await;
+    let first_view = Uuid::now_v7();
+    put_blob(store, &upload_key(first_view), b"bytes").await;
+    let collect = async || collect(store, Duration::ZERO, &KEEP).await.unwrap();
+    metadata.advance_upload(upload, &advance(0, 99)).await.unwrap();
+    assert_eq!(collect().await.orphans, 1, "nothing of an incomplete upload is stored");
+    metadata.advance_upload(upload, &advance(99, 100)).await.unwrap();
+    put_blob(store, &upload_key(first_view), b"bytes").await;
+    assert_eq!(collect().await.orphans, 0);
+    assert!(is_stored(store, &upload_key(first_view)).await);
+    let view = NewJob { id: first_view, ..stack() };
+    let made = metadata.complete_scan_upload(upload, &[view], 10).await.unwrap();
+    assert!(matches!(made, Some(EnqueueAll::Accepted(_))), "{made:?}");
+    let orphan = Uuid::now_v7();
+    put_blob(store, &upload_key(orphan), b"bytes").await;
+    assert_eq!(collect().await.orphans, 1, "the upload is not open any more");
+    assert!(is_stored(store, &upload_key(first_view)).await && !is_stored(store, &upload_key(orphan)).await);
+}
+
+pub async fn only_uploads_that_waited_count_as_given_up(fresh: FreshStore) {
+    let FreshStore { store, clock } = &fresh;
+    let metadata = &*store.metadata;
+    let (waiting, complete) = (begun(metadata, 100).await, begun(metadata, 100).await);
+    metadata.advance_upload(complete, &advance(0, 100)).await.unwrap();
+    put_blob(store, &upload_key(complete), b"bytes").await;
+    metadata.complete_upload(&NewJob { id: complete, ..stack() }, 10).await.unwrap();
+    clock.advance(Duration::from_secs(2 * 3600));
+    assert_eq!(collect(store, GRACE, &KEEP).await.unwrap().given_up, 1);
+    assert!(metadata.upload(waiting).await.unwrap().is_none());
+    assert!(is_stored(store, &upload_key(complete)).await, "its stack is kept");
 }
 
 pub async fn jobs_and_zips_expire_by_their_retention_times(fresh: FreshStore) {

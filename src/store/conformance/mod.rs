@@ -392,6 +392,8 @@ macro_rules! gc_conformance {
             gc:
                 garbage_collection_keeps_what_rows_refer_to_and_removes_the_rest,
                 the_blobs_of_expired_and_deleted_jobs_are_removed,
+                zips_of_a_scan_are_kept_while_its_upload_is_open_however_long_they_take_to_store,
+                only_uploads_that_waited_count_as_given_up,
                 jobs_and_zips_expire_by_their_retention_times;
         }
     };

@@ -10,7 +10,7 @@ use crate::{
     store::{
         Enqueue, NewJob, OverQuota, StoreError, UploadRecords,
         tokens::NewToken,
-        uploads::{Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, UploadState},
+        uploads::{Advance, CreateUpload, ExpiredUpload, NewUpload, OpenUpload, OpenUploadLimits, UploadState},
     },
 };
 
@@ -112,7 +112,8 @@ pub async fn an_upload_expires_unless_more_bytes_arrive(store: Fresh) {
     store.clock.advance(Duration::from_secs(1));
     assert_eq!(metadata.upload(left).await.unwrap(), None, "it has expired before garbage collection");
     assert_eq!(metadata.take_over_upload(left).await.unwrap(), None);
-    assert_eq!(metadata.delete_expired_uploads().await.unwrap(), [left]);
+    let expired = metadata.delete_expired_uploads().await.unwrap();
+    assert_eq!(expired, [ExpiredUpload { id: left, was_open: true }]);
     assert!(metadata.upload(kept).await.unwrap().is_some());
 }
 

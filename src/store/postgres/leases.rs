@@ -4,6 +4,7 @@
 
 use std::time::Duration;
 
+use anyhow::anyhow;
 use async_trait::async_trait;
 use sqlx::PgConnection;
 use uuid::Uuid;
@@ -12,7 +13,7 @@ use super::{PostgresMetadata, StoreResult, transitions};
 use crate::{
     contract::{Code, JobKind, Progress},
     store::{
-        Attempt, Finish, Heartbeat, Job, Leases,
+        Attempt, Finish, Heartbeat, Job, Leases, StoreError,
         clock::{later, millis},
         rows::{
             JobRow,
@@ -27,7 +28,7 @@ use crate::{
 #[async_trait]
 impl Leases for PostgresMetadata {
     async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
-        self.observer.reached(self.try_claim(lease, max_attempts).await)
+        self.observer.reached(answered(self.try_claim(lease, max_attempts)).await)
     }
 
     async fn heartbeat(
@@ -37,15 +38,30 @@ impl Leases for PostgresMetadata {
         lease: Duration,
         progress: &Progress,
     ) -> StoreResult<Heartbeat> {
-        self.observer.reached(self.try_heartbeat(id, lease_token, lease, progress).await)
+        self.observer.reached(answered(self.try_heartbeat(id, lease_token, lease, progress)).await)
     }
 
     async fn finish(&self, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
-        self.observer.reached(transitions::finish(self, id, lease_token, finish).await)
+        self.observer.reached(answered(transitions::finish(self, id, lease_token, finish)).await)
     }
 
     async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
-        self.observer.reached(self.try_release(id, lease_token, attempt).await)
+        self.observer.reached(answered(self.try_release(id, lease_token, attempt)).await)
+    }
+}
+
+/// Longest time that a worker waits for the database; more than a statement may take. A network that fails without a
+/// word never answers, and a worker that waits for ever neither notices a cancellation nor takes another job.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(45);
+
+/// The result of an operation, if the database answers in time.
+async fn answered<T>(operation: impl Future<Output = StoreResult<T>>) -> StoreResult<T> {
+    match tokio::time::timeout(ANSWER_TIMEOUT, operation).await {
+        Ok(result) => result,
+        Err(_) => {
+            let seconds = ANSWER_TIMEOUT.as_secs();
+            Err(StoreError::Unavailable(anyhow!("the database did not answer within {seconds} s")))
+        }
     }
 }
 
@@ -138,6 +154,8 @@ impl PostgresMetadata {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
         let (uncounted, claim_after) = release_values(attempt, now);
+        // a deletion that is requested between the two statements below would be forgotten
+        sqlx::query("SELECT 1 FROM jobs WHERE id = $1 FOR UPDATE").bind(id).execute(&mut *tx).await?;
         let deleted = sqlx::query(
             "DELETE FROM jobs WHERE id = $1 AND lease_token = $2 AND state = 'running' AND delete_requested",
         )

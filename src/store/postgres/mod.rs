@@ -309,6 +309,8 @@ impl MetadataStore for PostgresMetadata {
         let copy = SqliteMetadata::open(file).await?;
         // all tables as of one moment; writers do not wait
         let mut from = self.pool.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY").await?;
+        // a statement reads a whole table, as slowly as it is written here
+        sqlx::query("SET LOCAL statement_timeout = 0").execute(&mut *from).await?;
         let mut to = copy.write().await?;
         rows::transfer::from_postgres(&mut from, &mut to).await?;
         step("backup.snapshot").map_err(|error| StoreError::of_io(error, "cannot copy the database".into()))?;

@@ -4,7 +4,7 @@
 use sqlx::{Executor, PgConnection, Postgres};
 use uuid::Uuid;
 
-use super::StoreResult;
+use super::{StoreResult, clock_gaps::not_expired};
 use crate::store::{
     OverQuota,
     rows::{signed, unsigned},
@@ -34,11 +34,13 @@ pub(super) async fn used_bytes(
     owner: Uuid,
     now: i64,
 ) -> StoreResult<i64> {
-    let bytes = sqlx::query_scalar(
+    let bytes = sqlx::query_scalar(concat!(
         "SELECT (SELECT COALESCE(SUM(upload_bytes + result_bytes), 0)::bigint FROM jobs WHERE owner = $1)
               + (SELECT COALESCE(SUM(length), 0)::bigint FROM uploads
-                 WHERE owner = $1 AND job_kind IS NULL AND fault IS NULL AND expires_at > $2)",
-    )
+                 WHERE owner = $1 AND job_kind IS NULL AND fault IS NULL AND ",
+        not_expired!("$2"),
+        ")"
+    ))
     .bind(owner)
     .bind(now)
     .fetch_one(executor)

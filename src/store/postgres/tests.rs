@@ -4,7 +4,7 @@ use sqlx::{AssertSqlSafe, Connection};
 
 use super::{test_server, *};
 use crate::store::{
-    JobFilter, JobQueue, ManualClock, ProfileStore, UploadRecords,
+    Attempt, JobFilter, JobQueue, Leases, ManualClock, ProfileStore, UploadRecords,
     conformance::{self, Fresh},
 };
 
@@ -40,6 +40,43 @@ async fn accepted_jobs_and_profiles_survive_a_reopen() {
     let store = open(&url).await;
     assert_eq!(store.job(job.id).await.unwrap(), Some(job));
     assert_eq!(store.profile(&profile.rig, &profile.lens, None).await.unwrap(), Some(profile));
+    store.close().await;
+}
+
+/// A row that is cancelled and to be deleted would stay for ever, with its zip.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_deletion_while_the_job_is_released_is_not_forgotten() {
+    let Some(url) = fresh_url().await else { return };
+    let store = Arc::new(open(&url).await);
+    conformance::accept(&*store, &conformance::stack()).await;
+    let job = conformance::claim(&*store).await.expect("a job waits");
+    let mut deletion = store.write().await.expect("a transaction");
+    sqlx::query("UPDATE jobs SET cancel_requested = true, delete_requested = true WHERE id = $1")
+        .bind(job.id)
+        .execute(&mut *deletion)
+        .await
+        .expect("requested");
+    let releasing = {
+        let (store, id, token) = (Arc::clone(&store), job.id, job.lease_token);
+        tokio::spawn(async move { store.release(id, token, Attempt::NotCounted).await })
+    };
+    // the release waits for the row
+    loop {
+        let waiting: i64 = sqlx::query_scalar(
+            "SELECT count(*) FROM pg_locks WHERE NOT granted AND locktype IN ('transactionid', 'tuple')",
+        )
+        .fetch_one(&mut *deletion)
+        .await
+        .expect("counted");
+        if waiting > 0 {
+            break;
+        }
+        tokio::task::yield_now().await;
+    }
+    deletion.commit().await.expect("committed");
+    assert!(releasing.await.expect("no panic").expect("released"));
+    let rows: i64 = sqlx::query_scalar("SELECT count(*) FROM jobs").fetch_one(&store.pool).await.expect("counted");
+    assert_eq!(rows, 0, "the job is deleted");
     store.close().await;
 }
 

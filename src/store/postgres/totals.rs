@@ -1,6 +1,6 @@
 //! Sums over all rows. Each query reads one covering index and no row, so a scrape stays cheap with many jobs.
 
-use super::{PostgresMetadata, StoreResult, Totals};
+use super::{PostgresMetadata, StoreResult, Totals, clock_gaps::not_expired};
 use crate::store::rows::totals::{JobTotalsRow, from_rows};
 
 pub(super) async fn totals(store: &PostgresMetadata) -> StoreResult<Totals> {
@@ -11,24 +11,27 @@ pub(super) async fn totals(store: &PostgresMetadata) -> StoreResult<Totals> {
     )
     .fetch_all(&store.pool)
     .await?;
-    let (open, received): (i64, i64) = sqlx::query_as(
+    let (open, received): (i64, i64) = sqlx::query_as(concat!(
         "SELECT count(*), COALESCE(SUM(received), 0)::bigint FROM uploads
-         WHERE job_kind IS NULL AND fault IS NULL AND expires_at > $1",
-    )
+         WHERE job_kind IS NULL AND fault IS NULL AND ",
+        not_expired!("$1")
+    ))
     .bind(now)
     .fetch_one(&store.pool)
     .await?;
     // the same sum as `Tokens::used_bytes`
-    let quotas: Vec<(i64, i64)> = sqlx::query_as(
+    let quotas: Vec<(i64, i64)> = sqlx::query_as(concat!(
         "SELECT quota_bytes, COALESCE(SUM(bytes), 0)::bigint
          FROM tokens LEFT JOIN (
              SELECT owner, upload_bytes + result_bytes AS bytes FROM jobs WHERE owner IS NOT NULL
              UNION ALL
              SELECT owner, length FROM uploads
-             WHERE owner IS NOT NULL AND job_kind IS NULL AND fault IS NULL AND expires_at > $1
+             WHERE owner IS NOT NULL AND job_kind IS NULL AND fault IS NULL AND ",
+        not_expired!("$1"),
+        "
          ) AS used ON used.owner = tokens.id
-         WHERE quota_bytes IS NOT NULL AND revoked_at IS NULL GROUP BY tokens.id",
-    )
+         WHERE quota_bytes IS NOT NULL AND revoked_at IS NULL GROUP BY tokens.id"
+    ))
     .bind(now)
     .fetch_all(&store.pool)
     .await?;

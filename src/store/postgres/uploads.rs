@@ -1,10 +1,15 @@
 //! Resumable uploads.
 
 use async_trait::async_trait;
+use jiff::Timestamp;
 use sqlx::PgConnection;
 use uuid::Uuid;
 
-use super::{Lock, PostgresMetadata, StoreResult, clock_gaps, jobs, quota};
+use super::{
+    Lock, PostgresMetadata, StoreResult,
+    clock_gaps::{self, not_expired},
+    jobs, quota,
+};
 use crate::{
     contract::{Fault, UploadPurpose},
     store::{
@@ -12,10 +17,12 @@ use crate::{
         clock::later,
         json,
         rows::{
-            JobRow, kind_name, signed, unsigned,
+            JobRow, kind_name, signed, time, unsigned,
             upload::{OpenUploadRow, UploadRow, listed, open_uploads_window},
         },
-        uploads::{Advance, CreateUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRecords},
+        uploads::{
+            Advance, CreateUpload, ExpiredUpload, NewUpload, OpenUpload, OpenUploadLimits, PartialUpload, UploadRecords,
+        },
     },
 };
 
@@ -24,10 +31,11 @@ impl UploadRecords for PostgresMetadata {
     async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload> {
         let mut tx = self.write_alone(Lock::Accept).await?;
         let now = self.now(&mut *tx).await?;
-        let (open, of_owner): (i64, i64) = sqlx::query_as(
+        let (open, of_owner): (i64, i64) = sqlx::query_as(concat!(
             "SELECT count(*), count(*) FILTER (WHERE owner = $2) FROM uploads
-             WHERE job_kind IS NULL AND fault IS NULL AND expires_at > $1",
-        )
+             WHERE job_kind IS NULL AND fault IS NULL AND ",
+            not_expired!("$1")
+        ))
         .bind(now)
         .bind(upload.owner)
         .fetch_one(&mut *tx)
@@ -62,11 +70,13 @@ impl UploadRecords for PostgresMetadata {
     async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>> {
         let (before, limit) = open_uploads_window(page)?;
         let now = self.now(&self.pool).await?;
-        let rows: Vec<OpenUploadRow> = sqlx::query_as(
+        let rows: Vec<OpenUploadRow> = sqlx::query_as(concat!(
             "SELECT uploads.*, tokens.name AS token FROM uploads LEFT JOIN tokens ON tokens.id = uploads.owner
-             WHERE uploads.id < $1 AND job_kind IS NULL AND fault IS NULL AND expires_at > $2
-             ORDER BY uploads.id DESC LIMIT $3",
-        )
+             WHERE uploads.id < $1 AND job_kind IS NULL AND fault IS NULL AND ",
+            not_expired!("$2"),
+            "
+             ORDER BY uploads.id DESC LIMIT $3"
+        ))
         .bind(before)
         .bind(now)
         .bind(limit)
@@ -77,20 +87,23 @@ impl UploadRecords for PostgresMetadata {
 
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>> {
         let now = self.now(&self.pool).await?;
-        let row: Option<UploadRow> = sqlx::query_as("SELECT * FROM uploads WHERE id = $1 AND expires_at > $2")
-            .bind(id)
-            .bind(now)
-            .fetch_optional(&self.pool)
-            .await?;
+        let row: Option<UploadRow> =
+            sqlx::query_as(concat!("SELECT * FROM uploads WHERE id = $1 AND ", not_expired!("$2")))
+                .bind(id)
+                .bind(now)
+                .fetch_optional(&self.pool)
+                .await?;
         row.map(PartialUpload::try_from).transpose()
     }
 
     async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
-        let generation: Option<i64> = sqlx::query_scalar(
-            "UPDATE uploads SET wanted = wanted + 1 WHERE id = $1 AND expires_at > $2 RETURNING wanted",
-        )
+        let generation: Option<i64> = sqlx::query_scalar(concat!(
+            "UPDATE uploads SET wanted = wanted + 1 WHERE id = $1 AND ",
+            not_expired!("$2"),
+            " RETURNING wanted"
+        ))
         .bind(id)
         .bind(now)
         .fetch_optional(&mut *tx)
@@ -201,20 +214,20 @@ impl UploadRecords for PostgresMetadata {
         Ok(deleted.rows_affected() == 1)
     }
 
-    async fn delete_expired_uploads(&self) -> StoreResult<Vec<Uuid>> {
+    async fn delete_expired_uploads(&self) -> StoreResult<Vec<ExpiredUpload>> {
         clock_gaps::observe(self).await?;
         let mut tx = self.write_alone(Lock::Expiry).await?;
         let now = self.now(&mut *tx).await?;
-        let gone: Vec<Uuid> = sqlx::query_scalar(
-            "DELETE FROM uploads
-             WHERE expires_at + (SELECT COALESCE(SUM(gap_ms), 0)::bigint FROM clock_gaps WHERE at_ms > created_at) <= $1
-             RETURNING id",
-        )
+        let gone: Vec<(Uuid, bool)> = sqlx::query_as(concat!(
+            "DELETE FROM uploads WHERE NOT (",
+            not_expired!("$1"),
+            ") RETURNING id, job_kind IS NULL AND fault IS NULL"
+        ))
         .bind(now)
         .fetch_all(&mut *tx)
         .await?;
         self.commit(tx, "rows.expire_uploads").await?;
-        Ok(gone)
+        Ok(gone.into_iter().map(|(id, was_open)| ExpiredUpload { id, was_open }).collect())
     }
 
     async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool> {
@@ -226,6 +239,16 @@ impl UploadRecords for PostgresMetadata {
         Ok(open.is_some())
     }
 
+    async fn storing_since(&self) -> StoreResult<Option<Timestamp>> {
+        let since: Option<i64> = sqlx::query_scalar(
+            "SELECT MIN(COALESCE(last_byte_at, created_at)) FROM uploads
+             WHERE job_kind IS NULL AND fault IS NULL AND received = length",
+        )
+        .fetch_one(&self.pool)
+        .await?;
+        since.map(time).transpose()
+    }
+
     async fn open_uploads(&self) -> StoreResult<Vec<Uuid>> {
         Ok(sqlx::query_scalar("SELECT id FROM uploads WHERE job_kind IS NULL AND fault IS NULL ORDER BY id")
             .fetch_all(&self.pool)
@@ -234,10 +257,11 @@ impl UploadRecords for PostgresMetadata {
 
     async fn reserved_bytes(&self) -> StoreResult<u64> {
         let now = self.now(&self.pool).await?;
-        let bytes: i64 = sqlx::query_scalar(
+        let bytes: i64 = sqlx::query_scalar(concat!(
             "SELECT COALESCE(SUM(length - received), 0)::bigint FROM uploads
-             WHERE job_kind IS NULL AND fault IS NULL AND expires_at > $1",
-        )
+             WHERE job_kind IS NULL AND fault IS NULL AND ",
+            not_expired!("$1")
+        ))
         .bind(now)
         .fetch_one(&self.pool)
         .await?;

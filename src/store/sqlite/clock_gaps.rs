@@ -3,6 +3,18 @@
 use super::{SqliteMetadata, StoreResult};
 use crate::store::rows::clock_gaps::warn;
 
+/// That an upload has not expired, as a condition on a row of `uploads`: a gap of the clock does not count towards its
+/// time. `$now`: the parameter with the time.
+macro_rules! not_expired {
+    ($now:literal) => {
+        concat!(
+            "expires_at + (SELECT COALESCE(SUM(gap_ms), 0) FROM clock_gaps WHERE at_ms > uploads.created_at) > ",
+            $now
+        )
+    };
+}
+pub(super) use not_expired;
+
 /// Observes the clock, and stores a gap if it jumped. To be called before anything expires.
 pub(super) async fn observe(store: &SqliteMetadata) -> StoreResult<()> {
     let (now, steady) = (store.clock.now_ms(), store.clock.steady());
