@@ -48,7 +48,7 @@ async fn a_stack_whose_job_exceeds_the_disk_is_refused_before_its_body() {
     assert!(stored.status().is_success(), "{}", stored.text().await.unwrap());
     // 3.6 gigapixels of three bytes, a thousand times, as they lie in the scratch file
     let detail = refused(&app, POST, stack_zip(2, 0), 507, "insufficient_storage").await;
-    assert!(detail.contains("its job up to 108"), "{detail}");
+    assert!(detail.contains("its job up to 110"), "{detail}");
 }
 
 #[tokio::test]

@@ -132,6 +132,26 @@ async fn a_client_without_a_slot_in_time_gets_the_reason() {
     assert_eq!(status, 503, "{body}");
     assert!(body.contains("\"code\":\"unavailable\"") && body.contains("connections"), "{body}");
     assert_eq!(late.read_to_end(&mut Vec::new()).await.unwrap_or_default(), 0, "it is hung up on");
+    // a client that sends first, and reads then
+    let mut sender = connected(&app).await;
+    let told = send_then_read(&mut sender, "POST").await;
+    assert!(told.starts_with("http/1.1 503") && told.contains("connection: close"), "{told}");
+}
+
+/// Sends a body that fits into no buffer of a socket, and reads the head of the answer when all of it is sent.
+async fn send_then_read(socket: &mut TcpStream, method: &str) -> String {
+    const BODY: usize = 32 << 20;
+    let request = format!("{method} /v1/stacks HTTP/1.1\r\nhost: localhost\r\ncontent-length: {BODY}\r\n\r\n");
+    socket.write_all(request.as_bytes()).await.unwrap();
+    socket.write_all(&vec![0; BODY]).await.expect("the body is read to its end");
+    head(socket).await
+}
+
+#[tokio::test]
+async fn a_client_that_sends_a_body_with_an_unknown_method_gets_the_reason() {
+    let app = TestApp::start().await;
+    let told = send_then_read(&mut connected(&app).await, "BREW").await;
+    assert!(told.starts_with("http/1.1 501"), "{told}");
 }
 
 #[tokio::test]

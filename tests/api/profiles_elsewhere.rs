@@ -257,7 +257,7 @@ async fn impossible_rig_parameters_are_refused_with_their_location() {
             "reference_index is 4, but the stack has 3 slices: use an index from 0 to 2",
         ),
         ("rail_positions_mm", json!([0, 1, 1, 2, 3]), "slice 1 is at 1 mm and slice 2 at 1 mm, against the direction"),
-        ("rail_positions_mm", json!([0, 20, 40, 60, -20]), "check the sign of the rail"),
+        ("rail_positions_mm", json!([80, 60, 40, 20, 0]), "check the sign of the rail"),
         ("slice_count", json!(3), "9 rail positions for 3 slices"),
         ("drift_px_per_mm", json!([5000, 0]), "drift_px_per_mm"),
         ("capture_mode", json!("zoom"), "/capture_mode is 'zoom'; it must be one of: fixed_lens, moving_lens"),

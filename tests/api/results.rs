@@ -52,6 +52,12 @@ async fn a_range_request_returns_that_part_of_the_image() {
     problem(outside, 416, "range_not_satisfiable").await;
     let other = app.get(&format!("{url}/image")).header("range", "bytes=0-1").header("if-range", "\"other\"");
     assert_eq!(other.send().await.unwrap().status(), StatusCode::OK);
+    // only GET has ranges
+    for range in ["bytes=10-19", "bytes=1000000-"] {
+        let head = app.client.head(format!("{}{url}/image", app.base)).header("range", range).send().await.unwrap();
+        assert_eq!((head.status(), &head.headers()["content-length"]), (StatusCode::OK, &whole.len().into()));
+        assert!(!head.headers().contains_key("content-range"));
+    }
 }
 
 #[tokio::test]
@@ -205,6 +211,9 @@ async fn a_full_disk_refuses_a_conversion() {
     let refused = app.get(&url).header("accept", "image/tiff").send().await.unwrap();
     let told = problem(refused, 507, "insufficient_storage").await;
     assert!(told["detail"].as_str().unwrap().contains("as it is stored"), "{told}");
+    let tile = app.get(&format!("/stacks/{}/tiles/image/0/0/0", id(&stack))).send().await.unwrap();
+    let told = problem(tile, 507, "insufficient_storage").await;
+    assert!(told["detail"].as_str().unwrap().ends_with("for the viewer; free some space"), "{told}");
     assert_eq!(app.get(&url).send().await.unwrap().status(), StatusCode::OK, "the stored file needs no room");
     assert_eq!(app.spooled(), 0);
 }

@@ -12,6 +12,10 @@
 //! [`KEEP_FILES`] is exceeded (least recently used first), and when the process ends. Disk space is reserved before a
 //! file is written; what is written counts as used while a client still reads it.
 
+mod making;
+#[cfg(test)]
+mod tests;
+
 use std::{
     collections::HashMap,
     path::Path,
@@ -24,23 +28,13 @@ use std::{
 use tempfile::NamedTempFile;
 use tokio::sync::{Semaphore, watch};
 
-use super::{
-    convert::{convert, most_bytes, size},
-    pyramid::{self, Colours},
-};
+use super::pyramid::Colours;
 use crate::{
-    contract::{Code, Fault, artifact::FileFormat, options::StackOptions},
+    contract::{Fault, artifact::FileFormat, options::StackOptions},
     http::{
         background,
         problem::{ApiError, ApiResult},
         state::App,
-    },
-    jobs::slice_view,
-    store::{
-        Store, StoreError,
-        blobs::{Access, LocalBlob, OpenBlob},
-        failpoint::step,
-        is_full,
     },
 };
 use pinstack_science::types::profile::ProfileInput;
@@ -158,12 +152,10 @@ impl Conversions {
         let mut waiting = {
             let mut entries = self.entries();
             let (map, clock) = &mut *entries;
-            match map.get_mut(&key) {
-                Some(Entry::Kept(file, used)) => {
-                    *clock += 1;
-                    *used = *clock;
-                    return Ok(Arc::clone(file));
-                }
+            if let Some(file) = used(map, clock, &key) {
+                return Ok(file);
+            }
+            match map.get(&key) {
                 // a task that panicked leaves its entry behind
                 Some(Entry::InProgress(waiting)) if waiting.has_changed().is_ok() => waiting.clone(),
                 _ => {
@@ -184,12 +176,11 @@ impl Conversions {
         }
     }
 
-    /// The converted file, if it is cached.
+    /// The converted file, if it is cached. This is a use of it.
     pub fn kept(&self, digest: &str, form: Form) -> Option<Arc<Converted>> {
-        match self.entries().0.get(&(digest.to_owned(), form)) {
-            Some(Entry::Kept(file, _)) => Some(Arc::clone(file)),
-            _ => None,
-        }
+        let mut entries = self.entries();
+        let (map, clock) = &mut *entries;
+        used(map, clock, &(digest.to_owned(), form))
     }
 
     /// Drops the files whose picture was deleted.
@@ -229,7 +220,7 @@ impl Conversions {
             }
         }
         self.begun.fetch_add(1, Ordering::Relaxed);
-        let outcome = made(app, source, conversion).await;
+        let outcome = making::made(app, source, conversion).await;
         {
             let mut entries = self.entries();
             match &outcome {
@@ -259,6 +250,14 @@ fn kept_source((key, entry): (&Key, &Entry)) -> Option<(Key, String)> {
     }
 }
 
+/// The cached file of an entry, which is used now.
+fn used(map: &mut HashMap<Key, Entry>, clock: &mut u64, key: &Key) -> Option<Arc<Converted>> {
+    let Some(Entry::Kept(file, last)) = map.get_mut(key) else { return None };
+    *clock += 1;
+    *last = *clock;
+    Some(Arc::clone(file))
+}
+
 /// Drops the least recently used files until the limits hold. At least one stays.
 fn evict(map: &mut HashMap<Key, Entry>) {
     loop {
@@ -273,92 +272,4 @@ fn evict(map: &mut HashMap<Key, Entry>) {
         let Some(oldest) = kept.min_by_key(|(used, ..)| *used).map(|(_, _, key)| key.clone()) else { return };
         map.remove(&oldest);
     }
-}
-
-/// What a file is made of.
-enum Stored {
-    File(LocalBlob, FileFormat),
-    Pyramid(LocalBlob, Colours),
-    /// The zip, of which one slice is read.
-    Slice(OpenBlob, Arc<SliceRecipe>),
-}
-
-impl Stored {
-    async fn get(store: &Store, source: &str, conversion: Conversion) -> Result<Self, Fault> {
-        let picture = async || store.blobs.fetch(source, &store.workspace).await;
-        let found = match conversion {
-            Conversion::File(format) => picture().await.map(|found| found.map(|picture| Self::File(picture, format))),
-            Conversion::Pyramid(colours) => picture().await.map(|found| found.map(|it| Self::Pyramid(it, colours))),
-            Conversion::Slice(recipe) => {
-                let zip = store.blobs.open(source, Access::Parts, &store.workspace).await;
-                zip.map(|found| found.map(|zip| Self::Slice(zip, recipe)))
-            }
-        };
-        let found = found.map_err(|error| ApiError::from(error).fault().clone())?;
-        found.ok_or_else(|| internal(&anyhow::anyhow!("{source} is missing")))
-    }
-}
-
-async fn made(app: &App, source: String, conversion: Conversion) -> Outcome {
-    let store = &app.store;
-    let fault = |error: StoreError| ApiError::from(error).fault().clone();
-    // until it is here: afterwards the free bytes of the disk exclude it
-    let copied = match store.blobs.head(&source).await.map_err(fault)? {
-        Some(blob) => app.disk.reserve_copy(blob.size).await.map_err(fault)?.map_err(|_| disk_full())?,
-        None => return Err(internal(&anyhow::anyhow!("{source} is missing"))),
-    };
-    let stored = Arc::new(Stored::get(&app.store, &source, conversion).await?);
-    drop(copied);
-    let measured = Arc::clone(&stored);
-    let most = blocking(move || match &*measured {
-        Stored::File(picture, _) => most_bytes(picture.path()),
-        Stored::Pyramid(picture, _) => size(picture.path()).map(|(width, height)| pyramid::most_bytes(width, height)),
-        Stored::Slice(_, recipe) => Ok(pyramid::most_bytes(recipe.profile.image_width, recipe.profile.image_height)),
-    })
-    .await?;
-    let reserved = app.disk.reserve(most).await.map_err(fault)?;
-    let Ok(mut space) = reserved else { return Err(disk_full()) };
-    let (spool, limits) = (store.workspace.path().to_owned(), app.policy.archive);
-    blocking(move || {
-        step("convert.make")?;
-        let file = tempfile::Builder::new().prefix("converted-").tempfile_in(&spool)?;
-        let length = match &*stored {
-            Stored::File(picture, format) => convert(picture.path(), file.as_file(), *format)?,
-            Stored::Pyramid(picture, colours) => pyramid::write(picture.path(), file.as_file(), *colours)?,
-            Stored::Slice(zip, recipe) => {
-                let SliceRecipe { profile, options, index } = &**recipe;
-                let slice = match (slice_view(zip.bytes(), profile, options, *index, &limits), zip.failure()) {
-                    (Ok(slice), _) => slice,
-                    (Err(_), Some(error)) => return Ok(Err(ApiError::from(error).fault().clone())),
-                    (Err(fault), None) => return Ok(Err(fault)),
-                };
-                pyramid::write_raster(slice, file.as_file(), Colours::Plain)?
-            }
-        };
-        space.written(length);
-        Ok(Ok(Arc::new(Converted { file, source, length })))
-    })
-    .await?
-}
-
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> anyhow::Result<T> + Send + 'static) -> Result<T, Fault> {
-    let worked = background::spawn_blocking(work).await;
-    worked.map_err(|error| internal(&error.into()))?.map_err(|error| cannot(&error))
-}
-
-fn cannot(error: &anyhow::Error) -> Fault {
-    match error.chain().filter_map(|cause| cause.downcast_ref()).any(is_full) {
-        true => disk_full(),
-        false => internal(error),
-    }
-}
-
-fn disk_full() -> Fault {
-    let detail = "the disk of the server has no space to convert the picture; request it as it is stored (without \
-                  Accept), or free some space";
-    Fault::new(Code::InsufficientStorage, detail)
-}
-
-fn internal(error: &anyhow::Error) -> Fault {
-    ApiError::internal(format!("cannot convert a picture: {error:#}")).fault().clone()
 }

@@ -74,7 +74,8 @@ pub enum Source {
 }
 
 impl Source {
-    /// A part of the bytes. It can be sent completely even if the blob is deleted meanwhile.
+    /// A part of the bytes. A single blob can be sent completely even if it is deleted meanwhile; a zip ends with an
+    /// error at the first blob that is gone.
     async fn body(self, first: u64, length: u64) -> ApiResult<Body> {
         match self {
             Self::Blob(blobs, key) => {

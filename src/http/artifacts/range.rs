@@ -1,4 +1,5 @@
 //! `Range: bytes=...` (RFC 9110, section 14). One range is supported; a request for several gets the whole file.
+//! Requests other than `GET` have no `Range` here ([`crate::http::middleware::method`] removes it).
 
 use axum::http::{HeaderMap, header};
 

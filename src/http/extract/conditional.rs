@@ -82,30 +82,92 @@ pub fn require_match(headers: &HeaderMap, opaque: &str) -> ApiResult<()> {
 }
 
 /// The condition of a write in `If-Match` and `If-None-Match`, where the tag is a number that grows with each write.
-/// `If-Match` holds if one of its tags is the current number; `current` is read only for that. `Err`: it does not hold.
+///
+/// | header | holds if |
+/// |---|---|
+/// | `If-Match: *` | there is a current number |
+/// | `If-Match` with tags | one of them is the current number |
+/// | `If-None-Match: *` | there is no current number |
+/// | `If-None-Match` with tags | none of them is the current number |
+///
+/// The store checks a single `*` in the transaction of the write. Otherwise `current` is read, and the write requires
+/// that it is still the same. `Err`: `If-Match` does not hold.
 ///
 /// # Errors
-/// Those of `current`.
+/// `precondition_failed` when `If-None-Match` does not hold; those of `current`.
 pub async fn precondition(
     headers: &HeaderMap,
     current: impl Future<Output = ApiResult<Option<u32>>>,
 ) -> ApiResult<Result<Precondition, Option<u32>>> {
-    if Tags::of(headers, &header::IF_NONE_MATCH) == Some(Tags::Any) {
-        return Ok(Ok(Precondition::Absent));
+    let (wanted, excluded) = (Tags::of(headers, &header::IF_MATCH), Tags::of(headers, &header::IF_NONE_MATCH));
+    match (&wanted, &excluded) {
+        (None, None) => return Ok(Ok(Precondition::Any)),
+        (Some(Tags::Any), None) => return Ok(Ok(Precondition::Present)),
+        (None, Some(Tags::Any)) => return Ok(Ok(Precondition::Absent)),
+        _ => {}
     }
-    let list = match Tags::of(headers, &header::IF_MATCH) {
-        None => return Ok(Ok(Precondition::Any)),
-        Some(Tags::Any) => return Ok(Ok(Precondition::Present)),
-        Some(list) => list,
-    };
     let current = current.await?;
-    Ok(match current {
-        Some(number) if list.contains_strong(&number.to_string()) => Ok(Precondition::Revision(number)),
-        _ => Err(current),
-    })
+    let tag = current.map(|number| number.to_string());
+    let is_in = |tags: Tags, contains: fn(&Tags, &str) -> bool| tag.as_ref().is_some_and(|tag| contains(&tags, tag));
+    if wanted.is_some_and(|wanted| !is_in(wanted, Tags::contains_strong)) {
+        return Ok(Err(current));
+    }
+    if excluded.is_some_and(|excluded| is_in(excluded, Tags::contains)) {
+        let detail = format!(
+            "nothing was changed: the current version is {}, which If-None-Match excludes; omit that header to change \
+             it",
+            tag.unwrap_or_default()
+        );
+        return Err(ApiError::new(Code::PreconditionFailed, detail));
+    }
+    Ok(Ok(current.map_or(Precondition::Absent, Precondition::Revision)))
 }
 
 /// The header value of a strong tag.
 pub fn etag(opaque: &str) -> HeaderValue {
     HeaderValue::from_str(&format!("\"{opaque}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn condition(headers: &[(HeaderName, &'static str)], current: Option<u32>) -> Result<Precondition, Code> {
+        let headers = headers.iter().map(|(name, value)| (name.clone(), HeaderValue::from_static(value)));
+        match precondition(&headers.collect(), async { Ok(current) }).await {
+            Ok(Ok(condition)) => Ok(condition),
+            Ok(Err(now)) => {
+                assert_eq!(now, current);
+                Err(Code::PreconditionFailed)
+            }
+            Err(error) => Err(error.fault().code),
+        }
+    }
+
+    #[tokio::test]
+    async fn the_condition_of_a_write_follows_from_both_headers() {
+        use Precondition::{Absent, Any, Present, Revision};
+        let (only, none) = (header::IF_MATCH, header::IF_NONE_MATCH);
+        let failed = Err(Code::PreconditionFailed);
+        for (headers, current, expected) in [
+            (vec![], Some(4), Ok(Any)),
+            (vec![(&only, "*")], Some(4), Ok(Present)),
+            (vec![(&only, "\"3\", \"4\"")], Some(4), Ok(Revision(4))),
+            (vec![(&only, "W/\"4\"")], Some(4), failed),
+            (vec![(&only, "\"4\"")], None, failed),
+            (vec![(&none, "*")], Some(4), Ok(Absent)),
+            (vec![(&none, "\"4\"")], Some(4), failed),
+            (vec![(&none, "W/\"4\"")], Some(4), failed),
+            (vec![(&none, "\"3\"")], Some(4), Ok(Revision(4))),
+            (vec![(&none, "\"3\"")], None, Ok(Absent)),
+            (vec![(&only, "\"4\""), (&none, "\"3\"")], Some(4), Ok(Revision(4))),
+            (vec![(&only, "\"3\""), (&none, "*")], Some(4), failed),
+            (vec![(&only, "\"4\""), (&none, "*")], Some(4), failed),
+            (vec![(&only, "*"), (&none, "\"4\"")], Some(4), failed),
+            (vec![(&only, "*"), (&none, "*")], None, failed),
+        ] {
+            let sent: Vec<_> = headers.into_iter().map(|(name, value)| (name.clone(), value)).collect();
+            assert_eq!(condition(&sent, current).await, expected, "{sent:?}");
+        }
+    }
 }

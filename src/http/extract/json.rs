@@ -124,15 +124,21 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault>
         return Err(Fault::new(shape, detail).at(place));
     }
     // Python writes NaN and Infinity into JSON, and 1e999 overflows: invalid numbers rather than invalid JSON
-    let text = String::from_utf8_lossy(bytes);
-    let not_finite = ["NaN", "Infinity"].iter().any(|word| text.contains(word));
-    if not_finite || inner.to_string().contains("out of range") {
+    if is_at_not_finite(bytes, &inner) || inner.to_string().contains("out of range") {
         let place = if pointer.is_empty() { String::new() } else { format!("{pointer}: ") };
         let detail = format!("{place}a number is not finite ({inner})");
         let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), ..ErrorLocation::default() };
         return Err(Fault::new(shape, detail).at(place));
     }
     Err(Fault::new(Code::InvalidRequest, format!("the body is not JSON: {inner}")))
+}
+
+/// Whether the parser stopped at `NaN`, `Infinity`, or after the sign of `-Infinity`.
+fn is_at_not_finite(bytes: &[u8], error: &serde_json::Error) -> bool {
+    // line and column, counted in bytes from 1, are those of the last byte that was read
+    let line = bytes.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+    let rest = line.get(error.column().saturating_sub(1)..).unwrap_or_default();
+    ["NaN", "Infinity"].iter().any(|word| rest.starts_with(word.as_bytes()))
 }
 
 /// The path as a JSON pointer (RFC 6901). Of a long name only the beginning is in it.
@@ -173,6 +179,26 @@ mod tests {
             r#"{"image_width":64,"image_height":64,"reference_index":0,"homographies":[[1e999,0,0,0,1,0,0,0,1]]}"#;
         assert_eq!(fault(huge).code, Code::InvalidProfile);
         assert_eq!(fault("{\"image_width\":").code, Code::InvalidRequest);
+        for number in ["NaN", "Infinity", "-Infinity"] {
+            let text = format!("{{\"note\": \"käfer\",\n \"homographies\": [[0,\n{number}]]}}");
+            let told = fault(&text);
+            assert_eq!(told.code, Code::InvalidProfile, "{text}");
+            assert!(told.detail.starts_with("/homographies/0"), "{told:?}");
+            assert!(told.detail.contains("a number is not finite"), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn broken_json_with_the_word_of_a_number_that_is_not_finite_is_broken_json() {
+        for text in [
+            r#"{"note": "NaN", "image_width": }"#,
+            r#"{"note": "to Infinity", "image_width": 64"#,
+            "{\"note\": \"Infinity\",\n \"image_width\" 64}",
+        ] {
+            let told = fault(text);
+            assert_eq!(told.code, Code::InvalidRequest, "{text}");
+            assert!(told.detail.starts_with("the body is not JSON"), "{told:?}");
+        }
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::{
 };
 use pinstack_science::types::error::ErrorLocation;
 
-/// Largest number of query parameters; no operation has half as many.
+/// Largest number of query parameters; the largest operation, the archive of a scan, has 38.
 const MAX_PARAMETERS: usize = 64;
 
 /// The parameters of a URL in their order. A repeated parameter is an error.

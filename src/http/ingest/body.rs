@@ -24,6 +24,18 @@ const LINGER_BYTES: u64 = 64 << 20;
 /// Longest time for that.
 const LINGER_TIME: Duration = Duration::from_secs(5);
 
+/// Reads some of the body of a refused request and discards it. Otherwise a client that still sends would see a
+/// connection reset and not the answer.
+pub fn discard(body: Body) {
+    discard_rest(body.into_data_stream());
+}
+
+fn discard_rest(rest: BodyDataStream) {
+    if tokio::runtime::Handle::try_current().is_ok() {
+        background::spawn(timeout(LINGER_TIME, linger(rest)));
+    }
+}
+
 /// Why a body ended early. The libraries that the body passes through drop the reason, so it is kept here.
 #[derive(Debug, Clone, Default)]
 pub struct EndReason(Arc<Mutex<Option<Fault>>>);
@@ -166,9 +178,7 @@ impl Drop for WatchedBody {
         if sends_nothing {
             return;
         }
-        if tokio::runtime::Handle::try_current().is_ok() {
-            background::spawn(timeout(LINGER_TIME, linger(rest)));
-        }
+        discard_rest(rest);
     }
 }
 

@@ -82,8 +82,9 @@ pub struct Submitted {
     pub replayed: bool,
 }
 
-/// Makes the job of a submission from a zip on the disk. On an error there is no job, and the blob of a zip that came
-/// in a request is removed again.
+/// Makes the job of a submission from a zip on the disk. If the job is refused, there is no job, and the blob of a zip
+/// that came in a request is removed. After an error of the store the row may exist; garbage collection decides about
+/// the blob.
 ///
 /// # Errors
 /// What is wrong with the zip, or that it does not match the submission; `queue_full`; `idempotency_key_reused`;
@@ -157,8 +158,9 @@ pub fn refusal(refused: Enqueue, bytes: u64, key: &str) -> ApiError {
         Enqueue::OverQuota(over) => over_quota(bytes, &over),
         Enqueue::NoSuchScan(scan) => {
             let detail = format!(
-                "the scan '{scan}' was deleted, or its rig or lens was changed, while the upload arrived; create it \
-                 again with PUT /v1/scans/{scan}, and send the upload again"
+                "the scan '{scan}' was deleted, or its rig or lens was changed, while the request was processed; \
+                 create it again with PUT /v1/scans/{scan}, then repeat the request; for a resumable upload, whose bytes \
+                 are kept, HEAD is enough"
             );
             ApiError::new(Code::ScanNotFound, detail)
         }

@@ -14,7 +14,7 @@ use crate::{
     http::{
         auth::{Caller, identify, needs, owned_id},
         connections::tally::InProgress,
-        ingest::{admission::waits_for_continue, body::WatchedBody},
+        ingest::{admission::waits_for_continue, body::discard},
         log,
         problem::{ApiError, ApiResult},
         state::App,
@@ -34,7 +34,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
             }
         }
         Err(error) => {
-            drain_briefly(&app, &parts.headers, body);
+            drain_briefly(&parts.headers, body);
             error.into_response()
         }
     }
@@ -70,8 +70,10 @@ fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
     Err(ApiError::new(Code::TooManyRequests, detail))
 }
 
-/// Reads some of the body of a refused request. Otherwise a client that still sends would see a broken connection and
-/// not the answer.
-pub fn drain_briefly(app: &App, headers: &HeaderMap, body: Body) {
-    drop(WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers)));
+/// Reads some of the body of a refused request. Otherwise a client that still sends would see a connection reset and
+/// not the answer. A client that waits for `100 Continue` sends nothing.
+pub fn drain_briefly(headers: &HeaderMap, body: Body) {
+    if !waits_for_continue(headers) {
+        discard(body);
+    }
 }

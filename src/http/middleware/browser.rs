@@ -42,7 +42,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
         Ok(()) => next.run(request).await,
         Err(error) => {
             let (parts, body) = request.into_parts();
-            drain_briefly(&app, &parts.headers, body);
+            drain_briefly(&parts.headers, body);
             error.into_response()
         }
     }

@@ -1,12 +1,13 @@
-//! Refuses methods that HTTP does not have.
+//! Refuses methods that HTTP does not have, and removes `Range` from methods that have no ranges.
 
 use axum::{
     extract::Request,
-    http::Method,
+    http::{Method, header},
     middleware::Next,
     response::{IntoResponse, Response},
 };
 
+use super::auth::drain_briefly;
 use crate::{
     contract::{Code, one_line},
     http::problem::ApiError,
@@ -16,12 +17,17 @@ use crate::{
 const SHOWN: usize = 40;
 
 /// The layer: a method that is not in RFC 9110, RFC 5789 (PATCH) or the HTTP QUERY draft gets 501 before any other
-/// check.
-pub async fn refuse_unknown(request: Request, next: Next) -> Response {
+/// check. Only `GET` has ranges (RFC 9110, section 14.2): with another method, such as `HEAD`, `Range` is ignored.
+pub async fn refuse_unknown(mut request: Request, next: Next) -> Response {
     if known(request.method()).is_some() {
+        if request.method() != Method::GET {
+            request.headers_mut().remove(header::RANGE);
+        }
         return next.run(request).await;
     }
-    let shown: String = request.method().as_str().chars().take(SHOWN).collect();
+    let (parts, body) = request.into_parts();
+    drain_briefly(&parts.headers, body);
+    let shown: String = parts.method.as_str().chars().take(SHOWN).collect();
     let detail = format!("'{}' is not an HTTP method that this service supports", one_line(&shown));
     ApiError::new(Code::MethodNotImplemented, detail).into_response()
 }

@@ -9,6 +9,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
+use super::auth::drain_briefly;
 use crate::{
     contract::Code,
     http::{connections::Seat, problem::ApiError},
@@ -22,6 +23,8 @@ pub async fn require(request: Request, next: Next) -> Response {
     if is_about_health || seat.got_slot().await {
         return next.run(request).await;
     }
+    let (parts, body) = request.into_parts();
+    drain_briefly(&parts.headers, body);
     let detail = "the limit of connections of the service or of this address is reached; try again later, over fewer \
                   connections";
     let refused = ApiError::new(Code::Unavailable, detail);

@@ -10,16 +10,20 @@ use uuid::Uuid;
 
 use super::{
     checksum::Checksum,
+    delete,
     digest::RunningDigest,
     metadata::Metadata,
     patch::receive_piece,
-    protocol::{UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, bytes, is_piece, require_version, url, write_headers},
+    protocol::{
+        UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, UPLOAD_OFFSET, bytes, is_piece, require_version, url, write_headers,
+    },
     receive::require_fit,
 };
 use crate::{
     contract::{Code, JobKind, UploadPurpose},
     http::{
         auth::Caller,
+        background,
         ingest::{
             admission::require_admissible,
             body::too_large,
@@ -42,6 +46,9 @@ use crate::{
 /// upload: `rig`, `lens`, `options` (JSON, as in a form), `filename`, and `purpose`: `stack` (the default),
 /// `calibration` for a dot target, or `scan` for a zip with all views of the scan that `scan` names. Names, options,
 /// profile, length, quota, disk space and queue are checked now. Send the bytes with `PATCH` to the URL in `Location`.
+///
+/// If the body of the request is refused and the upload can be continued, or the reason of its refusal read, the error
+/// has `Location` and `Upload-Offset` too.
 #[utoipa::path(
     post,
     path = "/v1/uploads",
@@ -60,15 +67,18 @@ use crate::{
             ("Upload-Offset" = u64, description = "Bytes on stable storage"),
             ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
             ("Pinstack-Job" = String, description = "URL of the job, if the body was the whole zip"))),
-        (status = 400, description = "`invalid_request`: an invalid header, name or option; `upload_incomplete`: the connection closed or timed out (what arrived is kept)"),
+        (status = 400, description = "`invalid_request`: an invalid header, name or option; `upload_incomplete`: \
+            the connection closed or timed out (what arrived is kept; continue at `Location`)"),
         (status = 404, description = "`profile_not_found`, `scan_not_found`"),
         (status = 409, description = "`conflict`: a newer request took over the upload"),
         (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
-        (status = 413, description = "`upload_too_large`: `Upload-Length` exceeds the limit"),
+        (status = 413, description = "`upload_too_large`: `Upload-Length` exceeds the limit, or the body extends \
+            beyond it; there is no upload"),
         (status = 415, description = "`unsupported_media_type`: a body that is not `application/offset+octet-stream`"),
         (status = 422, description = "The body was the whole zip and is refused, as by `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
-            `slice_count_mismatch`, `mask_failed` (required without a back light)"),
-        (status = 460, description = "`checksum_mismatch`: none of the body was stored"),
+            `slice_count_mismatch`, `mask_failed` (required without a back light). `scan_mismatch`: the scan is of \
+            another rig or lens"),
+        (status = 460, description = "`checksum_mismatch`: none of the body was stored; send it again to `Location`"),
         (status = 503, description = "`queue_full`: too many waiting jobs or open uploads; `unavailable`: the server is shutting down"),
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
@@ -82,10 +92,17 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
             "the body of a new upload must be empty, or the first bytes of the zip as application/offset+octet-stream";
         return Err(ApiError::new(Code::UnsupportedMediaType, detail));
     }
-    let mut upload = begin(&app, &caller, &headers).await?;
+    let length = length(&headers)?;
     if brings_piece {
-        require_fit(&headers, 0, upload.length)?;
-        upload = receive_piece(&app, &caller, &headers, upload.id, body, 0, checksum).await?;
+        require_fit(&headers, 0, length)?;
+    }
+    let mut upload = begin(&app, &caller, &headers, length).await?;
+    if brings_piece {
+        let id = upload.id;
+        upload = match receive_piece(&app, &caller, &headers, id, body, 0, checksum).await {
+            Ok(upload) => upload,
+            Err(error) => return Err(refused(&app, id, error).await),
+        };
     }
     let mut response = StatusCode::CREATED.into_response();
     write_headers(response.headers_mut(), &upload);
@@ -95,7 +112,8 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
     Ok(response)
 }
 
-async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<PartialUpload> {
+/// `Upload-Length`.
+fn length(headers: &HeaderMap) -> ApiResult<u64> {
     if headers.contains_key(UPLOAD_DEFER_LENGTH) {
         let detail = "Upload-Defer-Length is not supported; send Upload-Length, the size of the zip in bytes";
         return Err(ApiError::new(Code::InvalidRequest, detail));
@@ -107,6 +125,34 @@ async fn begin(app: &App, caller: &Caller, headers: &HeaderMap) -> ApiResult<Par
             "Upload-Length is 0, but an empty file is not a zip; send its size in bytes",
         ));
     }
+    Ok(length)
+}
+
+/// The error for the first bytes of an upload that exists by now. The client learns its URL and offset. An upload whose
+/// length is wrong cannot be continued: it is deleted, so that it does not count as open.
+async fn refused(app: &App, id: Uuid, error: ApiError) -> ApiError {
+    if error.fault().code == Code::UploadTooLarge {
+        let (app, deleted) = (app.clone(), id);
+        // completes even when the client disconnects
+        let deleting = background::spawn(async move { delete::remove(&app, deleted).await });
+        if let Ok(Err(left)) = deleting.await {
+            tracing::warn!(detail = left.fault().detail, %id, "an upload of a wrong length is left until it expires");
+        }
+        return error;
+    }
+    match app.store.metadata.upload(id).await {
+        Ok(None) => error,
+        Ok(Some(upload)) => {
+            error.with_header(header::LOCATION, url(id)).with_header(UPLOAD_OFFSET, upload.offset.to_string())
+        }
+        Err(unknown) => {
+            tracing::warn!(error = ?unknown, %id, "the offset of an upload is not known");
+            error.with_header(header::LOCATION, url(id))
+        }
+    }
+}
+
+async fn begin(app: &App, caller: &Caller, headers: &HeaderMap, length: u64) -> ApiResult<PartialUpload> {
     let (text, metadata) = Metadata::of_request(headers)?;
     let purpose = metadata.purpose()?;
     caller.require(match purpose {

@@ -5,6 +5,8 @@ use axum::{
     http::{HeaderMap, StatusCode},
 };
 
+use uuid::Uuid;
+
 use super::{lock::lock, protocol::require_version};
 use crate::{
     http::{
@@ -38,12 +40,21 @@ use crate::{
 pub async fn delete(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<StatusCode> {
     require_version(&headers)?;
     let deleting = background::spawn(async move {
-        let (_lock, _) = lock(&app, id).await?;
-        app.store.metadata.delete_upload(id).await?;
-        if let Err(error) = gc_upload(&app.store, id).await {
-            tracing::warn!(?error, %id, "files of an upload are left to garbage collection");
-        }
+        remove(&app, id).await?;
         ApiResult::Ok(StatusCode::NO_CONTENT)
     });
     deleting.await.map_err(ApiError::internal)?
+}
+
+/// Deletes an upload and its bytes.
+///
+/// # Errors
+/// `not_found`; `locked` when another request is still writing to it.
+pub async fn remove(app: &App, id: Uuid) -> ApiResult<()> {
+    let (_lock, _) = lock(app, id).await?;
+    app.store.metadata.delete_upload(id).await?;
+    if let Err(error) = gc_upload(&app.store, id).await {
+        tracing::warn!(?error, %id, "files of an upload are left to garbage collection");
+    }
+    Ok(())
 }

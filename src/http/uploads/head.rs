@@ -38,12 +38,18 @@ use crate::http::{
             ("Upload-Metadata" = String, description = "As the client sent it"),
             ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
             ("Pinstack-Job" = String, description = "URL of the job, once the upload is complete"))),
-        (status = 404, description = "`not_found`: no such upload, or it has expired"),
+        (status = 400, description = "`invalid_request`: an option that the zip does not allow, such as `input_bits` \
+            with 8-bit slices"),
+        (status = 404, description = "`not_found`: no such upload, or it has expired; `profile_not_found`, \
+            `scan_not_found`: the profile or the scan was deleted meanwhile"),
         (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
         (status = 422, description = "The zip was refused: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
-            `slice_count_mismatch`, `mask_failed` (required without a back light)"),
+            `slice_count_mismatch`, `mask_failed` (required without a back light). `scan_mismatch`: the scan is of \
+            another rig or lens by now"),
         (status = 423, description = "`locked`: another request is still writing; try again after `Retry-After`"),
         (status = 503, description = "`queue_full`: all bytes are stored; ask again later for the job"),
+        (status = 507, description = "`insufficient_storage`, with figures: all bytes are stored; ask again later for \
+            the job"),
     )
 )]
 pub async fn head(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<Response> {

@@ -60,14 +60,17 @@ const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
             ("Upload-Offset" = u64, description = "Bytes on stable storage"),
             ("Upload-Expires" = String, description = "When the upload expires unless more bytes arrive"),
             ("Pinstack-Job" = String, description = "URL of the job, once the upload is complete"))),
-        (status = 400, description = "`invalid_request`: an invalid header; `upload_incomplete`: the connection closed or timed out (what arrived is kept)"),
-        (status = 404, description = "`not_found`: no such upload, or it has expired; `profile_not_found`: the profile was deleted meanwhile"),
+        (status = 400, description = "`invalid_request`: an invalid header, or an option that the zip does not allow; \
+            `upload_incomplete`: the connection closed or timed out (what arrived is kept)"),
+        (status = 404, description = "`not_found`: no such upload, or it has expired; `profile_not_found`, \
+            `scan_not_found`: the profile or the scan was deleted meanwhile"),
         (status = 409, description = "`conflict`: the upload is at another offset, or a newer request took over the upload"),
         (status = 412, description = "`precondition_failed`: `Tus-Resumable` is missing or names another version"),
         (status = 413, description = "`upload_too_large`: the body extends beyond `Upload-Length`"),
         (status = 415, description = "`unsupported_media_type`: the body is not `application/offset+octet-stream`"),
         (status = 422, description = "The zip is refused, as by `POST /v1/stacks`: `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
-            `slice_count_mismatch`, `mask_failed` (required without a back light)"),
+            `slice_count_mismatch`, `mask_failed` (required without a back light). `scan_mismatch`: the scan is of \
+            another rig or lens by now"),
         (status = 423, description = "`locked`: another request is still writing; try again after `Retry-After`"),
         (status = 460, description = "`checksum_mismatch`: none of the body was stored"),
         (status = 503, description = "`queue_full`: all bytes are stored; `HEAD` makes the job later; `unavailable`: the server is shutting down"),

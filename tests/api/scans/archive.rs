@@ -104,7 +104,10 @@ async fn two_views_at_the_same_angles_are_refused_by_name() {
             let refused = problem(refused, 422, "invalid_archive").await;
             let detail = refused["detail"].as_str().unwrap();
             assert!(detail.contains(one) && detail.contains(other), "{detail}");
-            assert!(detail.contains("have the same angles") && detail.ends_with("remove or rename one"), "{detail}");
+            assert!(
+                detail.contains("have the same angles") && detail.ends_with("remove one, or correct its angles"),
+                "{detail}"
+            );
         }
     }
     // the same by a manifest
@@ -158,6 +161,32 @@ async fn a_repeated_request_gets_the_stacks_of_the_first() {
     let stack = first["views"][0]["stack"].as_str().unwrap();
     app.delete(stack).send().await.unwrap();
     problem(send().await.unwrap(), 409, "conflict").await;
+}
+
+#[tokio::test]
+async fn a_repeat_after_a_calibration_gets_the_stacks_of_the_first() {
+    let app = ready().await;
+    let body = zip(&members(&VIEWS, 2));
+    let send = |query: &str| {
+        let request = app.post(&format!("/v1/scans/bee/archive{query}")).header("idempotency-key", "k");
+        request.body(body.clone()).send()
+    };
+    let first: Value = send("").await.unwrap().json().await.unwrap();
+    app.with_profile(2).await;
+    let again = send("").await.unwrap();
+    assert_eq!(
+        (again.status(), &again.headers()["idempotency-replayed"]),
+        (StatusCode::ACCEPTED, &"true".parse().unwrap())
+    );
+    assert_eq!(again.json::<Value>().await.unwrap(), first);
+    for revision in [1, 2] {
+        let other = send(&format!("?profile_revision={revision}")).await.unwrap();
+        problem(other, 422, "idempotency_key_reused").await;
+    }
+    assert_eq!(scan(&app, "bee").await["summary"]["views"], 3);
+    let stack: Value =
+        app.get(first["views"][2]["stack"].as_str().unwrap()).send().await.unwrap().json().await.unwrap();
+    assert_eq!(stack["profile_revision"], 1);
 }
 
 #[tokio::test]

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use pinstack::store::uploads::{NewUpload, OpenUploadLimits};
+use reqwest::RequestBuilder;
 use uuid::Uuid;
 
 use super::*;
@@ -31,6 +32,74 @@ async fn an_invalid_upload_is_refused_at_its_creation() {
     assert_eq!(header(&unversioned, "tus-version"), "1.0.0");
     problem(unversioned, 412, "precondition_failed").await;
     assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0);
+}
+
+/// `POST /v1/uploads` with a body.
+fn creation_with(app: &TestApp, length: usize, body: impl Into<reqwest::Body>) -> RequestBuilder {
+    creation(app, length, &of_rig()).header("content-type", PIECE).body(body)
+}
+
+/// The number of open uploads, which count against limits and quotas.
+async fn open_uploads(app: &TestApp) -> usize {
+    shown(app, "/v1/uploads").await["items"].as_array().unwrap().len()
+}
+
+#[tokio::test]
+async fn a_first_body_beyond_the_length_leaves_no_upload() {
+    let app = TestApp::start_with(|policy| policy.queue_limit = 1).await;
+    app.with_profile(2).await;
+    let chunks = |chunks: &[&[u8]]| {
+        let chunks: Vec<_> = chunks.iter().map(|chunk| Ok::<_, std::io::Error>(chunk.to_vec())).collect();
+        reqwest::Body::wrap_stream(futures::stream::iter(chunks))
+    };
+    for body in [reqwest::Body::from(vec![7; 20]), chunks(&[&[7; 20]]), chunks(&[&[7; 8], &[7; 8]])] {
+        let refused = creation_with(&app, 10, body).send().await.unwrap();
+        assert!(!refused.headers().contains_key("location"), "there is nothing to continue");
+        problem(refused, 413, "upload_too_large").await;
+        assert_eq!(open_uploads(&app).await, 0);
+        assert_eq!(app.store.metadata.reserved_bytes().await.unwrap(), 0);
+        assert!(app.store.parts.list().await.unwrap().is_empty());
+    }
+    begun(&app, 1000).await;
+}
+
+#[tokio::test]
+async fn an_upload_whose_first_body_is_refused_can_be_continued() {
+    let app = TestApp::start_with(|policy| policy.body_idle_timeout = Duration::from_millis(50)).await;
+    app.with_profile(2).await;
+    let zip = stack_zip(2, 0);
+    let wrong = format!("sha1 {}", BASE64_STANDARD.encode([7; 20]));
+    let mismatch = creation_with(&app, zip.len(), zip.clone()).header("upload-checksum", wrong).send().await.unwrap();
+    let silent = futures::StreamExt::chain(
+        futures::stream::iter([Ok::<_, std::io::Error>(zip[..200].to_vec())]),
+        futures::stream::pending(),
+    );
+    let stalled = creation_with(&app, zip.len(), reqwest::Body::wrap_stream(silent)).send().await.unwrap();
+    for (refused, at, status, code) in
+        [(mismatch, 0, 460, "checksum_mismatch"), (stalled, 200, 400, "upload_incomplete")]
+    {
+        let url = header(&refused, "location").to_owned();
+        assert_eq!((offset(&refused), header(&refused, "tus-resumable")), (at, "1.0.0"));
+        problem(refused, status, code).await;
+        assert_eq!(offset(&head(&app, &url).await), at);
+        let last = piece(&app, &url, at, &zip[at..]).send().await.unwrap();
+        assert_eq!(header(&last, "pinstack-job"), format!("/v1/stacks/{}", id_of(&url)));
+    }
+    assert_eq!(open_uploads(&app).await, 0);
+}
+
+#[tokio::test]
+async fn a_zip_that_is_refused_at_its_creation_names_the_upload_with_the_reason() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let zip = zip(&[("a.png".into(), b"no picture".to_vec()), ("b.png".into(), b"no picture".to_vec())]);
+    let refused = creation_with(&app, zip.len(), zip.clone()).send().await.unwrap();
+    let url = header(&refused, "location").to_owned();
+    assert_eq!(offset(&refused), zip.len());
+    problem(refused, 422, "invalid_image").await;
+    let told = shown(&app, &url).await;
+    assert_eq!((&told["state"], &told["error"]["code"]), (&json!("refused"), &json!("invalid_image")));
+    assert_eq!(open_uploads(&app).await, 0);
 }
 
 #[tokio::test]

@@ -27,6 +27,8 @@ pub struct ScanSubmission {
     pub rules: ScanRules,
     profile: Profile,
     options: StackOptions,
+    /// The revision that the request names; `options` has the one that is used.
+    asked_revision: Option<u32>,
 }
 
 /// The parameters that belong to the archive and not to its stacks, but for [`NameRules`].
@@ -126,9 +128,9 @@ impl Receivable for ScanSubmission {
             return Err(profiles::not_found(app, &rig, &lens, options.profile_revision).await);
         };
         // every view is fused with this revision, also when the profile changes while the zip arrives
-        options.profile_revision = Some(profile.revision);
+        let asked_revision = options.profile_revision.replace(profile.revision);
         options.scan = Some(scan.name.clone());
-        Ok(Self { scan, dry_run, rules, profile, options })
+        Ok(Self { scan, dry_run, rules, profile, options, asked_revision })
     }
 
     /// The views are written beside the zip, before the zip is removed.
@@ -176,8 +178,10 @@ impl ScanSubmission {
         self.profile.slice_count as usize
     }
 
-    /// Part of the fingerprint that tells whether a repeated `Idempotency-Key` comes with the same request.
+    /// What the client asked for. Part of the fingerprint that tells whether a repeated `Idempotency-Key` comes with
+    /// the same request. A request that names no revision stays the same when the profile has a new one.
     pub fn fingerprint_input(&self) -> serde_json::Value {
-        serde_json::json!({ "scan": self.scan.name, "options": self.options, "rules": self.rules })
+        let options = StackOptions { profile_revision: self.asked_revision, ..self.options.clone() };
+        serde_json::json!({ "scan": self.scan.name, "options": options, "rules": self.rules })
     }
 }
