@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from typing import Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import httpx
 
@@ -19,6 +19,22 @@ def problem(status: int, code: str, detail: str, **headers: str) -> httpx.Respon
     return httpx.Response(status, json=body, headers={"content-type": "application/problem+json", **headers})
 
 
+def answers(*told: Any) -> Tuple[Callable[[httpx.Request], httpx.Response], List[httpx.Request]]:
+    """A service that gives these responses, or raises these errors, one after the other."""
+    waiting, seen = list(told), []
+
+    def handler(request: httpx.Request) -> httpx.Response:
+        request.read()
+        seen.append(request)
+        next_one = waiting.pop(0)
+        if isinstance(next_one, Exception):
+            raise next_one
+        assert isinstance(next_one, httpx.Response)
+        return next_one
+
+    return handler, seen
+
+
 class Uploads:
     """The uploads of a service. ``faults`` are taken one by one, each for one ``PATCH``."""
 
@@ -28,6 +44,8 @@ class Uploads:
         self.length: Optional[int] = None
         self.metadata: Dict[str, str] = {}
         self.job_is_made = True
+        #: Why the upload was refused for good.
+        self.refusal: Optional[httpx.Response] = None
         self.requests: List[str] = []
 
     def __call__(self, request: httpx.Request) -> httpx.Response:
@@ -39,7 +57,7 @@ class Uploads:
 
     def create(self, request: httpx.Request) -> httpx.Response:
         assert request.headers["tus-resumable"] == "1.0.0"
-        self.length, self.stored = int(request.headers["upload-length"]), b""
+        self.length, self.stored, self.refusal = int(request.headers["upload-length"]), b"", None
         pairs = (pair.split(" ") for pair in request.headers["upload-metadata"].split(","))
         self.metadata = {name: base64.b64decode(value).decode() for name, value in pairs}
         return httpx.Response(201, headers={"location": UPLOAD, "upload-offset": "0"})
@@ -53,6 +71,8 @@ class Uploads:
     def ask(self, request: httpx.Request) -> httpx.Response:
         if self.length is None:
             return httpx.Response(404)
+        if self.refusal is not None:
+            return httpx.Response(self.refusal.status_code)
         told = self.state()
         if len(self.stored) == self.length and not self.job_is_made:
             self.job_is_made = True
@@ -74,7 +94,8 @@ class Uploads:
         if fault == "locked":
             return problem(423, "locked", "another request is still writing", **{"retry-after": "0"})
         if fault == "refused":
-            return problem(422, "invalid_image", "front/3.jpg is torn; copy it again from the camera")
+            self.refusal = problem(422, "invalid_image", "front/3.jpg is torn; copy it again from the camera")
+            return self.refusal
         if int(request.headers["upload-offset"]) != len(self.stored):
             return problem(409, "conflict", "the upload is at another offset")
         self.stored += data
@@ -86,4 +107,7 @@ class Uploads:
         return httpx.Response(204, headers=self.state())
 
     def show(self, request: httpx.Request) -> httpx.Response:
-        return httpx.Response(200, content=json.dumps({"id": "0190-job", "path": request.url.path}))
+        told: Dict[str, Any] = {"id": "0190-job", "path": request.url.path, "links": {"self": JOB}}
+        if request.url.path == UPLOAD:
+            told["error"] = self.refusal.json() if self.refusal is not None else None
+        return httpx.Response(200, content=json.dumps(told))

@@ -9,7 +9,7 @@ from typing import Any, Callable, List, Tuple
 
 import httpx
 import pytest
-from fake import JOB, UPLOAD, Uploads, problem
+from fake import JOB, UPLOAD, Uploads, answers, problem
 
 from pinstack import AsyncClient, BytesSource, Client, PinstackError, Retry, Source
 
@@ -119,22 +119,6 @@ def test_a_file_that_another_program_holds_is_tried_again() -> None:
     assert uploads.stored == DATA
     with pytest.raises(PinstackError, match=r"D:\\view\\1\.jpg cannot be read: another program holds it"):
         client(Uploads()).send_stack(HeldFile(4), "rig", "lens")
-
-
-def answers(*told: Any) -> Tuple[Callable[[httpx.Request], httpx.Response], List[httpx.Request]]:
-    """A service that gives these responses, or raises these errors, one after the other."""
-    waiting, seen = list(told), []
-
-    def handler(request: httpx.Request) -> httpx.Response:
-        request.read()
-        seen.append(request)
-        next_one = waiting.pop(0)
-        if isinstance(next_one, Exception):
-            raise next_one
-        assert isinstance(next_one, httpx.Response)
-        return next_one
-
-    return handler, seen
 
 
 BUSY = {"retry-after": "0"}

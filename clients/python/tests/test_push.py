@@ -16,7 +16,7 @@ import pytest
 from fake import JOB, UPLOAD, Uploads
 
 from pinstack import Client, PinstackError, Retry
-from pinstack.push import folders, settings, sheet
+from pinstack.push import folders, names, settings, sheet
 from pinstack.push.bursts import by_bursts, time_taken
 from pinstack.push.cli import main
 from pinstack.push.folders import FoundStack
@@ -82,7 +82,7 @@ def test_stacks_whose_names_meet_become_complete(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["con", "AUX.1", "a:b", "x?*", "..", "nul", "Bücher 3", "a/b", "trailing. "])
 def test_result_names_are_allowed_on_windows(name: str) -> None:
-    safe = folders.safe_name(name)
+    safe = names.safe_name(name)
     assert safe and not PureWindowsPath(f"{safe}.png").is_reserved()
     assert PureWindowsPath("D:/results", safe).name == safe and not re.search(r'[<>:"/\\|?*]', safe)
     assert not safe.endswith((".", " "))

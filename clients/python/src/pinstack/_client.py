@@ -94,6 +94,8 @@ class Client:
     ) -> models.Profile:
         """Stores homographies that were measured elsewhere as the next revision.
 
+        It is not repeated after a broken connection, because each write makes a revision.
+
         Args:
             profile: a ``models.ProfileInput``. Its ``homographies`` may be a numpy array, ``N x 3 x 3``; each maps a
                 slice pixel (x, y) to a reference-slice pixel.
@@ -180,7 +182,8 @@ class Client:
             idempotency_key: send it in one request with this key: a repetition with the same key and zip gets the
                 first stack, also from another process. Without it the upload is resumable.
             on_bytes: called with bytes sent and their total.
-            resume: path of an upload that ``on_created`` told earlier; it continues where it was cut off.
+            resume: path of an upload that ``on_created`` told earlier; it continues where it was cut off. A new upload
+                begins if the service has it no longer, or has refused it.
             on_created: called with the path of the upload as soon as it exists.
             options: ``label``, ``scan``, ``pan_deg``, ``method``, ... of ``models.StackOptionsInput``.
         """
@@ -265,7 +268,11 @@ class Client:
         return self._transport.run(self._do.artifact(stack, name, accept))
 
     def save_artifact(self, stack: Reference, name: str, to: PathLike, *, on_bytes: Optional[OnBytes] = None) -> Path:
-        """Saves a result file. The ending of ``to`` chooses the type; a broken download is resumed."""
+        """Saves a result file. A broken download is resumed.
+
+        The ending of ``to`` chooses the type if the artifact has it; otherwise the stored type is saved under that
+        name.
+        """
         return self._transport.run(self._do.save_artifact(stack, name, to, on_bytes))
 
     def save_upload(self, stack: Reference, to: PathLike, *, on_bytes: Optional[OnBytes] = None) -> Path:
@@ -303,7 +310,7 @@ class Client:
 
     def put_scan(self, scan: str, rig: str, lens: str, **members: Any) -> models.Scan:
         """Creates or replaces what is said of a scan: ``specimen``, ``radius_mm``, ... of ``models.ScanInput``."""
-        return self._transport.run(self._do.put(path("v1", "scans", scan), {"rig": rig, "lens": lens, **members}, {}))
+        return self._transport.run(self._do.put(path("v1", "scans", scan), {"rig": rig, "lens": lens, **members}))
 
     def get_scan(self, scan: str) -> models.ScanWithViews:
         """A scan with its views, outliers and missing angles."""

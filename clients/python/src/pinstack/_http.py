@@ -47,6 +47,8 @@ class Request:
     sink: Optional[Sink] = None
     #: End the response of a sink after this time, seconds, as if the connection had broken.
     longest_s: Optional[float] = None
+    #: Called before each try.
+    on_try: Optional[Callable[[], None]] = None
     #: Called with the number of bytes that were sent since the last call.
     on_sent: Optional[Callable[[int], None]] = None
 
@@ -108,8 +110,9 @@ class Unreachable(Exception):
 class Retry:
     """How often and how long a request is repeated when the service cannot be reached or is busy.
 
-    The ``n``-th wait is between half and all of ``first_s * 2**n`` seconds, at most ``longest_s``; a longer
-    ``Retry-After`` of the service is respected. An upload counts anew whenever bytes have arrived.
+    The ``n``-th wait, counted from 1, is between half and all of ``first_s * 2**(n-1)`` seconds, at most ``longest_s``.
+    A longer ``Retry-After`` of the service is respected, up to 600 s. An upload counts anew whenever bytes have
+    arrived.
     """
 
     attempts: int = 8
@@ -157,11 +160,16 @@ def error_of(request: Request, response: Response) -> PinstackError:
 def send(request: Request, retry: Retry) -> Operation[Response]:
     """Sends a request, again after a failure that may pass, and raises the error of a refusal.
 
-    A request that is not repeatable is sent again only if the service said that it did not take it.
+    | request | sent again after |
+    |---|---|
+    | repeatable | a broken connection, and the statuses in ``TEMPORARY`` |
+    | others | status 429 and the code ``queue_full``: the service refused it before it did anything |
     """
     failures = 0
     while True:
         response: Optional[Response] = None
+        if request.on_try is not None:
+            request.on_try()
         try:
             response = yield Send(request)
         except Unreachable as error:
@@ -173,8 +181,9 @@ def send(request: Request, retry: Retry) -> Operation[Response]:
             if response.is_success or response.status == 304:
                 return response
             failures += 1
-            refused = response.status in (429, 503) and "retry-after" in response.headers
-            may_pass = refused or (request.repeatable and response.status in TEMPORARY)
+            reason = error_of(request, response)
+            was_not_taken = response.status == 429 or reason.code == "queue_full"
+            may_pass = was_not_taken or (request.repeatable and response.status in TEMPORARY)
             if failures >= retry.attempts or not may_pass:
-                raise error_of(request, response)
+                raise reason
         yield Sleep(retry.wait(failures, response))

@@ -45,11 +45,11 @@ class Operations:
         response: Response = yield from send(Request("GET", at, parameters, headers, repeatable=True), self.retry)
         return response.body
 
-    def put(self, at: str, value: Any, headers: Mapping[str, str]) -> Operation[Any]:
+    def put(
+        self, at: str, value: Any, headers: Optional[Mapping[str, str]] = None, *, repeatable: bool = True
+    ) -> Operation[Any]:
         body, kind = json_body(value)
-        # with If-Match a repetition of a write that arrived would be refused as if another client had written
-        repeatable = not headers
-        request = Request("PUT", at, headers={**kind, **headers}, body=body, repeatable=repeatable)
+        request = Request("PUT", at, headers={**kind, **(headers or {})}, body=body, repeatable=repeatable)
         return (yield from send(request, self.retry)).json()
 
     def post(self, at: str, value: Any, headers: Optional[Mapping[str, str]] = None) -> Operation[Any]:
@@ -85,7 +85,9 @@ class Operations:
     def put_profile(self, rig: str, lens: str, profile: Mapping[str, Any], if_match: Optional[str]) -> Operation[Any]:
         body = {**profile, "homographies": _arrays.rows(profile["homographies"])}
         headers = {"if-match": if_match} if if_match is not None else {}
-        return self.put(path("v1", "profiles", rig, lens), body, headers)
+        # If the response of a write is lost, a repetition makes a second revision. With If-Match it is refused as if
+        # another client had written.
+        return self.put(path("v1", "profiles", rig, lens), body, headers, repeatable=False)
 
     def calibrate(
         self, rig: str, lens: str, target: Sendable, options: Mapping[str, Any], on_bytes: Optional[_uploads.OnBytes],
@@ -126,12 +128,17 @@ class Operations:
 
         def count(size: int) -> None:
             nonlocal sent
-            sent = min(sent + size, zipped.length)
+            sent += size
             if on_bytes is not None:
                 on_bytes(sent, zipped.length)
 
+        def begin() -> None:
+            nonlocal sent
+            sent = 0
+            count(0)
+
         headers = {**headers, "content-type": "application/zip"}
-        request = Request("POST", at, parameters, headers, zipped, repeatable=True, on_sent=count)
+        request = Request("POST", at, parameters, headers, zipped, repeatable=True, on_try=begin, on_sent=count)
         return (yield from send(request, self.retry)).json()
 
     def wait(

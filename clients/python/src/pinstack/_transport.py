@@ -10,6 +10,7 @@ import anyio
 import anyio.to_thread
 import httpx
 
+from ._errors import PinstackError
 from ._http import Call, Effect, Operation, Request, Response, Send, Sleep, Unreachable
 from ._version import VERSION
 from ._zips import BLOCK, Source
@@ -26,6 +27,7 @@ class Transport:
 
     def __init__(self, url: Optional[str], token: Optional[str]) -> None:
         self.url = (url or os.environ.get("PINSTACK_URL") or DEFAULT_URL).rstrip("/")
+        _check_address(self.url)
         token = token or os.environ.get("PINSTACK_TOKEN") or None
         self.headers = {"user-agent": f"pinstack-python/{VERSION}"}
         if token is not None:
@@ -55,6 +57,22 @@ class Transport:
         """What a failure of httpx means."""
         reason = str(error) or type(error).__name__
         return Unreachable(f"the service at {self.url} cannot be reached: {reason}")
+
+
+def _check_address(url: str) -> None:
+    """Raises ``invalid_source`` for what is no address of a web service: it would look like one that is down."""
+    try:
+        parsed = httpx.URL(url)
+    except httpx.InvalidURL as error:
+        raise PinstackError("invalid_source", f"the address '{url}' is not valid: {error}") from error
+    is_web = parsed.scheme in ("http", "https")
+    if is_web and parsed.host:
+        return
+    if is_web or "://" in url:
+        detail = f"the address '{url}' is not that of a web service; write http://HOST:PORT or https://HOST"
+    else:
+        detail = f"the address '{url}' has no scheme; write http://{url}"
+    raise PinstackError("invalid_source", detail)
 
 
 def _length(body: Any) -> int:

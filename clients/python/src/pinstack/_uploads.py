@@ -16,11 +16,17 @@ from urllib.parse import urlsplit
 from ._errors import PinstackError
 from ._http import TEMPORARY, Call, Operation, Request, Response, Retry, Send, Sleep, Unreachable, error_of, send
 from ._paths import shown
-from ._zips import Source
+from ._zips import Source, utf8
 
 VERSION = {"tus-resumable": "1.0.0"}
 #: After these the offset is asked and the upload continues: another offset, locked, damaged on the way, cut off.
 RESUMABLE = TEMPORARY | {400, 409, 423, 460}
+#: Why the service has not made a job of a whole upload yet, by status: the code of the error, and its reason.
+PENDING = {
+    423: ("locked", "another request still works on the upload"),
+    503: ("unavailable", "the queue is full, or the service is shutting down"),
+    507: ("insufficient_storage", "the disk of the service or the quota of the token is full"),
+}
 
 #: Bytes below which a piece is not halved.
 SMALLEST_PIECE = 64 << 10
@@ -34,7 +40,7 @@ def metadata(values: Mapping[str, Any]) -> str:
     pairs = []
     for name, value in values.items():
         text = value if isinstance(value, str) else json.dumps(value)
-        pairs.append(f"{name} {base64.b64encode(text.encode()).decode()}")
+        pairs.append(f"{name} {base64.b64encode(utf8(text)).decode()}")
     return ",".join(pairs)
 
 
@@ -49,7 +55,8 @@ def upload(
 ) -> Operation[str]:
     """Uploads a zip and returns the path of the job, or of the scan.
 
-    ``resume`` is the path of an upload that was begun earlier; if the service has it no longer, a new one begins.
+    ``resume`` is the path of an upload that was begun earlier. If the service has it no longer or has refused it, a new
+    one begins: what it was refused for, such as a profile of another size, may have changed.
     """
     if source.length == 0:
         raise PinstackError("invalid_source", f"{source.name} is empty")
@@ -58,7 +65,7 @@ def upload(
         try:
             offset, job = yield from _ask(url, source.length, retry)
         except PinstackError as error:
-            if error.status not in (404, 410):
+            if error.status not in (404, 410) and not isinstance(error, UploadRefused):
                 raise
             url = None
     if url is None:
@@ -75,6 +82,10 @@ def upload(
             continue
         offset, job = yield from _send_piece(source, url, offset, retry, pieces, on_bytes)
     return job
+
+
+class UploadRefused(PinstackError):
+    """The service has refused the upload for good."""
 
 
 class _PieceSize:
@@ -202,8 +213,19 @@ def _explained(url: str, error: PinstackError, retry: Retry) -> Operation[Pinsta
         response = yield from send(Request("GET", url, repeatable=True), retry)
     except PinstackError as explained:
         return explained
-    problem = response.json().get("error")
-    return PinstackError.of_problem(problem) if isinstance(problem, dict) else error
+    state = response.json()
+    problem = state.get("error")
+    if isinstance(problem, dict):
+        return UploadRefused.of_problem(problem)
+    if error.status not in PENDING or state.get("job") is not None:
+        return error
+    code, reason = PENDING[error.status]
+    offset, length = state.get("offset"), state.get("length")
+    what = "all bytes of the upload are at the service, but its job is not made yet"
+    if offset != length:
+        what = f"the service has {offset} of {length} bytes of the upload, but does not continue it now"
+    detail = f"{what} (status {error.status}: {reason}); run it again later"
+    return PinstackError(code, detail, problem={"code": code, "status": error.status, "detail": detail})
 
 
 def _offset(response: Response) -> int:

@@ -266,17 +266,18 @@ def source(sendable: Sendable) -> Source:
     return StoredZip.of_slices(sendable)
 
 
+def utf8(text: str) -> bytes:
+    """A text as UTF-8. What is not valid text in a file name (lone surrogates) becomes ``_``."""
+    return re.sub(r"[\ud800-\udfff]", "_", text).encode("utf-8")
+
+
 def _changed(path: Path, size: int, now: int) -> PinstackError:
     detail = f"{path} changed while it was sent: it had {size} bytes, now it has {now}; wait until it is complete"
     return PinstackError("source_changed", detail)
 
 
-def _name(member: Member) -> bytes:
-    return re.sub(r"[\ud800-\udfff]", "_", member.name).encode("utf-8")
-
-
 def _local_header(member: Member) -> bytes:
-    name = _name(member)
+    name = utf8(member.name)
     is_large = member.size >= ZIP64_FROM
     # with an extra field of zip64 the sizes that follow the data have 8 bytes
     extra = struct.pack("<HHQQ", 1, 16, 0, 0) if is_large else b""
@@ -292,7 +293,7 @@ def _descriptor(member: Member, crc: int) -> bytes:
 
 
 def _directory_entry(member: Member, crc: int, start: int) -> bytes:
-    name = _name(member)
+    name = utf8(member.name)
     large: List[int] = [member.size, member.size] if member.size >= ZIP64_FROM else []
     size = LIMIT if large else member.size
     start_field = start

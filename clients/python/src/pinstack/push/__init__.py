@@ -7,6 +7,7 @@
 | ``sender`` | sends one stack, waits for it and saves its results |
 | ``run`` | several stacks at a time |
 | ``watch`` | sends folders as they become complete |
+| ``names`` | names of result files |
 | ``results``, ``sheet`` | files beside the stacks, and an HTML page that shows them |
 | ``settings`` | command line, environment and the file of a rig |
 | ``cli`` | the commands |

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import io
 import json
 import logging
 import logging.handlers
@@ -16,7 +17,7 @@ from typing import Any, Dict, List, Optional, Sequence
 
 from .._client import Client
 from .._errors import PinstackError
-from .._http import Retry
+from .._http import TEMPORARY, Retry
 from .._paths import on_disk
 from .._version import VERSION
 from . import sheet
@@ -31,15 +32,17 @@ from .watch import wait_until_quiet, watch
 #: Exit codes.
 DONE, SOME_FAILED, USAGE, UNREACHABLE, INTERRUPTED = 0, 1, 2, 3, 130
 
-EPILOG = """exit codes: 0 everything is done; 1 some stacks were refused, failed or are incomplete; 2 wrong usage;
-3 the service cannot be reached or is busy; 130 interrupted. A run that ended early continues when the command is given
-again. With several folders, results and journal are in the first one: give them in the same order again."""
+EPILOG = """exit codes: 0 everything is done; 1 some stacks were refused, failed or are incomplete, or a folder cannot
+be read; 2 wrong usage; 3 the service cannot be reached or is busy; 130 interrupted. A run that ended early continues
+when the command is given again. With several folders, results and journal are in the first one: give them in the same
+order again."""
 
-EPILOG_OF_WATCH = """exit codes: 0 it was stopped; 2 wrong usage; 3 the service cannot be reached at the start."""
+EPILOG_OF_WATCH = """exit codes: 0 it was stopped; 2 wrong usage. When the service cannot be reached, it tries again."""
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Runs a command and returns its exit code."""
+    _print_any_name()
     try:
         given = vars(_parser().parse_args(arguments))
         command = given.pop("command")
@@ -57,7 +60,14 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         return _push(folders, settings) if command == "push" else _watch(folders[0], settings, given.get("log"))
     except PinstackError as error:
         print(f"pinstack: {error.detail}", file=sys.stderr)
-        return UNREACHABLE if error.code == "unreachable" else USAGE
+        return UNREACHABLE if error.code == "unreachable" or error.status in TEMPORARY else USAGE
+
+
+def _print_any_name() -> None:
+    """What a stream cannot show, such as a file name that is not valid text, is printed as an escape sequence."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -107,17 +117,19 @@ def _dry_run(folders: List[Path], settings: Settings, as_json: bool) -> int:
         print(json.dumps({"stacks": stacks, "ignored": ignored}, indent=2))
     else:
         print(table(found))
-    return SOME_FAILED if any(one.problem for one in found.stacks) or not found.stacks else DONE
+    is_good = found.stacks and not found.unread and not any(one.problem for one in found.stacks)
+    return DONE if is_good else SOME_FAILED
 
 
 def _found(folders: List[Path], client: Client, settings: Settings) -> Found:
     found = Found()
     for folder in folders:
         results, _ = _places(folder, settings)
-        one = find(folder, ask_of(client, settings), results, settings.gap_s)
+        one = find(folder, ask_of(client, settings), results, settings.gap_s, settings.save)
         found.stacks.extend(one.stacks)
         found.ignored.extend(one.ignored)
-    refuse_same_names(found)
+        found.unread.extend(one.unread)
+    refuse_same_names(found, settings.save)
     return found
 
 
@@ -153,6 +165,8 @@ def _push(folders: List[Path], settings: Settings) -> int:
         outcomes = send_all(make, journal, found.stacks, settings, results, progress, stop, is_complete)
     finally:
         journal.close()
+    for path, reason in found.unread:
+        progress.say(f"{path} {reason}")
     good = sum(outcome.is_good for outcome in outcomes)
     said = f"{good} of {len(found.stacks)} stacks are done"
     try:
@@ -163,7 +177,7 @@ def _push(folders: List[Path], settings: Settings) -> int:
         return INTERRUPTED
     if any(outcome.state == "unreachable" for outcome in outcomes):
         return UNREACHABLE
-    return DONE if good == len(found.stacks) else SOME_FAILED
+    return DONE if good == len(found.stacks) and not found.unread else SOME_FAILED
 
 
 def _stop_by_signals() -> threading.Event:
@@ -184,8 +198,8 @@ def _stop_by_signals() -> threading.Event:
 def _watch(folder: Path, settings: Settings, log: Optional[Path]) -> int:
     results, at = _places(folder, settings)
     stop = _stop_by_signals()
-    journal = Journal(at)
     progress = _Logged(log) if log is not None else Progress(0)
+    journal = Journal(at)
     every: Dict[str, Outcome] = {}
 
     def ended(outcomes: List[Outcome]) -> None:
@@ -207,9 +221,13 @@ class _Logged(Progress):
 
     def __init__(self, log: Path) -> None:
         super().__init__(0)
-        handler = logging.handlers.RotatingFileHandler(
-            on_disk(log), maxBytes=5_000_000, backupCount=5, encoding="utf-8"
-        )
+        try:
+            handler = logging.handlers.RotatingFileHandler(
+                on_disk(log), maxBytes=5_000_000, backupCount=5, encoding="utf-8", errors="backslashreplace"
+            )
+        except OSError as error:
+            detail = f"the log {log} cannot be written: {error.strerror or error}; choose another --log"
+            raise PinstackError("invalid_source", detail) from error
         handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
         self._log = logging.Logger("pinstack")
         self._log.addHandler(handler)

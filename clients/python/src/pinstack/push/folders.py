@@ -8,21 +8,23 @@ languages, focus steps, pan and tilt in names, ``manifest.json``. Nothing is sen
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from .._errors import PinstackError
 from .._paths import on_disk, shown, walk
-from .._zips import StoredZip, is_picture
+from .._zips import StoredZip, is_picture, utf8
 from .bursts import by_bursts
+from .names import result_stems
 
 #: Groups names, with the content of their ``manifest.json``; returns what ``Client.group_names`` does.
 Ask = Callable[[Sequence[str], Optional[Mapping[str, Any]]], Mapping[str, Any]]
 
 #: Files and folders that are no business of a stack, in lower case.
-OF_SYSTEMS = frozenset({"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", "system volume information"})
+OF_SYSTEMS = frozenset(
+    {"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "lost+found"}
+)
 
 
 @dataclass
@@ -58,12 +60,21 @@ class Found:
     stacks: List[FoundStack] = field(default_factory=list)
     #: Files and folders that belong to no stack, and why.
     ignored: List[Tuple[Path, str]] = field(default_factory=list)
+    #: Those of ``ignored`` that cannot be read: stacks or slices may be missing.
+    unread: List[Tuple[Path, str]] = field(default_factory=list)
 
 
-def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[float] = None) -> Found:
+def find(
+    root: Path,
+    ask: Ask,
+    results: Optional[Path] = None,
+    gap_s: Optional[float] = None,
+    save: Sequence[str] = ("image", "mask"),
+) -> Found:
     """The stacks in a folder and below it. ``results`` is passed over.
 
     ``gap_s``: files of a folder that were taken more than this time apart belong to different stacks.
+    ``save``: the artifacts that will be saved; those of two stacks must not have the same file name.
     """
     found = Found()
     files = _files(root, results, found)
@@ -75,6 +86,7 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
         bursts = by_bursts(names, gap_s)
         names, times = bursts.names, bursts.times
         found.ignored.extend(bursts.untimed)
+        found.unread.extend(one for one in bursts.untimed if one[0] in bursts.unread)
         unread = {path.parent: path for path in bursts.unread}
     if not names:
         return found
@@ -92,7 +104,7 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
         found.stacks.append(
             FoundStack(
                 str(view["name"]),
-                str(view["name"]).replace("/", "_") or root.resolve().name or "stack",
+                str(view["name"]).replace("/", "_") or utf8(root.resolve().name).decode() or "stack",
                 front,
                 back,
                 angles if len(angles) == 2 else {},
@@ -106,17 +118,28 @@ def find(root: Path, ask: Ask, results: Optional[Path] = None, gap_s: Optional[f
         if held is not None and stack.problem is None:
             stack.problem = f"{held} cannot be read, so its stack is not known; is it still being written?"
     found.ignored.extend((names[file["name"]], str(file["reason"])) for file in grouping["ignored"])
-    refuse_same_names(found)
+    refuse_same_names(found, save)
     return found
 
 
-def refuse_same_names(found: Found) -> None:
-    """The results of two stacks with the same name would replace each other: the later one is refused."""
-    seen: Dict[str, FoundStack] = {}
+def refuse_same_names(found: Found, save: Sequence[str]) -> None:
+    """Results of two stacks with the same file name would replace each other: the later stack is refused.
+
+    ``save``: the artifacts that will be saved.
+    """
+    owners: Dict[str, FoundStack] = {}
     for stack in found.stacks:
-        other = seen.setdefault(stack.name.casefold(), stack)
-        if other is not stack:
+        stems = {stem.casefold(): stem for stem in result_stems(stack.name, save)}
+        taken = next((key for key in stems if key in owners), None)
+        if taken is None:
+            owners.update(dict.fromkeys(stems, stack))
+            continue
+        other = owners[taken]
+        if other.name.casefold() == stack.name.casefold():
             stack.problem = f"the stack of {other.files()[0]} has the same name, {stack.name}; rename one"
+        else:
+            both = f"the stacks {other.name} and {stack.name}"
+            stack.problem = f"results of {both} would have the same file name, {stems[taken]}; rename one of the stacks"
 
 
 def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
@@ -125,7 +148,8 @@ def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
     files: List[Path] = []
 
     def unreadable(error: OSError) -> None:
-        found.ignored.append((Path(shown(error.filename or root)), f"cannot be read: {error.strerror or error}"))
+        found.unread.append((Path(shown(error.filename or root)), f"cannot be read: {error.strerror or error}"))
+        found.ignored.append(found.unread[-1])
 
     for here, names, file_names in walk(root, unreadable):
         for name in list(names):
@@ -172,14 +196,3 @@ def _manifest(files: Sequence[Path]) -> Optional[Mapping[str, Any]]:
 def _have_same_names(slices: Sequence[Path]) -> bool:
     """Whether slices of several folders have the same name."""
     return len({path.name.casefold() for path in slices}) < len(slices)
-
-
-#: Names that Windows reserves for devices.
-DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))})
-
-
-def safe_name(name: str) -> str:
-    """A name that every system allows for a file, and that shells need not quote."""
-    text = re.sub(r"[^\w.=+-]+", "_", name).strip("._ ")
-    stem = text.split(".")[0].lower()
-    return f"_{text}" if stem in DEVICES or not text else text[:120]

@@ -33,8 +33,11 @@ class Journal:
     """The journal in a file. Each change is on the disk when the method returns."""
 
     def __init__(self, path: Path) -> None:
-        on_disk(path.parent).mkdir(parents=True, exist_ok=True)
-        self._rows = sqlite3.connect(on_disk(path), timeout=0.5, isolation_level=None, check_same_thread=False)
+        try:
+            on_disk(path.parent).mkdir(parents=True, exist_ok=True)
+            self._rows = sqlite3.connect(on_disk(path), timeout=0.5, isolation_level=None, check_same_thread=False)
+        except (OSError, sqlite3.Error) as error:
+            raise _not_written(path, error) from error
         try:
             # held until the process ends
             self._rows.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -49,7 +52,7 @@ class Journal:
             if "locked" in str(error):
                 detail = f"another push or watch uses the journal {path}; wait for it, or choose another --journal"
                 raise PinstackError("invalid_source", detail) from error
-            raise PinstackError("invalid_source", f"the journal {path} cannot be written: {error}") from error
+            raise _not_written(path, error) from error
         except sqlite3.DatabaseError as error:
             self._rows.close()
             detail = f"{path} is damaged or no journal ({error}); move it away: stacks may then be sent again"
@@ -74,6 +77,12 @@ class Journal:
     def forget(self, key: str) -> None:
         """The stack will be sent as a new one."""
         self._rows.execute("DELETE FROM stacks WHERE key = ?", (key,))
+
+
+def _not_written(path: Path, error: Exception) -> PinstackError:
+    reason = (error.strerror if isinstance(error, OSError) else None) or error
+    detail = f"the journal {path} cannot be written: {reason}; choose another place with --journal"
+    return PinstackError("invalid_source", detail)
 
 
 def key_of(server: str, rig: str, lens: str, options: Mapping[str, Any], fingerprint: str) -> str:

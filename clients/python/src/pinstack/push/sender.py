@@ -68,8 +68,8 @@ def send(
         if isinstance(error.__cause__, PermissionError):
             # another program holds a slice: the next try may pass
             state = "incomplete"
-        if error.status in TEMPORARY:
-            # a gateway, or a full queue: the next try may pass
+        if error.status in TEMPORARY or error.code == "locked":
+            # a gateway, a full queue, or another request that works on the upload: the next try may pass
             state = "unreachable"
         places = [str(place.get("file")) for place in error.errors if place.get("file")]
         return Outcome(found.name, state, [error.detail, *[f"see {place}" for place in places[:5]]])
@@ -92,7 +92,8 @@ def _send(
     if entry.ended == "done":
         return _known(client, entry, found.name, settings, results, on_step)
     if entry.ended is not None:
-        return Outcome(found.name, "failed", [entry.ended])
+        not_again = "it was not sent again; change a file or an option, or remove the journal"
+        return Outcome(found.name, "failed", [entry.ended, not_again])
     job = entry.job
     if job is None:
         on_step(found.name, "sending", 0.0)

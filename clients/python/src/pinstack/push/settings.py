@@ -15,6 +15,7 @@ stacks, and a table ``names`` for what numbers in names mean::
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -28,6 +29,11 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
+
+#: Options of stacks that are texts, also when they look like numbers.
+TEXTS = frozenset({"label", "scan"})
+#: A number as JSON writes it. Others, such as ``007`` and ``1_000``, are texts.
+NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 
 
 @dataclass
@@ -98,7 +104,9 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
     known = {one.name: one for one in fields(Settings)}
     unknown = sorted(set(values) - set(known))
     if unknown:
-        raise _wrong(f"{file}: there is no setting {unknown[0]!r}; there are {', '.join(sorted(known))}")
+        raise _wrong(
+            f"{file}: there is no setting {unknown[0]!r}; there are {', '.join(sorted({*known, 'token_file'}))}"
+        )
     values.update({name: value for name, value in given.items() if name in known and value is not None})
     for name in ("results", "journal"):
         if values.get(name) is not None:
@@ -139,11 +147,11 @@ def option(text: str) -> Dict[str, Any]:
     name, sign, value = text.partition("=")
     if not sign or not name:
         raise _wrong(f"{text!r} is no option; write name=value, such as method=pyramid")
-    for kind in (int, float):
-        try:
-            return {name: kind(value)}
-        except ValueError:
-            continue
+    if name in TEXTS:
+        return {name: value}
+    number = NUMBER.fullmatch(value)
+    if number is not None:
+        return {name: float(value) if number[2] or number[3] else int(value)}
     return {name: {"true": True, "false": False}.get(value, value)}
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import List, Sequence
 
 from .._paths import on_disk
-from .folders import safe_name
+from .names import safe_name
 from .results import SUFFIXES
 from .sender import Outcome
 
@@ -31,7 +31,7 @@ def write(outcomes: Sequence[Outcome], results: Path) -> Path:
     )
     to = results / "contact-sheet.html"
     part = results / "contact-sheet.html.part"
-    on_disk(part).write_text(page, "utf-8")
+    on_disk(part).write_text(page, "utf-8", errors="backslashreplace")
     on_disk(part).replace(on_disk(to))
     return to
 

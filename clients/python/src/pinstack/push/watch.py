@@ -15,6 +15,7 @@ from typing import Callable, Dict, List, Tuple
 from .._client import Client
 from .._errors import PinstackError
 from .._paths import on_disk
+from .._zips import is_picture
 from .folders import Found, FoundStack, find
 from .journal import Journal
 from .progress import Progress
@@ -117,7 +118,7 @@ def watch(
     client = interruptible(make_client(), stop)
     while True:
         try:
-            found = find(root, ask_of(client, settings), results, settings.gap_s)
+            found = find(root, ask_of(client, settings), results, settings.gap_s, settings.save)
             told.pop("service", None)
         except Stopped:
             return
@@ -125,6 +126,10 @@ def watch(
             # the service is away, or a name or manifest is wrong: the others wait for it too
             say_once("service", f"nothing is sent now: {error.detail}")
             found = Found()
+        for path, reason in found.unread:
+            # a picture that is still being written is told with its stack
+            if not is_picture(path):
+                say_once(f"unread {path}", f"{path} {reason}")
         ready = []
         for stack in complete.of(found.stacks):
             if stack.problem is not None:
