@@ -21,8 +21,9 @@ const BASE: u64 = 64 << 20;
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
 ///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture). Neither grows with the number
 ///   of slices, because warped slices are kept in files.
-/// - A calibration: for each slice in flight (one above and one below the reference) the decoded picture and the planes
-///   of the detector, whose size is bounded; and for each slice its dots and its fingerprint ([`SLICE_BYTES`]).
+/// - A calibration: for each slice in flight (one above and one below the reference) the samples while it is decoded
+///   and the planes of the detector, whose size is bounded; and for each slice its dots and its fingerprint
+///   ([`SLICE_BYTES`]).
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),
@@ -68,13 +69,24 @@ fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let layout = &request.layout;
     let slices = threads.clamp(1, 2);
     let in_flight = slices as u64;
-    let decoded = u64::from(layout.channels) * sample(layout);
+    let decoded = decoded_samples(layout) * sample(layout);
     let samples = pixels(layout).min(MAX_SAMPLES as u64);
     // six planes of floats, four of bytes, and one of both while dots are told from what is not
     let planes = samples * in_flight * (6 * 4 + 4 + 8);
     let kept = (SLICE_BYTES as u64).saturating_mul(layout.front.len() as u64);
     let decoding = pixels(layout).saturating_mul(in_flight * decoded);
     decoding.saturating_add(planes).saturating_add(kept).saturating_add(files(layout, slices))
+}
+
+/// Samples per pixel that decoding a slice with `c` channels holds at most. As in [`Plan::memory_bytes`], these are the
+/// samples before alpha is dropped and a copy after it, which the orientation makes: at most `2 c + 1`. With 8 bits a
+/// progressive JPEG needs more: coefficients of 16 bits beside the samples, as much as three copies.
+fn decoded_samples(layout: &StackLayout) -> u64 {
+    let channels = u64::from(layout.channels);
+    match depth(layout) {
+        Depth::Eight => 3 * channels,
+        Depth::Sixteen => 2 * channels + 1,
+    }
 }
 
 fn pixels(layout: &StackLayout) -> u64 {
@@ -168,6 +180,23 @@ mod tests {
         assert_eq!(with_files(stack(10, 3000, 8), 1), 100_000_000);
         assert_eq!(with_files(stack(10, 3000, 8), 8), 400_000_000);
         assert_eq!(with_files(calibration(10, 3000, 8), 8), 200_000_000);
+    }
+
+    #[test]
+    fn a_calibration_counts_the_copies_that_decoding_makes() {
+        // both pictures are larger than what the detector looks at
+        let per_pixel = |bit_depth, threads| {
+            let need = |width| memory_need(&calibration(10, width, bit_depth), threads);
+            (need(12_000) - need(6000)) / 24_000_000
+        };
+        // three copies of 8 bits; of 16 bits two, and the alpha of one
+        assert_eq!([per_pixel(8, 1), per_pixel(16, 1)], [3 * 3, (3 + 4) * 2]);
+        assert_eq!(per_pixel(8, 8), 2 * 9, "two slices in flight");
+        let JobRequest::Calibration(mut request) = calibration(10, 6000, 8) else { panic!("a calibration") };
+        let colour = memory_need(&JobRequest::Calibration(request.clone()), 1);
+        request.layout.channels = 1;
+        let grey = memory_need(&JobRequest::Calibration(request), 1);
+        assert_eq!(colour - grey, 24_000_000 * 6);
     }
 
     #[test]

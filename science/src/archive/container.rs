@@ -6,6 +6,7 @@
 mod copying;
 mod decoding;
 mod disk_failure;
+mod member_count;
 
 use std::{
     fs::File,
@@ -28,8 +29,9 @@ use crate::{
 };
 use disk_failure::DiskFailure;
 
-/// Maximum expansion ratio of deflate. Bounds the allocation when the declared size is wrong.
-const LARGEST_RATIO: u64 = 1_100;
+/// Upper bound of the first allocation for a member, in multiples of its compressed size: the maximum expansion ratio
+/// of deflate. The declared size may be wrong.
+const FIRST_ALLOCATION_RATIO: u64 = 1_100;
 
 /// A reader with its own position over shared bytes. All clones share one budget of bytes; `u64::MAX` is unlimited.
 #[derive(Clone)]
@@ -46,6 +48,10 @@ const BUDGET_SPENT: &str = "directory budget spent";
 
 impl Read for SharedReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        // a zip may refer to offsets that no file has, which the system would report as an error of the disk
+        if self.at >= self.length {
+            return Ok(0);
+        }
         let read = self.source.read_at(buffer, self.at).inspect_err(|error| self.failure.note(error))?;
         let spend = |left: u64| if left == u64::MAX { Some(left) } else { left.checked_sub(read as u64) };
         if self.budget.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend).is_err() {
@@ -94,15 +100,15 @@ impl Container {
 
     fn checked(source: Arc<dyn ReadAt>, limits: &ArchiveLimits, failure: &DiskFailure) -> Result<Self, Error> {
         let length = source.length().map_err(unreadable)?;
-        let head = refuse_other_files(&*source, length).map_err(unreadable)??;
+        let head = refuse_other_files(&*source, length, limits).map_err(unreadable)??;
         let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
 
-        let budget = Arc::new(AtomicU64::new(limits.max_directory_bytes));
+        let budget = Arc::new(AtomicU64::new(member_count::directory_budget(limits)));
         let shared = SharedReader { source, length, at: 0, budget: budget.clone(), failure: failure.clone() };
         let directory_error = |error: ZipError| match &error {
             ZipError::Io(error) if error.to_string() == BUDGET_SPENT => Error::new(
                 ErrorKind::ArchiveTooLarge,
-                "the directory of the zip is too large for a focus stack; make the zip again with the slices only",
+                "the directory of the zip is too large; make the zip again with fewer files and without comments",
             ),
             ZipError::UnsupportedArchive(what) => Error::new(
                 ErrorKind::UnsupportedArchive,
@@ -116,12 +122,7 @@ impl Container {
             other => damaged_directory(other).caused_by(error),
         };
         let mut zip = ZipArchive::new(shared).map_err(directory_error)?;
-        if zip.len() > limits.max_members {
-            return Err(Error::new(
-                ErrorKind::ArchiveTooLarge,
-                format!("the zip has {} members; at most {} are allowed", zip.len(), limits.max_members),
-            ));
-        }
+        refuse_many(zip.len() as u64, limits)?;
         // the crate keeps the last of several equal names silently
         if zip.has_duplicate_names() {
             return Err(Error::new(
@@ -203,7 +204,7 @@ impl Container {
         self.refuse_unreadable(member, limits)?;
         let mut zip = self.zip.clone();
         let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
-        let room = member.size.min(entry.compressed_size().saturating_mul(LARGEST_RATIO));
+        let room = member.size.min(entry.compressed_size().saturating_mul(FIRST_ALLOCATION_RATIO));
         let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
         // one byte more than declared reveals a member that is larger than declared
         let mut entry = entry.take(member.size.saturating_add(1));
@@ -305,17 +306,26 @@ fn method_name(method: CompressionMethod) -> String {
     }
 }
 
-/// Refuses files that are not a zip and truncated zips. Returns the first bytes.
-fn refuse_other_files(file: &dyn ReadAt, length: u64) -> io::Result<Result<Vec<u8>, Error>> {
+fn refuse_many(members: u64, limits: &ArchiveLimits) -> Result<(), Error> {
+    if members <= limits.max_members as u64 {
+        return Ok(());
+    }
+    let detail = format!("the zip has {members} members; at most {} are allowed", limits.max_members);
+    Err(Error::new(ErrorKind::ArchiveTooLarge, detail))
+}
+
+/// Refuses files that are not a zip, truncated zips, and zips that declare too many members. Returns the first bytes.
+fn refuse_other_files(file: &dyn ReadAt, length: u64, limits: &ArchiveLimits) -> io::Result<Result<Vec<u8>, Error>> {
     let mut head = vec![0; length.min(not_a_zip::HEAD_BYTES) as usize];
     file.read_exact_at(&mut head, 0)?;
     let tail_length = length.min(not_a_zip::END_RECORD_BYTES);
     let mut tail = vec![0; tail_length as usize];
     file.read_exact_at(&mut tail, length - tail_length)?;
-    Ok(match not_a_zip::diagnose(&head, &tail, length) {
-        Some(detail) => Err(Error::new(ErrorKind::InvalidArchive, detail)),
-        None => Ok(head),
-    })
+    if let Some(detail) = not_a_zip::diagnose(&head, &tail, length) {
+        return Ok(Err(Error::new(ErrorKind::InvalidArchive, detail)));
+    }
+    let members = member_count::declared(file, &tail, length)?;
+    Ok(refuse_many(members, limits).map(|()| head))
 }
 
 /// Writes a zip of stored members, because pictures hardly compress; zip64 where required. The same members give the

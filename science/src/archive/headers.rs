@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{light::Light, listed, slices::ArchivedSlices};
+use super::{light::Light, listed, one_or_more, slices::ArchivedSlices};
 use crate::{
     imaging::{Slices, codec::Header},
     types::{Error, ErrorKind, Warning, error::ErrorLocation},
@@ -31,47 +31,49 @@ struct Found<'a> {
 /// Reads the headers of all slices of both lights and checks that they agree.
 ///
 /// At most `most` bytes of a compressed slice are decompressed. Slices whose header is beyond them are skipped; if that
-/// applies to all, the first is decompressed completely.
+/// applies to all slices of one light, its first slice is decompressed completely: lights may differ in bit depth.
+/// `is_listed`: `manifest.json` gives the order of the slices.
 pub(super) fn check(
     front: &ArchivedSlices,
     back: &ArchivedSlices,
     most: u64,
+    is_listed: bool,
     warnings: &mut Vec<Warning>,
 ) -> Result<Common, Error> {
     let mut found = Vec::new();
-    for slices in [front, back] {
+    for (slices, light) in [(front, Light::Front), (back, Light::Back)] {
+        let before = found.len();
         for index in 0..slices.count() {
             if let Some(header) = slices.header(index, most)? {
-                let light = if std::ptr::eq(slices, front) { Light::Front } else { Light::Back };
                 found.push(Found { name: slices.name(index), light, index, header });
             }
         }
-    }
-    if found.is_empty()
-        && let Some(header) = front.header(0, u64::MAX)?
-    {
-        found.push(Found { name: front.name(0), light: Light::Front, index: 0, header });
+        if found.len() == before
+            && slices.count() > 0
+            && let Some(header) = slices.header(0, u64::MAX)?
+        {
+            found.push(Found { name: slices.name(0), light, index: 0, header });
+        }
     }
     refuse_turned(&found)?;
     let (width, height) = refuse_sizes(&found)?;
-    warn_of_times(&found, warnings);
+    warn_of_times(&found, is_listed, warnings);
     let largest = |of: fn(&Header) -> u8| found.iter().map(|f| of(&f.header)).max().unwrap_or_default();
     let (bit_depth, channels) = (largest(|h| h.bit_depth), largest(|h| h.channels));
     // the two lights may differ: grey is sufficient for a silhouette
     let (front_found, back_found) = found.split_at(found.partition_point(|f| f.light == Light::Front));
-    if [front_found, back_found].iter().any(|light| differ(light, |h| h.bit_depth)) {
-        warnings.push(Warning::new("mixed_bit_depth", "some slices of one light have 8 bits per sample and others 16"));
-    }
-    if [front_found, back_found].iter().any(|light| differ(light, |h| h.channels)) {
-        warnings.push(Warning::new("mixed_colour", "some slices of one light are grey and others in colour"));
-    }
+    let bits = |h: &Header| format!("has {} bits per sample", h.bit_depth);
+    let colour = |h: &Header| if h.channels == 1 { "is grey" } else { "is in colour" }.to_owned();
+    let lights = [front_found, back_found];
+    warnings.extend(lights.iter().filter_map(|found| mixed("mixed_bit_depth", "in bit depth", found, bits)));
+    warnings.extend(lights.iter().filter_map(|found| mixed("mixed_colour", "in colour", found, colour)));
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
     Ok(Common { width, height, bit_depth, channels, orientation })
 }
 
 /// Warns when slices were not taken in the order in which they are used. Equal times are normal: EXIF times are whole
 /// seconds. A stack that was taken from its last slice to its first is in order.
-fn warn_of_times(found: &[Found<'_>], warnings: &mut Vec<Warning>) {
+fn warn_of_times(found: &[Found<'_>], is_listed: bool, warnings: &mut Vec<Warning>) {
     for light in [Light::Front, Light::Back] {
         let of: Vec<&Found<'_>> = found.iter().filter(|f| f.light == light).collect();
         let Some(times) = of.iter().map(|f| f.header.taken).collect::<Option<Vec<_>>>() else { continue };
@@ -89,16 +91,31 @@ fn warn_of_times(found: &[Found<'_>], warnings: &mut Vec<Warning>) {
         let Some(odd) = odd else { continue };
         let (before, after) = (of[odd - 1].name, of[odd].name);
         let (first, second) = if ascending { (after, before) } else { (before, after) };
+        let advice = match is_listed {
+            true => "the order is wrong, correct manifest.json",
+            false => "the names are wrong, rename the files or list them in manifest.json",
+        };
         let detail = format!(
-            "the slices were not taken in the order of their names: by its EXIF time {first} was taken before {second}; if \
-             the names are wrong, rename the files or list them in manifest.json"
+            "the slices were not taken in the order in which they are used: by its EXIF time {first} was taken before \
+             {second}; if {advice}"
         );
         warnings.push(Warning::new("order_contradicts_times", detail));
     }
 }
 
-fn differ(found: &[Found<'_>], value: impl Fn(&Header) -> u8) -> bool {
-    found.windows(2).any(|pair| value(&pair[0].header) != value(&pair[1].header))
+/// A warning when slices of one light differ `in_what`. Names the first two slices of which `clause` says different
+/// things.
+fn mixed(code: &str, in_what: &str, found: &[Found<'_>], clause: impl Fn(&Header) -> String) -> Option<Warning> {
+    let first = found.first()?;
+    let is = clause(&first.header);
+    let (other, other_is) = found.iter().map(|f| (f, clause(&f.header))).find(|(_, clause)| *clause != is)?;
+    let detail = format!(
+        "the {} slices differ {in_what}: {} {is}, {} {other_is}; use the same settings for all slices of one light",
+        first.light.word(),
+        first.name,
+        other.name
+    );
+    Some(Warning::new(code, detail))
 }
 
 /// The most frequent value; of equally frequent ones the first.
@@ -120,10 +137,11 @@ fn refuse_turned(found: &[Found<'_>]) -> Result<(), Error> {
         return Ok(());
     }
     let detail = format!(
-        "{} of {} slices have another orientation tag than the rest: {}; switch off the automatic rotation of the \
+        "{} of {} slices {} another orientation tag than the rest: {}; switch off the automatic rotation of the \
          camera, and set the same tag in all slices or remove it",
         odd.len(),
         found.len(),
+        one_or_more(odd.len(), "has", "have"),
         listed(odd.iter().map(|f| f.name))
     );
     let describe = |f: &Found<'_>| format!("orientation {} instead of {usual}", f.header.orientation);
@@ -141,10 +159,11 @@ fn refuse_sizes(found: &[Found<'_>]) -> Result<(u32, u32), Error> {
     let odd: Vec<&Found<'_>> = found.iter().filter(|f| size_of(&f.header) != (width, height)).collect();
     let Some(first) = odd.first() else { return Ok((width, height)) };
     let detail = format!(
-        "{} of {} slices are not {width} x {height} px like the rest: {} ({} x {} px); remove files that are not slices \
+        "{} of {} slices {} not {width} x {height} px like the rest: {} ({} x {} px); remove files that are not slices \
          from the zip, and use the same camera settings for all slices",
         odd.len(),
         found.len(),
+        one_or_more(odd.len(), "is", "are"),
         listed(odd.iter().map(|f| f.name)),
         first.header.width,
         first.header.height

@@ -12,7 +12,7 @@ use super::{
     light::Light,
     listed, manifest, member_names,
     members::{Member, Picture, SortedSlices},
-    natural_order,
+    natural_order, one_or_more, slices_of,
 };
 use crate::{
     imaging::codec,
@@ -44,7 +44,7 @@ pub(super) fn sort(
             let (mut front, mut back) = by_folder(pictures)?;
             natural_order::sort(&mut front, |member| &member.name, warnings);
             natural_order::sort(&mut back, |member| &member.name, warnings);
-            SortedSlices { front, back }
+            SortedSlices { front, back, is_listed: false }
         }
     };
     refuse_extremes(&sorted)?;
@@ -69,7 +69,7 @@ pub(super) fn no_pictures(others: &[Member]) -> Error {
     let detail = match (&archives[..], others) {
         ([], []) => "the zip is empty; add the slices".to_owned(),
         ([], _) => format!(
-            "the zip holds no JPEG, PNG or TIFF pictures; it holds {}",
+            "the zip holds no JPEG, PNG or TIFF pictures, but {}; add the slices in one of these formats",
             listed(others.iter().map(|member| member.name.as_str()))
         ),
         ([one], _) if one.to_lowercase().ends_with(".zip") => {
@@ -262,10 +262,11 @@ fn unknown_folders(unknown: &BTreeMap<String, String>) -> String {
             unknown.len()
         );
     }
+    let places = one_or_more(unknown.len(), "a folder that is", "folders that are");
     format!(
-        "the pictures are in folders that are neither front nor back ({folders}); put the front-light slices into \
-         front/ and the back-light slices into back/ (German, French, Spanish, Italian and Dutch words are understood \
-         too), one stack per zip"
+        "there are pictures in {places} neither front nor back ({folders}); put the front-light slices into front/ and \
+         the back-light slices into back/ (German, French, Spanish, Italian and Dutch words are understood too), one \
+         stack per zip"
     )
 }
 
@@ -289,12 +290,13 @@ fn in_one_folder(pictures: Vec<Picture>, light: Light) -> Result<Vec<Member>, Er
 fn refuse_extremes(sorted: &SortedSlices) -> Result<(), Error> {
     let (front, back) = (sorted.front.len(), sorted.back.len());
     if front == 0 {
-        let detail = format!("the zip has {back} back-light slices and no front-light slices; add the folder front/");
+        let back = slices_of(back, Light::Back);
+        let detail = format!("the zip has {back} and no front-light slices; add the folder front/");
         return Err(Error::new(ErrorKind::SliceCountMismatch, detail));
     }
     if front > MAX_SLICES || back > MAX_SLICES {
-        let most = front.max(back);
-        let detail = format!("the zip has {most} slices per light; at most {MAX_SLICES} are allowed");
+        let most = if front >= back { slices_of(front, Light::Front) } else { slices_of(back, Light::Back) };
+        let detail = format!("the zip has {most}; at most {MAX_SLICES} of one light are allowed: send fewer slices");
         return Err(Error::new(ErrorKind::ArchiveTooLarge, detail));
     }
     Ok(())

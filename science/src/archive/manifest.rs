@@ -9,7 +9,8 @@ use super::{
     container::Container,
     invalid,
     light::Light,
-    listed, member_names,
+    listed,
+    member_names::{self, InvalidName},
     members::{Member, Picture, SortedSlices},
 };
 use crate::types::{Error, Warning};
@@ -77,8 +78,13 @@ impl Manifest {
             let detail = format!("{FILE} omits {}; list every picture of the zip", listed(unnamed));
             return Err(invalid(first, detail));
         }
-        Ok(SortedSlices { front, back })
+        Ok(SortedSlices { front, back, is_listed: true })
     }
+}
+
+/// The error for a name in the manifest that no member of a zip can have.
+fn invalid_name(InvalidName { shown, reason }: InvalidName) -> Error {
+    invalid(FILE, format!("{FILE} lists {shown:?}: the name {}; correct the list", reason.clause()))
 }
 
 /// Pictures that are not yet named, with an index by lower-case name.
@@ -108,7 +114,7 @@ impl Pictures {
     fn take(&mut self, named: &[String], light: Light) -> Result<Vec<Member>, Error> {
         let mut out = Vec::new();
         for name in named {
-            let Some(label) = member_names::checked(name)? else {
+            let Some(label) = member_names::label(name).map_err(invalid_name)? else {
                 return Err(invalid(
                     name,
                     format!("{FILE} lists {name:?}, which cannot be a slice; list the pictures of the zip only"),

@@ -6,42 +6,90 @@ use crate::types::Error;
 /// Maximum length of a name, bytes.
 const LONGEST: usize = 1_024;
 
-/// The name with `/` between folders and without empty parts; `None` for folders and for files that operating systems
-/// add. Backslashes are separators: Windows programs write them, and file names do not contain them.
+/// A name that is refused.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct InvalidName {
+    /// The name as messages show it: its start, without control characters.
+    pub shown: String,
+    /// Why it is refused.
+    pub reason: Reason,
+}
+
+/// Why a name is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reason {
+    ControlCharacters,
+    TooLong,
+    Absolute,
+    Outside,
+    Empty,
+}
+
+impl Reason {
+    /// A clause that follows the name.
+    pub(super) fn clause(self) -> String {
+        match self {
+            Self::ControlCharacters => "contains control characters".to_owned(),
+            Self::TooLong => format!("is longer than {LONGEST} bytes"),
+            Self::Absolute => "is an absolute path".to_owned(),
+            Self::Outside => "points outside of the zip (\"..\")".to_owned(),
+            Self::Empty => "is empty".to_owned(),
+        }
+    }
+}
+
+/// The [`label`] of a member of a zip.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for control characters, absolute names, `..`, and names that
 /// are empty or too long.
 pub(super) fn checked(raw: &str) -> Result<Option<String>, Error> {
-    let shown: String = raw.chars().take(120).map(|c| if c.is_control() { '?' } else { c }).collect();
+    label(raw).map_err(|InvalidName { shown, reason }| {
+        let clause = reason.clause();
+        let detail = match reason {
+            Reason::ControlCharacters => format!("the name {shown:?} {clause}; rename the file"),
+            Reason::TooLong => format!("the name {shown}... {clause}; rename the file"),
+            Reason::Absolute | Reason::Outside => {
+                format!("{shown} {clause}; make the zip from within the folder of the stack")
+            }
+            Reason::Empty => format!("a member of the zip has no name ({shown:?}); make the zip again"),
+        };
+        invalid(&shown, detail)
+    })
+}
+
+/// The name with `/` between folders and without empty parts; `None` for folders and for files that operating systems
+/// add. Backslashes are separators: Windows programs write them, and file names do not contain them.
+///
+/// # Errors
+/// For control characters, absolute names, `..`, and names that are empty or too long.
+pub(super) fn label(raw: &str) -> Result<Option<String>, InvalidName> {
+    let refused = |reason| {
+        let shown = raw.chars().take(120).map(|c| if c.is_control() { '?' } else { c }).collect();
+        Err(InvalidName { shown, reason })
+    };
     // macOS stores the icon of a folder under this name
     let printed = raw.strip_suffix("Icon\r").unwrap_or(raw);
     if printed.chars().any(char::is_control) {
-        return Err(invalid(&shown, format!("the name {shown:?} contains control characters; rename the file")));
+        return refused(Reason::ControlCharacters);
     }
     if raw.len() > LONGEST {
-        return Err(invalid(&shown, format!("the name {shown}... is longer than {LONGEST} bytes; rename the file")));
+        return refused(Reason::TooLong);
     }
     let name = raw.replace('\\', "/");
     let drive = matches!(name.as_bytes(), [letter, b':', ..] if letter.is_ascii_alphabetic());
     if name.starts_with('/') || drive {
-        return Err(invalid(
-            &shown,
-            format!("{shown} is an absolute path; make the zip from within the folder of the stack"),
-        ));
+        return refused(Reason::Absolute);
     }
     let parts: Vec<&str> = name.split('/').filter(|part| !part.is_empty() && *part != ".").collect();
     if parts.contains(&"..") {
-        return Err(invalid(
-            &shown,
-            format!("{shown} points outside of the zip (\"..\"); make the zip from within the folder of the stack"),
-        ));
+        return refused(Reason::Outside);
     }
     if name.ends_with('/') || is_system_file(&parts) {
         return Ok(None);
     }
     match parts.is_empty() {
-        true => Err(invalid(&shown, format!("a member of the zip has no name ({shown:?}); make the zip again"))),
+        true => refused(Reason::Empty),
         false => Ok(Some(parts.join("/"))),
     }
 }

@@ -44,4 +44,6 @@ pub(super) struct SortedSlices {
     pub front: Vec<Member>,
     /// Back-light slices.
     pub back: Vec<Member>,
+    /// `manifest.json` gives the order.
+    pub is_listed: bool,
 }

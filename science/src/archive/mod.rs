@@ -63,7 +63,7 @@ pub struct ArchiveLimits {
     pub max_member_bytes: u64,
     /// Maximum uncompressed size of all pictures together, bytes.
     pub max_total_bytes: u64,
-    /// Maximum number of bytes read to parse the directory.
+    /// Maximum number of bytes read to parse the directory. 1 MiB plus 2 KiB per member is the limit where it is lower.
     pub max_directory_bytes: u64,
     /// Limits of one picture.
     pub image: codec::Limits,
@@ -160,7 +160,7 @@ pub fn open_shared(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<Stack
 
 /// Like [`open_shared`], but fast enough for a client to wait: at most [`NEAR_BYTES`] of each compressed member are
 /// decompressed. A header beyond that (a TIFF with its directory at the end) is not checked here; the job calls
-/// [`open`]. When the headers of all slices are beyond it, the first slice is decompressed.
+/// [`open`]. When the headers of all slices of one light are beyond it, the first slice of that light is decompressed.
 ///
 /// # Errors
 /// As [`open`].
@@ -193,9 +193,10 @@ pub fn read_file(path: &Path, name: &str, limits: &ArchiveLimits) -> Result<Vec<
 fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<StackArchive, Error> {
     let mut warnings = Vec::new();
     let sorted = layout::sort(&container, limits, &mut warnings)?;
+    let is_listed = sorted.is_listed;
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
     let back = ArchivedSlices::new(container, sorted.back, *limits);
-    let common = headers::check(&front, &back, most, &mut warnings)?;
+    let common = headers::check(&front, &back, most, is_listed, &mut warnings)?;
     let largest = slice_counts::refuse_large([&front, &back], u64::from(common.width) * u64::from(common.height))?;
     let layout = StackLayout {
         front: front.names(),
@@ -230,6 +231,16 @@ fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
         n if n > SHOWN => format!("{shown} and {} more", n - SHOWN),
         _ => shown,
     }
+}
+
+/// The word for one thing or that for several.
+fn one_or_more<'a>(count: usize, one: &'a str, more: &'a str) -> &'a str {
+    if count == 1 { one } else { more }
+}
+
+/// A number of slices in words: `1 back-light slice`, `3 back-light slices`.
+fn slices_of(count: usize, light: Light) -> String {
+    format!("{count} {} {}", light.word(), one_or_more(count, "slice", "slices"))
 }
 
 #[cfg(test)]

@@ -161,10 +161,12 @@ pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &
     }
     let copies: Vec<&str> = items.iter().map(name_of).filter(|name| looks_like_a_copy(name)).collect();
     if !copies.is_empty() {
-        warnings.push(Warning::new(
-            "copied_file_name",
-            format!("{} seem to be copies of other files; they are used as slices", super::listed(copies)),
-        ));
+        let clause = super::one_or_more(
+            copies.len(),
+            "seems to be a copy of another file; it is used as a slice",
+            "seem to be copies of other files; they are used as slices",
+        );
+        warnings.push(Warning::new("copied_file_name", format!("{} {clause}", super::listed(copies))));
     }
 }
 
@@ -224,7 +226,9 @@ mod tests {
     fn copied_files_cause_a_warning() {
         let (_, warnings) = ordered(&["IMG_0001.JPG", "IMG_0001 (2).JPG", "IMG_0002.JPG"]);
         assert_eq!(warnings[0].code, "copied_file_name");
-        assert!(warnings[0].detail.contains("IMG_0001 (2).JPG"));
+        assert!(warnings[0].detail.starts_with("IMG_0001 (2).JPG seems to be a copy of another file;"));
+        let (_, warnings) = ordered(&["1.jpg", "1 copy.jpg", "2.jpg", "2 copy.jpg"]);
+        assert!(warnings[0].detail.contains(" seem to be copies of other files;"), "{}", warnings[0].detail);
     }
 
     proptest::proptest! {

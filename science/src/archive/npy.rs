@@ -54,15 +54,17 @@ impl Layout {
             ">f8" => Ok((Number::Eight, true)),
             "<f4" | "=f4" => Ok((Number::Four, false)),
             ">f4" => Ok((Number::Four, true)),
-            objects if objects.contains('O') => Err(wrong(format!(
-                "{file} holds Python objects (dtype '{objects}'), which may hold anything and are never unpacked; save plain \
-                 numbers: numpy.save(\"h.npy\", numpy.asarray(h, dtype=float))"
-            ))),
             other => {
-                let other: String = other.chars().take(80).collect();
-                Err(wrong(format!(
-                    "the numbers of {file} are of dtype '{other}'; save them as float64: h.astype(float)"
-                )))
+                let dtype: String = other.chars().take(80).collect();
+                Err(wrong(match other.contains('O') {
+                    true => format!(
+                        "{file} holds Python objects (dtype '{dtype}'), which may hold anything and are never \
+                         unpacked; save plain numbers: numpy.save(\"h.npy\", numpy.asarray(h, dtype=float))"
+                    ),
+                    false => {
+                        format!("the numbers of {file} are of dtype '{dtype}'; save them as float64: h.astype(float)")
+                    }
+                }))
             }
         }
     }
@@ -111,7 +113,10 @@ pub fn matrices(bytes: &[u8], file: &str) -> Result<Vec<[f64; 9]>, Error> {
     }
     let count = layout.shape.first().copied().unwrap_or(0);
     let count = usize::try_from(count).ok().filter(|&count| count <= MAX_SLICES).ok_or_else(|| {
-        wrong(format!("{file} has the shape {}; a stack has at most {MAX_SLICES} slices", layout.shape_text()))
+        let shape = layout.shape_text();
+        wrong(format!(
+            "{file} has the shape {shape}; a stack has at most {MAX_SLICES} slices: save the matrices of one stack only"
+        ))
     })?;
     let size = match number {
         Number::Four => 4,

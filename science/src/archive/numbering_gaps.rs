@@ -3,6 +3,7 @@
 use super::{
     member_names,
     natural_order::{self, Piece},
+    one_or_more,
 };
 
 /// Maximum number of gaps that are listed.
@@ -23,9 +24,10 @@ pub fn skipped(names: &[String]) -> Option<String> {
         return None;
     }
     let numbers: Vec<i64> = cut.iter().map(|pieces| number(&pieces[counter])).collect::<Option<_>>()?;
-    let steps: Vec<i64> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    // numbers that far apart number nothing
+    let steps: Vec<i64> = numbers.windows(2).map(|pair| pair[1].checked_sub(pair[0])).collect::<Option<_>>()?;
     let usual = usual(&steps)?;
-    let is_gap = |step: i64| step.signum() == usual.signum() && step.abs() > usual.abs();
+    let is_gap = |step: i64| step.signum() == usual.signum() && step.unsigned_abs() > usual.unsigned_abs();
     let gaps: Vec<String> = (0..steps.len())
         .filter(|&i| is_gap(steps[i]))
         .map(|i| format!("after {} comes {}", member_names::base(&names[i]), member_names::base(&names[i + 1])))
@@ -33,7 +35,10 @@ pub fn skipped(names: &[String]) -> Option<String> {
     let more = gaps.len().saturating_sub(MOST);
     match gaps.len() {
         0 => None,
-        _ if more > 0 => Some(format!("{}, and {more} more gaps", gaps[..MOST].join(", "))),
+        _ if more > 0 => {
+            let word = one_or_more(more, "gap", "gaps");
+            Some(format!("{}, and {more} more {word}", gaps[..MOST].join(", ")))
+        }
         _ => Some(gaps.join(", ")),
     }
 }
@@ -81,6 +86,25 @@ mod tests {
         assert_eq!(found.as_deref(), Some("after _step_00000_.jpg comes _step_01200_.jpg"));
         let found = of(&["s9.jpg", "s8.jpg", "s6.jpg", "s5.jpg"]);
         assert_eq!(found.as_deref(), Some("after s8.jpg comes s6.jpg"));
+    }
+
+    #[test]
+    fn gaps_beyond_the_first_three_are_counted() {
+        let numbers: Vec<i32> = (0..40).filter(|n| ![3, 9, 15, 21].contains(n)).collect();
+        let names = |numbers: &[i32]| numbers.iter().map(|n| format!("s{n}.jpg")).collect::<Vec<_>>();
+        let found = skipped(&names(&numbers)).unwrap();
+        assert!(found.ends_with("after s14.jpg comes s16.jpg, and 1 more gap"), "{found}");
+        let fewer: Vec<i32> = numbers.into_iter().filter(|&n| n != 30).collect();
+        assert!(skipped(&names(&fewer)).unwrap().ends_with(", and 2 more gaps"));
+    }
+
+    #[test]
+    fn numbers_near_the_ends_of_their_range_do_not_overflow() {
+        let (low, high) = ("s_-9000000000000000000.jpg", "s_9000000000000000000.jpg");
+        assert_eq!(of(&[low, high]), None);
+        // a step of -2^63 has no absolute value
+        let down = ["s_9.jpg", "s_8.jpg", "s_7.jpg", "s_6.jpg", "s_-9223372036854775802.jpg"];
+        assert_eq!(of(&down).as_deref(), Some("after s_6.jpg comes s_-9223372036854775802.jpg"));
     }
 
     #[test]

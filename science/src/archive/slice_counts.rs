@@ -1,6 +1,6 @@
 //! Checks the number of slices and the size of their files.
 
-use super::{listed, numbering_gaps, slices::ArchivedSlices};
+use super::{Light, listed, numbering_gaps, slices::ArchivedSlices, slices_of};
 use crate::types::{Error, ErrorKind, stack_layout::StackLayout};
 
 /// Bytes that a file may have besides its pixels: metadata, previews, padding.
@@ -30,14 +30,15 @@ pub(super) fn refuse(layout: &StackLayout) -> Result<(), Error> {
     let mismatch = |detail: String| Err(Error::new(ErrorKind::SliceCountMismatch, detail));
     if front < 2 {
         return mismatch(format!(
-            "the zip has 1 front-light slice ({}); a focus stack has at least 2",
+            "the zip has 1 front-light slice ({}); a focus stack has at least 2: add the others",
             listed(layout.front.iter().map(String::as_str))
         ));
     }
     if back != 0 && back != front {
         return mismatch(format!(
-            "the zip has {front} front-light slices and {back} back-light slices; both must be taken at the same rail \
-             positions{}",
+            "the zip has {} and {}; both must be taken at the same rail positions{}",
+            slices_of(front, Light::Front),
+            slices_of(back, Light::Back),
             missing_slices(layout)
         ));
     }

@@ -2,6 +2,8 @@
 
 mod container;
 mod damage;
+mod headers;
+mod sentences;
 mod zips;
 
 use std::{

@@ -10,8 +10,8 @@
 //! | [`median_midpoint`] | the middle value, or the mean of the two middle values |
 //!
 //! Results of the service depend on the choice, so call sites keep the definition they were tuned with. All functions
-//! reorder their argument, expect finite values (NaN sorts above infinity), and return `None` for an empty slice.
-//! Interpolation sorts, in O(n log n); the others select, in O(n).
+//! reorder their argument, expect finite values (a NaN sorts above infinity or, with its sign bit set, below minus
+//! infinity), and return `None` for an empty slice. Interpolation sorts, in O(n log n); the others select, in O(n).
 
 use std::cmp::Ordering;
 

@@ -8,11 +8,18 @@
 
 use super::{Raster, Sample, Samples, grey};
 
-/// The luma of `raster` averaged over squares, so that the longer side has at most `max_side` px: one channel of 8
-/// bits. Pixels at the right and bottom that do not fill a square are ignored.
+/// The side of the squares that give a longer side of at most `max_side` px, or that of the largest square that fits
+/// into the picture, px.
+fn square_side(raster: &Raster, max_side: usize) -> usize {
+    let (longer, shorter) = (raster.width.max(raster.height), raster.width.min(raster.height));
+    longer.div_ceil(max_side.max(1)).min(shorter).max(1)
+}
+
+/// The luma of `raster` averaged over squares, so that the longer side has at most `max_side` px, unless the shorter
+/// side has too few px for that: one channel of 8 bits. Pixels at the right and bottom that do not fill a square are
+/// ignored.
 pub fn luma(raster: &Raster, max_side: usize) -> Raster {
-    let step = raster.width.max(raster.height).div_ceil(max_side.max(1)).max(1);
-    let step = step.min(raster.width.min(raster.height).max(1));
+    let step = square_side(raster, max_side);
     match &raster.samples {
         Samples::Eight(samples) => mean_luma(samples, raster, step),
         Samples::Sixteen(samples) => mean_luma(samples, raster, step),
@@ -37,10 +44,11 @@ fn mean_luma<S: Sample>(samples: &[S], raster: &Raster, step: usize) -> Raster {
     Raster::eight(width, height, 1, out)
 }
 
-/// `raster` at 8 bits, without alpha, with a longer side of at most `max_side` px. Each pixel is the mean of four
-/// samples of its square, a quarter of the side away from the corners. That is fast, and sufficient for viewing.
+/// `raster` at 8 bits, without alpha, with a longer side of at most `max_side` px, unless the shorter side has too few
+/// px for that. Each pixel is the mean of four samples of its square, a quarter of the side away from the corners. That
+/// is fast, and sufficient for viewing.
 pub fn sampled(raster: &Raster, max_side: usize) -> Raster {
-    let step = raster.width.max(raster.height).div_ceil(max_side).max(1);
+    let step = square_side(raster, max_side);
     let (width, height, channels) = (raster.width / step, raster.height / step, raster.channels.min(3));
     let (low, high) = (step / 4, step - 1 - step / 4);
     let value = |x: usize, y: usize, c: usize| -> u32 {
@@ -155,6 +163,19 @@ mod tests {
         for x in [10, 500, 1090] {
             let middle = ((3 * x + 1) * 16) >> 8;
             assert!((i64::from(eight(&small)[x]) - middle as i64).abs() <= 1, "{} for {middle}", eight(&small)[x]);
+        }
+    }
+
+    #[test]
+    fn a_long_narrow_picture_keeps_at_least_one_row_and_one_column() {
+        for (width, height, max_side, expected) in
+            [(800, 2, 200, (400, 1)), (2, 800, 200, (1, 400)), (9, 1, 2, (9, 1)), (4, 4, 0, (1, 1)), (6, 3, 0, (2, 1))]
+        {
+            let raster = Raster::eight(width, height, 3, vec![90; width * height * 3]);
+            for small in [sampled(&raster, max_side), luma(&raster, max_side)] {
+                assert_eq!((small.width, small.height), expected, "{width} x {height}, {max_side}");
+                assert!(eight(&small).iter().all(|&value| value == 90), "{width} x {height}, {max_side}");
+            }
         }
     }
 

@@ -21,9 +21,9 @@ const HEADER_BYTES: u64 = 30 + 46 + 2 * 32;
 
 impl Container {
     /// Writes a zip of `members`, each under a new name, and of small files. Deflated members are copied with their
-    /// compressed bytes, others are stored. The size and the CRC of each member are checked. The time
-    /// fields are not kept, so the result depends on the contents only; the extra fields of deflated members, which may
-    /// hold times, are copied.
+    /// compressed bytes where their headers allow it; others are stored. The size and the CRC of each member are
+    /// checked. The time fields are not kept, so the result depends on the contents only; the extra fields of deflated
+    /// members, which may hold times, are copied.
     ///
     /// # Errors
     /// As [`Container::read`] for a member; [`ErrorKind::DiskFull`] and [`ErrorKind::Io`] for `out`.

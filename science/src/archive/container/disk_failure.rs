@@ -14,8 +14,11 @@ use crate::types::Error;
 pub(super) struct DiskFailure(Arc<OnceLock<(Option<i32>, io::ErrorKind)>>);
 
 impl DiskFailure {
+    /// Keeps the first failure. An interrupted read is none: it is repeated.
     pub(super) fn note(&self, error: &io::Error) {
-        let _ = self.0.set((error.raw_os_error(), error.kind()));
+        if error.kind() != io::ErrorKind::Interrupted {
+            let _ = self.0.set((error.raw_os_error(), error.kind()));
+        }
     }
 
     /// Replaces the error of `result` when the disk has failed before: that may be the cause.
@@ -36,6 +39,8 @@ mod tests {
     fn an_error_of_the_disk_explains_what_fails_after_it_even_if_something_else_succeeded_meanwhile() {
         let damaged = || Err::<(), _>(Error::new(ErrorKind::InvalidArchive, "the picture is damaged"));
         let failure = DiskFailure::default();
+        assert_eq!(failure.explain(damaged()).unwrap_err().kind, ErrorKind::InvalidArchive);
+        failure.note(&io::ErrorKind::Interrupted.into());
         assert_eq!(failure.explain(damaged()).unwrap_err().kind, ErrorKind::InvalidArchive);
         failure.clone().note(&io::Error::from_raw_os_error(5));
         assert!(failure.explain(Ok(())).is_ok());

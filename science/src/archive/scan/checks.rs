@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use super::view::Group;
 use crate::{
-    archive::listed,
+    archive::{Light, listed, one_or_more, slices_of},
     types::{Error, ErrorKind, Warning, error::ErrorLocation},
 };
 
@@ -23,11 +23,11 @@ pub(super) fn check(groups: &[Group], is_listed: bool) -> Result<(), Error> {
         return Err(Error::new(ErrorKind::InvalidArchive, detail));
     }
     if let ([one], false) = (groups, is_listed) {
-        let (front, back) = (one.front.len(), one.back.len());
+        let (front, back) = (slices_of(one.front.len(), Light::Front), slices_of(one.back.len(), Light::Back));
         let detail = format!(
-            "the zip holds one stack ({front} front-light and {back} back-light slices), or its names do not tell the views \
-             apart; send one stack to /v1/stacks; for a scan, put each view into a folder of its own, name the views in \
-             the file names (bee_pan020_tilt06_focus_03.jpg), or list them in a manifest.json"
+            "the zip holds one stack ({front} and {back}), or its names do not tell the views apart; send one stack to \
+             /v1/stacks; for a scan, put each view into a folder of its own, name the views in the file names \
+             (bee_pan020_tilt06_focus_03.jpg), or list them in a manifest.json"
         );
         return Err(Error::new(ErrorKind::InvalidArchive, detail));
     }
@@ -54,13 +54,15 @@ pub(super) fn wrong_counts(group: &Group) -> Option<String> {
     let (name, front, back) = (group.shown(), group.front.len(), group.back.len());
     match (front, back) {
         (0, _) => {
-            Some(format!("{name} has {back} back-light slices and no front-light slices; add them, or remove it"))
+            let back = slices_of(back, Light::Back);
+            Some(format!("{name} has {back} and no front-light slices; add them, or remove it"))
         }
         (1, _) => Some(format!("{name} has one front-light slice; a stack needs two or more: add them, or remove it")),
         (_, 0) => None,
         _ if front != back => Some(format!(
-            "{name} has {front} front-light and {back} back-light slices; both need the same number: add what is missing, \
-             or remove the view"
+            "{name} has {} and {}; both need the same number: add what is missing, or remove the view",
+            slices_of(front, Light::Front),
+            slices_of(back, Light::Back)
         )),
         _ => None,
     }
@@ -79,10 +81,12 @@ pub(super) fn same_views(groups: &[Group]) -> Vec<(usize, String)> {
             None => (key, Some(group.label.as_deref().unwrap_or_default().to_lowercase())),
         };
         if let Some(other) = seen.insert(key, group.shown()) {
-            let detail = format!(
-                "{other} and {} have the same angles or the same name; one zip holds each view once: remove or rename one",
-                group.shown()
-            );
+            let (what, advice) = match group.angles() {
+                Some(_) => ("angles", "remove one, or correct its angles"),
+                None => ("name", "remove or rename one"),
+            };
+            let detail =
+                format!("{other} and {} have the same {what}; one zip holds each view once: {advice}", group.shown());
             same.push((at, detail));
         }
     }
@@ -106,7 +110,9 @@ pub(super) fn warn(groups: &[Group], warnings: &mut Vec<Warning>) {
     if !others.is_empty() {
         let (slices, no_back) = usual;
         let lights = if no_back { "front light only" } else { "both lights" };
-        let detail = format!("{} differ from the other views, which have {slices} slices and {lights}", listed(others));
+        let differ = one_or_more(others.len(), "differs", "differ");
+        let detail =
+            format!("{} {differ} from the other views, which have {slices} slices and {lights}", listed(others));
         warnings.push(Warning::new("views_differ", detail));
     }
 }

@@ -62,7 +62,9 @@ pub(super) fn group(
     ignored.extend(raw.iter().map(|member| ignore(member, "a camera raw file; the picture of the same name is used")));
     let used = listed.as_ref().map(|listed| listed.manifest);
     let unused = others.iter().filter(|other| Some(other.index) != used);
-    ignored.extend(unused.map(|member| ignore(member, "neither a JPEG, PNG or TIFF picture nor a manifest")));
+    ignored.extend(
+        unused.map(|member| ignore(member, "neither a JPEG, PNG or TIFF picture nor the manifest of the scan")),
+    );
     let mut groups = match listed {
         Some(ListedViews { groups, .. }) => {
             let named: HashSet<usize> =

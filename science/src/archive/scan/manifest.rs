@@ -1,18 +1,18 @@
 //! The `manifest.json` of a scan: the views, given explicitly.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use serde::Deserialize;
 
-use super::view::Group;
+use super::{folders, view::Group};
 use crate::{
     archive::{invalid, member_names, members::Member},
     types::Error,
 };
 
-/// Name of the file.
+/// Name of the file, in the root or in a folder that encloses everything.
 const FILE: &str = "manifest.json";
-/// Maximum size, bytes: 400 views of 120 slices with names of 100 bytes.
+/// Maximum size, bytes: more than 400 views of 120 slices in both lights with names of 100 bytes.
 const MAX_BYTES: u64 = 16 << 20;
 
 #[derive(Deserialize)]
@@ -41,11 +41,27 @@ pub(super) struct ListedViews {
     pub groups: Vec<Group>,
 }
 
-/// The manifest among the files that are not pictures: the one that is least deep in folders.
-pub(super) fn find(others: &[Member]) -> Option<&Member> {
-    let depth = |member: &Member| member.name.matches('/').count();
-    let is_manifest = |member: &&Member| member_names::base(&member.name).eq_ignore_ascii_case(FILE);
-    others.iter().filter(is_manifest).min_by_key(|member| depth(member))
+/// True for a file with the name of a manifest, in any folder.
+pub(super) fn has_its_name(member: &Member) -> bool {
+    member_names::base(&member.name).eq_ignore_ascii_case(FILE)
+}
+
+/// The manifest among the files that are not pictures. It is in the root or in a folder that encloses all `pictures`
+/// but those of results and of targets; of several the least deep one. A file of this name in another folder belongs to
+/// another program.
+pub(super) fn find<'a>(others: &'a [Member], pictures: &[Member]) -> Option<&'a Member> {
+    let has_slices = |folder: &&str| folders::no_view(folder).is_none();
+    let all: HashSet<&str> = pictures.iter().map(Member::folder).collect();
+    let slices: Vec<&str> = all.iter().copied().filter(has_slices).collect();
+    let enclosed = if slices.is_empty() { all.into_iter().collect() } else { slices };
+    let encloses_all = |folder: &str| enclosed.iter().all(|inner| is_within(inner, folder));
+    let depth = |member: &&Member| member.name.matches('/').count();
+    others.iter().filter(|member| has_its_name(member) && encloses_all(member.folder())).min_by_key(depth)
+}
+
+/// True when `inner` is `folder` or in it.
+fn is_within(inner: &str, folder: &str) -> bool {
+    folder.is_empty() || inner.strip_prefix(folder).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
 /// Refuses a manifest that is too large to read.

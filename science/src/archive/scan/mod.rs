@@ -76,7 +76,7 @@ pub struct ScanArchive {
 /// |---|---|
 /// | [`ErrorKind::InvalidArchive`] | as [`open`](super::open); a zip that is one stack; no layout recognised; ambiguous names; equal angles; a manifest that does not match |
 /// | [`ErrorKind::SliceCountMismatch`] | a view with one slice, with back light only, or with unequal lights |
-/// | [`ErrorKind::InvalidImage`] | camera raw files without a picture, empty files |
+/// | [`ErrorKind::InvalidImage`] | camera raw files without a picture |
 /// | others | as [`open`](super::open) |
 pub fn open_scan(path: &Path, limits: &ArchiveLimits, rules: &ScanRules) -> Result<ScanArchive, Error> {
     let container = Container::open_file(path, limits)?;
@@ -88,7 +88,7 @@ pub fn open_scan(path: &Path, limits: &ArchiveLimits, rules: &ScanRules) -> Resu
     }
     layout::refuse_twins(&split.pictures)?;
     layout::refuse_too_much(&split.pictures, limits)?;
-    let listed = match manifest::find(&split.others) {
+    let listed = match manifest::find(&split.others, &split.pictures) {
         Some(member) => {
             manifest::refuse_too_large(member)?;
             manifest::read(member, &container.read(member, limits)?, &split.pictures)?
@@ -121,8 +121,8 @@ impl ScanArchive {
     }
 
     /// Writes view `index` as a zip with the folders `front` and `back`. Deflated members are copied with their
-    /// compressed bytes, others are stored; size and CRC of each member are checked. The same scan gives the same
-    /// bytes.
+    /// compressed bytes where their headers allow it; others are stored. Size and CRC of each member are checked. The
+    /// same scan gives the same bytes.
     ///
     /// # Errors
     /// [`ErrorKind::InvalidArchive`] with the file name for a damaged member;

@@ -51,7 +51,7 @@ pub struct NamedView {
 }
 
 /// Groups names into views. `names` are relative, with `/` or `\` between folders. `listed` is the content of the
-/// `manifest.json` among them.
+/// `manifest.json` among them. It is ignored when that file is in a folder that does not enclose all pictures.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for absolute names, `..`, control characters, names that are
@@ -70,18 +70,20 @@ pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -
         reason: format!("a {format} camera raw file without a picture of the same name; convert it first"),
         name: member.name,
     }));
-    let listed = match (manifest::find(&split.others), listed) {
+    let is_named = split.others.iter().any(manifest::has_its_name);
+    let listed = match (manifest::find(&split.others, &split.pictures), listed) {
         (Some(member), Some(bytes)) => manifest::read(member, bytes, &split.pictures)?,
         (Some(member), None) => {
             let detail = format!("{} lists the views: its content is needed too, as manifest", member.name);
             return Err(invalid(&member.name, detail));
         }
-        (None, Some(_)) => {
+        (None, Some(_)) if !is_named => {
             let detail = "a manifest was given, but none of the names is manifest.json: add its name, which says where \
                           the names in it begin";
             return Err(invalid("manifest.json", detail));
         }
-        (None, None) => None,
+        // without a manifest, or with one that belongs to another program
+        (None, _) => None,
     };
     let twins: HashMap<usize, String> =
         layout::twins(&split.pictures).into_iter().map(|(member, detail)| (member.index, detail)).collect();

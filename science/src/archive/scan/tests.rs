@@ -1,5 +1,7 @@
 //! Zips with whole scans, as labs make them.
 
+mod manifests;
+
 use std::{
     collections::BTreeMap,
     io::{Cursor, Write},
@@ -249,7 +251,7 @@ fn what_is_wrong_is_told_with_the_view() {
     let (kind, detail) = refused(&["a/1.png", "a/2.png", "b/1.png"]);
     assert!(kind == ErrorKind::SliceCountMismatch && detail.starts_with("b has one front-light slice"), "{detail}");
     let (_, detail) = refused(&["a/front/1.png", "a/front/2.png", "a/back/1.png", "b/1.png", "b/2.png"]);
-    assert!(detail.starts_with("a has 2 front-light and 1 back-light slices"), "{detail}");
+    assert!(detail.starts_with("a has 2 front-light slices and 1 back-light slice; both need"), "{detail}");
     let (kind, detail) =
         refused(&["pan020_tilt0/1.png", "pan020_tilt0/2.png", "pan20_tilt00/1.png", "pan20_tilt00/2.png"]);
     assert!(kind == ErrorKind::InvalidArchive && detail.contains("pan020_tilt0 and pan20_tilt00"), "{detail}");

@@ -131,6 +131,40 @@ fn limits_are_kept_and_a_member_that_is_larger_than_it_says_is_refused() {
 }
 
 #[test]
+fn a_directory_far_larger_than_its_members_need_is_refused() {
+    let names: Vec<String> = (0..20).map(|i| format!("{i:060000}.png")).collect();
+    let bytes = zip(&pictures(&names.iter().map(String::as_str).collect::<Vec<_>>()));
+    let limits = ArchiveLimits { max_members: 20, ..ArchiveLimits::default() };
+    let fault = open_within(&bytes, &limits).err().unwrap();
+    assert_eq!(fault.kind, ErrorKind::ArchiveTooLarge, "{fault}");
+    assert!(fault.detail.starts_with("the directory of the zip is too large; make the zip again"), "{fault}");
+}
+
+/// A zip of two pictures, the second of which is at `offset` according to the zip64 field of its header.
+fn with_zip64_offset(offset: u64) -> Vec<u8> {
+    let mut bytes = zip(&pictures(&["a.png", "b.png"]));
+    let end = bytes.len() - 22;
+    let header = bytes.windows(4).rposition(|window| window == b"PK\x01\x02").unwrap();
+    let field = [&[1, 0, 8, 0][..], &offset.to_le_bytes()].concat();
+    bytes[header + 30..header + 32].copy_from_slice(&(field.len() as u16).to_le_bytes());
+    bytes[header + 42..header + 46].copy_from_slice(&u32::MAX.to_le_bytes());
+    let size = u32::from_le_bytes(bytes[end + 12..end + 16].try_into().unwrap()) + field.len() as u32;
+    bytes[end + 12..end + 16].copy_from_slice(&size.to_le_bytes());
+    bytes.splice(end..end, field);
+    bytes
+}
+
+#[test]
+fn a_member_beyond_the_end_of_the_file_is_a_fault_of_the_zip() {
+    let local = zip(&pictures(&["a.png", "b.png"])).windows(4).rposition(|window| window == b"PK\x03\x04").unwrap();
+    assert!(open_bytes(&with_zip64_offset(local as u64)).is_ok(), "the field is read");
+    for offset in [1 << 20, 1 << 62, 1 << 63] {
+        let fault = open_bytes(&with_zip64_offset(offset)).err().unwrap();
+        assert_eq!(fault.kind, ErrorKind::InvalidArchive, "offset {offset}: {fault}");
+    }
+}
+
+#[test]
 fn a_tiff_with_its_directory_at_the_end_is_probed_from_a_compressed_member() {
     let tiff = |seed| {
         let mut out = Cursor::new(Vec::new());

@@ -123,6 +123,17 @@ fn strips_all_over_a_file_cost_one_small_read_each() {
     assert!(read <= 8192 * u64::from(STRIPS) + 8 * size, "{read} bytes");
 }
 
+#[test]
+fn too_many_members_are_refused_before_the_directory_is_read() {
+    let members: Vec<Entry> = (0..20_000).map(|i| entry(&format!("{i:05}.png"), b"")).collect();
+    let disk = Arc::new(CountingDisk { bytes: zip(&members), read: AtomicU64::new(0) });
+    let fault = open_shared(disk.clone(), &ArchiveLimits::default()).err().unwrap();
+    assert_eq!(fault.kind, ErrorKind::ArchiveTooLarge);
+    assert_eq!(fault.detail, "the zip has 20000 members; at most 2500 are allowed");
+    let read = disk.read.load(Ordering::Relaxed);
+    assert!(read < 200_000, "{read} bytes of a directory of {} bytes", 20_000 * (46 + 9));
+}
+
 fn sound() -> Vec<u8> {
     let mut entries = pictures(&["w/front/a.png", "w/front/b.png", "w/back/a.png", "w/back/b.png"]);
     entries[1] = deflated(entries[1].clone(), 8);

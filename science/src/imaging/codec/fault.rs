@@ -32,7 +32,8 @@ pub enum ImageFault {
     },
     /// The size exceeds the limits.
     #[error(
-        "its header declares {width} x {height} px; at most {} x {} px and {} megapixels are allowed",
+        "its header declares {width} x {height} px; at most {} x {} px and {} megapixels are allowed; reduce or crop \
+         all slices alike",
         limits.max_width, limits.max_height, limits.max_pixels / 1_000_000
     )]
     TooLarge {
@@ -54,6 +55,12 @@ pub enum ImageFault {
         /// The message of the decoder.
         why: String,
     },
+    /// The decoder failed by a panic: the file is damaged, or the decoder does not expect its layout.
+    #[error(
+        "the {0} cannot be decoded: it is damaged, or of an unusual kind; save it again as an ordinary TIFF, \
+         PNG or JPEG"
+    )]
+    Undecodable(Format),
     /// A valid file with a feature that is not supported.
     #[error("{what}; {advice}")]
     Unsupported {

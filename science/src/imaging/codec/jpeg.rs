@@ -12,7 +12,7 @@ use std::{
 
 use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
-use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation};
+use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, icc_parts::IccParts, orientation};
 use crate::imaging::Raster;
 
 /// Maximum number of bytes before the first scan. Cameras write previews of some megabytes there.
@@ -58,7 +58,7 @@ struct Head {
     /// Colour transform of the Adobe marker.
     adobe: Option<u8>,
     exif: Option<Vec<u8>>,
-    icc: Vec<(u8, Vec<u8>)>,
+    icc: IccParts,
 }
 
 impl Head {
@@ -126,11 +126,7 @@ impl Head {
                     self.exif = Some(block.to_vec());
                 }
             }
-            APP2 => {
-                if let Some([number, _count, part @ ..]) = segment.strip_prefix(b"ICC_PROFILE\0") {
-                    self.icc.push((*number, part.to_vec()));
-                }
-            }
+            APP2 => self.icc.add(&segment),
             APP14 if segment.starts_with(b"Adobe") => self.adobe = segment.get(11).copied(),
             _ => {}
         }
@@ -177,14 +173,6 @@ impl Head {
 
     fn orientation(&self) -> u8 {
         self.exif.as_deref().and_then(exif_block::orientation).unwrap_or(1)
-    }
-
-    /// The ICC profile, joined from its numbered parts; `None` when one is missing.
-    fn icc_profile(&self) -> Option<Vec<u8>> {
-        let mut parts: Vec<&(u8, Vec<u8>)> = self.icc.iter().collect();
-        parts.sort_by_key(|(number, _)| *number);
-        let whole = parts.iter().enumerate().all(|(i, (number, _))| usize::from(*number) == i + 1);
-        (whole && !parts.is_empty()).then(|| parts.iter().flat_map(|(_, part)| part.iter().copied()).collect())
     }
 }
 
@@ -287,10 +275,7 @@ pub(super) fn probe(reader: impl BufRead, limits: &Limits) -> Result<Header, Ima
 }
 
 pub(super) fn metadata(bytes: &[u8]) -> Metadata {
-    match Head::read(bytes) {
-        Ok(head) => Metadata { icc: head.icc_profile(), exif: head.exif },
-        Err(_) => Metadata::default(),
-    }
+    Head::read(bytes).map(|head| Metadata { icc: head.icc.joined(), exif: head.exif }).unwrap_or_default()
 }
 
 /// The picture as stored, and its orientation.
@@ -321,9 +306,9 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(
     Ok((Raster::eight(width, height, channels, samples), header.orientation))
 }
 
-/// The samples as stored, decoded with 256 bits of `guard` in place of the end marker. No Huffman table has a code of
-/// all ones (ITU T.81, annex C), so a decoder that reads the guard fails instead of inventing the rest of the picture.
-/// A complete scan is decoded without reading it. The memory of `buffer` is used again.
+/// The samples as stored, decoded with at least 256 bits of `guard` in place of the end marker. No Huffman table has a
+/// code of all ones (ITU T.81, annex C), so a decoder that reads the guard fails instead of inventing the rest of the
+/// picture. A complete scan is decoded without reading it. The memory of `buffer` is used again.
 fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2], mut buffer: Vec<u8>) -> Result<Vec<u8>, ImageFault> {
     let mut guarded = Vec::with_capacity(end + 66);
     guarded.extend_from_slice(&bytes[..end]);

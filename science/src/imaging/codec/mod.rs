@@ -8,6 +8,7 @@ mod encode;
 mod exif_block;
 mod exif_output;
 mod fault;
+mod icc_parts;
 mod jpeg;
 mod metadata;
 mod orientation;
@@ -183,8 +184,7 @@ pub fn metadata(bytes: &[u8]) -> Metadata {
 /// Runs a decoder of another crate on an untrusted file. A panic (assertions fail on unusual layouts) becomes a
 /// refusal. The decoder is dropped afterwards, so a broken state cannot be observed.
 fn catch_panic<T>(format: Format, decode: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
-        .unwrap_or_else(|_| Err(ImageFault::damaged(format, "the decoder failed")))
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode)).unwrap_or(Err(ImageFault::Undecodable(format)))
 }
 
 #[cfg(test)]

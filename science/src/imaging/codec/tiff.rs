@@ -14,8 +14,8 @@ use crate::imaging::Raster;
 /// Pages after the first that are examined, to recognise a file that holds a whole stack.
 const PAGES_LOOKED_AT: usize = 8;
 
-/// Maximum expansion ratio: that of LZW, 4,096 bytes per 12-bit code. A file that declares more is truncated and
-/// refused before memory is allocated.
+/// Upper bound of the expansion ratio: LZW gives at most 4,096 bytes per code of 12 bits, which is 2,731. A file that
+/// declares more is truncated and refused before memory is allocated.
 const LARGEST_RATIO: usize = 4_096;
 
 /// Maximum memory of the value of a tag, bytes.

@@ -53,6 +53,17 @@ impl Disc {
         (self.half_chords.len() / 2 + 2) << self.halvings
     }
 
+    /// Side of the squares, counted from the top left of a plane, that are averaged first, px; 1 for small discs.
+    pub fn square_side(&self) -> usize {
+        1 << self.halvings
+    }
+
+    /// The part of a `width` x `height` image that the blurred `rect` depends on, extended to whole squares of the
+    /// image: a plane that is cut out there gives the same blurred pixels as any larger one.
+    pub fn window(&self, rect: Rect, width: usize, height: usize) -> Rect {
+        rect.grown(self.reach(), width, height).in_squares(self.square_side(), width, height)
+    }
+
     /// The blurred plane, of the same size. Beyond the border the border pixel is repeated.
     pub fn blurred(&self, plane: &Plane<f32>) -> Plane<f32> {
         self.blurred_in(plane, Rect::whole(plane.width, plane.height))
@@ -71,9 +82,9 @@ impl Disc {
                 false => self.at_full_size(&plane.crop(seen), inner),
             };
         }
-        // each square of this side becomes one pixel
-        let side = 1usize << self.halvings;
-        let seen = rect.grown(self.reach(), plane.width, plane.height).in_squares(side, plane.width, plane.height);
+        // each square becomes one pixel
+        let side = self.square_side();
+        let seen = self.window(rect, plane.width, plane.height);
         let mut small = match seen == Rect::whole(plane.width, plane.height) {
             true => halved(plane, self.simd),
             false => halved(&plane.crop(seen), self.simd),
@@ -317,6 +328,22 @@ mod tests {
                         assert!(away.abs() < 1e-3, "radius {radius}: {away} away at {x}, {y} of {rect:?}");
                     }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_window_cut_out_of_the_plane_gives_the_blurred_pixels_of_the_plane() {
+        let speckle = Plane::from_fn(191, 147, |x, y| ((x * 7919 + y * 104_729 + x * y * 31) % 251) as f32);
+        for radius in [0.4f32, 6.0, 14.0, 27.0, 51.0] {
+            let disc = Disc::new(radius);
+            let whole = disc.blurred(&speckle);
+            for rect in [Rect { x: 93, y: 75, width: 20, height: 11 }, Rect { x: 171, y: 3, width: 20, height: 99 }] {
+                let window = disc.window(rect, 191, 147);
+                let inner = Rect { x: rect.x - window.x, y: rect.y - window.y, ..rect };
+                let part = disc.blurred_in(&speckle.crop(window), inner);
+                let most = part.data.iter().zip(&whole.crop(rect).data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(most < 1e-3, "radius {radius}: {most} away in {rect:?}");
             }
         }
     }

@@ -144,9 +144,11 @@ proptest::proptest! {
 }
 
 #[test]
-fn a_decoder_that_panics_means_a_damaged_file() {
+fn a_decoder_that_panics_means_a_file_that_is_damaged_or_unusual() {
     let refused = catch_panic(Format::Tiff, || -> Result<(), ImageFault> { panic!("an assertion of a decoder") });
-    assert!(matches!(refused, Err(ImageFault::Damaged { format: Format::Tiff, .. })));
+    assert_eq!(refused, Err(ImageFault::Undecodable(Format::Tiff)));
+    let sentence = ImageFault::Undecodable(Format::Tiff).to_string();
+    assert!(sentence.starts_with("the TIFF cannot be decoded: it is damaged, or of an unusual kind; "), "{sentence}");
 }
 
 #[test]

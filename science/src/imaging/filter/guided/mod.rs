@@ -5,10 +5,10 @@
 //! does not cover are excluded: they are in no sum and no count, and no window is centred on them.
 //!
 //! Exactness: the guide is an integer (0..=65535), so the window sums of `I`, `I^2`, `p` and `I p` are exact, and `var`
-//! and `cov` have exact numerators; with `eps` = 1e-6 single precision would lose 6 % of it. `a` and `b` are rounded to
-//! multiples of a power of two (2^-20 in `subsampled`, 2^-18 in `reference`, 2^-13 to 2^-18 in `integer`) and summed
-//! exactly. So the result does not depend on the tiling, and where `p` is constant within reach the result is exactly
-//! that constant.
+//! and `cov` are computed from them in double precision; with `eps` = 1e-6 single precision would lose 6 % of it. `a`
+//! and `b` are rounded to multiples of a power of two (2^-20 in `subsampled`, 2^-18 in `reference`, 2^-13 to 2^-18 in
+//! `integer`) and summed exactly. So the result does not depend on the tiling, and where `p` is constant within reach
+//! the result is exactly that constant.
 //!
 //! Three kernels compute the filter. The first that supports the parameters is used:
 //!

@@ -177,7 +177,7 @@ fn lines(
         let i = f64::from(i1[x].wrapping_sub(i0[x]));
         let ip = f64::from(ip1[x].wrapping_sub(ip0[x]));
         let p = f64::from(p1[x].wrapping_sub(p0[x]));
-        // below 2^46
+        // below 2^48
         let ii = f64::from_bits(TWO_52_BITS | ii1[x].wrapping_sub(ii0[x])) - TWO_52;
         let n = n[x];
         // both numerators are differences of integers, so a constant map gives exactly a = 0
