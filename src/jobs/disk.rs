@@ -4,9 +4,16 @@
 use crate::contract::{
     artifact::{PixelSizes, StackArtifact},
     options::HeightMode,
-    request::JobRequest,
+    request::{JobRequest, StackRequest},
 };
-use pinstack_science::types::{profile::ProfileInput, stack_layout::StackLayout};
+use pinstack_science::{
+    fusion::Plan,
+    imaging::Depth,
+    types::{
+        fusion_options::{GuidedParams, Method},
+        profile::ProfileInput,
+    },
+};
 
 /// Constant part: small pictures, documents, and the overhead of the file system.
 const BASE: u64 = 16 << 20;
@@ -15,60 +22,115 @@ const COPY: u64 = 2 * 1600 * 1600 * 3;
 
 /// Upper bound of the bytes that a job writes.
 ///
-/// - A stack: the raw warped slices of one light (those of the second light replace those of the first), and the
-///   uncompressed results: image with alpha, mask, fused back light, index of the sharpest slice,
-///   height map if it was asked for.
+/// - A stack: the scratch file of one light ([`Plan::scratch_bytes`]; that of the second light replaces it, and is not
+///   larger, because it is grey), and the uncompressed results: image with alpha, mask, fused back light, index of the
+///   sharpest slice, height map if it was asked for.
 /// - A calibration: a small copy and an overlay of each slice.
 pub fn disk_need(request: &JobRequest) -> u64 {
     match request {
-        JobRequest::Stack(request) => {
-            let slices = Slices::of_layout(&request.layout);
-            let image_sample = request.options.bit_depth.sample_bytes(request.layout.bit_depth);
-            stack(&slices, image_sample, request.options.height != HeightMode::None)
-        }
+        JobRequest::Stack(request) => of_request(request),
         JobRequest::Calibration(request) => calibration(request.layout.front.len()),
     }
 }
 
-/// The same for a stack of which only the profile is known. Assumes 8-bit colour and a height map.
-pub fn disk_need_by_profile(profile: &ProfileInput) -> u64 {
-    let slices = Slices {
-        pixels: u64::from(profile.image_width) * u64::from(profile.image_height),
-        count: profile.homographies.len() as u64,
-        bytes_per_pixel: 3,
+fn of_request(request: &StackRequest) -> u64 {
+    let (layout, options) = (&request.layout, &request.options);
+    let plan = Plan {
+        method: options.method,
+        ..Plan::aligned(layout.width as usize, layout.height as usize, layout.front.len())
     };
-    stack(&slices, 1, true)
+    let format = Format {
+        channels: layout.channels.into(),
+        depth: if layout.bit_depth > 8 { Depth::Sixteen } else { Depth::Eight },
+    };
+    let image_sample = options.bit_depth.sample_bytes(layout.bit_depth);
+    stack(&plan, &format, image_sample, options.height != HeightMode::None)
 }
 
-struct Slices {
-    pixels: u64,
-    count: u64,
-    bytes_per_pixel: u64,
+/// The same for a stack of which only the profile is known. Assumes 8-bit colour, a height map, and the method with the
+/// largest scratch file.
+pub fn disk_need_by_profile(profile: &ProfileInput) -> u64 {
+    let plan = Plan::from_profile(profile, Method::HaloCorrected, GuidedParams::default());
+    stack(&plan, &Format { channels: 3, depth: Depth::Eight }, 1, true)
 }
 
-impl Slices {
-    fn of_layout(layout: &StackLayout) -> Self {
-        Self {
-            pixels: u64::from(layout.width) * u64::from(layout.height),
-            count: layout.front.len() as u64,
-            bytes_per_pixel: u64::from(layout.channels) * sample(layout),
-        }
-    }
+/// The sample format of the slices.
+struct Format {
+    channels: usize,
+    depth: Depth,
 }
 
 /// `image_sample`: bytes per sample of the image; `height`: with a height map.
-fn stack(slices: &Slices, image_sample: u64, height: bool) -> u64 {
-    let warped = slices.count.saturating_mul(slices.bytes_per_pixel);
-    let sizes = PixelSizes { image_sample, slice_pixel: slices.bytes_per_pixel };
+fn stack(plan: &Plan, format: &Format, image_sample: u64, height: bool) -> u64 {
+    let scratch = plan.scratch_bytes(format.channels, format.depth);
+    let sizes = PixelSizes { image_sample, slice_pixel: (format.channels * format.depth.bytes()) as u64 };
     let made = StackArtifact::ALL.iter().filter(|artifact| height || !artifact.needs_height());
     let results: u64 = made.map(|artifact| artifact.pixel_bytes(&sizes)).sum();
-    BASE.saturating_add(slices.pixels.saturating_mul(warped.saturating_add(results)))
+    let pixels = (plan.width as u64).saturating_mul(plan.height as u64);
+    BASE.saturating_add(scratch).saturating_add(pixels.saturating_mul(results))
 }
 
 fn calibration(slices: usize) -> u64 {
     BASE.saturating_add(COPY.saturating_mul(slices as u64))
 }
 
-fn sample(layout: &StackLayout) -> u64 {
-    if layout.bit_depth > 8 { 2 } else { 1 }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contract::request::Upload;
+    use pinstack_science::types::{Homography, stack_layout::StackLayout};
+
+    /// A stack of ten colour slices.
+    fn stack(width: u32, height: u32, bit_depth: u8, method: Method) -> JobRequest {
+        let mut request = StackRequest {
+            options: Default::default(),
+            profile_revision: 1,
+            profile_digest: String::new(),
+            profile_optics_digest: None,
+            upload: Upload { key: String::new(), bytes: 0, sha256: String::new(), filename: None },
+            layout: StackLayout {
+                front: vec![String::new(); 10],
+                back: vec![],
+                width,
+                height,
+                bit_depth,
+                channels: 3,
+                orientation: 1,
+                largest_file_bytes: 0,
+            },
+            rerun_of: None,
+        };
+        request.options.method = method;
+        JobRequest::Stack(request)
+    }
+
+    #[test]
+    fn the_scratch_file_is_reserved_with_its_padding_and_its_cells() {
+        // 33 x 65 px are 2 x 3 blocks of 32 px; 9 x 17 cells are one block
+        let results = 33 * 65 * (4 + 1 + 3 + 2);
+        let samples = 2 * 3 * 32 * 32 * 3;
+        let need = |bit_depth, method| disk_need(&stack(33, 65, bit_depth, method)) - BASE;
+        assert_eq!(need(8, Method::Guided), 10 * samples + results);
+        assert_eq!(need(8, Method::Pyramid), 10 * samples + results);
+        assert_eq!(need(8, Method::HaloCorrected), 10 * (samples + 32 * 32) + results);
+        assert!(need(16, Method::Guided) >= 10 * 2 * samples + results);
+    }
+
+    #[test]
+    fn the_need_by_profile_is_that_of_the_largest_stack_in_8_bit_colour() {
+        let profile = ProfileInput {
+            image_width: 33,
+            image_height: 65,
+            homographies: vec![Homography::IDENTITY; 10],
+            ..ProfileInput::default()
+        };
+        let by_profile = disk_need_by_profile(&profile);
+        for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+            let JobRequest::Stack(mut request) = stack(33, 65, 8, method) else { panic!("a stack") };
+            request.options.height = HeightMode::Auto;
+            let need = disk_need(&JobRequest::Stack(request));
+            assert!(by_profile >= need, "{method:?}: {by_profile} for {need}");
+            assert_eq!(by_profile == need, method == Method::HaloCorrected, "{method:?}");
+        }
+    }
 }

@@ -20,7 +20,10 @@ use super::{
 };
 use crate::{
     imaging::Sample,
-    types::{Error, ErrorKind, Interrupted, fusion_options::Method},
+    types::{
+        Error, ErrorKind, Interrupted,
+        fusion_options::{GuidedParams, Method},
+    },
 };
 
 /// A stage of progress as [`Control::progress`](crate::types::Control::progress) reports it, and its share of the time.
@@ -68,7 +71,9 @@ impl Method {
 /// The focus measure by which the first pass compares slices.
 pub(super) fn focus_measure(plan: &Plan) -> FocusMeasure {
     match plan.method {
-        Method::Guided | Method::Pyramid => FocusMeasure::saliency(&plan.params),
+        Method::Guided => FocusMeasure::saliency(&plan.params),
+        // the parameters are those of guided filtering alone
+        Method::Pyramid => FocusMeasure::saliency(&GuidedParams::default()),
         Method::HaloCorrected => FocusMeasure::energy(plan.width, plan.height, plan.slices.len()),
     }
 }

@@ -25,7 +25,7 @@
 //!
 //! Properties of all methods:
 //!
-//! - Memory does not depend on the number of slices ([`Plan::memory_bytes`]); the scratch file does
+//! - Memory ([`Plan::memory_bytes`]) does not grow with the number of slices above 4; the scratch file does
 //!   ([`Plan::scratch_bytes`]).
 //! - The same input gives the same bytes, for any number of threads and any size of tiles. Pixels that are not shown
 //!   ([`FusionRequest::shown`]) may depend on the size of the tiles, and far from those that are shown the index is
@@ -70,7 +70,7 @@ use sample_format::{FormattedSlices, SampleFormat};
 #[cfg(doc)]
 use crate::types::fusion_options::Method;
 
-/// Fraction of the covered pixels that may be clamped without a warning.
+/// Fraction of the fused pixels that may be clamped without a warning.
 const MAX_CLAMPED_FRACTION: f64 = 0.01;
 
 /// Fuses a stack by the method of `plan`.
@@ -169,8 +169,7 @@ impl Run<'_> {
         let (width, height) = (self.plan.width, self.plan.height);
         let covered = valid.data.par_iter().filter(|&&v| v != 0).count();
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
-        let mut warnings =
-            warnings(width * height, covered, blended.clamped as f64 / blended.fused.min(covered).max(1) as f64);
+        let mut warnings = warnings(width * height, covered, blended.clamped);
         warnings.extend(blended.contradicts_profile.then(|| depth_order_disagrees(self.plan)));
         Ok(Fused { image, index: aligned.index, height_map, valid, quality, warnings })
     }
@@ -181,8 +180,8 @@ fn depth_order_disagrees(plan: &Plan) -> Warning {
     let (near, other) = if plan.near_first == Some(true) { ("first", "last") } else { ("last", "first") };
     let detail = format!(
         "by the profile the {near} slice is focused nearest to the camera, but the outlines in the stack show that the \
-         {other} one is; if halos beside outlines are worse than with method=pyramid, correct capture_mode in the profile, \
-         or the order of the slices"
+         {other} one is; if halos beside outlines are worse than with method=pyramid, set or correct \
+         capture_mode in the profile, or the order of the slices"
     );
     Warning::new("depth_order_disagrees", detail)
 }
@@ -205,8 +204,8 @@ fn warnings(pixels: usize, covered: usize, clamped: f64) -> Vec<Warning> {
         warnings.push(Warning::new(
             "fusion_overshoot",
             format!(
-                "{:.1} % of the fused pixels were outside the range of their bit depth and were clamped; check the image for \
-                 halos, or expose the slices so that fewer pixels are near black or white",
+                "{:.1} % of the fused pixels were outside the range of their bit depth and were clamped; check the \
+                 image for halos, or expose the slices so that fewer pixels are near black or white",
                 100.0 * clamped
             ),
         ));

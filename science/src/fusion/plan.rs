@@ -34,7 +34,7 @@ pub struct Plan {
     pub reference: usize,
     /// The fusion method.
     pub method: Method,
-    /// Parameters of [`Method::Guided`]. The focus measure of [`Method::Pyramid`] uses `r_g` and `sigma_g` too.
+    /// Parameters of [`Method::Guided`]; they have no effect on the other methods.
     pub params: GuidedParams,
     /// Whether the first slice is focused nearest to the camera and the last farthest from it. `None` if unknown: then
     /// [`Method::HaloCorrected`] estimates it from the slices.
@@ -112,7 +112,8 @@ impl Plan {
     /// The resampling of slice `index` of the plan to the canvas.
     ///
     /// # Errors
-    /// [`ErrorKind::InvalidProfile`] when its homography, the distortion or the lateral colour cannot be applied.
+    /// [`ErrorKind::InvalidProfile`] when its homography, its gain, the distortion or the lateral colour cannot be
+    /// applied.
     pub(super) fn warp(&self, index: usize) -> Result<Warp, Error> {
         let size = (self.width, self.height);
         let slice = &self.slices[index];
@@ -120,8 +121,8 @@ impl Plan {
             .and_then(|warp| warp.with_lateral_colour(self.lateral_colour.as_ref()))
             .ok_or_else(|| {
                 let detail = format!(
-                    "slice {index} cannot be resampled: its homography, the lens distortion or the lateral colour of the \
-                     profile is not valid"
+                    "slice {index} cannot be resampled: its homography, its gain, the lens distortion or the lateral \
+                     colour of the profile is not valid; correct the profile, or calibrate again"
                 );
                 Error::new(ErrorKind::InvalidProfile, detail)
             })
@@ -294,6 +295,20 @@ mod tests {
             }
             assert_eq!(near_first(&ProfileInput { gains: None, ..profile(None, scale) }), None);
         }
+    }
+
+    #[test]
+    fn a_slice_that_cannot_be_resampled_is_named_with_what_to_do() {
+        let mut plan = Plan::aligned(60, 40, 2);
+        plan.slices[1].homography = Homography([0.0; 9]);
+        let Err(error) = plan.warp(1) else { panic!("a singular homography") };
+        assert!(
+            error.detail.starts_with("slice 1 cannot be resampled: its homography, its gain, "),
+            "{}",
+            error.detail
+        );
+        assert!(error.detail.ends_with("; correct the profile, or calibrate again"), "{}", error.detail);
+        assert!(plan.warp(0).is_ok());
     }
 
     #[test]

@@ -7,8 +7,8 @@ use crate::imaging::Depth;
 const MIB: u64 = 1 << 20;
 
 impl Plan {
-    /// Upper bound of the memory that [`fuse`](super::fuse) holds, in bytes. It does not depend on the number of
-    /// slices.
+    /// Upper bound of the memory that [`fuse`](super::fuse) holds, in bytes. It does not grow with the number of slices
+    /// above 4.
     ///
     /// With `threads` threads, three channels of `depth`, `P` canvas pixels, `s` bytes per sample and
     /// `L = `[`slices_in_flight`] slices in flight:
@@ -39,10 +39,14 @@ impl Plan {
     pub fn scratch_bytes(&self, channels: usize, depth: Depth) -> u64 {
         let side = |length: usize| length.next_multiple_of(align::SCRATCH_BLOCK) as u64;
         let slices = self.slices.len() as u64;
-        let samples = side(self.width) * side(self.height) * (channels * depth.bytes()) as u64;
+        let pixels = side(self.width).saturating_mul(side(self.height));
+        let samples = pixels.saturating_mul((channels * depth.bytes()) as u64);
         let cells = |length: usize| side(length.div_ceil(align::coarse_focus::CELL));
-        let cells = if method::has_coarse_focus(self.method) { cells(self.width) * cells(self.height) } else { 0 };
-        (samples + cells) * slices
+        let cells = match method::has_coarse_focus(self.method) {
+            true => cells(self.width).saturating_mul(cells(self.height)),
+            false => 0,
+        };
+        samples.saturating_add(cells).saturating_mul(slices)
     }
 }
 

@@ -10,6 +10,7 @@ pub(super) mod rendered;
 mod robust;
 mod shown;
 mod silhouette;
+mod wide_blur;
 
 use super::*;
 use crate::{

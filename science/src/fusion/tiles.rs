@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     align::Aligned,
+    plan::UNCOVERED,
     run::{Run, locked},
 };
 use crate::{
@@ -20,10 +21,8 @@ pub(super) const TILE: usize = 512;
 pub(super) struct Blended<S> {
     /// Interleaved samples of the canvas.
     pub pixels: Vec<S>,
-    /// Number of pixels that were fused.
-    pub fused: usize,
-    /// Number of them with a sample that was clamped.
-    pub clamped: usize,
+    /// Fraction of the fused and covered pixels that have a sample that was clamped.
+    pub clamped: f64,
     /// Whether the stack contradicts the plan about its near end.
     pub contradicts_profile: bool,
 }
@@ -84,7 +83,9 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
     drop(bands);
 
     let [fused, clamped] = counts.into_iter().fold([0, 0], |[a, b], [c, d]| [a + c, b + d]);
-    Ok(Blended { pixels, fused, clamped, contradicts_profile: false })
+    let covered = aligned.index.data.par_iter().filter(|&&slice| slice != UNCOVERED).count();
+    let clamped = clamped as f64 / fused.min(covered).max(1) as f64;
+    Ok(Blended { pixels, clamped, contradicts_profile: false })
 }
 
 /// `length` divided into the fewest pieces of at most `max`, as equal as possible: (start, length) of each.
@@ -96,4 +97,48 @@ fn pieces(length: usize, max: usize) -> Vec<(usize, usize)> {
             (start, end - start)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        fusion::{
+            FusionRequest, Plan,
+            align::{self, focus_measure::FocusMeasure},
+            sample_format::FormattedSlices,
+        },
+        imaging::{Plane, Raster},
+        types::{NoControl, fusion_options::GuidedParams},
+    };
+
+    #[test]
+    fn the_clamped_fraction_is_that_of_the_pixels_that_were_fused() {
+        let ramp = (0..90 * 60).map(|at| (at % 251) as u8).collect();
+        let rasters = [Raster::eight(90, 60, 1, ramp)];
+        let shown = Plane::from_fn(90, 60, |x, y| u8::from((40..50).contains(&x) && (20..30).contains(&y)));
+        let (slices, plan, folder) = (&&rasters[..], Plan::aligned(90, 60, 1), std::env::temp_dir());
+        let request = FusionRequest { shown: Some(&shown), ..FusionRequest::default() };
+        let run = Run {
+            slices: FormattedSlices::open(slices, &plan).unwrap(),
+            plan: &plan,
+            request: &request,
+            scratch_dir: &folder,
+            control: &NoControl,
+            decision_map: None,
+            tile: 32,
+        };
+        let measure = FocusMeasure::saliency(&GuidedParams::default());
+        let aligned = align::align::<u8, 1>(&run, measure, None).unwrap();
+        // 18 x 18 px are fused, or 34 x 34 px; of each, 10 x 10 px are clamped
+        for (margin, side) in [(4, 18.0), (12, 34.0)] {
+            let tile = |(): &mut (), rect: Rect, out: &mut Vec<u8>| -> Result<usize, Interrupted> {
+                out.clear();
+                out.resize(rect.width * rect.height, 0);
+                Ok(shown.crop(rect).data.iter().filter(|&&shown| shown != 0).count())
+            };
+            let blended = in_tiles::<u8, 1, _>((&run, &aligned, margin), "fusing", || (), tile).unwrap();
+            assert_eq!(blended.clamped, 100.0 / (side * side), "margin {margin}");
+        }
+    }
 }

@@ -14,14 +14,20 @@ use crate::{
 /// size is not that of the plan; [`ErrorKind::InvalidProfile`] when the geometry of the plan cannot be applied to it;
 /// those of [`Slices::load`].
 pub fn warped_slice(slices: &dyn Slices, plan: &Plan, index: usize) -> Result<Raster, Error> {
-    if index >= slices.count().min(plan.slices.len()) {
-        let detail = format!("there is no slice {index}: the stack has {} slices", slices.count());
+    let (count, planned) = (slices.count(), plan.slices.len());
+    let both = count.min(planned);
+    if index >= both {
+        let mut detail = format!("there is no slice {index}: the stack has {count} slices and its profile {planned}");
+        if let Some(last) = both.checked_sub(1) {
+            detail.push_str(&format!("; use an index from 0 to {last}"));
+        }
         return Err(Error::new(ErrorKind::SliceCountMismatch, detail));
     }
     let Raster { width, height, channels, samples } = slices.load(index)?;
     if (width, height) != (plan.width, plan.height) {
         let detail = format!(
-            "slice {index} is {width} x {height} px and the profile is for {} x {} px",
+            "slice {index} is {width} x {height} px and the profile is for {} x {} px; use the image size of the \
+             calibration",
             plan.width, plan.height
         );
         return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(slices.name(index), u32::try_from(index).ok()));
@@ -64,12 +70,20 @@ mod tests {
     #[test]
     fn what_the_stack_does_not_have_is_refused() {
         let slices = slices();
-        let refused = |plan: &Plan, index| warped_slice(&&slices[..], plan, index).expect_err("refused").kind;
-        assert_eq!(refused(&Plan::aligned(40, 30, 2), 2), ErrorKind::SliceCountMismatch);
-        assert_eq!(refused(&Plan::aligned(40, 30, 3), 2), ErrorKind::SliceCountMismatch);
-        assert_eq!(refused(&Plan::aligned(41, 30, 2), 1), ErrorKind::SizeMismatch);
+        let refused = |plan: &Plan, index, kind| {
+            let error = warped_slice(&&slices[..], plan, index).expect_err("refused");
+            assert_eq!(error.kind, kind);
+            error.detail
+        };
+        let missing = |planned| refused(&Plan::aligned(40, 30, planned), 2, ErrorKind::SliceCountMismatch);
+        for (planned, last) in [(2, 1), (3, 1), (1, 0)] {
+            let what = format!("the stack has 2 slices and its profile {planned}; use an index from 0 to {last}");
+            assert_eq!(missing(planned), format!("there is no slice 2: {what}"));
+        }
+        let size = refused(&Plan::aligned(41, 30, 2), 1, ErrorKind::SizeMismatch);
+        assert!(size.ends_with("; use the image size of the calibration"), "{size}");
         let singular = SlicePlan { homography: Homography([0.0; 9]), ..SlicePlan::ALIGNED };
         let plan = Plan { slices: vec![singular; 2], ..Plan::aligned(40, 30, 2) };
-        assert_eq!(refused(&plan, 1), ErrorKind::InvalidProfile);
+        refused(&plan, 1, ErrorKind::InvalidProfile);
     }
 }

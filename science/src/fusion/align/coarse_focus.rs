@@ -29,7 +29,7 @@ const SIGMAS: [f32; 2] = [1.5, 3.5];
 /// Most cells per slice from which the noise is estimated.
 const MAX_SAMPLES: usize = 4096;
 
-/// Energy, in multiples of that of noise, below which a window has no texture: noise alone would choose its slice,
+/// Energy, in multiples of that of noise, up to which a window has no texture: noise alone would choose its slice,
 /// another one in each window.
 const TEXTURELESS: f32 = 2.0;
 
@@ -88,7 +88,7 @@ impl CoarseFocus {
         Self {
             columns,
             rows,
-            stride: cells.div_ceil(MAX_SAMPLES).max(1),
+            stride: stride(columns, rows),
             scales: SIGMAS.into_iter().map(scale).collect(),
             samples: Mutex::new(vec![Vec::new(); slices]),
         }
@@ -148,7 +148,7 @@ impl CoarseFocus {
         for scale in self.scales {
             let RunningScale { best, mut slice, .. } = unlocked(scale);
             for ((slice, energy), textureless) in slice.iter_mut().zip(&best).zip(&mut textureless.data) {
-                let textured = *energy >= TEXTURELESS * noise;
+                let textured = *energy > TEXTURELESS * noise;
                 *textureless &= !textured;
                 if !textured && *slice != UNCOVERED {
                     *slice = reference as u16;
@@ -159,6 +159,22 @@ impl CoarseFocus {
         }
         CoarseFocusMaps { scales, textureless, noise }
     }
+}
+
+/// The step from sample to sample of `columns` x `rows` cells, row by row. It has no common divisor with `columns`, so
+/// that the samples come from all columns.
+fn stride(columns: usize, rows: usize) -> usize {
+    let divisor = |mut a: usize, mut b: usize| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let mut stride = (columns * rows).div_ceil(MAX_SAMPLES).max(1);
+    while divisor(stride, columns) != 1 {
+        stride += 1;
+    }
+    stride
 }
 
 /// Focus energy of noise: the median over cells of the lower quartile over slices. In most cells most slices are out of
@@ -263,6 +279,27 @@ mod tests {
     fn noise_is_the_energy_that_most_slices_show() {
         let maps = coarse_focus(&[0, 1, 2, 3], |slice, _| if slice == 2 { 50.0 } else { 2.0 });
         assert!((maps.noise - 2.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn where_no_slice_has_any_energy_the_reference_slice_is_chosen() {
+        let coarse = CoarseFocus::new(24, 16, 2);
+        (0..2).for_each(|slice| coarse.enter(slice, vec![0.0; coarse.cells_in_rows(16)]));
+        let maps = coarse.finish(1);
+        assert_eq!(maps.noise, 0.0);
+        assert!(maps.textureless.data.iter().all(|&textureless| textureless));
+        assert!(maps.scales.iter().all(|scale| scale.slice.data.iter().all(|&slice| slice == 1)));
+    }
+
+    #[test]
+    fn samples_of_the_noise_come_from_all_columns() {
+        for (columns, rows) in [(1024, 1024), (1500, 1000), (1024, 683), (1000, 4), (1, 1), (1, 9000), (90, 60)] {
+            let (cells, stride) = (columns * rows, stride(columns, rows));
+            let mut sampled = vec![false; columns];
+            (0..cells).step_by(stride).for_each(|cell| sampled[cell % columns] = true);
+            assert!(sampled.iter().all(|&sampled| sampled), "{columns} x {rows} cells, every {stride}-th");
+            assert!(cells.div_ceil(stride) <= MAX_SAMPLES, "{columns} x {rows} cells, every {stride}-th");
+        }
     }
 
     #[test]

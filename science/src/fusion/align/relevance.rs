@@ -9,7 +9,7 @@
 //!
 //! | block, with the cells up to 8 px around it | slices |
 //! |---|---|
-//! | `e <= 4 E_0` in all cells, and all of at least 8 slices cover it | all, with equal weights: they show noise alone |
+//! | `e <= 4 E_0` in all cells, and all of at least 8 slices cover it | all, with equal weights: they are noise alone |
 //! | `e <= 4 E_0` in all cells | all |
 //! | else | those that cover only a part of it, and those with `e_n >= e / 4` in a cell with `e > 4 E_0` |
 
@@ -21,7 +21,7 @@ use super::{
 };
 use crate::{
     imaging::{Coverage, Rect},
-    types::Error,
+    types::{Control, Interrupted},
 };
 
 /// Side of a block, px.
@@ -41,15 +41,22 @@ const RELEVANT_STEPS: u8 = 2 * STEPS as u8;
 
 impl CellEnergies {
     /// The slices that matter. `noise` is the energy of noise, `coverages` what each slice covers.
-    pub(in crate::fusion) fn relevance(&self, noise: f32, coverages: &[Coverage]) -> Result<Relevance, Error> {
+    pub(in crate::fusion) fn relevance(
+        &self,
+        noise: f32,
+        coverages: &[Coverage],
+        control: &dyn Control,
+    ) -> Result<Relevance, Interrupted> {
         let (height, width) =
             (coverages.first().map_or(0, Coverage::height), coverages.first().map_or(0, Coverage::width));
         let (columns, words) = (width.div_ceil(BLOCK), coverages.len().div_ceil(64));
         let textured = code_of(TEXTURED * noise);
         let rows: Vec<Vec<Block>> = (0..height.div_ceil(BLOCK))
             .into_par_iter()
-            .map_init(Buffers::default, |buffers, row| self.row_of_blocks((row, columns), textured, coverages, buffers))
-            .collect::<Result<_, Error>>()?;
+            .map_init(Buffers::default, |buffers, row| {
+                self.row_of_blocks((row, columns), textured, coverages, control, buffers)
+            })
+            .collect::<Result<_, Interrupted>>()?;
         let (mut uniform, mut slices) = (Vec::new(), Vec::new());
         for block in rows.into_iter().flatten() {
             uniform.push(block.uniform);
@@ -63,8 +70,9 @@ impl CellEnergies {
         (row, columns): (usize, usize),
         textured: u8,
         coverages: &[Coverage],
+        control: &dyn Control,
         buffers: &mut Buffers,
-    ) -> Result<Vec<Block>, Error> {
+    ) -> Result<Vec<Block>, Interrupted> {
         const CELLS: usize = BLOCK / CELL;
         let (first, end) = ((row * CELLS).saturating_sub(MARGIN), ((row + 1) * CELLS + MARGIN).min(self.rows));
         let band = Rect { x: 0, y: first, width: self.columns, height: end - first };
@@ -72,6 +80,7 @@ impl CellEnergies {
         largest.clear();
         largest.resize(band.width * band.height, 0);
         for slice in 0..coverages.len() {
+            control.check()?;
             self.read(slice, band, codes, bytes)?;
             largest.iter_mut().zip(&*codes).for_each(|(largest, &code)| *largest = code.max(*largest));
         }
@@ -88,6 +97,7 @@ impl CellEnergies {
             block.uniform = !has_texture[column] && coverages.len() >= MIN_SLICES;
         }
         for (slice, coverage) in coverages.iter().enumerate() {
+            control.check()?;
             self.read(slice, band, codes, bytes)?;
             for (column, block) in blocks.iter_mut().enumerate() {
                 let rect = Rect { x: column * BLOCK, y: row * BLOCK, width: BLOCK, height: BLOCK };
@@ -176,11 +186,18 @@ impl Relevance {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// Ten slices of 96 x 64 px, of which the blocks on the left have noise alone, and those on the right a texture
-    /// that slice 3 shows sharp and slice 4 half as sharp.
+    use super::*;
+    use crate::types::{Cancelled, NoControl};
+
+    /// The relevance in ten slices of 96 x 64 px, of which the blocks on the left have noise alone, and those on the
+    /// right a texture that slice 3 shows sharp and slice 4 half as sharp.
     fn relevance(coverage_of_last: Coverage) -> Relevance {
+        relevance_under(&NoControl, coverage_of_last).unwrap()
+    }
+
+    fn relevance_under(control: &dyn Control, coverage_of_last: Coverage) -> Result<Relevance, Interrupted> {
         let energies = CellEnergies::create(&std::env::temp_dir(), 96, 64).unwrap();
         let energy = |slice: usize, column: usize| match (slice, column >= 16) {
             (3, true) => 90.0,
@@ -193,7 +210,27 @@ mod tests {
             let cells: Vec<f32> = (0..24 * 16).map(|at| energy(slice, at % 24)).collect();
             energies.write(slice, &cells).unwrap();
         }
-        energies.relevance(1.2, &coverages).unwrap()
+        energies.relevance(1.2, &coverages, control)
+    }
+
+    /// Cancels at the given check.
+    struct CancelAt(usize, AtomicUsize);
+
+    impl Control for CancelAt {
+        fn progress(&self, _stage: &'static str, _completed: usize, _total: usize) {}
+
+        fn check(&self) -> Result<(), Cancelled> {
+            if self.1.fetch_add(1, Ordering::Relaxed) == self.0 { Err(Cancelled) } else { Ok(()) }
+        }
+    }
+
+    #[test]
+    fn a_cancel_is_noticed_at_every_slice_that_is_read() {
+        // two rows of blocks, for each of which ten slices are read twice
+        for check in 0..40 {
+            let stop = relevance_under(&CancelAt(check, AtomicUsize::new(0)), Coverage::full(96, 64));
+            assert!(matches!(stop, Err(Interrupted::Cancelled(_))), "check {check}: {stop:?}");
+        }
     }
 
     #[test]

@@ -145,19 +145,32 @@ fn copy(from: &[u8], to: &mut [u8]) {
     of_length!(32 64 96 192);
 }
 
+/// System error codes for too many open files, of the process (`EMFILE`) and of the system (`ENFILE`). No
+/// [`io::ErrorKind`] names them.
+const TOO_MANY_FILES: [i32; 2] = [24, 23];
+
 fn failed(verb: &str, error: &io::Error) -> Error {
-    let full = matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded);
-    let (code, advice) = match full {
-        true => (ErrorKind::DiskFull, "free some space on the server's disk and run the stack again"),
-        false => (ErrorKind::ResourcesExhausted, "check the server's data folder"),
-    };
     // only the kind of the error: its text may contain a path of the server
-    Error::new(code, format!("cannot {verb} the scratch file of the fusion: {}; {advice}", error.kind()))
+    let kind = error.kind().to_string();
+    let too_many = error.raw_os_error().is_some_and(|code| TOO_MANY_FILES.contains(&code));
+    let (code, what, advice) = match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            (ErrorKind::DiskFull, &*kind, "free some space on the server's disk and run the stack again")
+        }
+        _ if too_many => (
+            ErrorKind::ResourcesExhausted,
+            "too many open files",
+            "raise the server's limit of open files (ulimit -n, LimitNOFILE of systemd)",
+        ),
+        _ => (ErrorKind::ResourcesExhausted, &*kind, "check the server's data folder"),
+    };
+    Error::new(code, format!("cannot {verb} the scratch file of the fusion: {what}; {advice}"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{fusion::Plan, imaging::Depth};
 
     fn reads_back<S: Sample>(channels: usize, sample: fn(usize) -> S) {
         for (width, height) in [(1, 1), (31, 33), (64, 32), (100, 70)] {
@@ -188,6 +201,29 @@ mod tests {
         reads_back::<u8>(1, |i| (i % 251) as u8);
         reads_back::<u16>(3, |i| (i % 65_521) as u16);
         reads_back::<u16>(1, |i| (i % 65_521) as u16);
+    }
+
+    #[test]
+    fn the_files_are_as_large_as_the_plan_says() {
+        for (width, height, slices) in [(100, 70, 3), (64, 32, 1), (33, 700, 2)] {
+            let scratch = ScratchFile::create(&std::env::temp_dir(), width, height, 3).unwrap();
+            (0..slices).for_each(|slice| scratch.write(slice, &vec![7u8; width * height * 3]).unwrap());
+            let bytes: u64 = scratch.files.iter().map(|file| file.metadata().unwrap().len()).sum();
+            assert_eq!(bytes, Plan::aligned(width, height, slices).scratch_bytes(3, Depth::Eight));
+        }
+    }
+
+    #[test]
+    fn the_advice_is_about_what_is_exhausted() {
+        for (number, kind, advice) in [
+            (24, ErrorKind::ResourcesExhausted, "limit of open files"),
+            (23, ErrorKind::ResourcesExhausted, "limit of open files"),
+            (28, ErrorKind::DiskFull, "free some space"),
+            (5, ErrorKind::ResourcesExhausted, "data folder"),
+        ] {
+            let error = failed("create", &io::Error::from_raw_os_error(number));
+            assert!(error.kind == kind && error.detail.contains(advice), "{number}: {error:?}");
+        }
     }
 
     #[test]

@@ -51,6 +51,15 @@ pub(crate) struct DefocusModel {
     contradicts_profile: bool,
 }
 
+#[cfg(test)]
+impl DefocusModel {
+    /// The model of `slices` slices with even steps, of which the first is focused nearest.
+    pub(super) fn near_first(slices: usize, radius_per_step: f32) -> Self {
+        let positions = positions(slices, None);
+        Self { positions, radius_per_step, increasing_depth: Some(true), contradicts_profile: false }
+    }
+}
+
 impl DefocusModel {
     /// Blur radius, px, in slice `b` of what is sharp in slice `a`.
     pub(super) fn radius(&self, a: usize, b: usize) -> f32 {

@@ -48,8 +48,8 @@ use warped_slices::WarpedSlices;
 
 /// Fuses a stack; returns the image and the slice that each pixel is taken from.
 ///
-/// Without a measured blur the decision map cannot be refined and nothing can be corrected: then the pyramid image is
-/// returned.
+/// Without a measured blur, only textureless pixels and outliers of the decision map are refined, and nothing can be
+/// corrected: then the pyramid image is returned.
 pub(super) fn fuse<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
@@ -68,7 +68,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
         map = decision_map::given(&slices, map, given, coarse.noise)?;
     }
     drop(energy);
-    let relevance = cells.relevance(coarse.noise, &aligned.coverages)?;
+    let relevance = cells.relevance(coarse.noise, &aligned.coverages, run.control)?;
     let pyramid = pyramid::blend::<S, C>(run, aligned, Some(&relevance), shown::MARGIN + reach())?;
     if !model.is_known() {
         return Ok((pyramid, map.slice));

@@ -111,11 +111,17 @@ fn average<S: Sample, const C: usize>(
             );
         }
     }
-    for (pixel, &sum) in values.chunks_exact_mut(C).zip(&sums) {
-        let scale = if sum > 0.0 { 1.0 / sum } else { 0.0 };
-        pixel.iter_mut().for_each(|value| *value *= scale);
-    }
+    divide::<C>(&mut values, &sums);
     Ok(values)
+}
+
+/// Divides each pixel by the sum of its weights; pixels without any weight stay 0. A sample of a single slice comes out
+/// as it is in that slice: its product with a weight is a whole number below 2^24, and a quotient is rounded once.
+fn divide<const C: usize>(values: &mut [f32], sums: &[f32]) {
+    for (pixel, &sum) in values.chunks_exact_mut(C).zip(sums) {
+        let sum = if sum > 0.0 { sum } else { 1.0 };
+        pixel.iter_mut().for_each(|value| *value /= sum);
+    }
 }
 
 /// The slices below `slices` for which `is_sought` holds, as runs of consecutive slices: the first and the last of
@@ -214,6 +220,20 @@ fn counts(map: &DecisionMap, slice: u16, rect: Rect, window: Rect) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_sample_of_a_single_slice_is_exact_whatever_its_weight() {
+        let most = (2 * REACH + 1).pow(2) as u8 + TEXTURELESS_WEIGHT;
+        let weights: Vec<f32> = (1..=most).map(f32::from).collect();
+        for sample in (0..=u16::MAX).step_by(253).map(f32::from) {
+            let mut values: Vec<f32> = weights.iter().map(|weight| weight * sample).collect();
+            divide::<1>(&mut values, &weights);
+            assert!(values.iter().all(|&value| value == sample), "{sample}: {values:?}");
+        }
+        let mut uncovered = [0.0; 3];
+        divide::<3>(&mut uncovered, &[0.0]);
+        assert_eq!(uncovered, [0.0; 3]);
+    }
 
     #[test]
     fn runs_end_where_a_slice_is_not_among_those_sought() {

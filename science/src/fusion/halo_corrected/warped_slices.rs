@@ -23,6 +23,11 @@ impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
         Self { aligned, control, kind: std::marker::PhantomData }
     }
 
+    /// The control of the fusion.
+    pub(super) fn control(&self) -> &dyn Control {
+        self.control
+    }
+
     /// Number of slices.
     pub(super) fn count(&self) -> usize {
         self.aligned.coverages.len()

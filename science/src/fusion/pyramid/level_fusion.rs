@@ -17,7 +17,7 @@ use crate::imaging::{
 /// Added to every energy, squared grey levels of 255, so that no sum of weights is 0.
 const MIN_ENERGY: f32 = 1e-3;
 
-/// Weight of a slice that does not cover all pixels that its detail depends on: below that of all others.
+/// Weight of a slice where it does not cover all pixels that its level depends on: below that of all others.
 const INCOMPLETE: f32 = 1e-18;
 
 /// Covered fraction from which a slice counts as covering all pixels; the rest is rounding.

@@ -18,7 +18,7 @@
 //! - One weight for all channels: a colour is never composed of different slices.
 //! - The fourth power instead of the maximum: where one slice stands out it gives the same, and where all slices show
 //!   only noise it averages them instead of choosing the strongest noise.
-//! - A slice that does not cover all pixels that a detail depends on gets a weight below that of all others.
+//! - Where a slice does not cover all pixels that `I_n,l` depends on, its weight is below that of all others.
 //! - A fused sample is clamped to the range of the slices in the 3 x 3 px around it, which removes overshoot.
 //!
 //! Each tile computes its levels from all pixels that it depends on ([`reach`]), so tiles do not affect the result.

@@ -271,3 +271,17 @@ fn noise_is_averaged_where_slices_show_nothing_else() {
     let result = fused(&slices, &plan(Plan::aligned(width, height, count)));
     assert!(spread(&result.image) < 0.8 * spread(&slices[0]), "{} of {}", spread(&result.image), spread(&slices[0]));
 }
+
+#[test]
+fn the_parameters_of_guided_filtering_have_no_effect() {
+    let (slices, given) = unaligned(120, 90, 4);
+    let params = GuidedParams { r1: 20, eps1: 0.1, r2: 4, eps2: 1e-4, average: 15, r_g: 1, sigma_g: 0.5 };
+    let of = |method: Method| {
+        let default = Plan { method, ..given.clone() };
+        [fused(&slices, &default), fused(&slices, &Plan { params, ..default.clone() })]
+    };
+    let [default, other] = of(Method::Pyramid);
+    assert_eq!(default, other);
+    let [default, other] = of(Method::Guided);
+    assert!(default.index != other.index, "the saliency of guided filtering depends on them");
+}

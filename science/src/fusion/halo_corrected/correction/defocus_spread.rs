@@ -14,6 +14,7 @@ use super::{
 use crate::{
     fusion::{align::coarse_focus::CELL, plan::UNCOVERED},
     imaging::{Plane, Rect, filter::disc::Disc},
+    types::{Cancelled, Control},
 };
 
 /// Cover by near parts from which their blur is removed, and from which it is removed completely.
@@ -35,41 +36,50 @@ pub(super) fn detail_gain(cover: f32) -> f32 {
     1.0 / (1.0 - cover.clamp(0.0, MAX_COMPENSATED))
 }
 
-/// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to consider; `skip`
-/// are the pixels that are corrected otherwise.
+/// Lists the covered pixels of the tile `rect` in `corrections`. `pairs` are the (near, far) slices to consider, in the
+/// order of the near slice; `skip` are the pixels that are corrected otherwise.
 pub(super) fn find(
     map: &DecisionMap,
     model: &DefocusModel,
-    slices: usize,
+    control: &dyn Control,
     rect: Rect,
     pairs: &[(u16, u16)],
     skip: &[bool],
     corrections: &mut Corrections,
-) {
+) -> Result<(), Cancelled> {
+    let Some(&(last_near, _)) = pairs.last() else { return Ok(()) };
     let (width, height) = (map.slice.width, map.slice.height);
-    let reach = pairs.iter().map(|&(near, far)| model.radius(near.into(), far.into())).fold(0.0, f32::max);
-    let window = rect.grown(reach as usize + 2 * CELL, width, height).in_squares(CELL, width, height);
-    let columns = window.width.div_ceil(CELL);
+    let window = window(rect, model, pairs, (width, height));
+    let (columns, rows) = (window.width.div_ceil(CELL), window.height.div_ceil(CELL));
     let regions = Regions::of(map, rect, window, skip);
     let mut covers = vec![Cover { sum: 0.0, largest: (0.0, UNCOVERED) }; regions.all.len()];
-    let mut nears: Vec<u16> = pairs.iter().map(|&(near, _)| near).collect();
-    nears.sort_unstable();
-    nears.dedup();
-    let shares = shares(map, slices, &nears, window);
-    for (&near, shares) in nears.iter().zip(&shares) {
-        if shares.data.iter().all(|&share| share == 0.0) {
+    let all_shares = shares(map, last_near, window);
+    // the shares of one slice at a time: 0 where it has none
+    let mut plane = Plane::filled(columns, rows, 0.0f32);
+    for pairs in pairs.chunk_by(|one, other| one.0 == other.0) {
+        control.check()?;
+        let near = pairs[0].0;
+        let shares = &all_shares[usize::from(near)];
+        if shares.is_empty() {
             continue;
         }
-        for &(_, far) in pairs.iter().filter(|pair| pair.0 == near) {
-            let Some(here) = regions.of_slice.get(&far) else { continue };
-            let radius = model.radius(near.into(), far.into());
-            let spread = Disc::new(radius / CELL as f32).blurred(shares);
-            for &region in here {
+        shares.iter().for_each(|&(cell, share)| plane.data[cell as usize] += share);
+        // slices at the same distance are covered by the same blur, which is computed once
+        let mut by_radius: BTreeMap<u32, Vec<&[u32]>> = BTreeMap::new();
+        for &(_, far) in pairs {
+            if let Some(here) = regions.of_slice.get(&far) {
+                by_radius.entry(model.radius(near.into(), far.into()).to_bits()).or_default().push(here);
+            }
+        }
+        for (radius, here) in by_radius {
+            let spread = Disc::new(f32::from_bits(radius) / CELL as f32).blurred(&plane);
+            for &region in here.into_iter().flatten() {
                 covers[region as usize].add(near, spread.data[regions.all[region as usize].1 as usize]);
             }
         }
+        shares.iter().for_each(|&(cell, _)| plane.data[cell as usize] = 0.0);
     }
-    debug_assert!(regions.all.iter().all(|&(_, cell)| (cell as usize) < columns * window.height.div_ceil(CELL)));
+    debug_assert!(regions.all.iter().all(|&(_, cell)| (cell as usize) < columns * rows));
     for (at, &region) in regions.at.iter().enumerate() {
         let Some(&Cover { sum, largest: (_, near) }) = covers.get(region as usize) else { continue };
         if sum > FROM && near != UNCOVERED {
@@ -77,25 +87,36 @@ pub(super) fn find(
             corrections.add(near, regions.all[region as usize].0, correction);
         }
     }
+    Ok(())
 }
 
-/// Share of each cell of `window` that is textured and of each of the slices `nears`, out of `slices`.
-fn shares(map: &DecisionMap, slices: usize, nears: &[u16], window: Rect) -> Vec<Plane<f32>> {
-    let (columns, rows) = (window.width.div_ceil(CELL), window.height.div_ceil(CELL));
-    let mut shares = vec![Plane::filled(columns, rows, 0.0f32); nears.len()];
-    let mut place = vec![usize::MAX; slices];
-    for (at, &near) in nears.iter().enumerate() {
-        place[usize::from(near)] = at;
-    }
+/// The part of the canvas whose cells can cover the tile `rect`. It consists of whole squares of the canvas in which
+/// the discs blur (one cell, or several for a large disc), so the result does not depend on the tile.
+fn window(rect: Rect, model: &DefocusModel, pairs: &[(u16, u16)], (width, height): (usize, usize)) -> Rect {
+    let largest = pairs.iter().map(|&(near, far)| model.radius(near.into(), far.into())).fold(0.0, f32::max);
+    let disc = Disc::new(largest / CELL as f32);
+    rect.grown(disc.reach() * CELL, width, height).in_squares(disc.square_side() * CELL, width, height)
+}
+
+/// Per slice up to `last`: the cells of `window` that are partly textured and of that slice, and a share of each. Of
+/// several entries of one cell, the sum counts.
+fn shares(map: &DecisionMap, last: u16, window: Rect) -> Vec<Vec<(u32, f32)>> {
+    const PIXEL: f32 = 1.0 / (CELL * CELL) as f32;
+    let columns = window.width.div_ceil(CELL);
+    let mut shares: Vec<Vec<(u32, f32)>> = vec![Vec::new(); usize::from(last) + 1];
     for y in window.y..window.y + window.height {
+        let first = (y - window.y) / CELL * columns;
         let part = window.x..window.x + window.width;
         let (slices, textured) = (&map.slice.row(y)[part.clone()], &map.textured.row(y)[part]);
         for (x, (&slice, &textured)) in slices.iter().zip(textured).enumerate() {
             if !textured {
                 continue;
             }
-            if let Some(shares) = place.get(usize::from(slice)).and_then(|&at| shares.get_mut(at)) {
-                shares.row_mut((y - window.y) / CELL)[x / CELL] += 1.0 / (CELL * CELL) as f32;
+            let Some(shares) = shares.get_mut(usize::from(slice)) else { continue };
+            let cell = (first + x / CELL) as u32;
+            match shares.last_mut() {
+                Some((of, share)) if *of == cell => *share += PIXEL,
+                _ => shares.push((cell, PIXEL)),
             }
         }
     }
@@ -160,5 +181,47 @@ impl Cover {
         if share > self.largest.0 {
             self.largest = (share, near);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    /// Cancels after a number of checks.
+    struct CancelAfter(AtomicUsize);
+
+    impl Control for CancelAfter {
+        fn progress(&self, _stage: &'static str, _completed: usize, _total: usize) {}
+
+        fn check(&self) -> Result<(), Cancelled> {
+            let take = |left: usize| left.checked_sub(1);
+            self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).map(|_| ()).map_err(|_| Cancelled)
+        }
+    }
+
+    #[test]
+    fn a_cancel_is_noticed_at_every_near_slice() {
+        let count = 6u16;
+        let map = DecisionMap {
+            slice: Plane::from_fn(90, 60, |x, _| (x / 15) as u16),
+            textured: Plane::filled(90, 60, true),
+        };
+        let model = DefocusModel::near_first(count.into(), 4.0);
+        // each slice is near those after it
+        let pairs: Vec<(u16, u16)> =
+            (0..count).flat_map(|near| (near + 1..count).map(move |far| (near, far))).collect();
+        let found = |checks: usize| {
+            let (control, mut corrections) = (CancelAfter(AtomicUsize::new(checks)), Corrections::new(90));
+            let rect = Rect::whole(90, 60);
+            find(&map, &model, &control, rect, &pairs, &[false; 90 * 60], &mut corrections)
+                .map(|()| corrections.finish().into_values().map(|pixels| pixels.len()).sum::<usize>())
+        };
+        for checks in 0..usize::from(count) - 1 {
+            assert_eq!(found(checks), Err(Cancelled), "after {checks} checks");
+        }
+        assert!(found(usize::from(count) - 1).expect("no further check") > 200);
     }
 }

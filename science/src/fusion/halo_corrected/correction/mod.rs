@@ -42,8 +42,9 @@ use corrections::{Correction, Corrections, Kind};
 /// moves is no blur of the other slice and must not be removed as if it were.
 const MAX_BEYOND: f32 = 8.0;
 
-/// How far around a tile the decision map matters, px.
-pub(super) const REACH: usize = MAX_RADIUS as usize;
+/// How far around a tile the decision map matters, px: what a disc of the largest radius reaches in
+/// [`defocus_spread`], where it is blurred in squares of two cells of 4 px.
+pub(super) const REACH: usize = MAX_RADIUS as usize + 16;
 
 /// Pixels of a row that are compared at once.
 const RUN: usize = 16;
@@ -63,7 +64,7 @@ pub(super) fn correct<S: Sample, const C: usize>(
     let around = present(map, slices.count(), rect.grown(REACH, width, height));
     let inside = present(map, slices.count(), rect);
     let spreads = |near: u16, far: u16| model.spreads_over(usize::from(near), usize::from(far));
-    let pairs = inside.iter().flat_map(|&far| around.iter().map(move |&near| (near, far)));
+    let pairs = around.iter().flat_map(|&near| inside.iter().map(move |&far| (near, far)));
     let covering: Vec<(u16, u16)> = pairs.filter(|&(near, far)| spreads(near, far)).collect();
     let may_be_fattened = inside.iter().any(|&near| around.iter().any(|&far| spreads(near, far)));
     if covering.is_empty() && !may_be_fattened {
@@ -71,7 +72,7 @@ pub(super) fn correct<S: Sample, const C: usize>(
     }
     let mut corrections = Corrections::new(rect.width);
     let fattened = fattening::find(map, model, slices.count(), rect, &mut corrections);
-    defocus_spread::find(map, model, slices.count(), rect, &covering, &fattened, &mut corrections);
+    defocus_spread::find(map, model, slices.control(), rect, &covering, &fattened, &mut corrections)?;
     for ((near, far, ..), corrections) in corrections.finish() {
         apply(slices, map, model, rect, (near.into(), far.into()), &corrections, out)?;
     }
@@ -139,7 +140,8 @@ fn apply<S: Sample, const C: usize>(
         .then(|| bounding_box(fattened.into_iter(), rect).grown(boundary_matte::REACH, width, height));
     let margin = matte_rect.map_or(0, |_| boundary_matte::REACH);
     let bounds = bounding_box(corrections.iter().map(|correction| correction.at), rect).grown(margin, width, height);
-    let window = bounds.grown(disc.reach(), width, height);
+    // in the squares of the canvas, so that neither the tile nor the other pixels of the block matter
+    let window = disc.window(bounds, width, height);
     let far_slice = slices.patch(far, window)?;
     let near_slice = slices.patch(near, if matte_rect.is_some() { window } else { bounds })?;
     let blurred = far_slice.blurred(&disc, bounds);
@@ -172,3 +174,6 @@ fn apply<S: Sample, const C: usize>(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -245,7 +245,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         let (width, height) = self.slices.size();
         let measure = FocusEnergy::for_decision_map();
         let core = bounds.grown(measure.reach(), width, height);
-        let window = core.grown(disc.reach(), width, height);
+        let window = disc.window(core, width, height);
         let mut difference = self.slices.luma(own, core)?;
         let inner = Rect { x: core.x - window.x, y: core.y - window.y, ..core };
         let blurred = disc.blurred_in(&self.slices.luma(around, window)?, inner);

@@ -159,7 +159,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         let (width, height) = self.slices.size();
         let measure = FocusEnergy::for_edges();
         let core = bounds.grown(measure.reach(), width, height);
-        let window = core.grown(disc.reach(), width, height);
+        let window = disc.window(core, width, height);
         let inner = Rect { x: core.x - window.x, y: core.y - window.y, ..core };
         let of_near = self.slices.luma(near.into(), core)?;
         let of_far = self.slices.luma(far.into(), window)?;
