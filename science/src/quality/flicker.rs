@@ -1,17 +1,18 @@
 //! Flicker: brightness of a slice relative to what the surrounding slices predict.
 //!
 //! The prediction is a Theil-Sen line through the surrounding slices: it follows a steady drift, also at the ends of
-//! the stack, and is not moved by a single flash.
+//! the stack, and is not moved by a single flash. It needs at least [`FEWEST`] surrounding slices, so stacks of fewer
+//! than six slices have no flicker ratio: in them a flash cannot be told from a drift.
 
 use crate::imaging::statistics::median_midpoint;
 
 /// Slices on each side that predict the brightness of one.
 const SIDE: usize = 3;
-/// With fewer surrounding slices no trend is fitted: one bright slice among them would tilt it.
-const FEWEST: usize = 5;
+/// With fewer surrounding slices nothing is predicted: one bright slice among them would tilt the line.
+pub(super) const FEWEST: usize = 5;
 
 /// Per slice: its brightness over the predicted one; 1 for a steady drift. None where a slice has no brightness, or
-/// fewer than two surrounding slices have one.
+/// fewer than [`FEWEST`] surrounding slices have one.
 pub(super) fn ratios(brightness: &[Option<f64>]) -> Vec<Option<f64>> {
     let ratio = |(n, own): (usize, &Option<f64>)| {
         let expected = expected(brightness, n).filter(|expected| *expected > 0.0)?;
@@ -20,7 +21,7 @@ pub(super) fn ratios(brightness: &[Option<f64>]) -> Vec<Option<f64>> {
     brightness.iter().enumerate().map(ratio).collect()
 }
 
-/// Value at slice `n` of the Theil-Sen line through the slices around it; none with fewer than two of them.
+/// Value at slice `n` of the Theil-Sen line through the slices around it; none with fewer than [`FEWEST`] of them.
 fn expected(brightness: &[Option<f64>], n: usize) -> Option<f64> {
     let window = (2 * SIDE + 1).min(brightness.len());
     let first = n.saturating_sub(SIDE).min(brightness.len() - window);
@@ -28,14 +29,11 @@ fn expected(brightness: &[Option<f64>], n: usize) -> Option<f64> {
         .filter(|&i| i != n)
         .filter_map(|i| Some((i as f64 - n as f64, brightness[i]?)))
         .collect();
-    if around.len() < 2 {
+    if around.len() < FEWEST {
         return None;
     }
     let pairs = around.iter().enumerate().flat_map(|(i, a)| around[i + 1..].iter().map(move |b| (a, b)));
-    let slope = match around.len() {
-        0..FEWEST => 0.0,
-        _ => median_midpoint(&mut pairs.map(|(a, b)| (b.1 - a.1) / (b.0 - a.0)).collect::<Vec<f64>>())?,
-    };
+    let slope = median_midpoint(&mut pairs.map(|(a, b)| (b.1 - a.1) / (b.0 - a.0)).collect::<Vec<f64>>())?;
     median_midpoint(&mut around.iter().map(|(step, value)| value - slope * step).collect::<Vec<f64>>())
 }
 
@@ -50,8 +48,11 @@ mod tests {
 
     #[test]
     fn a_steady_drift_is_not_flicker() {
-        let drift: Vec<Option<f64>> = (0..9).map(|n| Some(1.0 - 0.015 * f64::from(n))).collect();
-        assert!(worst_but(&ratios(&drift), usize::MAX) < 1e-9, "{:?}", ratios(&drift));
+        for count in 6..10 {
+            let drift: Vec<Option<f64>> = (0..count).map(|n| Some(1.0 - 0.015 * f64::from(n))).collect();
+            let found = ratios(&drift);
+            assert!(found.iter().all(Option::is_some) && worst_but(&found, usize::MAX) < 1e-9, "{found:?}");
+        }
     }
 
     #[test]
@@ -66,9 +67,12 @@ mod tests {
 
     #[test]
     fn too_few_slices_have_no_flicker() {
-        assert_eq!(ratios(&[Some(1.0), Some(2.0)]), [None, None]);
-        assert_eq!(ratios(&[Some(1.0); 3]), [Some(1.0); 3]);
-        assert_eq!(ratios(&[None, Some(2.0), None]), [None, None, None]);
-        assert_eq!(ratios(&[]), []);
+        for count in 0..6 {
+            let drift: Vec<Option<f64>> = (0..count).map(|n| Some(1.0 - 0.05 * n as f64)).collect();
+            assert_eq!(ratios(&drift), vec![None; count]);
+        }
+        let unknown = [Some(1.0), Some(1.0), None, Some(1.0), Some(1.0), Some(1.0)];
+        assert_eq!(ratios(&unknown), [None, None, None, None, None, None]);
+        assert_eq!(ratios(&[Some(1.0); 6]), [Some(1.0); 6]);
     }
 }

@@ -1,7 +1,7 @@
 //! Full-reference metrics: comparison with a known true image.
 //!
-//! The service does not use them, because a real stack has no truth. Users: the tests of fusion, which render stacks
-//! with known truth, and anyone who calls this crate on synthetic data.
+//! The metrics of a stack do not use them, because a real stack has no truth. Users: the tests of fusion and the demo
+//! command, which render stacks with a known truth.
 
 use super::score::same_shape;
 use crate::imaging::Plane;

@@ -13,8 +13,8 @@
 //! [`sampling`] defines which pixels of a large canvas are measured. It depends on the canvas and the mask alone, so
 //! that the numbers do not depend on the number of threads.
 //!
-//! [`full_reference`] and [`two_source`] are not part of a stack's metrics: they compare with a known truth, and with
-//! published tables, in tests and benches.
+//! [`full_reference`] and [`two_source`] are not part of a stack's metrics. The first compares with a known truth, in
+//! tests and in the demo command; the second with published tables, in tests.
 
 pub mod alignment;
 mod deterministic_sum;
@@ -54,10 +54,10 @@ pub struct StackQuality {
 pub const VERSIONS: [&str; 6] = [
     "q_g:yl2019-top1",
     "q_w:piella2003-8x8-top1",
-    "sampling:blocks-1",
-    "focus:4",
+    "sampling:blocks-2",
+    "focus:5",
     "alignment:similarity-2",
-    "exposure:cells-2",
+    "exposure:cells-3",
 ];
 
 /// A pixel is clipped at a luma (0..255) of `FULL` and above, or below `ZERO`.
@@ -137,6 +137,9 @@ pub fn finish(
             own: &alignment.own,
             steps: &coverage.steps,
             equalised: &equalised,
+            reference: reference.map_or(0, |reference| reference.index),
+            has_gains: measurements.iter().any(|slice| slice.gain != 1.0),
+            masked: meter.is_masked(),
             reversed: alignment.reversed,
             canvas: meter.canvas(),
         },

@@ -6,7 +6,7 @@
 //! 1. `illumination` fits a smooth surface to the background and makes the light even.
 //! 2. `tones` finds the threshold, half-way between object and background, from a histogram (`otsu`).
 //! 3. `translucent` adds areas that the light shines through, such as wings.
-//! 4. `components` of the mask are counted; small parts are removed and small holes filled.
+//! 4. `components`: small parts are removed, small holes are filled, and what remains is counted.
 //! 5. `soft_alpha`, if asked for, makes the edge of the image's alpha proportional to the cover.
 //! 6. `warnings` report suspected faults.
 //!
@@ -37,6 +37,7 @@ use illumination::Illumination;
 use otsu::Histogram;
 use soft_alpha::{MIN_COVER, soft_alpha};
 use tones::Tones;
+use warnings::Cleaning;
 
 /// Holes of at least this many pixels are wide enough to show the back light in their middle as bright as it is.
 const WIDE_HOLE_PX: u64 = 16;
@@ -118,12 +119,16 @@ pub fn segment(backlight: &Raster, valid: &Plane<u8>, params: &MaskParams) -> Si
     let object = |at: usize| is_valid(at) && f64::from(grey[at]) < tones.threshold;
     let pixels = (0..grey.len()).into_par_iter();
     let mut mask = Plane { width, height, data: pixels.map(|at| if object(at) { 255 } else { 0 }).collect() };
-    let thin = if is_auto { translucent::find(&grey, &mask, is_valid, &tones) } else { None };
-    if let Some(thin) = &thin {
-        mask.data.iter_mut().zip(&thin.pixels).filter(|(_, thin)| **thin).for_each(|(v, _)| *v = 255);
+    let translucent = if is_auto { translucent::find(&grey, &mask, is_valid, &tones) } else { None };
+    if let Some(translucent) = &translucent {
+        mask.data
+            .iter_mut()
+            .zip(&translucent.pixels)
+            .filter(|(_, translucent)| **translucent)
+            .for_each(|(v, _)| *v = 255);
     }
     let faint = |at: usize| is_valid(at) && tones.cover(grey[at]) > MIN_COVER;
-    let parts = remove_small(&mut mask, params.min_blob_px, faint);
+    let removed_parts = remove_small(&mut mask, params.min_blob_px, faint);
     let holes = fill_holes(&mut mask, params.min_hole_px, is_valid, &grey, &tones);
 
     let metrics = MaskMetrics {
@@ -131,31 +136,44 @@ pub fn segment(backlight: &Raster, valid: &Plane<u8>, params: &MaskParams) -> Si
         threshold: tones.threshold,
         separability: tones.separability,
         border_contact_fraction: object_share(border(&mask)),
-        components: parts,
+        // after filling: an island in a filled hole is no part of its own
+        components: count_parts(&mask, faint),
         holes,
         light_falloff: illumination.map(|illumination| illumination.falloff()),
-        translucent_fraction: thin.as_ref().map_or(0.0, |thin| thin.share),
+        translucent_fraction: translucent.as_ref().map_or(0.0, |translucent| translucent.share),
     };
-    let soft_alpha = (params.edge == MaskEdge::Soft).then(|| soft_alpha(&grey, &mask, thin.as_ref(), is_valid, &tones));
-    let warnings = warnings::of(&metrics, thin.as_ref());
+    let soft_alpha =
+        (params.edge == MaskEdge::Soft).then(|| soft_alpha(&grey, &mask, translucent.as_ref(), is_valid, &tones));
+    let cleaning = Cleaning { min_blob_px: params.min_blob_px, removed_parts };
+    let warnings = warnings::of(&metrics, translucent.as_ref(), !is_auto, cleaning);
     Silhouette { mask, soft_alpha, metrics, warnings }
 }
 
-/// Removes parts of fewer than `least` pixels, and returns the number of parts that remain. Faint pixels join parts but
-/// do not count.
+/// Removes parts of fewer than `least` pixels, and returns their number. Faint pixels join parts but do not count.
 fn remove_small(mask: &mut Plane<u8>, least: u32, faint: impl Fn(usize) -> bool + Sync) -> u32 {
+    let (mut components, pixels) = parts(mask, faint);
+    components.for_each_run(&pixels, |pixels, y, columns| {
+        if *pixels < u64::from(least) {
+            mask.row_mut(y)[columns.clone()].fill(0);
+        }
+    });
+    pixels.iter().filter(|&&pixels| pixels > 0 && pixels < u64::from(least)).count() as u32
+}
+
+/// Number of parts of the object. Faint pixels join parts.
+fn count_parts(mask: &Plane<u8>, faint: impl Fn(usize) -> bool + Sync) -> u32 {
+    parts(mask, faint).1.iter().filter(|&&pixels| pixels > 0).count() as u32
+}
+
+/// The parts of the object, joined by faint pixels, and the number of object pixels of each.
+fn parts(mask: &Plane<u8>, faint: impl Fn(usize) -> bool + Sync) -> (Components, Vec<u64>) {
     let (width, height) = (mask.width, mask.height);
     let joined: Vec<bool> = mask.data.par_iter().enumerate().map(|(at, &object)| object != 0 || faint(at)).collect();
     let mut components = Components::of(width, height, Connectivity::Eight, |at| joined[at]);
     let pixels = components.accumulate(|pixels: &mut u64, y, columns| {
         *pixels += mask.row(y)[columns.clone()].iter().filter(|&&v| v != 0).count() as u64;
     });
-    components.for_each_run(&pixels, |pixels, y, columns| {
-        if *pixels < u64::from(least) {
-            mask.row_mut(y)[columns.clone()].fill(0);
-        }
-    });
-    pixels.iter().filter(|&&pixels| pixels > 0 && pixels >= u64::from(least)).count() as u32
+    (components, pixels)
 }
 
 /// A component of the background.

@@ -18,11 +18,11 @@ use crate::imaging::Plane;
 /// opaque.
 pub(super) const MIN_COVER: f32 = 0.15;
 
-/// The soft alpha of a `mask` of 0 and 255, by the cover of the values `grey`; `thin` are the translucent parts.
+/// The soft alpha of a `mask` of 0 and 255, by the cover of the values `grey` and the `translucent` parts.
 pub(super) fn soft_alpha(
     grey: &[f32],
     mask: &Plane<u8>,
-    thin: Option<&Translucent>,
+    translucent: Option<&Translucent>,
     is_valid: impl Fn(usize) -> bool,
     tones: &Tones,
 ) -> Plane<u8> {
@@ -30,8 +30,8 @@ pub(super) fn soft_alpha(
     let is_faint = |at: usize| is_valid(at) && (MIN_COVER..0.5).contains(&cover(at));
     let faint = reachable(mask, is_faint);
     let outside = Plane { data: mask.data.iter().map(|&v| 255 - v).collect(), ..*mask };
-    let is_thin = |at: usize| thin.is_some_and(|thin| thin.pixels[at]);
-    let half = reachable(&outside, |at| (0.5..=1.0 - MIN_COVER).contains(&cover(at)) && !is_thin(at));
+    let is_translucent = |at: usize| translucent.is_some_and(|translucent| translucent.pixels[at]);
+    let half = reachable(&outside, |at| (0.5..=1.0 - MIN_COVER).contains(&cover(at)) && !is_translucent(at));
     let value = |at: usize| match mask.data[at] != 0 {
         true if half[at] => ((255.0 * cover(at)).round() as u8).max(128),
         true => 255,
@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn only_the_edge_of_the_object_is_soft_and_reflections_are_opaque() {
         let (width, height) = (40, 30);
-        let tones = Tones { dark: 0.0, threshold: 0.5, bright: 1.0, separability: None };
+        let tones = Tones { dark: 0.0, threshold: 0.5, bright: 1.0, separability: None, one_class: false };
         let grey: Vec<f32> = (0..width * height)
             .map(|at| match (at % width, at / width) {
                 // a reflection, and a grain of noise
@@ -63,8 +63,8 @@ mod tests {
             .collect();
         let mask = Plane { width, height, data: grey.iter().map(|&v| if v < 0.5 { 255 } else { 0 }).collect() };
         let pixels: Vec<bool> = grey.iter().map(|&v| v == 0.45).collect();
-        let thin = Translucent { pixels, share: 0.1, transmittance: 0.45 };
-        let soft = soft_alpha(&grey, &mask, Some(&thin), |_| true, &tones);
+        let translucent = Translucent { pixels, share: 0.1, transmittance: 0.45 };
+        let soft = soft_alpha(&grey, &mask, Some(&translucent), |_| true, &tones);
         let row: Vec<u8> =
             [7, 8, 9, 10, 16, 25, 34, 36, 37].map(|x| soft.at(x, if x == 25 { 20 } else { 14 })).to_vec();
         assert_eq!(row, [0, 77, 179, 255, 255, 255, 255, 255, 0]);

@@ -60,7 +60,29 @@ fn the_dark_object_is_segmented_small_parts_are_removed_and_small_holes_filled()
 fn a_diagonal_hair_is_one_part() {
     let (light, valid) = scene(&["........", ".#......", "..#.....", "...#....", "....#...", "........"]);
     assert_eq!(segment(&light, &valid, &params(4, 4)).metrics.components, 1);
-    assert_eq!(codes(&segment(&light, &valid, &params(5, 4))), ["mask_empty"]);
+    let removed = segment(&light, &valid, &params(5, 4));
+    assert_eq!(codes(&removed), ["mask_empty"]);
+    assert!(removed.warnings[0].detail.contains("mask_min_blob_px (5 px)"), "{:?}", removed.warnings);
+}
+
+#[test]
+fn an_island_in_a_filled_hole_is_no_part_of_its_own() {
+    let (light, valid) = scene(&[
+        ".........",
+        ".#######.",
+        ".#.....#.",
+        ".#.###.#.",
+        ".#.###.#.",
+        ".#.###.#.",
+        ".#.....#.",
+        ".#######.",
+        ".........",
+    ]);
+    let parts_and_holes = |min_hole_px: u32| {
+        let metrics = segment(&light, &valid, &params(4, min_hole_px)).metrics;
+        (metrics.components, metrics.holes)
+    };
+    assert_eq!((parts_and_holes(4), parts_and_holes(17)), ((2, 1), (1, 0)));
 }
 
 #[test]
@@ -130,8 +152,8 @@ fn a_translucent_wing_is_object_and_gets_a_warning() {
         for (x, y) in [(236, 90), (190, 136), (120, 150), (60, 60)] {
             assert_eq!(result.mask.at(x, y), 0, "{passes} at {x}, {y}");
         }
-        let thin = result.metrics.translucent_fraction;
-        assert!((0.2..0.5).contains(&thin), "{passes}: {thin}");
+        let translucent = result.metrics.translucent_fraction;
+        assert!((0.2..0.5).contains(&translucent), "{passes}: {translucent}");
         assert!((result.metrics.threshold - 0.455).abs() < 0.03, "{passes}: {:?}", result.metrics);
     }
     let opaque = of_all(&at(0.0), &params(10, 10));
@@ -233,6 +255,12 @@ fn black_white_and_low_contrast_pictures_get_warnings() {
     let noise = Raster::eight(16, 16, 1, (0..256u32).map(|i| 100 + (i * 37 % 101 * 53 % 17) as u8).collect());
     let fixed = MaskParams { threshold: MaskThreshold::Fixed(101.0 / 255.0), ..params(1, 1) };
     assert!(codes(&segment(&noise, &all, &fixed)).contains(&"mask_low_separability"));
+}
+
+#[test]
+fn a_dim_back_light_without_an_object_is_full_and_not_translucent() {
+    let dim = of_all(&picture(200, 150, |_, _| 77.0 / 255.0), &params(4, 4));
+    assert_eq!((codes(&dim), dim.metrics.translucent_fraction), (vec!["mask_full"], 0.0));
 }
 
 #[test]

@@ -29,6 +29,9 @@ pub(super) struct Tones {
     pub bright: f64,
     /// Between-class variance over total variance; none when there is a single value.
     pub separability: Option<f64>,
+    /// Whether there is only one class, all object or all background. Then `dark` or `bright` is not measured, and a
+    /// cover between 0 and 1 means nothing.
+    pub one_class: bool,
 }
 
 impl Tones {
@@ -46,7 +49,8 @@ impl Tones {
             && bright - dark < MIN_CONTRAST.max(bright * MIN_RELATIVE_CONTRAST)
         {
             // one class: all background when it is bright, all object when it is dark
-            return Self { dark: 0.0, threshold: 0.5, bright: 1.0, separability: otsu.map(|otsu| otsu.separability) };
+            let separability = otsu.map(|otsu| otsu.separability);
+            return Self { dark: 0.0, threshold: 0.5, bright: 1.0, separability, one_class: true };
         }
         let (threshold, separability) = match (requested, dark, bright) {
             (MaskThreshold::Fixed(threshold), ..) => (threshold, histogram.separability(threshold)),
@@ -55,7 +59,8 @@ impl Tones {
             }
             (MaskThreshold::Auto, ..) => (split, otsu.map(|otsu| otsu.separability)),
         };
-        Self { dark: dark.unwrap_or(0.0), threshold, bright: bright.unwrap_or(1.0), separability }
+        let one_class = dark.is_none() || bright.is_none();
+        Self { dark: dark.unwrap_or(0.0), threshold, bright: bright.unwrap_or(1.0), separability, one_class }
     }
 
     /// Share of a pixel of this value that the object covers, 0 to 1: 0.5 at the threshold, linear from there to 1 at
@@ -102,7 +107,13 @@ mod tests {
         assert_eq!(Tones::of(&histogram(&[(0.1, 9)]), MaskThreshold::Auto).threshold, 0.5);
         assert_eq!(Tones::of(&histogram(&[(0.9, 9)]), MaskThreshold::Auto).separability, None);
         for one_kind in [&[(0.97, 50), (0.99, 50), (1.0, 99)][..], &[(0.0, 50), (0.01, 50)], &[(0.2, 9), (0.21, 9)]] {
-            assert_eq!(Tones::of(&histogram(one_kind), MaskThreshold::Auto).threshold, 0.5);
+            let tones = Tones::of(&histogram(one_kind), MaskThreshold::Auto);
+            assert!(tones.threshold == 0.5 && tones.one_class, "{one_kind:?}: {tones:?}");
+        }
+        assert!(!Tones::of(&histogram(&[(0.1, 9), (0.9, 9)]), MaskThreshold::Auto).one_class);
+        for threshold in [0.05, 0.95] {
+            let tones = Tones::of(&histogram(&[(0.1, 9), (0.9, 9)]), MaskThreshold::Fixed(threshold));
+            assert!(tones.one_class, "{threshold}: {tones:?}");
         }
     }
 }

@@ -41,13 +41,17 @@ pub(super) struct Translucent {
     pub transmittance: f64,
 }
 
-/// Finds the translucent parts attached to the opaque object `mask` (255); none when they are too small.
+/// Finds the translucent parts attached to the opaque object `mask` (255); none when they are too small, or when the
+/// picture has only one class, so that there is nothing to shine through.
 pub(super) fn find(
     grey: &[f32],
     mask: &Plane<u8>,
     is_valid: impl Fn(usize) -> bool + Sync,
     tones: &Tones,
 ) -> Option<Translucent> {
+    if tones.one_class {
+        return None;
+    }
     let (width, height) = (mask.width, mask.height);
     let reach = (width.min(height) / REACH_OF_SIDE).clamp(REACH_LIMITS.0, REACH_LIMITS.1);
     let pixels = (0..grey.len()).into_par_iter();
@@ -66,11 +70,11 @@ pub(super) fn find(
     let outside = |at: usize| is_valid(at) && mask.data[at] == 0;
     let edge = reach * EDGE_OF_REACH[0] / EDGE_OF_REACH[1];
     drop_defocused_edges(&mut pixels, (width, height), edge, outside, |at| tones.cover(grey[at]));
-    let inner = grey.iter().zip(&areas).zip(&pixels).filter(|((_, area), thin)| **area && **thin);
+    let inner = grey.iter().zip(&areas).zip(&pixels).filter(|((_, area), translucent)| **area && **translucent);
     let through = f64::from(median(&mut inner.map(|((&value, _), _)| value).collect::<Vec<_>>())?);
-    let thin = pixels.iter().filter(|&&thin| thin).count();
-    let object = pixels.iter().zip(&mask.data).filter(|(thin, mask)| **thin || **mask != 0).count();
-    let share = thin as f64 / object.max(1) as f64;
+    let translucent = pixels.iter().filter(|&&translucent| translucent).count();
+    let object = pixels.iter().zip(&mask.data).filter(|(translucent, mask)| **translucent || **mask != 0).count();
+    let share = translucent as f64 / object.max(1) as f64;
     let transmittance = (through - tones.dark) / (tones.bright - tones.dark).max(1e-6);
     (share > MIN_SHARE).then_some(Translucent { pixels, share, transmittance })
 }
@@ -91,16 +95,16 @@ fn rims(grey: &[f32], areas: &[bool], around: &[bool], (width, height): (usize, 
     out
 }
 
-/// Removes the components of `thin` that have no edge: their cover falls gradually. The step at the rim, as a share of
-/// the cover inside, is measured between `edge` px inside and outside, and the median along the rim counts.
+/// Removes the components of `translucent` that have no edge: their cover falls gradually. The step at the rim, as a
+/// share of the cover inside, is measured between `edge` px inside and outside, and the median along the rim counts.
 fn drop_defocused_edges(
-    thin: &mut [bool],
+    translucent: &mut [bool],
     (width, height): (usize, usize),
     edge: usize,
     outside: impl Fn(usize) -> bool,
     cover: impl Fn(usize) -> f32,
 ) {
-    let mut components = Components::of(width, height, Connectivity::Eight, |at| thin[at]);
+    let mut components = Components::of(width, height, Connectivity::Eight, |at| translucent[at]);
     let mut steps = components.accumulate(|steps: &mut Vec<f32>, y, columns| {
         for x in columns.clone() {
             for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
@@ -108,7 +112,7 @@ fn drop_defocused_edges(
                     let (u, v) = (x.checked_add_signed(far * dx)?, y.checked_add_signed(far * dy)?);
                     (u < width && v < height).then_some(v * width + u)
                 };
-                let ends = place(1).is_some_and(|next| !thin[next] && outside(next));
+                let ends = place(1).is_some_and(|next| !translucent[next] && outside(next));
                 if let (true, Some(before), Some(beyond)) = (ends, place(-(edge as isize)), place(edge as isize)) {
                     let before = cover(before);
                     steps.push((before - cover(beyond)) / before.max(1e-6));
@@ -121,7 +125,7 @@ fn drop_defocused_edges(
         steps.iter_mut().map(|steps| median(steps).is_some_and(|step| step < MIN_STEP)).collect();
     components.for_each_run(&is_gradual, |is_gradual, y, columns| {
         if *is_gradual {
-            thin[y * width + columns.start..y * width + columns.end].fill(false);
+            translucent[y * width + columns.start..y * width + columns.end].fill(false);
         }
     });
 }
@@ -180,17 +184,21 @@ mod tests {
             })
             .collect();
         let mask = Plane { width, height, data: grey.iter().map(|&v| if v < 0.45 { 255 } else { 0 }).collect() };
-        (grey, mask, Tones { dark: 0.05, threshold: 0.45, bright: 0.85, separability: None })
+        (grey, mask, Tones { dark: 0.05, threshold: 0.45, bright: 0.85, separability: None, one_class: false })
     }
 
     #[test]
     fn a_translucent_rim_is_found_and_a_defocused_edge_is_not() {
         for transmitted in [0.35, 0.5, 0.7] {
             let (grey, mask, tones) = armed(|away| if away < 20.0 { transmitted } else { 0.85 });
-            let thin = find(&grey, &mask, |_| true, &tones).expect("a wing");
-            assert!(thin.pixels[60 * 200 + 110] && !thin.pixels[60 * 200 + 125], "{transmitted}");
+            let translucent = find(&grey, &mask, |_| true, &tones).expect("a wing");
+            assert!(translucent.pixels[60 * 200 + 110] && !translucent.pixels[60 * 200 + 125], "{transmitted}");
             let expected = (f64::from(transmitted) - 0.05) / 0.8;
-            assert!((thin.transmittance - expected).abs() < 0.01, "{transmitted}: {}", thin.transmittance);
+            assert!(
+                (translucent.transmittance - expected).abs() < 0.01,
+                "{transmitted}: {}",
+                translucent.transmittance
+            );
         }
         for width in [25.0, 40.0, 60.0] {
             // like blur: half of the light at the edge, and more with the distance from it

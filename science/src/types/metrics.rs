@@ -101,10 +101,12 @@ pub struct FocusMetrics {
     /// `n`: from slice n to n + 1 focus moves much farther than usual in this stack.
     #[serde(default)]
     pub uneven_steps: Vec<u32>,
-    /// Share of the textured pixels that are sharpest in the first slice and less sharp in each of the next two.
+    /// Share of the textured pixels that are taken from the first slice (decision map) and are less sharp in each of
+    /// the next two.
     #[serde(default)]
     pub peak_at_first_fraction: Option<f64>,
-    /// Share of the textured pixels that are sharpest in the last slice and less sharp in each of the two before it.
+    /// Share of the textured pixels that are taken from the last slice (decision map) and are less sharp in each of the
+    /// two before it.
     #[serde(default)]
     pub peak_at_last_fraction: Option<f64>,
     /// Share of the textured pixels whose slice in the decision map is not the most frequent one of their 5x5
@@ -122,7 +124,8 @@ pub struct FocusMetrics {
     pub order: Option<Vec<u32>>,
 }
 
-/// An area of the object without texture: smooth, or never in focus. Position and size on the canvas, px.
+/// An area of the object without texture: smooth, or never in focus. Position and size in px on the canvas, which is
+/// the pixel grid of the reference slice, before a crop.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct UnfocusedArea {
     /// Its share of the object.
@@ -153,7 +156,8 @@ pub struct SliceMetrics {
     /// Red over green and blue over green, each relative to the reference slice. Not 1: the colour of the light drifts.
     #[serde(default)]
     pub balance_ratio: Option<[f64; 2]>,
-    /// Brightness after the gain relative to the surrounding slices. Not 1: the light flickers.
+    /// Brightness after the gain relative to the surrounding slices. Not 1: the light flickers. Null in stacks of fewer
+    /// than six slices.
     #[serde(default)]
     pub flicker_ratio: Option<f64>,
     /// 0-based index of an earlier slice that is the same image; else null.
@@ -209,7 +213,8 @@ pub struct MaskMetrics {
     pub foreground_fraction: f64,
     /// Threshold used, as a share of full scale.
     pub threshold: f64,
-    /// Otsu's between-class variance over the total variance: above 0.9 good, below 0.75 doubtful.
+    /// Otsu's between-class variance over the total variance: above 0.9 good, below 0.75 doubtful. With
+    /// `mask_threshold` the classes are those of that threshold, in the unchanged picture.
     pub separability: Option<f64>,
     /// Share of the border pixels of the canvas that belong to the object. Above 0: the object is cut off.
     pub border_contact_fraction: f64,

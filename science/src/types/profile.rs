@@ -234,7 +234,7 @@ pub(super) fn reference_beyond(index: usize, count: usize) -> String {
 pub(super) fn rail_violation(rail: &[f64]) -> Option<(usize, String)> {
     if let Some(slice) = rail.iter().position(|z| !RAIL_MM.contains(z)) {
         let detail = format!(
-            "the rail position of slice {slice} is {} mm; it must be {} to {}",
+            "the rail position of slice {slice} is {:e} mm; it must be {:e} to {:e}",
             rail[slice],
             RAIL_MM.start(),
             RAIL_MM.end()

@@ -8,26 +8,29 @@ impl Diagnoser<'_> {
     pub(super) fn range(&self) -> Vec<Finding> {
         let focus = &self.quality.focus;
         let last = self.quality.slices.len().saturating_sub(1) as u32;
-        let percent = |fraction: Option<f64>| 100.0 * fraction.unwrap_or(0.0);
         let mut findings = Vec::new();
-        // the peak at an end is estimated from three slices of that half of the stack
+        // the peak at an end is estimated from three slices, which are at most a quarter of the stack apart
         let pairs = self.evidence.own.len();
-        let half = pairs.min(2 * (pairs / 4).max(1));
-        let still = |pairs: std::ops::Range<usize>| !pairs.into_iter().any(|pair| self.pair_is_off(pair));
-        if focus.range_too_short_near == Some(true) && still(0..half) {
+        let compared = pairs.min(2 * (pairs / 4).max(1));
+        let in_place = |pairs: std::ops::Range<usize>| !pairs.into_iter().any(|pair| self.pair_is_off(pair));
+        let taken_from = |slice: u32| {
+            let contribution = self.quality.slices.get(slice as usize).and_then(|slice| slice.contribution);
+            100.0 * contribution.unwrap_or(0.0)
+        };
+        if focus.range_too_short_near == Some(true) && in_place(0..compared) {
             let detail = format!(
-                "the stack starts inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
-                 sharper in a slice before it; start the stack some steps earlier",
-                percent(focus.peak_at_first_fraction),
+                "the stack starts inside the object: {:.1} % of the textured pixels are taken from slice {}, and for a \
+                 considerable part of them the focus lies before it; start the stack some steps earlier",
+                taken_from(0),
                 self.name(0)
             );
             findings.push(warning("range_too_short_near", vec![0], detail));
         }
-        if focus.range_too_short_far == Some(true) && still(pairs - half..pairs) {
+        if focus.range_too_short_far == Some(true) && in_place(pairs - compared..pairs) {
             let detail = format!(
-                "the stack ends inside the object: {:.1} % of the textured pixels are sharpest in slice {} and would be \
-                 sharper in a slice after it; end the stack some steps later",
-                percent(focus.peak_at_last_fraction),
+                "the stack ends inside the object: {:.1} % of the textured pixels are taken from slice {}, and for a \
+                 considerable part of them the focus lies after it; end the stack some steps later",
+                taken_from(last),
                 self.name(last)
             );
             findings.push(warning("range_too_short_far", vec![last], detail));
@@ -49,18 +52,19 @@ impl Diagnoser<'_> {
                  make the step smaller, or check whether slices are missing",
                 Self::pairs(&gaps)
             );
-            findings.push(warning("coverage_gap", gaps.clone(), detail));
+            findings.push(warning("coverage_gap", both_of(&gaps), detail));
         }
         let uneven: Vec<u32> = of_steps(&focus.uneven_steps).into_iter().filter(|n| !gaps.contains(n)).collect();
         if !uneven.is_empty() {
             let times = uneven.iter().filter_map(|&n| self.evidence.steps.get(n as usize).copied().flatten());
+            let (about, missing) = if uneven.len() == 1 { ("about", "a slice is") } else { ("up to", "slices are") };
             let detail = format!(
-                "between slices {} focus moves about {:.1} times as far as usual in this stack: a slice is missing, or the \
-                 rail slipped; check the files and the rail",
+                "between slices {} focus moves {about} {:.1} times as far as usual in this stack: {missing} missing, \
+                 or the rail slipped; check the files and the rail",
                 Self::pairs(&uneven),
                 times.fold(0.0, f32::max)
             );
-            findings.push(warning("uneven_step", uneven, detail));
+            findings.push(warning("uneven_step", both_of(&uneven), detail));
         }
         findings
     }
@@ -77,4 +81,11 @@ impl Diagnoser<'_> {
             note("redundant_slices", redundant, detail)
         })
     }
+}
+
+/// Both slices of each pair of neighbours, by the first slice of each pair in ascending order; without repetition.
+fn both_of(firsts: &[u32]) -> Vec<u32> {
+    let mut slices: Vec<u32> = firsts.iter().flat_map(|&first| [first, first + 1]).collect();
+    slices.dedup();
+    slices
 }

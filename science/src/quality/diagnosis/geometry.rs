@@ -62,7 +62,7 @@ impl Diagnoser<'_> {
     fn pair(&self, pair: usize, own: Option<OwnShift>) -> Pair {
         let Some(own) = own else { return Pair::Unknown };
         let certain = own.length() > MISALIGNED_PX.max(MISALIGNED_SIGMAS * own.sigma);
-        if certain && !self.pair_is_duplicated(pair) { Pair::Off(own.shift) } else { Pair::Still }
+        if certain && !self.pair_is_duplicated(pair) { Pair::Off(own.shift) } else { Pair::NotDisplaced }
     }
 
     /// Whether the image is displaced in the pair of neighbours that begins with slice `first`.
@@ -97,6 +97,17 @@ impl Diagnoser<'_> {
                      stack again, or calibrate again if every stack shows it",
                     self.named(&slices),
                     by(shift)
+                );
+                warning("slice_misaligned", slices, detail)
+            }
+            Displacement::OneOfThree { shift } => {
+                let slices = vec![0, 1, 2];
+                let detail = format!(
+                    "one of the {} is shifted by about {:.1} px against the others, and a stack of three slices does \
+                     not tell which: the rig vibrated or was knocked; take the stack again, or calibrate again if \
+                     every stack shows it",
+                    self.named(&slices),
+                    shift.0.hypot(shift.1)
                 );
                 warning("slice_misaligned", slices, detail)
             }

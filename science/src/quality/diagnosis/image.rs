@@ -19,10 +19,13 @@ impl Diagnoser<'_> {
         let StackQuality { fusion, focus, alignment, .. } = self.quality;
         let mut findings = Vec::new();
         let percent = |fraction: f64| 100.0 * fraction;
+        let whole = if self.evidence.masked { "object" } else { "image" };
         if let Some(fraction) = fusion.clipped_fraction.filter(|fraction| *fraction > CLIPPED) {
+            let background =
+                if self.evidence.masked { "" } else { " (a background that is black on purpose counts too)" };
             let detail = format!(
-                "{:.1} % of the image is at full scale or black, and detail there is lost in every slice; change the exposure, \
-                 or soften the light",
+                "{:.1} % of the {whole} is at full scale or black{background}, and detail there is lost; change \
+                 the exposure, or soften the light",
                 percent(fraction)
             );
             findings.push(warning("clipped", Vec::new(), detail));
@@ -36,8 +39,8 @@ impl Diagnoser<'_> {
         }
         if let Some(area) = focus.unfocused_area.filter(|area| area.fraction > UNFOCUSED) {
             let detail = format!(
-                "one connected area with {:.0} % of the object ({} x {} px at {}, {}) has no texture in any slice: it is \
-                 smooth, or never in focus; check whether the stack reaches it",
+                "one connected area with {:.0} % of the object ({} x {} px at {}, {} of the canvas) has no texture in \
+                 any slice: it is smooth, or never in focus; check whether the stack reaches it",
                 percent(area.fraction),
                 area.width,
                 area.height,
@@ -48,15 +51,15 @@ impl Diagnoser<'_> {
         }
         if let Some(fraction) = alignment.common_fraction.filter(|fraction| *fraction < COMMON) {
             let detail = format!(
-                "only {:.0} % of the image is covered by every slice, so fewer slices are available near the border; keep the \
-                 object in the middle, or use crop=valid",
+                "only {:.0} % of the canvas is covered by every slice, so fewer slices are available near the border; \
+                 keep the object in the middle, or use crop=valid",
                 percent(fraction)
             );
             findings.push(note("small_common_area", Vec::new(), detail));
         }
         if let Some(fraction) = focus.textured_fraction.filter(|fraction| *fraction < TEXTURED) {
             let detail = format!(
-                "only {:.2} % of the image has texture; do not rely on the metrics of focus and alignment",
+                "only {:.2} % of the {whole} has texture; do not rely on the metrics of focus and alignment",
                 percent(fraction)
             );
             findings.push(note("little_texture", Vec::new(), detail));

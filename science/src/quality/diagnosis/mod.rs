@@ -25,6 +25,12 @@ pub(super) struct Evidence<'a> {
     pub(super) steps: &'a [Option<f32>],
     /// Per slice: brightness relative to the reference slice, after the gains.
     pub(super) equalised: &'a [Option<f64>],
+    /// Index of the reference slice.
+    pub(super) reference: usize,
+    /// The profile has gains: that of some slice is not 1.
+    pub(super) has_gains: bool,
+    /// A mask restricts the metrics to the object.
+    pub(super) masked: bool,
     /// The slices run in the opposite direction to the profile.
     pub(super) reversed: bool,
     /// Width and height of the canvas, px.
@@ -109,3 +115,6 @@ impl Diagnoser<'_> {
         self.is_duplicated(first) || self.is_duplicated(first + 1)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -40,14 +40,12 @@ impl Diagnoser<'_> {
     pub(super) fn out_of_order(&self) -> Option<Finding> {
         let order = self.quality.focus.order.as_ref().filter(|_| !self.shows_other_parts())?;
         let misplaced = out_of_place(order);
+        let (are, them, each) = if misplaced.len() == 1 { ("is", "it", "it") } else { ("are", "them", "each") };
         let detail = format!(
-            "{} not in the order of focus: around them the object becomes sharp, unsharp and sharp again, and each was warped \
-             by the homography of another position; check how the files are numbered and sorted, or set the order in \
-             manifest.json",
-            match misplaced.len() {
-                1 => format!("{} is", self.named(&misplaced)),
-                _ => format!("{} are", self.named(&misplaced)),
-            }
+            "{} {are} not in the order of focus: around {them} the object becomes sharp, unsharp and sharp again, and \
+             {each} was warped by the homography of another position; check how the files are numbered and sorted, or \
+             set the order in manifest.json",
+            self.named(&misplaced)
         );
         Some(warning("slices_out_of_order", misplaced, detail))
     }

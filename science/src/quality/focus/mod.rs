@@ -112,7 +112,11 @@ pub(super) fn measure(
     let mut metrics = FocusMetrics {
         textured_fraction: Some(share),
         unfocused_fraction: masked.then_some(1.0 - share),
-        unfocused_area: if masked { unfocused_area::largest(points, &samples.at, &is_textured) } else { None },
+        unfocused_area: if masked {
+            unfocused_area::largest(points, &samples.at, &is_textured, (index.width, index.height))
+        } else {
+            None
+        },
         ..FocusMetrics::default()
     };
     if textured.len() < LEAST_TEXTURED {

@@ -3,8 +3,14 @@
 use crate::{quality::sampling::Points, types::metrics::UnfocusedArea};
 
 /// The largest 4-connected area of points that are not textured, with its bounding box; none if all are textured. `at`
-/// are the positions of the points that count, `textured` has one entry for each of them.
-pub(super) fn largest(points: &Points, at: &[(usize, usize)], textured: &[bool]) -> Option<UnfocusedArea> {
+/// are the positions of the points that count, `textured` has one entry for each of them. The box consists of the whole
+/// cells of the points, as far as they are on the canvas of `width` x `height` px.
+pub(super) fn largest(
+    points: &Points,
+    at: &[(usize, usize)],
+    textured: &[bool],
+    (width, height): (usize, usize),
+) -> Option<UnfocusedArea> {
     let step = points.step();
     let cell = |(x, y): (usize, usize)| (x / step, y / step);
     let (columns, rows) = at.iter().map(|&p| cell(p)).fold((0, 0), |(c, r), (x, y)| (c.max(x + 1), r.max(y + 1)));
@@ -38,14 +44,12 @@ pub(super) fn largest(points: &Points, at: &[(usize, usize)], textured: &[bool])
         }
     }
     let (count, [left, top, right, bottom]) = best?;
-    let px = |cells: usize| (cells * step) as u32;
-    Some(UnfocusedArea {
-        fraction: count as f64 / at.len() as f64,
-        x: px(left),
-        y: px(top),
-        width: px(right + 1 - left),
-        height: px(bottom + 1 - top),
-    })
+    let span = |first: usize, last: usize, canvas: usize| {
+        let (start, end) = (first * step, ((last + 1) * step).min(canvas));
+        (start as u32, end.saturating_sub(start) as u32)
+    };
+    let ((x, width), (y, height)) = (span(left, right, width), span(top, bottom, height));
+    Some(UnfocusedArea { fraction: count as f64 / at.len() as f64, x, y, width, height })
 }
 
 #[cfg(test)]
@@ -59,9 +63,20 @@ mod tests {
         let hole =
             |&(x, y): &(usize, usize)| (10..20).contains(&x) && (30..50).contains(&y) || (60..65).contains(&x) && y < 5;
         let textured: Vec<bool> = at.iter().map(|p| !hole(p)).collect();
-        let found = largest(&points, &at, &textured).unwrap();
+        let found = largest(&points, &at, &textured, (100, 80)).unwrap();
         assert_eq!((found.x, found.y, found.width, found.height), (10, 30, 10, 20));
         assert!((found.fraction - 200.0 / 8000.0).abs() < 1e-9);
-        assert_eq!(largest(&points, &at, &vec![true; at.len()]), None);
+        assert_eq!(largest(&points, &at, &vec![true; at.len()], (100, 80)), None);
+    }
+
+    #[test]
+    fn the_box_ends_at_the_border_of_the_canvas() {
+        let (width, height) = (1003, 701);
+        let points = Points::of(width, height, None);
+        assert!(!width.is_multiple_of(points.step()) && !height.is_multiple_of(points.step()), "{}", points.step());
+        let at: Vec<_> = points.positions().collect();
+        let found = largest(&points, &at, &vec![false; at.len()], (width, height)).unwrap();
+        // the last row is not sampled
+        assert_eq!((found.x, found.y, found.width, found.height), (0, 0, 1003, 700));
     }
 }

@@ -14,7 +14,8 @@ const LEAST: usize = 128 << 10;
 const MOST: usize = 1 << 20;
 /// An area up to this multiple of the sample is scored completely.
 const WHOLE: f64 = 1.5;
-/// Least share of object pixels in a block.
+/// Least share of object pixels in a block of a sampled area. An area that is scored completely keeps every piece that
+/// shows the object: a thin diagonal part covers less than this of each.
 const LEAST_SHARE: f64 = 0.02;
 
 /// Blocks spread evenly over the canvas or, with a mask, over the object, by a jittered grid: one block per cell, at a
@@ -36,22 +37,22 @@ impl Blocks {
             Some(Some(Extent { bounds, pixels })) => (bounds, pixels as f64 / (bounds.width * bounds.height) as f64),
         };
         let wanted = (width * height / ONE_OF).clamp(LEAST, MOST) as f64;
-        let touching = |rects: Vec<Rect>| match object {
+        let touching = |rects: Vec<Rect>, least_share: f64| match object {
             None => rects,
             Some(object) => {
-                let least = |rect: &Rect| (LEAST_SHARE * (rect.width * rect.height) as f64).max(1.0);
+                let least = |rect: &Rect| (least_share * (rect.width * rect.height) as f64).max(1.0);
                 rects.into_iter().filter(|rect| object_pixels(object, *rect) as f64 >= least(rect)).collect()
             }
         };
         if (area.width * area.height) as f64 <= WHOLE * wanted {
-            return Self { rects: touching(everything(area)) };
+            return Self { rects: touching(everything(area), 0.0) };
         }
         let mut cells = wanted / (BLOCK.0 * BLOCK.1) as f64 / share.max(1e-6);
         let mut rects = Vec::new();
         // blocks at the outline show only part of the object, so their number is adjusted by trial
         for _ in 0..6 {
             let (columns, rows) = grid(area, cells);
-            rects = touching(jittered(area, columns, rows));
+            rects = touching(jittered(area, columns, rows), LEAST_SHARE);
             let laid = (rects.len() * BLOCK.0 * BLOCK.1) as f64;
             if laid <= 1.1 * wanted {
                 break;
@@ -170,5 +171,14 @@ mod tests {
         let tiny = Plane::from_fn(6000, 4000, |x, y| u8::from(x / 50 == 7 && y / 50 == 9));
         assert_eq!(Blocks::of(6000, 4000, Some(&tiny)).rects, [Rect { x: 350, y: 450, width: 50, height: 50 }]);
         assert_eq!(Blocks::of(6000, 4000, Some(&tiny.map(|_| 0))), Blocks::default());
+    }
+
+    #[test]
+    fn a_diagonal_hair_is_scored_completely() {
+        let hair = |x: usize, y: usize| (1000..1700).contains(&x) && (x - 1000).abs_diff(y) <= 1;
+        let object = Plane::from_fn(6000, 4000, |x, y| u8::from(hair(x, y)));
+        let scored: usize =
+            Blocks::of(6000, 4000, Some(&object)).rects.iter().map(|r| object_pixels(&object, *r)).sum();
+        assert_eq!(scored, object.data.iter().filter(|&&v| v != 0).count());
     }
 }
