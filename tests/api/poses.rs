@@ -88,6 +88,17 @@ async fn poses_of_another_scan_are_refused_with_a_name_of_each() {
 }
 
 #[tokio::test]
+async fn poses_of_a_scan_without_views_are_refused() {
+    let app = TestApp::start().await;
+    app.with_scan("bee").await;
+    let refused = app.post("/v1/scans/bee/poses").body(csv()).send().await.unwrap();
+    let refused = problem(refused, 422, "invalid_poses").await;
+    let wanted =
+        "the scan 'bee' has no views yet; send its stacks first, or ask for a report without a scan (POST /v1/poses)";
+    assert_eq!(refused["detail"], wanted, "{refused}");
+}
+
+#[tokio::test]
 async fn what_is_no_file_of_poses_is_refused_with_the_reason() {
     let app = TestApp::start().await;
     let ask =

@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::plan::CapturePlan;
+use super::{
+    page::{PITCH_MM, PageFormat, format_of_fit},
+    plan::CapturePlan,
+};
 
 /// Smallest pitch of a plain target over the largest blur radius. A blur radius of 0.61 pitches erases the dots.
 const PLAIN_PITCH: f64 = 2.5;
@@ -19,8 +22,6 @@ const MOST_DOTS: f64 = 256.0;
 const BEYOND: f64 = 3.0;
 /// Below this pitch, a laser printer does not print round dots.
 const LASER_MM: f64 = 1.0;
-/// The finest pitch of `GET /v1/targets/dots`.
-const FINEST_MM: f64 = 0.01;
 /// Below this pitch, no paper print has round dots.
 const FILM_MM: f64 = 0.2;
 
@@ -44,7 +45,8 @@ pub struct TargetAdvice {
     pub columns: Option<u32>,
     /// Rows that fill the field of view, with some to spare; null without the size of the image.
     pub rows: Option<u32>,
-    /// The target as `GET /v1/targets/dots` makes it; null without the size of the image.
+    /// The target as `GET /v1/targets/dots` makes it; null without the size of the image, and if the pitch is larger
+    /// than the 100 mm that it prints.
     pub target: Option<String>,
     /// What to consider.
     pub notes: Vec<String>,
@@ -53,26 +55,51 @@ pub struct TargetAdvice {
 /// The target for a plan.
 pub fn advice(plan: &CapturePlan) -> TargetAdvice {
     let largest_blur_px = plan.slices.iter().map(|slice| slice.target_blur_px).fold(0.0, f64::max);
-    // px of the reference slice -> mm on the target
-    let mm_per_px = plan.principal_distance_mm / plan.principal_distance_px / plan.magnification;
+    // px -> mm on the target, which is in focus in the reference slice
+    let mm_per_px = plan.principal_distance_mm / plan.principal_distance_px / plan.reference_magnification;
+    let field = plan.field_of_view_mm.map(|size| size.map(|mm| mm * plan.magnification / plan.reference_magnification));
     let least = |factor: f64| (factor * largest_blur_px).max(LEAST_PX) * mm_per_px;
     let (plain, coded) = (least(PLAIN_PITCH), least(CODED_PITCH));
     // where little blur would allow a finer pitch than 256 dots across the field have, the dots fill the field
-    let filling = plan.field_of_view_mm.map_or(0.0, |[width, height]| width.max(height) / (MOST_DOTS - 2.0 * BEYOND));
-    let pitch_mm = rounded_up(coded.max(filling).max(FINEST_MM));
+    let filling = field.map_or(0.0, |[width, height]| width.max(height) / (MOST_DOTS - 2.0 * BEYOND));
+    let [finest, coarsest] = PITCH_MM;
+    let pitch_mm = rounded_up(coded.max(filling).max(finest));
     let dots = |side: f64| (side / pitch_mm + 2.0 * BEYOND).ceil() as u32;
-    let size = plan.field_of_view_mm.map(|size| size.map(dots));
-    let largest_pitch_mm = plan.field_of_view_mm.map(|[width, height]| width.min(height) / FEWEST_DOTS);
-    let target = size.map(|[columns, rows]| {
-        format!("/v1/targets/dots?pitch_mm={pitch_mm}&columns={columns}&rows={rows}&coded=true&paper=fit&format=pdf")
+    let size = field.map(|size| size.map(dots));
+    let shorter_side_mm = field.map(|[width, height]| width.min(height));
+    let largest_pitch_mm = shorter_side_mm.map(|side| side / FEWEST_DOTS);
+    let target = size.filter(|_| pitch_mm <= coarsest).map(|[columns, rows]| {
+        let format = match format_of_fit(pitch_mm, [columns, rows]) {
+            PageFormat::Pdf => "pdf",
+            PageFormat::Svg => "svg",
+        };
+        format!(
+            "/v1/targets/dots?pitch_mm={pitch_mm}&columns={columns}&rows={rows}&coded=true&paper=fit&format={format}"
+        )
     });
     let mut notes = Vec::new();
     if largest_pitch_mm.is_some_and(|largest| largest < pitch_mm) {
-        notes.push(
-            "no pitch suits this capture: the blur needs a larger one than leaves 8 dots in the image; calibrate with a \
-             smaller aperture than the capture has (the geometry is the same), or with less depth"
-                .to_owned(),
-        );
+        let least_side_px = FEWEST_DOTS * LEAST_PX;
+        notes.push(if CODED_PITCH * largest_blur_px > LEAST_PX {
+            "no pitch suits this capture: the blur needs a larger one than leaves 8 dots in the image; calibrate with \
+             a smaller aperture than the capture has (the geometry is the same), or with less depth"
+                .to_owned()
+        } else if shorter_side_mm.is_some_and(|side| side / mm_per_px < least_side_px - 0.5) {
+            format!(
+                "no pitch suits this capture: the image has fewer than {least_side_px} px along its shorter side; \
+                 calibrate with images of full size"
+            )
+        } else {
+            "no pitch suits this capture: the finest that can be printed leaves fewer than 8 dots along the shorter \
+             side of the image; calibrate with images of full size, or use a smaller magnification"
+                .to_owned()
+        });
+    }
+    if pitch_mm > coarsest {
+        notes.push(format!(
+            "a pitch of {pitch_mm} mm is larger than the {coarsest} mm that are printed; use a larger magnification, \
+             or have the target made elsewhere"
+        ));
     }
     if pitch_mm < FILM_MM {
         notes.push("dots of this size need chrome on glass (a calibration slide)".to_owned());
@@ -128,7 +155,7 @@ mod tests {
         let advice = advice(&plan);
         let blur = plan.slices[0].target_blur_px.max(plan.slices[plan.slices.len() - 1].target_blur_px);
         assert_eq!(advice.largest_blur_px, blur);
-        let mm = 0.00414 / plan.magnification;
+        let mm = 0.00414 / plan.reference_magnification;
         assert!((advice.least_pitch_plain_mm - 2.5 * blur * mm).abs() < 1e-9);
         assert!(advice.pitch_mm >= advice.least_pitch_coded_mm && advice.pitch_mm < 1.11 * advice.least_pitch_coded_mm);
         assert!(advice.pitch_px >= 2.0 * blur);
@@ -153,9 +180,51 @@ mod tests {
                 assert!(covered > field[axis] && dots[axis] <= 256, "{magnification:?}: {advice:?}");
             }
             let [columns, rows] = dots;
-            let page = TargetInput { pitch_mm: advice.pitch_mm, columns, rows, paper: Paper::Fit, ..page() };
+            let target = advice.target.expect("the size is known");
+            let format = if target.ends_with("&format=pdf") { PageFormat::Pdf } else { PageFormat::Svg };
+            let page = TargetInput { pitch_mm: advice.pitch_mm, columns, rows, paper: Paper::Fit, format, ..page() };
             assert!(TargetPage::new(&page).is_ok(), "{page:?}");
+            // of the smallest, readers would show no PDF
+            assert_eq!(format == PageFormat::Svg, magnification == Some(10.0), "{target}");
         }
+    }
+
+    #[test]
+    fn the_target_is_measured_in_the_reference_slice() {
+        // with two slices the reference is at an end of the object
+        let deep = PlanInput { object_depth_mm: 40.0, slice_count: Some(2), f_number: 32.0, ..input() };
+        let plan = plan(&deep).expect("a plan");
+        assert!((plan.reference_magnification / plan.magnification - 1.0).abs() > 0.1, "{plan:?}");
+        let advice = advice(&plan);
+        let mm = 0.00414 / plan.reference_magnification;
+        assert!((advice.pitch_mm / advice.pitch_px / mm - 1.0).abs() < 1e-9);
+        for (side, dots) in [8688.0, 5792.0].into_iter().zip([advice.columns, advice.rows]) {
+            let covered = (f64::from(dots.expect("the size is known")) - 6.0) * advice.pitch_mm;
+            assert!((0.0..=advice.pitch_mm).contains(&(covered - side * mm)), "{advice:?}");
+        }
+    }
+
+    #[test]
+    fn a_pitch_that_is_not_printed_gives_no_target() {
+        let far = PlanInput { magnification: Some(1e-4), object_depth_mm: 10.0, ..input() };
+        let advice = advice(&plan(&far).expect("a plan"));
+        assert!(advice.pitch_mm > 100.0 && advice.columns.is_some() && advice.target.is_none(), "{advice:?}");
+        let note = advice.notes.iter().find(|note| note.contains("larger than the 100 mm")).expect("a note");
+        assert!(note.contains("use a larger magnification"), "{note}");
+    }
+
+    #[test]
+    fn a_small_image_is_told_from_a_large_blur() {
+        let small = |side| PlanInput { image_width: Some(1000), image_height: Some(side), ..input() };
+        let little = PlanInput { object_depth_mm: 0.01, ..small(100) };
+        let notes = advice(&plan(&little).expect("a plan")).notes;
+        let wanted = "no pitch suits this capture: the image has fewer than 128 px along its shorter side; calibrate \
+                      with images of full size";
+        assert_eq!(notes.first().map(String::as_str), Some(wanted));
+        let blurred = advice(&plan(&small(100)).expect("a plan")).notes;
+        assert!(blurred.iter().any(|note| note.contains("the blur needs a larger one")), "{blurred:?}");
+        let enough = advice(&plan(&PlanInput { object_depth_mm: 0.01, ..small(300) }).expect("a plan")).notes;
+        assert!(!enough.iter().any(|note| note.starts_with("no pitch suits")), "{enough:?}");
     }
 
     fn page() -> TargetInput {

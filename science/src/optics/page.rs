@@ -17,6 +17,10 @@ const MARGIN_MM: f64 = 10.0;
 const CAPTION_MM: f64 = 12.0;
 /// Margin of a page that fits the target, pitches.
 const FIT_MARGIN: f64 = 2.0;
+/// Smallest and largest pitch, mm.
+pub(super) const PITCH_MM: [f64; 2] = [0.01, 100.0];
+/// Smallest and largest side of a page that PDF readers show, mm: 3 and 14,400 points of 1/72 inch.
+const PDF_SIDE_MM: [f64; 2] = [3.0 / 72.0 * 25.4, 14_400.0 / 72.0 * 25.4];
 /// Lengths of the check line, mm: the longest that fits is drawn.
 const CHECK_LINES_MM: [f64; 4] = [200.0, 100.0, 50.0, 20.0];
 
@@ -38,7 +42,7 @@ pub struct TargetInput {
     #[serde(default)]
     #[param(required = false)]
     pub coded: bool,
-    /// Diameter of a dot over the pitch, of a coded target the nominal diameter; default 0.5.
+    /// Diameter of a dot over the pitch, 0.2 to 0.8; of a coded target the nominal diameter, 0.2 to 0.7. Default 0.5.
     #[serde(default = "half")]
     #[param(required = false)]
     pub dot_ratio: f64,
@@ -121,9 +125,11 @@ impl TargetPage {
     ///
     /// # Errors
     /// [`crate::types::ErrorKind::InvalidParameter`] with the parameter: a number outside its range, more than 65,536
-    /// dots, dots that would touch, or a grid that does not fit on the paper (with the number of dots that do).
+    /// dots, dots that would touch, a grid that does not fit on the paper (with the number of dots that do), or a PDF
+    /// page that is too small or too large for PDF readers.
     pub fn new(input: &TargetInput) -> Result<Self, Error> {
-        require("pitch_mm", input.pitch_mm, 0.01, 100.0)?;
+        let [finest, coarsest] = PITCH_MM;
+        require("pitch_mm", input.pitch_mm, finest, coarsest)?;
         require("columns", f64::from(input.columns), 2.0, 1000.0)?;
         require("rows", f64::from(input.rows), 2.0, 1000.0)?;
         // two large dots of a code beside each other leave a gap
@@ -199,7 +205,18 @@ fn title(input: &TargetInput) -> String {
 /// Width and height of the page, mm.
 fn page_size(input: &TargetInput, grid: [f64; 2]) -> Result<[f64; 2], Error> {
     let upright = match input.paper {
-        Paper::Fit => return Ok(grid.map(|side| side + 2.0 * FIT_MARGIN * input.pitch_mm)),
+        Paper::Fit => {
+            let page = fit_page(input.pitch_mm, [input.columns, input.rows]);
+            if input.format == PageFormat::Pdf && !suits_pdf(page) {
+                let ([width, height], [least, most]) = (page, PDF_SIDE_MM);
+                let detail = format!(
+                    "paper=fit gives a page of {width:.2} x {height:.2} mm, and PDF readers show sides of {least:.2} \
+                     to {most:.0} mm; choose format=svg, another pitch or another number of dots"
+                );
+                return Err(refused("paper", detail));
+            }
+            return Ok(page);
+        }
         Paper::A4 => [210.0, 297.0],
         Paper::Letter => [215.9, 279.4],
     };
@@ -209,13 +226,42 @@ fn page_size(input: &TargetInput, grid: [f64; 2]) -> Result<[f64; 2], Error> {
     if let Some(page) = pages.into_iter().find(fits) {
         return Ok(page);
     }
-    let [columns, rows] = room(pages[usize::from(grid[0] > grid[1])]).map(|side| (side / input.pitch_mm).floor());
+    // of what was asked for, as much as fits on the page, upright or on its side
+    let fitting = |page: [f64; 2]| {
+        let [across, down] = room(page).map(|side| {
+            let n = (side / input.pitch_mm).floor();
+            // a division that is rounded up gives one too many
+            if (n - 1.0) * input.pitch_mm + input.pitch_mm <= side { n } else { n - 1.0 }
+        });
+        [across.min(input.columns.into()), down.min(input.rows.into())]
+    };
+    let is_grid = |dots: &[f64; 2]| dots.iter().all(|n| *n >= 2.0);
+    let most = pages.map(fitting).into_iter().filter(is_grid).max_by(|a, b| (a[0] * a[1]).total_cmp(&(b[0] * b[1])));
+    let what = match most {
+        Some([columns, rows]) => format!("{columns} x {rows} do; choose fewer dots, a smaller pitch, or paper=fit"),
+        None => "no grid of this pitch fits on the page; choose a smaller pitch or paper=fit".to_owned(),
+    };
     let detail = format!(
-        "{} x {} dots with a pitch of {} mm do not fit on the page; {columns} x {rows} do; choose fewer dots, a smaller \
-         pitch, or paper=fit",
+        "{} x {} dots with a pitch of {} mm do not fit on the page; {what}",
         input.columns, input.rows, input.pitch_mm
     );
     Err(refused("columns", detail))
+}
+
+/// Width and height of the page that fits a target, mm.
+fn fit_page(pitch_mm: f64, dots: [u32; 2]) -> [f64; 2] {
+    dots.map(|n| f64::from(n.saturating_sub(1)) * pitch_mm + 2.0 * FIT_MARGIN * pitch_mm)
+}
+
+/// Whether PDF readers show a page of this size, mm.
+fn suits_pdf(page: [f64; 2]) -> bool {
+    let [least, most] = PDF_SIDE_MM;
+    page.iter().all(|side| (least..=most).contains(side))
+}
+
+/// The file format for a page that fits a target: PDF if readers show it.
+pub(super) fn format_of_fit(pitch_mm: f64, dots: [u32; 2]) -> PageFormat {
+    if suits_pdf(fit_page(pitch_mm, dots)) { PageFormat::Pdf } else { PageFormat::Svg }
 }
 
 #[cfg(test)]

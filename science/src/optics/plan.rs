@@ -8,8 +8,8 @@
 //! |---|---|---|
 //! | geometric depth of focus | `2 c N_eff` | Li and Nguyen 2019, equations 1 to 3 |
 //! | geometric depth of field | `2 c N_eff / M^2` | equations 4 to 6; the last form of 6 as printed swaps `f` and `d1 - f`, which is wrong by `M^2` |
-//! | wave-optical depth of focus | `4 lambda N_eff^2` | `lambda / NA^2` with `NA = M / (2 N_eff)`, on the side of the sensor |
-//! | wave-optical depth of field | `4 lambda N_eff^2 / M^2` | the same on the side of the object |
+//! | wave-optical depth of focus | `4 lambda N_eff^2` | `lambda / NA'^2` with `NA' = 1 / (2 N_eff)`, on the side of the sensor |
+//! | wave-optical depth of field | `4 lambda N_eff^2 / M^2` | `lambda / NA^2` with `NA = M / (2 N_eff)`, on the side of the object |
 //! | diameter of the Airy disc | `2.44 lambda N_eff` | |
 //!
 //! With a pupil ratio `P` the centre of projection is the entrance pupil, `f (1/M + 1/P)` before the plane in focus,

@@ -14,7 +14,8 @@ pub const CODE_PERIOD: u32 = 256;
 pub const CODE_DESCRIPTION: &str = "pinstack dot code, version 1: dots on a square grid, columns counted to the right \
     and rows downwards from 0. The dot in column c and row r is large if the most significant bit of output number \
     256 (r mod 256) + (c mod 256) (counted from 0) of the generator SplitMix64 with seed 44 is 1, else small. A large \
-    dot is 1.12 times and a small one 0.84 times as wide as the nominal dot, which is half as wide as the pitch.";
+    dot is 1.12 times and a small one 0.84 times as wide as the nominal dot, which is half as wide as the pitch unless \
+    dot_ratio says otherwise.";
 
 /// Seed of the pattern. With it, every two windows of 7 x 7 dots, rotated and mirrored ones included, differ in at
 /// least 4 dots; it is the first seed with this property.

@@ -127,6 +127,8 @@ fn target(advice: &TargetAdvice) -> Markup {
             @for note in &advice.notes { p.soft { (sentence(note)) } }
             @match &advice.target {
                 Some(url) => { p { a.button.main href=(url) { "Open the target to print" } } }
+                // a pitch that is not printed has a note
+                None if advice.columns.is_some() => {}
                 None => { p.soft { "Give width and height of the image to get the target." } }
             }
         }
@@ -139,7 +141,9 @@ fn print() -> Markup {
     html! {
         section {
             h2 { "Print a dot target" }
-            p.soft { "Print it at 100 %, and measure the line below the dots." }
+            p.soft { "Print it at 100 %. On A4 and Letter, measure the line below the dots; on paper as large as the \
+                target, which has no line, measure the distance between the first and the last dot of a row: (columns - \
+                1) pitches." }
             form.filters method="get" action="/v1/targets/dots" {
                 div.fields {
                     @for (name, label, value) in fields {

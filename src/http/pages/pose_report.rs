@@ -63,7 +63,8 @@ fn sphere(report: &PoseReport) -> String {
     let factor = exaggeration(&report.views, |view| view.radial_residual);
     let (sin_e, cos_e) = ELEVATION_DEG.to_radians().sin_cos();
     let middle = SPHERE / 2.0;
-    // pan 0 points at the reader
+    // pan 0 points at the reader and grows counterclockwise, seen from above, unless the table turns the other way
+    let sense = if report.pan_is_clockwise == Some(true) { -1.0 } else { 1.0 };
     let project = |pan: f64, tilt: f64, radius: f64| {
         let ([sin_p, cos_p], [sin_t, cos_t]) = ([pan.sin(), pan.cos()], [tilt.sin(), tilt.cos()]);
         let (x, y, z) = (radius * cos_t * sin_p, radius * cos_t * cos_p, radius * sin_t);
@@ -71,7 +72,7 @@ fn sphere(report: &PoseReport) -> String {
     };
     let mut marks = String::new();
     for view in &report.views {
-        let Some(pan) = view.pan_deg.map(f64::to_radians) else { continue };
+        let Some(pan) = view.pan_deg.map(|pan| sense * pan.to_radians()) else { continue };
         let tilt = view.tilt_deg.unwrap_or(0.0).to_radians();
         let residual = (view.radial_residual.unwrap_or(0.0) * factor).clamp(-2.0 * LARGEST, 2.0 * LARGEST);
         let (x, y) = project(pan, tilt, RADIUS);
@@ -180,6 +181,28 @@ mod tests {
         photogrammetry::poses::{PoseOptions, read, report},
         types::view::ViewAngles,
     };
+
+    #[test]
+    fn a_clockwise_table_is_drawn_clockwise() {
+        // where the view at pan 90 is drawn, from left to right
+        let drawn = |sense: f64| {
+            let mut text = "name,x,y,z\n".to_owned();
+            for view in 0..24 {
+                let angles = ViewAngles { pan_deg: f64::from(view % 12) * 30.0, tilt_deg: f64::from(view / 12) * 12.0 };
+                let [x, y, z] = ViewAngles { pan_deg: sense * angles.pan_deg, ..angles }.direction();
+                text.push_str(&format!("{},{x},{y},{z}\n", angles.file_stem()));
+            }
+            let file = read(text.as_bytes(), None).expect("poses");
+            let report = report(&file, &PoseOptions::default()).expect("a report");
+            assert_eq!(report.pan_is_clockwise, Some(sense < 0.0));
+            let page = page(&report);
+            let (before, _) = page.split_once("<title>pan090_tilt00</title>").expect("its dot");
+            let (_, dot) = before.rsplit_once("cx=\"").expect("a circle");
+            dot.split('"').next().and_then(|x| x.parse::<f64>().ok()).expect("a number")
+        };
+        assert!((drawn(1.0) - SPHERE / 2.0 - RADIUS).abs() < 0.1);
+        assert!((drawn(-1.0) - SPHERE / 2.0 + RADIUS).abs() < 0.1);
+    }
 
     #[test]
     fn the_page_shows_every_view_and_escapes_its_name() {

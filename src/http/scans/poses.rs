@@ -8,11 +8,14 @@ use axum::{
 };
 
 use super::{ScanName, find, table::views};
-use crate::http::{
-    auth::Caller,
-    poses::{KnownViews, PoseQuery, report},
-    problem::ApiResult,
-    state::App,
+use crate::{
+    contract::Code,
+    http::{
+        auth::Caller,
+        poses::{KnownViews, PoseQuery, report},
+        problem::{ApiError, ApiResult},
+        state::App,
+    },
 };
 use pinstack_science::photogrammetry::poses::{Commanded, PoseReport};
 
@@ -38,7 +41,7 @@ use pinstack_science::photogrammetry::poses::{Commanded, PoseReport};
         (status = 400, description = "`invalid_request`: an invalid name, or a parameter that is unknown or outside its range; `upload_incomplete`: the connection closed or timed out"),
         (status = 404, description = "`scan_not_found`"),
         (status = 413, description = "`upload_too_large`: the file exceeds 128 MiB"),
-        (status = 422, description = "`invalid_poses`: not a file of camera poses, one without a registered view, or one without a view of the scan"),
+        (status = 422, description = "`invalid_poses`: not a file of camera poses, one without a registered view, or one without a view of the scan; or the scan has no views yet"),
         (status = 507, description = "`insufficient_storage`: no room for the file while it is read"),
     )
 )]
@@ -53,6 +56,13 @@ pub async fn poses(
     let query = PoseQuery::of(&uri)?;
     let scan = find(&app, &caller, &name).await?;
     let views = views(&app, &caller, &name).await?;
+    if views.is_empty() {
+        let detail = format!(
+            "the scan '{name}' has no views yet; send its stacks first, or ask for a report without a scan (POST \
+             /v1/poses)"
+        );
+        return Err(ApiError::new(Code::InvalidPoses, detail));
+    }
     let commanded = views.iter().map(|view| Commanded {
         name: view.stem.clone(),
         angles_deg: view.angles().map(|angles| [angles.pan_deg, angles.tilt_deg]),

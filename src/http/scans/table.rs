@@ -264,7 +264,7 @@ fn view(mut stacks: Vec<ViewStack>) -> Option<View> {
     Some(View { stem: stem(&stack), others: stacks.iter().map(|stack| stack.id).collect(), stack })
 }
 
-/// `{label}`, or `{pan}_{tilt}`, or what the upload was called with the end of its id.
+/// `{label}`, or `{pan}_{tilt}` as far as known, or what the upload was called with the end of its id.
 fn stem(stack: &ViewStack) -> String {
     match (&stack.label, angles(stack)) {
         (Some(label), _) => tidy(label),
@@ -278,12 +278,17 @@ fn stem(stack: &ViewStack) -> String {
     }
 }
 
+/// The angles that are known. A name with both would tell a reconstruction that the other was commanded, too.
 fn angles(stack: &ViewStack) -> Option<String> {
     let (pan, tilt) = (stack.pan_deg, stack.tilt_deg);
-    if pan.is_none() && tilt.is_none() {
-        return None;
+    let stem = ViewAngles { pan_deg: pan.unwrap_or(0.0), tilt_deg: tilt.unwrap_or(0.0) }.file_stem();
+    let (of_pan, of_tilt) = stem.split_once('_')?;
+    match (pan, tilt) {
+        (None, None) => None,
+        (Some(_), None) => Some(of_pan.to_owned()),
+        (None, Some(_)) => Some(of_tilt.to_owned()),
+        (Some(_), Some(_)) => Some(stem),
     }
-    Some(ViewAngles { pan_deg: pan.unwrap_or(0.0), tilt_deg: tilt.unwrap_or(0.0) }.file_stem())
 }
 
 /// Makes the stems unique, also on file systems that ignore case: views whose label occurs more than once get their

@@ -10,8 +10,10 @@ use pinstack_science::optics::page::{PageFormat, TargetInput, TargetPage};
 
 /// Get a dot target to print
 ///
-/// A grid of dots at true scale, as PDF or SVG. Print it at 100 %, and measure the line below the dots. On a coded
-/// target dots of two sizes make every dot unique, so that the calibration cannot mistake a shift by one pitch.
+/// A grid of dots at true scale, as PDF or SVG. Print it at 100 %. On A4 and Letter, measure the line below the dots;
+/// on `paper=fit`, which has no line, measure the distance between the first and the last dot of a row: (columns - 1)
+/// pitches. On a coded target dots of two sizes make every dot unique, so that the calibration cannot mistake a shift
+/// by one pitch.
 #[utoipa::path(
     get,
     path = "/v1/targets/dots",
@@ -20,7 +22,7 @@ use pinstack_science::optics::page::{PageFormat, TargetInput, TargetPage};
     params(TargetInput),
     responses(
         (status = 200, description = "The page", content((Vec<u8> = "application/pdf"), (String = "image/svg+xml"))),
-        (status = 400, description = "`invalid_request`: a parameter that is missing, unknown or outside its range, or dots that do not fit on the page"),
+        (status = 400, description = "`invalid_request`: a parameter that is missing, unknown or outside its range, dots that do not fit on the page, or a PDF page that readers do not show"),
     )
 )]
 pub async fn dots(uri: Uri) -> ApiResult<Response> {

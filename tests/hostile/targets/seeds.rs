@@ -121,7 +121,7 @@ pub fn poses() -> Seeds {
         binary.extend(format!("pan{view:03}_tilt00.png\0").as_bytes());
         binary.extend(0_u64.to_le_bytes());
     }
-    let colmap = "# Image list\n1 1 0 0 0 1 2 3 1 pan000_tilt00.png\n\n2 0.9 0.1 0 0 2 2 3 1 pan020_tilt00.png\n\n3 1 0 0 0 3 1 3 1 a.png\n\n";
+    let colmap = "# Image list\n1 1 0 0 0 1 2 3 1 pan000_tilt00.png\n\n2 0.995 0.1 0 0 2 2 3 1 pan020_tilt00.png\n\n3 1 0 0 0 3 1 3 1 a.png\n\n";
     let csv = "name,x,y,z,pan_deg,tilt_deg\na.png,1,0,0,0,0\nb.png,0,1,0,90,0\nc.png,-1,0,0,180,0\nd.png,0,0,1,0,90\n";
     let sfm = json!({ "version": ["1", "2", "8"],
         "views": [{ "viewId": "1", "poseId": "1", "path": "pan000_tilt00.png" }],

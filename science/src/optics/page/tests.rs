@@ -212,7 +212,7 @@ fn a_page_that_fits_the_target_has_no_caption() {
 fn a_target_that_does_not_fit_is_refused_with_what_does() {
     let wide = TargetInput { pitch_mm: 10.0, columns: 40, rows: 10, ..input() };
     let refused = TargetPage::new(&wide).expect_err("too wide");
-    assert!(refused.detail.contains("27 x 17 do"), "{}", refused.detail);
+    assert!(refused.detail.contains("27 x 10 do"), "{}", refused.detail);
     let on_its_side = TargetInput { pitch_mm: 10.0, columns: 26, rows: 10, ..input() };
     assert_eq!(TargetPage::new(&on_its_side).expect("it fits").width, 297.0);
     for wrong in [
@@ -223,4 +223,44 @@ fn a_target_that_does_not_fit_is_refused_with_what_does() {
     ] {
         assert!(TargetPage::new(&wrong).is_err(), "{wrong:?}");
     }
+}
+
+/// The numbers of the `N x M do` of a refusal.
+fn suggested(detail: &str) -> Option<[u32; 2]> {
+    let (columns, rest) = detail.split("; ").nth(1)?.split_once(" x ")?;
+    let (rows, _) = rest.split_once(" do")?;
+    Some([columns.parse().ok()?, rows.parse().ok()?])
+}
+
+#[test]
+fn the_suggested_number_of_dots_fits() {
+    for paper in [Paper::A4, Paper::Letter] {
+        for pitch_mm in [0.1, 0.3, 1.9, 7.0, 10.0, 19.0, 47.5, 88.0, 95.0] {
+            for [columns, rows] in [[1000, 65], [65, 1000], [1000, 2], [30, 30], [40, 10]] {
+                let wanted = TargetInput { pitch_mm, columns, rows, paper, ..input() };
+                let Err(refused) = TargetPage::new(&wanted) else { continue };
+                let dots = suggested(&refused.detail).unwrap_or_else(|| panic!("{}", refused.detail));
+                assert!(dots[0] <= columns && dots[1] <= rows, "{}", refused.detail);
+                let fewer = TargetInput { columns: dots[0], rows: dots[1], ..wanted };
+                assert!(TargetPage::new(&fewer).is_ok(), "{}", refused.detail);
+            }
+        }
+    }
+    let coarse = TargetInput { pitch_mm: 100.0, columns: 4, rows: 2, ..input() };
+    let refused = TargetPage::new(&coarse).expect_err("one row fits");
+    let wanted = "no grid of this pitch fits on the page; choose a smaller pitch or paper=fit";
+    assert!(refused.detail.ends_with(wanted), "{}", refused.detail);
+}
+
+#[test]
+fn a_pdf_that_readers_do_not_show_is_refused() {
+    let fit = |pitch_mm, columns, rows| TargetInput { pitch_mm, columns, rows, paper: Paper::Fit, ..input() };
+    for (wrong, size) in [(fit(0.01, 200, 20), "2.03 x 0.23 mm"), (fit(100.0, 60, 10), "6300.00 x 1300.00 mm")] {
+        assert!(TargetPage::new(&wrong).is_ok(), "as SVG");
+        let refused = TargetPage::new(&TargetInput { format: PageFormat::Pdf, ..wrong }).expect_err("as PDF");
+        assert!(refused.detail.contains(size) && refused.detail.contains("1.06 to 5080 mm"), "{}", refused.detail);
+        assert!(refused.detail.contains("choose format=svg"), "{}", refused.detail);
+    }
+    let pdf = TargetInput { format: PageFormat::Pdf, ..fit(50.0, 97, 10) };
+    assert_eq!(TargetPage::new(&pdf).expect("a large page").width, 5000.0);
 }

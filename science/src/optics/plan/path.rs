@@ -43,8 +43,9 @@ impl Path {
                 let free = FREE * middle.min(lens.pupil_distance(magnification));
                 if depth >= free {
                     let detail = format!(
-                        "object_depth_mm is {depth}, but the lens is focused {middle:.1} mm ahead: on its way to the \
-                         farthest point it would reach the nearest one; use a smaller magnification"
+                        "object_depth_mm is {depth}, but only {free:.1} mm are free between the lens (or its entrance \
+                         pupil) and the plane in focus: on its way to the farthest point it would reach the nearest \
+                         one; use a smaller magnification"
                     );
                     return Err(refused("object_depth_mm", detail));
                 }

@@ -154,6 +154,10 @@ fn a_lens_that_would_reach_the_object_is_refused() {
             let error = deep(depth, Some(count)).expect_err("130 mm are free");
             assert!(error.detail.contains("would reach the nearest"), "{}", error.detail);
         }
+        // the entrance pupil is nearer than the lens
+        let input = PlanInput { object_depth_mm: 100.0, pupil_ratio: 2.0, ..macro_lens(CaptureMode::MovingLens) };
+        let error = plan(&input).expect_err("97.5 mm are free");
+        assert!(error.detail.contains("only 97.4 mm are free"), "{}", error.detail);
         let plan = deep(129.0, Some(count)).expect("just not");
         assert!(plan.slices.iter().all(|slice| slice.scale > 0.0 && slice.target_blur_px.is_finite()));
     }
@@ -175,6 +179,33 @@ fn warnings_name_what_limits_the_capture() {
         codes(|input| (input.magnification, input.object_depth_mm, input.coc_um) = (Some(1e-3), 1000.0, Some(30.0))),
         ["first_order"]
     );
+}
+
+#[test]
+fn warnings_say_what_helps() {
+    let told = |code: &str, change: fn(&mut PlanInput)| {
+        let mut input = PlanInput { f_number: 5.6, ..macro_lens(CaptureMode::FixedLens) };
+        change(&mut input);
+        let warnings = plan(&input).expect("a plan").warnings;
+        warnings.into_iter().find(|warning| warning.code == code).expect(code).detail
+    };
+    let code = "step_below_rail_resolution";
+    let planned = told(code, |input| input.rail_resolution_um = Some(500.0));
+    assert!(planned.ends_with("stop down or accept a smaller overlap"), "{planned}");
+    let given = told(code, |input| (input.rail_resolution_um, input.slice_count) = (Some(500.0), Some(200)));
+    assert!(given.ends_with("take fewer slices"), "{given}");
+    for count in [None, Some(2)] {
+        let mut thin = PlanInput { object_depth_mm: 0.01, slice_count: count, ..macro_lens(CaptureMode::FixedLens) };
+        thin.rail_resolution_um = Some(500.0);
+        let warnings = plan(&thin).expect("a plan").warnings;
+        let thin = &warnings.iter().find(|warning| warning.code == code).expect(code).detail;
+        assert!(thin.ends_with("one slice may do"), "{thin}");
+    }
+    let first_order = told("first_order", |input| {
+        (input.magnification, input.object_depth_mm, input.coc_um) = (Some(1e-3), 1000.0, Some(30.0));
+    });
+    // c N / (M f) = 0.03 * 5.6 / (0.001 * 65)
+    assert!(first_order.contains("is 2.58 of the aperture"), "{first_order}");
 }
 
 #[test]

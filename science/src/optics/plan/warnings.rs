@@ -30,10 +30,12 @@ pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
         warn("oversampled", detail);
     }
     if input.rail_resolution_um.is_some_and(|resolution| 1e3 * plan.step_mm < resolution) {
-        let detail = format!(
-            "the step is {:.1} um, smaller than the rail can make: stop down or accept a smaller overlap",
-            1e3 * plan.step_mm
-        );
+        let what = match (plan.slice_count, input.slice_count) {
+            (..=2, _) => "the whole object is within one step of the rail, so one slice may do",
+            (_, Some(_)) => "take fewer slices",
+            (_, None) => "stop down or accept a smaller overlap",
+        };
+        let detail = format!("the step is {:.1} um, smaller than the rail can make: {what}", 1e3 * plan.step_mm);
         warn("step_below_rail_resolution", detail);
     }
     if plan.step_mm > plan.largest_step_mm * (1.0 + 1e-9) {
@@ -48,12 +50,13 @@ pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
         warn("too_few_slices", detail);
     }
     // near and far limits are d1 c' / (phi_a +- c') with c' = c / M
-    let error = (1e-3 * plan.coc_um / plan.magnification * input.f_number / input.focal_mm).powi(2);
-    if error > FIRST_ORDER {
-        let detail =
-            "the magnification is so small that depth of field is no longer symmetrical; the equations of macro \
-                      photography do not hold"
-                .to_owned();
+    let share = 1e-3 * plan.coc_um / plan.magnification * input.f_number / input.focal_mm;
+    if share.powi(2) > FIRST_ORDER {
+        let detail = format!(
+            "the circle of confusion, seen at the object, is {share:.2} of the aperture (c N / (M f)), so depth of \
+             field is not symmetrical and the plan is an approximation; open the aperture, use a larger magnification, \
+             or take more slices than planned"
+        );
         warn("first_order", detail);
     }
     found

@@ -81,21 +81,25 @@ fn sfm(bundle: &Bundle<'_>) -> Value {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "Meshroom", "masks/{name of the image}.png");
+    let masks = match bundle.has_masks() {
+        true => " \\\n    --paramOverrides FeatureExtraction:masksFolder=$PWD/masks",
+        false => "",
+    };
     let Some(camera) = &bundle.camera else {
-        out.push_str(
-            "Run in this folder:\n\nmeshroom_batch --input images --output mesh \\\n    --paramOverrides \
-             FeatureExtraction:masksFolder=$PWD/masks\n",
-        );
+        out.push_str(&format!("Run in this folder:\n\nmeshroom_batch --input images --output mesh{masks}\n"));
         return out;
+    };
+    let dense = match bundle.has_masks() {
+        true => "Set masksFolders of the node PrepareDenseScene to the same folder, to mask the depth maps. ",
+        false => "",
     };
     let version = if camera.is_distorted() { "2025.1 (2023.3 does not read the distortion)" } else { "2023.3" };
     out.push_str(&format!(
         "cameras.sfm lists the images with the camera, locked. It is for Meshroom {version} or newer. Meshroom needs \
          absolute paths; run in this folder:\n\nsed -i \"s|\\\"images/|\\\"$PWD/images/|\" cameras.sfm\n\
-         meshroom_batch --input cameras.sfm --output mesh \\\n    --paramOverrides FeatureExtraction:masksFolder=$PWD/masks\n\n\
-         Set masksFolders of the node PrepareDenseScene to the same folder, to mask the depth maps. The node CameraInit takes \
-         no poses: those of cameras.sfm are for the programs of AliceVision.\n\nFor images without cameras.sfm, the \
-         sensor is {} mm wide.\n",
+         meshroom_batch --input cameras.sfm --output mesh{masks}\n\n{dense}The node CameraInit takes no poses: those \
+         of cameras.sfm are for the programs of AliceVision.\n\nFor images without cameras.sfm, the sensor is {} mm \
+         wide.\n",
         camera.size[0] * camera.pixel_mm
     ));
     out

@@ -41,21 +41,28 @@ fn reference(bundle: &Bundle<'_>) -> String {
 
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "Agisoft Metashape", "masks/{name of the image}_mask.png");
-    out.push_str("1. Workflow > Add Photos: all files of images/.\n");
-    out.push_str(
-        "2. File > Import > Import Masks: method \"From File\", template {filename}_mask.png, folder masks/.\n",
-    );
+    let mut steps = vec!["Workflow > Add Photos: all files of images/."];
+    if bundle.has_masks() {
+        steps.push("File > Import > Import Masks: method \"From File\", template {filename}_mask.png, folder masks/.");
+    }
     if bundle.camera.is_some() {
-        out.push_str(
-            "3. Tools > Camera Calibration: type Precalibrated, load calibration.xml, and fix all parameters under Fixed \
-             parameters.\n",
+        steps.push(
+            "Tools > Camera Calibration: type Precalibrated, load calibration.xml, and fix all parameters under Fixed \
+             parameters.",
         );
     }
     if bundle.poses.is_some() {
-        out.push_str(
-            "4. Reference pane > Import: reference.csv, local coordinates, columns label, x, y, z, omega, phi, kappa.\n",
+        steps.push(
+            "Reference pane > Import: reference.csv, local coordinates, columns label, x, y, z, omega, phi, kappa.",
         );
     }
-    out.push_str("5. Workflow > Align Photos, with \"Apply masks to: Key points\".\n");
+    steps.push(match bundle.has_masks() {
+        true => "Workflow > Align Photos, with \"Apply masks to: Key points\".",
+        false => "Workflow > Align Photos.",
+    });
+    for (at, step) in steps.iter().enumerate() {
+        // writing to a String cannot fail
+        let _ = writeln!(out, "{}. {step}", at + 1);
+    }
     out
 }

@@ -209,6 +209,11 @@ impl Bundle<'_> {
         images.chain(masks).collect()
     }
 
+    /// Whether a view has a mask.
+    fn has_masks(&self) -> bool {
+        self.scan.views.iter().any(|view| view.has_mask)
+    }
+
     /// How many views have no mask.
     fn without_mask(&self) -> usize {
         self.scan.views.iter().filter(|view| !view.has_mask).count()

@@ -70,8 +70,7 @@ fn camera_angles(scan: &BundleScan, angles: ViewAngles) -> ViewAngles {
     ViewAngles { pan_deg, ..angles }
 }
 
-/// The pairs of views that see much of the same: each with its nearest in angle. Sorted, without repetition; `None`
-/// without angles.
+/// The pairs of views that see much of the same: each with its nearest in angle. Sorted, without repetition.
 pub(super) fn pairs(poses: &[Pose]) -> Vec<(usize, usize)> {
     let mut pairs = Vec::new();
     for (at, pose) in poses.iter().enumerate() {

@@ -423,6 +423,37 @@ fn nerfstudio_gets_masks_for_all_frames_or_for_none() {
 }
 
 #[test]
+fn a_readme_tells_of_masks_only_if_there_are_some() {
+    let readme = |layout, change: fn(&mut BundleScan)| {
+        let mut scan = scan();
+        change(&mut scan);
+        let entries = plan(layout, &scan).expect("a bundle");
+        texts(&entries)["README.txt"].to_owned()
+    };
+    let bare = |scan: &mut BundleScan| scan.views.iter_mut().for_each(|view| view.has_mask = false);
+    let blind = |scan: &mut BundleScan| {
+        scan.views.iter_mut().for_each(|view| view.has_mask = false);
+        scan.intrinsics = None;
+    };
+    for layout in [Layout::Metashape, Layout::Meshroom] {
+        let whole = readme(layout, |scan| scan.views[1].has_mask = false);
+        let word = if layout == Layout::Metashape { "Import Masks" } else { "masksFolder=" };
+        assert!(whole.contains(word), "{whole}");
+        for change in [bare as fn(&mut BundleScan), blind] {
+            let text = readme(layout, change);
+            assert!(text.contains("There are no masks"), "{text}");
+            assert!(["Import Masks", "Apply masks", "masksFolder"].iter().all(|word| !text.contains(word)), "{text}");
+        }
+    }
+    let steps =
+        |text: &str| text.lines().filter_map(|line| line.split_once(". ")?.0.parse().ok()).collect::<Vec<u32>>();
+    assert_eq!(steps(&readme(Layout::Metashape, |_| {})), [1, 2, 3, 4, 5]);
+    assert_eq!(steps(&readme(Layout::Metashape, bare)), [1, 2, 3, 4]);
+    assert_eq!(steps(&readme(Layout::Metashape, blind)), [1, 2, 3]);
+    assert!(readme(Layout::Meshroom, bare).contains("--output mesh\n\nThe node CameraInit"));
+}
+
+#[test]
 fn an_image_that_would_be_taken_for_a_mask_is_refused() {
     let mut scan = scan();
     scan.views[0].stem = "head".into();

@@ -25,6 +25,9 @@ pub use self::types::{
     LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport, ViewPose,
 };
 
+#[cfg(test)]
+mod tests;
+
 /// Measures the poses of a file.
 ///
 /// # Errors
@@ -39,7 +42,7 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
     let surface = Surface::of(&poses, &mut findings);
     let angles = surface.as_ref().and_then(|surface| surface.angles(&poses, &commanded));
     let axes = of_axes(&poses, &commanded);
-    let scale = scale(&poses, options, surface.as_ref(), &commanded)?;
+    let scale = scale(&poses, options, surface.as_ref(), &commanded, &mut findings)?;
     let views = view_poses(&poses, &commanded, surface.as_ref(), angles.as_ref(), scale.per_file_unit);
     let steps = |steps: Option<Steps>| steps.map(StepReport::from);
     let turntable = angles.as_ref().map(|(_, turntable)| turntable);

@@ -39,6 +39,19 @@ fn views_are_sorted_by_tilt_and_pan_and_named_by_label_or_angles() {
 }
 
 #[test]
+fn a_name_has_no_angle_that_is_unknown() {
+    let stacks = vec![
+        stack(None, Some(20.5), None),
+        stack(None, None, Some(-6.0)),
+        stack(Some("bee"), Some(20.0), None),
+        stack(Some("bee"), None, Some(6.0)),
+    ];
+    let stems = stems(stacks);
+    assert_eq!(stems, ["tilt-06", "bee_tilt06", "bee_pan020", "pan020p5"]);
+    assert!(stems.iter().all(|stem| ViewAngles::of_name(stem).is_none()), "no angle is made up");
+}
+
+#[test]
 fn a_label_that_several_views_share_is_told_apart_by_angles() {
     let stacks = vec![
         stack(Some("bee"), Some(20.0), Some(0.0)),

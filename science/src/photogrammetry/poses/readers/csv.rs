@@ -1,6 +1,8 @@
 //! CSV with a header: `name`, `x`, `y`, `z`, and perhaps `pan_deg` and `tilt_deg`, in any order; comma, semicolon or
 //! tab. A row without a position is a view that was not registered.
 
+use std::io::{self, Read};
+
 use super::{Found, shown};
 use crate::{
     photogrammetry::poses::{Pose, invalid},
@@ -17,13 +19,47 @@ const COLUMNS: [(&str, &[&str]); 6] = [
     ("tilt_deg", &["tilt_deg", "tilt"]),
 ];
 
+/// Most bytes that are read for a row. The parser keeps every field of a row, with 8 bytes for its end.
+const MAX_ROW: usize = 64 << 10;
+
+/// The text, of which each row may read a limited part.
+struct RowByRow<'a> {
+    text: &'a [u8],
+    /// What the present row may still read, bytes.
+    left: usize,
+}
+
+impl Read for RowByRow<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.left == 0 && !self.text.is_empty() {
+            return Err(io::Error::other("the row is too long"));
+        }
+        let most = buffer.len().min(self.left);
+        let read = self.text.read(&mut buffer[..most])?;
+        self.left -= read;
+        Ok(read)
+    }
+}
+
+/// The error for a row that cannot be read. `line`: where the row begins.
+fn wrong(error: &csv::Error, line: u64) -> Error {
+    if error.is_io_error() {
+        let most = MAX_ROW >> 10;
+        return invalid(format!(
+            "line {line}: the row is longer than {most} KiB; close the quote that is open, or send the columns name, x, \
+             y and z alone"
+        ));
+    }
+    invalid(format!("the CSV cannot be read: {error}"))
+}
+
 pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
     let header = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
     let delimiter = [b';', b'\t', b','].into_iter().find(|d| header.contains(char::from(*d))).unwrap_or(b',');
+    let rows = RowByRow { text: text.as_bytes(), left: MAX_ROW };
     let mut reader =
-        csv::ReaderBuilder::new().delimiter(delimiter).trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
-    let wrong = |error: csv::Error| invalid(format!("the CSV cannot be read: {error}"));
-    let header = reader.headers().map_err(wrong)?.clone();
+        csv::ReaderBuilder::new().delimiter(delimiter).trim(csv::Trim::All).flexible(true).from_reader(rows);
+    let header = reader.headers().map_err(|error| wrong(&error, 1))?.clone();
     // some programs write the header as a comment
     let heading = |field: &str| field.trim_start_matches('#').trim().to_ascii_lowercase();
     let columns = COLUMNS.map(|(_, names)| header.iter().position(|field| names.contains(&heading(field).as_str())));
@@ -33,8 +69,12 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
         }
     }
     let mut record = csv::StringRecord::new();
-    while reader.read_record(&mut record).map_err(wrong)? {
-        let line = record.position().map_or(0, csv::Position::line);
+    loop {
+        reader.get_mut().left = MAX_ROW;
+        let line = reader.position().line();
+        if !reader.read_record(&mut record).map_err(|error| wrong(&error, line))? {
+            return Ok(());
+        }
         let place = || format!("line {line}");
         let field = |at: usize| columns[at].and_then(|column| record.get(column)).unwrap_or_default();
         let number = |at: usize| -> Result<Option<f64>, Error> {
@@ -57,5 +97,4 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
             _ => return Err(invalid(format!("line {line}: of x, y and z one is missing"))),
         }
     }
-    Ok(())
 }

@@ -17,8 +17,13 @@ use crate::{
 
 /// Most nodes of the document. A camera has about 20.
 const MAX_NODES: u32 = 1_000_000;
+/// Most attributes of an element. The parser compares each with all before it. Metashape writes about 10.
+const MAX_ATTRIBUTES: usize = 64;
+/// Most occurrences of `xmlns`. The parser copies all declarations in force for each element. Metashape writes none.
+const MAX_NAMESPACES: usize = 64;
 
 pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
+    refuse_costly(text)?;
     let options = ParsingOptions { allow_dtd: false, nodes_limit: MAX_NODES, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
         .map_err(|error| invalid(format!("the XML cannot be read: {error}")))?;
@@ -58,6 +63,43 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
         let centre = world.scale * (world.rotation * centre) + world.translation;
         let rotation = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)]));
         found.pose(Pose { name, centre: centre.into(), rotation: Some(rotation), commanded_deg: None }, place)?;
+    }
+    Ok(())
+}
+
+/// Refuses what costs the parser the square of its size.
+///
+/// XML has no `<` within a tag, so each tag begins at one, and the tags of elements are counted exactly. What looks
+/// like a tag in a comment is counted as well.
+fn refuse_costly(text: &str) -> Result<(), Error> {
+    let refused = |at: usize, what: String| {
+        let line = 1 + text.as_bytes()[..at].iter().filter(|byte| **byte == b'\n').count();
+        let detail = format!(
+            "line {line}: {what}, which Metashape does not write; export the cameras again (File, Export, Export \
+             Cameras)"
+        );
+        Err(invalid(detail))
+    };
+    if let Some((at, _)) = text.match_indices("xmlns").nth(MAX_NAMESPACES) {
+        return refused(at, format!("the XML has more than {MAX_NAMESPACES} namespaces"));
+    }
+    // within a tag: the quote that is open, if one is, and the number of attributes
+    let mut tag: Option<(Option<u8>, usize)> = None;
+    for (at, byte) in text.bytes().enumerate() {
+        match (byte, &mut tag) {
+            (b'<', _) => tag = Some((None, 0)),
+            (_, None) => {}
+            (b'>', Some((None, _))) => tag = None,
+            (b'"' | b'\'', Some((quote @ None, count))) => {
+                *quote = Some(byte);
+                *count += 1;
+                if *count > MAX_ATTRIBUTES {
+                    return refused(at, format!("an element has more than {MAX_ATTRIBUTES} attributes"));
+                }
+            }
+            (_, Some((quote, _))) if *quote == Some(byte) => *quote = None,
+            (_, Some(_)) => {}
+        }
     }
     Ok(())
 }

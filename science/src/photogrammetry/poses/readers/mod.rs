@@ -8,6 +8,9 @@ mod json;
 mod metashape;
 mod openmvg;
 
+#[cfg(test)]
+mod tests;
+
 use super::{MAX_VIEWS, Pose, PoseFile, PoseFormat, invalid};
 use crate::types::Error;
 
@@ -110,6 +113,7 @@ fn is_rotation(rows: &[[f64; 3]; 3]) -> bool {
 
 /// Finds the format of a file from its content.
 fn detect(bytes: &[u8]) -> Result<PoseFormat, Error> {
+    refuse_utf16(bytes)?;
     let head = &bytes[..bytes.len().min(1 << 16)];
     if head.contains(&0) {
         return Ok(PoseFormat::ColmapBinary);
@@ -140,7 +144,16 @@ fn detect(bytes: &[u8]) -> Result<PoseFormat, Error> {
     ))
 }
 
+/// Refuses text with the byte order mark of UTF-16. Binary files of COLMAP with such a start have too many images.
+fn refuse_utf16(bytes: &[u8]) -> Result<(), Error> {
+    match bytes {
+        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => Err(invalid("the file is UTF-16 text; save it as UTF-8")),
+        _ => Ok(()),
+    }
+}
+
 fn text(bytes: &[u8]) -> Result<&str, Error> {
+    refuse_utf16(bytes)?;
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     std::str::from_utf8(bytes)
         .map_err(|error| invalid(format!("the file is not UTF-8 text (byte {})", error.valid_up_to())))

@@ -34,7 +34,11 @@ pub(super) fn findings_of(report: &PoseReport, has_steps: bool) -> Vec<Warning> 
              pan020_tilt06, or give a CSV file the columns pan_deg and tilt_deg",
         ));
     } else if !has_steps {
-        findings.push(Warning::new("no_axis", "too few views have angles, or all on one line: the axis is unknown"));
+        findings.push(Warning::new(
+            "no_axis",
+            "the axis is unknown: too few views have angles, all are on one line, or they have several tilts in one \
+             plane; register more views",
+        ));
     } else if report.pan_is_clockwise.is_none() {
         findings.push(Warning::new(
             "no_sense",

@@ -9,10 +9,14 @@ use super::{
 use crate::{
     photogrammetry::poses::{KnownScale, Pose, PoseOptions, view_key},
     types::{
-        Error,
+        Error, Warning,
         error::{ErrorKind, ErrorLocation},
     },
 };
+
+/// Smallest radius of a ring over that of the sphere. On a smaller ring, an error of the tilt of 0.1 degrees changes
+/// the scale by 9 %.
+const LEAST_RING: f64 = 0.02;
 
 /// The unit of all lengths of the report.
 ///
@@ -23,6 +27,7 @@ pub(super) fn scale(
     options: &PoseOptions,
     surface: Option<&Surface>,
     commanded: &[Option<[f64; 2]>],
+    findings: &mut Vec<Warning>,
 ) -> Result<ScaleReport, Error> {
     let of_radius = |source: ScaleSource| {
         let per_file_unit = surface.map_or(1.0, |surface| 1.0 / surface.radius);
@@ -34,8 +39,16 @@ pub(super) fn scale(
             // a ring at a tilt is smaller than the sphere
             let ring = match surface.kind {
                 SurfaceKind::Sphere => 1.0,
-                SurfaceKind::Circle => common_tilt(commanded).map_or(1.0, |tilt| tilt.to_radians().cos()),
+                SurfaceKind::Circle => common_tilt(commanded).map_or(1.0, |tilt| tilt.to_radians().cos().abs()),
             };
+            if ring < LEAST_RING {
+                findings.push(Warning::new(
+                    "no_scale",
+                    "all views are at a tilt of about 90 degrees, where a ring is too small to give the scale by \
+                     radius_mm; give pair_from, pair_to and pair_mm, or add a ring of views at another tilt",
+                ));
+                return Ok(of_radius(ScaleSource::None));
+            }
             let per_file_unit = mm * ring / surface.radius;
             Ok(ScaleReport { unit: LengthUnit::Mm, source: ScaleSource::KnownRadius, per_file_unit })
         }
@@ -44,7 +57,10 @@ pub(super) fn scale(
                 let key = view_key(name);
                 let found = poses.iter().find(|pose| view_key(&pose.name) == key);
                 found.map(|pose| Vector3::from(pose.centre)).ok_or_else(|| {
-                    let detail = format!("the view '{name}' is not registered, so it cannot give the scale");
+                    let detail = format!(
+                        "the view '{name}' is not registered, so it cannot give the scale; name two views that the \
+                         file has"
+                    );
                     refused(parameter, detail)
                 })
             };
@@ -64,7 +80,7 @@ fn refused(parameter: &str, detail: String) -> Error {
 }
 
 /// The tilt that all views with angles have, degrees.
-fn common_tilt(commanded: &[Option<[f64; 2]>]) -> Option<f64> {
+pub(super) fn common_tilt(commanded: &[Option<[f64; 2]>]) -> Option<f64> {
     let mut tilts = commanded.iter().flatten().map(|[_, tilt]| *tilt);
     let first = tilts.next()?;
     tilts.all(|tilt| (tilt - first).abs() < 0.01).then_some(first)

@@ -2,7 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::types::{SurfaceKind, SurfaceReport};
+use super::{
+    scale::common_tilt,
+    types::{SurfaceKind, SurfaceReport},
+};
 use crate::{
     photogrammetry::poses::{
         Pose,
@@ -43,20 +46,41 @@ impl Surface {
             SphereFitError::NotFinite(_) => None,
         };
         let Some(fit) = fit else {
-            findings.push(Warning::new("no_surface", refused.to_string()));
+            let detail = match refused {
+                SphereFitError::TooFew(0..=2) | SphereFitError::NotFinite(_) => refused.to_string(),
+                SphereFitError::Coplanar | SphereFitError::TooFew(_) => {
+                    "the camera centres lie on one line or at one point, so neither a sphere nor a circle can be \
+                     fitted: register views from other directions"
+                        .to_owned()
+                }
+            };
+            findings.push(Warning::new("no_surface", detail));
             return None;
         };
-        findings.push(Warning::new(
-            "one_ring",
-            "all cameras are in one plane: a circle is fitted instead of a sphere, and tilt cannot be measured; add a ring \
-             of views at another tilt",
-        ));
+        let detail = match refused {
+            SphereFitError::TooFew(n) => {
+                format!(
+                    "only {n} views are registered, so a circle is fitted instead of a sphere: register at least 4 \
+                     views"
+                )
+            }
+            SphereFitError::Coplanar | SphereFitError::NotFinite(_) => {
+                "all cameras are in one plane: a circle is fitted instead of a sphere, and tilt cannot be measured; \
+                 add a ring of views at another tilt"
+                    .to_owned()
+            }
+        };
+        findings.push(Warning::new("one_ring", detail));
         let (centre, radius) = (fit.centre, fit.radius);
         Some(Self { kind: SurfaceKind::Circle, centre, radius, residuals: fit.residuals, used: fit.used })
     }
 
-    /// Pan and tilt of the views whose commanded angles are known, and their indices.
+    /// Pan and tilt of the views whose commanded angles are known, and their indices. `None` for a circle through views
+    /// of several tilts: the directions from its centre are not those from the centre of the turntable.
     pub(super) fn angles(&self, poses: &[&Pose], commanded: &[Option<[f64; 2]>]) -> Option<(Vec<usize>, Turntable)> {
+        if self.kind == SurfaceKind::Circle && !have_one_tilt(commanded) {
+            return None;
+        }
         let centre = Vector3::from(self.centre);
         let mut indices = Vec::new();
         let mut directions = Vec::new();
@@ -101,4 +125,9 @@ impl Surface {
             rejected: number(self.residuals.len() - used.len()),
         }
     }
+}
+
+/// Whether all commanded tilts that are known are equal.
+fn have_one_tilt(commanded: &[Option<[f64; 2]>]) -> bool {
+    common_tilt(commanded).is_some() || commanded.iter().all(Option::is_none)
 }

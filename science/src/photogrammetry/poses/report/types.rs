@@ -1,4 +1,4 @@
-//! What a report says. `docs/SCANS.md` and the OpenAPI document describe the same members.
+//! What a report says. The OpenAPI document describes the same members; `docs/SCANS.md` lists the findings.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

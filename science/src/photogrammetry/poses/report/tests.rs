@@ -1,0 +1,93 @@
+//! Surfaces and scales that cannot be measured.
+
+use super::*;
+use crate::{
+    photogrammetry::poses::{KnownScale, Pose, PoseFormat},
+    types::view::ViewAngles,
+};
+
+/// Views at these pans and tilts, on a sphere of radius 2.
+fn views(angles: &[(f64, f64)]) -> PoseFile {
+    let pose = |&(pan_deg, tilt_deg): &(f64, f64)| {
+        let angles = ViewAngles { pan_deg, tilt_deg };
+        let centre = angles.direction().map(|part| 2.0 * part);
+        Pose { name: angles.file_stem(), centre, rotation: None, commanded_deg: Some([pan_deg, tilt_deg]) }
+    };
+    PoseFile { format: PoseFormat::Csv, poses: angles.iter().map(pose).collect(), unregistered: Vec::new() }
+}
+
+fn ring(tilt_deg: f64) -> PoseFile {
+    views(&[0.0, 40.0, 80.0, 120.0, 160.0, 200.0, 240.0, 280.0, 320.0].map(|pan| (pan, tilt_deg)))
+}
+
+fn with_radius(file: &PoseFile) -> PoseReport {
+    let scale = Some(KnownScale::Radius { mm: 141.0 });
+    report(file, &PoseOptions { scale, ..PoseOptions::default() }).expect("a report")
+}
+
+fn told<'a>(report: &'a PoseReport, code: &str) -> &'a str {
+    let found = report.findings.iter().find(|finding| finding.code == code);
+    found.unwrap_or_else(|| panic!("{code} in {:?}", report.findings)).detail.as_str()
+}
+
+#[test]
+fn a_ring_beyond_the_pole_has_a_scale_and_one_at_the_pole_has_none() {
+    for tilt in [60.0, 120.0, -100.0] {
+        let report = with_radius(&ring(tilt));
+        assert_eq!(report.scale.source, ScaleSource::KnownRadius, "{tilt}");
+        assert!((report.scale.per_file_unit - 70.5).abs() < 1e-6, "{tilt}: {:?}", report.scale);
+    }
+    for tilt in [89.5, 90.5, -89.0] {
+        let report = with_radius(&ring(tilt));
+        assert_eq!((report.scale.unit, report.scale.source), (LengthUnit::Radius, ScaleSource::None), "{tilt}");
+        assert!((report.surface.expect("a circle").radius - 1.0).abs() < 1e-9, "{tilt}");
+        assert!(told(&report, "no_scale").contains("give pair_from, pair_to and pair_mm"), "{tilt}");
+    }
+}
+
+#[test]
+fn centres_on_one_line_or_at_one_point_are_told() {
+    for step in [0.0, 1.0] {
+        for count in [3, 6] {
+            let mut file = views(&vec![(0.0, 0.0); count]);
+            for (at, pose) in file.poses.iter_mut().enumerate() {
+                pose.name = format!("view {at}");
+                pose.centre = [1.0 + step * at as f64, 2.0, 3.0];
+            }
+            let report = with_radius(&file);
+            let detail = told(&report, "no_surface");
+            assert!(
+                detail.starts_with("the camera centres lie on one line or at one point"),
+                "{step} {count}: {detail}"
+            );
+        }
+    }
+    let two = with_radius(&views(&[(0.0, 0.0), (20.0, 0.0)]));
+    assert!(told(&two, "no_surface").starts_with("a sphere needs at least 4 camera centres, and there are 2"));
+}
+
+#[test]
+fn three_views_have_a_circle_and_angles_only_at_one_tilt() {
+    let two_tilts = with_radius(&views(&[(0.0, 0.0), (20.0, 0.0), (0.0, 20.0)]));
+    assert_eq!(two_tilts.surface.expect("a circle").kind, SurfaceKind::Circle);
+    let wanted = "only 3 views are registered, so a circle is fitted instead of a sphere: register at least 4 views";
+    assert_eq!(told(&two_tilts, "one_ring"), wanted);
+    assert_eq!((two_tilts.pan_steps, two_tilts.axis, two_tilts.pan_is_clockwise), (None, None, None));
+    assert!(two_tilts.views.iter().all(|view| view.pan_deg.is_none() && view.tangential_residual.is_none()));
+    assert!(told(&two_tilts, "no_axis").contains("several tilts in one plane"));
+    let one_tilt = with_radius(&views(&[(0.0, 20.0), (20.0, 20.0), (40.0, 20.0)]));
+    assert_eq!(told(&one_tilt, "one_ring"), wanted);
+    assert_eq!(one_tilt.pan_steps.map(|steps| steps.count), Some(2));
+    // four on the meridian: the circle has the radius of the sphere, but no pan
+    let meridian = with_radius(&views(&[(0.0, 0.0), (0.0, 20.0), (0.0, 40.0), (180.0, 30.0)]));
+    assert!(told(&meridian, "one_ring").starts_with("all cameras are in one plane"));
+    assert!(meridian.pan_steps.is_none() && meridian.views.iter().all(|view| view.pan_residual_deg.is_none()));
+}
+
+#[test]
+fn a_pair_with_an_unknown_view_says_what_to_name() {
+    let scale = Some(KnownScale::Pair { from: "pan000_tilt00".into(), to: "lost".into(), mm: 3.0 });
+    let error = report(&ring(0.0), &PoseOptions { scale, ..PoseOptions::default() }).expect_err("no such view");
+    let wanted = "the view 'lost' is not registered, so it cannot give the scale; name two views that the file has";
+    assert_eq!(error.detail, wanted);
+}
