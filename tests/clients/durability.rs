@@ -49,12 +49,13 @@ fn in_order(trace: &str, steps: &[(&str, &str)]) {
     }
 }
 
-/// The trace from `from` on, once it contains the answer.
+/// The trace from `from` on, once the answer is written: the call that writes it has returned.
 fn traced(file: &Path, from: usize, answer: &str) -> String {
     loop {
         let text = String::from_utf8_lossy(&fs::read(file).expect("the trace")).into_owned();
-        if text[from..].contains(answer) {
-            return text[from..].to_owned();
+        let whole_lines = text[from..].rfind('\n').map_or("", |end| &text[from..from + end + 1]);
+        if calls(whole_lines).iter().any(|call| call.text.contains(answer)) {
+            return whole_lines.to_owned();
         }
         std::thread::yield_now();
     }
