@@ -2,7 +2,7 @@
 
 use std::{fs, path::PathBuf, process::Command};
 
-use reqwest::{Client, Method, Response, StatusCode, redirect};
+use reqwest::{Client, Method, Response, StatusCode, Url, redirect};
 
 use crate::{
     bucket::Site,
@@ -56,7 +56,10 @@ async fn a_client_that_asks_gets_stored_files_from_the_bucket_with_the_same_name
         assert_eq!(header(&sent, "cache-control"), "no-store", "{file}");
 
         let by_bucket = site.client.get(format!("{url}?redirect=true")).send().await.expect("an answer");
-        assert_eq!((by_bucket.status(), by_bucket.url().as_str()), (StatusCode::OK, location.as_str()), "{file}");
+        assert_eq!(by_bucket.status(), StatusCode::OK, "{file}");
+        // each request is signed anew, with the time in seconds
+        let (followed, told) = (by_bucket.url().clone(), Url::parse(&location).expect("a URL"));
+        assert_eq!((followed.origin(), followed.path()), (told.origin(), told.path()), "{file}");
         for name in ["content-type", "content-disposition", "content-length", "cache-control"] {
             assert_eq!(header(&by_bucket, name), header(&by_service, name), "{file}: {name}");
         }

@@ -127,6 +127,10 @@ def test_a_folder_of_views_becomes_a_scan_with_a_table_and_a_bundle(
     assert ended == ["succeeded"] * 2 and scan["specimen"] == "C-17"
     table = client.scan_table("beetle")
     assert list(table["pan_deg"]) == [0, 20] and set(table["state"]) == {"succeeded"}
+    poses = write_poses(tmp_path / "poses.csv", (0, 15))
+    for given in (poses, poses.read_bytes()):
+        report = client.poses(given, scan="beetle")
+        assert (report["expected"], report["registered"]) == (2, 2)
     bundle = client.save_bundle("beetle", "colmap", tmp_path / "bundle.zip")
     with zipfile.ZipFile(bundle) as read:
         assert read.testzip() is None and any(name.startswith("masks/") for name in read.namelist())
@@ -138,21 +142,27 @@ def test_a_folder_of_views_becomes_a_scan_with_a_table_and_a_bundle(
     assert client.list_scans() == []
 
 
-def test_poses_of_a_turntable_are_reported(client: Client, calibrated: Tuple[str, str], tmp_path: Path) -> None:
+def write_poses(path: Path, tilts: Tuple[int, int]) -> Path:
+    """A CSV file with 36 camera centres on a sphere with the radius 2."""
     rows = ["name,x,y,z"]
-    for tilt in (0, 10):
+    for tilt in tilts:
         for pan in range(0, 360, 20):
             ring, height = 2.0 * math.cos(math.radians(tilt)), 2.0 * math.sin(math.radians(tilt))
             x, y = ring * math.cos(math.radians(pan)), ring * math.sin(math.radians(pan))
             rows.append(f"pan{pan:03}_tilt{tilt:02}.png,{x},{y},{height}")
-    table = tmp_path / "poses.csv"
-    table.write_text("\n".join(rows), encoding="utf-8")
+    path.write_text("\n".join(rows), encoding="utf-8")
+    return path
+
+
+def test_poses_of_a_turntable_are_reported(client: Client, calibrated: Tuple[str, str], tmp_path: Path) -> None:
+    table = write_poses(tmp_path / "poses.csv", (0, 10))
     report = client.poses(table, expected=40, radius_mm=141.0)
     assert (report["registered"], report["expected"]) == (36, 40)
     assert report["surface"] is not None and report["surface"]["radius"] == pytest.approx(141.0)
     assert report["pan_steps"] is not None and report["pan_steps"]["mean_deg"] == pytest.approx(20.0, abs=1e-3)
     client.put_scan("posed", *calibrated, expected_views=38)
-    assert client.poses(table.read_bytes(), scan="posed")["expected"] == 38
+    with pytest.raises(PinstackError, match="no views yet"):
+        client.poses(table, scan="posed")
     client.delete_scan("posed")
     with pytest.raises(PinstackError) as caught:
         client.poses(b"not a file of poses")
