@@ -23,7 +23,7 @@ use super::{
 };
 use crate::{
     disk_budget::DiskBudget,
-    store::{Store, StoreResult},
+    store::{Store, StoreResult, gc::MOST_STORING},
 };
 use pinstack_science::archive::ArchiveLimits;
 
@@ -48,6 +48,9 @@ pub struct Policy {
     pub archive: ArchiveLimits,
     /// Largest number of queued jobs.
     pub queue_limit: u64,
+    /// Longest time from the first blob that a request stores to the row of its job. No setting: it must be less than
+    /// the grace of garbage collection.
+    pub most_storing: Duration,
     /// Disk space that must stay free, bytes.
     pub min_free_bytes: u64,
     /// Bytes that the open uploads of one token may reserve on the disk ahead of those that have arrived.
@@ -96,6 +99,7 @@ impl Default for Policy {
             max_scan_bytes: 512 << 30,
             archive: ArchiveLimits::default(),
             queue_limit: 1000,
+            most_storing: MOST_STORING,
             min_free_bytes: 512 << 20,
             upload_reserve_bytes: 16 << 30,
             max_open_uploads: 100,

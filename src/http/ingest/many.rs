@@ -9,7 +9,7 @@ use uuid::Uuid;
 
 use super::{
     submission::Submission,
-    submit::{checked, refusal},
+    submit::{checked, refusal, remove_blob, require_stored_in_time},
 };
 use crate::{
     contract::{Code, request::Upload},
@@ -18,11 +18,7 @@ use crate::{
         state::App,
         uploads::lock::not_found,
     },
-    store::{
-        Enqueue, EnqueueAll, Job, NewJob, SpoolFile,
-        blobs::upload_key,
-        gc::{MOST_STORING, delete_blobs},
-    },
+    store::{Enqueue, EnqueueAll, Job, NewJob, SpoolFile, blobs::upload_key},
     telemetry::traces,
 };
 
@@ -101,8 +97,8 @@ pub async fn check(
 /// removed. After an error of the store the rows may exist; garbage collection decides about the blobs.
 ///
 /// # Errors
-/// `queue_full`; `insufficient_storage`; `conflict` when some of the jobs were made before; `not_found` when a
-/// resumable upload was deleted meanwhile.
+/// `queue_full`; `insufficient_storage`; `upload_too_large` when a request stores them too slowly; `conflict` when some
+/// of the jobs were made before; `not_found` when a resumable upload was deleted meanwhile.
 pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin) -> ApiResult<Vec<Job>> {
     let bytes = checked.iter().map(|checked| checked.job.request.upload().bytes).sum();
     let key = checked.first().and_then(|first| first.job.idempotency.as_ref()).map(|(key, _)| key.clone());
@@ -120,9 +116,11 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
             return Err(error.into());
         }
     }
-    if matches!(origin, ManyOrigin::Request(_)) && begun.elapsed() > MOST_STORING {
+    if matches!(origin, ManyOrigin::Request(_))
+        && let Err(late) = require_stored_in_time(app, begun)
+    {
         remove_blobs(app, &jobs).await;
-        return Err(stored_too_slowly());
+        return Err(late);
     }
     // an error here does not say whether the rows were stored: garbage collection decides about the blobs
     let limit = app.policy.queue_limit;
@@ -151,20 +149,8 @@ pub async fn submit_all(app: &App, checked: Vec<CheckedJob>, origin: ManyOrigin)
     Err(error)
 }
 
-/// Garbage collection may have taken some of the zips for leftovers.
-fn stored_too_slowly() -> ApiError {
-    let detail = format!(
-        "to store the zips of the scan took longer than {} minutes, which only a resumable upload may take; send the \
-         scan with POST /v1/uploads",
-        MOST_STORING.as_secs() / 60
-    );
-    ApiError::new(Code::Unavailable, detail)
-}
-
 async fn remove_blobs(app: &App, jobs: &[NewJob]) {
     for job in jobs {
-        if let Err(error) = delete_blobs(&*app.store.blobs, job.id).await {
-            tracing::warn!(%error, id = %job.id, "a blob without a job is left to garbage collection");
-        }
+        remove_blob(app, job.id).await;
     }
 }

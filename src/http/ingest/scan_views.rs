@@ -46,9 +46,9 @@ pub struct Grouped(Arc<ScanArchive>);
 pub async fn group(app: &App, submission: &ScanSubmission, zip: PathBuf) -> ApiResult<Grouped> {
     let limits = scan_limits(&app.policy.archive);
     let rules = submission.rules;
-    let _permit = app.inspection_permits.acquire().await.map_err(ApiError::internal)?;
-    let opened = background::spawn_blocking(move || open_scan(&zip, &limits, &rules).map_err(Fault::from));
-    Ok(Grouped(Arc::new(opened.await.map_err(ApiError::internal)??)))
+    let permit = app.inspection_permits.clone().acquire_owned().await.map_err(ApiError::internal)?;
+    let opened = background::blocking_with(permit, move |_| open_scan(&zip, &limits, &rules).map_err(Fault::from));
+    Ok(Grouped(Arc::new(opened.await??)))
 }
 
 /// The limits of one stack apply to each view; a scan has many views.

@@ -7,6 +7,8 @@
 //!
 //! A crash between 2 and 3 leaves a blob without a job, which garbage collection removes.
 
+use std::time::Instant;
+
 use uuid::Uuid;
 
 use super::{admission::queue_full, idempotency, quota::over_quota, submission::Submission};
@@ -98,7 +100,14 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
         ZipFile::Stored(blob) => checked(app, submission, blob, upload).await?,
     };
     if let ZipFile::Spooled(file) = file {
+        let begun = Instant::now();
         traces::section("store upload", app.store.blobs.put(&key, file)).await?;
+        if matches!(origin, Origin::Request { .. })
+            && let Err(late) = require_stored_in_time(app, begun)
+        {
+            remove_blob(app, id).await;
+            return Err(late);
+        }
     }
     let (rig, lens) = submission.profile_key();
     let (owner, idempotency) = match &origin {
@@ -122,15 +131,36 @@ pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> Api
         None => Err(not_found(id)),
     };
     match origin {
-        Origin::Request { .. } => {
-            if let Err(error) = delete_blobs(&*app.store.blobs, id).await {
-                tracing::warn!(%error, %id, "a blob without a job is left to garbage collection");
-            }
-        }
+        Origin::Request { .. } => remove_blob(app, id).await,
         // all bytes are kept: the job can be made when the client asks again
         Origin::ResumableUpload => {}
     }
     outcome
+}
+
+/// Requires that the blobs of a request were stored so fast that garbage collection has taken none of them for a
+/// leftover. `begun`: before the first one.
+///
+/// # Errors
+/// `upload_too_large`: only a resumable upload may take longer.
+pub fn require_stored_in_time(app: &App, begun: Instant) -> ApiResult<()> {
+    let most = app.policy.most_storing;
+    if begun.elapsed() <= most {
+        return Ok(());
+    }
+    let detail = format!(
+        "the upload is too large to be stored within {} minutes, the limit for one request; send it as a resumable \
+         upload (POST /v1/uploads), which has no such limit",
+        most.as_secs() / 60
+    );
+    Err(ApiError::new(Code::UploadTooLarge, detail))
+}
+
+/// Removes the blobs of a job that was not made.
+pub async fn remove_blob(app: &App, id: Uuid) {
+    if let Err(error) = delete_blobs(&*app.store.blobs, id).await {
+        tracing::warn!(%error, %id, "a blob without a job is left to garbage collection");
+    }
 }
 
 /// Inspects a zip and builds the request of its job.
@@ -173,13 +203,13 @@ pub fn refusal(refused: Enqueue, bytes: u64, key: &str) -> ApiError {
 /// Reads the directory of a zip and the headers of its images.
 async fn inspect(app: &App, zip: &OpenBlob) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let (limits, bytes) = (app.policy.archive, zip.bytes());
-    let _permit = app.inspection_permits.acquire().await.map_err(ApiError::internal)?;
-    let inspected = background::spawn_blocking(move || -> Result<_, Fault> {
+    let permit = app.inspection_permits.clone().acquire_owned().await.map_err(ApiError::internal)?;
+    let inspected = background::blocking_with(permit, move |_| -> Result<_, Fault> {
         // the client waits: whatever takes long to check is checked by the job
         let archive = archive::open_near(bytes, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });
-    let inspected = inspected.await.map_err(ApiError::internal)?;
+    let inspected = inspected.await?;
     // it is not the zip that is wrong
     if inspected.is_err()
         && let Some(error) = zip.failure()

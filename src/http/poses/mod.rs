@@ -138,21 +138,12 @@ pub async fn report(
     let options = PoseOptions { expected: query.expected.or(known.expected), scale, commanded: known.commanded };
     let file = receive(app, caller, headers, body).await?;
     let reader = READERS.acquire().await.map_err(ApiError::internal)?;
-    let work = blocking_with((reader, file), move |(_, file)| -> ApiResult<Response> {
+    let work = background::blocking_with((reader, file), move |(_, file)| -> ApiResult<Response> {
         let bytes = std::fs::read(file.path()).map_err(ApiError::internal)?;
         let report = poses::report(&poses::read(&bytes, query.file_format)?, &options)?;
         Ok(written(&report, format))
     });
     work.await?
-}
-
-/// Runs blocking work that keeps `held`, such as a permit, until it ends: also when the client disconnects, which drops
-/// the future but does not stop the work.
-pub(super) async fn blocking_with<H: Send + 'static, T: Send + 'static>(
-    held: H,
-    work: impl FnOnce(&H) -> T + Send + 'static,
-) -> ApiResult<T> {
-    background::spawn_blocking(move || work(&held)).await.map_err(ApiError::internal)
 }
 
 /// Receives the file into scratch.
@@ -207,41 +198,5 @@ fn written(report: &PoseReport, format: ReportFormat) -> Response {
         ReportFormat::Text => text("text/plain; charset=utf-8", report.text()),
         ReportFormat::Latex => text("application/x-latex", report.latex()),
         ReportFormat::Html => pages::answer(pose_report::page(report), pose_report::STYLE),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::{sync::Arc, time::Duration};
-
-    use super::*;
-
-    #[tokio::test]
-    async fn a_client_that_disconnects_frees_nothing_before_the_work_has_ended() {
-        let permits = Arc::new(Semaphore::new(1));
-        let permit = permits.clone().acquire_owned().await.expect("a permit");
-        let file = SpoolFile::temporary(tempfile::NamedTempFile::new().expect("a file").into_temp_path());
-        let path = file.path().to_owned();
-        let (started, has_started) = tokio::sync::oneshot::channel();
-        let (end, may_end) = std::sync::mpsc::channel::<()>();
-        let request = background::spawn(blocking_with((permit, file), move |_| {
-            started.send(()).expect("the test waits");
-            may_end.recv().ok()
-        }));
-        has_started.await.expect("the work begins");
-        request.abort();
-        assert!(request.await.expect_err("the client is gone").is_cancelled());
-        assert_eq!(permits.available_permits(), 0, "the work goes on");
-        assert!(path.exists());
-        end.send(()).expect("the work waits");
-        let freed = tokio::time::timeout(Duration::from_secs(60), permits.acquire()).await;
-        assert!(freed.is_ok_and(|permit| permit.is_ok()));
-        // the file is dropped after the permit
-        let removed = async {
-            while path.exists() {
-                tokio::time::sleep(Duration::from_millis(10)).await;
-            }
-        };
-        assert!(tokio::time::timeout(Duration::from_secs(60), removed).await.is_ok(), "the file is removed");
     }
 }
