@@ -21,6 +21,10 @@ const ZIP64_END_BYTES: u64 = 56;
 const DIRECTORY_BYTES: u64 = 1 << 20;
 const MEMBER_BYTES: u64 = 2 << 10;
 
+/// Most end records that are looked at: each may cost reads elsewhere in the file, which may be in a bucket. A zip has
+/// one, and more only by chance.
+const MOST_RECORDS: usize = 32;
+
 /// Bytes that may be read to parse a directory. They bound the members in memory where [`declared`] does not find the
 /// record that the library uses.
 pub(super) fn directory_budget(limits: &ArchiveLimits) -> u64 {
@@ -37,9 +41,12 @@ pub(super) fn directory_budget(limits: &ArchiveLimits) -> u64 {
 pub(super) fn declared(file: &dyn ReadAt, tail: &[u8], length: u64) -> io::Result<u64> {
     let mut most = 0;
     let mut before = tail;
-    while let Some(at) = before.windows(END.len()).rposition(|window| window == END) {
+    let mut records = 0;
+    while records < MOST_RECORDS
+        && let Some(at) = before.windows(END.len()).rposition(|window| window == END)
+    {
         let (rest, record) = tail.split_at(at);
-        before = rest;
+        (before, records) = (rest, records + 1);
         let position = length - record.len() as u64;
         let Some(end) = EndRecord::of(record).filter(|end| position + END_BYTES + end.comment <= length) else {
             continue;
@@ -133,6 +140,8 @@ fn number(bytes: &[u8], at: usize, length: usize) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use super::*;
 
     /// A directory of one member, and an end record of `members` members with a comment.
@@ -183,6 +192,26 @@ mod tests {
         assert_eq!(of(ended(30_000, &stray)), 30_000);
         let lie = end(2, 10, 0, b"");
         assert_eq!(of([zip64(1_300_000, 0), lie].concat()), 1_300_000);
+    }
+
+    #[test]
+    fn many_records_cost_few_reads() {
+        struct Counting(Vec<u8>, AtomicUsize);
+        impl ReadAt for Counting {
+            fn length(&self) -> io::Result<u64> {
+                self.0.length()
+            }
+
+            fn read_at(&self, buffer: &mut [u8], offset: u64) -> io::Result<usize> {
+                self.1.fetch_add(1, Ordering::Relaxed);
+                self.0.read_at(buffer, offset)
+            }
+        }
+        let bytes = ended(2, &[9; 100]).into_iter().chain(zip64(3, 0).repeat(500)).collect::<Vec<u8>>();
+        let file = Counting(bytes.clone(), AtomicUsize::new(0));
+        assert_eq!(declared(&file, &bytes, bytes.len() as u64).unwrap(), 3);
+        let reads = file.1.into_inner();
+        assert!(reads <= 3 * MOST_RECORDS, "{reads} reads");
     }
 
     #[test]
