@@ -19,7 +19,7 @@ use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
     input::SliceOrder,
-    options::{Crop, HeightMode, MaskMode},
+    options::{HeightMode, MaskMode},
     outcome::{HeightInfo, JobOutcome, StackOutcome},
     request::StackRequest,
 };
@@ -36,7 +36,7 @@ use pinstack_science::{
     types::{
         Control, Warning,
         fusion_options::GuidedParams,
-        metrics::{Finding, Metrics, Severity, StageTime, Timing},
+        metrics::{Metrics, Severity, StageTime, Timing},
     },
 };
 
@@ -145,10 +145,7 @@ pub fn run(
     times.end("writing");
 
     let height = front.height_map.as_ref().map(HeightInfo::of);
-    let mut metrics = metrics(front, silhouette, times);
-    if options.crop == Crop::Valid {
-        describe_valid_crop(&mut metrics.findings, metrics.alignment.common_fraction);
-    }
+    let metrics = metrics(front, silhouette, times);
     // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
@@ -206,18 +203,6 @@ fn metrics(front: Fused, silhouette: Option<Silhouette>, times: Times) -> Metric
         findings: quality.findings,
         versions: VERSIONS.map(str::to_owned).to_vec(),
         timing_ms: times.done(),
-    }
-}
-
-/// Rewrites the note that advises `crop=valid`, for a stack that was sent with it: the diagnosis does not know the
-/// options of the request.
-fn describe_valid_crop(findings: &mut [Finding], common_fraction: Option<f64>) {
-    for finding in findings.iter_mut().filter(|finding| finding.code == "small_common_area") {
-        finding.detail = format!(
-            "only {:.0} % of the canvas is covered by every slice, and crop=valid cuts off the rest; keep the object \
-             in the middle",
-            100.0 * common_fraction.unwrap_or(0.0)
-        );
     }
 }
 

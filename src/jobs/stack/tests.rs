@@ -21,7 +21,6 @@ use pinstack_science::{
 };
 use sha2::{Digest, Sha256};
 
-mod common_area;
 mod lateral_colour;
 
 fn run_with(job: &TestJob, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {

@@ -51,8 +51,8 @@ impl Diagnoser<'_> {
         }
         if let Some(fraction) = alignment.common_fraction.filter(|fraction| *fraction < COMMON) {
             let detail = format!(
-                "only {:.0} % of the canvas is covered by every slice, so fewer slices are available near the border; \
-                 keep the object in the middle, or use crop=valid",
+                "only {:.0} % of the canvas is covered by every slice, so fewer slices are available near the border, \
+                 which crop=valid cuts off; keep the object in the middle",
                 percent(fraction)
             );
             findings.push(note("small_common_area", Vec::new(), detail));
