@@ -4,7 +4,8 @@
 use tokio::time::sleep;
 
 use super::{
-    executor::{Executor, Stopped, internal},
+    ending::{Stopped, internal},
+    executor::Executor,
     lease_keeper::LeaseKeeper,
 };
 use crate::{

@@ -4,12 +4,14 @@
 //! |---|---|
 //! | [`pool`] | the workers of one process; each claims one job at a time |
 //! | `executor` | one claimed job: admission, run, publication, end |
+//! | `ending` | how the run of a job ended |
 //! | `lease_keeper` | heartbeats, progress and cancellation of a running job |
 //! | `disk_admission` | reserves disk space before a job starts |
 //! | `trace` | the span of a job in the traces of OpenTelemetry |
 //! | [`maintenance`] | hourly garbage collection |
 
 mod disk_admission;
+mod ending;
 mod executor;
 mod lease_keeper;
 pub mod maintenance;

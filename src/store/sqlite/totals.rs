@@ -1,4 +1,5 @@
-//! Sums over all rows. Each query reads one covering index and no row, so a scrape stays cheap with many jobs.
+//! Sums over all rows. Jobs are read from covering indices alone, so a scrape stays cheap with many of them. Open
+//! uploads are few.
 
 use super::{SqliteMetadata, StoreResult, Totals, clock_gaps::not_expired};
 use crate::store::rows::totals::{JobTotalsRow, from_rows};

@@ -3,26 +3,25 @@
 
 mod diagnosis;
 mod measure;
+mod relocation;
 mod windows;
 
 use std::collections::BTreeMap;
 
 pub(super) use diagnosis::{Diagnosis, diagnose};
+pub(super) use relocation::relocate_grid;
 pub(super) use windows::grid_steps;
 
 use measure::measure;
-use windows::{dot_position, in_picture, selected_labels, windows_at};
+use windows::in_picture;
 
 use super::blobs;
-use super::coarse_registration::{CoarseRegistration, RegisteredMotion, SimilarityMotion};
-use super::code::{self, Identification, Identity, RecognisedCode};
-use super::dlt;
+use super::coarse_registration::SimilarityMotion;
+use super::code::{self, Identity, RecognisedCode};
 use super::dot_photometry::DotBrightness;
 use super::flat_field::{FlatField, Polarity};
 use super::identity::{self, Fingerprint};
-use super::lattice::{self, Label, Lattice, MIN_DOTS, Places};
-use super::phase;
-use super::robust;
+use super::lattice::{self, Label, Lattice, Places};
 use super::statistics::median;
 use super::working_image::WorkingImage;
 use crate::imaging::Raster;
@@ -161,8 +160,6 @@ const SAMPLES: f64 = 7e5;
 pub const MAX_SAMPLES: usize = 8_000_000;
 /// Smallest dot pitch in that image, px, unless [`MAX_SAMPLES`] requires a coarser one.
 const MEASURED_PITCH: f64 = 16.0;
-/// Least contrast of the predicted dots, in standard errors.
-const MIN_SIGNIFICANCE: f64 = 6.0;
 /// Largest distance of a dot from its predicted position, grid steps.
 const MAX_SHIFT: f64 = 0.3;
 
@@ -297,87 +294,6 @@ fn motion_between(from: &Places, to: &Places, middle: [f64; 2]) -> SimilarityMot
 /// The centre of the image, px.
 fn slice_middle(slice: &Raster) -> [f64; 2] {
     [(slice.width as f64 - 1.0) / 2.0, (slice.height as f64 - 1.0) / 2.0]
-}
-
-/// Relocates the grid of a neighbouring slice in this one and measures its dots. `None` when it is not visible.
-///
-/// # Errors
-/// When the work is cancelled.
-pub(super) fn relocate_grid(
-    slice: &Raster,
-    target: Target,
-    from: &Places,
-    expected: &Expected,
-    control: &dyn Control,
-) -> Result<Option<Detection>, Cancelled> {
-    let image = WorkingImage::of(slice, target.bin);
-    let from: Places = from.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
-    let field = flat_field(&image, target, &from);
-    let contrast = field.contrast(&image.plane);
-    let visible: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&image, p)).copied().collect();
-    let pitch = lattice::pitch_of(&from);
-    let steps = grid_steps(&from);
-    let bin = image.bin as f64;
-    let registration = CoarseRegistration { contrast: &contrast, dots: &visible, steps, pitch };
-    let around = SimilarityMotion { shift: expected.motion.shift.map(|s| s / bin), ..expected.motion };
-    let RegisteredMotion { motion, sign, significance, .. } = if expected.confident {
-        let near = registration.best(around, 0.02, 0.3, 1.0);
-        let inverted = expected.maybe_inverted.then(|| registration.best(around, 0.02, 0.3, -1.0));
-        inverted.filter(|i| i.depth > near.depth).unwrap_or(near)
-    } else {
-        registration.best(around, 0.09, 0.6, 1.0)
-    };
-    control.check()?;
-    let middle = registration.middle();
-    let is_off_course = (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1])
-        > if expected.maybe_inverted { 0.3 } else { 0.45 } * pitch;
-    if significance < MIN_SIGNIFICANCE || (expected.confident && is_off_course) {
-        return Ok(None);
-    }
-    let predicted: Places = from.iter().map(|(label, p)| (*label, motion.apply(middle, *p))).collect();
-    // a first measurement removes rotation and keystone
-    let labels = selected_labels(&image, &predicted);
-    let windows = windows_at(&labels, &predicted, motion.scale, steps);
-    let phases = phase::measure(&contrast, None, &windows);
-    let pairs: Vec<dlt::Pair> = windows
-        .iter()
-        .zip(&phases)
-        .filter_map(|(window, phase)| phase.map(|p| (window.at, dot_position(window, &p, sign))))
-        .filter(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < MAX_SHIFT * pitch)
-        .collect();
-    if pairs.len() < MIN_DOTS || 2 * pairs.len() < windows.len() {
-        return Ok(None);
-    }
-    let Some(shared) = robust::consensus(&pairs, 0.02 * pitch, 0.15 * pitch) else { return Ok(None) };
-    if 2 * shared.is_inlier.iter().filter(|a| **a).count() < pairs.len() {
-        return Ok(None);
-    }
-    let places: Places = predicted.into_iter().map(|(label, p)| (label, shared.homography.apply(p))).collect();
-    let place = target.code.map(|code| code.place);
-    let identification = place.map_or(Identification::Unreadable, |place| code::identify(&contrast, &places, &place));
-    let (places, identity, turned, is_corrected) = match identification {
-        Identification::Unreadable => (places, None, None, false),
-        Identification::Confirmed(identity) => (places, Some(identity), None, false),
-        Identification::Corrected(places, identity) => (places, Some(identity), None, true),
-        Identification::Turned(is_mirrored) => (places, None, Some(is_mirrored), false),
-    };
-    let mut detection = measure(&image, field, places, sign, place.as_ref().filter(|_| turned.is_none()), control)?;
-    if let Some(detection) = &mut detection {
-        (detection.identity, detection.turned) = (identity, turned);
-        let slice_middle = slice_middle(slice);
-        let back = |p: [f64; 2]| image.to_slice(shared.homography.apply(motion.apply(middle, image.to_plane(p))));
-        let goes = back(slice_middle);
-        detection.motion = if is_corrected {
-            let before = from.iter().map(|(label, p)| (*label, image.to_slice(*p))).collect();
-            motion_between(&before, &detection.places, slice_middle)
-        } else {
-            SimilarityMotion {
-                scale: motion.scale * shared.homography.scale_at(middle),
-                shift: [goes[0] - slice_middle[0], goes[1] - slice_middle[1]],
-            }
-        };
-    }
-    Ok(detection)
 }
 
 /// The flat field around the approximate dot positions `places`.

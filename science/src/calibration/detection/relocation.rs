@@ -1,0 +1,97 @@
+//! Relocation of the grid of a neighbouring slice in another: first a coarse registration, then a first measurement of
+//! the dots.
+
+use super::measure::measure;
+use super::windows::{dot_position, in_picture, selected_labels, windows_at};
+use super::{Detection, Expected, MAX_SHIFT, Target, flat_field, grid_steps, motion_between, slice_middle};
+use crate::calibration::coarse_registration::{CoarseRegistration, RegisteredMotion, SimilarityMotion};
+use crate::calibration::code::{self, Identification};
+use crate::calibration::lattice::{self, MIN_DOTS, Places};
+use crate::calibration::working_image::WorkingImage;
+use crate::calibration::{dlt, phase, robust};
+use crate::imaging::Raster;
+use crate::types::{Cancelled, Control};
+
+/// Least contrast of the predicted dots, in standard errors.
+const MIN_SIGNIFICANCE: f64 = 6.0;
+
+/// Relocates the grid of a neighbouring slice in this one and measures its dots. `None` when it is not visible.
+///
+/// # Errors
+/// When the work is cancelled.
+pub(in crate::calibration) fn relocate_grid(
+    slice: &Raster,
+    target: Target,
+    from: &Places,
+    expected: &Expected,
+    control: &dyn Control,
+) -> Result<Option<Detection>, Cancelled> {
+    let image = WorkingImage::of(slice, target.bin);
+    let from: Places = from.iter().map(|(label, p)| (*label, image.to_plane(*p))).collect();
+    let field = flat_field(&image, target, &from);
+    let contrast = field.contrast(&image.plane);
+    let visible: Vec<[f64; 2]> = from.values().filter(|p| in_picture(&image, p)).copied().collect();
+    let pitch = lattice::pitch_of(&from);
+    let steps = grid_steps(&from);
+    let bin = image.bin as f64;
+    let registration = CoarseRegistration { contrast: &contrast, dots: &visible, steps, pitch };
+    let around = SimilarityMotion { shift: expected.motion.shift.map(|s| s / bin), ..expected.motion };
+    let RegisteredMotion { motion, sign, significance, .. } = if expected.confident {
+        let near = registration.best(around, 0.02, 0.3, 1.0);
+        let inverted = expected.maybe_inverted.then(|| registration.best(around, 0.02, 0.3, -1.0));
+        inverted.filter(|i| i.depth > near.depth).unwrap_or(near)
+    } else {
+        registration.best(around, 0.09, 0.6, 1.0)
+    };
+    control.check()?;
+    let middle = registration.middle();
+    let is_off_course = (motion.shift[0] - around.shift[0]).hypot(motion.shift[1] - around.shift[1])
+        > if expected.maybe_inverted { 0.3 } else { 0.45 } * pitch;
+    if significance < MIN_SIGNIFICANCE || (expected.confident && is_off_course) {
+        return Ok(None);
+    }
+    let predicted: Places = from.iter().map(|(label, p)| (*label, motion.apply(middle, *p))).collect();
+    // a first measurement removes rotation and keystone
+    let labels = selected_labels(&image, &predicted);
+    let windows = windows_at(&labels, &predicted, motion.scale, steps);
+    let phases = phase::measure(&contrast, None, &windows);
+    let pairs: Vec<dlt::Pair> = windows
+        .iter()
+        .zip(&phases)
+        .filter_map(|(window, phase)| phase.map(|p| (window.at, dot_position(window, &p, sign))))
+        .filter(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) < MAX_SHIFT * pitch)
+        .collect();
+    if pairs.len() < MIN_DOTS || 2 * pairs.len() < windows.len() {
+        return Ok(None);
+    }
+    let Some(shared) = robust::consensus(&pairs, 0.02 * pitch, 0.15 * pitch) else { return Ok(None) };
+    if 2 * shared.is_inlier.iter().filter(|a| **a).count() < pairs.len() {
+        return Ok(None);
+    }
+    let places: Places = predicted.into_iter().map(|(label, p)| (label, shared.homography.apply(p))).collect();
+    let place = target.code.map(|code| code.place);
+    let identification = place.map_or(Identification::Unreadable, |place| code::identify(&contrast, &places, &place));
+    let (places, identity, turned, is_corrected) = match identification {
+        Identification::Unreadable => (places, None, None, false),
+        Identification::Confirmed(identity) => (places, Some(identity), None, false),
+        Identification::Corrected(places, identity) => (places, Some(identity), None, true),
+        Identification::Turned(is_mirrored) => (places, None, Some(is_mirrored), false),
+    };
+    let mut detection = measure(&image, field, places, sign, place.as_ref().filter(|_| turned.is_none()), control)?;
+    if let Some(detection) = &mut detection {
+        (detection.identity, detection.turned) = (identity, turned);
+        let slice_middle = slice_middle(slice);
+        let back = |p: [f64; 2]| image.to_slice(shared.homography.apply(motion.apply(middle, image.to_plane(p))));
+        let goes = back(slice_middle);
+        detection.motion = if is_corrected {
+            let before = from.iter().map(|(label, p)| (*label, image.to_slice(*p))).collect();
+            motion_between(&before, &detection.places, slice_middle)
+        } else {
+            SimilarityMotion {
+                scale: motion.scale * shared.homography.scale_at(middle),
+                shift: [goes[0] - slice_middle[0], goes[1] - slice_middle[1]],
+            }
+        };
+    }
+    Ok(detection)
+}
