@@ -16,7 +16,7 @@ use pinstack_science::{
 const BASE: u64 = 64 << 20;
 
 /// Peak memory of a job with `threads` threads, bytes. In addition to the terms below, each slice in flight takes twice
-/// the largest file: the file, and the copy that a decoder may make of it.
+/// the largest file: its buffer may be twice as large, because it grows while a compressed file is read.
 ///
 /// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
 ///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture). Neither grows with the number
@@ -60,7 +60,7 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
 }
 
-/// The files of the slices in flight, and a copy of each.
+/// The buffers of the files of the slices in flight.
 fn files(layout: &StackLayout, in_flight: usize) -> u64 {
     layout.largest_file_bytes.saturating_mul(2 * in_flight as u64)
 }

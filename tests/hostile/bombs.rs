@@ -370,3 +370,16 @@ fn valid_pictures_are_decoded_within_the_memory_budget_of_a_job() {
         assert!(peak <= most, "{what}: {peak} bytes, at most {most}");
     }
 }
+
+#[test]
+fn a_jpeg_is_decoded_from_its_own_memory() {
+    const SIDE: usize = 2048;
+    let file = codec::encode_jpeg(&pattern(SIDE, SIDE, 3), 100);
+    assert!(file.len() > 2 * MB, "{} bytes", file.len());
+    let mut bytes = Vec::with_capacity(file.len() + codec::JPEG_ROOM);
+    bytes.extend_from_slice(&file);
+    let samples = Vec::with_capacity(SIDE * SIDE * 3);
+    let (raster, peak) = peak_of(|| codec::decode_into(bytes, &Limits::default(), samples).expect("a JPEG"));
+    assert_eq!(Ok(raster), codec::decode(&file, &Limits::default()));
+    assert!(peak < MB, "{peak} bytes beside the file and the samples");
+}

@@ -205,7 +205,8 @@ impl Container {
         let mut zip = self.zip.clone();
         let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let room = member.size.min(entry.compressed_size().saturating_mul(FIRST_ALLOCATION_RATIO));
-        let mut bytes = Vec::with_capacity(usize::try_from(room).unwrap_or(0));
+        let room = usize::try_from(room).unwrap_or(0).saturating_add(codec::JPEG_ROOM);
+        let mut bytes = Vec::with_capacity(room);
         // one byte more than declared reveals a member that is larger than declared
         let mut entry = entry.take(member.size.saturating_add(1));
         let unpacked = png_trailer::read_without_trailer(&mut entry, &mut bytes)

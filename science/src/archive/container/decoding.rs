@@ -42,7 +42,7 @@ impl Container {
                 return Ok(raster);
             }
         }
-        codec::decode_into(&self.read_whole(member, limits)?, &limits.image, buffer).map_err(picture_error)
+        codec::decode_into(self.read_whole(member, limits)?, &limits.image, buffer).map_err(picture_error)
     }
 
     /// Reads a member to its end, for its size and its CRC.

@@ -5,7 +5,10 @@
 //! is an error instead of a grey area; a progressive picture must have all scans, down to the last bit of every
 //! coefficient.
 
+mod guarded;
+
 use std::{
+    borrow::Cow,
     hash::{DefaultHasher, Hasher},
     io::{self, BufRead, Read},
 };
@@ -14,6 +17,8 @@ use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOpt
 
 use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, icc_parts::IccParts, orientation};
 use crate::imaging::Raster;
+pub(super) use guarded::APPENDED;
+use guarded::{Guard, Guarded};
 
 /// Maximum number of bytes before the first scan. Cameras write previews of some megabytes there.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
@@ -24,10 +29,6 @@ const MAX_SCANS: usize = 100;
 /// Maximum number of pixels per byte: a block of 64 pixels takes at least one bit. A file that declares more is
 /// truncated and refused before memory is allocated.
 const PIXELS_PER_BYTE: u64 = 512;
-
-/// Bytes that replace the end marker: ones (with the stuffed zero), and zeros.
-const GUARD_ONES: [u8; 2] = [0xFF, 0x00];
-const GUARD_ZEROS: [u8; 2] = [0x00, 0x00];
 
 /// Marker of the frame header of progressive pictures.
 const PROGRESSIVE: u8 = 0xC2;
@@ -279,13 +280,13 @@ pub(super) fn metadata(bytes: &[u8]) -> Metadata {
 }
 
 /// The picture as stored, and its orientation.
-pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(Raster, u8), ImageFault> {
-    let head = Head::read(bytes)?;
+pub(super) fn decode(bytes: Cow<'_, [u8]>, limits: &Limits, buffer: Vec<u8>) -> Result<(Raster, u8), ImageFault> {
+    let head = Head::read(&*bytes)?;
     let header = head.header(limits)?;
     if u64::from(header.width) * u64::from(header.height) / PIXELS_PER_BYTE > bytes.len() as u64 {
         return Err(ImageFault::Truncated(Format::Jpeg));
     }
-    let Walk { end, scans } = walk(bytes).ok_or(ImageFault::Truncated(Format::Jpeg))?;
+    let Walk { end, scans } = walk(&bytes).ok_or(ImageFault::Truncated(Format::Jpeg))?;
     if scans.len() > MAX_SCANS {
         return Err(damaged(format!("it has more than {MAX_SCANS} scans")));
     }
@@ -294,11 +295,12 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(
         return Err(ImageFault::Truncated(Format::Jpeg));
     }
     let ends_by_refining = is_progressive && scans.last().and_then(|scan| Pass::of(scan)).is_some_and(|p| p.refines);
+    let mut guarded = Guarded::new(bytes, end);
     // Refinement bits may be ones or zeros, so one guard does not reveal missing ones. A decoder that reads beyond the
     // end returns different pictures for different tails.
     let other =
-        if ends_by_refining { Some(digest(&samples(bytes, &head, end, GUARD_ZEROS, Vec::new())?)) } else { None };
-    let samples = samples(bytes, &head, end, GUARD_ONES, buffer)?;
+        if ends_by_refining { Some(digest(&samples(guarded.ending(Guard::Zeros), &head, Vec::new())?)) } else { None };
+    let samples = samples(guarded.ending(Guard::Ones), &head, buffer)?;
     if other.is_some_and(|other| other != digest(&samples)) {
         return Err(ImageFault::Truncated(Format::Jpeg));
     }
@@ -306,15 +308,8 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<(
     Ok((Raster::eight(width, height, channels, samples), header.orientation))
 }
 
-/// The samples as stored, decoded with at least 256 bits of `guard` in place of the end marker. No Huffman table has a
-/// code of all ones (ITU T.81, annex C), so a decoder that reads the guard fails instead of inventing the rest of the
-/// picture. A complete scan is decoded without reading it. The memory of `buffer` is used again.
-fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2], mut buffer: Vec<u8>) -> Result<Vec<u8>, ImageFault> {
-    let mut guarded = Vec::with_capacity(end + 66);
-    guarded.extend_from_slice(&bytes[..end]);
-    guarded.extend(guard.repeat(32));
-    guarded.extend([0xFF, EOI]);
-
+/// The samples of a guarded file as stored. The memory of `buffer` is used again.
+fn samples(guarded: &[u8], head: &Head, mut buffer: Vec<u8>) -> Result<Vec<u8>, ImageFault> {
     let channels = head.components.len();
     let out = if channels == 1 { ColorSpace::Luma } else { ColorSpace::RGB };
     let options = DecoderOptions::default()
@@ -323,7 +318,7 @@ fn samples(bytes: &[u8], head: &Head, end: usize, guard: [u8; 2], mut buffer: Ve
         .set_strict_mode(true)
         .set_max_width(usize::MAX)
         .set_max_height(usize::MAX);
-    let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(guarded.as_slice()), options);
+    let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(guarded), options);
     // the messages of the decoder (a code that is not in the table, ...) do not help users
     let corrupt = |_| damaged("its picture data are corrupt or incomplete");
     decoder.decode_headers().map_err(corrupt)?;

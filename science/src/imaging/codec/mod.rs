@@ -18,7 +18,10 @@ mod sniff;
 mod tiff;
 mod tiff_lists;
 
-use std::io::{BufRead, Cursor, Seek};
+use std::{
+    borrow::Cow,
+    io::{BufRead, Cursor, Seek},
+};
 
 use super::Raster;
 
@@ -28,6 +31,9 @@ pub use fault::ImageFault;
 pub use metadata::Metadata;
 pub use rgba::decode_rgba;
 pub use sniff::{is_picture_name, raw_extension};
+
+/// Bytes beyond the file that [`decode_into`] needs in the memory of a JPEG.
+pub const JPEG_ROOM: usize = jpeg::APPENDED;
 
 /// Supported file formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -129,21 +135,25 @@ pub fn probe(mut reader: impl BufRead + Seek, limits: &Limits) -> Result<Header,
 /// # Errors
 /// As [`probe`], and when the pixels are truncated or damaged.
 pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
-    decode_into(bytes, limits, Vec::new())
+    decode_any(Cow::Borrowed(bytes), limits, Vec::new())
 }
 
-/// The same as [`decode`]. The samples of a JPEG are in the memory of `buffer` if it is large enough; the contents of
-/// `buffer` are lost.
+/// The same as [`decode`]. A JPEG of a `Vec` with room for [`JPEG_ROOM`] more bytes is decoded without a copy of the
+/// file. The samples of a JPEG are in the memory of `buffer` if it is large enough; the contents of `buffer` are lost.
 ///
 /// # Errors
 /// As [`decode`].
-pub fn decode_into(bytes: &[u8], limits: &Limits, buffer: Vec<u8>) -> Result<Raster, ImageFault> {
-    let (mut reader, length) = (Cursor::new(bytes), bytes.len() as u64);
-    let format = sniff::format_of(&mut reader)?;
+pub fn decode_into(bytes: Vec<u8>, limits: &Limits, buffer: Vec<u8>) -> Result<Raster, ImageFault> {
+    decode_any(Cow::Owned(bytes), limits, buffer)
+}
+
+fn decode_any(bytes: Cow<'_, [u8]>, limits: &Limits, buffer: Vec<u8>) -> Result<Raster, ImageFault> {
+    let format = sniff::format_of(&mut Cursor::new(&*bytes))?;
+    let length = bytes.len() as u64;
     let (raster, orientation) = catch_panic(format, || match format {
         Format::Jpeg => jpeg::decode(bytes, limits, buffer),
-        Format::Png => png::decode(reader, length, limits),
-        Format::Tiff => tiff::decode(reader, length, limits),
+        Format::Png => png::decode(Cursor::new(&*bytes), length, limits),
+        Format::Tiff => tiff::decode(Cursor::new(&*bytes), length, limits),
     })?;
     Ok(orientation::apply(raster, orientation))
 }
