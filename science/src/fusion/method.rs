@@ -91,7 +91,7 @@ pub(super) fn has_coarse_focus(method: Method) -> bool {
 pub(super) fn extra_bytes_per_pixel(method: Method, pixel: u64) -> u64 {
     match method {
         Method::Guided | Method::Pyramid => 0,
-        Method::HaloCorrected => 14 + pixel,
+        Method::HaloCorrected => 10 + pixel,
     }
 }
 
@@ -106,9 +106,7 @@ pub(super) fn second_pass<S: Sample, const C: usize>(
         Method::HaloCorrected => {
             let no_energy = || Error::new(ErrorKind::Internal, "the first pass has not measured the focus energy");
             let energy = aligned.energy.take().ok_or_else(no_energy)?;
-            let (blended, index) = halo_corrected::fuse::<S, C>(run, aligned, energy)?;
-            aligned.index = index;
-            Ok(blended)
+            halo_corrected::fuse::<S, C>(run, aligned, energy)
         }
     }
 }

@@ -51,7 +51,7 @@ mod warped_slice;
 #[cfg(test)]
 mod tests;
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use rayon::prelude::*;
 
@@ -171,7 +171,7 @@ impl Run<'_> {
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let mut warnings = warnings(width * height, covered, blended.clamped);
         warnings.extend(blended.contradicts_profile.then(|| depth_order_disagrees(self.plan)));
-        Ok(Fused { image, index: aligned.index, height_map, valid, quality, warnings })
+        Ok(Fused { image, index: Arc::unwrap_or_clone(aligned.index), height_map, valid, quality, warnings })
     }
 }
 

@@ -15,10 +15,10 @@ impl Plan {
     ///
     /// ```text
     /// bytes  = P max(first, second) + (48 threads + 32 + M) MiB
-    /// first  = 6 + (7 s + 1) L       largest focus measure and its slice; per slice: samples, before and after
+    /// first  = 4 + (7 s + 1) L       largest focus measure and its slice; per slice: samples, before and after
     ///                                alpha is dropped, and the cells of the focus energy
     /// second = 3 + 3 s + max(X, Z)   index, validity, fused image; X is the need of the method, Z of the height map
-    /// X      = 14 + 3 s  for Method::HaloCorrected (decision map, pyramid image), else 0
+    /// X      = 10 + 3 s  for Method::HaloCorrected (decision map, pyramid image), else 0
     /// Z      = 13 with a height map (estimate and confidence per pixel and per cell, the map), else 0
     /// M      = 32 with metrics (sampled points and blocks), else 0
     /// ```
@@ -26,7 +26,7 @@ impl Plan {
         let pixels = (self.width * self.height) as u64;
         let pixel = 3 * depth.bytes() as u64;
         let in_flight = 7 * depth.bytes() as u64 + 1;
-        let first_pass = 6 + in_flight * slices_in_flight(threads, self.slices.len()) as u64;
+        let first_pass = 4 + in_flight * slices_in_flight(threads, self.slices.len()) as u64;
         let height = if self.height_map.is_some() { height::BYTES_PER_PIXEL } else { 0 };
         let second_pass = 3 + pixel + method::extra_bytes_per_pixel(self.method, pixel).max(height);
         let sampled = if metrics { 32 } else { 0 };

@@ -8,6 +8,7 @@
 pub(super) mod cell_energies;
 pub(super) mod coarse_focus;
 mod decoded_slice;
+pub(super) mod focus_code;
 pub(super) mod focus_measure;
 pub(super) mod relevance;
 mod schedule;
@@ -27,6 +28,7 @@ use crate::{
 use cell_energies::CellEnergies;
 use coarse_focus::CoarseFocus;
 use decoded_slice::{Buffers, DecodedSlice};
+use focus_code::FocusCode;
 use focus_measure::FocusMeasure;
 use schedule::{Schedule, Step};
 pub(super) use scratch::{BLOCK as SCRATCH_BLOCK, ScratchFile};
@@ -47,8 +49,8 @@ pub(super) struct Aligned {
     pub scratch: ScratchFile,
     /// Per slice: the part of the canvas that it covers.
     pub coverages: Vec<Coverage>,
-    /// Per pixel: the slice with the largest focus measure.
-    pub index: Plane<u16>,
+    /// Per pixel: the slice with the largest focus measure, or after a method has refined it, that of its decision map.
+    pub index: Arc<Plane<u16>>,
     /// Only with [`FocusMeasure::Energy`].
     pub energy: Option<MeasuredEnergy>,
     /// Per slice: what the meter measured; empty without a meter.
@@ -58,7 +60,7 @@ pub(super) struct Aligned {
 /// What the first pass knows of the focus energy.
 pub(super) struct MeasuredEnergy {
     /// Per pixel, the largest energy of all slices.
-    pub largest: Plane<f32>,
+    pub largest: Plane<FocusCode>,
     /// The coarse focus.
     pub coarse: CoarseFocus,
     /// The energy of each slice in cells.
@@ -78,7 +80,7 @@ pub(super) fn align<S: Sample, const C: usize>(
     let (slices, threads) = (plan.slices.len(), rayon::current_num_threads());
     let in_flight = slices_in_flight(threads, slices);
     let (width, height) = (plan.width, plan.height);
-    let (mut index, mut largest) = (Plane::filled(width, height, 0), Plane::filled(width, height, 0.0));
+    let (mut index, mut largest) = (Plane::filled(width, height, 0), Plane::filled(width, height, FocusCode::NONE));
     let pass = Pass::<S> {
         run,
         meter,
@@ -104,7 +106,7 @@ pub(super) fn align<S: Sample, const C: usize>(
         (FocusMeasure::Energy(_, coarse), Some(cells)) => Some(MeasuredEnergy { largest, coarse, cells }),
         (FocusMeasure::Saliency(_) | FocusMeasure::Energy(..), _) => None,
     };
-    Ok(Aligned { scratch, coverages, index, energy, measurements })
+    Ok(Aligned { scratch, coverages, index: Arc::new(index), energy, measurements })
 }
 
 /// What all threads share.

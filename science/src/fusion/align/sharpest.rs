@@ -4,6 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
+use super::focus_code::FocusCode;
 use crate::{
     fusion::{plan::UNCOVERED, run::locked},
     imaging::{
@@ -15,42 +16,35 @@ use crate::{
 /// Rows under one lock.
 const BAND: usize = 128;
 
-/// Pixels that are checked for ties at a time.
-const PART: usize = 256;
-
-/// Value of a slice where it covers the pixel but not the whole window of the focus measure: below every measured
-/// value.
-const UNSUPPORTED: f32 = -1.0;
-
 /// Running argmax of the focus measure. The result does not depend on the order of the updates:
 ///
-/// 1. The larger value wins.
+/// 1. The larger value wins. Values are compared as [`FocusCode`]s, to a thousandth.
 /// 2. Of equal values above 0, the slice with the lower index wins.
 /// 3. Of equal values that are not above 0, the reference slice wins, then the lower index.
 pub(super) struct Sharpest<'a> {
     width: usize,
-    reference: usize,
+    reference: u16,
     simd: Option<Avx2>,
     bands: Vec<Mutex<Band<'a>>>,
 }
 
 struct Band<'a> {
-    best: &'a mut [f32],
+    best: &'a mut [FocusCode],
     slice: &'a mut [u16],
 }
 
 impl<'a> Sharpest<'a> {
     /// The argmax is kept in two planes of the size of the canvas, whose values are overwritten. `slices` is the
     /// sharpest slice per pixel, [`UNCOVERED`] where no slice covers it, and `values` is its focus measure there.
-    pub(super) fn new(slices: &'a mut Plane<u16>, values: &'a mut Plane<f32>, reference: usize) -> Self {
+    pub(super) fn new(slices: &'a mut Plane<u16>, values: &'a mut Plane<FocusCode>, reference: usize) -> Self {
         let (width, band) = (slices.width, (slices.width * BAND).max(1));
         let bands = slices.data.par_chunks_mut(band).zip(values.data.par_chunks_mut(band));
-        let blank = |(slice, best): (&'a mut [u16], &'a mut [f32])| {
+        let blank = |(slice, best): (&'a mut [u16], &'a mut [FocusCode])| {
             slice.fill(UNCOVERED);
-            best.fill(f32::NEG_INFINITY);
+            best.fill(FocusCode::NONE);
             Mutex::new(Band { best, slice })
         };
-        Self { width, reference, simd: Avx2::detect(), bands: bands.map(blank).collect() }
+        Self { width, reference: reference as u16, simd: Avx2::detect(), bands: bands.map(blank).collect() }
     }
 
     /// Enters row `y` of the focus measure of `slice`. `covered` is the area that the slice covers, `supported` the
@@ -62,60 +56,35 @@ impl<'a> Sharpest<'a> {
         let (best, sharpest) = (&mut best[start..start + self.width], &mut sharpest[start..start + self.width]);
         let (whole, inner) = (covered.span(y), supported.span(y));
         let inner = if inner.is_empty() { whole.end..whole.end } else { inner };
+        let slice = slice as u16;
         for outer in [whole.start..inner.start, inner.end..whole.end] {
             for (best, sharpest) in best[outer.clone()].iter_mut().zip(&mut sharpest[outer]) {
-                self.enter(slice, UNSUPPORTED, best, sharpest);
+                self.enter(slice, FocusCode::UNSUPPORTED, best, sharpest);
             }
         }
-        let values = &values[inner.clone()];
-        let (best, sharpest) = (&mut best[inner.clone()], &mut sharpest[inner]);
-        let parts = best.chunks_mut(PART).zip(sharpest.chunks_mut(PART)).zip(values.chunks(PART));
-        for ((best, sharpest), values) in parts {
-            let ties = simd::run(
-                self.simd,
-                #[inline(always)]
-                || enter_larger(slice as u16, values, best, sharpest),
-            );
-            if ties {
+        let (best, sharpest, values) = (&mut best[inner.clone()], &mut sharpest[inner.clone()], &values[inner]);
+        simd::run(
+            self.simd,
+            #[inline(always)]
+            || {
                 for ((best, sharpest), &value) in best.iter_mut().zip(sharpest).zip(values) {
-                    self.enter(slice, value, best, sharpest);
+                    self.enter(slice, FocusCode::of(value), best, sharpest);
                 }
-            }
-        }
+            },
+        );
     }
 
-    #[inline]
-    fn enter(&self, slice: usize, value: f32, best: &mut f32, sharpest: &mut u16) {
-        if value > *best || (value == *best && self.comes_first(value, slice, *sharpest)) {
-            *best = value;
-            *sharpest = slice as u16;
-        }
+    /// Without a branch, so that many pixels are entered at a time.
+    #[inline(always)]
+    fn enter(&self, slice: u16, code: FocusCode, best: &mut FocusCode, sharpest: &mut u16) {
+        let is_lower = slice < *sharpest;
+        let is_first_of_zeros = (slice == self.reference) | (is_lower & (*sharpest != self.reference));
+        let is_sharp = code > FocusCode::ZERO;
+        let comes_first = (is_sharp & is_lower) | (!is_sharp & is_first_of_zeros);
+        let wins = (code > *best) | ((code == *best) & comes_first);
+        *best = if wins { code } else { *best };
+        *sharpest = if wins { slice } else { *sharpest };
     }
-
-    /// Whether `slice` is chosen rather than `other`, when both have the value `value`.
-    fn comes_first(&self, value: f32, slice: usize, other: u16) -> bool {
-        let other = usize::from(other);
-        let nothing_is_sharp = value <= 0.0;
-        match nothing_is_sharp {
-            true if slice == self.reference => true,
-            true if other == self.reference => false,
-            _ => slice < other,
-        }
-    }
-}
-
-/// Enters all values that are larger than the best so far. Returns whether any value is equal to the best: the caller
-/// then resolves the ties of this part, which leaves the pixels entered here as they are.
-#[inline(always)]
-fn enter_larger(slice: u16, values: &[f32], best: &mut [f32], sharpest: &mut [u16]) -> bool {
-    let mut ties = 0u32;
-    for ((sharpest, best), &value) in sharpest.iter_mut().zip(best).zip(values) {
-        ties |= u32::from(value == *best);
-        let larger = value > *best;
-        *sharpest = if larger { slice } else { *sharpest };
-        *best = if larger { value } else { *best };
-    }
-    ties != 0
 }
 
 #[cfg(test)]
@@ -124,7 +93,7 @@ mod tests {
 
     /// The argmax in a canvas of 4 x 1 px after `enter`.
     fn after(reference: usize, enter: impl FnOnce(&Sharpest<'_>)) -> Vec<u16> {
-        let (mut slices, mut values) = (Plane::filled(4, 1, 7), Plane::filled(4, 1, 7.0));
+        let (mut slices, mut values) = (Plane::filled(4, 1, 7), Plane::filled(4, 1, FocusCode::of(7.0)));
         enter(&Sharpest::new(&mut slices, &mut values, reference));
         slices.data
     }

@@ -35,7 +35,7 @@ use super::{
 };
 use crate::{
     imaging::{
-        Plane, Rect, Sample,
+        Rect, Sample,
         filter::focus::{FocusEnergy, Rows},
         simd::{self, Avx2},
     },
@@ -46,20 +46,20 @@ use decision_map::{DecisionMap, MeasuredFocus, TEXTURED};
 use defocus_model::DefocusModel;
 use warped_slices::WarpedSlices;
 
-/// Fuses a stack; returns the image and the slice that each pixel is taken from.
+/// Fuses a stack; returns the image. `aligned.index` becomes the slice that each pixel is taken from.
 ///
 /// Without a measured blur, only textureless pixels and outliers of the decision map are refined, and nothing can be
 /// corrected: then the pyramid image is returned.
 pub(super) fn fuse<S: Sample, const C: usize>(
     run: &Run<'_>,
-    aligned: &Aligned,
+    aligned: &mut Aligned,
     MeasuredEnergy { largest: energy, coarse, cells }: MeasuredEnergy,
-) -> Result<(Blended<S>, Plane<u16>), Interrupted> {
+) -> Result<Blended<S>, Interrupted> {
     run.control.check()?;
     let plan = run.plan;
     let slices = WarpedSlices::<S, C>::new(aligned, run.control);
     let coarse = coarse.finish(plan.reference);
-    let textured = energy.par_map(|energy| energy > TEXTURED * coarse.noise);
+    let textured = energy.par_map(|energy| energy.value() > TEXTURED * coarse.noise);
     let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
     let what = (run, shown::MARGIN + reach() + correction::REACH);
     let focus = MeasuredFocus { sharpest: &aligned.index, energy: &energy, coarse: &coarse, cells: &cells };
@@ -67,19 +67,22 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     if let Some(given) = run.decision_map {
         map = decision_map::given(&slices, map, given, coarse.noise)?;
     }
-    drop(energy);
     let relevance = cells.relevance(coarse.noise, &aligned.coverages, run.control)?;
+    // from here on pictures are in memory: what only the decision map needed is not
+    drop((energy, coarse));
+    aligned.index = map.slice.clone();
+    let slices = WarpedSlices::<S, C>::new(aligned, run.control);
     let pyramid = pyramid::blend::<S, C>(run, aligned, Some(&relevance), shown::MARGIN + reach())?;
     if !model.is_known() {
-        return Ok((pyramid, map.slice));
+        return Ok(pyramid);
     }
     let fusion = Fusion { slices: &slices, map: &map, model: &model, pyramid: &pyramid.pixels };
-    let what = (run, aligned, shown::MARGIN);
+    let what = (run, &*aligned, shown::MARGIN);
     let tile = |rows: &mut Rows, rect: Rect, out: &mut Vec<S>| fusion.tile(rect, out, rows);
     let mut blended = in_tiles::<S, C, _>(what, "correcting halos", Rows::default, tile)?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
     blended.contradicts_profile = model.contradicts_profile();
-    Ok((blended, map.slice))
+    Ok(blended)
 }
 
 /// How far around a tile its pixels depend on the mosaic and on the pyramid image, px.

@@ -206,7 +206,7 @@ mod tests {
     fn a_cancel_is_noticed_at_every_near_slice() {
         let count = 6u16;
         let map = DecisionMap {
-            slice: Plane::from_fn(90, 60, |x, _| (x / 15) as u16),
+            slice: Plane::from_fn(90, 60, |x, _| (x / 15) as u16).into(),
             textured: Plane::filled(90, 60, true),
         };
         let model = DefocusModel::near_first(count.into(), 4.0);

@@ -28,7 +28,7 @@ fn slice(seed: usize) -> Raster {
 /// Stripes of the near slice 0, 50 px wide, before the far slice 1.
 fn stripes() -> DecisionMap {
     let slice = Plane::from_fn(WIDTH, HEIGHT, |x, y| u16::from((x + y / 2) % 140 >= 50));
-    DecisionMap { slice, textured: Plane::filled(WIDTH, HEIGHT, true) }
+    DecisionMap { slice: slice.into(), textured: Plane::filled(WIDTH, HEIGHT, true) }
 }
 
 /// The mosaic of `rect`, and what becomes of it by a blur of `radius` px between the slices.

@@ -1,5 +1,7 @@
 //! A decision map that is given, for benches: the true one tells how much a better decision map can gain.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::{super::warped_slices::WarpedSlices, DecisionMap, TEXTURED};
@@ -42,5 +44,5 @@ pub(in super::super) fn given<S: Sample, const C: usize>(
             }
         });
     }
-    Ok(DecisionMap { slice, textured })
+    Ok(DecisionMap { slice: Arc::new(slice), textured })
 }

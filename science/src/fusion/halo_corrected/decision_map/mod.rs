@@ -29,7 +29,7 @@ mod given;
 mod median_filter;
 mod near_detail;
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use rayon::prelude::*;
 
@@ -43,6 +43,7 @@ use crate::{
         align::{
             cell_energies::CellEnergies,
             coarse_focus::{CELL, CoarseFocusMaps},
+            focus_code::FocusCode,
         },
         plan::UNCOVERED,
         run::Run,
@@ -89,7 +90,7 @@ const BLOCK_COST: usize = 1000;
 /// Per pixel, the slice it is taken from.
 pub(crate) struct DecisionMap {
     /// 0-based index of the slice; [`UNCOVERED`] where no slice covers the canvas.
-    pub slice: Plane<u16>,
+    pub slice: Arc<Plane<u16>>,
     /// Whether the pixel has detail of its own in that slice.
     pub textured: Plane<bool>,
 }
@@ -100,7 +101,7 @@ pub(super) struct MeasuredFocus<'a> {
     /// Per pixel, the slice with the largest focus energy.
     pub sharpest: &'a Plane<u16>,
     /// Per pixel, that energy.
-    pub energy: &'a Plane<f32>,
+    pub energy: &'a Plane<FocusCode>,
     pub coarse: &'a CoarseFocusMaps,
     pub cells: &'a CellEnergies,
 }
@@ -135,9 +136,9 @@ pub(super) fn refine<S: Sample, const C: usize>(
             refinement.tile(rect, matters, rows)
         })
         .collect::<Result<_, Interrupted>>()?;
-    let mut map = DecisionMap { slice: Plane::filled(width, height, 0), textured };
+    let (mut slice, mut textured) = (Plane::filled(width, height, 0), textured);
     let band = (width * TILE).max(1);
-    let bands = map.slice.data.par_chunks_mut(band).zip(map.textured.data.par_chunks_mut(band));
+    let bands = slice.data.par_chunks_mut(band).zip(textured.data.par_chunks_mut(band));
     bands.zip(tiles.par_chunks(width.div_ceil(TILE).max(1))).for_each(|((slices, textured), tiles)| {
         for Tile { rect, slice, textured: has_texture, .. } in tiles {
             for y in 0..rect.height {
@@ -148,9 +149,8 @@ pub(super) fn refine<S: Sample, const C: usize>(
         }
     });
     let found = tiles.into_iter().flat_map(|tile| tile.near_detail).collect();
-    near_detail::apply(&mut map, found, model);
-    map.slice = median_filter(slices, &map.slice);
-    Ok(map)
+    near_detail::apply((&mut slice, &mut textured), found, model);
+    Ok(DecisionMap { slice: Arc::new(median_filter(slices, &slice)), textured })
 }
 
 /// The part `rect` of a decision map.
@@ -200,7 +200,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                     for (k, (own, textured)) in slices.iter_mut().zip(textured).enumerate() {
                         let column = i * CELL + k;
                         let (known, there) = (*own != UNCOVERED, covered.contains(&(rect.x + column)));
-                        let has_texture = *textured && energies[column] > weak * around_energy;
+                        let has_texture = *textured && energies[column].value() > weak * around_energy;
                         let separable = || self.model.separable(usize::from(*own), usize::from(around));
                         if !known || !there || !((textureless && !has_texture) || separable()) {
                             continue;
@@ -208,7 +208,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                         if !has_texture {
                             (*own, *textured) = (around, false);
                         } else if predicts
-                            && energies[column]
+                            && energies[column].value()
                                 <= explicable(around_energy, self.model.radius(around.into(), (*own).into()))
                         {
                             candidates.add((around, *own), line.start + column);
@@ -253,7 +253,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         let unexplained = measure.plane(&difference, rows);
         for &at in pixels {
             let (x, y) = (tile.rect.x + at % tile.rect.width, tile.rect.y + at / tile.rect.width);
-            if unexplained.at(x - core.x, y - core.y) < MAX_UNEXPLAINED * self.focus.energy.at(x, y) {
+            if unexplained.at(x - core.x, y - core.y) < MAX_UNEXPLAINED * self.focus.energy.at(x, y).value() {
                 tile.slice[at] = around as u16;
                 tile.textured[at] = false;
             }

@@ -21,7 +21,7 @@ use std::{collections::BTreeMap, mem};
 
 use rayon::prelude::*;
 
-use super::{DecisionMap, Refinement, TEXTURED, Tile, in_blocks};
+use super::{Refinement, TEXTURED, Tile, in_blocks};
 use crate::{
     fusion::{
         align::{
@@ -196,9 +196,12 @@ fn alike(model: &DefocusModel, count: usize) -> Vec<u16> {
 
 /// Gives the pixels `found` to the near slices, except those within [`RIM`] px of a pixel that is taken from a slice
 /// over which the near one can spread blur.
-pub(super) fn apply(map: &mut DecisionMap, found: Vec<NearDetail>, model: &DefocusModel) {
-    let own: Vec<u16> = found.iter().map(|detail| mem::replace(&mut map.slice.data[detail.at], detail.near)).collect();
-    let slices = &map.slice;
+pub(super) fn apply(
+    (slices, textured): (&mut Plane<u16>, &mut Plane<bool>),
+    found: Vec<NearDetail>,
+    model: &DefocusModel,
+) {
+    let own: Vec<u16> = found.iter().map(|detail| mem::replace(&mut slices.data[detail.at], detail.near)).collect();
     let is_rim = |detail: &NearDetail| {
         let (x, y) = (detail.at % slices.width, detail.at / slices.width);
         (y.saturating_sub(RIM)..(y + RIM + 1).min(slices.height)).any(|v| {
@@ -213,8 +216,8 @@ pub(super) fn apply(map: &mut DecisionMap, found: Vec<NearDetail>, model: &Defoc
     let rim: Vec<bool> = found.par_iter().map(is_rim).collect();
     for ((detail, own), is_rim) in found.iter().zip(own).zip(rim) {
         match is_rim {
-            true => map.slice.data[detail.at] = own,
-            false => map.textured.data[detail.at] = true,
+            true => slices.data[detail.at] = own,
+            false => textured.data[detail.at] = true,
         }
     }
 }
