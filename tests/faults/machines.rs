@@ -157,11 +157,15 @@ async fn the_job_of_a_worker_that_was_killed_is_done_by_another_once() {
             "{fault}"
         );
         assert_eq!(site.post(1, key).await, stack, "a repeat at the other process finds the first");
+        // a worker that is stopped before it has started ends by the signal: the next stack shows that it has
+        let next = site.post(0, &format!("after {key}")).await;
+        assert_eq!(site.ended(1, &next).await["state"], "succeeded");
+        assert_eq!(site.get(1, &stack).await.as_ref(), Some(&ended), "{fault}: nothing was done again");
         other.stop().await;
         site.verify().await;
     }
     let listed = site.get(1, "/v1/stacks").await.expect("a list");
-    assert_eq!(listed["items"].as_array().map(Vec::len), Some(3), "{listed}");
+    assert_eq!(listed["items"].as_array().map(Vec::len), Some(6), "{listed}");
     site.stop().await;
 }
 
