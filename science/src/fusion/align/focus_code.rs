@@ -7,7 +7,8 @@ pub(in crate::fusion) struct FocusCode(u16);
 
 /// Bits of a float that are left out.
 const LEFT_OUT: u32 = 13;
-/// What the code of 2^-40 is below the exponent and mantissa of the float.
+
+/// Subtracted from the exponent and mantissa of a float: 2^-40 has the code after that of 0.
 const OFFSET: i32 = ((127 - 40) << (23 - LEFT_OUT)) - FocusCode::ZERO.0 as i32 - 1;
 
 impl FocusCode {
