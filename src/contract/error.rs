@@ -51,7 +51,7 @@ pub enum Code {
     NotAcceptable,
     /// The `Range` begins after the end of the file.
     RangeNotSatisfiable,
-    /// The body is over the limit.
+    /// The body is over the limit, or takes longer to store than one request may.
     UploadTooLarge,
     /// The body ended early, or no data arrived until the timeout.
     UploadIncomplete,

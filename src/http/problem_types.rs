@@ -214,7 +214,7 @@ pub fn problem_type(code: Code) -> ProblemType {
             S::PAYLOAD_TOO_LARGE,
             Never,
             "Upload too large",
-            "The body is larger than allowed. GET /v1/info shows every limit.",
+            "The body is larger than allowed, and GET /v1/info shows every limit; or storing it took too long for one request: use /v1/uploads.",
             "the upload is larger than the limit of 68719476736 bytes; GET /v1/info shows all limits",
         ),
         Code::UploadIncomplete => row(

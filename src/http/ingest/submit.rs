@@ -90,7 +90,8 @@ pub struct Submitted {
 ///
 /// # Errors
 /// What is wrong with the zip, or that it does not match the submission; `queue_full`; `idempotency_key_reused`;
-/// `insufficient_storage`; `not_found` when a resumable upload was deleted meanwhile.
+/// `insufficient_storage`; `upload_too_large` when a request stores the zip too slowly; `not_found` when a resumable
+/// upload was deleted meanwhile.
 pub async fn submit(app: &App, submission: &Submission, zip: IncomingZip) -> ApiResult<Submitted> {
     let IncomingZip { id, file, bytes, sha256, filename, origin } = zip;
     let key = upload_key(id);
@@ -149,8 +150,8 @@ pub fn require_stored_in_time(app: &App, begun: Instant) -> ApiResult<()> {
         return Ok(());
     }
     let detail = format!(
-        "the upload is too large to be stored within {} minutes, the limit for one request; send it as a resumable \
-         upload (POST /v1/uploads), which has no such limit",
+        "storing the zip took longer than {} minutes, the limit for one request; send it as a resumable upload (POST \
+         /v1/uploads), which has no such limit",
         most.as_secs() / 60
     );
     Err(ApiError::new(Code::UploadTooLarge, detail))

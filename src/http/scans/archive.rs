@@ -74,7 +74,7 @@ use crate::{
         (status = 400, description = "`invalid_request`: an invalid name or option; `upload_incomplete`: the connection closed or timed out before the end of the body"),
         (status = 404, description = "`scan_not_found`, `profile_not_found`, sent before the body is read"),
         (status = 409, description = "`conflict`: some stacks of an earlier request with this key were deleted"),
-        (status = 413, description = "`upload_too_large`: the body exceeds the limit"),
+        (status = 413, description = "`upload_too_large`: the body exceeds the limit, or storing the zip takes longer than 50 minutes, which only a resumable upload may take"),
         (status = 415, description = "`unsupported_media_type`: neither a zip nor a form"),
         (status = 422, description = "`scan_mismatch`: another rig or lens than that of the scan; `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, \
             `size_mismatch`, `slice_count_mismatch`, `mask_failed` of one or more views: `errors` names each view; `idempotency_key_reused`"),

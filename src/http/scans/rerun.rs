@@ -88,7 +88,7 @@ pub struct SkippedView {
         (status = 404, description = "`scan_not_found`; `not_found`: the scan has no views; `profile_not_found`: no such revision"),
         (status = 409, description = "`conflict`: the scan has more views than may be queued (setting `queue_limit` of the server)"),
         (status = 410, description = "`upload_removed`: the zips of all views were removed"),
-        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
+        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB, or storing the zip takes longer than 50 minutes, which only a resumable upload may take"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
         (status = 422, description = "`size_mismatch`, `slice_count_mismatch`: a zip does not match the other revision; `mask_failed` (required without a back light)"),
         (status = 503, description = "`queue_full`, with `Retry-After`"),

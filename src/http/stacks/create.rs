@@ -74,7 +74,7 @@ pub struct StackForm {
             ("Preference-Applied" = String, description = "The wait that was granted"))),
         (status = 400, description = "`invalid_request`: an invalid name or option, or a rig or lens that is missing or given twice; `upload_incomplete`: the connection closed or timed out before the end of the body"),
         (status = 404, description = "`profile_not_found`, sent before the body is read"),
-        (status = 413, description = "`upload_too_large`: the body exceeds the limit"),
+        (status = 413, description = "`upload_too_large`: the body exceeds the limit, or storing the zip takes longer than 50 minutes, which only a resumable upload may take"),
         (status = 415, description = "`unsupported_media_type`: neither a zip nor a form"),
         (status = 422, description = "`invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
             `slice_count_mismatch`, `mask_failed` (required without a back light), `idempotency_key_reused`"),

@@ -68,7 +68,7 @@ const REVISION: &str = "profile_revision";
         (status = 400, description = "`invalid_request`: an invalid option, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out before the end of the body"),
         (status = 404, description = "`not_found`: no such stack; `profile_not_found`: no such revision"),
         (status = 410, description = "`upload_removed`: the zip was removed at the end of its retention period"),
-        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
+        (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB, or storing the zip takes longer than 50 minutes, which only a resumable upload may take"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
         (status = 422, description = "`size_mismatch`, `slice_count_mismatch`: the zip does not match the other revision; `mask_failed` (required without a back light); \
             `invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`: the limits of the server were lowered; `idempotency_key_reused`"),

@@ -1,7 +1,7 @@
 //! Focus measures in two bytes: the largest one of each pixel is kept for the whole canvas.
 
 /// A focus measure, to a thousandth: the exponent and the first ten bits of the mantissa of a float. Codes are ordered
-/// as the values are. Values below 2^-40 count as 0; 2^24 is the largest.
+/// as the values are. Values below 2^-40 count as 0, and larger ones than 2^24 as 2^24.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::fusion) struct FocusCode(u16);
 

@@ -68,7 +68,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
         map = decision_map::given(&slices, map, given, coarse.noise)?;
     }
     let relevance = cells.relevance(coarse.noise, &aligned.coverages, run.control)?;
-    // from here on pictures are in memory: what only the decision map needed is not
+    // the pictures that follow take memory: free what only the decision map needed
     drop((energy, coarse));
     aligned.index = map.slice.clone();
     let slices = WarpedSlices::<S, C>::new(aligned, run.control);
