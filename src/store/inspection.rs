@@ -5,7 +5,13 @@ use std::path::Path;
 use anyhow::anyhow;
 use sqlx::{Connection, Executor, PgConnection, SqliteConnection, sqlite::SqliteConnectOptions};
 
-use super::{DatabaseUrl, StoreResult, folder::DATABASE, postgres, sqlite};
+use super::{
+    DatabaseUrl, StoreResult,
+    folder::DATABASE,
+    postgres,
+    rows::schema::{Schema, UNRELEASED},
+    sqlite,
+};
 
 /// What a database contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,10 +20,19 @@ pub struct Inspection {
     pub schema: i64,
     /// The version that this program writes. An older schema is migrated at the next start.
     pub newest_schema: i64,
+    /// What is wrong with a schema that cannot be migrated, and what to do.
+    pub refused: Option<&'static str>,
     /// Its rows; `None` without a schema, or with a newer one.
     pub rows: Option<Rows>,
     /// Time of a database on another machine, ms since 1970 (UTC).
     pub clock_ms: Option<i64>,
+}
+
+impl Inspection {
+    fn of(schema: i64, known: &Schema) -> Self {
+        let refused = (0 < schema && schema < known.oldest()).then_some(UNRELEASED);
+        Self { schema, newest_schema: known.newest(), refused, rows: None, clock_ms: None }
+    }
 }
 
 /// Numbers of rows.
@@ -54,13 +69,12 @@ pub async fn of_folder(data_dir: &Path) -> StoreResult<Option<Inspection>> {
     let has_schema = "SELECT count(*) FROM sqlite_master WHERE name = '_sqlx_migrations'";
     let has_schema: i64 = sqlx::query_scalar(has_schema).fetch_one(&mut connection).await?;
     let schema: i64 = if has_schema == 0 { 0 } else { sqlx::query_scalar(SCHEMA).fetch_one(&mut connection).await? };
-    let newest_schema = sqlite::NEWEST_SCHEMA;
-    let rows = match schema == newest_schema {
-        true => Some(rows(sqlx::query_as(ROWS).fetch_one(&mut connection).await?)),
-        false => None,
-    };
+    let mut found = Inspection::of(schema, &sqlite::SCHEMA);
+    if schema == found.newest_schema {
+        found.rows = Some(rows(sqlx::query_as(ROWS).fetch_one(&mut connection).await?));
+    }
     connection.close().await?;
-    Ok(Some(Inspection { schema, newest_schema, rows, clock_ms: None }))
+    Ok(Some(found))
 }
 
 /// Reads a Postgres database.
@@ -76,13 +90,12 @@ pub async fn of_database(url: &DatabaseUrl) -> StoreResult<Inspection> {
     let has_schema: bool =
         sqlx::query_scalar("SELECT to_regclass('_sqlx_migrations') IS NOT NULL").fetch_one(&mut connection).await?;
     let schema: i64 = if has_schema { sqlx::query_scalar(SCHEMA).fetch_one(&mut connection).await? } else { 0 };
-    let newest_schema = postgres::NEWEST_SCHEMA;
-    let rows = match schema == newest_schema {
-        true => Some(rows(sqlx::query_as(ROWS).fetch_one(&mut connection).await?)),
-        false => None,
-    };
+    let mut found = Inspection { clock_ms: Some(clock), ..Inspection::of(schema, &postgres::SCHEMA) };
+    if schema == found.newest_schema {
+        found.rows = Some(rows(sqlx::query_as(ROWS).fetch_one(&mut connection).await?));
+    }
     connection.close().await?;
-    Ok(Inspection { schema, newest_schema, rows, clock_ms: Some(clock) })
+    Ok(found)
 }
 
 fn rows((profiles, queued, tokens, valid_tokens): (i64, i64, i64, i64)) -> Rows {

@@ -58,7 +58,7 @@ pub use metadata::MetadataStore;
 pub use page::{Page, PageRequest, Skipped};
 pub use parts::UploadParts;
 pub use postgres::DatabaseUrl;
-pub use profiles::{Precondition, ProfileDraft, ProfileStore, PutProfile};
+pub use profiles::{DeleteProfile, Precondition, ProfileDraft, ProfileStore, PutProfile};
 pub use s3::S3Location;
 pub use scans::ScanStore;
 pub use tokens::Tokens;

@@ -72,6 +72,17 @@ pub enum PutProfile {
     PreconditionFailed(Option<u32>),
 }
 
+/// Result of deleting a profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DeleteProfile {
+    /// It is deleted.
+    Deleted,
+    /// There is no such profile.
+    NotFound,
+    /// The precondition failed. Contains the current revision, if there is one.
+    PreconditionFailed(Option<u32>),
+}
+
 /// Stores profiles.
 #[async_trait]
 pub trait ProfileStore: Send + Sync + 'static {
@@ -101,12 +112,6 @@ pub trait ProfileStore: Send + Sync + 'static {
     async fn all_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>>;
     /// Rig and lens of at most `limit` profiles.
     async fn profile_keys(&self, limit: u32) -> StoreResult<Vec<(Name, Name)>>;
-    /// Deletes (rig, lens). `Ok(false)`: there was no such profile. `Err(current)`: the precondition failed, and
-    /// nothing was changed.
-    async fn delete_profile(
-        &self,
-        rig: &Name,
-        lens: &Name,
-        condition: Precondition,
-    ) -> StoreResult<Result<bool, Option<u32>>>;
+    /// Deletes (rig, lens). Its revisions stay, because results refer to them.
+    async fn delete_profile(&self, rig: &Name, lens: &Name, condition: Precondition) -> StoreResult<DeleteProfile>;
 }

@@ -55,7 +55,10 @@ pub(super) async fn findings(config: &ServeConfig) -> (Vec<Finding>, Option<Rows
 }
 
 fn schema(inspection: &Inspection, place: &str) -> Finding {
-    let Inspection { schema, newest_schema, rows, .. } = inspection;
+    let Inspection { schema, newest_schema, refused, rows, .. } = inspection;
+    if let Some(refused) = refused {
+        return Finding::problem("database", format!("{place}: it {refused}"));
+    }
     match (rows, schema.cmp(newest_schema)) {
         (_, std::cmp::Ordering::Greater) => Finding::problem(
             "database",

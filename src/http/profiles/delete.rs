@@ -6,7 +6,10 @@ use axum::{
 };
 
 use super::{not_found, precondition, precondition_failed};
-use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
+use crate::{
+    http::{extract::ProfileKey, problem::ApiResult, state::App},
+    store::DeleteProfile,
+};
 
 /// Delete a profile
 ///
@@ -32,8 +35,8 @@ use crate::http::{extract::ProfileKey, problem::ApiResult, state::App};
 pub async fn delete(State(app): State<App>, key: ProfileKey, headers: HeaderMap) -> ApiResult<StatusCode> {
     let condition = precondition(&app, &key, &headers).await?;
     match app.store.metadata.delete_profile(&key.rig, &key.lens, condition).await? {
-        Ok(true) => Ok(StatusCode::NO_CONTENT),
-        Ok(false) => Err(not_found(&app, &key.rig, &key.lens, None).await),
-        Err(current) => Err(precondition_failed(&key, current, &header::IF_MATCH)),
+        DeleteProfile::Deleted => Ok(StatusCode::NO_CONTENT),
+        DeleteProfile::NotFound => Err(not_found(&app, &key.rig, &key.lens, None).await),
+        DeleteProfile::PreconditionFailed(current) => Err(precondition_failed(&key, current, &header::IF_MATCH)),
     }
 }

@@ -18,6 +18,7 @@
 #![allow(missing_docs)]
 
 pub mod blobs;
+pub mod database;
 pub mod disk;
 pub mod expiry;
 pub mod gc;
@@ -28,6 +29,7 @@ pub mod memory;
 pub mod parts;
 pub mod profiles;
 pub mod scans;
+mod suites;
 pub mod tokens;
 pub mod totals;
 pub mod turns;
@@ -53,10 +55,11 @@ use pinstack_science::types::{
     stack_layout::StackLayout,
 };
 
-/// Fresh, empty metadata and its clock.
+/// Fresh, empty metadata, its clock, and the database that it is in.
 pub struct Fresh {
     pub metadata: Arc<dyn MetadataStore>,
     pub clock: Arc<ManualClock>,
+    pub database: Arc<dyn database::Database>,
 }
 
 /// A fresh, empty store and its clock.
@@ -242,106 +245,6 @@ macro_rules! optional_conformance_cases {
             }
         )+ }
     )+ };
-}
-
-/// The suites of a metadata store. See [`crate::store::conformance`].
-#[macro_export]
-macro_rules! metadata_conformance {
-    ($fresh:path) => {
-        $crate::metadata_conformance!($fresh, $crate::conformance_cases);
-    };
-    // for an engine that a machine may lack: `optional_conformance_cases`
-    ($fresh:path, $($cases:tt)+) => {
-        $($cases)+! { $fresh;
-            profiles:
-                a_profile_comes_back_as_it_was_put,
-                an_imported_profile_remembers_its_origin_and_its_warnings,
-                every_write_is_a_new_revision_and_old_ones_never_change,
-                preconditions_decide_a_race,
-                a_delete_hides_the_profile_and_keeps_the_numbering,
-                lists_are_paged_newest_first_and_filtered,
-                a_foreign_cursor_is_refused,
-                the_keys_of_profiles_are_listed,
-                a_profile_that_could_not_be_read_again_is_not_stored,
-                concurrent_writes_each_get_a_revision_of_their_own;
-            jobs:
-                an_accepted_job_is_queued_with_its_whole_request,
-                a_repeated_key_gives_the_first_job_and_another_request_is_refused,
-                concurrent_repeats_of_one_key_make_one_job,
-                a_full_queue_refuses_until_a_worker_takes_one,
-                the_queue_is_told_in_the_order_of_acceptance,
-                lists_are_paged_newest_first_and_filtered,
-                a_success_shows_its_outcome,
-                a_calibration_stores_its_revision_with_its_end,
-                a_failure_shows_its_fault,
-                a_queued_job_is_cancelled_at_once_and_never_claimed,
-                a_cancel_before_the_end_wins_over_success,
-                a_cancel_after_the_end_changes_nothing,
-                a_concurrent_cancel_and_finish_have_one_winner,
-                a_deleted_job_disappears_and_a_running_one_when_its_worker_releases_it,
-                a_job_expires_after_its_retention_time,
-                every_visible_change_is_announced_and_counted,
-                a_page_ends_at_its_size_limit,
-                the_versions_of_several_jobs_are_read_at_once,
-                a_result_that_could_not_be_read_again_fails_the_job;
-            scans:
-                a_scan_comes_back_as_it_was_put_and_counts_its_versions,
-                scans_are_listed_newest_first_filtered_and_by_owner,
-                a_stack_joins_only_a_scan_of_its_rig_and_lens,
-                a_scan_with_stacks_keeps_its_camera_and_is_not_deleted,
-                several_jobs_are_accepted_together_or_not_at_all,
-                an_upload_becomes_the_stacks_of_a_scan_once;
-            uploads:
-                open_uploads_are_listed_newest_first_with_their_tokens,
-                a_quota_holds_under_concurrent_requests,
-                concurrent_repeats_of_a_key_make_one_job_within_a_quota_for_one,
-                an_upload_advances_only_from_its_offset,
-                an_upload_that_several_may_write_advances_only_for_the_newest_generation,
-                a_takeover_increments_the_generation_and_is_announced,
-                a_complete_upload_becomes_one_job_and_an_incomplete_one_none,
-                a_refused_upload_becomes_no_job,
-                an_upload_expires_unless_more_bytes_arrive,
-                only_open_uploads_are_counted;
-            tokens:
-                a_token_comes_back_as_it_was_added_until_it_is_revoked,
-                a_list_can_be_restricted_to_the_jobs_of_one_token,
-                the_bytes_of_a_token_are_counted_until_they_are_removed;
-            totals:
-                totals_count_jobs_bytes_and_quotas;
-            leases:
-                a_job_released_with_a_pause_is_not_claimed_before_it_is_over,
-                a_clock_that_jumps_forward_takes_no_job_from_a_living_worker,
-                a_clock_that_jumps_back_keeps_no_job_with_a_dead_worker,
-                jobs_are_claimed_in_the_order_of_acceptance,
-                no_job_is_claimed_twice_by_concurrent_workers,
-                a_heartbeat_renews_the_lease_and_shows_the_progress,
-                a_worker_back_from_the_dead_cannot_publish,
-                a_late_worker_may_finish_a_job_that_was_not_claimed_again,
-                a_job_that_loses_its_worker_three_times_fails_and_does_not_stall_the_queue,
-                a_released_job_is_queued_again_and_the_attempt_does_not_count,
-                a_cancel_reaches_the_worker_and_survives_its_death,
-                a_job_of_a_lost_worker_is_cancelled_at_once,
-                a_released_job_with_a_pending_cancellation_ends,
-                a_deleted_job_of_a_lost_worker_is_removed_by_the_next_claim,
-                a_lease_expires_by_its_own_length;
-            turns:
-                rigs_take_turns,
-                a_rig_that_sends_late_is_next_and_does_not_catch_up_on_the_past,
-                a_rig_that_sends_one_stack_after_another_does_not_push_others_aside,
-                a_turn_is_measured_by_the_size_of_the_zips,
-                a_high_priority_passes_the_jobs_of_its_rig_and_a_low_one_waits_for_all,
-                a_calibration_passes_the_stacks_of_its_rig,
-                a_rig_whose_jobs_are_all_urgent_does_not_push_others_aside,
-                cancelled_stacks_cost_their_rig_no_turn,
-                tokens_of_one_rig_take_turns,
-                a_resumable_upload_takes_the_turn_of_its_token,
-                workers_hear_of_jobs_that_join_the_queue_and_of_nothing_else,
-                a_job_that_returns_to_the_queue_keeps_its_turn;
-            expiry:
-                a_clock_that_jumps_expires_nothing,
-                time_that_passes_after_a_jump_counts;
-        }
-    };
 }
 
 /// The suite of a blob store. See [`crate::store::conformance`].

@@ -3,7 +3,10 @@
 use super::*;
 use crate::{
     contract::{ProfileSummary, profile::ProfileOrigin},
-    store::digest::{optics_digest, profile_digest},
+    store::{
+        DeleteProfile,
+        digest::{optics_digest, profile_digest},
+    },
 };
 
 pub async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
@@ -62,7 +65,7 @@ pub async fn preconditions_decide_a_race(store: Fresh) {
     assert!(matches!(try_put(Precondition::Revision(1)).await, PutProfile::Updated(p) if p.revision == 2));
     assert_eq!(try_put(Precondition::Revision(1)).await, PutProfile::PreconditionFailed(Some(2)));
     let refused = metadata.delete_profile(&rig, &lens, Precondition::Revision(1)).await.unwrap();
-    assert_eq!(refused, Err(Some(2)));
+    assert_eq!(refused, DeleteProfile::PreconditionFailed(Some(2)));
     assert!(metadata.profile(&rig, &lens, None).await.unwrap().is_some());
 }
 
@@ -71,8 +74,9 @@ pub async fn a_delete_hides_the_profile_and_keeps_the_numbering(store: Fresh) {
     let (rig, lens) = (name("rig"), name("lens"));
     put(metadata, "rig", "lens", 1.25).await;
     let second = put(metadata, "rig", "lens", 1.5).await;
-    assert_eq!(metadata.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(true));
-    assert_eq!(metadata.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), Ok(false));
+    for expected in [DeleteProfile::Deleted, DeleteProfile::NotFound] {
+        assert_eq!(metadata.delete_profile(&rig, &lens, Precondition::Any).await.unwrap(), expected);
+    }
     assert_eq!(metadata.profile(&rig, &lens, None).await.unwrap(), None);
     assert_eq!(metadata.profile(&rig, &lens, Some(2)).await.unwrap(), None);
     assert!(metadata.revisions(&rig, &lens, &page(10, None)).await.unwrap().items.is_empty());

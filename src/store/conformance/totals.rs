@@ -10,7 +10,7 @@ use crate::{
     store::{Finish, NewJob, Totals, tokens::NewToken, totals::QuotaUse},
 };
 
-pub async fn totals_count_jobs_bytes_and_quotas(Fresh { metadata, clock }: Fresh) {
+pub async fn totals_count_jobs_bytes_and_quotas(Fresh { metadata, clock, .. }: Fresh) {
     assert_eq!(metadata.totals().await.unwrap(), Totals::default());
     let owner = Uuid::now_v7();
     let quota =

@@ -6,22 +6,16 @@
 use std::time::Duration;
 
 use sqlx::{PgConnection, PgPool, postgres::PgListener};
-use tokio::{sync::broadcast, task::AbortHandle};
+use tokio::task::AbortHandle;
 use uuid::Uuid;
 
-use crate::store::StoreResult;
+use crate::store::{
+    StoreResult,
+    rows::transaction::{Listeners, Notice},
+};
 
 /// Pause before a listener that lost its connection tries again.
 const PAUSE: Duration = Duration::from_secs(1);
-
-/// What a notification tells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// A job or an upload changed.
-    Change,
-    /// A job joined the queue.
-    Arrival,
-}
 
 /// The last word of the notification of an arrival.
 const ARRIVAL: &str = "queued";
@@ -36,25 +30,22 @@ pub(super) struct Notifications {
 }
 
 impl Notifications {
-    /// Listens, and forwards the changes of other processes to `changes`, and what joined the queue to `arrivals`.
-    pub(super) async fn start(
-        pool: &PgPool,
-        changes: broadcast::Sender<Uuid>,
-        arrivals: broadcast::Sender<()>,
-    ) -> StoreResult<Self> {
+    /// Listens, and tells `listeners` of what other processes changed.
+    pub(super) async fn start(pool: &PgPool, listeners: Listeners) -> StoreResult<Self> {
         let channel: String = sqlx::query_scalar("SELECT 'pinstack_' || md5(current_schema())").fetch_one(pool).await?;
         let origin = Uuid::now_v7();
         let listener = listen(pool, &channel).await?;
-        let listeners = Listeners { origin, changes, arrivals };
-        let receiver = tokio::spawn(receive(listener, pool.clone(), channel.clone(), listeners)).abort_handle();
+        let of_others = OfOthers { origin, listeners };
+        let receiver = tokio::spawn(receive(listener, pool.clone(), channel.clone(), of_others)).abort_handle();
         Ok(Self { channel, origin, receiver })
     }
 
     /// Sends the ids of what changed with the commit of the transaction.
-    pub(super) async fn send(&self, transaction: &mut PgConnection, ids: &[Uuid], kind: Kind) -> StoreResult<()> {
-        let ending = match kind {
-            Kind::Change => String::new(),
-            Kind::Arrival => format!(" {ARRIVAL}"),
+    pub(super) async fn send(&self, transaction: &mut PgConnection, notice: Notice<'_>) -> StoreResult<()> {
+        let (ids, ending) = match notice {
+            Notice::None => return Ok(()),
+            Notice::Changes(ids) => (ids, String::new()),
+            Notice::Arrivals(ids) => (ids, format!(" {ARRIVAL}")),
         };
         let payloads: Vec<String> = ids.iter().map(|id| format!("{} {id}{ending}", self.origin)).collect();
         if payloads.is_empty() {
@@ -86,11 +77,11 @@ async fn listen(pool: &PgPool, channel: &str) -> Result<PgListener, sqlx::Error>
 }
 
 /// Receives until it is aborted. A broken connection is replaced.
-async fn receive(mut listener: PgListener, pool: PgPool, channel: String, listeners: Listeners) {
+async fn receive(mut listener: PgListener, pool: PgPool, channel: String, of_others: OfOthers) {
     loop {
         let error = match listener.recv().await {
             Ok(notification) => {
-                listeners.hear(notification.payload());
+                of_others.hear(notification.payload());
                 continue;
             }
             Err(error) => error,
@@ -104,16 +95,15 @@ async fn receive(mut listener: PgListener, pool: PgPool, channel: String, listen
     }
 }
 
-/// Those in this process who want to hear of other processes.
-struct Listeners {
+/// The notifications of other processes.
+struct OfOthers {
     /// This process.
     origin: Uuid,
-    changes: broadcast::Sender<Uuid>,
-    arrivals: broadcast::Sender<()>,
+    listeners: Listeners,
 }
 
-impl Listeners {
-    /// Forwards a notification of another process.
+impl OfOthers {
+    /// Forwards a notification, if another process sent it.
     fn hear(&self, payload: &str) {
         let mut words = payload.split(' ');
         let mut id = || Uuid::try_parse(words.next()?).ok();
@@ -121,9 +111,8 @@ impl Listeners {
         if sender == self.origin {
             return;
         }
-        let _ = self.changes.send(changed);
-        if words.next() == Some(ARRIVAL) {
-            let _ = self.arrivals.send(());
-        }
+        let changed = [changed];
+        let is_arrival = words.next() == Some(ARRIVAL);
+        self.listeners.tell(if is_arrival { Notice::Arrivals(&changed) } else { Notice::Changes(&changed) });
     }
 }

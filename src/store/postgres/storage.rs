@@ -4,8 +4,12 @@
 use anyhow::anyhow;
 use uuid::Uuid;
 
-use super::{Lock, PostgresMetadata};
-use crate::store::{StoreError, StoreResult, s3::S3Url};
+use super::engine::PostgresMetadata;
+use crate::store::{
+    StoreError, StoreResult,
+    rows::transaction::{Lock, Notice},
+    s3::S3Url,
+};
 
 impl PostgresMetadata {
     /// The id of this store, for a bucket that has its files or is to have them.
@@ -37,7 +41,7 @@ impl PostgresMetadata {
         )
         .fetch_one(&mut *tx)
         .await?;
-        self.commit(tx, "rows.store").await?;
+        self.commit(tx, "rows.store", Notice::None).await?;
         Ok(id)
     }
 
@@ -55,7 +59,7 @@ impl PostgresMetadata {
         if decided != wanted {
             return Err(elsewhere(&decided, &wanted));
         }
-        self.commit(tx, "rows.bucket").await
+        self.commit(tx, "rows.bucket", Notice::None).await
     }
 
     /// Requires that the files are in a folder.

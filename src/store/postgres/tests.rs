@@ -1,11 +1,16 @@
 //! The conformance suite on Postgres, and what is specific to Postgres.
 
-use sqlx::{AssertSqlSafe, Connection};
+use std::sync::Arc;
 
-use super::{test_server, *};
+use async_trait::async_trait;
+use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
+
+use super::{DatabaseUrl, PostgresMetadata, test_server};
 use crate::store::{
-    Attempt, JobFilter, JobQueue, Leases, ManualClock, ProfileStore, UploadRecords,
-    conformance::{self, Fresh},
+    Attempt, Clock, JobFilter, Leases, ManualClock, MetadataStore, PageRequest, StoreResult,
+    conformance::{self, Fresh, database::Database},
+    rows::transfer,
+    sqlite::SqliteMetadata,
 };
 
 /// A URL with a schema of its own. `None`: there is no server.
@@ -21,27 +26,26 @@ async fn open(url: &DatabaseUrl) -> PostgresMetadata {
     PostgresMetadata::open(url).await.expect("open")
 }
 
+#[async_trait]
+impl Database for DatabaseUrl {
+    async fn open(&self, clock: Arc<dyn Clock>) -> StoreResult<Arc<dyn MetadataStore>> {
+        Ok(Arc::new(PostgresMetadata::open_with_clock(self, clock).await?))
+    }
+
+    async fn execute(&self, sql: &'static str) -> Result<Vec<String>, sqlx::Error> {
+        let mut connection = PgConnection::connect_with(&self.options().expect("a URL")).await?;
+        sqlx::query_scalar(sql).fetch_all(&mut connection).await
+    }
+}
+
 async fn fresh() -> Option<((), Fresh)> {
-    let url = fresh_url().await?;
+    let database = Arc::new(fresh_url().await?);
     let clock = Arc::new(ManualClock::default());
-    let metadata = PostgresMetadata::open_with_clock(&url, clock.clone()).await.expect("open");
-    Some(((), Fresh { metadata: Arc::new(metadata), clock }))
+    let metadata = database.open(clock.clone()).await.expect("open");
+    Some(((), Fresh { metadata, clock, database }))
 }
 
 crate::metadata_conformance!(crate::store::postgres::tests::fresh, crate::optional_conformance_cases);
-
-#[tokio::test]
-async fn accepted_jobs_and_profiles_survive_a_reopen() {
-    let Some(url) = fresh_url().await else { return };
-    let store = open(&url).await;
-    let job = conformance::accept(&store, &conformance::stack()).await;
-    let profile = conformance::put(&store, "rig", "lens", 1.5).await;
-    drop(store); // not closed, as after a kill
-    let store = open(&url).await;
-    assert_eq!(store.job(job.id).await.unwrap(), Some(job));
-    assert_eq!(store.profile(&profile.rig, &profile.lens, None).await.unwrap(), Some(profile));
-    store.close().await;
-}
 
 /// A row that is cancelled and to be deleted would stay for ever, with its zip.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -81,42 +85,6 @@ async fn a_deletion_while_the_job_is_released_is_not_forgotten() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn two_processes_on_one_database_never_claim_the_same_job() {
-    let Some(url) = fresh_url().await else { return };
-    // two stores share nothing but the database, like two processes; both migrate it
-    let (one, two) = tokio::join!(open(&url), open(&url));
-    for _ in 0..10 {
-        conformance::accept(&one, &conformance::stack()).await;
-    }
-    let drain = async |store: &PostgresMetadata| {
-        let mut claimed = Vec::new();
-        while let Some(job) = conformance::claim(store).await {
-            claimed.push(job.id);
-        }
-        claimed
-    };
-    let (mut claimed, others) = tokio::join!(drain(&one), drain(&two));
-    claimed.extend(others);
-    claimed.sort();
-    claimed.dedup();
-    assert_eq!(claimed.len(), 10);
-    assert_eq!(two.counts().await.unwrap().running, 10);
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn limits_hold_for_concurrent_requests_of_two_processes() {
-    let Some(url) = fresh_url().await else { return };
-    let (one, two) = (Arc::new(open(&url).await), Arc::new(open(&url).await));
-    let posts = (0..30).map(|i| {
-        let store = Arc::clone(if i % 2 == 0 { &one } else { &two });
-        tokio::spawn(async move { store.enqueue(&conformance::stack(), 7).await.unwrap() })
-    });
-    let answers = futures::future::join_all(posts).await;
-    let accepted = answers.iter().filter(|answer| matches!(answer, Ok(crate::store::Enqueue::Accepted(_)))).count();
-    assert_eq!((accepted, one.counts().await.unwrap().queued), (7, 7));
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_change_is_announced_to_another_process() {
     let Some(url) = fresh_url().await else { return };
     let (one, two) = (open(&url).await, open(&url).await);
@@ -134,43 +102,6 @@ async fn a_change_is_announced_to_another_process() {
 }
 
 #[tokio::test]
-async fn a_database_of_a_newer_version_is_refused() {
-    let Some(url) = fresh_url().await else { return };
-    let store = open(&url).await;
-    sqlx::query(
-        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
-         VALUES (999, 'later', true, '\\x00', 0)",
-    )
-    .execute(&store.pool)
-    .await
-    .unwrap();
-    store.close().await;
-    let refused = PostgresMetadata::open(&url).await.err().expect("it is newer").to_string();
-    assert!(refused.contains("a newer version of pinstack migrated the database"), "{refused}");
-}
-
-#[tokio::test]
-async fn revisions_and_offsets_are_protected_even_from_sql() {
-    let Some(url) = fresh_url().await else { return };
-    let store = open(&url).await;
-    let put = conformance::put(&store, "rig", "lens", 1.5).await;
-    let id = conformance::uploads::begun(&store, 100).await;
-    assert!(store.advance_upload(id, &conformance::uploads::advance(0, 60)).await.unwrap());
-    for wrong in [
-        "UPDATE revisions SET body = '{}'",
-        "DELETE FROM revisions",
-        "UPDATE revision_heads SET head = '{}'",
-        "DELETE FROM revision_heads",
-        "UPDATE uploads SET received = 59",
-        "UPDATE uploads SET received = 101",
-    ] {
-        assert!(sqlx::query(wrong).execute(&store.pool).await.is_err(), "{wrong}");
-    }
-    assert_eq!(store.profile(&put.rig, &put.lens, None).await.unwrap(), Some(put));
-    assert_eq!(store.upload(id).await.unwrap().unwrap().offset, 60);
-}
-
-#[tokio::test]
 async fn a_lease_is_granted_by_the_clock_of_the_database() {
     let Some(url) = fresh_url().await else { return };
     let store = open(&url).await;
@@ -185,32 +116,6 @@ async fn a_lease_is_granted_by_the_clock_of_the_database() {
     .unwrap();
     let lease = i64::try_from(conformance::LEASE.as_millis()).unwrap();
     assert!((1..=lease).contains(&ahead), "{ahead} ms");
-}
-
-#[tokio::test]
-async fn a_job_with_an_unreadable_row_is_listed_as_skipped_and_fails_when_it_is_claimed() {
-    let Some(url) = fresh_url().await else { return };
-    let store = open(&url).await;
-    let broken = conformance::accept(&store, &conformance::stack()).await;
-    let next = conformance::accept(&store, &conformance::stack()).await;
-    sqlx::query(
-        "UPDATE jobs SET request = jsonb_set(request::jsonb, '{layout,width}', '\"wide\"')::text WHERE id = $1",
-    )
-    .bind(broken.id)
-    .execute(&store.pool)
-    .await
-    .unwrap();
-    let page = store.jobs(&JobFilter::default(), &conformance::page(10, None)).await.unwrap();
-    let skipped: Vec<String> = page.skipped.into_iter().map(|row| row.id).collect();
-    assert_eq!((page.items, skipped), (vec![next.clone()], vec![broken.id.to_string()]));
-    assert_eq!(store.blob_keys(broken.id).await.unwrap(), [broken.request.upload().key.as_str()]);
-    assert_eq!(conformance::claim(&store).await.map(|claimed| claimed.id), Some(next.id), "the queue continues");
-    let (state, error): (String, String) = sqlx::query_as("SELECT state, error FROM jobs WHERE id = $1")
-        .bind(broken.id)
-        .fetch_one(&store.pool)
-        .await
-        .unwrap();
-    assert!(state == "failed" && error.contains("cannot be read any more"), "{state} {error}");
 }
 
 /// Fills every table.
@@ -240,7 +145,7 @@ async fn filled(store: &PostgresMetadata) {
 /// All rows of all tables, as text.
 async fn dump(store: &PostgresMetadata) -> Vec<String> {
     let mut all = Vec::new();
-    for table in &rows::transfer::TABLES {
+    for table in &transfer::TABLES {
         let columns: Vec<_> = table.columns.iter().map(|(name, _)| format!("{name}::text")).collect();
         let select = format!("SELECT concat_ws('|', {}) FROM {} ORDER BY 1", columns.join(", "), table.name);
         let rows: Vec<String> = sqlx::query_scalar(AssertSqlSafe(select)).fetch_all(&store.pool).await.unwrap();
@@ -262,7 +167,7 @@ async fn all_rows_go_to_a_file_and_into_another_database() {
     // the file is a database of its own
     let copy = SqliteMetadata::open(&file).await.unwrap();
     let jobs = async |store: &dyn MetadataStore| {
-        store.jobs(&JobFilter::default(), &crate::store::PageRequest { limit: 10, cursor: None }).await.unwrap().items
+        store.jobs(&JobFilter::default(), &PageRequest { limit: 10, cursor: None }).await.unwrap().items
     };
     assert_eq!(jobs(&copy).await, jobs(&one).await);
     assert_eq!(copy.integrity_errors().await.unwrap(), Vec::<String>::new());
@@ -302,7 +207,7 @@ async fn every_column_of_both_schemas_is_transferred() {
         pairs.sort();
         pairs
     };
-    let listed = rows::transfer::TABLES
+    let listed = transfer::TABLES
         .iter()
         .flat_map(|table| table.columns.iter().map(|(column, _)| (table.name.to_owned(), (*column).to_owned())));
     let listed = sorted(listed.collect());

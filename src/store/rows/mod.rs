@@ -1,5 +1,5 @@
 //! What the database engines share: the rows as they are read, their conversion to the types of the store, pages of
-//! lists, and the decisions that need no SQL. The text of each statement is in the engine.
+//! lists, and what needs no type of an engine. The statements are in `store/sql`.
 //!
 //! An engine stores numbers as 64-bit integers, times as milliseconds since 1970 (UTC), and JSON as text.
 
@@ -10,8 +10,10 @@ mod from_row;
 pub(in crate::store) mod page;
 pub(in crate::store) mod profile;
 pub(in crate::store) mod scan;
+pub(in crate::store) mod schema;
 pub(in crate::store) mod token;
 pub(in crate::store) mod totals;
+pub(in crate::store) mod transaction;
 pub(in crate::store) mod transfer;
 pub(in crate::store) mod transition;
 pub(in crate::store) mod turn;

@@ -44,12 +44,11 @@ pub(in crate::store) fn new_revision(
 
 /// The body and the summary of a revision, as JSON.
 pub(in crate::store) fn stored(profile: &Profile) -> StoreResult<(String, String)> {
-    Ok((json::stored::<Profile>("a profile", profile)?, summary(profile)?))
-}
-
-/// The summary of a revision, as JSON.
-pub(in crate::store) fn summary(profile: &Profile) -> StoreResult<String> {
-    json::stored::<ProfileSummary>("the summary of a profile", &ProfileSummary::from(profile))
+    let summary = ProfileSummary::from(profile);
+    Ok((
+        json::stored::<Profile>("a profile", profile)?,
+        json::stored::<ProfileSummary>("the summary of a profile", &summary)?,
+    ))
 }
 
 /// The columns of `revisions` that lists read.

@@ -1,22 +1,24 @@
 //! Jobs as clients see them: accepted, listed, cancelled, deleted.
 
 use async_trait::async_trait;
-use sqlx::{Executor, Sqlite, SqliteConnection};
+use sqlx::Executor;
 use uuid::Uuid;
 
 use super::{
-    SqliteMetadata, StoreResult, quota, scans,
+    engine::{Connection, Db, Metadata, dialect, id_list},
+    quota, scans,
     transitions::{apply, state_and_lease},
 };
 use crate::{
     contract::{JobKind, JobState, Name, request::JobRequest},
     store::{
         BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
-        json,
+        StoreResult, json,
         rows::{
-            JobRow, counts, keep_ms, kind, kind_name, listed,
+            JobRow, blob_keys, counts, keep_ms, kind, kind_name, listed,
             page::Window,
             signed, state,
+            transaction::{Lock, Notice},
             transition::Transition,
             turn::{Queue, TurnInput},
             unsigned,
@@ -26,54 +28,51 @@ use crate::{
 use pinstack_science::types::Warning;
 
 #[async_trait]
-impl JobQueue for SqliteMetadata {
+impl JobQueue for Metadata {
     async fn enqueue(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Enqueue> {
-        let mut tx = self.write().await?;
+        let mut tx = self.write_alone(Lock::Accept).await?;
         let enqueued = insert(self, &mut tx, job, job.owner, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
-            self.commit(tx, "rows.enqueue").await?;
-            self.changed(job.id);
-            self.arrived();
+            self.commit(tx, "rows.enqueue", Notice::Arrivals(&[job.id])).await?;
         }
         Ok(enqueued)
     }
 
     async fn enqueue_all(&self, jobs: &[NewJob], queue_limit: u64) -> StoreResult<EnqueueAll> {
-        let mut tx = self.write().await?;
+        let mut tx = self.write_alone(Lock::Accept).await?;
         let enqueued = insert_all(self, &mut tx, jobs, None, queue_limit).await?;
         if let EnqueueAll::Accepted(_) = &enqueued {
-            self.commit(tx, "rows.enqueue_all").await?;
-            jobs.iter().for_each(|job| self.changed(job.id));
-            self.arrived();
+            let ids: Vec<Uuid> = jobs.iter().map(|job| job.id).collect();
+            self.commit(tx, "rows.enqueue_all", Notice::Arrivals(&ids)).await?;
         }
         Ok(enqueued)
     }
 
     async fn by_idempotency_key(&self, key: &str) -> StoreResult<Option<(Job, String)>> {
-        find_by_idempotency_key(&self.readers, key).await
+        find_by_idempotency_key(self.reading(), key).await
     }
 
     async fn job(&self, id: Uuid) -> StoreResult<Option<Job>> {
-        let row: Option<JobRow> = sqlx::query_as("SELECT * FROM jobs WHERE id = ?1 AND delete_requested = 0")
+        let row: Option<JobRow> = sqlx::query_as("SELECT * FROM jobs WHERE id = $1 AND NOT delete_requested")
             .bind(id)
-            .fetch_optional(&self.readers)
+            .fetch_optional(self.reading())
             .await?;
         row.map(Job::try_from).transpose()
     }
 
     async fn versions(&self, ids: &[Uuid]) -> StoreResult<Vec<(Uuid, i64)>> {
-        let ids: Vec<String> = ids.iter().map(|id| id.simple().to_string()).collect();
-        let versions = sqlx::query_as(
-            "SELECT id, version FROM jobs
-             WHERE id IN (SELECT unhex(value) FROM json_each(?1)) AND delete_requested = 0",
-        );
-        Ok(versions.bind(serde_json::to_string(&ids)?).fetch_all(&self.readers).await?)
+        let versions = sqlx::query_as(concat!(
+            "SELECT id, version FROM jobs WHERE id ",
+            dialect!(IN "$1"),
+            " AND NOT delete_requested"
+        ));
+        Ok(versions.bind(id_list(ids)).fetch_all(self.reading()).await?)
     }
 
     async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>> {
-        let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = ?1 AND delete_requested = 0")
+        let name: Option<String> = sqlx::query_scalar("SELECT kind FROM jobs WHERE id = $1 AND NOT delete_requested")
             .bind(id)
-            .fetch_optional(&self.readers)
+            .fetch_optional(self.reading())
             .await?;
         name.as_deref().map(kind).transpose()
     }
@@ -82,11 +81,11 @@ impl JobQueue for SqliteMetadata {
         let window = Window::of(page)?;
         let rows = sqlx::query_as(
             "SELECT * FROM jobs
-             WHERE seq < ?1 AND delete_requested = 0
-               AND (?2 IS NULL OR kind = ?2) AND (?3 IS NULL OR state = ?3)
-               AND (?4 IS NULL OR rig = ?4) AND (?5 IS NULL OR lens = ?5) AND (?6 IS NULL OR scan = ?6)
-               AND (?8 IS NULL OR owner IS NULL OR owner = ?8)
-             ORDER BY seq DESC LIMIT ?7",
+             WHERE seq < $1 AND NOT delete_requested
+               AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR state = $3)
+               AND ($4 IS NULL OR rig = $4) AND ($5 IS NULL OR lens = $5) AND ($6 IS NULL OR scan = $6)
+               AND ($8 IS NULL OR owner IS NULL OR owner = $8)
+             ORDER BY seq DESC LIMIT $7",
         )
         .bind(window.before)
         .bind(filter.kind.map(kind_name))
@@ -96,28 +95,29 @@ impl JobQueue for SqliteMetadata {
         .bind(filter.scan.as_ref().map(Name::as_str))
         .bind(window.rows)
         .bind(filter.owner)
-        .fetch(&self.readers);
+        .fetch(self.reading());
         let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
         listed(rows, next_cursor).await
     }
 
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
-        let ids = sqlx::query_scalar(
-            "SELECT id FROM jobs INDEXED BY jobs_that_wait WHERE state = 'queued' AND delete_requested = 0
-             ORDER BY background, turn, seq LIMIT ?1",
-        );
-        Ok(ids.bind(limit).fetch_all(&self.readers).await?)
+        let ids = sqlx::query_scalar(concat!(
+            "SELECT id FROM jobs",
+            dialect!(INDEXED BY jobs_that_wait),
+            " WHERE state = 'queued' AND NOT delete_requested ORDER BY background, turn, seq LIMIT $1"
+        ));
+        Ok(ids.bind(i64::from(limit)).fetch_all(self.reading()).await?)
     }
 
     async fn counts(&self) -> StoreResult<JobCounts> {
         let rows: Vec<(String, i64)> =
-            sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(&self.readers).await?;
+            sqlx::query_as("SELECT state, count(*) FROM jobs GROUP BY state").fetch_all(self.reading()).await?;
         counts(rows)
     }
 
     async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>> {
-        let now = self.clock.now_ms();
         let mut tx = self.write().await?;
+        let now = self.now(&mut *tx).await?;
         let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(None) };
         let answer = match state {
             JobState::Succeeded | JobState::Failed | JobState::Cancelled => {
@@ -125,7 +125,7 @@ impl JobQueue for SqliteMetadata {
             }
             JobState::Running if held => {
                 sqlx::query(
-                    "UPDATE jobs SET cancel_requested = 1, version = version + 1 WHERE id = ?1 AND cancel_requested = 0",
+                    "UPDATE jobs SET cancel_requested = true, version = version + 1 WHERE id = $1 AND NOT cancel_requested",
                 )
                 .bind(id)
                 .execute(&mut *tx)
@@ -135,36 +135,35 @@ impl JobQueue for SqliteMetadata {
             // no worker holds it: it is queued, or its lease has expired
             JobState::Queued | JobState::Running => {
                 apply(&mut tx, id, now, &Transition::cancelled()).await?;
-                sqlx::query("UPDATE jobs SET cancel_requested = 1 WHERE id = ?1").bind(id).execute(&mut *tx).await?;
+                sqlx::query("UPDATE jobs SET cancel_requested = true WHERE id = $1").bind(id).execute(&mut *tx).await?;
                 CancelRequest::Cancelled
             }
         };
-        self.commit(tx, "rows.cancel").await?;
-        self.changed(id);
+        self.commit(tx, "rows.cancel", Notice::Changes(&[id])).await?;
         Ok(Some(answer))
     }
 
     async fn delete_job(&self, id: Uuid) -> StoreResult<bool> {
         let mut tx = self.write().await?;
-        let Some((state, held)) = state_and_lease(&mut tx, id, self.clock.now_ms()).await? else { return Ok(false) };
+        let now = self.now(&mut *tx).await?;
+        let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(false) };
         let sql = if state == JobState::Running && held {
             // its idempotency key can be used again at once
-            "UPDATE jobs SET cancel_requested = 1, delete_requested = 1, idempotency_key = NULL, version = version + 1
-             WHERE id = ?1"
+            "UPDATE jobs SET cancel_requested = true, delete_requested = true, idempotency_key = NULL, version = version + 1
+             WHERE id = $1"
         } else {
-            "DELETE FROM jobs WHERE id = ?1"
+            "DELETE FROM jobs WHERE id = $1"
         };
         sqlx::query(sql).bind(id).execute(&mut *tx).await?;
-        self.commit(tx, "rows.delete").await?;
-        self.changed(id);
+        self.commit(tx, "rows.delete", Notice::Changes(&[id])).await?;
         Ok(true)
     }
 
     async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>> {
         let row: Option<(String, i64, bool)> =
-            sqlx::query_as("SELECT state, lease_token, upload_removed FROM jobs WHERE id = ?1")
+            sqlx::query_as("SELECT state, lease_token, upload_removed FROM jobs WHERE id = $1")
                 .bind(id)
-                .fetch_optional(&self.readers)
+                .fetch_optional(self.reading())
                 .await?;
         let owner = |(name, lease_token, upload_removed): (String, i64, bool)| {
             Ok(BlobOwner { state: state(&name)?, lease_token, upload_removed })
@@ -173,27 +172,20 @@ impl JobQueue for SqliteMetadata {
     }
 
     async fn blob_keys(&self, id: Uuid) -> StoreResult<Vec<String>> {
-        Ok(sqlx::query_scalar(
-            "SELECT key FROM (
-                 SELECT json_extract(request, '$.upload.key') AS key FROM jobs
-                 WHERE id = ?1 AND json_valid(request) AND upload_removed = 0
-                 UNION ALL
-                 SELECT json_extract(value, '$.key') AS key
-                 FROM jobs, json_each(iif(json_valid(outcome), outcome, '{}'), '$.artifacts')
-                 WHERE jobs.id = ?1
-             ) WHERE typeof(key) = 'text'",
-        )
-        .bind(id)
-        .fetch_all(&self.readers)
-        .await?)
+        let row: Option<(String, Option<String>, bool)> =
+            sqlx::query_as("SELECT request, outcome, upload_removed FROM jobs WHERE id = $1")
+                .bind(id)
+                .fetch_optional(self.reading())
+                .await?;
+        Ok(row.map(|(request, outcome, removed)| blob_keys(&request, outcome.as_deref(), removed)).unwrap_or_default())
     }
 }
 
 /// Enqueues all jobs, which the token `sender` sent, within a transaction that the caller commits if all of them are
 /// accepted.
 pub(super) async fn insert_all(
-    store: &SqliteMetadata,
-    connection: &mut SqliteConnection,
+    store: &Metadata,
+    connection: &mut Connection,
     jobs: &[NewJob],
     sender: Option<Uuid>,
     queue_limit: u64,
@@ -212,8 +204,8 @@ pub(super) async fn insert_all(
 
 /// Enqueues a job, which the token `sender` sent, within a transaction that the caller commits.
 pub(super) async fn insert(
-    store: &SqliteMetadata,
-    connection: &mut SqliteConnection,
+    store: &Metadata,
+    connection: &mut Connection,
     job: &NewJob,
     sender: Option<Uuid>,
     queue_limit: u64,
@@ -223,15 +215,15 @@ pub(super) async fn insert(
 }
 
 /// Number of queued jobs. It is counted once for many jobs that are accepted together.
-async fn waiting(connection: &mut SqliteConnection) -> StoreResult<u64> {
+async fn waiting(connection: &mut Connection) -> StoreResult<u64> {
     let waiting = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'queued'");
     Ok(unsigned(waiting.fetch_one(connection).await?))
 }
 
 /// Enqueues a job behind those that wait.
 async fn insert_behind(
-    store: &SqliteMetadata,
-    connection: &mut SqliteConnection,
+    store: &Metadata,
+    connection: &mut Connection,
     job: &NewJob,
     sender: Option<Uuid>,
     queue: Queue,
@@ -250,7 +242,7 @@ async fn insert_behind(
     if queue.waiting >= queue.limit {
         return Ok(Enqueue::QueueFull { waiting: queue.waiting });
     }
-    let now = store.clock.now_ms();
+    let now = store.now(&mut *connection).await?;
     if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
         return Ok(Enqueue::OverQuota(over));
     }
@@ -260,8 +252,8 @@ async fn insert_behind(
         "INSERT INTO jobs (id, kind, rig, lens, scan, request, state, stage, completed, total, fraction, attempt,
                            lease_token, version, created_at, keep_ms, cancel_requested, delete_requested, warnings,
                            idempotency_key, fingerprint, owner, upload_bytes, background, share, turn, turn_end, trace)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, ?7, ?8, 0, 0, ?9, ?10, ?11, ?12, ?13,
-                 ?14, ?15, ?16, ?17, ?18)
+         VALUES ($1, $2, $3, $4, $5, $6, 'queued', 'waiting', 0, 0, 0.0, 0, 0, 1, $7, $8, false, false, $9, $10, $11, $12, $13,
+                 $14, $15, $16, $17, $18)
          RETURNING *",
     )
     .bind(job.id)
@@ -288,22 +280,23 @@ async fn insert_behind(
 }
 
 /// The turn of a job that is accepted now, as [`rows::turn`](crate::store::rows::turn) defines it.
-async fn next_turn(connection: &mut SqliteConnection, place: &TurnInput) -> StoreResult<i64> {
+async fn next_turn(connection: &mut Connection, place: &TurnInput) -> StoreResult<i64> {
     let turn = sqlx::query_scalar(
-        "SELECT MAX(
-             COALESCE((SELECT max(turn) FROM jobs WHERE background = ?1 AND started_at IS NOT NULL), 0) - ?3,
-             COALESCE((SELECT max(turn_end) FROM jobs WHERE share = ?2 AND state <> 'cancelled'), -?3))",
+        "SELECT max(turn) FROM (
+             SELECT COALESCE((SELECT max(turn) FROM jobs WHERE background = $1 AND started_at IS NOT NULL), 0) - $3 AS turn
+             UNION ALL
+             SELECT COALESCE((SELECT max(turn_end) FROM jobs WHERE share = $2 AND state <> 'cancelled'), -$3)) AS turns",
     );
     let turn = turn.bind(place.background).bind(&place.share).bind(place.lead);
     Ok(turn.fetch_one(connection).await?)
 }
 
 async fn find_by_idempotency_key(
-    executor: impl Executor<'_, Database = Sqlite>,
+    executor: impl Executor<'_, Database = Db>,
     key: &str,
 ) -> StoreResult<Option<(Job, String)>> {
     let row: Option<JobRow> =
-        sqlx::query_as("SELECT * FROM jobs WHERE idempotency_key = ?1").bind(key).fetch_optional(executor).await?;
+        sqlx::query_as("SELECT * FROM jobs WHERE idempotency_key = $1").bind(key).fetch_optional(executor).await?;
     let Some(mut row) = row else { return Ok(None) };
     let fingerprint = row.fingerprint.take().unwrap_or_default();
     Ok(Some((row.try_into()?, fingerprint)))

@@ -3,23 +3,23 @@
 
 use anyhow::Context;
 use async_trait::async_trait;
-use sqlx::PgConnection;
 
-use super::{Lock, PostgresMetadata, StoreResult, take};
+use super::engine::{Connection, Metadata, take};
 use crate::{
     contract::{Name, ProfileSummary, profile::Profile},
     store::{
-        Page, PageRequest, Precondition, ProfileDraft, ProfileStore, PutProfile, json,
+        DeleteProfile, Page, PageRequest, Precondition, ProfileDraft, ProfileStore, PutProfile, StoreResult, json,
         rows::{
             name,
             page::Window,
             profile::{RevisionRow, label, new_revision, parsed, read, stored},
+            transaction::{Lock, Notice},
         },
     },
 };
 
 #[async_trait]
-impl ProfileStore for PostgresMetadata {
+impl ProfileStore for Metadata {
     async fn put_profile(
         &self,
         rig: &Name,
@@ -34,7 +34,7 @@ impl ProfileStore for PostgresMetadata {
             return Ok(PutProfile::PreconditionFailed(current));
         }
         let profile = insert(&mut tx, rig, lens, draft, now).await?;
-        self.commit(tx, "rows.put_profile").await?;
+        self.commit(tx, "rows.put_profile", Notice::None).await?;
         Ok(match current {
             None => PutProfile::Created(profile),
             Some(_) => PutProfile::Updated(profile),
@@ -44,12 +44,12 @@ impl ProfileStore for PostgresMetadata {
     async fn profile(&self, rig: &Name, lens: &Name, revision: Option<u32>) -> StoreResult<Option<Profile>> {
         let row: Option<(i64, String)> = sqlx::query_as(
             "SELECT revision, body FROM revisions NATURAL JOIN profiles
-             WHERE rig = $1 AND lens = $2 AND revision = COALESCE($3::bigint, current_revision) AND deleted_at IS NULL",
+             WHERE rig = $1 AND lens = $2 AND revision = COALESCE($3, current_revision) AND deleted_at IS NULL",
         )
         .bind(rig.as_str())
         .bind(lens.as_str())
         .bind(revision.map(i64::from))
-        .fetch_optional(&self.pool)
+        .fetch_optional(self.reading())
         .await?;
         row.map(|(revision, body)| read(&label(rig, lens, revision), &body)).transpose()
     }
@@ -60,7 +60,7 @@ impl ProfileStore for PostgresMetadata {
                 .bind(rig.as_str())
                 .bind(lens.as_str())
                 .bind(i64::from(revision))
-                .fetch_optional(&self.pool)
+                .fetch_optional(self.reading())
                 .await?;
         body.map(|body| read(&label(rig, lens, revision), &body)).transpose()
     }
@@ -73,25 +73,25 @@ impl ProfileStore for PostgresMetadata {
     ) -> StoreResult<Page<ProfileSummary>> {
         let window = Window::of(page)?;
         let rows = sqlx::query_as(
-            "SELECT seq, rig, lens, revision, COALESCE(head, body) AS json
-             FROM profiles NATURAL JOIN revisions LEFT JOIN revision_heads USING (seq)
+            "SELECT seq, rig, lens, revision, head AS json
+             FROM profiles NATURAL JOIN revisions JOIN revision_heads USING (seq)
              WHERE revision = current_revision AND seq < $1
-               AND ($2::text IS NULL OR rig = $2) AND ($3::text IS NULL OR lens = $3)
+               AND ($2 IS NULL OR rig = $2) AND ($3 IS NULL OR lens = $3)
              ORDER BY seq DESC LIMIT $4",
         )
         .bind(window.before)
         .bind(rig.map(Name::as_str))
         .bind(lens.map(Name::as_str))
         .bind(window.rows)
-        .fetch(&self.pool);
+        .fetch(self.reading());
         parsed(&window, rows, |row: RevisionRow| json::read(row.label(), &row.json)).await
     }
 
     async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>> {
         let window = Window::of(page)?;
         let rows = sqlx::query_as(
-            "SELECT seq, rig, lens, revision, COALESCE(head, body) AS json
-             FROM revisions LEFT JOIN revision_heads USING (seq)
+            "SELECT seq, rig, lens, revision, head AS json
+             FROM revisions JOIN revision_heads USING (seq)
              WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL AND seq < $3
              ORDER BY seq DESC LIMIT $4",
         )
@@ -99,7 +99,7 @@ impl ProfileStore for PostgresMetadata {
         .bind(lens.as_str())
         .bind(window.before)
         .bind(window.rows)
-        .fetch(&self.pool);
+        .fetch(self.reading());
         parsed(&window, rows, |row: RevisionRow| json::read(row.label(), &row.json)).await
     }
 
@@ -110,7 +110,7 @@ impl ProfileStore for PostgresMetadata {
         )
         .bind(window.before)
         .bind(window.rows)
-        .fetch(&self.pool);
+        .fetch(self.reading());
         parsed(&window, rows, |row: RevisionRow| read(&row.label(), &row.json)).await
     }
 
@@ -119,25 +119,20 @@ impl ProfileStore for PostgresMetadata {
             "SELECT rig, lens FROM profiles WHERE current_revision IS NOT NULL ORDER BY rig, lens LIMIT $1",
         )
         .bind(i64::from(limit))
-        .fetch_all(&self.pool)
+        .fetch_all(self.reading())
         .await?;
         rows.into_iter().map(|(rig, lens)| Ok((name(rig)?, name(lens)?))).collect()
     }
 
-    async fn delete_profile(
-        &self,
-        rig: &Name,
-        lens: &Name,
-        condition: Precondition,
-    ) -> StoreResult<Result<bool, Option<u32>>> {
+    async fn delete_profile(&self, rig: &Name, lens: &Name, condition: Precondition) -> StoreResult<DeleteProfile> {
         let mut tx = self.write_alone(Lock::Profiles).await?;
         let now = self.now(&mut *tx).await?;
         let current = current_revision(&mut tx, rig, lens).await?;
         if !condition.holds(current) {
-            return Ok(Err(current));
+            return Ok(DeleteProfile::PreconditionFailed(current));
         }
         if current.is_none() {
-            return Ok(Ok(false));
+            return Ok(DeleteProfile::NotFound);
         }
         sqlx::query("UPDATE profiles SET current_revision = NULL WHERE rig = $1 AND lens = $2")
             .bind(rig.as_str())
@@ -150,14 +145,14 @@ impl ProfileStore for PostgresMetadata {
             .bind(now)
             .execute(&mut *tx)
             .await?;
-        self.commit(tx, "rows.delete_profile").await?;
-        Ok(Ok(true))
+        self.commit(tx, "rows.delete_profile", Notice::None).await?;
+        Ok(DeleteProfile::Deleted)
     }
 }
 
 /// Stores the next revision within a transaction that the caller commits.
 pub(super) async fn insert(
-    connection: &mut PgConnection,
+    connection: &mut Connection,
     rig: &Name,
     lens: &Name,
     draft: &ProfileDraft,
@@ -185,11 +180,15 @@ pub(super) async fn insert(
             .bind(body)
             .fetch_one(&mut *connection)
             .await?;
-    insert_head(connection, seq, &head).await?;
+    sqlx::query("INSERT INTO revision_heads (seq, head) VALUES ($1, $2)")
+        .bind(seq)
+        .bind(head)
+        .execute(connection)
+        .await?;
     Ok(profile)
 }
 
-async fn current_revision(connection: &mut PgConnection, rig: &Name, lens: &Name) -> StoreResult<Option<u32>> {
+async fn current_revision(connection: &mut Connection, rig: &Name, lens: &Name) -> StoreResult<Option<u32>> {
     let current: Option<Option<i64>> =
         sqlx::query_scalar("SELECT current_revision FROM profiles WHERE rig = $1 AND lens = $2")
             .bind(rig.as_str())
@@ -197,14 +196,4 @@ async fn current_revision(connection: &mut PgConnection, rig: &Name, lens: &Name
             .fetch_optional(connection)
             .await?;
     Ok(current.flatten().and_then(|current| u32::try_from(current).ok()))
-}
-
-/// Stores the summary of a revision.
-async fn insert_head(connection: &mut PgConnection, seq: i64, head: &str) -> StoreResult<()> {
-    sqlx::query("INSERT INTO revision_heads (seq, head) VALUES ($1, $2)")
-        .bind(seq)
-        .bind(head)
-        .execute(connection)
-        .await?;
-    Ok(())
 }

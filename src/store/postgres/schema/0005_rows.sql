@@ -84,7 +84,13 @@ CREATE TABLE jobs (
     owner            uuid,                        -- the token that sent it; null: no token was required
     upload_bytes     bigint  NOT NULL DEFAULT 0,  -- 0 once it is removed
     result_bytes     bigint  NOT NULL DEFAULT 0,
-    upload_removed   boolean NOT NULL DEFAULT false
+    upload_removed   boolean NOT NULL DEFAULT false,
+    -- the order of the queue: rigs take turns (see store/rows/turn.rs)
+    background       bigint  NOT NULL,            -- 1: claimed only when no other job waits
+    share            text    NOT NULL,            -- whose turn it takes: token, rig and priority
+    turn             bigint  NOT NULL,            -- the work of its share before it, KiB
+    turn_end         bigint  NOT NULL,            -- with its own work
+    trace            text                         -- traceparent of W3C and, after a blank, tracestate; null: no traces
 );
 
 CREATE INDEX jobs_by_state ON jobs (state, seq);
@@ -93,6 +99,9 @@ CREATE INDEX jobs_by_scan ON jobs (scan, seq) WHERE scan IS NOT NULL;
 CREATE INDEX jobs_that_ended ON jobs (finished_at) WHERE finished_at IS NOT NULL;
 CREATE INDEX jobs_by_owner ON jobs (owner) INCLUDE (upload_bytes, result_bytes) WHERE owner IS NOT NULL;
 CREATE INDEX jobs_by_kind_and_state ON jobs (kind, state, created_at) INCLUDE (upload_bytes, result_bytes);
+CREATE INDEX jobs_that_wait ON jobs (background, turn, seq) WHERE state = 'queued';
+CREATE INDEX jobs_that_started ON jobs (background, turn) WHERE started_at IS NOT NULL;
+CREATE INDEX jobs_by_share ON jobs (share, turn_end);
 
 CREATE TABLE scans (
     seq        bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY, -- order of creation, the cursor of lists
@@ -153,4 +162,11 @@ CREATE TABLE clock_seen (
 CREATE TABLE clock_gaps (
     at_ms  bigint PRIMARY KEY,                    -- the time after the gap
     gap_ms bigint NOT NULL
+);
+
+-- Which store this is, and where its files are: a bucket belongs to one database, and a database to one bucket.
+CREATE TABLE store (
+    only_row boolean PRIMARY KEY DEFAULT true CHECK (only_row),
+    id       uuid NOT NULL,
+    bucket   text                                 -- storage_url of its bucket; null: a folder, or not decided yet
 );

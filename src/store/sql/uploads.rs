@@ -2,22 +2,23 @@
 
 use async_trait::async_trait;
 use jiff::Timestamp;
-use sqlx::PgConnection;
 use uuid::Uuid;
 
 use super::{
-    Lock, PostgresMetadata, StoreResult,
     clock_gaps::{self, not_expired},
+    engine::{Connection, Metadata, dialect},
     jobs, quota,
 };
 use crate::{
     contract::{Fault, UploadPurpose},
     store::{
-        Enqueue, EnqueueAll, NewJob, Page, PageRequest,
+        Enqueue, EnqueueAll, NewJob, Page, PageRequest, StoreResult,
         clock::later,
         json,
         rows::{
-            JobRow, kind_name, signed, time, unsigned,
+            JobRow, kind_name, signed, time,
+            transaction::{Lock, Notice},
+            unsigned,
             upload::{OpenUploadRow, UploadRow, listed, open_uploads_window},
         },
         uploads::{
@@ -27,7 +28,7 @@ use crate::{
 };
 
 #[async_trait]
-impl UploadRecords for PostgresMetadata {
+impl UploadRecords for Metadata {
     async fn create_upload(&self, upload: &NewUpload, limits: OpenUploadLimits) -> StoreResult<CreateUpload> {
         let mut tx = self.write_alone(Lock::Accept).await?;
         let now = self.now(&mut *tx).await?;
@@ -63,13 +64,13 @@ impl UploadRecords for PostgresMetadata {
         .bind(upload.owner)
         .fetch_one(&mut *tx)
         .await?;
-        self.commit(tx, "rows.create_upload").await?;
+        self.commit(tx, "rows.create_upload", Notice::None).await?;
         Ok(CreateUpload::Created(row.try_into()?))
     }
 
     async fn list_open_uploads(&self, page: &PageRequest) -> StoreResult<Page<OpenUpload>> {
         let (before, limit) = open_uploads_window(page)?;
-        let now = self.now(&self.pool).await?;
+        let now = self.now(self.reading()).await?;
         let rows: Vec<OpenUploadRow> = sqlx::query_as(concat!(
             "SELECT uploads.*, tokens.name AS token FROM uploads LEFT JOIN tokens ON tokens.id = uploads.owner
              WHERE uploads.id < $1 AND job_kind IS NULL AND fault IS NULL AND ",
@@ -80,18 +81,18 @@ impl UploadRecords for PostgresMetadata {
         .bind(before)
         .bind(now)
         .bind(limit)
-        .fetch_all(&self.pool)
+        .fetch_all(self.reading())
         .await?;
         Ok(listed(rows, limit))
     }
 
     async fn upload(&self, id: Uuid) -> StoreResult<Option<PartialUpload>> {
-        let now = self.now(&self.pool).await?;
+        let now = self.now(self.reading()).await?;
         let row: Option<UploadRow> =
             sqlx::query_as(concat!("SELECT * FROM uploads WHERE id = $1 AND ", not_expired!("$2")))
                 .bind(id)
                 .bind(now)
-                .fetch_optional(&self.pool)
+                .fetch_optional(self.reading())
                 .await?;
         row.map(PartialUpload::try_from).transpose()
     }
@@ -108,7 +109,7 @@ impl UploadRecords for PostgresMetadata {
         .bind(now)
         .fetch_optional(&mut *tx)
         .await?;
-        self.commit_changes(tx, "rows.want_upload", &[id]).await?;
+        self.commit(tx, "rows.want_upload", Notice::Changes(&[id])).await?;
         Ok(generation)
     }
 
@@ -129,18 +130,13 @@ impl UploadRecords for PostgresMetadata {
         .bind(advance.generation)
         .execute(&mut *tx)
         .await?;
-        self.commit(tx, "rows.advance_upload").await?;
+        self.commit(tx, "rows.advance_upload", Notice::None).await?;
         Ok(advanced.rows_affected() == 1)
     }
 
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>> {
         let mut tx = self.write_alone(Lock::Accept).await?;
-        let made: Option<(Option<String>, Option<String>, Option<Uuid>)> =
-            sqlx::query_as("SELECT job_kind, fault, owner FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
-                .bind(job.id)
-                .fetch_optional(&mut *tx)
-                .await?;
-        let sender = match made {
+        let sender = match whole_upload(&mut tx, job.id).await? {
             None | Some((_, Some(_), _)) => return Ok(None),
             Some((Some(_), None, _)) => {
                 let row: Option<JobRow> =
@@ -152,13 +148,9 @@ impl UploadRecords for PostgresMetadata {
         };
         let enqueued = jobs::insert(self, &mut tx, job, sender, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
-            sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1")
-                .bind(job.id)
-                .bind(kind_name(job.request.kind()))
-                .execute(&mut *tx)
-                .await?;
+            record_purpose(&mut tx, job.id, kind_name(job.request.kind())).await?;
             own_by_upload(&mut tx, job.id, job.id).await?;
-            self.commit_arrivals(tx, "rows.complete_upload", &[job.id]).await?;
+            self.commit(tx, "rows.complete_upload", Notice::Arrivals(&[job.id])).await?;
         }
         Ok(Some(enqueued))
     }
@@ -170,28 +162,19 @@ impl UploadRecords for PostgresMetadata {
         queue_limit: u64,
     ) -> StoreResult<Option<EnqueueAll>> {
         let mut tx = self.write_alone(Lock::Accept).await?;
-        let made: Option<(Option<String>, Option<String>, Option<Uuid>)> =
-            sqlx::query_as("SELECT job_kind, fault, owner FROM uploads WHERE id = $1 AND received = length FOR UPDATE")
-                .bind(id)
-                .fetch_optional(&mut *tx)
-                .await?;
-        let sender = match made {
+        let sender = match whole_upload(&mut tx, id).await? {
             None | Some((_, Some(_), _)) => return Ok(None),
             Some((Some(_), None, _)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
             Some((None, None, sender)) => sender,
         };
         let enqueued = jobs::insert_all(self, &mut tx, jobs, sender, queue_limit).await?;
         if let EnqueueAll::Accepted(accepted) = &enqueued {
-            sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1")
-                .bind(id)
-                .bind(UploadPurpose::Scan.as_str())
-                .execute(&mut *tx)
-                .await?;
+            record_purpose(&mut tx, id, UploadPurpose::Scan.as_str()).await?;
             for job in accepted {
                 own_by_upload(&mut tx, job.id, id).await?;
             }
             let ids: Vec<Uuid> = jobs.iter().map(|job| job.id).chain([id]).collect();
-            self.commit_arrivals(tx, "rows.complete_scan_upload", &ids).await?;
+            self.commit(tx, "rows.complete_scan_upload", Notice::Arrivals(&ids)).await?;
         }
         Ok(Some(enqueued))
     }
@@ -203,14 +186,14 @@ impl UploadRecords for PostgresMetadata {
             .bind(json::stored::<Fault>("the refusal of an upload", fault)?)
             .execute(&mut *tx)
             .await?;
-        self.commit(tx, "rows.refuse_upload").await?;
+        self.commit(tx, "rows.refuse_upload", Notice::None).await?;
         Ok(refused.rows_affected() == 1)
     }
 
     async fn delete_upload(&self, id: Uuid) -> StoreResult<bool> {
         let mut tx = self.write().await?;
         let deleted = sqlx::query("DELETE FROM uploads WHERE id = $1").bind(id).execute(&mut *tx).await?;
-        self.commit_changes(tx, "rows.delete_upload", &[id]).await?;
+        self.commit(tx, "rows.delete_upload", Notice::Changes(&[id])).await?;
         Ok(deleted.rows_affected() == 1)
     }
 
@@ -226,17 +209,13 @@ impl UploadRecords for PostgresMetadata {
         .bind(now)
         .fetch_all(&mut *tx)
         .await?;
-        self.commit(tx, "rows.expire_uploads").await?;
+        self.commit(tx, "rows.expire_uploads", Notice::None).await?;
         Ok(gone.into_iter().map(|(id, was_open)| ExpiredUpload { id, was_open }).collect())
     }
 
     async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool> {
-        let open: Option<i32> =
-            sqlx::query_scalar("SELECT 1 FROM uploads WHERE id = $1 AND job_kind IS NULL AND fault IS NULL")
-                .bind(id)
-                .fetch_optional(&self.pool)
-                .await?;
-        Ok(open.is_some())
+        let open = "SELECT EXISTS (SELECT 1 FROM uploads WHERE id = $1 AND job_kind IS NULL AND fault IS NULL)";
+        Ok(sqlx::query_scalar(open).bind(id).fetch_one(self.reading()).await?)
     }
 
     async fn storing_since(&self) -> StoreResult<Option<Timestamp>> {
@@ -244,33 +223,51 @@ impl UploadRecords for PostgresMetadata {
             "SELECT MIN(COALESCE(last_byte_at, created_at)) FROM uploads
              WHERE job_kind IS NULL AND fault IS NULL AND received = length",
         )
-        .fetch_one(&self.pool)
+        .fetch_one(self.reading())
         .await?;
         since.map(time).transpose()
     }
 
     async fn open_uploads(&self) -> StoreResult<Vec<Uuid>> {
         Ok(sqlx::query_scalar("SELECT id FROM uploads WHERE job_kind IS NULL AND fault IS NULL ORDER BY id")
-            .fetch_all(&self.pool)
+            .fetch_all(self.reading())
             .await?)
     }
 
     async fn reserved_bytes(&self) -> StoreResult<u64> {
-        let now = self.now(&self.pool).await?;
+        let now = self.now(self.reading()).await?;
         let bytes: i64 = sqlx::query_scalar(concat!(
-            "SELECT COALESCE(SUM(length - received), 0)::bigint FROM uploads
+            "SELECT CAST(COALESCE(SUM(length - received), 0) AS bigint) FROM uploads
              WHERE job_kind IS NULL AND fault IS NULL AND ",
             not_expired!("$1")
         ))
         .bind(now)
-        .fetch_one(&self.pool)
+        .fetch_one(self.reading())
         .await?;
         Ok(unsigned(bytes))
     }
 }
 
+/// What an upload whose bytes are complete has become, or why it was refused, and the token that sent it. Locks its row.
+async fn whole_upload(
+    connection: &mut Connection,
+    id: Uuid,
+) -> StoreResult<Option<(Option<String>, Option<String>, Option<Uuid>)>> {
+    let row = sqlx::query_as(concat!(
+        "SELECT job_kind, fault, owner FROM uploads WHERE id = $1 AND received = length",
+        dialect!(FOR UPDATE)
+    ));
+    Ok(row.bind(id).fetch_optional(connection).await?)
+}
+
+/// Records what an upload has become.
+async fn record_purpose(connection: &mut Connection, id: Uuid, purpose: &str) -> StoreResult<()> {
+    sqlx::query("UPDATE uploads SET job_kind = $2 WHERE id = $1").bind(id).bind(purpose).execute(connection).await?;
+    Ok(())
+}
+
 /// Gives a job to the token that created the upload, whichever token completed it.
-async fn own_by_upload(connection: &mut PgConnection, job: Uuid, upload: Uuid) -> StoreResult<()> {
+async fn own_by_upload(connection: &mut Connection, job: Uuid, upload: Uuid) -> StoreResult<()> {
     sqlx::query("UPDATE jobs SET owner = (SELECT owner FROM uploads WHERE id = $2) WHERE id = $1")
         .bind(job)
         .bind(upload)

@@ -3,11 +3,15 @@
 use async_trait::async_trait;
 use uuid::Uuid;
 
-use super::{Lock, PostgresMetadata, StoreResult, clock_gaps};
-use crate::store::{Expiry, Retention, clock::millis};
+use super::{clock_gaps, engine::Metadata};
+use crate::store::{
+    Expiry, Retention, StoreResult,
+    clock::millis,
+    rows::transaction::{Lock, Notice},
+};
 
 #[async_trait]
-impl Expiry for PostgresMetadata {
+impl Expiry for Metadata {
     async fn delete_expired_jobs(&self, keep: &Retention) -> StoreResult<Vec<Uuid>> {
         clock_gaps::observe(self).await?;
         let mut tx = self.write_alone(Lock::Expiry).await?;
@@ -16,9 +20,9 @@ impl Expiry for PostgresMetadata {
         let gone: Vec<Uuid> = sqlx::query_scalar(
             "DELETE FROM jobs
              WHERE finished_at + COALESCE(keep_ms, CASE
-                       WHEN state IN ('failed', 'cancelled') THEN $2::bigint
-                       WHEN state = 'succeeded' AND kind = 'stack' THEN $3::bigint
-                   END) + (SELECT COALESCE(SUM(gap_ms), 0)::bigint FROM clock_gaps WHERE at_ms > finished_at) <= $1::bigint
+                       WHEN state IN ('failed', 'cancelled') THEN $2
+                       WHEN state = 'succeeded' AND kind = 'stack' THEN $3
+                   END) + (SELECT CAST(COALESCE(SUM(gap_ms), 0) AS bigint) FROM clock_gaps WHERE at_ms > finished_at) <= $1
                AND state IN ('succeeded', 'failed', 'cancelled')
              RETURNING id",
         )
@@ -27,7 +31,7 @@ impl Expiry for PostgresMetadata {
         .bind(keep.stacks.map(millis))
         .fetch_all(&mut *tx)
         .await?;
-        self.commit_changes(tx, "rows.expire", &gone).await?;
+        self.commit(tx, "rows.expire", Notice::Changes(&gone)).await?;
         Ok(gone)
     }
 
@@ -39,14 +43,14 @@ impl Expiry for PostgresMetadata {
         let gone: Vec<Uuid> = sqlx::query_scalar(
             "UPDATE jobs SET upload_removed = true, upload_bytes = 0
              WHERE state = 'succeeded' AND NOT upload_removed
-               AND finished_at + $2::bigint + (SELECT COALESCE(SUM(gap_ms), 0)::bigint FROM clock_gaps WHERE at_ms > finished_at) <= $1::bigint
+               AND finished_at + $2 + (SELECT CAST(COALESCE(SUM(gap_ms), 0) AS bigint) FROM clock_gaps WHERE at_ms > finished_at) <= $1
              RETURNING id",
         )
         .bind(now)
         .bind(millis(uploads))
         .fetch_all(&mut *tx)
         .await?;
-        self.commit(tx, "rows.expire_job_uploads").await?;
+        self.commit(tx, "rows.expire_job_uploads", Notice::None).await?;
         Ok(gone)
     }
 

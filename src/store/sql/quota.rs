@@ -1,24 +1,27 @@
 //! Quotas of tokens. A quota is checked within the transaction that adds the bytes, so concurrent requests cannot
 //! exceed it together.
 
-use sqlx::{Executor, Sqlite, SqliteConnection};
+use sqlx::Executor;
 use uuid::Uuid;
 
-use super::{StoreResult, clock_gaps::not_expired};
+use super::{
+    clock_gaps::not_expired,
+    engine::{Connection, Db},
+};
 use crate::store::{
-    OverQuota,
+    OverQuota, StoreResult,
     rows::{signed, unsigned},
 };
 
 /// `None` when `bytes` more fit into the quota of `owner`, or when there is no quota.
 pub(super) async fn exceeded(
-    connection: &mut SqliteConnection,
+    connection: &mut Connection,
     owner: Option<Uuid>,
     bytes: u64,
     now: i64,
 ) -> StoreResult<Option<OverQuota>> {
     let Some(owner) = owner else { return Ok(None) };
-    let token: Option<(String, Option<i64>)> = sqlx::query_as("SELECT name, quota_bytes FROM tokens WHERE id = ?1")
+    let token: Option<(String, Option<i64>)> = sqlx::query_as("SELECT name, quota_bytes FROM tokens WHERE id = $1")
         .bind(owner)
         .fetch_optional(&mut *connection)
         .await?;
@@ -29,16 +32,12 @@ pub(super) async fn exceeded(
 }
 
 /// Bytes that the stacks, calibrations and open uploads of a token use.
-pub(super) async fn used_bytes(
-    executor: impl Executor<'_, Database = Sqlite>,
-    owner: Uuid,
-    now: i64,
-) -> StoreResult<i64> {
+pub(super) async fn used_bytes(executor: impl Executor<'_, Database = Db>, owner: Uuid, now: i64) -> StoreResult<i64> {
     let bytes = sqlx::query_scalar(concat!(
-        "SELECT (SELECT COALESCE(SUM(upload_bytes + result_bytes), 0) FROM jobs WHERE owner = ?1)
-              + (SELECT COALESCE(SUM(length), 0) FROM uploads
-                 WHERE owner = ?1 AND job_kind IS NULL AND fault IS NULL AND ",
-        not_expired!("?2"),
+        "SELECT (SELECT CAST(COALESCE(SUM(upload_bytes + result_bytes), 0) AS bigint) FROM jobs WHERE owner = $1)
+              + (SELECT CAST(COALESCE(SUM(length), 0) AS bigint) FROM uploads
+                 WHERE owner = $1 AND job_kind IS NULL AND fault IS NULL AND ",
+        not_expired!("$2"),
         ")"
     ))
     .bind(owner)

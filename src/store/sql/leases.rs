@@ -4,21 +4,23 @@
 
 use std::time::Duration;
 
-use anyhow::anyhow;
 use async_trait::async_trait;
-use sqlx::PgConnection;
 use uuid::Uuid;
 
-use super::{PostgresMetadata, StoreResult, transitions};
+use super::{
+    engine::{Connection, Metadata, answered, dialect, id_list},
+    transitions,
+};
 use crate::{
     contract::{Code, JobKind, Progress},
     store::{
-        Attempt, Finish, Heartbeat, Job, Leases, StoreError,
+        Attempt, Finish, Heartbeat, Job, Leases, StoreResult,
         clock::{later, millis},
         rows::{
             JobRow,
             expired_leases::{Lease, LeaseRow, MAX_PAUSE, fraction, release_values},
             kind,
+            transaction::Notice,
             transition::{unreadable, worker_lost},
         },
     },
@@ -26,7 +28,7 @@ use crate::{
 };
 
 #[async_trait]
-impl Leases for PostgresMetadata {
+impl Leases for Metadata {
     async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
         self.observer.reached(answered(self.try_claim(lease, max_attempts)).await)
     }
@@ -50,51 +52,40 @@ impl Leases for PostgresMetadata {
     }
 }
 
-/// Longest time that a worker waits for the database; more than a statement may take. A network that fails without a
-/// word never answers, and a worker that waits for ever neither notices a cancellation nor takes another job.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(45);
-
-/// The result of an operation, if the database answers in time.
-async fn answered<T>(operation: impl Future<Output = StoreResult<T>>) -> StoreResult<T> {
-    match tokio::time::timeout(ANSWER_TIMEOUT, operation).await {
-        Ok(result) => result,
-        Err(_) => {
-            let seconds = ANSWER_TIMEOUT.as_secs();
-            Err(StoreError::Unavailable(anyhow!("the database did not answer within {seconds} s")))
-        }
-    }
-}
-
-impl PostgresMetadata {
+impl Metadata {
     async fn try_claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
         let lost = expired_leases(self, &mut tx, lease, now).await?;
         let Ended { ids: ended, failed } = end_lost_jobs(&mut tx, now, &lost, max_attempts).await?;
-        let row: Option<JobRow> = sqlx::query_as(
+        let row: Option<JobRow> = sqlx::query_as(concat!(
             "UPDATE jobs
              SET state = 'running', stage = 'starting', completed = 0, total = 0, fraction = 0.0,
                  attempt = attempt + 1, lease_token = lease_token + 1, lease_until = $1, lease_ms = $4,
                  version = version + 1, claim_after = NULL, started_at = COALESCE(started_at, $2)
              WHERE seq = COALESCE(
-                 (SELECT seq FROM jobs WHERE state = 'running' AND id = ANY($3)
+                 (SELECT seq FROM jobs WHERE state = 'running' AND id ",
+            dialect!(IN "$3"),
+            "
                   ORDER BY background, turn, seq LIMIT 1),
-                 (SELECT seq FROM jobs
-                  WHERE state = 'queued'
-                    AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5::bigint)
-                  ORDER BY background, turn, seq LIMIT 1
-                  FOR UPDATE SKIP LOCKED))
-             RETURNING *",
-        )
+                 (SELECT seq FROM jobs",
+            dialect!(INDEXED BY jobs_that_wait),
+            "
+                  WHERE state = 'queued' AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5)
+                  ORDER BY background, turn, seq LIMIT 1",
+            dialect!(FOR UPDATE SKIP LOCKED),
+            "))
+             RETURNING *"
+        ))
         .bind(later(now, lease))
         .bind(now)
-        .bind(&lost)
+        .bind(id_list(&lost))
         .bind(millis(lease))
         .bind(millis(MAX_PAUSE))
         .fetch_optional(&mut *tx)
         .await?;
         let changed: Vec<Uuid> = ended.into_iter().chain(row.as_ref().map(|row| row.id)).collect();
-        self.commit_changes(tx, "rows.claim", &changed).await?;
+        self.commit(tx, "rows.claim", Notice::Changes(&changed)).await?;
         for kind in failed {
             events::failed(kind, Code::WorkerLost);
         }
@@ -128,9 +119,8 @@ impl PostgresMetadata {
         let beat: Option<(bool, i64)> = sqlx::query_as(
             "UPDATE jobs
              SET lease_until = $3, lease_ms = $8,
-                 version = version + CASE WHEN (stage, completed, total, fraction)
-                                         IS DISTINCT FROM ($4::text, $5::bigint, $6::bigint, $7::double precision)
-                                    THEN 1 ELSE 0 END,
+                 version = version + CASE WHEN (stage, completed, total, fraction) IS DISTINCT FROM ($4, $5, $6, $7)
+                                     THEN 1 ELSE 0 END,
                  stage = $4, completed = $5, total = $6, fraction = $7
              WHERE id = $1 AND lease_token = $2 AND state = 'running'
              RETURNING cancel_requested, version",
@@ -146,7 +136,7 @@ impl PostgresMetadata {
         .fetch_optional(&mut *tx)
         .await?;
         let Some((cancel_requested, _)) = beat else { return Ok(Heartbeat::Lost) };
-        self.commit_changes(tx, "rows.heartbeat", &[id]).await?;
+        self.commit(tx, "rows.heartbeat", Notice::Changes(&[id])).await?;
         Ok(if cancel_requested { Heartbeat::CancelRequested } else { Heartbeat::Alive })
     }
 
@@ -155,7 +145,8 @@ impl PostgresMetadata {
         let now = self.now(&mut *tx).await?;
         let (uncounted, claim_after) = release_values(attempt, now);
         // a deletion that is requested between the two statements below would be forgotten
-        sqlx::query("SELECT 1 FROM jobs WHERE id = $1 FOR UPDATE").bind(id).execute(&mut *tx).await?;
+        let row = concat!("SELECT 1 FROM jobs WHERE id = $1", dialect!(FOR UPDATE));
+        sqlx::query(row).bind(id).execute(&mut *tx).await?;
         let deleted = sqlx::query(
             "DELETE FROM jobs WHERE id = $1 AND lease_token = $2 AND state = 'running' AND delete_requested",
         )
@@ -166,12 +157,12 @@ impl PostgresMetadata {
         let released = sqlx::query(
             "UPDATE jobs
              SET state = CASE WHEN cancel_requested THEN 'cancelled' ELSE 'queued' END,
-                 finished_at = CASE WHEN cancel_requested THEN $3::bigint ELSE NULL END,
+                 finished_at = CASE WHEN cancel_requested THEN $3 ELSE NULL END,
                  stage = CASE WHEN cancel_requested THEN stage ELSE 'waiting' END,
                  completed = CASE WHEN cancel_requested THEN completed ELSE 0 END,
                  total = CASE WHEN cancel_requested THEN total ELSE 0 END,
                  fraction = CASE WHEN cancel_requested THEN fraction ELSE 0.0 END,
-                 attempt = attempt - $4::bigint, claim_after = $5, lease_until = NULL, version = version + 1
+                 attempt = attempt - $4, claim_after = $5, lease_until = NULL, version = version + 1
              WHERE id = $1 AND lease_token = $2 AND state = 'running'",
         )
         .bind(id)
@@ -182,8 +173,8 @@ impl PostgresMetadata {
         .execute(&mut *tx)
         .await?;
         let held = deleted.rows_affected() + released.rows_affected() > 0;
-        let changed = [id];
-        self.commit_arrivals(tx, "rows.release", if held { &changed } else { &[] }).await?;
+        let ids = [id];
+        self.commit(tx, "rows.release", if held { Notice::Arrivals(&ids) } else { Notice::None }).await?;
         Ok(held)
     }
 }
@@ -191,8 +182,8 @@ impl PostgresMetadata {
 /// The jobs whose lease has expired. Their rows are locked until the transaction ends. A row that another transaction
 /// holds, or that changed since it was read, is left out: its worker lives, or another process takes the job.
 async fn expired_leases(
-    store: &PostgresMetadata,
-    connection: &mut PgConnection,
+    store: &Metadata,
+    connection: &mut Connection,
     lease: Duration,
     now: i64,
 ) -> StoreResult<Vec<Uuid>> {
@@ -205,11 +196,12 @@ async fn expired_leases(
     if lost.is_empty() {
         return Ok(lost);
     }
-    let locked: Vec<LeaseRow> = sqlx::query_as(
-        "SELECT id, lease_token, COALESCE(lease_until, 0), lease_ms FROM jobs
-         WHERE state = 'running' AND id = ANY($1) FOR UPDATE SKIP LOCKED",
-    )
-    .bind(&lost)
+    let locked: Vec<LeaseRow> = sqlx::query_as(concat!(
+        "SELECT id, lease_token, COALESCE(lease_until, 0), lease_ms FROM jobs WHERE state = 'running' AND id ",
+        dialect!(IN "$1"),
+        dialect!(FOR UPDATE SKIP LOCKED)
+    ))
+    .bind(id_list(&lost))
     .fetch_all(connection)
     .await?;
     Ok(locked.into_iter().filter(|row| rows.contains(row)).map(|row| row.0).collect())
@@ -224,41 +216,38 @@ struct Ended {
 }
 
 /// Ends the jobs with an expired lease that must not be claimed again: deleted, cancelled, or out of attempts.
-async fn end_lost_jobs(
-    connection: &mut PgConnection,
-    now: i64,
-    lost: &[Uuid],
-    max_attempts: u32,
-) -> StoreResult<Ended> {
-    let mut ended: Vec<Uuid> = sqlx::query_scalar(
-        "DELETE FROM jobs
-         WHERE state = 'running' AND id = ANY($1) AND delete_requested
-         RETURNING id",
-    )
-    .bind(lost)
+async fn end_lost_jobs(connection: &mut Connection, now: i64, lost: &[Uuid], max_attempts: u32) -> StoreResult<Ended> {
+    let mut ended: Vec<Uuid> = sqlx::query_scalar(concat!(
+        "DELETE FROM jobs WHERE state = 'running' AND delete_requested AND id ",
+        dialect!(IN "$1"),
+        " RETURNING id"
+    ))
+    .bind(id_list(lost))
     .fetch_all(&mut *connection)
     .await?;
     ended.extend(
-        sqlx::query_scalar::<_, Uuid>(
+        sqlx::query_scalar::<_, Uuid>(concat!(
             "UPDATE jobs SET state = 'cancelled', finished_at = $1, lease_until = NULL, version = version + 1
-             WHERE state = 'running' AND id = ANY($2) AND cancel_requested
-             RETURNING id",
-        )
+             WHERE state = 'running' AND cancel_requested AND id ",
+            dialect!(IN "$2"),
+            " RETURNING id"
+        ))
         .bind(now)
-        .bind(lost)
+        .bind(id_list(lost))
         .fetch_all(&mut *connection)
         .await?,
     );
-    let failed: Vec<(Uuid, String)> = sqlx::query_as(
+    let failed: Vec<(Uuid, String)> = sqlx::query_as(concat!(
         "UPDATE jobs
-             SET state = 'failed', error = $3, finished_at = $1, lease_until = NULL, version = version + 1
-             WHERE state = 'running' AND id = ANY($4) AND attempt >= $2::bigint
-             RETURNING id, kind",
-    )
+         SET state = 'failed', error = $3, finished_at = $1, lease_until = NULL, version = version + 1
+         WHERE state = 'running' AND attempt >= $2 AND id ",
+        dialect!(IN "$4"),
+        " RETURNING id, kind"
+    ))
     .bind(now)
     .bind(i64::from(max_attempts))
     .bind(worker_lost(max_attempts)?)
-    .bind(lost)
+    .bind(id_list(lost))
     .fetch_all(&mut *connection)
     .await?;
     ended.extend(failed.iter().map(|(id, _)| *id));

@@ -1,18 +1,18 @@
 //! Scans.
 
 use async_trait::async_trait;
-use sqlx::PgConnection;
 use uuid::Uuid;
 
-use super::{Lock, PostgresMetadata, StoreResult};
+use super::engine::{Connection, Metadata};
 use crate::{
     contract::{Name, Scan, ScanInput},
     store::{
-        Page, PageRequest, Precondition, json,
+        Page, PageRequest, Precondition, StoreResult, json,
         rows::{
             name,
             page::Window,
             scan::{ScanRow, listed},
+            transaction::{Lock, Notice},
             unsigned,
         },
         scans::{DeleteScan, PutScan, ScanFilter, ScanStore},
@@ -20,7 +20,7 @@ use crate::{
 };
 
 #[async_trait]
-impl ScanStore for PostgresMetadata {
+impl ScanStore for Metadata {
     async fn put_scan(
         &self,
         name: &Name,
@@ -62,7 +62,7 @@ impl ScanStore for PostgresMetadata {
         .bind(now)
         .fetch_one(&mut *tx)
         .await?;
-        self.commit(tx, "rows.put_scan").await?;
+        self.commit(tx, "rows.put_scan", Notice::None).await?;
         let scan = row.try_into()?;
         Ok(if current.is_none() { PutScan::Created(scan) } else { PutScan::Updated(scan) })
     }
@@ -70,7 +70,7 @@ impl ScanStore for PostgresMetadata {
     async fn scan(&self, name: &Name) -> StoreResult<Option<Scan>> {
         let row: Option<ScanRow> = sqlx::query_as("SELECT * FROM scans WHERE name = $1")
             .bind(name.as_str())
-            .fetch_optional(&self.pool)
+            .fetch_optional(self.reading())
             .await?;
         row.map(Scan::try_from).transpose()
     }
@@ -78,7 +78,7 @@ impl ScanStore for PostgresMetadata {
     async fn scan_owner(&self, name: &Name) -> StoreResult<Option<Uuid>> {
         let owner: Option<Option<Uuid>> = sqlx::query_scalar("SELECT owner FROM scans WHERE name = $1")
             .bind(name.as_str())
-            .fetch_optional(&self.pool)
+            .fetch_optional(self.reading())
             .await?;
         Ok(owner.flatten())
     }
@@ -87,8 +87,8 @@ impl ScanStore for PostgresMetadata {
         let window = Window::of(page)?;
         let rows = sqlx::query_as(
             "SELECT * FROM scans
-             WHERE seq < $1 AND ($2::text IS NULL OR rig = $2) AND ($3::text IS NULL OR lens = $3)
-               AND ($4::uuid IS NULL OR owner IS NULL OR owner = $4)
+             WHERE seq < $1 AND ($2 IS NULL OR rig = $2) AND ($3 IS NULL OR lens = $3)
+               AND ($4 IS NULL OR owner IS NULL OR owner = $4)
              ORDER BY seq DESC LIMIT $5",
         )
         .bind(window.before)
@@ -96,18 +96,18 @@ impl ScanStore for PostgresMetadata {
         .bind(filter.lens.as_ref().map(Name::as_str))
         .bind(filter.owner)
         .bind(window.rows)
-        .fetch(&self.pool);
+        .fetch(self.reading());
         let (rows, next_cursor) = window.fill(rows, |row: &ScanRow| (row.seq, row.body.len())).await?;
         Ok(listed(rows, next_cursor))
     }
 
     async fn scan_names(&self, owner: Option<Uuid>, limit: u32) -> StoreResult<Vec<Name>> {
         let names: Vec<String> = sqlx::query_scalar(
-            "SELECT name FROM scans WHERE $1::uuid IS NULL OR owner IS NULL OR owner = $1 ORDER BY seq DESC LIMIT $2",
+            "SELECT name FROM scans WHERE $1 IS NULL OR owner IS NULL OR owner = $1 ORDER BY seq DESC LIMIT $2",
         )
         .bind(owner)
         .bind(i64::from(limit))
-        .fetch_all(&self.pool)
+        .fetch_all(self.reading())
         .await?;
         names.into_iter().map(name).collect()
     }
@@ -130,24 +130,19 @@ impl ScanStore for PostgresMetadata {
             return Ok(DeleteScan::HasStacks(stacks));
         }
         sqlx::query("DELETE FROM scans WHERE name = $1").bind(name.as_str()).execute(&mut *tx).await?;
-        self.commit(tx, "rows.delete_scan").await?;
+        self.commit(tx, "rows.delete_scan", Notice::None).await?;
         Ok(DeleteScan::Deleted)
     }
 }
 
 /// True when a scan of this name, rig and lens exists: a stack may join it.
-pub(super) async fn accepts(connection: &mut PgConnection, scan: &Name, rig: &Name, lens: &Name) -> StoreResult<bool> {
-    let found: Option<i32> = sqlx::query_scalar("SELECT 1 FROM scans WHERE name = $1 AND rig = $2 AND lens = $3")
-        .bind(scan.as_str())
-        .bind(rig.as_str())
-        .bind(lens.as_str())
-        .fetch_optional(connection)
-        .await?;
-    Ok(found.is_some())
+pub(super) async fn accepts(connection: &mut Connection, scan: &Name, rig: &Name, lens: &Name) -> StoreResult<bool> {
+    let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM scans WHERE name = $1 AND rig = $2 AND lens = $3)");
+    Ok(found.bind(scan.as_str()).bind(rig.as_str()).bind(lens.as_str()).fetch_one(connection).await?)
 }
 
 /// Number of stacks of a scan.
-async fn stacks(connection: &mut PgConnection, scan: &Name) -> StoreResult<u64> {
+async fn stacks(connection: &mut Connection, scan: &Name) -> StoreResult<u64> {
     let count: i64 = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE scan = $1 AND NOT delete_requested")
         .bind(scan.as_str())
         .fetch_one(connection)

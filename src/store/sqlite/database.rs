@@ -1,0 +1,133 @@
+//! The database file as a whole: opened, migrated, checked, copied, closed.
+
+use std::{fs::File, path::Path, sync::Arc, time::Duration};
+
+use anyhow::Context;
+use async_trait::async_trait;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use tokio::sync::broadcast;
+use uuid::Uuid;
+
+use super::{engine::SqliteMetadata, sql::totals::totals};
+use crate::store::{
+    Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, folder, rows::schema::Schema,
+};
+
+/// How long a statement waits for a writer in another process.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
+/// Number of reading connections.
+const READERS: u32 = 4;
+/// Rows that a connection reads ahead of the consumer.
+const ROWS_AHEAD: usize = 4;
+
+pub(in crate::store) const SCHEMA: Schema = Schema(&[(11, "rows", include_str!("schema/0011_rows.sql"))]);
+
+impl SqliteMetadata {
+    /// Opens the file, creates it if it is missing, and migrates its schema.
+    ///
+    /// # Errors
+    /// When the file cannot be opened or written, or a version of the program that knows another schema made it.
+    pub async fn open(path: impl AsRef<Path>) -> StoreResult<Self> {
+        Self::open_with_clock(path, Arc::new(SystemClock)).await
+    }
+
+    /// The same with another clock, for tests.
+    ///
+    /// # Errors
+    /// As [`SqliteMetadata::open`].
+    pub async fn open_with_clock(path: impl AsRef<Path>, clock: Arc<dyn Clock>) -> StoreResult<Self> {
+        let path = path.as_ref();
+        // two processes that start at once must not both migrate the schema
+        let lock = lock_beside(path).await?;
+        let options = SqliteConnectOptions::new()
+            .filename(path)
+            .create_if_missing(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(BUSY_TIMEOUT)
+            // a row may have a megabyte, so only a few are read ahead
+            .row_buffer_size(ROWS_AHEAD);
+        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
+        step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
+        let migrated = SCHEMA.migrator().run(&writer).await;
+        migrated.map_err(|error| SCHEMA.refusal(error, &format!("the database {}", path.display())))?;
+        for ending in ["", "-wal", "-shm", ".lock"] {
+            keep_private(path, ending)?;
+        }
+        drop(lock);
+        let reading = options.pragma("query_only", "ON");
+        let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(reading).await?;
+        let (observer, last_seen, listeners) = Default::default();
+        Ok(Self { writer, readers, clock, observer, last_seen, listeners })
+    }
+}
+
+/// Restricts the mode of a database file: the database contains everything but the images.
+fn keep_private(path: &Path, ending: &str) -> StoreResult<()> {
+    let mut file = path.as_os_str().to_owned();
+    file.push(ending);
+    let kept = folder::keep_private(Path::new(&file), folder::FILE);
+    kept.map_err(|error| StoreError::of_io(error, format!("cannot set the mode of {}", Path::new(&file).display())))
+}
+
+/// An exclusive lock on `{path}.lock`, held until the file is dropped.
+async fn lock_beside(path: &Path) -> StoreResult<File> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".lock");
+    let locked = tokio::task::spawn_blocking(move || {
+        step("rows.lock")?;
+        let file = File::options().create(true).truncate(false).write(true).open(&name)?;
+        file.lock()?;
+        Ok::<_, std::io::Error>(file)
+    });
+    Ok(locked
+        .await
+        .context("the task that locks the database panicked")?
+        .with_context(|| format!("cannot lock {}.lock", path.display()))?)
+}
+
+#[async_trait]
+impl MetadataStore for SqliteMetadata {
+    fn changes(&self) -> broadcast::Receiver<Uuid> {
+        self.listeners.changes.subscribe()
+    }
+
+    fn arrivals(&self) -> broadcast::Receiver<()> {
+        self.listeners.arrivals.subscribe()
+    }
+
+    async fn totals(&self) -> StoreResult<Totals> {
+        totals(self).await
+    }
+
+    async fn integrity_errors(&self) -> StoreResult<Vec<String>> {
+        let found: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check").fetch_all(&self.readers).await?;
+        let loose: Vec<(String, Option<i64>, String, i64)> =
+            sqlx::query_as("PRAGMA foreign_key_check").fetch_all(&self.readers).await?;
+        let found = found.into_iter().filter(|line| line != "ok").map(|line| format!("the database: {line}"));
+        let loose = loose.into_iter().map(|(table, row, parent, _)| {
+            format!("the database: row {row:?} of {table} refers to a row of {parent} that does not exist")
+        });
+        Ok(found.chain(loose).collect())
+    }
+
+    async fn healthy(&self) -> bool {
+        let answer = sqlx::query("SELECT 1").execute(&self.readers);
+        matches!(tokio::time::timeout(Duration::from_secs(2), answer).await, Ok(Ok(_)))
+    }
+
+    async fn snapshot_to(&self, path: &Path) -> StoreResult<()> {
+        let path = path.to_str().context("the path of a backup must be UTF-8")?;
+        step("backup.snapshot").map_err(|error| StoreError::of_io(error, "cannot copy the database".into()))?;
+        // a reading connection is query_only, which forbids VACUUM INTO as well
+        let mut connection = self.writer.acquire().await?;
+        sqlx::query("VACUUM INTO ?1").bind(path).execute(&mut *connection).await?;
+        Ok(())
+    }
+
+    async fn close(&self) {
+        self.readers.close().await;
+        self.writer.close().await;
+    }
+}
