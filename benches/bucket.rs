@@ -1,5 +1,5 @@
-//! A stack in a bucket, fused in three ways: after its zip was copied, while the zip arrives, and by reading only what
-//! is needed when it is needed. The line to the bucket is simulated, with 5 ms from a request to the first byte.
+//! A stack in a bucket, fused in two ways: after its zip was copied, as the service does it, and by reading only what is
+//! needed when it is needed. The line to the bucket is simulated, with 5 ms from a request to the first byte.
 //!
 //! ```text
 //! cargo bench --features testing --bench bucket
@@ -13,11 +13,11 @@ use std::{
 
 use pinstack::store::{
     self, Store,
-    blobs::{Access, OpenBlob, upload_key},
+    blobs::upload_key,
     conformance::{blobs::put_blob, line::Line, memory::MemoryBlobStore},
 };
 use pinstack_science::{
-    archive::{ArchiveLimits, open_shared, pack},
+    archive::{ArchiveLimits, ReadAt, open_shared, pack},
     fusion::{self, FusionRequest, Plan, SlicePlan},
     imaging::codec::{Metadata, encode_jpeg, encode_png},
     synth::{Light, Rig, Scene, render},
@@ -39,11 +39,10 @@ const STACK: (usize, usize, usize) = (2_400, 1_600, 20);
 #[derive(Debug, Clone, Copy)]
 enum Way {
     CopyFirst,
-    WhileItArrives,
     RangesOnly,
 }
 
-const WAYS: [Way; 3] = [Way::CopyFirst, Way::WhileItArrives, Way::RangesOnly];
+const WAYS: [Way; 2] = [Way::CopyFirst, Way::RangesOnly];
 
 fn main() {
     let runtime = tokio::runtime::Runtime::new().expect("a runtime");
@@ -51,8 +50,8 @@ fn main() {
     let rig = Rig::sized(width, height, slices);
     let scene = Scene::insect(1);
     println!("{slices} slices of {width} x {height} px; seconds from the claim to the fused image\n");
-    println!("| slices | zip, MB | line, Mbit/s | copied first | while it arrives | ranges only |");
-    println!("|---|---:|---:|---:|---:|---:|");
+    println!("| slices | zip, MB | line, Mbit/s | copied first | ranges only |");
+    println!("|---|---:|---:|---:|---:|");
     let rendered: Vec<_> = (0..slices).into_par_iter().map(|i| render(&rig, &scene, Light::Front, i)).collect();
     for (name, is_jpeg) in [("JPEG, quality 95", true), ("PNG", false)] {
         let members = rendered.iter().enumerate().map(|(i, slice)| {
@@ -74,8 +73,8 @@ fn main() {
                 runs[RUNS / 2]
             });
             let megabytes = zip.len() as f64 / 1e6;
-            let [copied, arriving, ranges] = seconds;
-            println!("| {name} | {megabytes:.0} | {speed:.0} | {copied:.2} | {arriving:.2} | {ranges:.2} |");
+            let [copied, ranges] = seconds;
+            println!("| {name} | {megabytes:.0} | {speed:.0} | {copied:.2} | {ranges:.2} |");
         }
     }
 }
@@ -96,14 +95,9 @@ async fn run(rig: &Rig, zip: &[u8], megabits: f64, way: Way) -> f64 {
         ..Plan::aligned(STACK.0, STACK.1, STACK.2)
     };
     let started = Instant::now();
-    let blob = opened(&store, &key, way).await;
-    let (zip, scratch) = (blob.bytes(), folder.path().to_owned());
+    let (zip, scratch) = (opened(&store, &key, way).await, folder.path().to_owned());
     let fuse = move || {
-        if let Way::CopyFirst = way {
-            let mut all = vec![0; zip.length().expect("a length") as usize];
-            zip.read_exact_at(&mut all, 0).expect("every byte");
-        }
-        let archive = open_shared(Arc::clone(&zip), &ArchiveLimits::default()).expect("a sound zip");
+        let archive = open_shared(zip, &ArchiveLimits::default()).expect("a sound zip");
         fusion::fuse(archive.front(), &plan, &FusionRequest::default(), &scratch, &NoControl).expect("an image")
     };
     let fused = tokio::task::spawn_blocking(fuse).await.expect("no panic");
@@ -111,10 +105,15 @@ async fn run(rig: &Rig, zip: &[u8], megabits: f64, way: Way) -> f64 {
     started.elapsed().as_secs_f64()
 }
 
-async fn opened(store: &Store, key: &str, way: Way) -> OpenBlob {
-    let access = match way {
-        Way::CopyFirst | Way::WhileItArrives => Access::Whole,
-        Way::RangesOnly => Access::Parts,
-    };
-    store.blobs.open(key, access, &store.workspace).await.expect("it answers").expect("it is stored")
+async fn opened(store: &Store, key: &str, way: Way) -> Arc<dyn ReadAt> {
+    match way {
+        Way::CopyFirst => {
+            let copy = store.blobs.fetch(key, &store.workspace).await.expect("it answers").expect("it is stored");
+            Arc::new(copy.open().await.expect("a file"))
+        }
+        Way::RangesOnly => {
+            let blob = store.blobs.open(key, &store.workspace).await.expect("it answers").expect("it is stored");
+            blob.bytes()
+        }
+    }
 }

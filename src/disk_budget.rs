@@ -77,11 +77,11 @@ impl DiskBudget {
         Ok(DiskState { free: disk.free, total: disk.total, reserved, min_free: self.min_free_bytes })
     }
 
-    /// Reserves `bytes`. `Err` with the figures when they do not fit.
+    /// Reserves `bytes`.
     ///
     /// # Errors
     /// When the disk cannot be measured.
-    pub async fn reserve(self: &Arc<Self>, bytes: u64) -> StoreResult<Result<Reservation, DiskState>> {
+    pub async fn reserve(self: &Arc<Self>, bytes: u64) -> StoreResult<Reserved> {
         self.reserve_beside(bytes, 0).await
     }
 
@@ -90,7 +90,7 @@ impl DiskBudget {
     ///
     /// # Errors
     /// When the disk cannot be measured.
-    pub async fn reserve_copy(self: &Arc<Self>, bytes: u64) -> StoreResult<Result<Reservation, DiskState>> {
+    pub async fn reserve_copy(self: &Arc<Self>, bytes: u64) -> StoreResult<Reserved> {
         self.reserve(if self.blobs.is_local() { 0 } else { bytes }).await
     }
 
@@ -98,11 +98,7 @@ impl DiskBudget {
     ///
     /// # Errors
     /// When the disk cannot be measured.
-    pub async fn reserve_beside(
-        self: &Arc<Self>,
-        bytes: u64,
-        beside: u64,
-    ) -> StoreResult<Result<Reservation, DiskState>> {
+    pub async fn reserve_beside(self: &Arc<Self>, bytes: u64, beside: u64) -> StoreResult<Reserved> {
         // before the disk is measured: see `Ledger`
         let returned = self.ledger().returned;
         let disk = self.measure().await?;
@@ -110,10 +106,10 @@ impl DiskBudget {
         let reserved = ledger.granted.wrapping_sub(returned);
         let state = DiskState { free: disk.free, total: disk.total, reserved, min_free: self.min_free_bytes };
         if bytes.checked_add(beside).is_none_or(|needed| needed > state.available()) {
-            return Ok(Err(state));
+            return Ok(Reserved::Full(state));
         }
         ledger.granted = ledger.granted.wrapping_add(bytes);
-        Ok(Ok(Reservation { budget: Arc::clone(self), bytes }))
+        Ok(Reserved::Granted(Reservation { budget: Arc::clone(self), bytes }))
     }
 
     /// Bytes reserved and not written yet.
@@ -124,6 +120,28 @@ impl DiskBudget {
 
     fn ledger(&self) -> MutexGuard<'_, Ledger> {
         self.ledger.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What came of a request for disk space.
+#[derive(Debug)]
+pub enum Reserved {
+    /// It fits.
+    Granted(Reservation),
+    /// It does not fit: the figures.
+    Full(DiskState),
+}
+
+impl Reserved {
+    /// The reservation, or the figures as an error.
+    ///
+    /// # Errors
+    /// When it does not fit.
+    pub fn granted(self) -> Result<Reservation, DiskState> {
+        match self {
+            Self::Granted(reservation) => Ok(reservation),
+            Self::Full(state) => Err(state),
+        }
     }
 }
 

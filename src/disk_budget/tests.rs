@@ -38,35 +38,38 @@ async fn only_a_file_that_is_not_on_this_machine_needs_space_for_a_copy() {
     let store = open(folder.path()).await.expect("a store");
     // no space at all
     let local = DiskBudget::new(&store, u64::MAX);
-    assert!(local.reserve_copy(1).await.expect("measured").is_ok());
+    assert!(local.reserve_copy(1).await.expect("measured").granted().is_ok());
     let elsewhere = DiskBudget::new(&MemoryBlobStore::under(store), u64::MAX);
-    assert!(elsewhere.reserve_copy(1).await.expect("measured").is_err());
+    assert!(elsewhere.reserve_copy(1).await.expect("measured").granted().is_err());
 }
 
 #[tokio::test]
 async fn a_reservation_that_does_not_fit_is_refused_with_the_figures() {
     let (_folder, disk, budget) = budget(100).await;
-    let held = budget.reserve(600).await.expect("measured").expect("it fits");
-    let figures = budget.reserve(301).await.expect("measured").expect_err("300 are available");
+    let held = budget.reserve(600).await.expect("measured").granted().expect("it fits");
+    let figures = budget.reserve(301).await.expect("measured").granted().expect_err("300 are available");
     assert_eq!(figures, DiskState { free: TOTAL, total: TOTAL, reserved: 600, min_free: 100 });
-    assert!(budget.reserve_beside(100, 201).await.expect("measured").is_err(), "what is to come must fit too");
-    assert!(budget.reserve(u64::MAX).await.expect("measured").is_err());
-    let beside = budget.reserve_beside(100, 200).await.expect("measured").expect("it fits");
+    assert!(
+        budget.reserve_beside(100, 201).await.expect("measured").granted().is_err(),
+        "what is to come must fit too"
+    );
+    assert!(budget.reserve(u64::MAX).await.expect("measured").granted().is_err());
+    let beside = budget.reserve_beside(100, 200).await.expect("measured").granted().expect("it fits");
     assert_eq!((budget.reserved(), beside.bytes()), (700, 100), "what is to come is not reserved");
     drop((held, beside));
     assert_eq!(budget.reserved(), 0);
     disk.free.store(0, Ordering::SeqCst);
-    assert!(budget.reserve(1).await.expect("measured").is_err());
+    assert!(budget.reserve(1).await.expect("measured").granted().is_err());
 }
 
 #[tokio::test]
 async fn written_bytes_are_counted_by_the_disk_and_no_longer_by_the_reservation() {
     let (_folder, disk, budget) = budget(0).await;
-    let mut held = budget.reserve(600).await.expect("measured").expect("it fits");
+    let mut held = budget.reserve(600).await.expect("measured").granted().expect("it fits");
     disk.free.fetch_sub(400, Ordering::SeqCst);
     held.written(400);
     assert_eq!((held.bytes(), budget.reserved()), (200, 200));
-    let more = budget.reserve(400).await.expect("measured").expect("600 are free, 200 reserved");
+    let more = budget.reserve(400).await.expect("measured").granted().expect("600 are free, 200 reserved");
     held.absorb(more);
     assert_eq!((held.bytes(), budget.reserved()), (600, 600));
     held.written(u64::MAX);
@@ -83,7 +86,7 @@ async fn reservations_never_exceed_what_is_free() {
         for _ in 0..300 {
             match dice.below(5) {
                 0 | 1 => {
-                    if let Ok(reservation) = budget.reserve(dice.below(400)).await.expect("measured") {
+                    if let Ok(reservation) = budget.reserve(dice.below(400)).await.expect("measured").granted() {
                         held.push(reservation);
                     }
                 }
@@ -118,7 +121,9 @@ async fn writers_at_the_same_time_never_fill_what_must_stay_free() {
         writers.spawn(async move {
             let mut dice = Dice(seed);
             for _ in 0..500 {
-                let Ok(mut held) = budget.reserve(1 + dice.below(300)).await.expect("measured") else { continue };
+                let Ok(mut held) = budget.reserve(1 + dice.below(300)).await.expect("measured").granted() else {
+                    continue;
+                };
                 let mut files = 0;
                 while held.bytes() > 0 {
                     let bytes = 1 + dice.below(held.bytes());

@@ -20,9 +20,8 @@ use super::{
     blobs::LocalBlob,
     data_folder::{open, open_database, remove_database, replace_database},
     failpoint::step,
-    folder::{self, DATABASE},
-    gc,
-    local::{self, remove},
+    folder::{self, DATABASE, remove},
+    gc, local,
 };
 
 /// Marks a folder as a backup, which the next backup may replace. A server or worker that runs on the folder, and a

@@ -6,15 +6,12 @@
 //! | `results/{job}/{lease}/{file}` | a result, written under one lease |
 //!
 //! The interface is that of an object store, not of a file system: a blob is written as a whole, is never changed, and
-//! is read by range. Code that seeks, such as the zip reader, asks for [`BlobStore::open`], and code that needs a file
-//! for [`BlobStore::fetch`]. Both keep the returned guard as long as they read.
+//! is read by range. Code that seeks, such as the zip reader, asks for [`BlobStore::fetch`], or, if it reads little of the
+//! blob, for [`BlobStore::open`]. Both keep the returned guard as long as they read.
 
 use std::{
-    fs::File,
     io,
     ops::Range,
-    path::{Path, PathBuf},
-    sync::Arc,
     time::{Duration, SystemTime},
 };
 
@@ -22,11 +19,13 @@ use anyhow::anyhow;
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::stream::BoxStream;
-use pinstack_science::archive::ReadAt;
-use tempfile::TempPath;
 use uuid::Uuid;
 
-use super::{SpoolFile, StoreError, StoreResult, Workspace, arriving::ArrivingFile};
+use super::{SpoolFile, StoreError, StoreResult, Workspace};
+pub use super::{
+    blob_files::{LocalBlob, OpenBlob},
+    workspace::Capacity,
+};
 
 /// The bytes of a blob, in chunks.
 pub type ByteStream = BoxStream<'static, io::Result<Bytes>>;
@@ -56,9 +55,9 @@ pub trait BlobStore: Send + Sync + 'static {
     /// A local file with the bytes of a blob, for code that seeks: the blob itself if it is local, otherwise a copy in
     /// `workspace`. `None` when there is no such blob.
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>>;
-    /// The bytes of a blob by offset, for code that seeks, without waiting for all of them. `None` when there is no
+    /// The bytes of a blob by offset, for code that reads parts of it: nothing else is fetched. `None` when there is no
     /// such blob.
-    async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>>;
+    async fn open(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<OpenBlob>>;
     /// Removes a blob, if it exists.
     async fn delete(&self, key: &str) -> StoreResult<()>;
     /// Removes every blob whose key begins with `prefix`, which ends with `/`.
@@ -94,82 +93,6 @@ pub struct BlobMeta {
     pub size: u64,
     /// When it was stored.
     pub last_modified: SystemTime,
-}
-
-/// Free space of a store.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Capacity {
-    /// Bytes that can still be written.
-    pub free: u64,
-    /// Size in bytes.
-    pub total: u64,
-}
-
-/// A local file with the bytes of a blob, valid while this is held. It must not be changed.
-#[derive(Debug)]
-pub struct LocalBlob(Place);
-
-#[derive(Debug)]
-enum Place {
-    InPlace(PathBuf),
-    Copy(TempPath),
-}
-
-impl LocalBlob {
-    /// The blob itself.
-    pub fn in_place(path: PathBuf) -> Self {
-        Self(Place::InPlace(path))
-    }
-
-    /// A copy that is removed when this is dropped.
-    pub fn copy(path: TempPath) -> Self {
-        Self(Place::Copy(path))
-    }
-
-    /// The path of the file.
-    pub fn path(&self) -> &Path {
-        match &self.0 {
-            Place::InPlace(path) => path,
-            Place::Copy(path) => path,
-        }
-    }
-}
-
-/// How much of an open blob will be read. It matters for a blob on another machine, which is kept in the workspace.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Access {
-    /// All of it: what no reader waits for is fetched meanwhile.
-    Whole,
-    /// Parts of it: nothing else is fetched.
-    Parts,
-}
-
-/// A blob whose bytes can be read by offset while this is held.
-#[derive(Debug)]
-pub struct OpenBlob {
-    bytes: Arc<dyn ReadAt>,
-    arriving: Option<ArrivingFile>,
-}
-
-impl OpenBlob {
-    /// A file with all bytes.
-    pub fn of_file(file: File) -> Self {
-        Self { bytes: Arc::new(file), arriving: None }
-    }
-
-    pub(super) fn arriving(file: ArrivingFile) -> Self {
-        Self { bytes: file.bytes(), arriving: Some(file) }
-    }
-
-    /// The bytes. Reading them may wait for another machine, so it belongs on a thread that may block.
-    pub fn bytes(&self) -> Arc<dyn ReadAt> {
-        Arc::clone(&self.bytes)
-    }
-
-    /// Why bytes could not be read, if the storage is to blame. Tells it once.
-    pub fn failure(&self) -> Option<StoreError> {
-        self.arriving.as_ref().and_then(ArrivingFile::failure)
-    }
 }
 
 /// Requires that a key is valid: parts of `A-Z a-z 0-9 . _ -` that do not begin with `.`, separated by `/`. Keys are

@@ -1,4 +1,5 @@
-//! Folders and files of a store: durable, and private to the account that the service runs under.
+//! Folders and files of a store: durable, and private to the account that the service runs under. Work on them runs on
+//! threads that may block.
 
 use std::{
     fs::{self, DirBuilder, File, Permissions},
@@ -7,7 +8,9 @@ use std::{
     path::Path,
 };
 
-use super::failpoint::step;
+use anyhow::Context;
+
+use super::{StoreResult, failpoint::step};
 
 /// Name of the database of a store.
 pub const DATABASE: &str = "pinstack.sqlite";
@@ -68,6 +71,34 @@ pub fn keep_private(path: &Path, mode: u32) -> io::Result<()> {
         }
         other => other,
     }
+}
+
+/// Creates a private folder.
+pub(super) fn make_private(folder: &Path) -> io::Result<()> {
+    step("open.folders")?;
+    fs::create_dir_all(folder)?;
+    keep_private(folder, FOLDER)
+}
+
+/// Removes a file, or a folder with its content, if it exists.
+pub(super) fn remove(path: &Path) -> io::Result<()> {
+    step("remove")?;
+    let removed = match fs::symlink_metadata(path) {
+        Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
+        Ok(_) => fs::remove_file(path),
+        Err(error) => Err(error),
+    };
+    match removed {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        other => other,
+    }
+}
+
+/// Runs blocking file work off the async threads.
+pub(super) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> StoreResult<T> + Send + 'static,
+) -> StoreResult<T> {
+    tokio::task::spawn_blocking(work).await.context("a file task panicked")?
 }
 
 #[cfg(test)]

@@ -13,8 +13,8 @@
 //! Whatever is acknowledged to a client has been made durable in this order: write bytes, fsync the file, rename it,
 //! fsync the folder, commit the row. With a bucket: store the object, compare its size, commit the row.
 
-mod arriving;
 pub mod backup;
+mod blob_files;
 pub mod blobs;
 pub mod clock;
 pub mod data_folder;
@@ -34,6 +34,7 @@ pub mod page;
 pub mod parts;
 pub mod postgres;
 pub mod profiles;
+mod ranges;
 mod rows;
 pub mod s3;
 pub mod scans;
@@ -47,6 +48,7 @@ pub mod workspace;
 #[cfg(any(test, feature = "testing"))]
 pub mod conformance;
 
+pub use blob_files::SpoolFile;
 pub use blobs::BlobStore;
 pub use clock::{Clock, ManualClock, SystemClock};
 pub use data_folder::{Shared, open, open_metadata, open_shared, open_shared_metadata, open_with_clock};
@@ -64,7 +66,7 @@ pub use scans::ScanStore;
 pub use tokens::Tokens;
 pub use totals::Totals;
 pub use uploads::UploadRecords;
-pub use workspace::{SpoolFile, Workspace};
+pub use workspace::Workspace;
 
 use std::sync::Arc;
 

@@ -15,11 +15,18 @@ use uuid::Uuid;
 
 use super::{
     StoreError, StoreResult,
-    blobs::{Capacity, OpenBlob},
     failpoint::step,
-    folder,
-    local::{blocking, remove},
+    folder::{self, blocking, remove},
 };
+
+/// Free space of a store.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Capacity {
+    /// Bytes that can still be written.
+    pub free: u64,
+    /// Size in bytes.
+    pub total: u64,
+}
 
 /// The scratch folder of this process, `{data_dir}/spool/{uuid}`.
 #[derive(Debug)]
@@ -106,61 +113,4 @@ fn remove_folders_of_the_dead(folders: &Path) -> io::Result<()> {
         remove(&path)?;
     }
     Ok(())
-}
-
-/// A complete local file that is to become a blob ([`super::blobs::BlobStore::put`]).
-#[derive(Debug)]
-pub struct SpoolFile {
-    location: Location,
-    /// Key of a blob with the same bytes.
-    origin: Option<String>,
-}
-
-#[derive(Debug)]
-enum Location {
-    /// Removed when dropped.
-    Temporary(TempPath),
-    /// Kept when dropped: its owner removes it.
-    Persistent(PathBuf),
-}
-
-impl SpoolFile {
-    /// A file that is removed when this is dropped, unless it has become a blob.
-    pub fn temporary(path: TempPath) -> Self {
-        Self { location: Location::Temporary(path), origin: None }
-    }
-
-    /// A temporary file with the bytes of the blob `origin`, which need not be sent again if the store can copy.
-    pub fn copy_of(path: TempPath, origin: &str) -> Self {
-        Self { location: Location::Temporary(path), origin: Some(origin.to_owned()) }
-    }
-
-    /// A file that stays when this is dropped, unless it has become a blob: the parts of an upload, a file in the
-    /// scratch folder of a job.
-    pub fn persistent(path: PathBuf) -> Self {
-        Self { location: Location::Persistent(path), origin: None }
-    }
-
-    /// The path of the file.
-    pub fn path(&self) -> &Path {
-        match &self.location {
-            Location::Temporary(path) => path,
-            Location::Persistent(path) => path,
-        }
-    }
-
-    /// Opens it for code that seeks.
-    ///
-    /// # Errors
-    /// When it cannot be opened.
-    pub async fn open(&self) -> StoreResult<OpenBlob> {
-        let path = self.path().to_owned();
-        let open = move || File::open(path).map_err(|error| StoreError::of_io(error, "cannot open an upload".into()));
-        blocking(move || open().map(OpenBlob::of_file)).await
-    }
-
-    /// Key of a blob with the same bytes, if it was made from one. The blob may have been removed since.
-    pub fn origin(&self) -> Option<&str> {
-        self.origin.as_deref()
-    }
 }

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     contract::{Code, Fault, JobError, Progress},
-    disk_budget::{DiskState, Reservation},
+    disk_budget::{DiskState, Reservation, Reserved},
     jobs::ProgressSink,
     store::Job,
 };
@@ -24,12 +24,8 @@ impl Executor {
     /// what it has written is counted twice, so that another job or an upload waits rather than that this job fails.
     ///
     /// # Errors
-    /// When the job must stop meanwhile. The inner error: it would not fit if the disk were empty.
-    pub(super) async fn reserve_disk(
-        &self,
-        job: &Job,
-        keeper: &LeaseKeeper,
-    ) -> Result<Result<Reservation, Fault>, Stopped> {
+    /// When the job must stop meanwhile, or would not fit if the disk were empty.
+    pub(super) async fn reserve_disk(&self, job: &Job, keeper: &LeaseKeeper) -> Result<Reservation, Stopped> {
         let store = &self.deps.store;
         // a zip that is not on this machine is copied to it
         let copy = if store.blobs.is_local() { 0 } else { job.request.upload().bytes };
@@ -37,11 +33,11 @@ impl Executor {
         let mut waits = false;
         loop {
             let state = match self.deps.disk.reserve(bytes).await.map_err(internal)? {
-                Ok(reservation) => return Ok(Ok(reservation)),
-                Err(state) => state,
+                Reserved::Granted(reservation) => return Ok(reservation),
+                Reserved::Full(state) => state,
             };
             if bytes.saturating_add(state.min_free) > state.total {
-                return Ok(Err(never_fits(bytes, &state)));
+                return Err(Stopped::TooLarge(never_fits(bytes, &state)));
             }
             if !waits {
                 tracing::warn!(needs = bytes, ?state, "a job waits for disk space");

@@ -13,6 +13,8 @@ use crate::{
 pub(super) enum Stopped {
     /// The job failed or was stopped.
     Job(JobError),
+    /// The job would not fit on the empty disk: another attempt would fail too.
+    TooLarge(Fault),
     /// The storage is not available.
     Unavailable,
 }
@@ -48,9 +50,10 @@ impl Ending {
         may_retry: bool,
         pause: impl FnOnce(Code) -> Duration,
     ) -> Self {
-        use Stopped::{Job, Unavailable};
+        use Stopped::{Job, TooLarge, Unavailable};
         match (result, reason) {
             (Ok(finish), _) => Self::Finished(finish),
+            (Err(TooLarge(fault)), _) => Self::Finished(Finish::Failed(fault)),
             // the job is not the reason: every job needs the storage
             (Err(Unavailable), _) => Self::Released(Attempt::Postponed { pause: pause(Code::Unavailable) }),
             // not caused by the upload: another attempt may succeed

@@ -1,7 +1,11 @@
 //! Runs one claimed job: admission to memory and disk, the work itself on a blocking thread, publication of the
 //! results, and the transition that ends the job.
 
-use std::{sync::Arc, time::Duration, time::Instant};
+use std::{
+    fs::File,
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use tokio::sync::{OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
@@ -17,12 +21,7 @@ use crate::{
     contract::{Code, Fault, JobError, one_line, profile::Profile, request::JobRequest},
     disk_budget::Reservation,
     jobs::{JobContext, JobOutput},
-    store::{
-        Finish, Job, SpoolFile, StoreError, StoreResult,
-        blobs::{Access, OpenBlob},
-        failpoint::step,
-        gc::gc_job,
-    },
+    store::{Finish, Job, SpoolFile, StoreError, StoreResult, failpoint::step, gc::gc_job},
     telemetry::{events, traces},
 };
 use pinstack_science::types::Cancelled;
@@ -112,11 +111,9 @@ impl Executor {
         trace: &Trace,
     ) -> Result<Finish, Stopped> {
         let started = Instant::now();
-        let _admitted = match traces::section("admit", self.admit(job, keeper, gate)).await? {
-            Ok(admitted) => admitted,
-            Err(fault) => return Ok(Finish::Failed(fault)),
-        };
-        let (profile, archive) = traces::section("fetch input", self.input_of(job)).await?;
+        let _admitted = traces::section("admit", self.admit(job, keeper, gate)).await?;
+        let input = async { Ok::<_, Stopped>((self.profile_of(job).await?, self.archive_of(job).await?)) };
+        let (profile, archive) = traces::section("fetch input", input).await?;
         step("scratch.make")
             .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
         let scratch = tempfile::Builder::new()
@@ -126,30 +123,21 @@ impl Executor {
         let context = JobContext {
             job: job.clone(),
             profile,
-            archive: archive.bytes(),
+            archive: Arc::new(archive),
             scratch: scratch.path().to_owned(),
             started,
         };
         let output = self.on_a_thread(context, Arc::clone(keeper)).await;
         trace.add_stages(keeper);
-        let output = match (output, archive.failure()) {
-            // it is not the job that failed
-            (Err(JobError::Failed(_)), Some(error)) => return Err(internal(error)),
-            (output, _) => output?,
-        };
+        let output = output?;
         traces::section("store results", self.store_files(&output)).await?;
         let mut warnings = job.warnings.clone();
         warnings.extend(output.warnings.into_iter().filter(|warning| !job.warnings.contains(warning)));
         Ok(Finish::Succeeded { outcome: Box::new(output.outcome), warnings, profile: output.profile })
     }
 
-    /// Waits for memory and disk space. The inner error: the job would not fit on the empty disk.
-    async fn admit(
-        &self,
-        job: &Job,
-        keeper: &LeaseKeeper,
-        gate: OwnedMutexGuard<()>,
-    ) -> Result<Result<Admitted, Fault>, Stopped> {
+    /// Waits for memory and disk space.
+    async fn admit(&self, job: &Job, keeper: &LeaseKeeper, gate: OwnedMutexGuard<()>) -> Result<Admitted, Stopped> {
         let suspect = job.attempt > 1;
         let whole = self.whole_budget();
         let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
@@ -161,13 +149,7 @@ impl Executor {
         let reserved = events::memory_reserved(u64::from(permits) * MB);
         let gate = suspect.then_some(gate);
         let disk = self.reserve_disk(job, keeper).await?;
-        Ok(disk.map(|disk| Admitted { _disk: disk, _gate: gate, _reserved: reserved, _memory: memory }))
-    }
-
-    async fn input_of(&self, job: &Job) -> Result<(Option<Profile>, OpenBlob), Stopped> {
-        let profile = self.profile_of(job).await.map_err(internal)??;
-        let archive = self.archive_of(job).await.map_err(internal)??;
-        Ok((profile, archive))
+        Ok(Admitted { _disk: disk, _gate: gate, _reserved: reserved, _memory: memory })
     }
 
     async fn store_files(&self, output: &JobOutput) -> Result<(), Stopped> {
@@ -191,11 +173,11 @@ impl Executor {
         }
     }
 
-    async fn profile_of(&self, job: &Job) -> StoreResult<Result<Option<Profile>, Fault>> {
-        let JobRequest::Stack(request) = &job.request else { return Ok(Ok(None)) };
-        let found = self.deps.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+    async fn profile_of(&self, job: &Job) -> Result<Option<Profile>, Stopped> {
+        let JobRequest::Stack(request) = &job.request else { return Ok(None) };
+        let (rig, lens, revision) = (&job.rig, &job.lens, request.profile_revision);
+        let found = self.deps.store.metadata.profile_of_job(rig, lens, revision).await.map_err(internal)?;
         let missing = || {
-            let (rig, lens, revision) = (&job.rig, &job.lens, request.profile_revision);
             Fault::new(
                 Code::ProfileNotFound,
                 format!(
@@ -204,14 +186,15 @@ impl Executor {
                 ),
             )
         };
-        Ok(found.map(Some).ok_or_else(missing))
+        Ok(Some(found.ok_or_else(missing)?))
     }
 
-    async fn archive_of(&self, job: &Job) -> StoreResult<Result<OpenBlob, Fault>> {
+    /// The zip, of which an object store sends a copy. It can be read until it is closed, even if it is removed.
+    async fn archive_of(&self, job: &Job) -> Result<File, Stopped> {
         let store = &self.deps.store;
-        let found = store.blobs.open(&job.request.upload().key, Access::Whole, &store.workspace).await?;
-        Ok(found
-            .ok_or_else(|| Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again")))
+        let found = store.blobs.fetch(&job.request.upload().key, &store.workspace).await.map_err(internal)?;
+        let missing = || Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again");
+        found.ok_or_else(missing)?.open().await.map_err(internal)
     }
 
     /// Time until the next claim of a job that failed with an error of the machine: 6 times longer after each attempt,

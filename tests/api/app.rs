@@ -242,7 +242,7 @@ impl TestApp {
         // another process may write between the two steps
         loop {
             let available = self.app.disk.state().await.expect("measured").available();
-            if let Ok(reservation) = self.app.disk.reserve(available).await.expect("measured") {
+            if let Ok(reservation) = self.app.disk.reserve(available).await.expect("measured").granted() {
                 return reservation;
             }
         }

@@ -37,7 +37,7 @@ async fn an_upload_is_not_admitted_into_reserved_space() {
     app.with_profile(2).await;
     // a job has reserved all but 1 GiB
     let available = app.app.disk.state().await.unwrap().available();
-    let job = app.app.disk.reserve(available - GIB).await.unwrap().expect("it fits");
+    let job = app.app.disk.reserve(available - GIB).await.unwrap().granted().expect("it fits");
     let too_large = (8 * GIB).to_string();
     let request = app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", &too_large);
     let request = request.header("upload-metadata", "rig cmln,lens bGVucw==");

@@ -49,7 +49,7 @@ pub async fn require_admissible(app: &App, caller: &Caller, bytes: u64, job_byte
         QuotaClaim::of(app, caller, None).cover(bytes).await?;
     }
     let fits = app.disk.reserve_beside(0, bytes.saturating_add(job_bytes)).await?;
-    fits.map_err(|state| disk_full(bytes, job_bytes, &state))?;
+    fits.granted().map_err(|state| disk_full(bytes, job_bytes, &state))?;
     require_queue_place(app).await
 }
 

@@ -13,7 +13,7 @@ use uuid::Uuid;
 
 use super::{admission::disk_full, quota::QuotaClaim};
 use crate::{
-    disk_budget::Reservation,
+    disk_budget::{Reservation, Reserved},
     http::{problem::ApiResult, state::App},
 };
 
@@ -52,8 +52,10 @@ impl UploadReservation {
         let ahead = share.take_at_most(length.min(AHEAD), app.policy.upload_reserve_bytes);
         let beside = (length - ahead).saturating_add(job_bytes);
         match app.disk.reserve_beside(ahead, beside).await? {
-            Ok(space) => Ok(Self { app: app.clone(), rest: announced, received: 0, space, share, quota }),
-            Err(state) => Err(disk_full(length, job_bytes, &state)),
+            Reserved::Granted(space) => {
+                Ok(Self { app: app.clone(), rest: announced, received: 0, space, share, quota })
+            }
+            Reserved::Full(state) => Err(disk_full(length, job_bytes, &state)),
         }
     }
 
@@ -67,11 +69,11 @@ impl UploadReservation {
         let wanted = self.rest.map_or(AHEAD_OF_UNKNOWN, |rest| rest.min(AHEAD)).saturating_sub(bytes);
         let ahead = self.share.take_at_most(wanted, self.app.policy.upload_reserve_bytes);
         let mut granted = self.app.disk.reserve(least + ahead).await?;
-        if granted.is_err() && ahead > 0 {
+        if matches!(granted, Reserved::Full(_)) && ahead > 0 {
             self.share.give(ahead);
             granted = self.app.disk.reserve(least).await?;
         }
-        let space = granted.map_err(|state| disk_full(self.rest.unwrap_or(bytes), 0, &state))?;
+        let space = granted.granted().map_err(|state| disk_full(self.rest.unwrap_or(bytes), 0, &state))?;
         self.share.take(least);
         self.space.absorb(space);
         Ok(())

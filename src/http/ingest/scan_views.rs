@@ -103,7 +103,7 @@ impl Grouped {
         require_queue_places(app, self.views(), impossible, "send the views in several zips").await?;
         let bytes = self.0.views().iter().map(|view| view.bytes).sum();
         let reserved = app.disk.reserve(bytes).await?;
-        let mut reserved = reserved.map_err(|state| disk_full(bytes, 0, &state))?;
+        let mut reserved = reserved.granted().map_err(|state| disk_full(bytes, 0, &state))?;
         let (mut checked, mut refused) = (Vec::new(), Vec::new());
         for (at, view) in self.0.views().iter().enumerate() {
             let of_view = submission.view(view);

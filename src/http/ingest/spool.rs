@@ -35,7 +35,8 @@ impl SpooledZip {
     /// # Errors
     /// `insufficient_storage` when it is in a bucket and does not fit on the disk; when the blob store cannot share it.
     pub async fn of_stored(app: &App, upload: &Upload) -> ApiResult<Option<Self>> {
-        let _space = app.disk.reserve_copy(upload.bytes).await?.map_err(|state| disk_full(upload.bytes, 0, &state))?;
+        let _space =
+            app.disk.reserve_copy(upload.bytes).await?.granted().map_err(|state| disk_full(upload.bytes, 0, &state))?;
         let Some(file) = app.store.blobs.share(&upload.key, &app.store.workspace).await? else { return Ok(None) };
         let Upload { bytes, sha256, filename, .. } = upload.clone();
         // the store checks the quota

@@ -243,7 +243,7 @@ async fn stored(app: &App, artifact: Artifact) -> ApiResult<EntryContent> {
         // a result older than this member of its row: the file is read
         None => {
             let gone = || damaged("is missing");
-            let _space = app.disk.reserve_copy(bytes).await?.map_err(|state| disk_full(bytes, 0, &state))?;
+            let _space = app.disk.reserve_copy(bytes).await?.granted().map_err(|state| disk_full(bytes, 0, &state))?;
             let file = app.store.blobs.fetch(&key, &app.store.workspace).await?.ok_or_else(gone)?;
             let read = background::spawn_blocking(move || digests_of(std::fs::File::open(file.path())?));
             read.await.map_err(ApiError::internal)?.map_err(ApiError::internal)?.crc32

@@ -19,7 +19,7 @@ use crate::{
     },
     store::{
         SpoolFile,
-        blobs::{Access, OpenBlob, upload_key},
+        blobs::{OpenBlob, upload_key},
         gc::gc_upload,
         uploads::{PartialUpload, UploadState},
     },
@@ -100,13 +100,13 @@ async fn stored_zip(app: &App, locked: &mut UploadLock) -> ApiResult<Option<Open
     if !is_stored && !traces::section("store upload", locked.parts.become_blob(length, &key)).await? {
         return Ok(None);
     }
-    Ok(blobs.open(&key, Access::Parts, workspace).await?)
+    Ok(blobs.open(&key, workspace).await?)
 }
 
 /// A file with all bytes.
 async fn whole_file(app: &App, locked: &mut UploadLock) -> ApiResult<SpoolFile> {
     let PartialUpload { id, length, .. } = locked.upload;
-    let _space = app.disk.reserve_copy(length).await?.map_err(|state| disk_full(length, 0, &state))?;
+    let _space = app.disk.reserve_copy(length).await?.granted().map_err(|state| disk_full(length, 0, &state))?;
     let assembled = locked.parts.assemble(length, &app.store.workspace).await?;
     assembled.ok_or_else(|| ApiError::internal(format!("the bytes of upload {id} are missing")))
 }

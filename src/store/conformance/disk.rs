@@ -13,7 +13,7 @@ use futures::stream::BoxStream;
 
 use crate::store::{
     BlobStore, SpoolFile, StoreError, StoreResult, Workspace,
-    blobs::{Access, BlobMeta, ByteStream, Capacity, LocalBlob, OpenBlob},
+    blobs::{BlobMeta, ByteStream, Capacity, LocalBlob, OpenBlob},
 };
 
 /// Size of the disk, bytes.
@@ -53,10 +53,6 @@ impl BlobStore for SmallDisk {
     }
 
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {
-        self.blobs.fetch(key, workspace).await
-    }
-
-    async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
         let takes = |from: &AtomicU64| {
             from.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1)).is_ok()
         };
@@ -66,7 +62,11 @@ impl BlobStore for SmallDisk {
         if takes(&self.failures) {
             return Err(StoreError::of_io(std::io::Error::from_raw_os_error(24), "cannot open a blob".into()));
         }
-        self.blobs.open(key, access, workspace).await
+        self.blobs.fetch(key, workspace).await
+    }
+
+    async fn open(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+        self.blobs.open(key, workspace).await
     }
 
     async fn put(&self, key: &str, file: SpoolFile) -> StoreResult<()> {

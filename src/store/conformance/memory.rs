@@ -19,8 +19,8 @@ use futures::{
 use super::line::Line;
 use crate::store::{
     BlobStore, SpoolFile, Store, StoreError, StoreResult, Workspace,
-    arriving::ArrivingFile,
-    blobs::{Access, BlobMeta, ByteStream, Capacity, LocalBlob, OpenBlob, require_key, require_prefix},
+    blobs::{BlobMeta, ByteStream, Capacity, LocalBlob, OpenBlob, require_key, require_prefix},
+    ranges::Ranges,
 };
 
 /// Bytes and time of storage by key.
@@ -30,7 +30,7 @@ type Blobs = BTreeMap<String, (Bytes, SystemTime)>;
 #[derive(Default)]
 pub struct MemoryBlobStore {
     blobs: Mutex<Blobs>,
-    /// What an opened blob passes.
+    /// What the bytes that are fetched pass.
     line: Option<Arc<Line>>,
 }
 
@@ -40,7 +40,7 @@ impl MemoryBlobStore {
         Store { blobs: Arc::new(Self::default()), ..store }
     }
 
-    /// The same, where the bytes of an opened blob pass a line.
+    /// The same, where the bytes that are fetched pass a line.
     pub fn behind(line: Line, store: Store) -> Store {
         Store { blobs: Arc::new(Self { line: Some(Arc::new(line)), ..Self::default() }), ..store }
     }
@@ -94,10 +94,14 @@ impl BlobStore for MemoryBlobStore {
     }
 
     async fn fetch(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<LocalBlob>> {
-        Ok(self.download(key, workspace)?.map(LocalBlob::copy))
+        let copy = self.download(key, workspace)?;
+        if let (Some(line), Some(blob)) = (&self.line, self.head(key).await?) {
+            line.pass(blob.size).await;
+        }
+        Ok(copy.map(LocalBlob::copy))
     }
 
-    async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+    async fn open(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
         let Some((bytes, _)) = self.get(key)? else { return Ok(None) };
         let (length, line) = (bytes.len() as u64, self.line.clone());
         let source = move |range: Range<u64>| {
@@ -110,10 +114,10 @@ impl BlobStore for MemoryBlobStore {
             }
             .boxed()
         };
-        let begin = |path| ArrivingFile::begin(path, length, access, None, Box::new(source));
-        let begun = workspace.new_path("download").and_then(begin);
-        let begun = begun.map_err(|error| StoreError::of_io(error, format!("cannot open {key}")))?;
-        Ok(Some(OpenBlob::arriving(begun)))
+        let of = |path| Ranges::of(path, length, Box::new(source));
+        let ranges = workspace.new_path("download").and_then(of);
+        let ranges = ranges.map_err(|error| StoreError::of_io(error, format!("cannot open {key}")))?;
+        Ok(Some(OpenBlob::of_ranges(ranges)))
     }
 
     async fn delete(&self, key: &str) -> StoreResult<()> {

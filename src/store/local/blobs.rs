@@ -16,15 +16,14 @@ use tokio::{
 };
 use tokio_util::io::ReaderStream;
 
-use super::{blocking, make_private, probe, remove};
+use super::probe;
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
     blobs::{
-        Access, BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, OpenBlob, RESULTS, UPLOADS, require_key,
-        require_prefix,
+        BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, OpenBlob, RESULTS, UPLOADS, require_key, require_prefix,
     },
     failpoint::step,
-    folder::sync_folder,
+    folder::{blocking, make_private, remove, sync_folder},
     workspace::disk_capacity,
 };
 
@@ -128,7 +127,7 @@ impl BlobStore for LocalBlobStore {
         Ok(Some(ReaderStream::with_capacity(part, CHUNK).boxed()))
     }
 
-    async fn open(&self, key: &str, _access: Access, _workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+    async fn open(&self, key: &str, _workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
         let (path, key) = (self.path_of(key)?, key.to_owned());
         blocking(move || match File::open(&path) {
             Ok(file) => Ok(Some(OpenBlob::of_file(file))),

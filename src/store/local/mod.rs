@@ -16,11 +16,9 @@ mod probe;
 pub use blobs::LocalBlobStore;
 pub use parts::LocalUploadParts;
 
-use std::{fs, io, path::Path};
+use std::{io, path::Path};
 
-use anyhow::Context;
-
-use super::{StoreError, StoreResult, Workspace, failpoint::step, folder};
+use super::{StoreError, StoreResult, Workspace, folder};
 
 /// Opens the stores below `data_dir` and a workspace for this process. Missing folders are created.
 ///
@@ -39,34 +37,6 @@ fn open_folders(data_dir: &Path) -> io::Result<(LocalBlobStore, LocalUploadParts
     let workspace = Workspace::open(data_dir)?;
     let blobs = LocalBlobStore::open(root, &workspace, parts.folder())?;
     Ok((blobs, parts, workspace))
-}
-
-/// Creates a private folder.
-fn make_private(folder: &Path) -> io::Result<()> {
-    step("open.folders")?;
-    fs::create_dir_all(folder)?;
-    folder::keep_private(folder, folder::FOLDER)
-}
-
-/// Removes a file, or a folder with its content, if it exists.
-pub(super) fn remove(path: &Path) -> io::Result<()> {
-    step("remove")?;
-    let removed = match fs::symlink_metadata(path) {
-        Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
-        Ok(_) => fs::remove_file(path),
-        Err(error) => Err(error),
-    };
-    match removed {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        other => other,
-    }
-}
-
-/// Runs blocking file work off the async threads.
-pub(super) async fn blocking<T: Send + 'static>(
-    work: impl FnOnce() -> StoreResult<T> + Send + 'static,
-) -> StoreResult<T> {
-    tokio::task::spawn_blocking(work).await.context("a file task panicked")?
 }
 
 #[cfg(test)]

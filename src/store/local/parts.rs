@@ -20,11 +20,10 @@ use async_trait::async_trait;
 use bytes::Bytes;
 use uuid::Uuid;
 
-use super::{blocking, make_private, remove};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
     failpoint::step,
-    folder::sync_folder,
+    folder::{blocking, make_private, remove, sync_folder},
     parts::{LockedUpload, UploadParts},
 };
 

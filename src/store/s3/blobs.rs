@@ -19,12 +19,12 @@ use tempfile::TempPath;
 use super::{bucket::Bucket, owner::MARK};
 use crate::store::{
     SpoolFile, StoreError, StoreResult, Workspace,
-    arriving::ArrivingFile,
     blobs::{
-        Access, BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, OpenBlob, RESULTS, SignedAnswer, UPLOADS,
-        require_key, require_prefix,
+        BlobMeta, BlobStore, ByteStream, Capacity, LocalBlob, OpenBlob, RESULTS, SignedAnswer, UPLOADS, require_key,
+        require_prefix,
     },
-    local::{blocking, remove},
+    folder::{blocking, remove},
+    ranges::Ranges,
 };
 
 /// Key of the object that [`BlobStore::probe`] writes.
@@ -104,20 +104,16 @@ impl BlobStore for S3BlobStore {
         Ok(self.download(key, workspace).await?.map(LocalBlob::copy))
     }
 
-    async fn open(&self, key: &str, access: Access, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
+    async fn open(&self, key: &str, workspace: &Workspace) -> StoreResult<Option<OpenBlob>> {
         let Some(object) = self.bucket.head(key).await? else { return Ok(None) };
-        let turn = match access {
-            Access::Whole => Some(self.bucket.turn().await?),
-            Access::Parts => None,
-        };
         let (bucket, name) = (Arc::clone(&self.bucket), key.to_owned());
         let source = move |range: Range<u64>| {
             let (bucket, name) = (Arc::clone(&bucket), name.clone());
             async move { bucket.get(&name, range).await }.boxed()
         };
-        let begin = |path| ArrivingFile::begin(path, object.size, access, turn, Box::new(source));
-        let begun = workspace.new_path("download").and_then(begin).map_err(|error| cannot_use(error, key))?;
-        Ok(Some(OpenBlob::arriving(begun)))
+        let of = |path| Ranges::of(path, object.size, Box::new(source));
+        let ranges = workspace.new_path("download").and_then(of).map_err(|error| cannot_use(error, key))?;
+        Ok(Some(OpenBlob::of_ranges(ranges)))
     }
 
     async fn delete(&self, key: &str) -> StoreResult<()> {

@@ -21,12 +21,12 @@ use object_store::{
 };
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::{S3Location, compose::Composed, credentials, http::Connector};
+use super::{S3Location, credentials, http::Connector};
 use crate::store::{
     StoreError, StoreResult,
     blobs::{ByteStream, require_key},
     failpoint::step,
-    local::blocking,
+    folder::blocking,
 };
 
 /// Bytes of one request, unless the object would have too many parts. S3 requires at least 5 MiB.
@@ -37,8 +37,6 @@ pub(super) const MOST_PARTS: u64 = 9_000;
 const AT_ONCE: usize = 4;
 /// Files that a process sends or fetches in parts at a time; others wait. Bounds the memory of all.
 const FILES_AT_ONCE: usize = 8;
-/// Largest object that the server copies in one request.
-const MOST_TO_COPY: u64 = 5 << 30;
 /// How long a request is repeated before the bucket counts as unavailable.
 pub(super) const RETRY: Duration = Duration::from_secs(20);
 
@@ -202,20 +200,6 @@ impl Bucket {
         Err(StoreError::Unavailable(anyhow!("the bucket acknowledged {key} with {size} bytes, and then {stored}")))
     }
 
-    /// Copies an object within the bucket. False: it is gone, or the server cannot copy one that is so large.
-    pub(super) async fn copy(&self, from: &str, to: &str, size: u64) -> StoreResult<bool> {
-        if size > MOST_TO_COPY {
-            return Ok(self.compose(to, vec![(from.to_owned(), 0..size)]).await? == Composed::Done);
-        }
-        step("s3.copy").map_err(cannot_change)?;
-        let copied = self.store.copy(&self.path(from)?, &self.path(to)?).await;
-        if found(copied, || format!("copy {from} to {to}"))?.is_none() {
-            return Ok(false);
-        }
-        self.require_size(to, size).await?;
-        Ok(true)
-    }
-
     /// Removes an object, if it exists.
     pub(super) async fn delete(&self, key: &str) -> StoreResult<()> {
         step("s3.remove").map_err(cannot_change)?;
@@ -317,7 +301,7 @@ pub(super) fn cannot_change(error: std::io::Error) -> StoreError {
 }
 
 /// `None` for "there is no such object".
-fn found<T>(answer: object_store::Result<T>, what: impl FnOnce() -> String) -> StoreResult<Option<T>> {
+pub(super) fn found<T>(answer: object_store::Result<T>, what: impl FnOnce() -> String) -> StoreResult<Option<T>> {
     match answer {
         Ok(answer) => Ok(Some(answer)),
         Err(object_store::Error::NotFound { .. }) => Ok(None),

@@ -12,6 +12,7 @@ use futures::{StreamExt, TryStreamExt, stream};
 use http_body_util::BodyExt;
 use hyper::http;
 use object_store::{
+    ObjectStoreExt,
     client::{HttpRequest, HttpRequestBody},
     multipart::{MultipartStore, PartId},
     path::Path,
@@ -20,7 +21,7 @@ use object_store::{
 use serde::Deserialize;
 use tokio::sync::Semaphore;
 
-use super::bucket::{Bucket, MOST_PARTS, RETRY, cannot, cannot_change};
+use super::bucket::{Bucket, MOST_PARTS, RETRY, cannot, cannot_change, found};
 use crate::store::{StoreError, StoreResult, failpoint::step};
 
 /// Fewest bytes of a part that is not the last.
@@ -28,6 +29,8 @@ const LEAST: u64 = 5 << 20;
 /// Most bytes that the server copies in one request. S3 allows 5 GiB, but a server that really copies must answer
 /// within the time limit of a request.
 const MOST: u64 = 64 << 20;
+/// Largest object that the server copies in one request.
+const MOST_TO_COPY: u64 = 5 << 30;
 /// Copies at a time. They carry no bytes.
 const COPIES_AT_ONCE: usize = 16;
 /// Parts that are joined at a time. Each takes up to 15 MiB of memory: less than [`LEAST`] and one more piece.
@@ -58,6 +61,23 @@ pub(super) enum Composed {
     Gone,
     /// The server does not copy ranges, or there are too many.
     Unable,
+}
+
+/// Why a part cannot be made.
+#[derive(Debug)]
+enum Obstacle {
+    /// A source is gone.
+    Gone,
+    /// The server does not copy ranges.
+    Unable,
+    /// The bucket failed.
+    Failed(StoreError),
+}
+
+impl From<StoreError> for Obstacle {
+    fn from(error: StoreError) -> Self {
+        Self::Failed(error)
+    }
 }
 
 /// The parts of an object that has the bytes of `pieces`, in their order.
@@ -95,6 +115,20 @@ fn cut((key, range): Piece) -> impl Iterator<Item = Piece> {
 }
 
 impl Bucket {
+    /// Copies an object within the bucket. False: it is gone, or the server cannot copy one that is so large.
+    pub(super) async fn copy(&self, from: &str, to: &str, size: u64) -> StoreResult<bool> {
+        if size > MOST_TO_COPY {
+            return Ok(self.compose(to, vec![(from.to_owned(), 0..size)]).await? == Composed::Done);
+        }
+        step("s3.copy").map_err(cannot_change)?;
+        let copied = self.store.copy(&self.path(from)?, &self.path(to)?).await;
+        if found(copied, || format!("copy {from} to {to}"))?.is_none() {
+            return Ok(false);
+        }
+        self.require_size(to, size).await?;
+        Ok(true)
+    }
+
     /// Makes the object `key` of pieces of others, in place of one that is there, and compares its size with what the
     /// bucket then says.
     pub(super) async fn compose(&self, key: &str, pieces: Vec<Piece>) -> StoreResult<Composed> {
@@ -107,15 +141,18 @@ impl Bucket {
         let _turn = self.turn().await?;
         step("s3.compose").map_err(cannot_change)?;
         let upload = self.store.create_multipart(&path).await.map_err(cannot(|| format!("begin to compose {key}")))?;
-        let made = self.compose_parts(&path, &upload, parts).await;
-        let ids = match made {
-            Ok(Ok(ids)) => ids,
-            stopped => {
+        let ids = match self.compose_parts(&path, &upload, parts).await {
+            Ok(ids) => ids,
+            Err(obstacle) => {
                 // what remains is removed by the lifecycle rule of the bucket
                 if let Err(error) = self.store.abort_multipart(&path, &upload).await {
                     tracing::warn!(%error, key, "the parts of a failed upload stay in the bucket");
                 }
-                return stopped.map(|made| made.err().unwrap_or(Composed::Unable));
+                return match obstacle {
+                    Obstacle::Gone => Ok(Composed::Gone),
+                    Obstacle::Unable => Ok(Composed::Unable),
+                    Obstacle::Failed(error) => Err(error),
+                };
             }
         };
         step("s3.composed").map_err(cannot_change)?;
@@ -125,36 +162,23 @@ impl Bucket {
         Ok(Composed::Done)
     }
 
-    /// The ids of all parts, or why there can be none.
-    async fn compose_parts(
-        &self,
-        path: &Path,
-        upload: &String,
-        parts: Vec<Part>,
-    ) -> StoreResult<Result<Vec<PartId>, Composed>> {
+    /// The ids of all parts. The first obstacle ends it.
+    async fn compose_parts(&self, path: &Path, upload: &String, parts: Vec<Part>) -> Result<Vec<PartId>, Obstacle> {
         let joining = &Semaphore::new(JOINED_AT_ONCE);
-        let made = stream::iter(parts.into_iter().enumerate())
+        stream::iter(parts.into_iter().enumerate())
             .map(|(index, part)| async move {
                 match part {
                     Part::Copy(piece) => self.copy_part(path, upload, index, &piece).await,
                     Part::Joined(pieces) => {
-                        let _turn = joining.acquire().await.context("it is open as long as this")?;
+                        let _turn =
+                            joining.acquire().await.context("it is open as long as this").map_err(StoreError::from)?;
                         self.send_part(path, upload, index, &pieces).await
                     }
                 }
             })
-            .buffered(COPIES_AT_ONCE);
-        // the first obstacle ends the stream
-        let made = made.map(|part| match part {
-            Ok(Ok(id)) => Ok(id),
-            Ok(Err(obstacle)) => Err(Ok(obstacle)),
-            Err(error) => Err(Err(error)),
-        });
-        match made.try_collect().await {
-            Ok(ids) => Ok(Ok(ids)),
-            Err(Ok(obstacle)) => Ok(Err(obstacle)),
-            Err(Err(error)) => Err(error),
-        }
+            .buffered(COPIES_AT_ONCE)
+            .try_collect()
+            .await
     }
 
     async fn send_part(
@@ -163,33 +187,28 @@ impl Bucket {
         upload: &String,
         index: usize,
         pieces: &[Piece],
-    ) -> StoreResult<Result<PartId, Composed>> {
+    ) -> Result<PartId, Obstacle> {
         let mut bytes = BytesMut::new();
         for (key, range) in pieces {
             match self.get(key, range.clone()).await? {
                 Some(piece) => bytes.extend_from_slice(&piece),
-                None => return Ok(Err(Composed::Gone)),
+                None => return Err(Obstacle::Gone),
             }
         }
         let sent = self.store.put_part(path, upload, index, bytes.freeze().into()).await;
-        Ok(Ok(sent.map_err(cannot(|| format!("store a part of {path}")))?))
+        Ok(sent.map_err(cannot(|| format!("store a part of {path}")))?)
     }
 
     /// Repeats the request as `object_store` does with its own.
-    async fn copy_part(
-        &self,
-        path: &Path,
-        upload: &str,
-        index: usize,
-        piece: &Piece,
-    ) -> StoreResult<Result<PartId, Composed>> {
+    async fn copy_part(&self, path: &Path, upload: &str, index: usize, piece: &Piece) -> Result<PartId, Obstacle> {
         let (started, mut pause) = (Instant::now(), PAUSE);
         loop {
             match self.try_copy_part(path, upload, index, piece).await? {
-                Answer::Copied(id) => return Ok(Ok(id)),
-                Answer::No(obstacle) => return Ok(Err(obstacle)),
+                Answer::Copied(id) => return Ok(id),
+                Answer::No(obstacle) => return Err(obstacle),
                 Answer::Again(error) if started.elapsed() > RETRY => {
-                    return Err(StoreError::Unavailable(error.context(format!("the bucket: cannot copy {}", piece.0))));
+                    let error = error.context(format!("the bucket: cannot copy {}", piece.0));
+                    return Err(StoreError::Unavailable(error).into());
                 }
                 Answer::Again(error) => tracing::debug!(?error, key = piece.0, "cannot copy within the bucket yet"),
             }
@@ -245,7 +264,7 @@ impl Bucket {
 #[derive(Debug)]
 enum Answer {
     Copied(PartId),
-    No(Composed),
+    No(Obstacle),
     /// It may go better the next time.
     Again(anyhow::Error),
 }
@@ -266,75 +285,13 @@ impl Answer {
         let answer: CopyAnswer = quick_xml::de::from_str(&text).unwrap_or(CopyAnswer { etag: None, code: None });
         match (answer.etag, answer.code.as_deref()) {
             (Some(etag), None) if status.is_success() => Self::Copied(PartId { content_id: etag }),
-            (_, Some("NoSuchKey")) => Self::No(Composed::Gone),
-            (_, Some("NotImplemented")) => Self::No(Composed::Unable),
-            _ if status == http::StatusCode::NOT_IMPLEMENTED => Self::No(Composed::Unable),
+            (_, Some("NoSuchKey")) => Self::No(Obstacle::Gone),
+            (_, Some("NotImplemented")) => Self::No(Obstacle::Unable),
+            _ if status == http::StatusCode::NOT_IMPLEMENTED => Self::No(Obstacle::Unable),
             (_, code) => Self::Again(anyhow!("the bucket answered {status} {}", code.unwrap_or("without a reason"))),
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn piece(key: &str, mib: Range<u64>) -> Piece {
-        (key.to_owned(), mib.start << 20..mib.end << 20)
-    }
-
-    #[test]
-    fn short_pieces_are_joined_until_they_may_be_a_part() {
-        let parts = parts_of([
-            piece("a", 0..8),
-            piece("b", 0..2),
-            piece("c", 0..2),
-            piece("d", 0..6),
-            piece("e", 0..5),
-            piece("f", 0..1),
-            piece("g", 0..1),
-        ]);
-        assert_eq!(
-            parts,
-            [
-                Part::Copy(piece("a", 0..8)),
-                Part::Joined(vec![piece("b", 0..2), piece("c", 0..2), piece("d", 0..6)]),
-                Part::Copy(piece("e", 0..5)),
-                Part::Joined(vec![piece("f", 0..1), piece("g", 0..1)]),
-            ]
-        );
-        assert_eq!(parts_of([piece("a", 3..4)]), [Part::Copy(piece("a", 3..4))]);
-    }
-
-    #[test]
-    fn a_large_piece_is_cut_into_equal_ranges() {
-        let parts = parts_of([piece("a", 10..140)]);
-        let range_of = |part: &Part| match part {
-            Part::Copy((_, range)) => range.clone(),
-            Part::Joined(pieces) => panic!("{pieces:?}"),
-        };
-        let ranges: Vec<_> = parts.iter().map(range_of).collect();
-        assert_eq!(ranges.len(), 3);
-        assert_eq!((ranges[0].start, ranges[2].end), (10 << 20, 140 << 20));
-        assert!(ranges.windows(2).all(|two| two[0].end == two[1].start), "{ranges:?}");
-        assert!(ranges.iter().all(|range| (LEAST..=MOST).contains(&(range.end - range.start))), "{ranges:?}");
-    }
-
-    #[test]
-    fn an_answer_is_read_even_if_the_copy_failed_after_its_status() {
-        let of = |status, body: &str| Answer::of(status, &Bytes::copy_from_slice(body.as_bytes()));
-        let copied = r#"<?xml version="1.0" encoding="UTF-8"?>
-            <CopyPartResult xmlns="http://s3.amazonaws.com/doc/2006-03-01/"><LastModified>2026-11-25T00:00:00Z</LastModified>
-            <ETag>&quot;abc&quot;</ETag></CopyPartResult>"#;
-        match of(http::StatusCode::OK, copied) {
-            Answer::Copied(id) => assert_eq!(id.content_id, "\"abc\""),
-            other => panic!("{other:?}"),
-        }
-        let failed = |code| format!("<Error><Code>{code}</Code><Message>no</Message></Error>");
-        let of_error = |status, code| of(status, &failed(code));
-        assert!(matches!(of_error(http::StatusCode::OK, "InternalError"), Answer::Again(_)));
-        assert!(matches!(of_error(http::StatusCode::NOT_FOUND, "NoSuchKey"), Answer::No(Composed::Gone)));
-        assert!(matches!(of_error(http::StatusCode::NOT_IMPLEMENTED, "NotImplemented"), Answer::No(Composed::Unable)));
-        assert!(matches!(of(http::StatusCode::NOT_IMPLEMENTED, ""), Answer::No(Composed::Unable)));
-        assert!(matches!(of(http::StatusCode::BAD_GATEWAY, "<html>"), Answer::Again(_)));
-    }
-}
+mod tests;

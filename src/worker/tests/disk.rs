@@ -64,14 +64,14 @@ worker_test! {
         let disk = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.store.blobs), 1000));
         let small = Store { blobs: disk, ..stage.deps.store.clone() };
         let deps = Deps { disk: DiskBudget::new(&small, 0), ..stage.deps.clone() };
-        let upload = deps.disk.reserve(500).await.unwrap().expect("an upload is first");
+        let upload = deps.disk.reserve(500).await.unwrap().granted().expect("an upload is first");
         let _pool = Pool::start(deps.clone(), config(1));
         let id = stage.accept().await;
         stage.until(id, |job| job.progress.stage.contains("disk space")).await;
         drop(upload);
         stage.order(Order::Report(0.5));
         stage.until(id, |job| job.progress.fraction == 0.5).await;
-        assert!(deps.disk.reserve(500).await.unwrap().is_err(), "an upload sees what the job reserved");
+        assert!(deps.disk.reserve(500).await.unwrap().granted().is_err(), "an upload sees what the job reserved");
         stage.order(Order::Succeed);
         assert_eq!(stage.ended(id).await.state, JobState::Succeeded);
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::{Conversion, Converted, Outcome, SliceRecipe};
 use crate::{
     contract::{Code, Fault, artifact::FileFormat},
+    disk_budget::Reserved,
     http::{
         artifacts::{
             convert::{convert, most_bytes, size},
@@ -18,7 +19,7 @@ use crate::{
     jobs::slice_view,
     store::{
         Store, StoreError,
-        blobs::{Access, LocalBlob, OpenBlob},
+        blobs::{LocalBlob, OpenBlob},
         failpoint::step,
         is_full,
     },
@@ -39,7 +40,7 @@ impl Stored {
             Conversion::File(format) => picture().await.map(|found| found.map(|picture| Self::File(picture, format))),
             Conversion::Pyramid(colours) => picture().await.map(|found| found.map(|it| Self::Pyramid(it, colours))),
             Conversion::Slice(recipe) => {
-                let zip = store.blobs.open(source, Access::Parts, &store.workspace).await;
+                let zip = store.blobs.open(source, &store.workspace).await;
                 zip.map(|found| found.map(|zip| Self::Slice(zip, recipe)))
             }
         };
@@ -55,7 +56,7 @@ pub(super) async fn made(app: &App, source: String, conversion: Conversion) -> O
     let full = disk_full(&conversion);
     // until it is here: afterwards the free bytes of the disk exclude it
     let copied = match store.blobs.head(&source).await.map_err(fault)? {
-        Some(blob) => app.disk.reserve_copy(blob.size).await.map_err(fault)?.map_err(|_| full.clone())?,
+        Some(blob) => app.disk.reserve_copy(blob.size).await.map_err(fault)?.granted().map_err(|_| full.clone())?,
         None => return Err(internal(&anyhow::anyhow!("{source} is missing"))),
     };
     let stored = Arc::new(Stored::get(&app.store, &source, conversion).await?);
@@ -68,7 +69,7 @@ pub(super) async fn made(app: &App, source: String, conversion: Conversion) -> O
     })
     .await?;
     let reserved = app.disk.reserve(most).await.map_err(fault)?;
-    let Ok(mut space) = reserved else { return Err(full) };
+    let Reserved::Granted(mut space) = reserved else { return Err(full) };
     let (spool, limits) = (store.workspace.path().to_owned(), app.policy.archive);
     blocking(&full, move || {
         step("convert.make")?;
