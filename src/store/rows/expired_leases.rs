@@ -38,16 +38,13 @@ pub(in crate::store) struct Lease {
     pub(in crate::store) length: Duration,
 }
 
-/// Id of a job, its lease token, the end of its lease, and the length in ms: NULL when an older version of the program
-/// wrote the row.
-pub(in crate::store) type LeaseRow = (Uuid, i64, i64, Option<i64>);
+/// Id of a running job, its lease token, the end of its lease, and the length in ms.
+pub(in crate::store) type LeaseRow = (Uuid, i64, i64, i64);
 
 impl Lease {
-    /// The job and its lease; `usual` is the length where the row has none.
-    pub(in crate::store) fn of_row(row: &LeaseRow, usual: Duration) -> (Uuid, Self) {
-        let (id, token, until, ms) = *row;
-        let length = ms.map_or(usual, |ms| Duration::from_millis(ms.unsigned_abs()));
-        (id, Self { token, until, length })
+    /// The job and its lease.
+    pub(in crate::store) fn of_row(&(id, token, until, ms): &LeaseRow) -> (Uuid, Self) {
+        (id, Self { token, until, length: Duration::from_millis(ms.unsigned_abs()) })
     }
 }
 

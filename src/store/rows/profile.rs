@@ -4,6 +4,7 @@ use std::fmt::Display;
 
 use anyhow::Context;
 use futures::Stream;
+use serde::de::DeserializeOwned;
 
 use super::{from_row::from_row, page::Window, time};
 use crate::{
@@ -74,31 +75,20 @@ pub(in crate::store) fn label(rig: impl Display, lens: impl Display, revision: i
 }
 
 /// Parses a page of rows. Rows that cannot be read are listed as skipped.
-pub(in crate::store) async fn parsed<T: Send + 'static>(
+pub(in crate::store) async fn parsed<T: DeserializeOwned + Send + 'static>(
     window: &Window,
     rows: impl Stream<Item = Result<RevisionRow, sqlx::Error>> + Unpin,
-    read: impl Fn(RevisionRow) -> StoreResult<T> + Send + 'static,
 ) -> StoreResult<Page<T>> {
     let (rows, next_cursor) = window.fill(rows, |row: &RevisionRow| (row.seq, row.json.len())).await?;
     let parsed = tokio::task::spawn_blocking(move || {
         let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
         for row in rows {
-            let id = row.label();
-            match read(row) {
+            match json::read(row.label(), &row.json) {
                 Ok(item) => page.items.push(item),
-                Err(error) => page.skipped.push(Skipped::unreadable(id, &error)),
+                Err(error) => page.skipped.push(Skipped::unreadable(row.label(), &error)),
             }
         }
         page
     });
     Ok(parsed.await.context("the task that parses rows panicked")?)
-}
-
-/// Parses a revision. One that was stored before profiles had an optics digest gets it here.
-pub(in crate::store) fn read(row: &str, body: &str) -> StoreResult<Profile> {
-    let mut profile: Profile = json::read(row, body)?;
-    if profile.optics_digest.is_empty() {
-        profile.optics_digest = optics_digest(&profile.input);
-    }
-    Ok(profile)
 }

@@ -56,7 +56,7 @@ impl Metadata {
     async fn try_claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
-        let lost = expired_leases(self, &mut tx, lease, now).await?;
+        let lost = expired_leases(self, &mut tx, now).await?;
         let Ended { ids: ended, failed } = end_lost_jobs(&mut tx, now, &lost, max_attempts).await?;
         let row: Option<JobRow> = sqlx::query_as(concat!(
             "UPDATE jobs
@@ -181,29 +181,23 @@ impl Metadata {
 
 /// The jobs whose lease has expired. Their rows are locked until the transaction ends. A row that another transaction
 /// holds, or that changed since it was read, is left out: its worker lives, or another process takes the job.
-async fn expired_leases(
-    store: &Metadata,
-    connection: &mut Connection,
-    lease: Duration,
-    now: i64,
-) -> StoreResult<Vec<Uuid>> {
-    let rows: Vec<LeaseRow> =
-        sqlx::query_as("SELECT id, lease_token, COALESCE(lease_until, 0), lease_ms FROM jobs WHERE state = 'running'")
-            .fetch_all(&mut *connection)
-            .await?;
-    let leases: Vec<(Uuid, Lease)> = rows.iter().map(|row| Lease::of_row(row, lease)).collect();
+async fn expired_leases(store: &Metadata, connection: &mut Connection, now: i64) -> StoreResult<Vec<Uuid>> {
+    macro_rules! running {
+        () => {
+            "SELECT id, lease_token, COALESCE(lease_until, 0), COALESCE(lease_ms, 0) FROM jobs WHERE state = 'running'"
+        };
+    }
+    let rows: Vec<LeaseRow> = sqlx::query_as(running!()).fetch_all(&mut *connection).await?;
+    let leases: Vec<(Uuid, Lease)> = rows.iter().map(Lease::of_row).collect();
     let lost = store.observer.expired(&leases, now, store.clock.steady());
     if lost.is_empty() {
         return Ok(lost);
     }
-    let locked: Vec<LeaseRow> = sqlx::query_as(concat!(
-        "SELECT id, lease_token, COALESCE(lease_until, 0), lease_ms FROM jobs WHERE state = 'running' AND id ",
-        dialect!(IN "$1"),
-        dialect!(FOR UPDATE SKIP LOCKED)
-    ))
-    .bind(id_list(&lost))
-    .fetch_all(connection)
-    .await?;
+    let locked: Vec<LeaseRow> =
+        sqlx::query_as(concat!(running!(), " AND id ", dialect!(IN "$1"), dialect!(FOR UPDATE SKIP LOCKED)))
+            .bind(id_list(&lost))
+            .fetch_all(connection)
+            .await?;
     Ok(locked.into_iter().filter(|row| rows.contains(row)).map(|row| row.0).collect())
 }
 

@@ -12,7 +12,7 @@ use crate::{
         rows::{
             name,
             page::Window,
-            profile::{RevisionRow, label, new_revision, parsed, read, stored},
+            profile::{label, new_revision, parsed, stored},
             transaction::{Lock, Notice},
         },
     },
@@ -51,7 +51,7 @@ impl ProfileStore for Metadata {
         .bind(revision.map(i64::from))
         .fetch_optional(self.reading())
         .await?;
-        row.map(|(revision, body)| read(&label(rig, lens, revision), &body)).transpose()
+        row.map(|(revision, body)| json::read(label(rig, lens, revision), &body)).transpose()
     }
 
     async fn profile_of_job(&self, rig: &Name, lens: &Name, revision: u32) -> StoreResult<Option<Profile>> {
@@ -62,7 +62,7 @@ impl ProfileStore for Metadata {
                 .bind(i64::from(revision))
                 .fetch_optional(self.reading())
                 .await?;
-        body.map(|body| read(&label(rig, lens, revision), &body)).transpose()
+        body.map(|body| json::read(label(rig, lens, revision), &body)).transpose()
     }
 
     async fn profiles(
@@ -84,7 +84,7 @@ impl ProfileStore for Metadata {
         .bind(lens.map(Name::as_str))
         .bind(window.rows)
         .fetch(self.reading());
-        parsed(&window, rows, |row: RevisionRow| json::read(row.label(), &row.json)).await
+        parsed(&window, rows).await
     }
 
     async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>> {
@@ -100,7 +100,7 @@ impl ProfileStore for Metadata {
         .bind(window.before)
         .bind(window.rows)
         .fetch(self.reading());
-        parsed(&window, rows, |row: RevisionRow| json::read(row.label(), &row.json)).await
+        parsed(&window, rows).await
     }
 
     async fn all_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>> {
@@ -111,7 +111,7 @@ impl ProfileStore for Metadata {
         .bind(window.before)
         .bind(window.rows)
         .fetch(self.reading());
-        parsed(&window, rows, |row: RevisionRow| read(&row.label(), &row.json)).await
+        parsed(&window, rows).await
     }
 
     async fn profile_keys(&self, limit: u32) -> StoreResult<Vec<(Name, Name)>> {
