@@ -136,15 +136,15 @@ impl UploadRecords for Metadata {
 
     async fn complete_upload(&self, job: &NewJob, queue_limit: u64) -> StoreResult<Option<Enqueue>> {
         let mut tx = self.write_alone(Lock::Accept).await?;
-        let sender = match whole_upload(&mut tx, job.id).await? {
-            None | Some((_, Some(_), _)) => return Ok(None),
-            Some((Some(_), None, _)) => {
+        let sender = match completion_of(&mut tx, job.id).await? {
+            Completion::Impossible => return Ok(None),
+            Completion::Done => {
                 let row: Option<JobRow> =
                     sqlx::query_as("SELECT * FROM jobs WHERE id = $1").bind(job.id).fetch_optional(&mut *tx).await?;
                 let job = row.map(TryInto::try_into).transpose()?;
                 return Ok(job.map(|job| Enqueue::Repeated(Box::new(job))));
             }
-            Some((None, None, sender)) => sender,
+            Completion::Due(sender) => sender,
         };
         let enqueued = jobs::insert(self, &mut tx, job, sender, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
@@ -162,10 +162,10 @@ impl UploadRecords for Metadata {
         queue_limit: u64,
     ) -> StoreResult<Option<EnqueueAll>> {
         let mut tx = self.write_alone(Lock::Accept).await?;
-        let sender = match whole_upload(&mut tx, id).await? {
-            None | Some((_, Some(_), _)) => return Ok(None),
-            Some((Some(_), None, _)) => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
-            Some((None, None, sender)) => sender,
+        let sender = match completion_of(&mut tx, id).await? {
+            Completion::Impossible => return Ok(None),
+            Completion::Done => return Ok(Some(EnqueueAll::Accepted(Vec::new()))),
+            Completion::Due(sender) => sender,
         };
         let enqueued = jobs::insert_all(self, &mut tx, jobs, sender, queue_limit).await?;
         if let EnqueueAll::Accepted(accepted) = &enqueued {
@@ -248,16 +248,28 @@ impl UploadRecords for Metadata {
     }
 }
 
-/// What an upload whose bytes are complete has become, or why it was refused, and the token that sent it. Locks its row.
-async fn whole_upload(
-    connection: &mut Connection,
-    id: Uuid,
-) -> StoreResult<Option<(Option<String>, Option<String>, Option<Uuid>)>> {
+/// What a request that completes an upload finds.
+enum Completion {
+    /// Bytes are missing, it was refused, or there is no such upload.
+    Impossible,
+    /// Its job, or its stacks, exist.
+    Done,
+    /// The jobs can be made. The token that sent the upload.
+    Due(Option<Uuid>),
+}
+
+/// Locks the row of an upload that is to become jobs.
+async fn completion_of(connection: &mut Connection, id: Uuid) -> StoreResult<Completion> {
     let row = sqlx::query_as(concat!(
         "SELECT job_kind, fault, owner FROM uploads WHERE id = $1 AND received = length",
         dialect!(FOR UPDATE)
     ));
-    Ok(row.bind(id).fetch_optional(connection).await?)
+    let row: Option<(Option<String>, Option<String>, Option<Uuid>)> = row.bind(id).fetch_optional(connection).await?;
+    Ok(match row {
+        None | Some((_, Some(_), _)) => Completion::Impossible,
+        Some((Some(_), None, _)) => Completion::Done,
+        Some((None, None, sender)) => Completion::Due(sender),
+    })
 }
 
 /// Records what an upload has become.
