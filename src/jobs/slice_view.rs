@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use super::{crop::crop_rect, input_bits::FullScaleSlices};
+use super::{crop::crop_rect, input_bits::FullScaleSlices, requested::plan};
 use crate::contract::{Fault, input::SliceOrder, options::StackOptions};
 use pinstack_science::{
-    archive::{self, ArchiveLimits, ReadAt},
+    archive::{self, ArchiveLimits},
     fusion::warped_slice,
     imaging::Raster,
-    types::profile::ProfileInput,
+    types::{ReadAt, profile::ProfileInput},
 };
 
 /// Slice `index`, in the order of fusion, of the front light of the zip `archive`. Memory: the slice before and
@@ -29,7 +29,6 @@ pub fn slice_view(
         SliceOrder::Reverse => archive.reversed(),
     };
     let slices = FullScaleSlices::of(archive.front(), options.input_bits);
-    let plan = options.plan(profile);
-    let warped = warped_slice(&slices, &plan, index)?;
+    let warped = warped_slice(&slices, &plan(options, profile), index)?;
     Ok(warped.crop(crop_rect(options.crop, profile)?))
 }

@@ -15,7 +15,7 @@ use std::{
 use anyhow::anyhow;
 use bytes::Bytes;
 use futures::{StreamExt, future::BoxFuture, stream::FuturesUnordered};
-use pinstack_science::archive::ReadAt;
+use pinstack_science::types::ReadAt;
 use tempfile::TempPath;
 use tokio::{
     sync::{Notify, OwnedSemaphorePermit},

@@ -22,7 +22,7 @@ use anyhow::anyhow;
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::stream::BoxStream;
-use pinstack_science::archive::ReadAt;
+use pinstack_science::types::ReadAt;
 use tempfile::TempPath;
 use uuid::Uuid;
 
