@@ -14,17 +14,17 @@ use tokio_util::sync::CancellationToken;
 
 use super::{
     access::{TokensRequired, tokens_required},
-    config::{Flags, ServeConfig},
     files, logging,
     store::make_files_private,
     tls,
 };
 use crate::{
-    http::{self, App, Policy},
+    http::{self, App},
     jobs::ScienceRunner,
+    settings::{Flags, Policy, Settings},
     store::{self, backup::remove_mark, folder},
     telemetry::{self, traces},
-    worker::{self, Deps, Pool, maintenance},
+    worker::{Deps, Pool, maintenance},
 };
 
 /// How long running jobs may take to end after the shutdown begins. Then they return to the queue.
@@ -38,7 +38,7 @@ pub(super) const ENDED_BY_SIGNAL: i32 = 143;
 /// # Errors
 /// When the configuration is invalid, the data folder cannot be used, or the address is in use.
 pub fn run(flags: Flags) -> anyhow::Result<()> {
-    let config = ServeConfig::load(&flags)?;
+    let config = Settings::load(&flags)?;
     logging::start(&config.log, config.log_format)?;
     make_files_private();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
@@ -86,7 +86,7 @@ impl Service {
     ///
     /// # Errors
     /// When the data folder cannot be used or the address is in use.
-    pub async fn start(config: &ServeConfig) -> anyhow::Result<Self> {
+    pub async fn start(config: &Settings) -> anyhow::Result<Self> {
         let tls = match (&config.tls_cert, &config.tls_key) {
             (Some(certificate), Some(key)) => Some(tls::acceptor(certificate, key)?),
             _ => None,
@@ -107,14 +107,16 @@ impl Service {
             auth_required: required == TokensRequired::Always,
             auth_once_there_are_tokens: required == TokensRequired::OnceThereAreTokens,
             listen: Some(address.ip()),
-            ..policy(config)
+            max_connections: connections(config),
+            hosts: hosts(config),
+            ..config.clone().into()
         };
         let app = App::new(store.clone(), policy);
         let shutdown = app.shutdown.clone();
         let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
         let (disk, runner) = (Arc::clone(&app.disk), Arc::new(science));
         let deps = Deps { store: store.clone(), disk, runner };
-        let pool = Pool::start(deps, workers(config));
+        let pool = Pool::start(deps, config.worker());
         let maintenance = maintenance::start(store, maintenance::EVERY, config.retention());
         let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
@@ -136,43 +138,8 @@ impl Service {
     }
 }
 
-/// The workers of a process.
-pub(super) fn workers(config: &ServeConfig) -> worker::Config {
-    let lease = Duration::from_secs(config.lease_s);
-    worker::Config {
-        workers: config.workers,
-        memory_budget: config.memory_mb << 20,
-        lease,
-        beat: lease / worker::BEATS_PER_LEASE,
-        ..worker::Config::default()
-    }
-}
-
-fn policy(config: &ServeConfig) -> Policy {
-    Policy {
-        max_upload_bytes: config.max_upload_bytes,
-        max_scan_bytes: config.max_scan_bytes,
-        queue_limit: config.queue_limit,
-        min_free_bytes: config.min_free_bytes,
-        upload_reserve_bytes: config.upload_reserve_bytes,
-        max_open_uploads: config.max_open_uploads,
-        body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
-        upload_keep: Duration::from_secs(config.upload_keep_s),
-        isolate_tokens: config.isolate_tokens,
-        max_connections: connections(config),
-        connections_per_client: config.connections_per_client,
-        trusted_proxies: config.trusted_proxies.iter().filter_map(|range| range.parse().ok()).collect(),
-        hosts: hosts(config),
-        header_timeout: Duration::from_secs(config.header_timeout_s),
-        cors_origins: config.cors_origins.clone(),
-        presigned: (config.storage_presigned_s > 0).then(|| Duration::from_secs(config.storage_presigned_s)),
-        workers: config.workers,
-        ..Policy::default()
-    }
-}
-
 /// `max_connections`, lowered to what the limit of open files allows.
-fn connections(config: &ServeConfig) -> usize {
+fn connections(config: &Settings) -> usize {
     let limit = files::raise_limit();
     let fit = files::fitting(config.max_connections, config.workers, limit);
     if fit < config.max_connections {
@@ -188,7 +155,7 @@ fn connections(config: &ServeConfig) -> usize {
 }
 
 /// The host names of the service: those of the setting, and the one in `listen`.
-fn hosts(config: &ServeConfig) -> Vec<String> {
+fn hosts(config: &Settings) -> Vec<String> {
     let listened = config.listen.rsplit_once(':').map(|(host, _)| host.to_owned());
     config.hosts.iter().cloned().chain(listened).collect()
 }

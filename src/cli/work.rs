@@ -5,14 +5,14 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 
 use super::{
-    config::{Flags, ServeConfig},
     files, logging,
-    serve::{ENDED_BY_SIGNAL, GRACE, StopSignals, workers},
+    serve::{ENDED_BY_SIGNAL, GRACE, StopSignals},
     store::make_files_private,
 };
 use crate::{
     disk_budget::DiskBudget,
     jobs::ScienceRunner,
+    settings::{Flags, Settings},
     store::{self, backup::remove_mark, folder},
     telemetry::traces,
     worker::{Deps, Pool, maintenance},
@@ -23,7 +23,7 @@ use crate::{
 /// # Errors
 /// When the configuration is invalid, or the store cannot be used.
 pub fn run(flags: Flags) -> anyhow::Result<()> {
-    let config = ServeConfig::load(&flags)?;
+    let config = Settings::load(&flags)?;
     if config.workers == 0 {
         bail!("workers must be at least 1 here: this process runs jobs and nothing else");
     }
@@ -39,7 +39,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
         let store = store::open_shared(data_dir, &config.shared()?).await?;
         let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(ScienceRunner::default()));
-        let pool = Pool::start(Deps { store: store.clone(), disk, runner }, workers(&config));
+        let pool = Pool::start(Deps { store: store.clone(), disk, runner }, config.worker());
         let maintenance = maintenance::start(store.clone(), maintenance::EVERY, config.retention());
         eprintln!("{} workers run jobs of {}", config.workers, data_dir.display());
         signals.next().await;

@@ -23,7 +23,8 @@ use self::{
     sheet::{Cell, contact_sheet, depth_colours, shaded},
     truth::{Known, Score},
 };
-use super::{config::ServeConfig, serve::Service};
+use super::serve::Service;
+use crate::settings::Settings;
 use pinstack_science::{
     imaging::{
         Raster,
@@ -188,10 +189,10 @@ impl Demo {
 
 /// Starts the service on its default port, or on a free port if that is in use.
 async fn start_service(data_dir: PathBuf) -> Result<Service> {
-    let config = ServeConfig { data_dir, ..ServeConfig::default() };
+    let config = Settings { data_dir, ..Settings::default() };
     match Service::start(&config).await {
         Ok(service) => Ok(service),
-        Err(_) => Service::start(&ServeConfig { listen: "127.0.0.1:0".into(), ..config }).await,
+        Err(_) => Service::start(&Settings { listen: "127.0.0.1:0".into(), ..config }).await,
     }
 }
 
