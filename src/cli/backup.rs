@@ -51,8 +51,7 @@ impl Backup {
     /// # Errors
     /// When a file is missing, or either side cannot be read or written. An earlier backup is still complete then.
     pub fn run(self) -> anyhow::Result<()> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(async {
+        tokio::runtime::Runtime::new()?.block_on(async {
             let (_, store) = open(self.place.settings()?).await?;
             let copied = copy(&store, &self.to).await?;
             store.metadata.close().await;
@@ -72,8 +71,7 @@ impl Restore {
         if !data_folder::exists(&self.from) {
             bail!("there is no database in {}; specify the folder of the backup with --from", self.from.display());
         }
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(async {
+        tokio::runtime::Runtime::new()?.block_on(async {
             match config.database()? {
                 None if self.files_only => bail!("--files-only needs database_url; without it, restore in one go"),
                 None => into_folder(&self.from, &config.data_dir).await,

@@ -12,6 +12,7 @@ pub mod logging;
 pub mod openapi;
 pub mod plan;
 pub mod poses;
+mod process;
 pub mod serve;
 pub mod store;
 pub mod target;

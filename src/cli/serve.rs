@@ -1,37 +1,25 @@
 //! `pinstack serve`: the API and the workers.
 
-use std::{
-    fs::Permissions, io::Write, net::SocketAddr, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration,
-};
+use std::{fs::Permissions, io::Write, net::SocketAddr, os::unix::fs::PermissionsExt, path::Path, sync::Arc};
 
 use anyhow::Context;
-use tokio::{
-    net::TcpListener,
-    signal::unix::{Signal, SignalKind, signal},
-    task::JoinHandle,
-};
+use tokio::{net::TcpListener, task::JoinHandle};
 use tokio_util::sync::CancellationToken;
 
 use super::{
     access::{TokensRequired, tokens_required},
     files, logging,
-    store::make_files_private,
+    process::{GRACE, StopSignals},
+    store::{create, make_files_private},
     tls,
 };
 use crate::{
     http::{self, App},
     jobs::ScienceRunner,
     settings::{Flags, Policy, Settings},
-    store::{self, backup::remove_mark, folder},
     telemetry::{self, traces},
     worker::{Deps, Pool, maintenance},
 };
-
-/// How long running jobs may take to end after the shutdown begins. Then they return to the queue.
-pub(super) const GRACE: Duration = Duration::from_secs(5);
-
-/// Exit code when a second signal ends the process at once: that of a process killed by SIGTERM.
-pub(super) const ENDED_BY_SIGNAL: i32 = 143;
 
 /// Runs until SIGTERM or SIGINT; a second signal ends the process at once.
 ///
@@ -41,25 +29,16 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
     let config = Settings::load(&flags)?;
     logging::start(&config.log, config.log_format)?;
     make_files_private();
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(async {
+    tokio::runtime::Runtime::new()?.block_on(async {
         let traces = config.collector().map(traces::start).transpose()?;
         let service = Service::start(&config).await?;
+        let signals = StopSignals::listen()?;
         let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
         eprintln!("listening on {scheme}://{}", service.address());
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
-        let mut signals = StopSignals::listen()?;
-        signals.next().await;
-        tracing::info!("shutting down; a second signal ends the process at once");
-        tokio::select! {
-            stopped = stop(service, traces) => stopped,
-            () = signals.next() => {
-                tracing::warn!("the process ends at once; the next process resumes the jobs that were running");
-                std::process::exit(ENDED_BY_SIGNAL)
-            }
-        }
+        signals.end_by(stop(service, traces)).await
     })
 }
 
@@ -93,10 +72,7 @@ impl Service {
         };
         // before anything that is counted
         telemetry::recorder().map_err(anyhow::Error::msg)?;
-        let data_dir = &config.data_dir;
-        folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
-        remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        let store = store::open_shared(data_dir, &config.shared()?).await?;
+        let store = create(config).await?;
         let listener = TcpListener::bind(&config.listen)
             .await
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
@@ -173,26 +149,6 @@ fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
         Ok(())
     };
     write().with_context(|| format!("port_file: cannot write {}", file.display()))
-}
-
-/// SIGTERM and SIGINT.
-pub(super) struct StopSignals {
-    terminate: Signal,
-    interrupt: Signal,
-}
-
-impl StopSignals {
-    pub(super) fn listen() -> anyhow::Result<Self> {
-        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
-    }
-
-    /// Waits for the next signal.
-    pub(super) async fn next(&mut self) {
-        tokio::select! {
-            _ = self.terminate.recv() => {}
-            _ = self.interrupt.recv() => {}
-        }
-    }
 }
 
 #[cfg(test)]

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::Args;
 use rustix::fs::Mode;
 
 use crate::{
     settings::{Flags, Settings},
-    store::{self, Store, data_folder, folder},
+    store::{self, Store, backup::remove_mark, data_folder, folder},
 };
 
 /// The location of the data.
@@ -58,4 +58,15 @@ pub async fn open(config: Settings) -> anyhow::Result<(Settings, Store)> {
     }
     let store = store::open_shared(&config.data_dir, &shared).await?;
     Ok((config, store))
+}
+
+/// Opens the store of a service and creates it where there is none. A backup becomes a store of its own.
+///
+/// # Errors
+/// When the data folder cannot be made or written, or the store cannot be used.
+pub async fn create(settings: &Settings) -> anyhow::Result<Store> {
+    let data_dir = &settings.data_dir;
+    folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
+    remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
+    Ok(store::open_shared(data_dir, &settings.shared()?).await?)
 }

@@ -62,7 +62,7 @@ impl Demo {
         let size =
             |width: u32, slices: u32| (self.width.unwrap_or(width) as usize, self.slices.unwrap_or(slices) as usize);
         let (seed, keep) = (self.seed, self.keep);
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+        let runtime = tokio::runtime::Runtime::new()?;
         if self.scan {
             let (width, slices) = size(600, 9);
             let (pans, render_only) = (self.pans, self.render_only);
