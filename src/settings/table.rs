@@ -34,8 +34,7 @@ settings! {
             "Folder of the database and the files";
         workers: usize = 1, "N",
             "Jobs that run at the same time; 0: serve the API only",
-            in 0..=256,
-            policy workers: usize;
+            in 0..=256, policy workers: usize;
         memory_mb: u64 = 4096, "MIB",
             "Memory budget of all running jobs together, MiB; a job that needs more runs alone",
             in 64..=16_777_216;
@@ -44,16 +43,13 @@ settings! {
             in 2..=3600;
         max_upload_bytes: u64 = 64 << 30, "BYTES",
             "Largest upload, in one request or in pieces, bytes",
-            at_least 1024,
-            policy max_upload_bytes: u64;
+            at_least 1024, policy max_upload_bytes: u64;
         max_scan_bytes: u64 = 512 << 30, "BYTES",
             "Largest upload with all views of a scan, bytes",
-            at_least 1024,
-            policy max_scan_bytes: u64;
+            at_least 1024, policy max_scan_bytes: u64;
         queue_limit: u64 = 1000, "N",
             "Largest number of queued jobs",
-            at_least 1,
-            policy queue_limit: u64;
+            at_least 1, policy queue_limit: u64;
         min_free_bytes: u64 = 512 << 20, "BYTES",
             "Disk space that must stay free, bytes",
             policy min_free_bytes: u64;
@@ -62,30 +58,24 @@ settings! {
             policy upload_reserve_bytes: u64;
         max_open_uploads: u64 = 100, "N",
             "Largest number of open resumable uploads per token",
-            at_least 1,
-            policy max_open_uploads: u64;
+            at_least 1, policy max_open_uploads: u64;
         body_idle_timeout_s: u64 = 60, "SECONDS",
             "Timeout of a request body from which no data arrives, and of a client that does not read its answer, seconds",
-            in 1..=86_400,
-            policy body_idle_timeout: Duration = Duration::from_secs;
+            in 1..=86_400, policy body_idle_timeout: Duration = Duration::from_secs;
         upload_keep_s: u64 = 24 * 60 * 60, "SECONDS",
             "Time after which a resumable upload without new data expires, seconds",
-            in 60..=31_536_000,
-            policy upload_keep: Duration = Duration::from_secs;
+            in 60..=31_536_000, policy upload_keep: Duration = Duration::from_secs;
         auth: Auth = Auth::default(), "WHEN",
             "When tokens are required: auto (once a token exists, and whenever other machines can reach the server), tokens or none";
         isolate_tokens: bool = false, "BOOL",
             "Show a token only the stacks, scans and uploads that it sent; tokens with the scope admin see all",
-            clap(num_args = 0..=1, default_missing_value = "true"),
-            policy isolate_tokens: bool;
+            clap(num_args = 0..=1, default_missing_value = "true"), policy isolate_tokens: bool;
         max_connections: usize = 1024, "N",
             "Largest number of connections; more have to wait",
-            in 1..=1_000_000,
-            policy max_connections: usize;
+            in 1..=1_000_000, policy max_connections: usize;
         header_timeout_s: u64 = 20, "SECONDS",
             "Time within which the head of a request must arrive, and idle time after which a connection is closed, seconds",
-            in 1..=3600,
-            policy header_timeout: Duration = Duration::from_secs;
+            in 1..=3600, policy header_timeout: Duration = Duration::from_secs;
         storage_presigned_s: u64 = 0, "SECONDS",
             "How long a signed URL of a file in the bucket is valid, for clients that ask for a redirect to it; 0: none, seconds",
             in 0..=604_800,
