@@ -1,17 +1,37 @@
 //! What the options of a stack request of the science.
 
+use std::sync::Arc;
+
 use crate::contract::{
+    input::SliceOrder,
     options::{LateralColourMode, StackOptions},
     outcome::HeightInfo,
 };
 use pinstack_science::{
+    archive::{self, ArchiveLimits, StackArchive},
     fusion::{
         Plan,
         height::{HeightMap, INVALID},
     },
     segmentation::MaskParams,
-    types::{fusion_options::GuidedParams, profile::ProfileInput},
+    types::{Error, ReadAt, fusion_options::GuidedParams, profile::ProfileInput},
 };
+
+/// The archive with its slices in the order of fusion.
+///
+/// # Errors
+/// As [`archive::open_shared`].
+pub(super) fn archive(
+    zip: Arc<dyn ReadAt>,
+    options: &StackOptions,
+    limits: &ArchiveLimits,
+) -> Result<StackArchive, Error> {
+    let archive = archive::open_shared(zip, limits)?;
+    Ok(match options.order {
+        SliceOrder::Name => archive,
+        SliceOrder::Reverse => archive.reversed(),
+    })
+}
 
 /// How a stack with these options is fused with the profile `profile`.
 pub(super) fn plan(options: &StackOptions, profile: &ProfileInput) -> Plan {

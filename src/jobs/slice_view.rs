@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::{crop::crop_rect, input_bits::FullScaleSlices, requested::plan};
-use crate::contract::{Fault, input::SliceOrder, options::StackOptions};
+use super::{crop::crop_rect, input_bits::FullScaleSlices, requested};
+use crate::contract::{Fault, options::StackOptions};
 use pinstack_science::{
-    archive::{self, ArchiveLimits},
+    archive::ArchiveLimits,
     fusion::warped_slice,
     imaging::Raster,
     types::{ReadAt, profile::ProfileInput},
@@ -23,12 +23,8 @@ pub fn slice_view(
     index: usize,
     limits: &ArchiveLimits,
 ) -> Result<Raster, Fault> {
-    let archive = archive::open_shared(archive, limits)?;
-    let archive = match options.order {
-        SliceOrder::Name => archive,
-        SliceOrder::Reverse => archive.reversed(),
-    };
+    let archive = requested::archive(archive, options, limits)?;
     let slices = FullScaleSlices::of(archive.front(), options.input_bits);
-    let warped = warped_slice(&slices, &plan(options, profile), index)?;
+    let warped = warped_slice(&slices, &requested::plan(options, profile), index)?;
     Ok(warped.crop(crop_rect(options.crop, profile)?))
 }

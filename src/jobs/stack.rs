@@ -8,7 +8,7 @@ use std::{sync::Arc, time::Instant};
 
 use super::{
     JobContext, JobOutput, ProgressSink, SOFTWARE,
-    artifact_writer::{ArtifactWriter, WrittenArtifact},
+    artifact_writer::ArtifactWriter,
     crop::crop_rect,
     diagnosis,
     input_bits::{self, FullScaleSlices},
@@ -19,16 +19,15 @@ use super::{
 use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
-    input::SliceOrder,
-    options::{HeightMode, MaskMode, StackOptions},
+    options::{HeightMode, MaskMode},
     outcome::{JobOutcome, StackOutcome},
     request::StackRequest,
 };
 use pinstack_science::{
-    archive::{self, ArchiveLimits, StackArchive},
+    archive::{ArchiveLimits, StackArchive},
     fusion::{self, Fused, FusionRequest, Plan},
     imaging::{
-        Raster, Rect, Slices,
+        Slices,
         codec::{self, Metadata},
         grey_slices::{GreySlices, GreyValue},
     },
@@ -70,11 +69,7 @@ pub fn run(
     // archive
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open_shared(Arc::clone(&context.archive), limits)?;
-    let archive = match options.order {
-        SliceOrder::Name => archive,
-        SliceOrder::Reverse => archive.reversed(),
-    };
+    let archive = requested::archive(Arc::clone(&context.archive), options, limits)?;
     let [front_slices, back_slices] =
         [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());
@@ -85,15 +80,39 @@ pub fn run(
     times.end("reading");
 
     let writer = ArtifactWriter::new(context, sink);
+    let mut written = Vec::new();
+
+    // back light and silhouette
     let with_back = wants_mask(options.mask, &archive)?;
     let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
-    let back_light = if with_back {
-        let cutting = Cutting { context, options, plan: &plan, rect, writer: &writer, sink };
-        Some(cutting.run(&back_slices, middle, &mut times, &mut warnings)?)
+    let mut back_light = None;
+    let silhouette = if with_back {
+        let back = Plan { method: plan.method.for_back_light(), ..plan.clone() };
+        let control = Phase::new(sink, back.method.progress_stages(), READ, middle);
+        // only brightness counts; green is where the geometry of the profile holds
+        let grey_value = if back.lateral_colour.is_some() { GreyValue::Green } else { GreyValue::Luma };
+        let grey = GreySlices::of(&back_slices, grey_value);
+        let back = fusion::fuse(&grey, &back, &FusionRequest::default(), &context.scratch, &control)?;
+        times.end("fusing the back light");
+        let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
+        phase.progress("masking", 0, 1);
+        let (silhouette, artifact) = rayon::join(
+            || segment(&back.image, &back.valid, &mask_params(options, plan.width, plan.height)),
+            || writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default()),
+        );
+        if options.mask == MaskMode::Required {
+            require_useful(&silhouette)?;
+        }
+        written.push(artifact?);
+        warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code.as_str())));
+        warnings.extend_from_slice(&silhouette.warnings);
+        back_light = Some(diagnosis::reduced_back_light(&back.image));
+        phase.progress("masking", 1, 1);
+        times.end("masking");
+        Some(silhouette)
     } else {
         None
     };
-    let silhouette = back_light.as_ref().map(|light| &light.silhouette);
 
     // front light; what the mask hides is not fused
     let plan = match options.height {
@@ -103,18 +122,12 @@ pub fn run(
     let control = Phase::new(sink, plan.method.progress_stages(), middle, FUSED);
     let wanted = FusionRequest {
         metrics: true,
-        object: silhouette.map(|s| &s.mask),
-        shown: silhouette.filter(|_| !options.under_alpha.is_fused_colour()).map(Silhouette::image_alpha),
+        object: silhouette.as_ref().map(|s| &s.mask),
+        shown: silhouette.as_ref().filter(|_| !options.under_alpha.is_fused_colour()).map(Silhouette::image_alpha),
     };
     let front = fusion::fuse(&front_slices, &plan, &wanted, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
-    diagnosis::examine(
-        &front.image,
-        back_light.as_ref().map(|light| &light.reduced),
-        options.mask,
-        &control,
-        &mut warnings,
-    )?;
+    diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
     warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));
     times.end("fusing");
 
@@ -122,75 +135,20 @@ pub fn run(
     let source = archive.front_bytes(plan.reference).map(|bytes| codec::metadata(&bytes)).unwrap_or_default();
     warnings.extend(pictures::dropped_focal_length(&source, &profile.input));
     let writing = Phase::new(sink, &[("writing", 1.0)], FUSED, 1.0);
-    let pictures = Pictures { front: &front, silhouette, rect, options, profile: &profile.input };
+    let pictures = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
     let (image, files) = pictures.write(&writer, &writing, &source)?;
+    written.extend(files);
     times.end("writing");
 
     let height = front.height_map.as_ref().map(height_info);
-    let (silhouette, written) = back_light.map(|light| (light.silhouette, light.file)).unzip();
     let metrics = metrics(front, silhouette, times);
     // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
-    let (artifacts, files) = written.into_iter().chain(files).unzip();
+    let (artifacts, files) = written.into_iter().unzip();
     let software = Some(SOFTWARE.to_owned());
     let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, height, metrics, software });
     Ok(JobOutput { outcome, warnings: without_repetitions(warnings), profile: None, files })
-}
-
-/// What the back light needs of the job.
-struct Cutting<'a> {
-    context: &'a JobContext,
-    options: &'a StackOptions,
-    plan: &'a Plan,
-    rect: Rect,
-    writer: &'a ArtifactWriter<'a>,
-    sink: &'a dyn ProgressSink,
-}
-
-/// What the back light gives.
-struct BackLight {
-    silhouette: Silhouette,
-    /// The reduced picture, for the diagnosis of the stack.
-    reduced: Raster,
-    /// The fused picture.
-    file: WrittenArtifact,
-}
-
-impl Cutting<'_> {
-    /// Fuses the back light and segments it. `to`: fraction of the job at which that is done.
-    fn run(
-        &self,
-        slices: &FullScaleSlices<'_>,
-        to: f64,
-        times: &mut Times,
-        warnings: &mut Vec<Warning>,
-    ) -> Result<BackLight, JobError> {
-        let &Self { context, options, plan, rect, writer, sink } = self;
-        let back = Plan { method: plan.method.for_back_light(), ..plan.clone() };
-        let control = Phase::new(sink, back.method.progress_stages(), READ, to);
-        // only brightness counts; green is where the geometry of the profile holds
-        let grey_value = if back.lateral_colour.is_some() { GreyValue::Green } else { GreyValue::Luma };
-        let grey = GreySlices::of(slices, grey_value);
-        let back = fusion::fuse(&grey, &back, &FusionRequest::default(), &context.scratch, &control)?;
-        times.end("fusing the back light");
-        let phase = Phase::new(sink, &[("masking", 1.0)], to, to);
-        phase.progress("masking", 0, 1);
-        let (silhouette, artifact) = rayon::join(
-            || segment(&back.image, &back.valid, &mask_params(options, plan.width, plan.height)),
-            || writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default()),
-        );
-        if options.mask == MaskMode::Required {
-            require_useful(&silhouette)?;
-        }
-        let file = artifact?;
-        warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code.as_str())));
-        warnings.extend_from_slice(&silhouette.warnings);
-        let reduced = diagnosis::reduced_back_light(&back.image);
-        phase.progress("masking", 1, 1);
-        times.end("masking");
-        Ok(BackLight { silhouette, reduced, file })
-    }
 }
 
 /// The warning that parameters of guided filtering were set for another method, where they have no effect.
