@@ -21,6 +21,8 @@ pub mod disk_budget;
 pub mod jobs;
 pub mod worker;
 
+pub mod settings;
+
 pub mod http;
 
 pub mod cli;

@@ -23,6 +23,7 @@ const SERVICE: &[&[&str]] = &[
     &["disk_budget"],
     &["jobs"],
     &["worker"],
+    &["settings"],
     &["http"],
     &["cli"],
 ];

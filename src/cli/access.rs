@@ -3,23 +3,8 @@
 use std::net::IpAddr;
 
 use anyhow::bail;
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 
-use crate::store::Tokens;
-
-/// When tokens are required.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub enum Auth {
-    /// Once a token exists (valid or revoked), and whenever other machines can reach the server.
-    #[default]
-    Auto,
-    /// Always.
-    Tokens,
-    /// Never: every client that reaches the port may do everything.
-    None,
-}
+use crate::{settings::Auth, store::Tokens};
 
 /// Whether a listening server requires tokens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::{
-    config::ServeConfig,
-    store::{Place, open},
-};
-use crate::store::{
-    self, DatabaseUrl,
-    backup::{Copied, copy, copy_files, remove_mark},
-    data_folder,
-    verify::{Depth, Report, verify},
+use super::store::{Place, open};
+use crate::{
+    settings::Settings,
+    store::{
+        self, DatabaseUrl,
+        backup::{Copied, copy, copy_files, remove_mark},
+        data_folder,
+        verify::{Depth, Report, verify},
+    },
 };
 
 /// Back up the database and all files into a folder, while a server may run. Files of an earlier backup in the folder
@@ -51,9 +51,8 @@ impl Backup {
     /// # Errors
     /// When a file is missing, or either side cannot be read or written. An earlier backup is still complete then.
     pub fn run(self) -> anyhow::Result<()> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(async {
-            let (_, store) = open(self.place.config()?).await?;
+        tokio::runtime::Runtime::new()?.block_on(async {
+            let (_, store) = open(self.place.settings()?).await?;
             let copied = copy(&store, &self.to).await?;
             store.metadata.close().await;
             print(copied);
@@ -68,12 +67,11 @@ impl Restore {
     /// # Errors
     /// When there is a database already, the backup cannot be read, or something in it is missing or has changed.
     pub fn run(self) -> anyhow::Result<()> {
-        let config = self.place.config()?;
+        let config = self.place.settings()?;
         if !data_folder::exists(&self.from) {
             bail!("there is no database in {}; specify the folder of the backup with --from", self.from.display());
         }
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(async {
+        tokio::runtime::Runtime::new()?.block_on(async {
             match config.database()? {
                 None if self.files_only => bail!("--files-only needs database_url; without it, restore in one go"),
                 None => into_folder(&self.from, &config.data_dir).await,
@@ -99,12 +97,7 @@ async fn into_folder(from: &Path, to: &Path) -> anyhow::Result<()> {
 }
 
 /// Files first, then all rows at once: until then the service has no stack that lacks a file.
-async fn into_database(
-    from: &Path,
-    config: ServeConfig,
-    database: &DatabaseUrl,
-    files_only: bool,
-) -> anyhow::Result<()> {
+async fn into_database(from: &Path, config: Settings, database: &DatabaseUrl, files_only: bool) -> anyhow::Result<()> {
     data_folder::require_empty(database).await?;
     let backup = store::open(from).await?;
     let (_, to) = open(config).await?;

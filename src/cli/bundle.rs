@@ -42,8 +42,7 @@ impl Bundle {
     /// # Errors
     /// What `GET /v1/scans/{scan}/bundle` refuses; when the file exists or cannot be written.
     pub fn run(self) -> anyhow::Result<()> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(self.write())
+        tokio::runtime::Runtime::new()?.block_on(self.write())
     }
 
     async fn write(self) -> anyhow::Result<()> {

@@ -29,8 +29,7 @@ impl Gc {
     /// # Errors
     /// When metadata or files cannot be read or removed.
     pub fn run(self) -> anyhow::Result<()> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(async {
+        tokio::runtime::Runtime::new()?.block_on(async {
             let (config, store) = self.place.open().await?;
             if self.clock_is_right {
                 store.metadata.confirm_clock().await?;

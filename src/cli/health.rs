@@ -78,7 +78,7 @@ async fn ask_by_tls(address: &str, certificate: &std::path::Path) -> anyhow::Res
 
 /// The URL at which this machine reaches a server that listens on `listen`.
 fn listened_url(listen: Option<&str>) -> String {
-    let listen = listen.unwrap_or(super::config::DEFAULT_LISTEN);
+    let listen = listen.unwrap_or(crate::settings::DEFAULT_LISTEN);
     let reachable = listen.replace("0.0.0.0:", "127.0.0.1:").replace("[::]:", "[::1]:");
     format!("http://{reachable}")
 }

@@ -3,8 +3,6 @@
 use std::io::{self, IsTerminal, Write};
 
 use anyhow::anyhow;
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 use tracing_subscriber::{
     filter::{LevelFilter, Targets},
     fmt,
@@ -12,16 +10,7 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
-/// Format of the log.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub enum LogFormat {
-    /// For people.
-    #[default]
-    Text,
-    /// One object per line.
-    Json,
-}
+use crate::settings::LogFormat;
 
 /// Starts logging. `filter` is a level, or levels by crate or module: `info`, `info,pinstack=debug`, ...
 ///

@@ -3,10 +3,8 @@
 pub mod access;
 pub mod backup;
 pub mod bundle;
-pub mod config;
 pub mod demo;
 pub mod doctor;
-pub mod environment;
 pub mod files;
 pub mod gc;
 pub mod health;
@@ -14,8 +12,8 @@ pub mod logging;
 pub mod openapi;
 pub mod plan;
 pub mod poses;
+mod process;
 pub mod serve;
-pub mod settings;
 pub mod store;
 pub mod target;
 pub mod tls;
@@ -27,6 +25,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::settings::Flags;
+
 /// Calibrated focus stacking for photogrammetry, as a service.
 #[derive(Debug, Parser)]
 #[command(name = "pinstack", version, args_conflicts_with_subcommands = true)]
@@ -35,15 +35,15 @@ struct Arguments {
     command: Option<Command>,
     /// Without a command: serve.
     #[command(flatten)]
-    serve: config::Flags,
+    serve: Flags,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Serve the API and run jobs (the default)
-    Serve(Box<config::Flags>),
+    Serve(Box<Flags>),
     /// Run jobs without serving the API: more machines for the service whose database_url and data_dir this one shares
-    Work(Box<config::Flags>),
+    Work(Box<Flags>),
     /// Calibrate and fuse a synthetic stack or scan through the service, and compare the results with the truth
     Demo(demo::Demo),
     /// Print the OpenAPI document

@@ -1,65 +1,44 @@
 //! `pinstack serve`: the API and the workers.
 
-use std::{
-    fs::Permissions, io::Write, net::SocketAddr, os::unix::fs::PermissionsExt, path::Path, sync::Arc, time::Duration,
-};
+use std::{fs::Permissions, io::Write, net::SocketAddr, os::unix::fs::PermissionsExt, path::Path, sync::Arc};
 
 use anyhow::Context;
-use tokio::{
-    net::TcpListener,
-    signal::unix::{Signal, SignalKind, signal},
-    task::JoinHandle,
-};
+use tokio::{net::TcpListener, task::JoinHandle};
 use tokio_util::sync::CancellationToken;
 
 use super::{
     access::{TokensRequired, tokens_required},
-    config::{Flags, ServeConfig},
     files, logging,
-    store::make_files_private,
+    process::{GRACE, StopSignals},
+    store::{create, make_files_private},
     tls,
 };
 use crate::{
-    http::{self, App, Policy},
+    http::{self, App},
     jobs::ScienceRunner,
-    store::{self, backup::remove_mark, folder},
+    settings::{Flags, Policy, Settings},
     telemetry::{self, traces},
-    worker::{self, Deps, Pool, maintenance},
+    worker::{Deps, Pool, maintenance},
 };
-
-/// How long running jobs may take to end after the shutdown begins. Then they return to the queue.
-pub(super) const GRACE: Duration = Duration::from_secs(5);
-
-/// Exit code when a second signal ends the process at once: that of a process killed by SIGTERM.
-pub(super) const ENDED_BY_SIGNAL: i32 = 143;
 
 /// Runs until SIGTERM or SIGINT; a second signal ends the process at once.
 ///
 /// # Errors
 /// When the configuration is invalid, the data folder cannot be used, or the address is in use.
 pub fn run(flags: Flags) -> anyhow::Result<()> {
-    let config = ServeConfig::load(&flags)?;
+    let config = Settings::load(&flags)?;
     logging::start(&config.log, config.log_format)?;
     make_files_private();
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(async {
+    tokio::runtime::Runtime::new()?.block_on(async {
         let traces = config.collector().map(traces::start).transpose()?;
         let service = Service::start(&config).await?;
+        let signals = StopSignals::listen()?;
         let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
         eprintln!("listening on {scheme}://{}", service.address());
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
-        let mut signals = StopSignals::listen()?;
-        signals.next().await;
-        tracing::info!("shutting down; a second signal ends the process at once");
-        tokio::select! {
-            stopped = stop(service, traces) => stopped,
-            () = signals.next() => {
-                tracing::warn!("the process ends at once; the next process resumes the jobs that were running");
-                std::process::exit(ENDED_BY_SIGNAL)
-            }
-        }
+        signals.end_by(stop(service, traces)).await
     })
 }
 
@@ -86,17 +65,14 @@ impl Service {
     ///
     /// # Errors
     /// When the data folder cannot be used or the address is in use.
-    pub async fn start(config: &ServeConfig) -> anyhow::Result<Self> {
+    pub async fn start(config: &Settings) -> anyhow::Result<Self> {
         let tls = match (&config.tls_cert, &config.tls_key) {
             (Some(certificate), Some(key)) => Some(tls::acceptor(certificate, key)?),
             _ => None,
         };
         // before anything that is counted
         telemetry::recorder().map_err(anyhow::Error::msg)?;
-        let data_dir = &config.data_dir;
-        folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
-        remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
-        let store = store::open_shared(data_dir, &config.shared()?).await?;
+        let store = create(config).await?;
         let listener = TcpListener::bind(&config.listen)
             .await
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
@@ -107,14 +83,16 @@ impl Service {
             auth_required: required == TokensRequired::Always,
             auth_once_there_are_tokens: required == TokensRequired::OnceThereAreTokens,
             listen: Some(address.ip()),
-            ..policy(config)
+            max_connections: connections(config),
+            hosts: hosts(config),
+            ..config.clone().into()
         };
         let app = App::new(store.clone(), policy);
         let shutdown = app.shutdown.clone();
         let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
         let (disk, runner) = (Arc::clone(&app.disk), Arc::new(science));
         let deps = Deps { store: store.clone(), disk, runner };
-        let pool = Pool::start(deps, workers(config));
+        let pool = Pool::start(deps, config.worker());
         let maintenance = maintenance::start(store, maintenance::EVERY, config.retention());
         let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })
@@ -136,43 +114,8 @@ impl Service {
     }
 }
 
-/// The workers of a process.
-pub(super) fn workers(config: &ServeConfig) -> worker::Config {
-    let lease = Duration::from_secs(config.lease_s);
-    worker::Config {
-        workers: config.workers,
-        memory_budget: config.memory_mb << 20,
-        lease,
-        beat: lease / worker::BEATS_PER_LEASE,
-        ..worker::Config::default()
-    }
-}
-
-fn policy(config: &ServeConfig) -> Policy {
-    Policy {
-        max_upload_bytes: config.max_upload_bytes,
-        max_scan_bytes: config.max_scan_bytes,
-        queue_limit: config.queue_limit,
-        min_free_bytes: config.min_free_bytes,
-        upload_reserve_bytes: config.upload_reserve_bytes,
-        max_open_uploads: config.max_open_uploads,
-        body_idle_timeout: Duration::from_secs(config.body_idle_timeout_s),
-        upload_keep: Duration::from_secs(config.upload_keep_s),
-        isolate_tokens: config.isolate_tokens,
-        max_connections: connections(config),
-        connections_per_client: config.connections_per_client,
-        trusted_proxies: config.trusted_proxies.iter().filter_map(|range| range.parse().ok()).collect(),
-        hosts: hosts(config),
-        header_timeout: Duration::from_secs(config.header_timeout_s),
-        cors_origins: config.cors_origins.clone(),
-        presigned: (config.storage_presigned_s > 0).then(|| Duration::from_secs(config.storage_presigned_s)),
-        workers: config.workers,
-        ..Policy::default()
-    }
-}
-
 /// `max_connections`, lowered to what the limit of open files allows.
-fn connections(config: &ServeConfig) -> usize {
+fn connections(config: &Settings) -> usize {
     let limit = files::raise_limit();
     let fit = files::fitting(config.max_connections, config.workers, limit);
     if fit < config.max_connections {
@@ -188,7 +131,7 @@ fn connections(config: &ServeConfig) -> usize {
 }
 
 /// The host names of the service: those of the setting, and the one in `listen`.
-fn hosts(config: &ServeConfig) -> Vec<String> {
+fn hosts(config: &Settings) -> Vec<String> {
     let listened = config.listen.rsplit_once(':').map(|(host, _)| host.to_owned());
     config.hosts.iter().cloned().chain(listened).collect()
 }
@@ -206,26 +149,6 @@ fn write_port_file(file: &Path, address: SocketAddr) -> anyhow::Result<()> {
         Ok(())
     };
     write().with_context(|| format!("port_file: cannot write {}", file.display()))
-}
-
-/// SIGTERM and SIGINT.
-pub(super) struct StopSignals {
-    terminate: Signal,
-    interrupt: Signal,
-}
-
-impl StopSignals {
-    pub(super) fn listen() -> anyhow::Result<Self> {
-        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
-    }
-
-    /// Waits for the next signal.
-    pub(super) async fn next(&mut self) {
-        tokio::select! {
-            _ = self.terminate.recv() => {}
-            _ = self.interrupt.recv() => {}
-        }
-    }
 }
 
 #[cfg(test)]

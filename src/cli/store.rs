@@ -2,21 +2,23 @@
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::Args;
 use rustix::fs::Mode;
 
-use super::config::{Flags, ServeConfig};
-use crate::store::{self, Store, data_folder, folder};
+use crate::{
+    settings::{Flags, Settings},
+    store::{self, Store, backup::remove_mark, data_folder, folder},
+};
 
 /// The location of the data.
 #[derive(Debug, Args)]
 pub struct Place {
     /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", global = true)]
     data_dir: Option<PathBuf>,
     /// TOML file with the settings of the server [env: PINSTACK_CONFIG]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", global = true)]
     config: Option<PathBuf>,
 }
 
@@ -30,9 +32,9 @@ impl Place {
     ///
     /// # Errors
     /// When they are invalid.
-    pub fn config(self) -> anyhow::Result<ServeConfig> {
+    pub fn settings(self) -> anyhow::Result<Settings> {
         make_files_private();
-        ServeConfig::load(&Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() })
+        Settings::load(&Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() })
     }
 
     /// Opens an existing store: these commands do not create one where the name of a folder is mistyped. Returns the
@@ -40,8 +42,8 @@ impl Place {
     ///
     /// # Errors
     /// When there is no store, or it cannot be used.
-    pub async fn open(self) -> anyhow::Result<(ServeConfig, Store)> {
-        open(self.config()?).await
+    pub async fn open(self) -> anyhow::Result<(Settings, Store)> {
+        open(self.settings()?).await
     }
 }
 
@@ -49,11 +51,22 @@ impl Place {
 ///
 /// # Errors
 /// When there is no store, or it cannot be used.
-pub async fn open(config: ServeConfig) -> anyhow::Result<(ServeConfig, Store)> {
+pub async fn open(config: Settings) -> anyhow::Result<(Settings, Store)> {
     let shared = config.shared()?;
     if shared.database.is_none() && !data_folder::exists(&config.data_dir) {
         bail!("there is no database in {}; specify the data folder with --data-dir", config.data_dir.display());
     }
     let store = store::open_shared(&config.data_dir, &shared).await?;
     Ok((config, store))
+}
+
+/// Opens the store of a service and creates it where there is none. A backup becomes a store of its own.
+///
+/// # Errors
+/// When the data folder cannot be made or written, or the store cannot be used.
+pub async fn create(settings: &Settings) -> anyhow::Result<Store> {
+    let data_dir = &settings.data_dir;
+    folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
+    remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
+    Ok(store::open_shared(data_dir, &settings.shared()?).await?)
 }

@@ -5,10 +5,7 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 
-use super::{
-    config::{Flags, ServeConfig},
-    store::make_files_private,
-};
+use super::store::Place;
 use crate::{
     contract::Name,
     store::{
@@ -27,12 +24,8 @@ const GB: u64 = 1_000_000_000;
 pub struct Token {
     #[command(subcommand)]
     command: Command,
-    /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
-    #[arg(long, value_name = "DIR", global = true)]
-    data_dir: Option<std::path::PathBuf>,
-    /// TOML file with the settings of the server [env: PINSTACK_CONFIG]
-    #[arg(long, value_name = "FILE", global = true)]
-    config: Option<std::path::PathBuf>,
+    #[command(flatten)]
+    place: Place,
 }
 
 #[derive(Debug, Subcommand)]
@@ -63,10 +56,8 @@ impl Token {
     /// # Errors
     /// When the name is invalid or taken, or the database cannot be used.
     pub fn run(self) -> anyhow::Result<()> {
-        let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
-        let config = ServeConfig::load(&flags)?;
+        let config = self.place.settings()?;
         let (data_dir, database) = (&config.data_dir, config.database()?);
-        make_files_private();
         folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {

@@ -24,8 +24,7 @@ impl Verify {
     /// When something is missing or changed, or the data cannot be read.
     pub fn run(self) -> anyhow::Result<()> {
         let depth = if self.quick { Depth::Sizes } else { Depth::Digests };
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-        runtime.block_on(async {
+        tokio::runtime::Runtime::new()?.block_on(async {
             let (_, store) = self.place.open().await?;
             let report = verify(&store, depth).await?;
             store.metadata.close().await;

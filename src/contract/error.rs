@@ -125,6 +125,17 @@ impl Fault {
         Self { code, detail: detail.into(), locations: Vec::new() }
     }
 
+    /// Refuses a request that breaks rules, if there are any; the first is the detail.
+    ///
+    /// # Errors
+    /// [`Code::InvalidRequest`] with the locations.
+    pub fn refuse(locations: Vec<ErrorLocation>) -> Result<(), Self> {
+        match locations.first() {
+            None => Ok(()),
+            Some(first) => Err(Self { code: Code::InvalidRequest, detail: first.detail.clone(), locations }),
+        }
+    }
+
     /// Adds a location.
     #[must_use]
     pub fn at(mut self, location: ErrorLocation) -> Self {

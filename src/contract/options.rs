@@ -5,23 +5,17 @@ mod crop;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use pinstack_science::fusion::Plan;
-use pinstack_science::segmentation::MaskParams;
 use pinstack_science::types::{
-    calibration_options::CalibrationOptions,
-    error::ErrorLocation,
     fusion_options::{GuidedParams, Method},
     mask_options::{MaskEdge, MaskThreshold},
-    profile::{ProfileInput, RAIL_MM},
     text_or_number::TextOrNumber,
 };
 
 pub use crop::Crop;
 
 use super::{
-    Code, Fault, Name, Priority,
+    Name, Priority,
     input::{InputBits, SliceOrder},
-    ranges,
 };
 
 /// Whether the object is cut out with the back-light stack.
@@ -261,67 +255,5 @@ impl Default for StackOptions {
             keep_days: None,
             priority: Priority::default(),
         }
-    }
-}
-
-impl StackOptions {
-    /// The parameters of the method `guided`.
-    fn guided(&self) -> GuidedParams {
-        let &Self { r1, eps1, r2, eps2, average, r_g, sigma_g, .. } = self;
-        GuidedParams { r1, eps1, r2, eps2, average, r_g, sigma_g }
-    }
-
-    /// How a stack with these options is fused with the profile `profile`.
-    pub fn plan(&self, profile: &ProfileInput) -> Plan {
-        let plan = Plan::from_profile(profile, self.method, self.guided());
-        match self.lateral_colour {
-            LateralColourMode::Correct => plan,
-            LateralColourMode::Keep => Plan { lateral_colour: None, ..plan },
-        }
-    }
-
-    /// The parameters of the mask for a picture of `width` x `height` px.
-    pub fn mask_params(&self, width: usize, height: usize) -> MaskParams {
-        let default = MaskParams::default_for(width, height);
-        MaskParams {
-            threshold: self.mask_threshold,
-            min_blob_px: self.mask_min_blob_px.unwrap_or(default.min_blob_px),
-            min_hole_px: self.mask_min_hole_px.unwrap_or(default.min_hole_px),
-            edge: self.mask_edge,
-        }
-    }
-
-    /// Checks what the types alone do not: the ranges, and options that contradict one another.
-    ///
-    /// # Errors
-    /// A [`Fault`] with [`Code::InvalidRequest`] and a location for each option.
-    pub fn check(&self) -> Result<(), Fault> {
-        let mut violations = ranges::violations(self, &ranges::STACK);
-        if self.format == ImageFormat::Jpeg && self.bit_depth == BitDepth::Sixteen {
-            let rule = "is 16, but a JPEG has 8 bits: send bit_depth=8, or format=png or tiff";
-            violations.push(ranges::violation("bit_depth", rule));
-        }
-        refuse(violations)
-    }
-}
-
-/// Checks the options of a calibration: the ranges, and options that contradict one another.
-///
-/// # Errors
-/// A [`Fault`] with [`Code::InvalidRequest`] and a location for each option.
-pub fn check_calibration(options: &CalibrationOptions) -> Result<(), Fault> {
-    let mut violations = ranges::violations(options, &ranges::CALIBRATION);
-    let positions = options.rail_positions_mm.as_deref().unwrap_or_default();
-    if positions.iter().any(|z| !RAIL_MM.contains(z)) || (!positions.is_empty() && options.rail_step_mm.is_some()) {
-        let rule = "must be numbers from -1000000 to 1000000 and cannot be combined with rail_step_mm";
-        violations.push(ranges::violation("rail_positions_mm", rule));
-    }
-    refuse(violations)
-}
-
-fn refuse(violations: Vec<ErrorLocation>) -> Result<(), Fault> {
-    match violations.first() {
-        None => Ok(()),
-        Some(first) => Err(Fault { code: Code::InvalidRequest, detail: first.detail.clone(), locations: violations }),
     }
 }

@@ -3,11 +3,13 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use pinstack_science::fusion::height::{
-    HeightMap, INVALID,
-    axis::{HeightDirection, HeightUnit},
+use pinstack_science::types::{
+    height::{HeightDirection, HeightUnit},
+    intrinsics::Intrinsics,
+    metrics::Metrics,
+    profile::ProfileSlice,
+    report::Grade,
 };
-use pinstack_science::types::{intrinsics::Intrinsics, metrics::Metrics, profile::ProfileSlice, report::Grade};
 
 /// A result file of a job. It becomes visible with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -65,14 +67,6 @@ pub struct HeightInfo {
     pub median_sigma: Option<f64>,
     /// Fraction of the object (without a mask, of the canvas) that has a height.
     pub valid_fraction: f64,
-}
-
-impl HeightInfo {
-    /// The description of `map`.
-    pub fn of(map: &HeightMap) -> Self {
-        let &HeightMap { unit, direction, offset, scale, median_sigma, valid_fraction, .. } = map;
-        Self { unit, direction, offset, scale, invalid: INVALID, median_sigma, valid_fraction }
-    }
 }
 
 /// The outcome of a stack.

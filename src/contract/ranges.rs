@@ -1,9 +1,12 @@
-//! The ranges of the options of stacks and calibrations: one row per option. The checks of a request and the schemas of
-//! the OpenAPI document both use these tables.
+//! The rules of the options of stacks and calibrations. One row per range: the checks of a request and the schemas of the
+//! OpenAPI document both use these tables.
 
-use pinstack_science::types::{calibration_options::CalibrationOptions, error::ErrorLocation};
+use pinstack_science::types::{calibration_options::CalibrationOptions, error::ErrorLocation, profile::RAIL_MM};
 
-use super::options::StackOptions;
+use super::{
+    Fault,
+    options::{BitDepth, ImageFormat, StackOptions},
+};
 
 /// The values that an option may have.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,14 +65,43 @@ pub fn of(name: &str) -> Option<Range> {
     stack.chain(calibration).find(|(option, _)| *option == name).map(|(_, range)| range)
 }
 
+impl StackOptions {
+    /// Checks what the types alone do not: the ranges, and options that contradict one another.
+    ///
+    /// # Errors
+    /// A [`Fault`] with [`Code::InvalidRequest`](super::Code::InvalidRequest) and a location for each option.
+    pub fn check(&self) -> Result<(), Fault> {
+        let mut found = violations(self, &STACK);
+        if self.format == ImageFormat::Jpeg && self.bit_depth == BitDepth::Sixteen {
+            let rule = "is 16, but a JPEG has 8 bits: send bit_depth=8, or format=png or tiff";
+            found.push(violation("bit_depth", rule));
+        }
+        Fault::refuse(found)
+    }
+}
+
+/// Checks the options of a calibration: the ranges, and options that contradict one another.
+///
+/// # Errors
+/// A [`Fault`] with [`Code::InvalidRequest`](super::Code::InvalidRequest) and a location for each option.
+pub fn check_calibration(options: &CalibrationOptions) -> Result<(), Fault> {
+    let mut found = violations(options, &CALIBRATION);
+    let positions = options.rail_positions_mm.as_deref().unwrap_or_default();
+    if positions.iter().any(|z| !RAIL_MM.contains(z)) || (!positions.is_empty() && options.rail_step_mm.is_some()) {
+        let rule = "must be numbers from -1000000 to 1000000 and cannot be combined with rail_step_mm";
+        found.push(violation("rail_positions_mm", rule));
+    }
+    Fault::refuse(found)
+}
+
 /// The options outside of their ranges.
-pub(super) fn violations<O>(options: &O, rules: &[Rule<O>]) -> Vec<ErrorLocation> {
+fn violations<O>(options: &O, rules: &[Rule<O>]) -> Vec<ErrorLocation> {
     let is_outside = |rule: &&Rule<O>| (rule.value)(options).is_some_and(|value| !rule.range.contains(value));
     rules.iter().filter(is_outside).map(|rule| violation(rule.name, &rule.range.to_string())).collect()
 }
 
 /// The location of an option that breaks a rule.
-pub(super) fn violation(name: &str, rule: &str) -> ErrorLocation {
+fn violation(name: &str, rule: &str) -> ErrorLocation {
     ErrorLocation { detail: format!("{name} {rule}"), pointer: Some(name.to_owned()), ..ErrorLocation::default() }
 }
 

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use pinstack_science::types::error::ErrorLocation;
 
-use super::{Code, Fault, Name};
+use super::{Fault, Name};
 
 /// Largest number of entries of `metadata`.
 const MAX_ENTRIES: usize = 100;
@@ -95,7 +95,7 @@ impl ScanInput {
     /// Checks what the types alone do not.
     ///
     /// # Errors
-    /// [`Code::InvalidRequest`] with a location for each member that breaks a rule.
+    /// [`Code::InvalidRequest`](super::Code::InvalidRequest) with a location for each member that breaks a rule.
     pub fn check(&self) -> Result<(), Fault> {
         let mut locations = Vec::new();
         let mut violated = |pointer: &str, rule: String| {
@@ -126,10 +126,7 @@ impl ScanInput {
             let rule = format!("has the entry '{key}'; keys need 1 to {MAX_KEY} characters, values at most {MAX_TEXT}");
             violated("metadata", rule);
         }
-        match locations.first() {
-            None => Ok(()),
-            Some(first) => Err(Fault { code: Code::InvalidRequest, detail: first.detail.clone(), locations }),
-        }
+        Fault::refuse(locations)
     }
 }
 

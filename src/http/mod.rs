@@ -33,5 +33,6 @@ pub mod wait_times;
 pub mod waiting;
 pub mod watch;
 
+pub use crate::settings::Policy;
 pub use serve::{serve, serve_over};
-pub use state::{App, Policy};
+pub use state::App;

@@ -1,7 +1,6 @@
-//! The application state of every handler, and the policy: limits and rules of the service.
+//! The application state of every handler.
 
 use std::{
-    net::IpAddr,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -14,7 +13,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::{
     artifacts::conversions::Conversions,
-    connections::{AddressRange, Tally},
+    connections::Tally,
     ingest::{quota::Claims, reservation::Shares},
     pages::stacks::thumbnail::Thumbnails,
     recent::Recent,
@@ -23,9 +22,9 @@ use super::{
 };
 use crate::{
     disk_budget::DiskBudget,
-    store::{Store, StoreResult, gc::MOST_STORING},
+    settings::Policy,
+    store::{Store, StoreResult},
 };
-use pinstack_science::archive::ArchiveLimits;
 
 /// Zips that are inspected at a time. Each may need the memory of one member of the zip in the worst case (a TIFF whose
 /// parts are out of order).
@@ -36,98 +35,6 @@ const TILES: usize = 4;
 
 /// How long the result of `/readyz` is cached.
 const READINESS_AGE: Duration = Duration::from_secs(1);
-
-/// Limits and rules of the service.
-#[derive(Debug, Clone)]
-pub struct Policy {
-    /// Largest upload, bytes.
-    pub max_upload_bytes: u64,
-    /// Largest upload with all views of a scan, bytes.
-    pub max_scan_bytes: u64,
-    /// Limits of a zip.
-    pub archive: ArchiveLimits,
-    /// Largest number of queued jobs.
-    pub queue_limit: u64,
-    /// Longest time from the first blob that a request stores to the row of its job. No setting: it must be less than
-    /// the grace of garbage collection.
-    pub most_storing: Duration,
-    /// Disk space that must stay free, bytes.
-    pub min_free_bytes: u64,
-    /// Bytes that the open uploads of one token may reserve on the disk ahead of those that have arrived.
-    pub upload_reserve_bytes: u64,
-    /// Largest number of open resumable uploads per token.
-    pub max_open_uploads: u64,
-    /// Timeout of a request body from which no data arrives.
-    pub body_idle_timeout: Duration,
-    /// Time after which a resumable upload without new data expires.
-    pub upload_keep: Duration,
-    /// How often waiting requests read their job, because another process may change it.
-    pub poll_interval: Duration,
-    /// Every request needs a token.
-    pub auth_required: bool,
-    /// Every request needs a token once one exists, made by this process or another.
-    pub auth_once_there_are_tokens: bool,
-    /// A token sees only the stacks, scans and uploads that it sent, unless its scope is `admin`.
-    pub isolate_tokens: bool,
-    /// Largest number of connections; more have to wait.
-    pub max_connections: usize,
-    /// Largest number of connections per address, and of requests in progress per token; `None`: a quarter of
-    /// `max_connections`.
-    pub connections_per_client: Option<usize>,
-    /// Addresses of reverse proxies. Their connections are not limited per address, and their `X-Forwarded-For` is
-    /// logged.
-    pub trusted_proxies: Vec<AddressRange>,
-    /// Time within which the head of a request must arrive, and idle time after which a connection is closed.
-    pub header_timeout: Duration,
-    /// The address that the server listens on; `None`: a loopback address.
-    pub listen: Option<IpAddr>,
-    /// Host names besides `localhost` under which browsers may use the service while it requires no token; without a
-    /// port.
-    pub hosts: Vec<String>,
-    /// Origins whose pages may use the service from a browser.
-    pub cors_origins: Vec<String>,
-    /// How long a signed URL of a file in a bucket is valid; `None`: clients get files from the service alone.
-    pub presigned: Option<Duration>,
-    /// Number of jobs that this process runs at a time, for `/v1/info`.
-    pub workers: usize,
-}
-
-impl Default for Policy {
-    fn default() -> Self {
-        Self {
-            max_upload_bytes: 64 << 30,
-            max_scan_bytes: 512 << 30,
-            archive: ArchiveLimits::default(),
-            queue_limit: 1000,
-            most_storing: MOST_STORING,
-            min_free_bytes: 512 << 20,
-            upload_reserve_bytes: 16 << 30,
-            max_open_uploads: 100,
-            body_idle_timeout: Duration::from_secs(60),
-            upload_keep: Duration::from_secs(24 * 60 * 60),
-            poll_interval: Duration::from_secs(1),
-            auth_required: false,
-            auth_once_there_are_tokens: false,
-            isolate_tokens: false,
-            max_connections: 1024,
-            connections_per_client: None,
-            trusted_proxies: AddressRange::loopback(),
-            header_timeout: Duration::from_secs(20),
-            listen: None,
-            hosts: Vec::new(),
-            cors_origins: Vec::new(),
-            presigned: None,
-            workers: 0,
-        }
-    }
-}
-
-impl Policy {
-    /// Largest number of connections per address, and of requests in progress per token.
-    pub fn client_share(&self) -> usize {
-        self.connections_per_client.unwrap_or(self.max_connections / 4).max(1)
-    }
-}
 
 /// The state of every handler. Cheap to clone.
 #[derive(Clone)]

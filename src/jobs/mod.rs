@@ -12,6 +12,8 @@ pub mod disk;
 mod input_bits;
 pub mod memory;
 mod pictures;
+mod requested;
+mod runner;
 mod slice_view;
 pub mod stack;
 pub mod stages;
@@ -20,21 +22,12 @@ pub(crate) mod testkit;
 mod threads;
 mod thumbnails;
 
-use std::{path::PathBuf, sync::Arc, time::Instant};
-
-use crate::{
-    contract::{JobError, Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
-    store::{Job, ProfileDraft},
-};
-use pinstack_science::{
-    archive::{ArchiveLimits, ReadAt},
-    types::{Cancelled, Warning},
-};
+use crate::contract::{JobError, request::JobRequest};
+use pinstack_science::archive::ArchiveLimits;
+pub use requested::mask_params;
+pub use runner::{JobContext, JobOutput, JobRunner, OutputFile, ProgressSink, SOFTWARE};
 pub use slice_view::slice_view;
 use threads::with_own_threads;
-
-/// Program and version, as results record them.
-pub const SOFTWARE: &str = concat!("pinstack ", env!("CARGO_PKG_VERSION"));
 
 /// The job runner of the service: fuses stacks and measures profiles.
 #[derive(Debug, Clone)]
@@ -67,68 +60,4 @@ impl JobRunner for ScienceRunner {
             JobRequest::Calibration(request) => calibration::run(context, request, &self.archive_limits, sink),
         })
     }
-}
-
-/// The input of a job.
-#[derive(Debug)]
-pub struct JobContext {
-    /// The job as it was claimed.
-    pub job: Job,
-    /// The profile that the request names; `None` for a calibration.
-    pub profile: Option<Profile>,
-    /// The uploaded zip. It may still be on its way to this machine: reading waits.
-    pub archive: Arc<dyn ReadAt>,
-    /// An empty folder for this job alone, on the file system of the blobs. It is removed after the job.
-    pub scratch: PathBuf,
-    /// When the job was claimed.
-    pub started: Instant,
-}
-
-/// A file that a job wrote, and the key to publish it under.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OutputFile {
-    /// Path in the scratch folder.
-    pub path: PathBuf,
-    /// Blob key, the same as in the artifact of the outcome.
-    pub key: String,
-}
-
-/// The output of a job.
-#[derive(Debug)]
-pub struct JobOutput {
-    /// The outcome that is stored with the job.
-    pub outcome: JobOutcome,
-    /// Warnings beyond those of the request.
-    pub warnings: Vec<Warning>,
-    /// The profile that a calibration measured.
-    pub profile: Option<Box<ProfileDraft>>,
-    /// The files of the outcome's artifacts.
-    pub files: Vec<OutputFile>,
-}
-
-/// Where a job reports its progress and learns that it was cancelled.
-pub trait ProgressSink: Sync {
-    /// Reports the current progress. Called often, so it must be cheap.
-    fn report(&self, progress: Progress);
-
-    /// Checks for cancellation.
-    ///
-    /// # Errors
-    /// [`Cancelled`] when the job must stop without any result.
-    fn check(&self) -> Result<(), Cancelled>;
-}
-
-/// Runs jobs. [`ScienceRunner`] is the service's own; tests supply others.
-pub trait JobRunner: Send + Sync + 'static {
-    /// Peak memory of the job, bytes.
-    fn memory_need(&self, request: &JobRequest) -> u64;
-
-    /// Upper bound of what the job writes to disk, without its upload, bytes.
-    fn disk_need(&self, request: &JobRequest) -> u64;
-
-    /// Runs the job on a thread that may block.
-    ///
-    /// # Errors
-    /// [`JobError::Cancelled`] when the sink reported a cancellation; [`JobError::Failed`] when the job cannot be done.
-    fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError>;
 }

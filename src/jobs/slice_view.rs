@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use super::{crop::crop_rect, input_bits::FullScaleSlices};
-use crate::contract::{Fault, input::SliceOrder, options::StackOptions};
+use super::{crop::crop_rect, input_bits::FullScaleSlices, requested};
+use crate::contract::{Fault, options::StackOptions};
 use pinstack_science::{
-    archive::{self, ArchiveLimits, ReadAt},
+    archive::ArchiveLimits,
     fusion::warped_slice,
     imaging::Raster,
-    types::profile::ProfileInput,
+    types::{ReadAt, profile::ProfileInput},
 };
 
 /// Slice `index`, in the order of fusion, of the front light of the zip `archive`. Memory: the slice before and
@@ -23,13 +23,8 @@ pub fn slice_view(
     index: usize,
     limits: &ArchiveLimits,
 ) -> Result<Raster, Fault> {
-    let archive = archive::open_shared(archive, limits)?;
-    let archive = match options.order {
-        SliceOrder::Name => archive,
-        SliceOrder::Reverse => archive.reversed(),
-    };
+    let archive = requested::archive(archive, options, limits)?;
     let slices = FullScaleSlices::of(archive.front(), options.input_bits);
-    let plan = options.plan(profile);
-    let warped = warped_slice(&slices, &plan, index)?;
+    let warped = warped_slice(&slices, &requested::plan(options, profile), index)?;
     Ok(warped.crop(crop_rect(options.crop, profile)?))
 }

@@ -13,18 +13,18 @@ use super::{
     diagnosis,
     input_bits::{self, FullScaleSlices},
     pictures::{self, Pictures},
+    requested::{self, height_info, mask_params},
     stages::Phase,
 };
 use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
-    input::SliceOrder,
     options::{HeightMode, MaskMode},
-    outcome::{HeightInfo, JobOutcome, StackOutcome},
+    outcome::{JobOutcome, StackOutcome},
     request::StackRequest,
 };
 use pinstack_science::{
-    archive::{self, ArchiveLimits, StackArchive},
+    archive::{ArchiveLimits, StackArchive},
     fusion::{self, Fused, FusionRequest, Plan},
     imaging::{
         Slices,
@@ -69,16 +69,12 @@ pub fn run(
     // archive
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open_shared(Arc::clone(&context.archive), limits)?;
-    let archive = match options.order {
-        SliceOrder::Name => archive,
-        SliceOrder::Reverse => archive.reversed(),
-    };
+    let archive = requested::archive(Arc::clone(&context.archive), options, limits)?;
     let [front_slices, back_slices] =
         [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
-    let plan = options.plan(&profile.input);
+    let plan = requested::plan(options, &profile.input);
     warnings.extend(unused_parameters(&plan));
     reading.progress("reading", 1, 1);
     times.end("reading");
@@ -101,7 +97,7 @@ pub fn run(
         let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
         phase.progress("masking", 0, 1);
         let (silhouette, artifact) = rayon::join(
-            || segment(&back.image, &back.valid, &options.mask_params(plan.width, plan.height)),
+            || segment(&back.image, &back.valid, &mask_params(options, plan.width, plan.height)),
             || writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default()),
         );
         if options.mask == MaskMode::Required {
@@ -144,7 +140,7 @@ pub fn run(
     written.extend(files);
     times.end("writing");
 
-    let height = front.height_map.as_ref().map(HeightInfo::of);
+    let height = front.height_map.as_ref().map(height_info);
     let metrics = metrics(front, silhouette, times);
     // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);

@@ -6,7 +6,7 @@ use std::{
     sync::Arc,
 };
 
-use pinstack_science::archive::ReadAt;
+use pinstack_science::types::ReadAt;
 use tempfile::TempPath;
 
 use super::{StoreError, StoreResult, folder::blocking, ranges::Ranges};

@@ -14,7 +14,7 @@ use std::{
 use anyhow::anyhow;
 use bytes::Bytes;
 use futures::future::BoxFuture;
-use pinstack_science::archive::ReadAt;
+use pinstack_science::types::ReadAt;
 use tempfile::TempPath;
 use tokio::runtime::Handle;
 

@@ -28,7 +28,7 @@ fn the_scan_of_the_demo_is_fused_and_its_fault_found() {
         let (psnr, iou) = (view["psnr_db"].as_f64().expect("dB"), view["iou"].as_f64().expect("a ratio"));
         assert!(psnr > 24.0 && psnr > number("knocked_psnr_db") && iou > 0.97, "{view}");
     }
-    for file in ["target.zip", "retake.zip", "truth/surface.ply", "truth/sparse/0/images.txt", "contact-sheet.png"] {
+    for file in ["target.zip", "retake.zip", "truth/surface.ply", "truth/sparse/0/images.txt", "bundle.zip"] {
         assert!(out.join(file).exists(), "{file}");
     }
 }

@@ -8,11 +8,13 @@ use std::{
 
 use super::project;
 
-/// README.md, docs/*.md and the README of the Python client.
+/// README.md, CHANGELOG.md, SECURITY.md, docs/*.md and the README of the Python client.
 fn documents() -> Vec<PathBuf> {
     let docs = fs::read_dir(project().join("docs")).expect("docs").map(|entry| entry.expect("docs").path());
     let mut found: Vec<PathBuf> = docs.filter(|path| path.extension().is_some_and(|e| e == "md")).collect();
-    found.extend(["README.md", "clients/python/README.md"].map(|name| project().join(name)));
+    found.extend(
+        ["README.md", "CHANGELOG.md", "SECURITY.md", "clients/python/README.md"].map(|name| project().join(name)),
+    );
     found
 }
 

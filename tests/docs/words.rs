@@ -68,7 +68,7 @@ fn find(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
 
 /// Path and text of every file of the project with one of these extensions.
 fn files(project: &Path, extensions: &[&str]) -> Vec<(String, String)> {
-    let mut paths = vec![project.join("README.md")];
+    let mut paths = ["README.md", "CHANGELOG.md", "SECURITY.md"].map(|name| project.join(name)).to_vec();
     for folder in ["docs", "science/src", "src", "science/benches", "tests", "openapi"] {
         find(&project.join(folder), extensions, &mut paths);
     }

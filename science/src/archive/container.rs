@@ -20,12 +20,10 @@ use std::{
 
 use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
 
-use super::{
-    ArchiveLimits, member_names, members::Member, not_a_zip, png_trailer, read_at::ReadAt, seek_window::SeekWindow,
-};
+use super::{ArchiveLimits, member_names, members::Member, not_a_zip, png_trailer, seek_window::SeekWindow};
 use crate::{
     imaging::codec::{self, Header, ImageFault},
-    types::{Error, ErrorKind},
+    types::{Error, ErrorKind, ReadAt},
 };
 use disk_failure::DiskFailure;
 

@@ -31,7 +31,6 @@ pub mod npy;
 pub mod npz;
 mod numbering_gaps;
 mod png_trailer;
-mod read_at;
 pub mod scan;
 mod seek_window;
 mod slice_counts;
@@ -41,14 +40,13 @@ use std::{path::Path, sync::Arc};
 
 use crate::{
     imaging::codec,
-    types::{Error, ErrorKind, Warning, stack_layout::StackLayout},
+    types::{Error, ErrorKind, ReadAt, Warning, stack_layout::StackLayout},
 };
 
 pub use container::pack;
 pub use light::Light;
 pub use natural_order::natural_order;
 pub use numbering_gaps::skipped;
-pub use read_at::ReadAt;
 pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
 pub use slices::ArchivedSlices;
 

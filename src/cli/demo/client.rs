@@ -1,10 +1,21 @@
-//! A small HTTP client of the service.
+//! Starts the service of the demo; a small HTTP client of it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use tokio_util::io::ReaderStream;
+
+use crate::{cli::serve::Service, settings::Settings};
+
+/// Starts the service on its default port, or on a free port if that is in use.
+pub(super) async fn start_service(data_dir: PathBuf) -> Result<Service> {
+    let settings = Settings { data_dir, ..Settings::default() };
+    match Service::start(&settings).await {
+        Ok(service) => Ok(service),
+        Err(_) => Service::start(&Settings { listen: "127.0.0.1:0".into(), ..settings }).await,
+    }
+}
 
 /// A client of one server.
 pub(super) struct Client {
@@ -18,15 +29,14 @@ impl Client {
         Self { base, http: reqwest::Client::new() }
     }
 
-    /// Uploads a zip to `path` and waits for the job to end. Calls `report` with each stage and the fraction of the
-    /// job.
+    /// Uploads a zip to `path` and waits for the job to end.
     ///
     /// # Errors
     /// When the server refuses the upload or the job fails, with the detail of the problem.
-    pub(super) async fn run_job(&self, path: &str, zip: &Path, report: impl FnMut(&str, f64)) -> Result<Value> {
+    pub(super) async fn run_job(&self, path: &str, zip: &Path) -> Result<Value> {
         let (_, location) = self.upload(path, zip).await?;
         let location = location.context("the server accepted the upload without a Location header")?;
-        self.follow(&location, report).await
+        self.wait_for(&location).await
     }
 
     /// Uploads a zip to `path`. Returns the answer and its header `Location`.
@@ -49,25 +59,12 @@ impl Client {
         Ok((json(answer).await?, location))
     }
 
-    /// Follows the events of a job until it ends, then fetches the job.
+    /// Waits until a job ends, which ends its events, then fetches it.
     ///
     /// # Errors
     /// When the job fails, with the reason.
-    pub(super) async fn follow(&self, location: &str, mut report: impl FnMut(&str, f64)) -> Result<Value> {
-        let mut events = self.http.get(format!("{}{location}/events", self.base)).send().await?.error_for_status()?;
-        let mut text = String::new();
-        while let Some(chunk) = events.chunk().await? {
-            text.push_str(&String::from_utf8_lossy(&chunk));
-            while let Some(end) = text.find('\n') {
-                let line: String = text.drain(..=end).collect();
-                let Some(data) = line.strip_prefix("data:") else { continue };
-                let Ok(event) = serde_json::from_str::<Value>(data.trim()) else { continue };
-                let progress = event.get("progress").unwrap_or(&event);
-                if let (Some(stage), Some(fraction)) = (progress["stage"].as_str(), progress["fraction"].as_f64()) {
-                    report(stage, fraction);
-                }
-            }
-        }
+    pub(super) async fn wait_for(&self, location: &str) -> Result<Value> {
+        self.get_bytes(&format!("{location}/events")).await?;
         let job = self.get_json(location).await?;
         if job["state"] != "succeeded" {
             let why = job["error"]["detail"].as_str().unwrap_or("no reason was given");

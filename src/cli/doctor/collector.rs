@@ -1,10 +1,10 @@
 //! The collector of traces: reachable, with headers that it accepts.
 
-use super::{Finding, ServeConfig};
-use crate::telemetry::traces;
+use super::finding::Finding;
+use crate::{settings::Settings, telemetry::traces};
 
 /// What the collector says; `None` without one. A collector that is away is no problem: the service works without it.
-pub(super) async fn finding(config: &ServeConfig) -> Option<Finding> {
+pub(super) async fn finding(config: &Settings) -> Option<Finding> {
     let collector = config.collector()?;
     let place = collector.endpoint;
     Some(match traces::inspect(collector).await {

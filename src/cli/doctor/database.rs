@@ -5,9 +5,9 @@ use std::time::Duration;
 use anyhow::anyhow;
 use tokio::time::timeout;
 
-use super::{Finding, ServeConfig};
+use super::finding::Finding;
 use crate::{
-    cli::access::Auth,
+    settings::{Auth, Settings},
     store::{
         DatabaseUrl, StoreResult,
         inspection::{Inspection, Rows, of_database, of_folder},
@@ -26,7 +26,7 @@ async fn answer_of(url: &DatabaseUrl) -> StoreResult<Option<Inspection>> {
 }
 
 /// What the database says, and its numbers of rows.
-pub(super) async fn findings(config: &ServeConfig) -> (Vec<Finding>, Option<Rows>) {
+pub(super) async fn findings(config: &Settings) -> (Vec<Finding>, Option<Rows>) {
     let url = match config.database() {
         Ok(url) => url,
         Err(error) => return (vec![Finding::problem("database", format!("{error:#}"))], None),
@@ -97,7 +97,7 @@ fn clock(of_database: i64) -> Finding {
 }
 
 /// Whether clients can get in, and whether too many can.
-pub(super) fn tokens(config: &ServeConfig, rows: Option<Rows>) -> Option<Finding> {
+pub(super) fn tokens(config: &Settings, rows: Option<Rows>) -> Option<Finding> {
     let host = config.listen.rsplit_once(':').map_or(config.listen.as_str(), |(host, _)| host);
     let host = host.trim_start_matches('[').trim_end_matches(']');
     let is_local = host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback());

@@ -4,8 +4,8 @@ use std::{fs, io, path::Path, time::Duration};
 
 use tokio::{net::TcpListener, time::timeout};
 
-use super::{Finding, ServeConfig};
-use crate::cli::files;
+use super::finding::Finding;
+use crate::{cli::files, settings::Settings};
 
 /// How long a server on the address may take to answer.
 const ANSWER: Duration = Duration::from_secs(3);
@@ -17,7 +17,7 @@ fn existing(folder: &Path) -> &Path {
 }
 
 /// Whether files can be made, locked, renamed and removed in the data folder.
-pub(super) fn data_folder(config: &ServeConfig) -> Finding {
+pub(super) fn data_folder(config: &Settings) -> Finding {
     let (folder, there) = (&config.data_dir, existing(&config.data_dir));
     let shown = folder.display();
     match probe(there) {
@@ -50,7 +50,7 @@ fn probe(folder: &Path) -> io::Result<()> {
 }
 
 /// Free disk space.
-pub(super) fn disk(config: &ServeConfig) -> Finding {
+pub(super) fn disk(config: &Settings) -> Finding {
     let there = existing(&config.data_dir);
     let stat = match rustix::fs::statvfs(there) {
         Ok(stat) => stat,
@@ -80,7 +80,7 @@ pub(super) fn disk(config: &ServeConfig) -> Finding {
 }
 
 /// Whether the memory of the machine, or of its container, holds the budget of the jobs.
-pub(super) fn memory(config: &ServeConfig) -> Finding {
+pub(super) fn memory(config: &Settings) -> Finding {
     let budget = config.memory_mb << 20;
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| meminfo(&text));
     // the limit of a container, where cgroups are mounted as containers have them
@@ -106,7 +106,7 @@ fn meminfo(text: &str) -> Option<u64> {
 }
 
 /// Whether the limit of open files holds `max_connections`.
-pub(super) fn open_files(config: &ServeConfig) -> Finding {
+pub(super) fn open_files(config: &Settings) -> Finding {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).maximum;
     let fit = files::fitting(config.max_connections, config.workers, limit);
     let shown = limit.map_or_else(|| "without limit".to_owned(), |limit| format!("at most {limit}"));
@@ -122,7 +122,7 @@ pub(super) fn open_files(config: &ServeConfig) -> Finding {
 }
 
 /// Whether the address is free, or a pinstack answers there.
-pub(super) async fn address(config: &ServeConfig) -> Option<Finding> {
+pub(super) async fn address(config: &Settings) -> Option<Finding> {
     let listen = &config.listen;
     match TcpListener::bind(listen).await {
         Ok(_) => Some(Finding::ok("address", format!("{listen} is free; no server runs there"))),

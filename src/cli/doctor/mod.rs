@@ -4,69 +4,29 @@
 
 mod collector;
 mod database;
+mod finding;
 mod machine;
 mod storage;
-
-use std::path::PathBuf;
 
 use std::io::{self, Write};
 
 use anyhow::bail;
 use clap::Args;
-use serde::Serialize;
 
-use super::config::{Flags, ServeConfig};
+use self::finding::{Finding, Level};
+use super::store::Place;
+use crate::settings::Settings;
 
 /// Check settings, data folder, disk, memory, open files, database, bucket, collector of traces, tokens and address of
 /// a service, and say what to do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a
 /// problem.
 #[derive(Debug, Args)]
 pub struct Doctor {
-    /// Folder of the database and the files [default: pinstack-data] [env: PINSTACK_DATA_DIR]
-    #[arg(long, value_name = "DIR")]
-    data_dir: Option<PathBuf>,
-    /// TOML file with the settings of the server [env: PINSTACK_CONFIG]
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
+    #[command(flatten)]
+    place: Place,
     /// Print the findings as JSON
     #[arg(long)]
     json: bool,
-}
-
-/// How serious a finding is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Level {
-    /// As it should be.
-    Ok,
-    /// The service runs, but something may become a problem.
-    Warning,
-    /// The service cannot start or work.
-    Problem,
-}
-
-/// What one check found.
-#[derive(Debug, Clone, Serialize)]
-struct Finding {
-    /// What was checked.
-    check: &'static str,
-    level: Level,
-    /// What was found and, unless it is as it should be, what to do.
-    detail: String,
-}
-
-impl Finding {
-    fn ok(check: &'static str, detail: impl Into<String>) -> Self {
-        Self { check, level: Level::Ok, detail: detail.into() }
-    }
-
-    fn warning(check: &'static str, detail: impl Into<String>) -> Self {
-        Self { check, level: Level::Warning, detail: detail.into() }
-    }
-
-    fn problem(check: &'static str, detail: impl Into<String>) -> Self {
-        Self { check, level: Level::Problem, detail: detail.into() }
-    }
 }
 
 impl Doctor {
@@ -76,8 +36,7 @@ impl Doctor {
     /// When there is a problem.
     pub fn run(self) -> anyhow::Result<()> {
         let json = self.json;
-        let flags = Flags { config: self.config, data_dir: self.data_dir, ..Flags::default() };
-        let findings = match ServeConfig::load(&flags) {
+        let findings = match self.place.settings() {
             Ok(config) => findings(&config)?,
             Err(error) => vec![Finding::problem("settings", format!("{error:#}"))],
         };
@@ -90,7 +49,7 @@ impl Doctor {
     }
 }
 
-fn findings(config: &ServeConfig) -> anyhow::Result<Vec<Finding>> {
+fn findings(config: &Settings) -> anyhow::Result<Vec<Finding>> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let mut findings = vec![Finding::ok("settings", "every setting is known and in its range")];

@@ -4,14 +4,14 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
-use super::{Finding, ServeConfig};
-use crate::store::s3;
+use super::finding::Finding;
+use crate::{settings::Settings, store::s3};
 
 /// How long a bucket may take to answer.
 const ANSWER: Duration = Duration::from_secs(30);
 
 /// What the bucket says; `None` without one.
-pub(super) async fn finding(config: &ServeConfig) -> Option<Finding> {
+pub(super) async fn finding(config: &Settings) -> Option<Finding> {
     let location = config.storage()?;
     let place = match &location.endpoint {
         Some(endpoint) => format!("{} at {endpoint}", location.url),

@@ -22,8 +22,7 @@ use tokio::{
 };
 use tokio_util::sync::CancellationToken;
 
-use super::AddressRange;
-use crate::http::state::Policy;
+use crate::settings::{AddressRange, Policy};
 
 /// Largest number of connections without a slot.
 pub const RESERVE: usize = 32;

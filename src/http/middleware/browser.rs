@@ -25,8 +25,9 @@ use crate::{
     contract::{Code, one_line},
     http::{
         problem::{ApiError, ApiResult},
-        state::{App, Policy},
+        state::App,
     },
+    settings::Policy,
 };
 
 const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");

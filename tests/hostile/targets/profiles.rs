@@ -2,10 +2,7 @@
 
 use axum::http::Uri;
 use pinstack::{
-    contract::{
-        Code,
-        options::{StackOptions, check_calibration},
-    },
+    contract::{Code, options::StackOptions, ranges::check_calibration},
     http::{
         extract::{json, params},
         ingest::fields::Fields,

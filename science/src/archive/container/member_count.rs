@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::archive::{ArchiveLimits, read_at::ReadAt};
+use crate::{archive::ArchiveLimits, types::ReadAt};
 
 /// Signatures of the end record, of the zip64 locator before it, and of the zip64 end record.
 const END: &[u8] = b"PK\x05\x06";

@@ -9,14 +9,11 @@ use std::{
 use anyhow::{Context, Result};
 
 use super::{
-    super::stacks::{stack_members, write_target, write_zip},
+    super::files::{stack_members, write_png, write_target, write_zip},
     setup::Setup,
 };
 use pinstack_science::{
-    imaging::{
-        Raster, Samples,
-        codec::{self, Metadata},
-    },
+    imaging::{Raster, Samples},
     photogrammetry::bundle::{self, Content, Layout},
     synth::turntable::Surface,
 };
@@ -33,23 +30,24 @@ pub(super) const RETAKE: &str = "retake.zip";
 /// The bundle of an ideal camera, and the true surface.
 pub(super) const TRUTH: &str = "truth";
 
-/// Renders all files into `out`. Calls `report` with what is rendered and the completed share of it.
+/// Renders all files into `out`.
 ///
 /// # Errors
 /// When a file cannot be written.
-pub(super) fn write(setup: &Setup, out: &Path, report: impl Fn(&str, f64)) -> Result<()> {
-    report("the dot target", 0.0);
+pub(super) fn write(setup: &Setup, out: &Path) -> Result<()> {
+    eprintln!("rendering the dot target");
     write_target(&setup.rig, &setup.target(), &out.join(TARGET))?;
-    let (count, knocked) = (setup.views.len() as f64, setup.knocked_view());
-    let members = setup.views.iter().enumerate().flat_map(|(at, &angles)| {
-        report("the views", at as f64 / count);
+    eprintln!("rendering {} views", setup.views.len());
+    let knocked = setup.knocked_view();
+    let members = setup.views.iter().flat_map(|&angles| {
         let stage = if angles == knocked { setup.knocked_stage() } else { setup.stage(angles) };
         let folder = angles.file_stem();
         stack_members(&stage).into_iter().map(move |(name, file)| (format!("{folder}/{name}"), file))
     });
     write_zip(members, &out.join(SCAN))?;
     write_zip(stack_members(&setup.stage(knocked)).into_iter(), &out.join(RETAKE))?;
-    write_truth(setup, &out.join(TRUTH), |share| report("the truth", share))
+    eprintln!("rendering the truth");
+    write_truth(setup, &out.join(TRUTH))
 }
 
 /// Where the ideal image of a view is.
@@ -63,12 +61,11 @@ pub(super) fn true_mask(name: &str) -> String {
 }
 
 /// A bundle for COLMAP of what an ideal camera, with everything in focus, would have taken, and `surface.ply`.
-fn write_truth(setup: &Setup, folder: &Path, report: impl Fn(f64)) -> Result<()> {
+fn write_truth(setup: &Setup, folder: &Path) -> Result<()> {
     for folder in ["images", "masks", "sparse/0"].map(|name| folder.join(name)) {
         fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     }
     let ideal = setup.ideal();
-    let count = setup.views.len() as f64;
     for entry in bundle::plan(Layout::Colmap, &ideal)? {
         let path = folder.join(&entry.path);
         match entry.content {
@@ -76,7 +73,6 @@ fn write_truth(setup: &Setup, folder: &Path, report: impl Fn(f64)) -> Result<()>
                 fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
             }
             Content::Image(at) => {
-                report(at as f64 / count);
                 let mut seen = setup.stage(setup.views[at]).truth();
                 black_outside(&mut seen.sharp, &seen.mask.data);
                 write_png(&path, &seen.sharp)?;
@@ -91,12 +87,6 @@ fn write_truth(setup: &Setup, folder: &Path, report: impl Fn(f64)) -> Result<()>
     let file = File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
     let surface = Surface::of(&setup.specimen, SURFACE_EDGE_MM);
     surface.write_ply(BufWriter::new(file)).with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn write_png(path: &Path, picture: &Raster) -> Result<()> {
-    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
-    codec::encode_png(&mut BufWriter::new(file), picture, &Metadata::default())
-        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Paints what is not the object black, as the service does.

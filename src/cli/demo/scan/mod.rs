@@ -15,31 +15,21 @@ use std::{
 };
 
 use anyhow::{Context, Result};
-use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use self::{
     score::{Figures, Pictures, ViewFigures},
-    setup::Setup,
+    setup::{SCAN, Setup},
 };
-use super::{
-    client::Client,
-    sheet::{Cell, contact_sheet},
-    show, start_service, steps,
-};
+use super::client::{Client, start_service};
 use pinstack_science::{
     archive::{self, ArchiveLimits},
-    imaging::{
-        Raster,
-        codec::{self, Metadata},
-    },
-    synth::Light,
+    imaging::{Raster, codec},
 };
 
 // the names used in docs/TUTORIAL.md
 const RIG: &str = "turntable-1";
 const LENS: &str = "macro65";
-const SCAN: &str = "beetle";
 
 /// What to render, and what to do with it.
 pub(super) struct ScanDemo {
@@ -71,40 +61,30 @@ impl ScanDemo {
         let data = self.out.join("data");
         std::fs::create_dir_all(&self.out).with_context(|| format!("cannot make the folder {}", self.out.display()))?;
         let setup = Setup::new(self.width, self.slices, self.pans, &self.tilts, self.seed);
-        let bar = steps();
-        self.render(&setup, &bar).await?;
+        let (rendering, out) = (setup.clone(), self.out.clone());
+        tokio::task::spawn_blocking(move || files::write(&rendering, &out)).await??;
         let rendered = begin.elapsed();
         if self.render_only {
-            bar.finish_and_clear();
             println!("{}", self.left(&[]));
             println!("{}", settings(&setup));
             return Ok(());
         }
         let service = start_service(data).await?;
         let url = format!("http://{}", service.address());
-        let scan = Scan { client: Client::new(url.clone()), setup: &setup, out: &self.out, bar: &bar };
+        let scan = Scan { client: Client::new(url.clone()), setup: &setup, out: &self.out };
         let figures = scan.run().await?;
-        bar.finish_and_clear();
         println!("{}", figures.table());
         println!(
             "time          rendering {:.1} s, in all {:.1} s",
             rendered.as_secs_f64(),
             begin.elapsed().as_secs_f64()
         );
-        println!("{}", self.left(&["bundle.zip", "poses.txt", "figures.json", "contact-sheet.png"]));
+        println!("{}", self.left(&["bundle.zip", "poses.txt", "figures.json"]));
         if self.keep {
             println!("\nThe service is still running; Ctrl-C stops it. In a browser: {url}/scans/{SCAN}");
             tokio::signal::ctrl_c().await?;
         }
         service.stop().await
-    }
-
-    async fn render(&self, setup: &Setup, bar: &ProgressBar) -> Result<()> {
-        let (setup, out, bar) = (setup.clone(), self.out.clone(), bar.clone());
-        tokio::task::spawn_blocking(move || {
-            files::write(&setup, &out, |what, share| show(&bar, "rendering", what, share))
-        })
-        .await?
     }
 
     /// The line that names the files.
@@ -131,7 +111,6 @@ struct Scan<'a> {
     client: Client,
     setup: &'a Setup,
     out: &'a Path,
-    bar: &'a ProgressBar,
 }
 
 impl Scan<'_> {
@@ -148,15 +127,11 @@ impl Scan<'_> {
         let table = self.table().await?;
         let views = table["views"].as_array().context("a scan has views")?;
         let mut figures = Vec::new();
-        for (at, view) in views.iter().enumerate() {
-            show(self.bar, "comparing", "with the truth", at as f64 / views.len() as f64);
+        eprintln!("comparing with the truth");
+        for view in views {
             let name = view["name"].as_str().context("a view has a name")?;
             let fused = self.pictures(view["stack"].as_str().context("a view has a stack")?).await?;
-            let truth = self.truth(name)?;
-            figures.push(ViewFigures::of(name, &fused, &truth)?);
-            if name == knocked {
-                self.write_contact_sheet(&bad, &fused, &truth)?;
-            }
+            figures.push(ViewFigures::of(name, &fused, &self.truth(name)?)?);
         }
         let knocked_psnr_db = ViewFigures::of(&knocked, &bad, &self.truth(&knocked)?)?.psnr_db;
         let (poses, worst_centre_mm) = self.bundle().await?;
@@ -187,7 +162,8 @@ impl Scan<'_> {
             self.setup.target().pitch_mm
         );
         let zip = self.out.join(files::TARGET);
-        let made = self.client.run_job(&path, &zip, |stage, share| show(self.bar, "calibrating", stage, share)).await?;
+        eprintln!("calibrating");
+        let made = self.client.run_job(&path, &zip).await?;
         let grade = made["result"]["grade"].as_str().unwrap_or("unknown").to_owned();
         Ok((grade, self.client.get_json(&format!("/v1/profiles/{RIG}/{LENS}")).await?))
     }
@@ -199,13 +175,13 @@ impl Scan<'_> {
             "specimen": "rendered beetle"
         });
         self.client.put_json(&format!("/v1/scans/{SCAN}"), &scan).await?;
-        show(self.bar, "fusing", "sending", 0.0);
+        eprintln!("sending the views");
         let (sent, _) = self.client.upload(&format!("/v1/scans/{SCAN}/archive"), &self.out.join(files::SCAN)).await?;
         let views = sent["views"].as_array().context("the answer lists the views")?;
         for (at, view) in views.iter().enumerate() {
             let stack = view["stack"].as_str().context("a view has a stack")?;
-            let share = |part: f64| (at as f64 + part) / views.len() as f64;
-            self.client.follow(stack, |stage, part| show(self.bar, "fusing", stage, share(part))).await?;
+            eprintln!("fusing view {} of {}", at + 1, views.len());
+            self.client.wait_for(stack).await?;
         }
         Ok(())
     }
@@ -218,7 +194,8 @@ impl Scan<'_> {
             angles.pan_deg, angles.tilt_deg
         );
         let zip = self.out.join(files::RETAKE);
-        self.client.run_job(&path, &zip, |stage, share| show(self.bar, "fusing again", stage, share)).await?;
+        eprintln!("fusing the view that was photographed again");
+        self.client.run_job(&path, &zip).await?;
         Ok(())
     }
 
@@ -260,25 +237,6 @@ impl Scan<'_> {
         let report = self.client.post_bytes(&format!("/v1/scans/{SCAN}/poses?format=text"), images.clone()).await?;
         self.write("poses.txt", &report)?;
         score::of_poses(self.setup, &images)
-    }
-
-    fn write_contact_sheet(&self, bad: &Pictures, fused: &Pictures, truth: &Pictures) -> Result<()> {
-        let stage = self.setup.stage(self.setup.knocked_view());
-        let last = self.setup.rig.slices() - 1;
-        let (first, end) = (stage.render(Light::Front, 0), stage.render(Light::Front, last));
-        let knocked = format!("fused; the rig was knocked at slice {}", self.setup.knocked_from());
-        let cells = [
-            ("first slice".to_owned(), &first),
-            (format!("last slice ({last})"), &end),
-            (knocked, &bad.image),
-            ("photographed again and fused".to_owned(), &fused.image),
-            ("truth".to_owned(), &truth.image),
-            ("mask".to_owned(), &fused.mask),
-        ];
-        let sheet = contact_sheet(&cells.map(|(caption, picture)| Cell { caption, picture }), 3);
-        let mut png = Vec::new();
-        codec::encode_png(&mut png, &sheet, &Metadata::default()).context("cannot make the contact sheet")?;
-        self.write("contact-sheet.png", &png)
     }
 
     fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {

@@ -1,5 +1,6 @@
 //! What the scan is rendered from: a rig, a specimen, the views, and one view whose stack has a fault.
 
+use crate::cli::demo::files::TARGET_COLUMNS;
 use pinstack_science::{
     photogrammetry::bundle::{BundleScan, BundleView},
     synth::{
@@ -8,6 +9,9 @@ use pinstack_science::{
     },
     types::{intrinsics::Intrinsics, view::ViewAngles},
 };
+
+// the name used in docs/TUTORIAL.md
+pub(super) const SCAN: &str = "beetle";
 
 /// How far the rig is knocked in the view with a fault, px of a picture 600 px wide.
 const KNOCK_PX: [f64; 2] = [4.0, -2.5];
@@ -38,7 +42,7 @@ impl Setup {
 
     /// The dot target that the rig is calibrated with. No edge of it is in view, so its dots carry a code.
     pub(super) fn target(&self) -> DotTarget {
-        DotTarget { code: Some([0, 0]), ..DotTarget::for_rig(&self.rig, super::super::TARGET_COLUMNS) }
+        DotTarget { code: Some([0, 0]), ..DotTarget::for_rig(&self.rig, TARGET_COLUMNS) }
     }
 
     /// Distance from the camera to the point where the axes of pan and tilt meet, mm.
@@ -81,7 +85,7 @@ impl Setup {
             angles: Some(angles),
         };
         BundleScan {
-            name: super::SCAN.into(),
+            name: SCAN.into(),
             width: self.rig.width as u32,
             height: self.rig.height as u32,
             intrinsics: Some(Intrinsics {

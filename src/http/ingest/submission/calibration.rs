@@ -3,7 +3,7 @@
 use crate::{
     contract::{
         Code, Fault, Name,
-        options::check_calibration,
+        ranges::check_calibration,
         request::{CalibrationRequest, Upload},
     },
     http::{extract::path::name, ingest::fields::Fields, problem::ApiResult, state::App},

@@ -19,7 +19,7 @@ use crate::{
         scans,
         state::App,
     },
-    jobs::disk::disk_need_by_profile,
+    jobs::{disk::disk_need_by_profile, mask_params},
 };
 use pinstack_science::{archive, segmentation::MaskParams, types::stack_layout::StackLayout};
 
@@ -94,7 +94,7 @@ impl StackSubmission {
         if options.mask != MaskMode::None && !layout.back.is_empty() {
             // the sizes in use are recorded, so that they stay the same when the defaults change
             let MaskParams { min_blob_px: blob, min_hole_px: hole, .. } =
-                options.mask_params(layout.width as usize, layout.height as usize);
+                mask_params(&options, layout.width as usize, layout.height as usize);
             (options.mask_min_blob_px, options.mask_min_hole_px) = (Some(blob), Some(hole));
         }
         Ok(StackRequest {

@@ -91,7 +91,7 @@ fn fused(slices: &[Raster], rig: &Rig, lateral_colour: Option<LateralColour>) ->
         ..ProfileInput::default()
     };
     let (request, folder) = (FusionRequest::default(), std::env::temp_dir());
-    fusion::fuse(&slices, &options().plan(&profile), &request, &folder, &NoControl).expect("fused").image
+    fusion::fuse(&slices, &requested::plan(&options(), &profile), &request, &folder, &NoControl).expect("fused").image
 }
 
 /// PSNR of a colour against the truth, dB, without a border of 10 px.

@@ -3,7 +3,7 @@
 use anyhow::bail;
 
 /// Prefix of the variables of all settings.
-pub const PREFIX: &str = "PINSTACK_";
+pub(super) const PREFIX: &str = "PINSTACK_";
 
 /// Variables that are not settings of the server: of other commands, tests, fuzzers and benches.
 const ELSEWHERE: [&str; 7] = ["CONFIG", "TOKEN", "URL", "SERVER", "SHARED", "SOAK", "SHINESTACKER"];
@@ -16,7 +16,7 @@ const NEAR: usize = 3;
 ///
 /// # Errors
 /// With the name of the variable, and the most similar setting.
-pub fn check(names: impl Iterator<Item = String>, settings: &[&str]) -> anyhow::Result<()> {
+pub(super) fn check(names: impl Iterator<Item = String>, settings: &[&str]) -> anyhow::Result<()> {
     for name in names {
         let Some(key) = name.strip_prefix(PREFIX) else { continue };
         if is_known(key, settings) {

@@ -1,4 +1,4 @@
-//! Renders the zips that the demo uploads.
+//! Writes what is rendered: the zips that the demo uploads, and pictures.
 
 use std::{fs::File, io::BufWriter, path::Path};
 
@@ -7,12 +7,18 @@ use rayon::prelude::*;
 
 use pinstack_science::{
     archive::pack,
-    imaging::{Raster, codec},
+    imaging::{
+        Raster,
+        codec::{self, Metadata},
+    },
     synth::{DotTarget, Light, Rig, Stage, render_target},
 };
 
 /// JPEG quality of the slices, that of the setting "fine" of cameras.
 const QUALITY: u8 = 95;
+
+/// Dots of the target from left to right.
+pub(super) const TARGET_COLUMNS: usize = 19;
 
 /// Renders the dot target at every rail position into a zip.
 ///
@@ -55,4 +61,14 @@ fn jpeg(picture: &Raster) -> Vec<u8> {
 pub(super) fn write_zip(members: impl Iterator<Item = (String, Vec<u8>)>, path: &Path) -> Result<()> {
     let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
     pack(BufWriter::new(file), members).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a picture.
+///
+/// # Errors
+/// When the file cannot be written.
+pub(super) fn write_png(path: &Path, picture: &Raster) -> Result<()> {
+    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    codec::encode_png(&mut BufWriter::new(file), picture, &Metadata::default())
+        .with_context(|| format!("cannot write {}", path.display()))
 }
