@@ -1,6 +1,6 @@
 //! Background tasks and blocking work of requests. Their log lines have the fields of the request, and their steps are
 //! spans of its trace. All tasks that a request starts begin here, except the one that polls for waiting requests
-//! ([`super::watch`]), so that no log line lacks its request id.
+//! ([`super::state::job_watch`]), so that no log line lacks its request id.
 
 use tokio::task::JoinHandle;
 use tracing::{Instrument, Span};

@@ -1,4 +1,12 @@
-//! The application state of every handler, and the policy: limits and rules of the service.
+//! The application state of every handler, and the policy: limits and rules of the service. What requests share is in
+//! the files below: no part of the state knows the handlers that use it, or the whole state.
+
+pub mod conversions;
+pub mod health;
+pub mod job_watch;
+mod recent;
+pub mod thumbnails;
+pub mod token_sums;
 
 use std::{
     net::IpAddr,
@@ -12,15 +20,10 @@ use std::{
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-use super::{
-    artifacts::conversions::Conversions,
-    connections::{AddressRange, Tally},
-    ingest::{quota::Claims, reservation::Shares},
-    pages::stacks::thumbnail::Thumbnails,
-    recent::Recent,
-    system::readyz,
-    watch::JobWatch,
+use self::{
+    conversions::Conversions, health::HealthChecks, job_watch::JobWatch, thumbnails::Thumbnails, token_sums::TokenSums,
 };
+use super::connections::AddressRange;
 use crate::{
     disk_budget::DiskBudget,
     store::{Store, StoreResult, gc::MOST_STORING},
@@ -33,9 +36,6 @@ const INSPECTIONS: usize = 2;
 
 /// Tiles that are cut at a time.
 const TILES: usize = 4;
-
-/// How long the result of `/readyz` is cached.
-const READINESS_AGE: Duration = Duration::from_secs(1);
 
 /// Limits and rules of the service.
 #[derive(Debug, Clone)]
@@ -140,12 +140,12 @@ pub struct App {
     pub shutdown: CancellationToken,
     /// Disk budget: what uploads, jobs and conversions of this process reserve.
     pub disk: Arc<DiskBudget>,
-    /// Reservations of the open uploads by token.
-    pub shares: Shares,
+    /// Bytes reserved ahead of those that have arrived, by token.
+    pub reserved_ahead: TokenSums,
     /// Changes of the jobs that requests wait for.
     pub watch: Arc<JobWatch>,
-    /// What the requests in progress claim of the quotas of their tokens.
-    pub claims: Claims,
+    /// Bytes that requests in progress claim of the quotas of their tokens, and that the store does not count yet.
+    pub claims: TokenSums,
     /// A token exists. Tokens are never deleted, only revoked.
     has_tokens: Arc<AtomicBool>,
     /// Conversions of stored images to other file formats.
@@ -155,9 +155,9 @@ pub struct App {
     /// Permits to cut a tile out of a picture.
     pub tile_permits: Arc<Semaphore>,
     /// Requests in progress by token.
-    pub tally: Tally,
-    /// The cached result of `/readyz`.
-    pub readiness: Arc<Recent<readyz::LastChecks>>,
+    pub in_progress: TokenSums,
+    /// The checks of `/readyz`.
+    pub health: Arc<HealthChecks>,
     /// Permits to inspect a zip. An inspection needs as much memory as a hostile zip makes it need, so few run at once.
     pub inspection_permits: Arc<Semaphore>,
 }
@@ -168,19 +168,19 @@ impl App {
         let disk = DiskBudget::new(&store, policy.min_free_bytes);
         let watch = JobWatch::new(Arc::clone(&store.metadata), policy.poll_interval);
         Self {
+            conversions: Conversions::new(&store, &disk, policy.archive),
+            health: HealthChecks::new(&store, &disk),
             store,
             disk,
             watch,
-            shares: Shares::default(),
-            claims: Claims::default(),
+            reserved_ahead: TokenSums::default(),
+            claims: TokenSums::default(),
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
             has_tokens: Arc::default(),
-            conversions: Arc::default(),
             thumbnails: Arc::default(),
             tile_permits: Arc::new(Semaphore::new(TILES)),
-            tally: Tally::default(),
-            readiness: Arc::new(Recent::new(READINESS_AGE)),
+            in_progress: TokenSums::default(),
             inspection_permits: Arc::new(Semaphore::new(INSPECTIONS)),
         }
     }

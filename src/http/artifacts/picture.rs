@@ -7,7 +7,6 @@ use axum::{
 
 use super::{
     accept,
-    conversions::{Conversion, Form},
     download::{self, Content, Download, Source},
     name, outcome,
     redirect::MayRedirect,
@@ -20,7 +19,10 @@ use crate::{
     http::{
         extract::conditional::{not_modified, require_match},
         problem::{ApiError, ApiResult},
-        state::App,
+        state::{
+            App,
+            conversions::conversion::{Conversion, Form},
+        },
     },
     store::Job,
 };
@@ -74,7 +76,7 @@ async fn converted(
     } else {
         // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
-        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Conversion::File(format)).await?)
+        Some(app.conversions.get(&artifact.key, &artifact.sha256, Conversion::File(format)).await?)
     };
     let content = match file {
         Some(converted) => {

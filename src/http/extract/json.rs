@@ -11,10 +11,7 @@ use super::json_sentence::{sentence, shortened};
 use crate::{
     contract::{Code, Fault},
     http::{
-        ingest::{
-            admission::{content_length, waits_for_continue},
-            body::{EndedEarly, WatchedBody},
-        },
+        ingest::body::{EndedEarly, WatchedBody, content_length},
         problem::ApiError,
         state::App,
     },
@@ -43,8 +40,7 @@ pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>,
         )
     };
     let announced = content_length(headers).unwrap_or(0);
-    let waits = waits_for_continue(headers);
-    let mut body = WatchedBody::new(body, MAX_JSON_BYTES, app.policy.body_idle_timeout, waits);
+    let mut body = WatchedBody::new(body, headers, MAX_JSON_BYTES, app.policy.body_idle_timeout);
     if announced > MAX_JSON_BYTES {
         return Err(too_large());
     }

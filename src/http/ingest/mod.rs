@@ -5,10 +5,11 @@
 //! 2. The body is streamed to a spool file, counted and hashed ([`receive`], [`multipart`], [`spool`]).
 //! 3. The directory of the zip and the headers of its images are checked; the file becomes a blob and the job a row
 //!    ([`submit`]).
-//! 4. Only then does the client receive 202 ([`request`]).
+//! 4. Only then does the client receive 202 ([`accept`]).
 //!
 //! Resumable uploads and reruns bring their zip in another way and share steps 1 and 3.
 
+mod accept;
 pub mod admission;
 pub mod body;
 pub mod fields;
@@ -16,9 +17,10 @@ pub mod filename;
 pub mod form_body;
 pub mod idempotency;
 pub mod many;
-pub mod multipart;
+mod multipart;
 pub mod quota;
-pub mod receive;
+pub mod receivable;
+mod receive;
 pub mod request;
 pub mod reservation;
 pub mod scan_views;

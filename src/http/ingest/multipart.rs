@@ -17,7 +17,7 @@ use super::{
     fields::Fields,
     filename,
     form_body::FormBody,
-    receive::Receivable,
+    receivable::Receivable,
     request::IngestRequest,
     reservation::UploadReservation,
     spool::{SpooledZip, spool},

@@ -8,8 +8,8 @@
 use std::{fs::File, path::PathBuf, sync::Arc};
 
 use super::{
-    admission::disk_full,
     many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
+    reservation::disk_full,
     submission::scan::ScanSubmission,
 };
 use crate::{

@@ -5,7 +5,10 @@ use futures::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
-use super::{admission::disk_full, quota::QuotaClaim, reservation::UploadReservation};
+use super::{
+    quota::QuotaClaim,
+    reservation::{UploadReservation, disk_full},
+};
 use crate::{
     contract::{Code, request::Upload},
     http::{

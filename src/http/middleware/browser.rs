@@ -20,10 +20,10 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::auth::drain_briefly;
 use crate::{
     contract::{Code, one_line},
     http::{
+        ingest::body::discard,
         problem::{ApiError, ApiResult},
         state::{App, Policy},
     },
@@ -42,7 +42,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
         Ok(()) => next.run(request).await,
         Err(error) => {
             let (parts, body) = request.into_parts();
-            drain_briefly(&parts.headers, body);
+            discard(&parts.headers, body);
             error.into_response()
         }
     }

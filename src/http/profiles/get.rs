@@ -1,17 +1,13 @@
 //! `GET /v1/profiles/{rig}/{lens}`
 
-use axum::{
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, http::Uri, response::Response};
 use serde::Deserialize;
 
-use super::{not_found, response};
+use super::not_found;
 use crate::{
     contract::profile::Profile,
     http::{
-        extract::{ProfileKey, params},
+        extract::{Conditional, ProfileKey, params},
         problem::ApiResult,
         state::App,
     },
@@ -44,9 +40,10 @@ struct Parameters {
         (status = 404, description = "`profile_not_found`"),
     )
 )]
-pub async fn get(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
+pub async fn get(State(app): State<App>, key: Conditional<ProfileKey>, uri: Uri) -> ApiResult<Response> {
     let Parameters { revision } = params::from_uri(&uri)?;
-    let profile = app.store.metadata.profile(&key.rig, &key.lens, revision).await?;
-    let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
-    Ok(response(&headers, &profile))
+    let ProfileKey { rig, lens } = &key.of;
+    let profile = app.store.metadata.profile(rig, lens, revision).await?;
+    let Some(profile) = profile else { return Err(not_found(&app, rig, lens, revision).await) };
+    Ok(key.shown(profile.revision, &profile))
 }

@@ -24,7 +24,7 @@ use crate::{
         auth::Caller,
         background,
         extract::params,
-        ingest::admission::disk_full,
+        ingest::reservation::disk_full,
         problem::{ApiError, ApiResult},
         state::App,
         views::scan::{listed, most_common},

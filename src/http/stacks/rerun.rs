@@ -21,7 +21,7 @@ use crate::{
         extract::{JobId, json, params},
         ingest::{
             admission::require_admissible,
-            receive::Receivable,
+            receivable::Receivable,
             request::IngestRequest,
             spool::SpooledZip,
             submission::{Submission, stack::StackSubmission},

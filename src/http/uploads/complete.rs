@@ -7,9 +7,9 @@ use crate::{
     http::{
         auth::Caller,
         ingest::{
-            admission::disk_full,
             many::ManyOrigin,
-            receive::Receivable,
+            receivable::Receivable,
+            reservation::disk_full,
             scan_views::group,
             submission::{Submission, scan::ScanSubmission},
             submit::{IncomingZip, Origin, ZipFile, submit},

@@ -28,7 +28,7 @@ use crate::{
             admission::require_admissible,
             body::too_large,
             quota::over_quota,
-            receive::Receivable,
+            receivable::Receivable,
             submission::{Submission, scan::ScanSubmission},
         },
         problem::{ApiError, ApiResult},

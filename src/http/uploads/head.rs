@@ -9,7 +9,8 @@ use axum::{
 use super::{
     complete::complete_if_whole,
     lock::{lock, require_not_refused},
-    protocol::{UPLOAD_LENGTH, UPLOAD_METADATA, require_version, write_headers},
+    metadata::UPLOAD_METADATA,
+    protocol::{UPLOAD_LENGTH, require_version, write_headers},
 };
 use crate::http::{
     background,

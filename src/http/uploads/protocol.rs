@@ -30,8 +30,6 @@ pub const TUS_CHECKSUM_ALGORITHM: HeaderName = HeaderName::from_static("tus-chec
 pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 /// Size of the upload, bytes.
 pub const UPLOAD_LENGTH: HeaderName = HeaderName::from_static("upload-length");
-/// The client's description of the upload.
-pub const UPLOAD_METADATA: HeaderName = HeaderName::from_static("upload-metadata");
 /// When the upload expires unless more bytes arrive.
 pub const UPLOAD_EXPIRES: HeaderName = HeaderName::from_static("upload-expires");
 /// Checksum of the body of one request.

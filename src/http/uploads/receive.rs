@@ -15,7 +15,10 @@ use super::{
 use crate::{
     contract::Code,
     http::{
-        ingest::{admission::content_length, body::WatchedBody, reservation::UploadReservation},
+        ingest::{
+            body::{WatchedBody, content_length},
+            reservation::UploadReservation,
+        },
         problem::{ApiError, ApiResult},
         state::App,
     },

@@ -12,7 +12,8 @@ use self::findings::findings;
 use crate::{
     contract::{JobState, Problem, Scan},
     http::{
-        problem,
+        background,
+        problem::{self, ApiError, ApiResult},
         scans::{
             table::{View, ViewStack},
             url,
@@ -151,8 +152,16 @@ pub struct ScanLinks {
 }
 
 impl ScanWithViews {
-    /// The view of a scan and its table.
-    pub fn of(scan: Scan, views: &[View]) -> Self {
+    /// The view of a scan and its table. Comparing the views takes the square of their number, so another thread does
+    /// it.
+    ///
+    /// # Errors
+    /// When that thread panics.
+    pub async fn tabulated(scan: Scan, views: Vec<View>) -> ApiResult<Self> {
+        background::spawn_blocking(move || Self::of(scan, &views)).await.map_err(ApiError::internal)
+    }
+
+    fn of(scan: Scan, views: &[View]) -> Self {
         let found = outliers(&views.iter().map(View::measurements).collect::<Vec<_>>());
         let angles: Vec<ViewAngles> = views.iter().filter_map(View::angles).collect();
         let missing = missing_views(&angles);

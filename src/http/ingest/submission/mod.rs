@@ -11,7 +11,7 @@ use pinstack_science::types::{Warning, stack_layout::StackLayout};
 use serde_json::Value;
 
 use self::{calibration::CalibrationSubmission, stack::StackSubmission};
-use super::{fields::Fields, receive::Receivable};
+use super::{fields::Fields, receivable::Receivable};
 use crate::{
     contract::{
         Fault, JobKind, Name,

@@ -9,7 +9,7 @@ use crate::{
     http::{
         auth::Caller,
         extract::params,
-        ingest::{fields::Fields, receive::Receivable},
+        ingest::{fields::Fields, receivable::Receivable},
         problem::{ApiError, ApiResult},
         profiles, scans,
         state::App,

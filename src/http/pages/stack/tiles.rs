@@ -17,16 +17,18 @@ use uuid::Uuid;
 use crate::{
     contract::{Code, JobKind, artifact::StackArtifact, request::JobRequest},
     http::{
-        artifacts::{
-            conversions::{Conversion, Converted, Form, SliceRecipe},
-            download, outcome,
-            pyramid::{self, Colours},
-        },
+        artifacts::{download, outcome},
         background,
         extract::conditional::{etag, not_modified},
         job_resource::load,
         problem::{ApiError, ApiResult},
-        state::App,
+        state::{
+            App,
+            conversions::{
+                conversion::{Conversion, Converted, Form, SliceRecipe},
+                pyramid::{self, Colours},
+            },
+        },
     },
     store::Job,
 };
@@ -71,7 +73,7 @@ impl Picture {
                     // refuses a damaged file
                     drop(download::stored(app, job, stored, String::new()).await?);
                 }
-                app.conversions.get(app, &stored.key, &stored.sha256, Conversion::Pyramid(colours)).await
+                app.conversions.get(&stored.key, &stored.sha256, Conversion::Pyramid(colours)).await
             }
             Self::Slice(index) => {
                 let stack = job.id.to_string();
@@ -84,7 +86,7 @@ impl Picture {
                 let profile = metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
                 let profile = profile.ok_or_else(none)?.input;
                 let recipe = SliceRecipe { profile, options: request.options.clone(), index };
-                app.conversions.get(app, &request.upload.key, &stack, Conversion::Slice(Arc::new(recipe))).await
+                app.conversions.get(&request.upload.key, &stack, Conversion::Slice(Arc::new(recipe))).await
             }
         }
     }

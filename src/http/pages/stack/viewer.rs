@@ -7,8 +7,9 @@ use super::tiles::{SLICE, colours};
 use crate::{
     contract::{artifact::StackArtifact, outcome::StackOutcome},
     http::{
-        artifacts::{outcome::of_stack, pyramid::TILE},
+        artifacts::outcome::of_stack,
         pages::{stacks::row::name, words::text},
+        state::conversions::pyramid::TILE,
     },
     store::Job,
 };
