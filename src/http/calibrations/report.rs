@@ -6,7 +6,6 @@ use axum::{
     http::{HeaderMap, HeaderValue, Uri, header},
     response::{IntoResponse, Response},
 };
-use bytes::Bytes;
 use serde::Deserialize;
 
 use crate::{
@@ -75,7 +74,7 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
     };
     let job = load(&app, id, JobKind::Calibration).await?;
     let (artifact, revision) = stored(&job)?;
-    let bytes = read(&app, &job, artifact).await?;
+    let bytes = download::bytes(&app, &job, artifact).await?;
     let drift = drift_since_previous(&app, &job, revision).await?;
     // rendering thousands of dots takes long: not on the threads that serve other requests
     let rendered = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
@@ -96,13 +95,6 @@ fn stored(job: &Job) -> ApiResult<(&Artifact, Option<u32>)> {
         ApiError::new(Code::NoResult, detail)
     };
     Ok((artifact.ok_or_else(missing)?, outcome.profile_revision))
-}
-
-async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
-    match download::stored(app, job, artifact, String::new()).await?.content {
-        Some(content) => content.bytes().await,
-        None => Ok(Bytes::new()),
-    }
 }
 
 /// The drift from the previous revision to the one that the job made, even if that was deleted meanwhile.

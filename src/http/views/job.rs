@@ -65,7 +65,7 @@ pub struct UploadView {
 /// A result file of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ArtifactView {
-    /// `image`, `mask`, `backlight`, `depth`, `height`, `height-sigma`, `preview`, or `overlay-{slice}`.
+    /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), or `overlay-{slice}`.
     pub name: String,
     /// URL of the file.
     pub href: String,

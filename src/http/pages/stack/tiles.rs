@@ -15,7 +15,11 @@ use axum::{
 use uuid::Uuid;
 
 use crate::{
-    contract::{Code, JobKind, artifact::StackArtifact, request::JobRequest},
+    contract::{
+        Code, JobKind,
+        artifact::{Colours, StackArtifact},
+        request::JobRequest,
+    },
     http::{
         artifacts::{download, outcome},
         background,
@@ -26,7 +30,7 @@ use crate::{
             App,
             conversions::{
                 conversion::{Conversion, Converted, Form, SliceRecipe},
-                pyramid::{self, Colours},
+                pyramid,
             },
         },
     },
@@ -35,16 +39,6 @@ use crate::{
 
 /// Begins the name of a slice.
 pub const SLICE: &str = "slice-";
-
-/// How an artifact is shown; `None` for those without tiles.
-pub fn colours(artifact: StackArtifact) -> Option<Colours> {
-    match artifact {
-        StackArtifact::Image | StackArtifact::Mask | StackArtifact::Backlight => Some(Colours::Plain),
-        StackArtifact::Depth => Some(Colours::Indices),
-        StackArtifact::Height | StackArtifact::HeightSigma => Some(Colours::Heights),
-        StackArtifact::Preview => None,
-    }
-}
 
 /// A picture that has tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,7 +55,8 @@ impl Picture {
             return index.parse().ok().filter(|number: &usize| number.to_string() == index).map(Self::Slice);
         }
         let artifact = StackArtifact::of_name(name)?;
-        Some(Self::Artifact(artifact, colours(artifact)?))
+        let (_, colours) = artifact.layer()?;
+        Some(Self::Artifact(artifact, colours))
     }
 
     /// The file with all levels, made at the first request.

@@ -6,12 +6,11 @@ use axum::{
     http::{HeaderMap, HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
-use bytes::Bytes;
 use maud::{Markup, html};
 use uuid::Uuid;
 
 use crate::{
-    contract::{JobKind, artifact::StackArtifact, outcome::Artifact},
+    contract::{JobKind, artifact::StackArtifact},
     http::{
         artifacts::{download, outcome},
         extract::{
@@ -19,7 +18,7 @@ use crate::{
             conditional::{etag, not_modified},
         },
         job_resource::load,
-        problem::{ApiError, ApiResult},
+        problem::ApiResult,
         state::App,
     },
     store::Job,
@@ -38,15 +37,8 @@ pub async fn get(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) -
     if not_modified(&headers, &tag) {
         return Ok((StatusCode::NOT_MODIFIED, common).into_response());
     }
-    let jpeg = app.thumbnails.get(&preview.sha256, stored(&app, &job, preview)).await?;
+    let jpeg = app.thumbnails.get(&preview.sha256, download::bytes(&app, &job, preview)).await?;
     Ok((common, [(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response())
-}
-
-async fn stored(app: &App, job: &Job, preview: &Artifact) -> ApiResult<Bytes> {
-    match download::stored(app, job, preview, String::new()).await?.content {
-        Some(content) => content.bytes().await,
-        None => Err(ApiError::internal("a preview has no bytes")),
-    }
 }
 
 /// URL of the thumbnail of a stack; `digest` is that of its preview.
@@ -57,7 +49,7 @@ pub fn url(id: Uuid, digest: &str) -> String {
 /// The picture of a stack in a list, or a sign for its absence. The name beside it says what it is.
 pub fn picture(job: &Job) -> Markup {
     let artifacts = job.outcome.as_ref().map(|outcome| outcome.artifacts()).unwrap_or_default();
-    let preview = artifacts.iter().find(|artifact| artifact.name == StackArtifact::Preview.name());
+    let preview = StackArtifact::Preview.among(artifacts);
     html! {
         span.thumb {
             @match preview {

@@ -4,8 +4,11 @@ use std::{path::Path, sync::Arc};
 
 use tempfile::NamedTempFile;
 
-use super::pyramid::Colours;
-use crate::contract::{Fault, artifact::FileFormat, options::StackOptions};
+use crate::contract::{
+    Fault,
+    artifact::{Colours, FileFormat},
+    options::StackOptions,
+};
 use pinstack_science::types::profile::ProfileInput;
 
 /// A converted file, removed when the last reference is dropped.

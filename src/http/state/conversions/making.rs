@@ -6,10 +6,13 @@ use std::sync::Arc;
 use super::{
     conversion::{Conversion, Converted, Outcome, SliceRecipe},
     convert::{convert, most_bytes, size},
-    pyramid::{self, Colours},
+    pyramid,
 };
 use crate::{
-    contract::{Code, Fault, artifact::FileFormat},
+    contract::{
+        Code, Fault,
+        artifact::{Colours, FileFormat},
+    },
     disk_budget::DiskBudget,
     http::{background, problem::ApiError},
     jobs::slice_view,

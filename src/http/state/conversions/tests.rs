@@ -2,8 +2,8 @@
 
 use tempfile::NamedTempFile;
 
-use super::{pyramid::Colours, *};
-use crate::contract::artifact::FileFormat;
+use super::*;
+use crate::contract::artifact::{Colours, FileFormat};
 
 /// Adds a file, made now.
 fn keep(cache: &mut Cache, digest: &str, form: Form, length: u64) {
