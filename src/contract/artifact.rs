@@ -1,9 +1,9 @@
 //! The result files of jobs.
 //!
-//! To add a file of a stack: its row in [`stack_artifacts`], and its picture in `jobs/pictures.rs`. Its name and URL, the
-//! endpoint with its documentation, the link in the view of a stack, conversions, its layer in the viewer, and the disk
-//! space that a job reserves follow from the row. A calibration has `overlay-{slice}`, a slice with the detected dots as
-//! PNG, and `report`, JSON.
+//! To add a file of a stack: its row in [`stack_artifacts`], and its picture in `jobs/pictures.rs`. Its name and URL,
+//! the endpoint with its documentation, the link in the view of a stack, conversions, its layer in the viewer, and the
+//! disk space that a job reserves follow from the row. A calibration has `overlay-{slice}`, a slice with the detected
+//! dots as PNG, and `report`, JSON.
 
 use super::outcome::Artifact;
 

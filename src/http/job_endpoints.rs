@@ -1,8 +1,8 @@
-//! The endpoints that stacks and calibrations have in common: list, get, delete, events, cancel. One macro documents them
-//! for both kinds of jobs; [`job_resource`](super::job_resource) does the work.
+//! The endpoints that stacks and calibrations have in common: list, get, delete, events, cancel. One macro documents
+//! them for both kinds of jobs; [`job_resource`](super::job_resource) does the work.
 
-/// The endpoints of a kind of jobs: the kind, its view, its list, its name, the plural, and the description of its event
-/// stream; of stacks, that of the parameter `scan`.
+/// The endpoints of a kind of jobs: the kind, its view, its list, its name, the plural, and the description of its
+/// event stream; of stacks, that of the parameter `scan`.
 macro_rules! endpoints {
     ($kind:ident, $view:ident, $list:ident, $one:literal, $many:literal, $events:literal $(, $scan:literal)?) => {
         use axum::{

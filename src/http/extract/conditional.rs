@@ -221,8 +221,8 @@ impl<T: Numbered> Conditional<T> {
         }
     }
 
-    /// The response to a write, with the `ETag` of the number: 201 with `Location` if it created the resource, otherwise
-    /// 200.
+    /// The response to a write, with the `ETag` of the number: 201 with `Location` if it created the resource,
+    /// otherwise 200.
     pub fn written(&self, is_new: bool, number: u32, document: &impl Serialize) -> Response {
         let mut response = ([(header::ETAG, etag(&number.to_string()))], Json(document)).into_response();
         if is_new {

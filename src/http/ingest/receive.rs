@@ -35,9 +35,9 @@ const ZIP_TYPES: [&str; 5] = [
 ];
 
 impl IngestRequest<'_> {
-    /// Checks the submission, then receives its zip, as the whole body or as a part of a form. Nothing of a bare body is
-    /// read before the submission is checked and admitted, so a client that sends `Expect: 100-continue` never sends a
-    /// file in vain.
+    /// Checks the submission, then receives its zip, as the whole body or as a part of a form. Nothing of a bare body
+    /// is read before the submission is checked and admitted, so a client that sends `Expect: 100-continue` never sends
+    /// a file in vain.
     ///
     /// # Errors
     /// What [`Receivable::read`] and [`admit`] refuse; `unsupported_media_type`; `upload_too_large`;

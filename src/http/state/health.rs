@@ -1,5 +1,5 @@
-//! The checks of `/readyz`: database, blob store, free disk space. They write a file, so their result is cached: clients
-//! must not determine how often they run.
+//! The checks of `/readyz`: database, blob store, free disk space. They write a file, so their result is cached:
+//! clients must not determine how often they run.
 
 use std::{sync::Arc, time::Duration};
 

@@ -54,7 +54,8 @@ impl Thumbnails {
         }
     }
 
-    /// The thumbnail of the preview with this digest. `preview` reads the preview, where the thumbnail is not in memory.
+    /// The thumbnail of the preview with this digest. `preview` reads the preview, where the thumbnail is not in
+    /// memory.
     ///
     /// # Errors
     /// Those of `preview`; `internal` when it cannot be decoded.

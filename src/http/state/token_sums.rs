@@ -1,5 +1,5 @@
-//! A sum for each token: requests in progress, bytes claimed of its quota, bytes that its uploads reserve ahead. Callers
-//! without a token share one sum.
+//! A sum for each token: requests in progress, bytes claimed of its quota, bytes that its uploads reserve ahead.
+//! Callers without a token share one sum.
 
 use std::{
     collections::HashMap,
