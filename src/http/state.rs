@@ -23,7 +23,11 @@ use tokio_util::sync::CancellationToken;
 use self::{
     conversions::Conversions, health::HealthChecks, job_watch::JobWatch, thumbnails::Thumbnails, token_sums::TokenSums,
 };
-use super::connections::AddressRange;
+use super::{
+    background,
+    connections::AddressRange,
+    problem::{ApiError, ApiResult},
+};
 use crate::{
     disk_budget::DiskBudget,
     store::{Store, StoreResult, gc::MOST_STORING},
@@ -158,8 +162,8 @@ pub struct App {
     pub in_progress: TokenSums,
     /// The checks of `/readyz`.
     pub health: Arc<HealthChecks>,
-    /// Permits to inspect a zip. An inspection needs as much memory as a hostile zip makes it need, so few run at once.
-    pub inspection_permits: Arc<Semaphore>,
+    /// Permits to inspect a zip.
+    inspection_permits: Arc<Semaphore>,
 }
 
 impl App {
@@ -183,6 +187,16 @@ impl App {
             in_progress: TokenSums::default(),
             inspection_permits: Arc::new(Semaphore::new(INSPECTIONS)),
         }
+    }
+
+    /// Inspects a zip, or names, on another thread. An inspection needs as much memory as a hostile zip makes it need, so
+    /// few run at once.
+    ///
+    /// # Errors
+    /// `internal` when the inspection panics.
+    pub async fn inspect<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> ApiResult<T> {
+        let permit = Arc::clone(&self.inspection_permits).acquire_owned().await.map_err(ApiError::internal)?;
+        background::blocking_with(permit, |_| work()).await
     }
 
     /// Whether this request needs a token. With `auth_once_there_are_tokens` the store is queried until a token exists,

@@ -77,8 +77,7 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
     let bytes = download::bytes(&app, &job, artifact).await?;
     let drift = drift_since_previous(&app, &job, revision).await?;
     // rendering thousands of dots takes long: not on the threads that serve other requests
-    let rendered = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
-    let mut response = rendered.await.map_err(ApiError::internal)??;
+    let mut response = background::blocking(move || answer(form, &job, revision, &bytes, drift)).await??;
     let headers = response.headers_mut();
     headers.insert(header::VARY, HeaderValue::from_static("accept"));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));

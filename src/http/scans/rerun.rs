@@ -21,8 +21,7 @@ use crate::{
         background,
         extract::params,
         ingest::{
-            many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
-            spool::SpooledZip,
+            many::{CheckedJob, ManyOrigin, check, require_queue_places, submit_all},
             submission::Submission,
         },
         problem::{ApiError, ApiResult},
@@ -194,8 +193,7 @@ async fn submission_of(
 
 /// Checks the stored zip of a stack against the submission.
 async fn check_stored(app: &App, first: &Job, submission: &Submission) -> ApiResult<CheckedJob> {
-    let SpooledZip { file, bytes, sha256, filename, quota: _ } = stored_zip(app, first).await?;
-    check(app, submission, SpooledUpload { file, bytes, sha256, filename }, None).await
+    check(app, submission, stored_zip(app, first).await?, None).await
 }
 
 fn stack_url(view: &View) -> String {

@@ -68,7 +68,7 @@ impl Thumbnails {
             return Ok(jpeg);
         }
         let bytes = preview.await?;
-        let made = background::spawn_blocking(move || made(&bytes)).await.map_err(ApiError::internal)??;
+        let made = background::blocking(move || made(&bytes)).await??;
         self.keep(digest, &made);
         Ok(made)
     }

@@ -13,7 +13,7 @@ use crate::{
     contract::{JobState, Problem, Scan},
     http::{
         background,
-        problem::{self, ApiError, ApiResult},
+        problem::{self, ApiResult},
         scans::{
             table::{View, ViewStack},
             url,
@@ -158,7 +158,7 @@ impl ScanWithViews {
     /// # Errors
     /// When that thread panics.
     pub async fn tabulated(scan: Scan, views: Vec<View>) -> ApiResult<Self> {
-        background::spawn_blocking(move || Self::of(scan, &views)).await.map_err(ApiError::internal)
+        background::blocking(move || Self::of(scan, &views)).await
     }
 
     fn of(scan: Scan, views: &[View]) -> Self {

@@ -122,7 +122,7 @@ pub async fn get(
     }
     let pyramid = picture.pyramid(&app, &job).await?;
     let _turn = app.tile_permits.acquire().await.map_err(ApiError::internal)?;
-    let made = background::spawn_blocking(move || pyramid::tile(pyramid.path(), level, x, y));
-    let png = made.await.map_err(ApiError::internal)?.map_err(ApiError::internal)?.ok_or_else(none)?;
+    let made = background::blocking(move || pyramid::tile(pyramid.path(), level, x, y)).await?;
+    let png = made.map_err(ApiError::internal)?.ok_or_else(none)?;
     Ok((common, [(header::CONTENT_TYPE, "image/png")], png).into_response())
 }
