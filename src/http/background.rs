@@ -5,7 +5,7 @@
 use tokio::task::JoinHandle;
 use tracing::{Instrument, Span};
 
-use super::problem::{ApiError, ApiResult};
+use super::{ApiError, ApiResult};
 use crate::telemetry::traces;
 
 /// Starts a task in the span of the request.

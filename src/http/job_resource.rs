@@ -8,12 +8,10 @@ use axum::{
 use uuid::Uuid;
 
 use super::{
+    ApiError, ApiResult, App,
     auth::Caller,
     extract::{PageQuery, params, prefer},
-    log,
-    problem::{ApiError, ApiResult},
-    sse,
-    state::App,
+    log, sse,
     views::JobDocument,
     waiting::until_final,
 };

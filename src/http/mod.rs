@@ -32,5 +32,6 @@ pub mod views;
 pub mod wait_times;
 pub mod waiting;
 
+pub use problem::{ApiError, ApiResult};
 pub use serve::{serve, serve_over};
 pub use state::{App, Policy};

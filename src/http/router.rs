@@ -16,11 +16,9 @@ use utoipa::OpenApi;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
-    calibrations, job_endpoints,
+    App, calibrations, job_endpoints,
     middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot, trace},
-    optics, pages, poses, profiles, scans, stacks,
-    state::App,
-    system, targets, uploads,
+    optics, pages, poses, profiles, scans, stacks, system, targets, uploads,
 };
 
 /// The OpenAPI document of [`routes()`], built at its first use.

@@ -23,11 +23,7 @@ use tokio_util::sync::CancellationToken;
 use self::{
     conversions::Conversions, health::HealthChecks, job_watch::JobWatch, thumbnails::Thumbnails, token_sums::TokenSums,
 };
-use super::{
-    background,
-    connections::AddressRange,
-    problem::{ApiError, ApiResult},
-};
+use super::{ApiError, ApiResult, background, connections::AddressRange};
 use crate::{
     disk_budget::DiskBudget,
     store::{Store, StoreResult, gc::MOST_STORING},

@@ -21,10 +21,9 @@ use super::{
 use crate::{
     contract::{Code, JobKind, outcome::Artifact},
     http::{
+        ApiError, ApiResult, App,
         extract::conditional::{etag, not_modified, require_match},
-        problem::{ApiError, ApiResult},
         scans::stored_zip::StoredZip,
-        state::App,
     },
     store::{BlobStore, Job},
 };

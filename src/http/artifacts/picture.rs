@@ -17,12 +17,9 @@ use crate::{
         outcome::Artifact,
     },
     http::{
+        ApiError, ApiResult, App,
         extract::conditional::{not_modified, require_match},
-        problem::{ApiError, ApiResult},
-        state::{
-            App,
-            conversions::conversion::{Conversion, Form},
-        },
+        state::conversions::conversion::{Conversion, Form},
     },
     store::Job,
 };

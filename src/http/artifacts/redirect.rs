@@ -22,9 +22,8 @@ use axum::{
 use super::download::{Download, Source};
 use crate::{
     http::{
+        ApiError, ApiResult, App,
         extract::{conditional::not_modified, params},
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::blobs::SignedAnswer,
 };

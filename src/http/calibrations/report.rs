@@ -11,6 +11,7 @@ use serde::Deserialize;
 use crate::{
     contract::{Code, JobKind, artifact::REPORT, outcome::Artifact, request::JobRequest},
     http::{
+        ApiError, ApiResult, App,
         artifacts::{accept::MediaRanges, download, outcome},
         background,
         extract::{JobId, params},
@@ -19,9 +20,7 @@ use crate::{
             self,
             calibration_report::{self, Subject},
         },
-        problem::{ApiError, ApiResult},
         profiles::drift,
-        state::App,
         views::calibration::ReportView,
     },
     store::Job,

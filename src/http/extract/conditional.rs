@@ -12,10 +12,7 @@ use serde::Serialize;
 
 use crate::{
     contract::Code,
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App},
     store::Precondition,
 };
 

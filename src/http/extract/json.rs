@@ -11,9 +11,8 @@ use super::json_sentence::{sentence, shortened};
 use crate::{
     contract::{Code, Fault},
     http::{
+        ApiError, App,
         ingest::body::{EndedEarly, WatchedBody, content_length},
-        problem::ApiError,
-        state::App,
     },
 };
 use pinstack_science::types::error::ErrorLocation;

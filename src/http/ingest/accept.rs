@@ -15,12 +15,11 @@ use super::{
     submit::{IncomingZip, Origin, Submitted, ZipFile, submit},
 };
 use crate::http::{
+    ApiError, ApiResult, App,
     auth::Caller,
     background,
     extract::prefer,
     log,
-    problem::{ApiError, ApiResult},
-    state::App,
     views::{JobDocument, job::url},
     waiting::until_final,
 };

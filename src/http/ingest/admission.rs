@@ -9,11 +9,7 @@ use super::{
 };
 use crate::{
     contract::Code,
-    http::{
-        auth::Caller,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, auth::Caller},
 };
 
 /// Most bytes of a form besides the zip.

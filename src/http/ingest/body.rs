@@ -17,7 +17,7 @@ use tokio::time::{Instant, Sleep, sleep, timeout};
 
 use crate::{
     contract::{Code, Fault},
-    http::{background, problem::ApiError, wait_times},
+    http::{ApiError, background, wait_times},
     telemetry::events::{self, WaitsOn},
 };
 

@@ -14,11 +14,7 @@ use super::{
 };
 use crate::{
     contract::{Code, request::Upload},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-        uploads::lock::not_found,
-    },
+    http::{ApiError, ApiResult, App, uploads::lock::not_found},
     store::{Enqueue, EnqueueAll, Job, NewJob, SpoolFile, blobs::upload_key},
     telemetry::traces,
 };

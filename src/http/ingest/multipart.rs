@@ -24,7 +24,7 @@ use super::{
 };
 use crate::{
     contract::Code,
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult},
 };
 
 /// Most bytes of text in all parts that are not the file.

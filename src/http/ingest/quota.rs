@@ -14,11 +14,7 @@ use uuid::Uuid;
 
 use crate::{
     contract::Code,
-    http::{
-        auth::Caller,
-        problem::{ApiError, ApiResult},
-        state::{App, token_sums::TokenSums},
-    },
+    http::{ApiError, ApiResult, App, auth::Caller, state::token_sums::TokenSums},
     store::{MetadataStore, OverQuota},
 };
 

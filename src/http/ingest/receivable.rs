@@ -3,7 +3,7 @@
 use std::future::Future;
 
 use super::fields::Fields;
-use crate::http::{auth::Caller, problem::ApiResult, state::App};
+use crate::http::{ApiResult, App, auth::Caller};
 
 /// What a zip is received for. It is checked before the zip is read.
 pub trait Receivable: Sized + Send {

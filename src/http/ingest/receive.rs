@@ -16,10 +16,7 @@ use super::{
 };
 use crate::{
     contract::Code,
-    http::{
-        extract::json,
-        problem::{ApiError, ApiResult},
-    },
+    http::{ApiError, ApiResult, extract::json},
     telemetry::traces,
 };
 

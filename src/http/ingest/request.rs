@@ -11,7 +11,7 @@
 use axum::http::HeaderMap;
 
 use super::idempotency::IdempotencyKey;
-use crate::http::{auth::Caller, problem::ApiResult, state::App};
+use crate::http::{ApiResult, App, auth::Caller};
 
 /// A request that makes a job.
 pub struct IngestRequest<'a> {

@@ -12,10 +12,7 @@ use super::quota::QuotaClaim;
 use crate::{
     contract::Code,
     disk_budget::{DiskBudget, DiskState, Reservation},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::{App, token_sums::TokenSums},
-    },
+    http::{ApiError, ApiResult, App, state::token_sums::TokenSums},
 };
 
 /// Most bytes that one upload reserves ahead of those that have arrived.

@@ -17,9 +17,7 @@ use super::{
 use crate::{
     contract::{Code, Fault, Name},
     http::{
-        background,
-        problem::{ApiError, ApiResult},
-        state::App,
+        ApiError, ApiResult, App, background,
         views::{
             job::url,
             scan_archive::{ArchivedView, ScanArchiveView},

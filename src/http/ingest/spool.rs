@@ -11,10 +11,7 @@ use super::{
 };
 use crate::{
     contract::{Code, request::Upload},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App},
     store::{SpoolFile, digest::hex, failpoint::step, is_full},
 };
 

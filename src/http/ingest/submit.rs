@@ -17,11 +17,7 @@ use crate::{
         Code, Fault,
         request::{JobRequest, Upload},
     },
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-        uploads::lock::not_found,
-    },
+    http::{ApiError, ApiResult, App, uploads::lock::not_found},
     store::{
         Enqueue, Job, NewJob, SpoolFile,
         blobs::{OpenBlob, upload_key},

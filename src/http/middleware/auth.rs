@@ -11,12 +11,11 @@ use axum::{
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult, App,
         auth::{Caller, identify, needs, owned_id},
         connections::InProgress,
         ingest::body::discard,
         log,
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 

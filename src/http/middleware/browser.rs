@@ -22,11 +22,7 @@ use axum::{
 
 use crate::{
     contract::{Code, one_line},
-    http::{
-        ingest::body::discard,
-        problem::{ApiError, ApiResult},
-        state::{App, Policy},
-    },
+    http::{ApiError, ApiResult, App, Policy, ingest::body::discard},
 };
 
 const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");

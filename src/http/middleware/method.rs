@@ -9,7 +9,7 @@ use axum::{
 
 use crate::{
     contract::{Code, one_line},
-    http::{ingest::body::discard, problem::ApiError},
+    http::{ApiError, ingest::body::discard},
 };
 
 /// Characters of an unknown method that the answer repeats.

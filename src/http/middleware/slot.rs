@@ -11,7 +11,7 @@ use axum::{
 
 use crate::{
     contract::Code,
-    http::{connections::Seat, ingest::body::discard, problem::ApiError},
+    http::{ApiError, connections::Seat, ingest::body::discard},
 };
 
 /// The layer. A request without a connection (in tests) needs no slot.

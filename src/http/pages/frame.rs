@@ -11,7 +11,7 @@ use maud::{DOCTYPE, Markup, html};
 
 use super::{assets, words::text};
 use crate::{
-    http::{auth::Caller, state::App},
+    http::{App, auth::Caller},
     store::tokens::Scope,
 };
 

@@ -14,11 +14,10 @@ use super::{
 use crate::{
     contract::JobState,
     http::{
+        ApiResult, App,
         auth::Caller,
         extract::params,
-        problem::ApiResult,
         scans::{ScanName, find, table::views},
-        state::App,
         views::{ScanWithViews, scan::ScanView},
     },
 };

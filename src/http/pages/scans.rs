@@ -10,7 +10,7 @@ use super::{
     words::{ago, text},
 };
 use crate::{
-    http::{auth::Caller, extract::params, problem::ApiResult, state::App},
+    http::{ApiResult, App, auth::Caller, extract::params},
     store::{PageRequest, scans::ScanFilter},
 };
 

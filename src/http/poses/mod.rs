@@ -16,6 +16,7 @@ use tokio::sync::Semaphore;
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
+    ApiError, ApiResult, App,
     auth::Caller,
     background,
     extract::params,
@@ -26,8 +27,6 @@ use super::{
         spool::spool,
     },
     pages::{self, pose_report},
-    problem::{ApiError, ApiResult},
-    state::App,
 };
 use crate::{
     contract::{Code, Fault, scan::MAX_VIEWS},

@@ -4,9 +4,8 @@ use axum::{extract::State, http::StatusCode};
 
 use super::not_found;
 use crate::http::{
+    ApiResult, App,
     extract::{Conditional, ProfileKey},
-    problem::ApiResult,
-    state::App,
 };
 
 /// Delete a profile

@@ -7,9 +7,8 @@ use super::not_found;
 use crate::{
     contract::{Code, Name, profile::Profile},
     http::{
+        ApiError, ApiResult, App,
         extract::{ProfileKey, params},
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 use pinstack_science::{calibration, types::report::Drift};

@@ -12,13 +12,12 @@ use super::{file::ProfileFile, not_found};
 use crate::{
     contract::profile::Profile,
     http::{
+        ApiError, ApiResult, App,
         extract::{
             ProfileKey,
             conditional::{etag, not_modified},
             params,
         },
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 use pinstack_science::{

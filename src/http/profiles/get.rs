@@ -7,9 +7,8 @@ use super::not_found;
 use crate::{
     contract::profile::Profile,
     http::{
+        ApiResult, App,
         extract::{Conditional, ProfileKey, params},
-        problem::ApiResult,
-        state::App,
     },
 };
 

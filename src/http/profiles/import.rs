@@ -11,9 +11,8 @@ use super::{file::ProfileFile, write};
 use crate::{
     contract::profile::Profile,
     http::{
+        ApiResult, App,
         extract::{Conditional, ProfileKey, json, params},
-        problem::ApiResult,
-        state::App,
     },
     store::ProfileDraft,
 };

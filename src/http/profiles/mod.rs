@@ -15,9 +15,8 @@ pub mod rig_parameters;
 mod write;
 
 use super::{
+    ApiError, ApiResult, App,
     extract::{Numbered, ProfileKey},
-    problem::{ApiError, ApiResult},
-    state::App,
 };
 use crate::contract::{Code, Name};
 

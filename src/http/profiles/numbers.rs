@@ -7,8 +7,8 @@ use serde::Deserialize;
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult,
         extract::{json, params},
-        problem::{ApiError, ApiResult},
     },
 };
 use pinstack_science::{

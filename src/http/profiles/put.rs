@@ -11,9 +11,8 @@ use super::{numbers, write};
 use crate::{
     contract::profile::Profile,
     http::{
+        ApiResult, App,
         extract::{Conditional, ProfileKey, json},
-        problem::ApiResult,
-        state::App,
     },
 };
 use pinstack_science::types::{

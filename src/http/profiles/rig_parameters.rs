@@ -11,9 +11,8 @@ use super::write;
 use crate::{
     contract::{Code, profile::Profile},
     http::{
+        ApiResult, App,
         extract::{Conditional, ProfileKey, json, params},
-        problem::ApiResult,
-        state::App,
     },
 };
 use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParameters};

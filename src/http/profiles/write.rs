@@ -5,9 +5,8 @@ use axum::response::Response;
 use crate::{
     contract::profile::ProfileSource,
     http::{
+        ApiResult, App,
         extract::{Conditional, ProfileKey},
-        problem::ApiResult,
-        state::App,
     },
     store::{Precondition, ProfileDraft, PutProfile},
 };

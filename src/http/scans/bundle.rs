@@ -20,13 +20,12 @@ use super::{
 use crate::{
     contract::{Code, JobState, Name, Scan, artifact::FileFormat, outcome::Artifact, scan::PanDirection},
     http::{
+        ApiError, ApiResult, App,
         artifacts::download::{Content, Download, Source},
         auth::Caller,
         background,
         extract::params,
         ingest::reservation::disk_full,
-        problem::{ApiError, ApiResult},
-        state::App,
         views::scan::{listed, most_common},
     },
     store::digest::digests_of,

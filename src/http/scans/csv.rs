@@ -8,10 +8,9 @@ use axum::{
 
 use super::{ScanName, find, table::views};
 use crate::http::{
+    ApiResult, App,
     artifacts::name::attachment,
     auth::Caller,
-    problem::ApiResult,
-    state::App,
     views::{ScanWithViews, scan::ScanView},
 };
 

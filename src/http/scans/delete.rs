@@ -10,11 +10,10 @@ use utoipa::ToSchema;
 use super::{ScanName, find, has_stacks, not_found, table::stacks_of};
 use crate::{
     http::{
+        ApiResult, App,
         auth::Caller,
         extract::{Conditional, params},
         job_resource,
-        problem::ApiResult,
-        state::App,
     },
     store::scans::DeleteScan,
 };

@@ -5,7 +5,7 @@ use axum::{extract::State, response::Response};
 use super::{ScanName, find, table::views};
 use crate::{
     contract::Scan,
-    http::{auth::Caller, extract::conditional::shown, problem::ApiResult, state::App, views::ScanWithViews},
+    http::{ApiResult, App, auth::Caller, extract::conditional::shown, views::ScanWithViews},
 };
 
 /// Get a scan

@@ -13,10 +13,9 @@ use utoipa::ToSchema;
 use crate::{
     contract::{Code, Fault},
     http::{
+        ApiResult, App,
         extract::{json, params},
         ingest::submission::scan::NameRules,
-        problem::ApiResult,
-        state::App,
     },
 };
 use pinstack_science::archive::scan::{NameGrouping, group_names};

@@ -20,11 +20,10 @@ pub mod table;
 use axum::{extract::FromRequestParts, http::request::Parts};
 
 use super::{
+    ApiError, ApiResult, App,
     auth::Caller,
     extract::{Numbered, path::named_segment},
-    problem::{ApiError, ApiResult},
     profiles::near,
-    state::App,
 };
 use crate::contract::{Code, Name, Scan};
 

@@ -6,10 +6,9 @@ use super::{ScanName, has_stacks, is_of_another};
 use crate::{
     contract::{Code, Scan, ScanInput},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         extract::{Conditional, json},
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::scans::PutScan,
 };

@@ -17,6 +17,7 @@ use super::{
 use crate::{
     contract::{Code, Name, request::JobRequest},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         extract::params,
@@ -24,9 +25,7 @@ use crate::{
             many::{CheckedJob, ManyOrigin, check, require_queue_places, submit_all},
             submission::Submission,
         },
-        problem::{ApiError, ApiResult},
         stacks::rerun::{changes, stored_zip, submission},
-        state::App,
         views::job::url,
     },
     store::Job,

@@ -20,7 +20,7 @@ use crate::{
         request::JobRequest,
         scan::MAX_VIEWS,
     },
-    http::{auth::Caller, problem::ApiResult, state::App},
+    http::{ApiResult, App, auth::Caller},
     store::{Job, JobFilter, Page, PageRequest},
 };
 use pinstack_science::{

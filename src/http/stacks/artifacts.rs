@@ -14,11 +14,10 @@ use crate::{
         artifact::{StackArtifact, stack_artifacts},
     },
     http::{
+        ApiResult, App,
         artifacts::{picture, redirect::MayRedirect},
         extract::JobId,
         job_resource::load,
-        problem::ApiResult,
-        state::App,
     },
 };
 

@@ -17,6 +17,7 @@ use crate::{
         request::{JobRequest, StackRequest},
     },
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         extract::{JobId, json, params},
         ingest::{
@@ -27,9 +28,7 @@ use crate::{
             submission::{Submission, stack::StackSubmission},
         },
         job_resource::{load, not_found},
-        problem::{ApiError, ApiResult},
         profiles, scans,
-        state::App,
         views::Stack,
     },
     store::Job,

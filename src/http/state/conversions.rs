@@ -35,10 +35,7 @@ use self::{
 };
 use crate::{
     disk_budget::DiskBudget,
-    http::{
-        background,
-        problem::{ApiError, ApiResult},
-    },
+    http::{ApiError, ApiResult, background},
     store::Store,
 };
 use pinstack_science::archive::ArchiveLimits;

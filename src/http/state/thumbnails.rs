@@ -8,10 +8,7 @@ use std::{
 use bytes::Bytes;
 use tokio::sync::Semaphore;
 
-use crate::http::{
-    background,
-    problem::{ApiError, ApiResult},
-};
+use crate::http::{ApiError, ApiResult, background};
 use pinstack_science::imaging::{codec, thumbnail};
 
 /// Longest side, px: twice what the list shows, for dense screens.

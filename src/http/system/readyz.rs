@@ -4,7 +4,7 @@ use axum::{Json, extract::State, http::StatusCode};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::http::state::{App, health::Health};
+use crate::http::{App, state::health::Health};
 
 /// Whether the service can accept work.
 #[derive(Serialize, ToSchema)]

@@ -5,6 +5,7 @@ use super::{digest::RunningDigest, lock::UploadLock, metadata::Metadata};
 use crate::{
     contract::{JobKind, UploadPurpose},
     http::{
+        App,
         auth::Caller,
         ingest::{
             many::ManyOrigin,
@@ -15,7 +16,6 @@ use crate::{
             submit::{IncomingZip, Origin, ZipFile, submit},
         },
         problem::{ApiError, ApiResult, is_permanent},
-        state::App,
     },
     store::{
         SpoolFile,

@@ -22,6 +22,7 @@ use super::{
 use crate::{
     contract::{Code, JobKind, UploadPurpose},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         ingest::{
@@ -31,8 +32,6 @@ use crate::{
             receivable::Receivable,
             submission::{Submission, scan::ScanSubmission},
         },
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::{
         tokens::Scope,

@@ -12,12 +12,7 @@ use super::{
     metadata::UPLOAD_METADATA,
     protocol::{UPLOAD_LENGTH, require_version, write_headers},
 };
-use crate::http::{
-    background,
-    extract::UploadId,
-    problem::{ApiError, ApiResult},
-    state::App,
-};
+use crate::http::{ApiError, ApiResult, App, background, extract::UploadId};
 
 /// Get the offset of an upload
 ///

@@ -8,9 +8,9 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 use crate::{
     contract::{Code, Name, UploadPurpose},
     http::{
+        ApiError, ApiResult,
         extract::path::name,
         ingest::{fields::Fields, filename, submission::scan::NAME_RULES},
-        problem::{ApiError, ApiResult},
     },
 };
 

@@ -19,6 +19,7 @@ use super::{
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         extract::UploadId,
@@ -27,8 +28,6 @@ use crate::{
             quota::QuotaClaim,
             reservation::UploadReservation,
         },
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::uploads::{PartialUpload, UploadState},
 };

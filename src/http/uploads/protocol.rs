@@ -12,7 +12,7 @@ use uuid::Uuid;
 use super::metadata::Metadata;
 use crate::{
     contract::{Code, UploadPurpose},
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult},
     store::uploads::{PartialUpload, UploadState},
 };
 

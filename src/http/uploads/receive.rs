@@ -15,12 +15,11 @@ use super::{
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult, App,
         ingest::{
             body::{WatchedBody, content_length},
             reservation::UploadReservation,
         },
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::uploads::Advance,
 };

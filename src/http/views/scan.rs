@@ -12,8 +12,7 @@ use self::findings::findings;
 use crate::{
     contract::{JobState, Problem, Scan},
     http::{
-        background,
-        problem::{self, ApiResult},
+        ApiResult, background, problem,
         scans::{
             table::{View, ViewStack},
             url,

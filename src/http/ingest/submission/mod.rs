@@ -17,7 +17,7 @@ use crate::{
         Fault, JobKind, Name,
         request::{JobRequest, Upload},
     },
-    http::{auth::Caller, problem::ApiResult, state::App},
+    http::{ApiResult, App, auth::Caller},
 };
 
 /// A submission whose names, options and profile are valid.

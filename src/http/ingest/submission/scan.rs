@@ -7,12 +7,11 @@ use super::{Submission, stack::StackSubmission};
 use crate::{
     contract::{Code, Name, Scan, options::StackOptions, profile::Profile},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         extract::params,
         ingest::{fields::Fields, receivable::Receivable},
-        problem::{ApiError, ApiResult},
         profiles, scans,
-        state::App,
     },
 };
 use pinstack_science::archive::scan::{Angle, AxisRule, ScanRules, ScanView};

@@ -11,13 +11,7 @@ use crate::{
         request::{StackRequest, Upload},
     },
     http::{
-        auth::Caller,
-        extract::path::name,
-        ingest::fields::Fields,
-        problem::{ApiError, ApiResult},
-        profiles::not_found,
-        scans,
-        state::App,
+        ApiError, ApiResult, App, auth::Caller, extract::path::name, ingest::fields::Fields, profiles::not_found, scans,
     },
     jobs::disk::disk_need_by_profile,
 };

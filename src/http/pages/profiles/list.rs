@@ -8,14 +8,13 @@ use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use crate::{
     contract::JobKind,
     http::{
+        ApiResult, App,
         extract::params,
         pages::{
             frame::{Frame, PageUser, Place},
             stacks::row::name,
             words::{ago, sentence, state, text},
         },
-        problem::ApiResult,
-        state::App,
     },
     store::{JobFilter, PageRequest},
 };

@@ -7,14 +7,13 @@ use super::drift_plot;
 use crate::{
     contract::{ProfileSummary, profile::Profile},
     http::{
+        ApiResult, App,
         extract::ProfileKey,
         pages::{
             frame::{Frame, PageUser, Place},
             words::{date, sentence, text},
         },
-        problem::ApiResult,
         profiles::not_found,
-        state::App,
     },
     store::PageRequest,
 };

@@ -21,17 +21,14 @@ use crate::{
         request::JobRequest,
     },
     http::{
+        ApiError, ApiResult, App,
         artifacts::{download, outcome},
         background,
         extract::conditional::{etag, not_modified},
         job_resource::load,
-        problem::{ApiError, ApiResult},
-        state::{
-            App,
-            conversions::{
-                conversion::{Conversion, Converted, Form, SliceRecipe},
-                pyramid,
-            },
+        state::conversions::{
+            conversion::{Conversion, Converted, Form, SliceRecipe},
+            pyramid,
         },
     },
     store::Job,

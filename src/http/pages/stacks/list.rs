@@ -17,6 +17,7 @@ use super::row;
 use crate::{
     contract::{JobKind, JobState},
     http::{
+        ApiResult, App,
         auth::Caller,
         extract::{
             conditional::{etag, not_modified},
@@ -26,8 +27,6 @@ use crate::{
             frame::{Frame, PageUser, Place},
             words::text,
         },
-        problem::ApiResult,
-        state::App,
     },
     store::{Job, JobFilter, Page, PageRequest},
 };

@@ -12,14 +12,13 @@ use uuid::Uuid;
 use crate::{
     contract::{JobKind, artifact::StackArtifact},
     http::{
+        ApiResult, App,
         artifacts::{download, outcome},
         extract::{
             JobId,
             conditional::{etag, not_modified},
         },
         job_resource::load,
-        problem::ApiResult,
-        state::App,
     },
     store::Job,
 };

@@ -14,7 +14,7 @@ use crate::{
         artifact::{Colours, FileFormat},
     },
     disk_budget::DiskBudget,
-    http::{background, problem::ApiError},
+    http::{ApiError, background},
     jobs::slice_view,
     store::{
         Store, StoreError,
