@@ -22,7 +22,7 @@ use crate::{
     contract::{Code, JobKind, outcome::Artifact},
     http::{
         ApiError, ApiResult, App,
-        extract::conditional::{etag, not_modified, require_match},
+        extract::{conditional::require_match, etag, not_modified},
         scans::stored_zip::StoredZip,
     },
     store::{BlobStore, Job},

@@ -23,7 +23,7 @@ use super::download::{Download, Source};
 use crate::{
     http::{
         ApiError, ApiResult, App,
-        extract::{conditional::not_modified, params},
+        extract::{not_modified, params},
     },
     store::blobs::SignedAnswer,
 };

@@ -1,9 +1,6 @@
 //! JSON bodies.
 
-use axum::{
-    body::Body,
-    http::{HeaderMap, header},
-};
+use axum::{body::Body, http::HeaderMap};
 use futures::StreamExt;
 use serde::de::DeserializeOwned;
 
@@ -12,7 +9,7 @@ use crate::{
     contract::{Code, Fault},
     http::{
         ApiError, App,
-        ingest::body::{EndedEarly, WatchedBody, content_length},
+        ingest::body::{EndedEarly, WatchedBody, content_length, media_type},
     },
 };
 use pinstack_science::types::error::ErrorLocation;
@@ -66,9 +63,7 @@ pub const FORM: &str = "application/x-www-form-urlencoded";
 /// # Errors
 /// `unsupported_media_type`.
 pub fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
-    let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(()) };
-    let text = value.to_str().unwrap_or_default();
-    let kind = text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let Some(kind) = media_type(headers) else { return Ok(()) };
     let is_json = kind == "application/json" || (kind.starts_with("application/") && kind.ends_with("+json"));
     if is_json {
         return Ok(());

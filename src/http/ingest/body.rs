@@ -37,6 +37,12 @@ pub fn content_length(headers: &HeaderMap) -> Option<u64> {
     headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
+/// The media type of the body, in lower case and without parameters; `None` without a `Content-Type`.
+pub fn media_type(headers: &HeaderMap) -> Option<String> {
+    let text = headers.get(header::CONTENT_TYPE)?.to_str().unwrap_or_default();
+    Some(text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
+}
+
 /// Reads some of the body of a refused request and discards it. Otherwise a client that still sends would see a
 /// connection reset and not the answer. A client that waits for `100 Continue` sends nothing.
 pub fn discard(headers: &HeaderMap, body: Body) {

@@ -1,13 +1,10 @@
 //! From the body of a request to a checked submission and a complete zip in a spool file.
 
-use axum::{
-    body::Body,
-    http::{HeaderMap, header},
-};
+use axum::body::Body;
 
 use super::{
     admission::{FORM_OVERHEAD, admit},
-    body::{EndedEarly, WatchedBody, content_length},
+    body::{EndedEarly, WatchedBody, content_length, media_type},
     fields::Fields,
     filename, multipart,
     receivable::Receivable,
@@ -57,7 +54,7 @@ async fn receive<S: Receivable>(
 ) -> ApiResult<(S, SpooledZip)> {
     let (app, caller, headers) = (request.app, request.caller, request.headers);
     let announced = content_length(headers).unwrap_or(0);
-    let media_type = media_type(headers);
+    let media_type = media_type(headers).unwrap_or_default();
     let is_form = media_type == "multipart/form-data";
     let max_bytes = S::max_bytes(app);
     let max_body = if is_form { max_bytes.saturating_add(FORM_OVERHEAD) } else { max_bytes };
@@ -92,9 +89,4 @@ fn require_zip(media_type: &str) -> ApiResult<()> {
         _ => format!("the body is '{shown}'; send the zip as application/zip, or in a multipart/form-data form"),
     };
     Err(ApiError::new(Code::UnsupportedMediaType, detail))
-}
-
-fn media_type(headers: &HeaderMap) -> String {
-    let text = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
-    text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }

@@ -18,7 +18,7 @@ use crate::{
     contract::Code,
     http::{
         ApiError, ApiResult,
-        extract::conditional::{etag, not_modified},
+        extract::{etag, not_modified},
     },
 };
 

@@ -13,11 +13,7 @@ use crate::{
     contract::profile::Profile,
     http::{
         ApiError, ApiResult, App,
-        extract::{
-            ProfileKey,
-            conditional::{etag, not_modified},
-            params,
-        },
+        extract::{ProfileKey, etag, not_modified, params},
     },
 };
 use pinstack_science::{

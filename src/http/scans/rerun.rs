@@ -15,7 +15,7 @@ use super::{
     table::{View, views},
 };
 use crate::{
-    contract::{Code, Name, request::JobRequest},
+    contract::{Code, JobKind, Name, request::JobRequest},
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
@@ -26,7 +26,7 @@ use crate::{
             submission::Submission,
         },
         stacks::rerun::{changes, stored_zip, submission},
-        views::job::url,
+        views::job::{url, url_of},
     },
     store::Job,
 };
@@ -196,5 +196,5 @@ async fn check_stored(app: &App, first: &Job, submission: &Submission) -> ApiRes
 }
 
 fn stack_url(view: &View) -> String {
-    format!("/v1/stacks/{}", view.stack.id)
+    url_of(JobKind::Stack, view.stack.id)
 }

@@ -11,8 +11,8 @@ use uuid::Uuid;
 
 use super::metadata::Metadata;
 use crate::{
-    contract::{Code, UploadPurpose},
-    http::{ApiError, ApiResult},
+    contract::{Code, JobKind, UploadPurpose},
+    http::{ApiError, ApiResult, ingest::body::media_type, views::job::url_of},
     store::uploads::{PartialUpload, UploadState},
 };
 
@@ -87,8 +87,7 @@ pub fn bytes(headers: &HeaderMap, name: &HeaderName) -> ApiResult<u64> {
 
 /// True when the body carries bytes of an upload.
 pub fn is_piece(headers: &HeaderMap) -> bool {
-    let kind = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    kind.split(';').next().unwrap_or_default().trim().eq_ignore_ascii_case(PIECE)
+    media_type(headers).is_some_and(|kind| kind == PIECE)
 }
 
 /// URL of an upload.
@@ -101,8 +100,8 @@ pub fn job_url(upload: &PartialUpload) -> Option<String> {
     let id = upload.id;
     let UploadState::Complete(purpose) = upload.state else { return None };
     Some(match purpose {
-        UploadPurpose::Stack => format!("/v1/stacks/{id}"),
-        UploadPurpose::Calibration => format!("/v1/calibrations/{id}"),
+        UploadPurpose::Stack => url_of(JobKind::Stack, id),
+        UploadPurpose::Calibration => url_of(JobKind::Calibration, id),
         UploadPurpose::Scan => format!("/v1/scans/{}", Metadata::parse(&upload.metadata).ok()?.scan().ok()?),
     })
 }

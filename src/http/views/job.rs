@@ -114,8 +114,12 @@ impl ArtifactView {
 
 /// URL of a job.
 pub fn url(job: &Job) -> String {
-    let id = job.id;
-    match job.request.kind() {
+    url_of(job.request.kind(), job.id)
+}
+
+/// URL of the job of a kind.
+pub fn url_of(kind: JobKind, id: Uuid) -> String {
+    match kind {
         JobKind::Stack => format!("/v1/stacks/{id}"),
         JobKind::Calibration => format!("/v1/calibrations/{id}"),
     }

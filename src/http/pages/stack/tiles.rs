@@ -24,7 +24,7 @@ use crate::{
         ApiError, ApiResult, App,
         artifacts::{download, outcome},
         background,
-        extract::conditional::{etag, not_modified},
+        extract::{etag, not_modified},
         job_resource::load,
         state::conversions::{
             conversion::{Conversion, Converted, Form, SliceRecipe},

@@ -14,10 +14,7 @@ use crate::{
     http::{
         ApiResult, App,
         artifacts::{download, outcome},
-        extract::{
-            JobId,
-            conditional::{etag, not_modified},
-        },
+        extract::{JobId, etag, not_modified},
         job_resource::load,
     },
     store::Job,
