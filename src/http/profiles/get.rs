@@ -3,7 +3,7 @@
 use axum::{extract::State, http::Uri, response::Response};
 use serde::Deserialize;
 
-use super::not_found;
+use super::find;
 use crate::{
     contract::profile::Profile,
     http::{
@@ -41,8 +41,6 @@ struct Parameters {
 )]
 pub async fn get(State(app): State<App>, key: Conditional<ProfileKey>, uri: Uri) -> ApiResult<Response> {
     let Parameters { revision } = params::from_uri(&uri)?;
-    let ProfileKey { rig, lens } = &key.of;
-    let profile = app.store.metadata.profile(rig, lens, revision).await?;
-    let Some(profile) = profile else { return Err(not_found(&app, rig, lens, revision).await) };
+    let profile = find(&app, &key.of.rig, &key.of.lens, revision).await?;
     Ok(key.shown(profile.revision, &profile))
 }

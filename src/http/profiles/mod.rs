@@ -18,10 +18,21 @@ use super::{
     ApiError, ApiResult, App,
     extract::{Numbered, ProfileKey},
 };
-use crate::contract::{Code, Name};
+use crate::contract::{Code, Name, profile::Profile};
 
 /// Most profiles that are searched for similar names.
 const MAX_SEARCHED: u32 = 10_000;
+
+/// A revision of a profile; without `revision` the current one.
+///
+/// # Errors
+/// `profile_not_found`, with similar names.
+pub async fn find(app: &App, rig: &Name, lens: &Name, revision: Option<u32>) -> ApiResult<Profile> {
+    match app.store.metadata.profile(rig, lens, revision).await? {
+        Some(profile) => Ok(profile),
+        None => Err(not_found(app, rig, lens, revision).await),
+    }
+}
 
 /// The error for a profile or revision that does not exist. It suggests profiles with similar names.
 pub async fn not_found(app: &App, rig: &Name, lens: &Name, revision: Option<u32>) -> ApiError {

@@ -163,10 +163,11 @@ async fn changed(
         Some(revision) if revision == request.profile_revision => {
             app.store.metadata.profile_of_job(rig, lens, revision).await?
         }
-        revision => app.store.metadata.profile(rig, lens, revision).await?,
+        _ => None,
     };
-    let Some(profile) = profile else {
-        return Err(profiles::not_found(app, rig, lens, options.profile_revision).await);
+    let profile = match profile {
+        Some(profile) => profile,
+        None => profiles::find(app, rig, lens, options.profile_revision).await?,
     };
     Ok((options, profile))
 }

@@ -122,10 +122,7 @@ impl Receivable for ScanSubmission {
         let scan = scans::find(app, caller, scan).await?;
         let (rig, lens) = (rig.unwrap_or(scan.input.rig.clone()), lens.unwrap_or(scan.input.lens.clone()));
         scans::require_joinable(app, caller, &scan.name, &rig, &lens).await?;
-        let profile = app.store.metadata.profile(&rig, &lens, options.profile_revision).await?;
-        let Some(profile) = profile else {
-            return Err(profiles::not_found(app, &rig, &lens, options.profile_revision).await);
-        };
+        let profile = profiles::find(app, &rig, &lens, options.profile_revision).await?;
         // every view is fused with this revision, also when the profile changes while the zip arrives
         let asked_revision = options.profile_revision.replace(profile.revision);
         options.scan = Some(scan.name.clone());
