@@ -19,10 +19,7 @@ use crate::{
     http::{
         ApiResult, App,
         auth::Caller,
-        extract::{
-            conditional::{etag, not_modified},
-            params,
-        },
+        extract::{etag, not_modified, params},
         pages::{
             frame::{Frame, PageUser, Place},
             words::text,
