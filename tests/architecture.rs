@@ -201,7 +201,7 @@ fn work_beside_a_request_keeps_the_request_in_its_log_lines() {
     let mut wrong = Vec::new();
     for source in files().into_iter().filter(|source| source.module == "http") {
         // the last polls for all requests and belongs to none
-        let allowed = ["http/background.rs", "http/serve.rs", "http/watch.rs"];
+        let allowed = ["http/background.rs", "http/serve.rs", "http/state/job_watch.rs"];
         let starts_tasks = allowed.iter().any(|end| source.path.ends_with(end));
         if !starts_tasks && (source.code.contains("tokio::spawn(") || source.code.contains("task::spawn_blocking(")) {
             wrong.push(format!("{} starts a task by itself; use http::background", source.path));

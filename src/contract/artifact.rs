@@ -1,19 +1,11 @@
-//! The result files of jobs: one row per artifact.
+//! The result files of jobs.
 //!
-//! | artifact | content | stored as | also available as |
-//! |---|---|---|---|
-//! | `image` | fused image, RGBA | PNG, TIFF or JPEG (option `format`) | PNG, TIFF, JPEG |
-//! | `mask` | silhouette, 8-bit grey | PNG | TIFF |
-//! | `backlight` | fused back-light stack, grey | PNG | TIFF, JPEG |
-//! | `depth` | index of the sharpest slice, 16-bit grey | PNG | TIFF |
-//! | `height` | height map, 16-bit grey (option `height`) | PNG | TIFF |
-//! | `height-sigma` | standard deviation of the heights, 16-bit grey | PNG | TIFF |
-//! | `preview` | small image for web pages | JPEG | |
-//! | `overlay-{slice}` | slice of a calibration with the detected dots | PNG | |
-//! | `report` | report of a calibration | JSON | |
-//!
-//! To add an artifact of a stack: a variant, its row in [`StackArtifact::row`], its link in the view and its endpoint.
-//! Names and URLs, conversions, and the disk space that a job reserves follow from the row.
+//! To add a file of a stack: its row in [`stack_artifacts`], and its picture in `jobs/pictures.rs`. Its name and URL,
+//! the endpoint with its documentation, the link in the view of a stack, conversions, its layer in the viewer, and the
+//! disk space that a job reserves follow from the row. A calibration has `overlay-{slice}`, a slice with the detected
+//! dots as PNG, and `report`, JSON.
+
+use super::outcome::Artifact;
 
 /// A file format of artifacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -57,35 +49,148 @@ impl FileFormat {
     }
 }
 
-/// A result file of a stack.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum StackArtifact {
-    /// The fused image.
-    Image,
-    /// The silhouette.
-    Mask,
-    /// The fused back-light stack.
-    Backlight,
-    /// The index of the sharpest slice.
-    Depth,
-    /// The height map.
-    Height,
-    /// The standard deviations of the heights.
-    HeightSigma,
-    /// A small image for web pages.
-    Preview,
+/// How the viewer of the web pages colours a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Colours {
+    /// As they are.
+    Plain,
+    /// A colour per index, from the first slice to the last; the largest value means none.
+    Indices,
+    /// A colour per height, from the lowest to the highest; 0 means none.
+    Heights,
 }
+
+/// What a stack must have so that its job makes an artifact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Needs {
+    Nothing,
+    BackLight,
+    /// The option `height`.
+    Height,
+}
+
+/// Formats of pictures for viewing.
+const VIEWABLE: &[FileFormat] = &[FileFormat::Png, FileFormat::Tiff, FileFormat::Jpeg];
+/// Formats of data that JPEG would change.
+const LOSSLESS: &[FileFormat] = &[FileFormat::Png, FileFormat::Tiff];
+/// Only the stored format is available.
+const AS_STORED: &[FileFormat] = &[];
+
+/// Calls a macro with the artifacts of stacks, one row each: the variant of [`StackArtifact`] and the member of the
+/// links of a stack, then
+///
+/// | column | what it is |
+/// |---|---|
+/// | `name` | name of the file, and last segment of its URL |
+/// | `link` | what it is, for the links of a stack |
+/// | `summary`, `description`, `absent` | documentation of its endpoint; `absent`: why there may be none |
+/// | `formats` | `VIEWABLE`, `LOSSLESS` or `AS_STORED`: formats that it can be converted to |
+/// | `needs` | what the stack must have |
+/// | `layer` | its name and colours in the viewer |
+/// | `pixel_bytes` | bytes per pixel of the canvas, uncompressed |
+macro_rules! stack_artifacts {
+    ($then:ident) => {
+        $then! {
+            Image image {
+                name: "image",
+                link: "The fused image, RGBA.",
+                summary: "Get the fused image",
+                description: "RGBA with straight alpha; RGB without alpha as JPEG. The file is stored in the `format` of \
+                    the stack. `Accept`\nselects another format: the file is then converted on request, with the same \
+                    pixels, colour profile and EXIF.\n`HEAD` does not convert, so it sends no `Content-Length` for a \
+                    file that is not converted yet.",
+                absent: "`not_found`; `no_result`: the stack failed or was cancelled",
+                formats: VIEWABLE,
+                needs: Nothing,
+                layer: Some(("Image", Colours::Plain)),
+                // RGBA
+                pixel_bytes: |sizes| 4 * sizes.image_sample,
+            }
+            Mask mask {
+                name: "mask",
+                link: "The alpha mask.",
+                summary: "Get the mask",
+                description: "8-bit grey PNG: 255 object, 0 background. TIFF with `Accept: image/tiff`.",
+                absent: "`not_found`; `no_result`: the stack failed, was cancelled, or has no mask",
+                formats: LOSSLESS,
+                needs: BackLight,
+                layer: Some(("Mask", Colours::Plain)),
+                pixel_bytes: |_| 1,
+            }
+            Backlight backlight {
+                name: "backlight",
+                link: "The fused back-light stack.",
+                summary: "Get the fused back-light stack",
+                description: "The image from which the mask is made. PNG; TIFF or JPEG with `Accept`.",
+                absent: "`not_found`; `no_result`: the stack failed, was cancelled, or has no back light",
+                formats: VIEWABLE,
+                needs: BackLight,
+                layer: Some(("Back light", Colours::Plain)),
+                // an upper bound: it is grey
+                pixel_bytes: |sizes| sizes.slice_pixel.max(3),
+            }
+            Depth depth {
+                name: "depth",
+                link: "The slice-index map.",
+                summary: "Get the slice-index map",
+                description: "16-bit grey PNG: 0-based index of the sharpest slice per pixel; 65535 where no slice covers \
+                    the pixel. TIFF with\n`Accept: image/tiff`.",
+                absent: "`not_found`; `no_result`: the stack failed or was cancelled",
+                formats: LOSSLESS,
+                needs: Nothing,
+                layer: Some(("Sharpest slice", Colours::Indices)),
+                pixel_bytes: |_| 2,
+            }
+            Height height {
+                name: "height",
+                link: "The height map.",
+                summary: "Get the height map",
+                description: "16-bit grey PNG of a stack with `height=auto`. A value `v` above 0 is the height `offset + \
+                    (v - 1) scale`; the\nmember `height` of the stack has both numbers and their unit. 0 where the \
+                    height is unknown. TIFF with\n`Accept: image/tiff`.",
+                absent: "`not_found`; `no_result`: the stack failed, was cancelled, or was fused with `height=none`",
+                formats: LOSSLESS,
+                needs: Height,
+                layer: Some(("Height", Colours::Heights)),
+                pixel_bytes: |_| 2,
+            }
+            HeightSigma height_sigma {
+                name: "height-sigma",
+                link: "The standard deviations of the heights.",
+                summary: "Get the standard deviations of the heights",
+                description: "16-bit grey PNG of a stack with `height=auto`: a value times `height.scale` is the standard \
+                    deviation of the\nheight of the pixel. 0 where the height is unknown. TIFF with `Accept: \
+                    image/tiff`.",
+                absent: "`not_found`; `no_result`: the stack failed, was cancelled, or was fused with `height=none`",
+                formats: LOSSLESS,
+                needs: Height,
+                layer: Some(("Height uncertainty", Colours::Heights)),
+                pixel_bytes: |_| 2,
+            }
+            Preview preview {
+                name: "preview",
+                link: "A small JPEG for web pages.",
+                summary: "Get a small image for web pages",
+                description: "JPEG of at most 800 px per side. Transparent pixels are shown on light grey. Stacks of older \
+                    versions have a\nPNG. This file is not converted.",
+                absent: "`not_found`; `no_result`: the stack failed or was cancelled",
+                formats: AS_STORED,
+                needs: Nothing,
+                layer: None,
+                // its size is bounded, whatever the size of the canvas
+                pixel_bytes: |_| 0,
+            }
+        }
+    };
+}
+pub(crate) use stack_artifacts;
 
 /// What is known about an artifact before a job makes it.
 struct Row {
     name: &'static str,
-    /// Formats that the file can be converted to on request. Empty: only the stored format is available.
     formats: &'static [FileFormat],
-    /// True when only stacks with a back light have it.
-    needs_back_light: bool,
-    /// True when only stacks with the option `height` have it.
-    needs_height: bool,
-    /// Bytes per pixel of the canvas, uncompressed.
+    needs: Needs,
+    layer: Option<(&'static str, Colours)>,
     pixel_bytes: fn(&PixelSizes) -> u64,
 }
 
@@ -98,55 +203,38 @@ pub struct PixelSizes {
     pub slice_pixel: u64,
 }
 
-/// Formats of pictures for viewing.
-const VIEWABLE: &[FileFormat] = &[FileFormat::Png, FileFormat::Tiff, FileFormat::Jpeg];
-/// Formats of data that JPEG would change.
-const LOSSLESS: &[FileFormat] = &[FileFormat::Png, FileFormat::Tiff];
+macro_rules! variants {
+    ($($variant:ident $member:ident {
+        name: $name:tt, link: $link:tt, summary: $_s:tt, description: $_d:tt, absent: $_a:tt, formats: $formats:ident,
+        needs: $needs:ident, layer: $layer:expr, pixel_bytes: $pixel_bytes:expr,
+    })*) => {
+        /// A result file of a stack.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum StackArtifact {
+            $(#[doc = $link] $variant,)*
+        }
 
-impl StackArtifact {
-    /// All artifacts of stacks.
-    pub const ALL: [Self; 7] =
-        [Self::Image, Self::Mask, Self::Backlight, Self::Depth, Self::Height, Self::HeightSigma, Self::Preview];
+        impl StackArtifact {
+            /// All artifacts of stacks.
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant),*];
 
-    fn row(self) -> Row {
-        let height_map =
-            |name| Row { name, formats: LOSSLESS, needs_back_light: false, needs_height: true, pixel_bytes: |_| 2 };
-        match self {
-            Self::Image => Row {
-                name: "image",
-                formats: VIEWABLE,
-                needs_back_light: false,
-                needs_height: false,
-                // RGBA
-                pixel_bytes: |sizes| 4 * sizes.image_sample,
-            },
-            Self::Mask => {
-                Row { name: "mask", formats: LOSSLESS, needs_back_light: true, needs_height: false, pixel_bytes: |_| 1 }
-            }
-            Self::Backlight => Row {
-                name: "backlight",
-                formats: VIEWABLE,
-                needs_back_light: true,
-                needs_height: false,
-                // an upper bound: it is grey
-                pixel_bytes: |sizes| sizes.slice_pixel.max(3),
-            },
-            Self::Depth => Row {
-                name: "depth",
-                formats: LOSSLESS,
-                needs_back_light: false,
-                needs_height: false,
-                pixel_bytes: |_| 2,
-            },
-            Self::Height => height_map("height"),
-            Self::HeightSigma => height_map("height-sigma"),
-            // its size is bounded, whatever the size of the canvas
-            Self::Preview => {
-                Row { name: "preview", formats: &[], needs_back_light: false, needs_height: false, pixel_bytes: |_| 0 }
+            fn row(self) -> Row {
+                match self {
+                    $(Self::$variant => Row {
+                        name: $name,
+                        formats: $formats,
+                        needs: Needs::$needs,
+                        layer: $layer,
+                        pixel_bytes: $pixel_bytes,
+                    },)*
+                }
             }
         }
-    }
+    };
+}
+stack_artifacts!(variants);
 
+impl StackArtifact {
     /// Its name, in rows and as the last segment of its URL.
     pub fn name(self) -> &'static str {
         self.row().name
@@ -159,12 +247,17 @@ impl StackArtifact {
 
     /// True when only stacks with a back light have it.
     pub fn needs_back_light(self) -> bool {
-        self.row().needs_back_light
+        self.row().needs == Needs::BackLight
     }
 
     /// True when only stacks with the option `height` have it.
     pub fn needs_height(self) -> bool {
-        self.row().needs_height
+        self.row().needs == Needs::Height
+    }
+
+    /// Its name and its colours in the viewer; `None` when it is not shown there.
+    pub fn layer(self) -> Option<(&'static str, Colours)> {
+        self.row().layer
     }
 
     /// Bytes per pixel of the canvas, uncompressed; 0 when the size does not depend on the canvas.
@@ -175,6 +268,11 @@ impl StackArtifact {
     /// The artifact with this name.
     pub fn of_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|artifact| artifact.name() == name)
+    }
+
+    /// The stored file of this artifact among the files of a stack.
+    pub fn among(self, files: &[Artifact]) -> Option<&Artifact> {
+        files.iter().find(|file| file.name == self.name())
     }
 }
 

@@ -9,11 +9,7 @@ use axum::{
 use percent_encoding::percent_decode_str;
 use uuid::Uuid;
 
-use super::{
-    problem::{ApiError, ApiResult},
-    session,
-    state::App,
-};
+use super::{ApiError, ApiResult, App, session};
 use crate::{
     contract::{Code, Name},
     store::tokens::{Scope, Token, names, parse},

@@ -1,11 +1,11 @@
 //! Background tasks and blocking work of requests. Their log lines have the fields of the request, and their steps are
 //! spans of its trace. All tasks that a request starts begin here, except the one that polls for waiting requests
-//! ([`super::watch`]), so that no log line lacks its request id.
+//! ([`super::state::job_watch`]), so that no log line lacks its request id.
 
 use tokio::task::JoinHandle;
 use tracing::{Instrument, Span};
 
-use super::problem::{ApiError, ApiResult};
+use super::{ApiError, ApiResult};
 use crate::telemetry::traces;
 
 /// Starts a task in the span of the request.
@@ -17,10 +17,18 @@ where
     tokio::spawn(traces::carried(work).in_current_span())
 }
 
-/// Runs blocking work on a thread of its own, in the span of the request.
+/// Starts blocking work on a thread of its own, in the span of the request.
 pub fn spawn_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
     let (span, work) = (Span::current(), traces::carried_by_thread(work));
     tokio::task::spawn_blocking(move || span.in_scope(work))
+}
+
+/// Runs blocking work on a thread of its own.
+///
+/// # Errors
+/// `internal` when the work panics.
+pub async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> ApiResult<T> {
+    spawn_blocking(work).await.map_err(ApiError::internal)
 }
 
 /// Runs blocking work that keeps `held`, such as a permit or a file, until it ends. A client that disconnects drops the
@@ -32,7 +40,7 @@ pub async fn blocking_with<H: Send + 'static, T: Send + 'static>(
     held: H,
     work: impl FnOnce(&H) -> T + Send + 'static,
 ) -> ApiResult<T> {
-    spawn_blocking(move || work(&held)).await.map_err(ApiError::internal)
+    blocking(move || work(&held)).await
 }
 
 #[cfg(test)]

@@ -2,20 +2,36 @@
 
 use axum::{
     Json,
-    http::{HeaderMap, StatusCode},
+    http::{HeaderMap, StatusCode, Uri},
     response::Response,
 };
 use uuid::Uuid;
 
-use super::{extract::prefer, log, sse, views::JobDocument, waiting::until_final};
+use super::{
+    ApiError, ApiResult, App,
+    auth::Caller,
+    extract::{PageQuery, params, prefer},
+    log, sse,
+    views::JobDocument,
+    waiting::until_final,
+};
 use crate::{
     contract::{Code, JobKind, JobState},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
-    store::{CancelRequest, Job, gc::gc_job},
+    store::{CancelRequest, Job, JobFilter, Page, gc::gc_job},
 };
+
+/// A page of jobs. Stacks that other tokens sent are left out where tokens see only their own; calibrations belong to a
+/// rig and not to a token.
+///
+/// # Errors
+/// `invalid_request` for an unknown parameter, or a value outside its range.
+pub async fn list(app: &App, caller: &Caller, uri: &Uri, kind: JobKind) -> ApiResult<Page<Job>> {
+    let mut pairs = params::pairs(uri)?;
+    let page = PageQuery::take(&mut pairs)?;
+    let owner = if kind == JobKind::Stack { caller.sees_only(app) } else { None };
+    let filter = JobFilter { owner, ..params::job_filter(kind, &pairs)? };
+    Ok(app.store.metadata.jobs(&filter, &page).await?)
+}
 
 /// Shows a job. With `Prefer: wait=N` the response is sent when the job has ended, after N seconds at the latest.
 ///
@@ -65,7 +81,7 @@ pub async fn delete(app: &App, id: Uuid, kind: JobKind) -> ApiResult<StatusCode>
     if let Err(error) = gc_job(&app.store, id).await {
         tracing::warn!(%error, %id, "blobs of a deleted job are left to garbage collection");
     }
-    app.conversions.forget_deleted(app).await;
+    app.conversions.forget_deleted().await;
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -16,11 +16,9 @@ use utoipa::OpenApi;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
-    calibrations,
+    App, calibrations, job_endpoints,
     middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot, trace},
-    optics, pages, poses, profiles, scans, stacks,
-    state::App,
-    system, targets, uploads,
+    optics, pages, poses, profiles, scans, stacks, system, targets, uploads,
 };
 
 /// The OpenAPI document of [`routes()`], built at its first use.
@@ -40,25 +38,19 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(profiles::import::import))
         // calibrations
         .routes(routes!(calibrations::create::create))
-        .routes(routes!(calibrations::list::list))
-        .routes(routes!(calibrations::get::get, calibrations::delete::delete))
-        .routes(routes!(calibrations::events::events))
+        .routes(routes!(job_endpoints::calibrations::list))
+        .routes(routes!(job_endpoints::calibrations::get, job_endpoints::calibrations::delete))
+        .routes(routes!(job_endpoints::calibrations::events))
+        .routes(routes!(job_endpoints::calibrations::cancel))
         .routes(routes!(calibrations::overlay::overlay))
         .routes(routes!(calibrations::report::report))
-        .routes(routes!(calibrations::cancel::cancel))
         // stacks
-        .routes(routes!(stacks::list::list, stacks::create::create))
-        .routes(routes!(stacks::get::get, stacks::delete::delete))
-        .routes(routes!(stacks::events::events))
+        .routes(routes!(job_endpoints::stacks::list, stacks::create::create))
+        .routes(routes!(job_endpoints::stacks::get, job_endpoints::stacks::delete))
+        .routes(routes!(job_endpoints::stacks::events))
+        .routes(routes!(job_endpoints::stacks::cancel))
         .routes(routes!(stacks::metrics::metrics))
-        .routes(routes!(stacks::artifacts::image))
-        .routes(routes!(stacks::artifacts::mask))
-        .routes(routes!(stacks::artifacts::backlight))
-        .routes(routes!(stacks::artifacts::depth))
-        .routes(routes!(stacks::artifacts::height))
-        .routes(routes!(stacks::artifacts::height_sigma))
-        .routes(routes!(stacks::artifacts::preview))
-        .routes(routes!(stacks::cancel::cancel))
+        .merge(stacks::artifacts::routes())
         .routes(routes!(stacks::rerun::rerun))
         .routes(routes!(stacks::upload::upload))
         // scans

@@ -18,10 +18,10 @@ use tokio_rustls::TlsAcceptor;
 use tower::ServiceExt;
 
 use super::{
+    App,
     connections::{Seat, Slots, WriteTimeout, slots::RESERVE},
     router,
     session::OverTls,
-    state::App,
 };
 use crate::telemetry;
 

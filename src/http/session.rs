@@ -16,9 +16,9 @@ use std::sync::Arc;
 use axum::http::{HeaderMap, HeaderValue, header, request::Parts};
 
 use super::{
+    ApiError, ApiResult,
     connections::Seat,
     middleware::browser::{is_of_own_page, sender},
-    problem::{ApiError, ApiResult},
 };
 use crate::contract::Code;
 

@@ -25,7 +25,7 @@ use uuid::Uuid;
 
 use crate::{
     contract::{JobState, Progress},
-    http::{state::App, views::JobDocument},
+    http::{App, views::JobDocument},
     store::Job,
 };
 

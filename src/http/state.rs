@@ -1,4 +1,11 @@
-//! The application state of every handler.
+//! The application state of every handler. What requests share is in the files below: no part of the state knows the handlers that use it, or the whole state.
+
+pub mod conversions;
+pub mod health;
+pub mod job_watch;
+mod recent;
+pub mod thumbnails;
+pub mod token_sums;
 
 use std::{
     sync::{
@@ -11,15 +18,10 @@ use std::{
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-use super::{
-    artifacts::conversions::Conversions,
-    connections::Tally,
-    ingest::{quota::Claims, reservation::Shares},
-    pages::stacks::thumbnail::Thumbnails,
-    recent::Recent,
-    system::readyz,
-    watch::JobWatch,
+use self::{
+    conversions::Conversions, health::HealthChecks, job_watch::JobWatch, thumbnails::Thumbnails, token_sums::TokenSums,
 };
+use super::{ApiError, ApiResult, background};
 use crate::{
     disk_budget::DiskBudget,
     settings::Policy,
@@ -33,9 +35,6 @@ const INSPECTIONS: usize = 2;
 /// Tiles that are cut at a time.
 const TILES: usize = 4;
 
-/// How long the result of `/readyz` is cached.
-const READINESS_AGE: Duration = Duration::from_secs(1);
-
 /// The state of every handler. Cheap to clone.
 #[derive(Clone)]
 pub struct App {
@@ -47,12 +46,12 @@ pub struct App {
     pub shutdown: CancellationToken,
     /// Disk budget: what uploads, jobs and conversions of this process reserve.
     pub disk: Arc<DiskBudget>,
-    /// Reservations of the open uploads by token.
-    pub shares: Shares,
+    /// Bytes reserved ahead of those that have arrived, by token.
+    pub reserved_ahead: TokenSums,
     /// Changes of the jobs that requests wait for.
     pub watch: Arc<JobWatch>,
-    /// What the requests in progress claim of the quotas of their tokens.
-    pub claims: Claims,
+    /// Bytes that requests in progress claim of the quotas of their tokens, and that the store does not count yet.
+    pub claims: TokenSums,
     /// A token exists. Tokens are never deleted, only revoked.
     has_tokens: Arc<AtomicBool>,
     /// Conversions of stored images to other file formats.
@@ -62,11 +61,11 @@ pub struct App {
     /// Permits to cut a tile out of a picture.
     pub tile_permits: Arc<Semaphore>,
     /// Requests in progress by token.
-    pub tally: Tally,
-    /// The cached result of `/readyz`.
-    pub readiness: Arc<Recent<readyz::LastChecks>>,
-    /// Permits to inspect a zip. An inspection needs as much memory as a hostile zip makes it need, so few run at once.
-    pub inspection_permits: Arc<Semaphore>,
+    pub in_progress: TokenSums,
+    /// The checks of `/readyz`.
+    pub health: Arc<HealthChecks>,
+    /// Permits to inspect a zip.
+    inspection_permits: Arc<Semaphore>,
 }
 
 impl App {
@@ -75,21 +74,31 @@ impl App {
         let disk = DiskBudget::new(&store, policy.min_free_bytes);
         let watch = JobWatch::new(Arc::clone(&store.metadata), policy.poll_interval);
         Self {
+            conversions: Conversions::new(&store, &disk, policy.archive),
+            health: HealthChecks::new(&store, &disk),
             store,
             disk,
             watch,
-            shares: Shares::default(),
-            claims: Claims::default(),
+            reserved_ahead: TokenSums::default(),
+            claims: TokenSums::default(),
             policy: Arc::new(policy),
             shutdown: CancellationToken::new(),
             has_tokens: Arc::default(),
-            conversions: Arc::default(),
             thumbnails: Arc::default(),
             tile_permits: Arc::new(Semaphore::new(TILES)),
-            tally: Tally::default(),
-            readiness: Arc::new(Recent::new(READINESS_AGE)),
+            in_progress: TokenSums::default(),
             inspection_permits: Arc::new(Semaphore::new(INSPECTIONS)),
         }
+    }
+
+    /// Inspects a zip, or names, on another thread. An inspection needs as much memory as a hostile zip makes it need, so
+    /// few run at once.
+    ///
+    /// # Errors
+    /// `internal` when the inspection panics.
+    pub async fn inspect<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> ApiResult<T> {
+        let permit = Arc::clone(&self.inspection_permits).acquire_owned().await.map_err(ApiError::internal)?;
+        background::blocking_with(permit, |_| work()).await
     }
 
     /// Whether this request needs a token. With `auth_once_there_are_tokens` the store is queried until a token exists,

@@ -6,7 +6,7 @@ use tokio::time::{Instant, sleep_until};
 use uuid::Uuid;
 
 use crate::{
-    http::{state::App, wait_times},
+    http::{App, wait_times},
     store::{Job, StoreResult},
     telemetry::events::WaitsOn,
 };

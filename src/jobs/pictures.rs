@@ -59,8 +59,7 @@ impl Pictures<'_> {
         source: &Metadata,
     ) -> Result<(ImageInfo, Vec<WrittenArtifact>), JobError> {
         let (rect, options, front) = (self.rect, self.options, self.front);
-        let heights = if front.height_map.is_some() { 2 } else { 0 };
-        let (steps, done) = (heights + if self.silhouette.is_some() { 4 } else { 3 }, Mutex::new(0));
+        let (steps, done) = (StackArtifact::ALL.into_iter().filter(|of| self.has(*of)).count(), Mutex::new(0));
         let step = |picture: WrittenArtifact| {
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
@@ -82,18 +81,8 @@ impl Pictures<'_> {
             let small = Encoding::Jpeg { quality: PREVIEW_QUALITY };
             let preview = thumbnail::flattened(&image, PREVIEW_MAX_SIDE);
             let mut written = vec![step(writer.picture(StackArtifact::Preview.name(), small, &preview, &colours)?)];
-            if let Some(silhouette) = self.silhouette {
-                // binary, for tools that accept no other masks
-                let binary = compositing::masked(&silhouette.mask, &front.valid);
-                let mask = Raster::eight(rect.width, rect.height, 1, binary.crop(rect).data);
-                written.push(step(writer.png(StackArtifact::Mask.name(), &mask, &Metadata::default())?));
-            }
-            let index = Raster::sixteen(rect.width, rect.height, 1, front.index.crop(rect).data);
-            written.push(step(writer.png(StackArtifact::Depth.name(), &index, &Metadata::default())?));
-            if let Some(map) = &front.height_map {
-                let pictures =
-                    [(StackArtifact::Height, map.picture(rect)), (StackArtifact::HeightSigma, map.sigma_picture(rect))];
-                for (artifact, picture) in pictures {
+            for artifact in StackArtifact::ALL {
+                if let Some(picture) = self.data(artifact) {
                     written.push(step(writer.png(artifact.name(), &picture, &Metadata::default())?));
                 }
             }
@@ -104,6 +93,31 @@ impl Pictures<'_> {
         let mut written = vec![main?];
         written.append(&mut others?);
         Ok((info, written))
+    }
+
+    /// Whether a file is written here. The fused back light is written when it is there.
+    fn has(&self, artifact: StackArtifact) -> bool {
+        artifact != StackArtifact::Backlight
+            && (!artifact.needs_back_light() || self.silhouette.is_some())
+            && (!artifact.needs_height() || self.front.height_map.is_some())
+    }
+
+    /// The picture of a file of data, a PNG without metadata; `None` for pictures, and for what this stack does not have.
+    fn data(&self, artifact: StackArtifact) -> Option<Raster> {
+        let rect = self.rect;
+        let (width, height) = (rect.width, rect.height);
+        let heights = self.front.height_map.as_ref();
+        match artifact {
+            StackArtifact::Image | StackArtifact::Preview | StackArtifact::Backlight => None,
+            // binary, for tools that accept no other masks
+            StackArtifact::Mask => {
+                let binary = compositing::masked(&self.silhouette?.mask, &self.front.valid);
+                Some(Raster::eight(width, height, 1, binary.crop(rect).data))
+            }
+            StackArtifact::Depth => Some(Raster::sixteen(width, height, 1, self.front.index.crop(rect).data)),
+            StackArtifact::Height => Some(heights?.picture(rect)),
+            StackArtifact::HeightSigma => Some(heights?.sigma_picture(rect)),
+        }
     }
 
     fn info(&self) -> ImageInfo {

@@ -21,10 +21,9 @@ use super::{
 use crate::{
     contract::{Code, JobKind, outcome::Artifact},
     http::{
-        extract::conditional::{etag, not_modified, require_match},
-        problem::{ApiError, ApiResult},
+        ApiError, ApiResult, App,
+        extract::{conditional::require_match, etag, not_modified},
         scans::stored_zip::StoredZip,
-        state::App,
     },
     store::{BlobStore, Job},
 };
@@ -50,17 +49,6 @@ pub struct Content {
     pub source: Source,
     /// How many there are.
     pub length: u64,
-}
-
-impl Content {
-    /// All bytes at once, for small files.
-    ///
-    /// # Errors
-    /// `not_found` when the blob was deleted meanwhile; `internal` when it cannot be read.
-    pub async fn bytes(self) -> ApiResult<Bytes> {
-        let body = self.source.body(0, self.length).await?;
-        axum::body::to_bytes(body, usize::MAX).await.map_err(ApiError::internal)
-    }
 }
 
 /// Where the bytes of a download are.
@@ -104,6 +92,16 @@ pub async fn stored(app: &App, job: &Job, artifact: &Artifact, name: String) -> 
     }
     let (tag, media_type) = (artifact.sha256.clone(), artifact.media_type.clone());
     Ok(Download { content: Some(content), tag, media_type, name })
+}
+
+/// All bytes of a small file of a job.
+///
+/// # Errors
+/// As [`stored`]; `not_found` when the blob is deleted meanwhile; `internal` when it cannot be read.
+pub async fn bytes(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
+    let Download { content, .. } = stored(app, job, artifact, String::new()).await?;
+    let Content { source, length } = content.ok_or_else(|| ApiError::internal("a stored file has no bytes"))?;
+    axum::body::to_bytes(source.body(0, length).await?, usize::MAX).await.map_err(ApiError::internal)
 }
 
 /// The error for a missing file: the job was deleted since the row was read, or the file was lost.

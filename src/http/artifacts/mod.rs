@@ -1,12 +1,9 @@
 //! Downloads of the files that jobs made: format, name, range, entity tag.
 
 pub mod accept;
-pub mod conversions;
-mod convert;
 pub mod download;
 pub mod name;
 pub mod outcome;
 pub mod picture;
-pub mod pyramid;
 pub mod range;
 pub mod redirect;

@@ -6,10 +6,7 @@ use crate::{
         artifact::StackArtifact,
         outcome::{Artifact, CalibrationOutcome, JobOutcome, StackOutcome},
     },
-    http::{
-        job_resource::not_found,
-        problem::{ApiError, ApiResult},
-    },
+    http::{ApiError, ApiResult, job_resource::not_found},
     store::Job,
 };
 

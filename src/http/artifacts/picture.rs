@@ -7,7 +7,6 @@ use axum::{
 
 use super::{
     accept,
-    conversions::{Conversion, Form},
     download::{self, Content, Download, Source},
     name, outcome,
     redirect::MayRedirect,
@@ -18,9 +17,9 @@ use crate::{
         outcome::Artifact,
     },
     http::{
+        ApiError, ApiResult, App,
         extract::conditional::{not_modified, require_match},
-        problem::{ApiError, ApiResult},
-        state::App,
+        state::conversions::conversion::{Conversion, Form},
     },
     store::Job,
 };
@@ -74,7 +73,7 @@ async fn converted(
     } else {
         // refuses a damaged file
         drop(download::stored(app, job, artifact, String::new()).await?);
-        Some(app.conversions.get(app, &artifact.key, &artifact.sha256, Conversion::File(format)).await?)
+        Some(app.conversions.get(&artifact.key, &artifact.sha256, Conversion::File(format)).await?)
     };
     let content = match file {
         Some(converted) => {

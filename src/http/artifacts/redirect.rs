@@ -22,9 +22,8 @@ use axum::{
 use super::download::{Download, Source};
 use crate::{
     http::{
-        extract::{conditional::not_modified, params},
-        problem::{ApiError, ApiResult},
-        state::App,
+        ApiError, ApiResult, App,
+        extract::{not_modified, params},
     },
     store::blobs::SignedAnswer,
 };

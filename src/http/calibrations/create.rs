@@ -12,11 +12,10 @@ use utoipa::ToSchema;
 use crate::{
     contract::{Code, JobKind},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         extract::ProfileKey,
         ingest::{fields::Fields, request::IngestRequest},
-        problem::{ApiError, ApiResult},
-        state::App,
         views::Calibration,
     },
 };

@@ -1,10 +1,5 @@
-//! Calibrations: one endpoint per file.
+//! Calibrations: one endpoint per file. Those that stacks have too are in [`job_endpoints`](super::job_endpoints).
 
-pub mod cancel;
 pub mod create;
-pub mod delete;
-pub mod events;
-pub mod get;
-pub mod list;
 pub mod overlay;
 pub mod report;

@@ -10,11 +10,10 @@ use serde::Deserialize;
 use crate::{
     contract::{Code, JobKind, artifact::overlay_name},
     http::{
+        ApiError, ApiResult, App,
         artifacts::{download, name, outcome},
         extract::{JobId, params},
         job_resource::load,
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 

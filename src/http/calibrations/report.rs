@@ -6,12 +6,12 @@ use axum::{
     http::{HeaderMap, HeaderValue, Uri, header},
     response::{IntoResponse, Response},
 };
-use bytes::Bytes;
 use serde::Deserialize;
 
 use crate::{
     contract::{Code, JobKind, artifact::REPORT, outcome::Artifact, request::JobRequest},
     http::{
+        ApiError, ApiResult, App,
         artifacts::{accept::MediaRanges, download, outcome},
         background,
         extract::{JobId, params},
@@ -20,9 +20,7 @@ use crate::{
             self,
             calibration_report::{self, Subject},
         },
-        problem::{ApiError, ApiResult},
         profiles::drift,
-        state::App,
         views::calibration::ReportView,
     },
     store::Job,
@@ -75,11 +73,10 @@ pub async fn report(State(app): State<App>, JobId(id): JobId, uri: Uri, headers:
     };
     let job = load(&app, id, JobKind::Calibration).await?;
     let (artifact, revision) = stored(&job)?;
-    let bytes = read(&app, &job, artifact).await?;
+    let bytes = download::bytes(&app, &job, artifact).await?;
     let drift = drift_since_previous(&app, &job, revision).await?;
     // rendering thousands of dots takes long: not on the threads that serve other requests
-    let rendered = background::spawn_blocking(move || answer(form, &job, revision, &bytes, drift));
-    let mut response = rendered.await.map_err(ApiError::internal)??;
+    let mut response = background::blocking(move || answer(form, &job, revision, &bytes, drift)).await??;
     let headers = response.headers_mut();
     headers.insert(header::VARY, HeaderValue::from_static("accept"));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
@@ -96,13 +93,6 @@ fn stored(job: &Job) -> ApiResult<(&Artifact, Option<u32>)> {
         ApiError::new(Code::NoResult, detail)
     };
     Ok((artifact.ok_or_else(missing)?, outcome.profile_revision))
-}
-
-async fn read(app: &App, job: &Job, artifact: &Artifact) -> ApiResult<Bytes> {
-    match download::stored(app, job, artifact, String::new()).await?.content {
-        Some(content) => content.bytes().await,
-        None => Ok(Bytes::new()),
-    }
 }
 
 /// The drift from the previous revision to the one that the job made, even if that was deleted meanwhile.

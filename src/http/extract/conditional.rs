@@ -1,10 +1,18 @@
 //! `ETag`, `If-Match` and `If-None-Match` (RFC 9110, section 13).
 
-use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+use std::future::Future;
+
+use axum::{
+    Json,
+    extract::FromRequestParts,
+    http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header, request::Parts},
+    response::{IntoResponse, Response},
+};
+use serde::Serialize;
 
 use crate::{
     contract::Code,
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult, App},
     store::Precondition,
 };
 
@@ -81,7 +89,24 @@ pub fn require_match(headers: &HeaderMap, opaque: &str) -> ApiResult<()> {
     }
 }
 
-/// The condition of a write in `If-Match` and `If-None-Match`, where the tag is a number that grows with each write.
+/// A resource with a number that grows with each write, which is its tag.
+pub trait Numbered {
+    /// The word for the resource.
+    const KIND: &'static str;
+    /// The word for its number.
+    const NUMBER: &'static str;
+
+    /// Which resource, for error messages.
+    fn subject(&self) -> String;
+
+    /// Its URL.
+    fn url(&self) -> String;
+
+    /// The current number; `None` when the resource does not exist.
+    fn current(&self, app: &App) -> impl Future<Output = ApiResult<Option<u32>>> + Send;
+}
+
+/// The resource that a URL names, and the conditions of the request in `If-Match` and `If-None-Match`. For a write:
 ///
 /// | header | holds if |
 /// |---|---|
@@ -89,38 +114,132 @@ pub fn require_match(headers: &HeaderMap, opaque: &str) -> ApiResult<()> {
 /// | `If-Match` with tags | one of them is the current number |
 /// | `If-None-Match: *` | there is no current number |
 /// | `If-None-Match` with tags | none of them is the current number |
-///
-/// The store checks a single `*` in the transaction of the write. Otherwise `current` is read, and the write requires
-/// that it is still the same. `Err`: `If-Match` does not hold.
-///
-/// # Errors
-/// `precondition_failed` when `If-None-Match` does not hold; those of `current`.
-pub async fn precondition(
-    headers: &HeaderMap,
-    current: impl Future<Output = ApiResult<Option<u32>>>,
-) -> ApiResult<Result<Precondition, Option<u32>>> {
-    let (wanted, excluded) = (Tags::of(headers, &header::IF_MATCH), Tags::of(headers, &header::IF_NONE_MATCH));
-    match (&wanted, &excluded) {
-        (None, None) => return Ok(Ok(Precondition::Any)),
-        (Some(Tags::Any), None) => return Ok(Ok(Precondition::Present)),
-        (None, Some(Tags::Any)) => return Ok(Ok(Precondition::Absent)),
-        _ => {}
+#[derive(Debug, Clone)]
+pub struct Conditional<T> {
+    /// The resource.
+    pub of: T,
+    wanted: Option<Tags>,
+    excluded: Option<Tags>,
+}
+
+impl<S: Send + Sync, T: FromRequestParts<S, Rejection = ApiError>> FromRequestParts<S> for Conditional<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> ApiResult<Self> {
+        Ok(Self::new(T::from_request_parts(parts, state).await?, &parts.headers))
     }
-    let current = current.await?;
-    let tag = current.map(|number| number.to_string());
-    let is_in = |tags: Tags, contains: fn(&Tags, &str) -> bool| tag.as_ref().is_some_and(|tag| contains(&tags, tag));
-    if wanted.is_some_and(|wanted| !is_in(wanted, Tags::contains_strong)) {
-        return Ok(Err(current));
+}
+
+impl<T> Conditional<T> {
+    fn new(of: T, headers: &HeaderMap) -> Self {
+        let (wanted, excluded) = (Tags::of(headers, &header::IF_MATCH), Tags::of(headers, &header::IF_NONE_MATCH));
+        Self { of, wanted, excluded }
     }
-    if excluded.is_some_and(|excluded| is_in(excluded, Tags::contains)) {
-        let detail = format!(
-            "nothing was changed: the current version is {}, which If-None-Match excludes; omit that header to change \
-             it",
-            tag.unwrap_or_default()
-        );
-        return Err(ApiError::new(Code::PreconditionFailed, detail));
+
+    /// The condition of a write that the store checks by itself, in the transaction of the write.
+    fn unread(&self) -> Option<Precondition> {
+        match (&self.wanted, &self.excluded) {
+            (None, None) => Some(Precondition::Any),
+            (Some(Tags::Any), None) => Some(Precondition::Present),
+            (None, Some(Tags::Any)) => Some(Precondition::Absent),
+            _ => None,
+        }
     }
-    Ok(Ok(current.map_or(Precondition::Absent, Precondition::Revision)))
+
+    fn holds(&self, current: Option<u32>) -> Holds {
+        let tag = current.map(|number| number.to_string());
+        let is_in =
+            |tags: &Tags, contains: fn(&Tags, &str) -> bool| tag.as_ref().is_some_and(|tag| contains(tags, tag));
+        if self.wanted.as_ref().is_some_and(|wanted| !is_in(wanted, Tags::contains_strong)) {
+            return Holds::NotMatched;
+        }
+        match current {
+            Some(number) if self.excluded.as_ref().is_some_and(|tags| is_in(tags, Tags::contains)) => {
+                Holds::Excluded(number)
+            }
+            current => Holds::Yes(current.map_or(Precondition::Absent, Precondition::Revision)),
+        }
+    }
+}
+
+/// Whether the conditions of a write hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Holds {
+    /// They do. The write requires that the number is still the same.
+    Yes(Precondition),
+    /// `If-Match` does not name the current number.
+    NotMatched,
+    /// `If-None-Match` names the current number.
+    Excluded(u32),
+}
+
+impl<T: Numbered> Conditional<T> {
+    /// The condition of a write.
+    ///
+    /// # Errors
+    /// `precondition_failed` when it does not hold now; when the store cannot be read.
+    pub async fn precondition(&self, app: &App) -> ApiResult<Precondition> {
+        if let Some(condition) = self.unread() {
+            return Ok(condition);
+        }
+        let current = self.of.current(app).await?;
+        match self.holds(current) {
+            Holds::Yes(condition) => Ok(condition),
+            Holds::NotMatched => Err(self.failed(current)),
+            Holds::Excluded(number) => {
+                let detail = format!(
+                    "nothing was changed: the current version is {number}, which If-None-Match excludes; omit that header to \
+                     change it"
+                );
+                Err(ApiError::new(Code::PreconditionFailed, detail))
+            }
+        }
+    }
+
+    /// The error for a condition that does not hold. `current`: the current number.
+    pub fn failed(&self, current: Option<u32>) -> ApiError {
+        let (subject, kind) = (self.of.subject(), T::KIND);
+        let header = if self.wanted.is_some() { header::IF_MATCH } else { header::IF_NONE_MATCH };
+        let now = match current {
+            Some(number) => format!("is at {} {number}", T::NUMBER),
+            None => "does not exist".to_owned(),
+        };
+        let detail = format!("{subject} {now}, which does not satisfy {header}; read the {kind} again and retry");
+        ApiError::new(Code::PreconditionFailed, detail)
+    }
+
+    /// The response to a read, with the `ETag` of the number; 304 when the copy of the client is current.
+    pub fn shown(&self, number: u32, document: &impl Serialize) -> Response {
+        match &self.excluded {
+            Some(tags) if tags.contains(&number.to_string()) => {
+                (StatusCode::NOT_MODIFIED, revalidated(number)).into_response()
+            }
+            _ => shown(number, document),
+        }
+    }
+
+    /// The response to a write, with the `ETag` of the number: 201 with `Location` if it created the resource,
+    /// otherwise 200.
+    pub fn written(&self, is_new: bool, number: u32, document: &impl Serialize) -> Response {
+        let mut response = ([(header::ETAG, etag(&number.to_string()))], Json(document)).into_response();
+        if is_new {
+            *response.status_mut() = StatusCode::CREATED;
+            if let Ok(location) = HeaderValue::from_str(&self.of.url()) {
+                response.headers_mut().insert(header::LOCATION, location);
+            }
+        }
+        response
+    }
+}
+
+/// The response to a read that is never "not modified", with the `ETag` of the number.
+pub fn shown(number: u32, document: &impl Serialize) -> Response {
+    (revalidated(number), Json(document)).into_response()
+}
+
+/// The tag of a number, and that the client must ask again before it uses its copy.
+fn revalidated(number: u32) -> [(HeaderName, HeaderValue); 2] {
+    [(header::ETAG, etag(&number.to_string())), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))]
 }
 
 /// The header value of a strong tag.
@@ -132,42 +251,38 @@ pub fn etag(opaque: &str) -> HeaderValue {
 mod tests {
     use super::*;
 
-    async fn condition(headers: &[(HeaderName, &'static str)], current: Option<u32>) -> Result<Precondition, Code> {
+    fn condition(headers: &[(HeaderName, &'static str)], current: Option<u32>) -> Option<Precondition> {
         let headers = headers.iter().map(|(name, value)| (name.clone(), HeaderValue::from_static(value)));
-        match precondition(&headers.collect(), async { Ok(current) }).await {
-            Ok(Ok(condition)) => Ok(condition),
-            Ok(Err(now)) => {
-                assert_eq!(now, current);
-                Err(Code::PreconditionFailed)
-            }
-            Err(error) => Err(error.fault().code),
-        }
+        let conditional = Conditional::new((), &headers.collect());
+        conditional.unread().or_else(|| match conditional.holds(current) {
+            Holds::Yes(condition) => Some(condition),
+            Holds::NotMatched | Holds::Excluded(_) => None,
+        })
     }
 
-    #[tokio::test]
-    async fn the_condition_of_a_write_follows_from_both_headers() {
+    #[test]
+    fn the_condition_of_a_write_follows_from_both_headers() {
         use Precondition::{Absent, Any, Present, Revision};
         let (only, none) = (header::IF_MATCH, header::IF_NONE_MATCH);
-        let failed = Err(Code::PreconditionFailed);
         for (headers, current, expected) in [
-            (vec![], Some(4), Ok(Any)),
-            (vec![(&only, "*")], Some(4), Ok(Present)),
-            (vec![(&only, "\"3\", \"4\"")], Some(4), Ok(Revision(4))),
-            (vec![(&only, "W/\"4\"")], Some(4), failed),
-            (vec![(&only, "\"4\"")], None, failed),
-            (vec![(&none, "*")], Some(4), Ok(Absent)),
-            (vec![(&none, "\"4\"")], Some(4), failed),
-            (vec![(&none, "W/\"4\"")], Some(4), failed),
-            (vec![(&none, "\"3\"")], Some(4), Ok(Revision(4))),
-            (vec![(&none, "\"3\"")], None, Ok(Absent)),
-            (vec![(&only, "\"4\""), (&none, "\"3\"")], Some(4), Ok(Revision(4))),
-            (vec![(&only, "\"3\""), (&none, "*")], Some(4), failed),
-            (vec![(&only, "\"4\""), (&none, "*")], Some(4), failed),
-            (vec![(&only, "*"), (&none, "\"4\"")], Some(4), failed),
-            (vec![(&only, "*"), (&none, "*")], None, failed),
+            (vec![], Some(4), Some(Any)),
+            (vec![(&only, "*")], Some(4), Some(Present)),
+            (vec![(&only, "\"3\", \"4\"")], Some(4), Some(Revision(4))),
+            (vec![(&only, "W/\"4\"")], Some(4), None),
+            (vec![(&only, "\"4\"")], None, None),
+            (vec![(&none, "*")], Some(4), Some(Absent)),
+            (vec![(&none, "\"4\"")], Some(4), None),
+            (vec![(&none, "W/\"4\"")], Some(4), None),
+            (vec![(&none, "\"3\"")], Some(4), Some(Revision(4))),
+            (vec![(&none, "\"3\"")], None, Some(Absent)),
+            (vec![(&only, "\"4\""), (&none, "\"3\"")], Some(4), Some(Revision(4))),
+            (vec![(&only, "\"3\""), (&none, "*")], Some(4), None),
+            (vec![(&only, "\"4\""), (&none, "*")], Some(4), None),
+            (vec![(&only, "*"), (&none, "\"4\"")], Some(4), None),
+            (vec![(&only, "*"), (&none, "*")], None, None),
         ] {
             let sent: Vec<_> = headers.into_iter().map(|(name, value)| (name.clone(), value)).collect();
-            assert_eq!(condition(&sent, current).await, expected, "{sent:?}");
+            assert_eq!(condition(&sent, current), expected, "{sent:?}");
         }
     }
 }

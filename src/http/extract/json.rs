@@ -1,9 +1,6 @@
 //! JSON bodies.
 
-use axum::{
-    body::Body,
-    http::{HeaderMap, header},
-};
+use axum::{body::Body, http::HeaderMap};
 use futures::StreamExt;
 use serde::de::DeserializeOwned;
 
@@ -11,12 +8,8 @@ use super::json_sentence::{sentence, shortened};
 use crate::{
     contract::{Code, Fault},
     http::{
-        ingest::{
-            admission::{content_length, waits_for_continue},
-            body::{EndedEarly, WatchedBody},
-        },
-        problem::ApiError,
-        state::App,
+        ApiError, App,
+        ingest::body::{EndedEarly, WatchedBody, content_length, media_type},
     },
 };
 use pinstack_science::types::error::ErrorLocation;
@@ -43,8 +36,7 @@ pub async fn read(app: &App, headers: &HeaderMap, body: Body) -> Result<Vec<u8>,
         )
     };
     let announced = content_length(headers).unwrap_or(0);
-    let waits = waits_for_continue(headers);
-    let mut body = WatchedBody::new(body, MAX_JSON_BYTES, app.policy.body_idle_timeout, waits);
+    let mut body = WatchedBody::new(body, headers, MAX_JSON_BYTES, app.policy.body_idle_timeout);
     if announced > MAX_JSON_BYTES {
         return Err(too_large());
     }
@@ -71,9 +63,7 @@ pub const FORM: &str = "application/x-www-form-urlencoded";
 /// # Errors
 /// `unsupported_media_type`.
 pub fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
-    let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(()) };
-    let text = value.to_str().unwrap_or_default();
-    let kind = text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let Some(kind) = media_type(headers) else { return Ok(()) };
     let is_json = kind == "application/json" || (kind.starts_with("application/") && kind.ends_with("+json"));
     if is_json {
         return Ok(());

@@ -8,5 +8,6 @@ pub mod params;
 pub mod path;
 pub mod prefer;
 
+pub use conditional::{Conditional, Numbered, etag, not_modified};
 pub use page::PageQuery;
 pub use path::{JobId, ProfileKey, UploadId};

@@ -10,7 +10,7 @@ use uuid::Uuid;
 
 use crate::{
     contract::{Code, Name},
-    http::{log, problem::ApiError},
+    http::{ApiError, log},
 };
 
 /// `{rig}` and `{lens}`.

@@ -1,17 +1,15 @@
 //! Admission: what is checked before the body of an upload is read. Its length, the disk budget, the quota of the
 //! token, and the length of the queue.
 
-use axum::http::{HeaderMap, header};
-
-use super::{body::too_large, quota::QuotaClaim, request::IngestRequest, reservation::UploadReservation};
+use super::{
+    body::{content_length, too_large},
+    quota::QuotaClaim,
+    request::IngestRequest,
+    reservation::{UploadReservation, disk_full},
+};
 use crate::{
     contract::Code,
-    disk_budget::DiskState,
-    http::{
-        auth::Caller,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, auth::Caller},
 };
 
 /// Most bytes of a form besides the zip.
@@ -61,25 +59,4 @@ async fn require_queue_place(app: &App) -> ApiResult<()> {
 /// The error for a queue that has no place left.
 pub fn queue_full(waiting: u64) -> ApiError {
     ApiError::new(Code::QueueFull, format!("the queue is full: {waiting} jobs are waiting; try again later"))
-}
-
-/// The error for a disk budget that cannot cover an upload and its job.
-pub fn disk_full(bytes: u64, job_bytes: u64, state: &DiskState) -> ApiError {
-    let DiskState { free, reserved, min_free, .. } = state;
-    let detail = format!(
-        "not enough disk space for this upload: it needs {bytes} bytes and its job up to {job_bytes}; {free} bytes are \
-         free, of which {reserved} are reserved by uploads and jobs in progress and {min_free} must stay free; delete \
-         old stacks or enlarge the disk"
-    );
-    ApiError::new(Code::InsufficientStorage, detail)
-}
-
-/// True when the client waits for `100 Continue` before it sends the body.
-pub fn waits_for_continue(headers: &HeaderMap) -> bool {
-    headers.get(header::EXPECT).is_some_and(|v| v.as_bytes().eq_ignore_ascii_case(b"100-continue"))
-}
-
-/// The `Content-Length` of a request, bytes.
-pub fn content_length(headers: &HeaderMap) -> Option<u64> {
-    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }

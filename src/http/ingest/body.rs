@@ -7,14 +7,17 @@ use std::{
     time::Duration,
 };
 
-use axum::body::{Body, BodyDataStream};
+use axum::{
+    body::{Body, BodyDataStream},
+    http::{HeaderMap, header},
+};
 use bytes::Bytes;
 use futures::{Stream, StreamExt};
 use tokio::time::{Instant, Sleep, sleep, timeout};
 
 use crate::{
     contract::{Code, Fault},
-    http::{background, problem::ApiError, wait_times},
+    http::{ApiError, background, wait_times},
     telemetry::events::{self, WaitsOn},
 };
 
@@ -24,10 +27,28 @@ const LINGER_BYTES: u64 = 64 << 20;
 /// Longest time for that.
 const LINGER_TIME: Duration = Duration::from_secs(5);
 
+/// True when the client waits for `100 Continue` before it sends the body.
+fn waits_for_continue(headers: &HeaderMap) -> bool {
+    headers.get(header::EXPECT).is_some_and(|v| v.as_bytes().eq_ignore_ascii_case(b"100-continue"))
+}
+
+/// The `Content-Length` of a request, bytes.
+pub fn content_length(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+/// The media type of the body, in lower case and without parameters; `None` without a `Content-Type`.
+pub fn media_type(headers: &HeaderMap) -> Option<String> {
+    let text = headers.get(header::CONTENT_TYPE)?.to_str().unwrap_or_default();
+    Some(text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
+}
+
 /// Reads some of the body of a refused request and discards it. Otherwise a client that still sends would see a
-/// connection reset and not the answer.
-pub fn discard(body: Body) {
-    discard_rest(body.into_data_stream());
+/// connection reset and not the answer. A client that waits for `100 Continue` sends nothing.
+pub fn discard(headers: &HeaderMap, body: Body) {
+    if !waits_for_continue(headers) {
+        discard_rest(body.into_data_stream());
+    }
 }
 
 fn discard_rest(rest: BodyDataStream) {
@@ -73,6 +94,7 @@ pub struct WatchedBody {
     inner: Option<BodyDataStream>,
     /// True once the first chunk was asked for, which sends `100 Continue`.
     polled: bool,
+    /// The client sends nothing before it receives `100 Continue`.
     waits_for_continue: bool,
     /// Ends when nothing arrived for `idle_timeout`.
     silence: Pin<Box<Sleep>>,
@@ -85,13 +107,12 @@ pub struct WatchedBody {
 }
 
 impl WatchedBody {
-    /// Limits `body` to `max_bytes` in all and `idle_timeout` between chunks. `waits_for_continue`: the client sends
-    /// nothing before it receives `100 Continue`.
-    pub fn new(body: Body, max_bytes: u64, idle_timeout: Duration, waits_for_continue: bool) -> Self {
+    /// Limits `body` to `max_bytes` in all and `idle_timeout` between chunks.
+    pub fn new(body: Body, headers: &HeaderMap, max_bytes: u64, idle_timeout: Duration) -> Self {
         Self {
             inner: Some(body.into_data_stream()),
             polled: false,
-            waits_for_continue,
+            waits_for_continue: waits_for_continue(headers),
             silence: Box::pin(sleep(idle_timeout)),
             waits: None,
             idle_timeout,

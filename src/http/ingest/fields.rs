@@ -7,8 +7,8 @@ use serde::de::DeserializeOwned;
 use crate::{
     contract::{Code, Fault},
     http::{
+        ApiError, ApiResult,
         extract::{json, params},
-        problem::{ApiError, ApiResult},
     },
 };
 

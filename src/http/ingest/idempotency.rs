@@ -10,11 +10,7 @@ use uuid::Uuid;
 use super::submission::Submission;
 use crate::{
     contract::Code,
-    http::{
-        auth::Caller,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, auth::Caller},
     store::{Job, digest::hex},
 };
 

@@ -8,16 +8,13 @@ use std::time::Instant;
 use uuid::Uuid;
 
 use super::{
+    spool::SpooledZip,
     submission::Submission,
     submit::{checked, refusal, remove_blob, require_stored_in_time},
 };
 use crate::{
     contract::{Code, request::Upload},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-        uploads::lock::not_found,
-    },
+    http::{ApiError, ApiResult, App, uploads::lock::not_found},
     store::{Enqueue, EnqueueAll, Job, NewJob, SpoolFile, blobs::upload_key},
     telemetry::traces,
 };
@@ -26,18 +23,6 @@ use crate::{
 pub struct CheckedJob {
     job: NewJob,
     file: SpoolFile,
-}
-
-/// A zip in a spool file that is to become a job.
-pub struct SpooledUpload {
-    /// The file.
-    pub file: SpoolFile,
-    /// Size, bytes.
-    pub bytes: u64,
-    /// SHA-256, hex.
-    pub sha256: String,
-    /// File name that results refer to.
-    pub filename: Option<String>,
 }
 
 /// Who makes the jobs.
@@ -80,11 +65,11 @@ pub async fn require_queue_places(app: &App, views: usize, impossible: Code, ins
 pub async fn check(
     app: &App,
     submission: &Submission,
-    zip: SpooledUpload,
+    zip: SpooledZip,
     idempotency: Option<(String, String)>,
 ) -> ApiResult<CheckedJob> {
     let id = Uuid::now_v7();
-    let SpooledUpload { file, bytes, sha256, filename } = zip;
+    let SpooledZip { file, bytes, sha256, filename, .. } = zip;
     let upload = Upload { key: upload_key(id), bytes, sha256, filename };
     let (request, warnings) = checked(app, submission, &file.open().await?, upload).await?;
     let (rig, lens) = submission.profile_key();

@@ -1,14 +1,18 @@
 //! From the bytes of a request to a job: everything between a client's zip and a queued row.
 //!
-//! 1. Checked before the body is read: names, options, profile, length, disk budget, quota, queue ([`submission`],
-//!    [`admission`]).
-//! 2. The body is streamed to a spool file, counted and hashed ([`receive`], [`multipart`], [`spool`]).
-//! 3. The directory of the zip and the headers of its images are checked; the file becomes a blob and the job a row
-//!    ([`submit`]).
-//! 4. Only then does the client receive 202 ([`request`]).
+//! | step | files |
+//! |---|---|
+//! | 1. Who sends the request, and does it repeat an earlier one? | [`request`], [`idempotency`] |
+//! | 2. Names, options and profile are checked before the body is read. | [`submission`], [`fields`], [`receivable`] |
+//! | 3. Length, disk budget, quota and queue are checked. | [`admission`], [`reservation`], [`quota`] |
+//! | 4. The body is streamed to a spool file, counted and hashed. | [`receive`], [`multipart`], [`body`], [`spool`] |
+//! | 5. Directory and headers of the zip are checked; the file becomes a blob, the job a row. | [`submit`], [`many`] |
+//! | 6. Only then does the client receive 202. | [`accept`] |
 //!
-//! Resumable uploads and reruns bring their zip in another way and share steps 1 and 3.
+//! No two files need each other: each can be read with those that it imports. Resumable uploads and reruns bring their
+//! zip in another way, and share steps 2, 3 and 5.
 
+mod accept;
 pub mod admission;
 pub mod body;
 pub mod fields;
@@ -16,9 +20,10 @@ pub mod filename;
 pub mod form_body;
 pub mod idempotency;
 pub mod many;
-pub mod multipart;
+mod multipart;
 pub mod quota;
-pub mod receive;
+pub mod receivable;
+mod receive;
 pub mod request;
 pub mod reservation;
 pub mod scan_views;

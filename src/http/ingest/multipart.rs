@@ -17,14 +17,14 @@ use super::{
     fields::Fields,
     filename,
     form_body::FormBody,
-    receive::Receivable,
+    receivable::Receivable,
     request::IngestRequest,
     reservation::UploadReservation,
     spool::{SpooledZip, spool},
 };
 use crate::{
     contract::Code,
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult},
 };
 
 /// Most bytes of text in all parts that are not the file.

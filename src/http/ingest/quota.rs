@@ -8,42 +8,26 @@
 //! stored bytes + claims of other requests + this claim <= quota
 //! ```
 
-use std::{
-    collections::HashMap,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-};
+use std::sync::Arc;
 
 use uuid::Uuid;
 
 use crate::{
     contract::Code,
-    http::{
-        auth::Caller,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
-    store::OverQuota,
+    http::{ApiError, ApiResult, App, auth::Caller, state::token_sums::TokenSums},
+    store::{MetadataStore, OverQuota},
 };
 
 /// Bytes that an upload of unknown length claims ahead of what has arrived.
 const AHEAD_OF_UNKNOWN: u64 = 64 << 20;
-
-/// Bytes claimed by the requests of each token and not yet counted by the store.
-#[derive(Clone, Default)]
-pub struct Claims(Arc<Mutex<HashMap<Uuid, u64>>>);
-
-impl Claims {
-    fn lock(&self) -> MutexGuard<'_, HashMap<Uuid, u64>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
 
 /// The claim of one request on the quota of its token, released on drop. Empty for a token without a quota.
 #[derive(Default)]
 pub struct QuotaClaim(Option<Claimed>);
 
 struct Claimed {
-    app: App,
+    metadata: Arc<dyn MetadataStore>,
+    claims: TokenSums,
     token: Uuid,
     name: String,
     quota: u64,
@@ -58,7 +42,8 @@ impl QuotaClaim {
     pub fn of(app: &App, caller: &Caller, key: Option<String>) -> Self {
         let limited = caller.token().and_then(|token| Some((token, token.quota_bytes?)));
         Self(limited.map(|(token, quota)| Claimed {
-            app: app.clone(),
+            metadata: Arc::clone(&app.store.metadata),
+            claims: app.claims.clone(),
             token: token.id,
             name: token.name.to_string(),
             quota,
@@ -76,14 +61,14 @@ impl QuotaClaim {
         if bytes <= claimed.bytes {
             return Ok(());
         }
-        let used = claimed.app.store.metadata.used_bytes(claimed.token).await?;
+        let used = claimed.metadata.used_bytes(claimed.token).await?;
         // more arrived than was first claimed, so the length is unknown
         let ahead = if claimed.bytes > 0 { AHEAD_OF_UNKNOWN } else { 0 };
         let Err(used) = claimed.take(used, bytes.saturating_add(ahead)).or_else(|_| claimed.take(used, bytes)) else {
             return Ok(());
         };
         if let Some(key) = &claimed.key
-            && claimed.app.store.metadata.by_idempotency_key(key).await?.is_some()
+            && claimed.metadata.by_idempotency_key(key).await?.is_some()
         {
             // an equal request has made the job meanwhile: this one is a repeat and needs no quota
             self.0 = None;
@@ -96,28 +81,22 @@ impl QuotaClaim {
 impl Claimed {
     /// Sets the claim to `bytes`. `Err`: the bytes in use by others, which leave too little.
     fn take(&mut self, stored: u64, bytes: u64) -> Result<(), u64> {
-        let mut claims = self.app.claims.lock();
-        let all = claims.entry(self.token).or_default();
-        let others = if self.key.is_some() { 0 } else { *all - self.bytes };
-        let used = stored.saturating_add(others);
-        if used.saturating_add(bytes) > self.quota {
-            return Err(used);
-        }
-        *all += bytes - self.bytes;
-        self.bytes = bytes;
-        Ok(())
+        self.claims.change(Some(self.token), |all| {
+            let others = if self.key.is_some() { 0 } else { *all - self.bytes };
+            let used = stored.saturating_add(others);
+            if used.saturating_add(bytes) > self.quota {
+                return Err(used);
+            }
+            *all += bytes - self.bytes;
+            self.bytes = bytes;
+            Ok(())
+        })
     }
 }
 
 impl Drop for Claimed {
     fn drop(&mut self) {
-        let mut claims = self.app.claims.lock();
-        if let Some(all) = claims.get_mut(&self.token) {
-            *all -= self.bytes;
-            if *all == 0 {
-                claims.remove(&self.token);
-            }
-        }
+        self.claims.change(Some(self.token), |all| *all -= self.bytes);
     }
 }
 

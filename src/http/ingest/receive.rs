@@ -1,28 +1,20 @@
 //! From the body of a request to a checked submission and a complete zip in a spool file.
 
-use std::future::Future;
-
-use axum::{
-    body::Body,
-    http::{HeaderMap, header},
-};
+use axum::body::Body;
 
 use super::{
-    admission::{FORM_OVERHEAD, admit, content_length, waits_for_continue},
-    body::{EndedEarly, WatchedBody},
+    admission::{FORM_OVERHEAD, admit},
+    body::{EndedEarly, WatchedBody, content_length, media_type},
     fields::Fields,
     filename, multipart,
+    receivable::Receivable,
     request::IngestRequest,
     spool::{SpooledZip, spool},
 };
 use crate::{
     contract::Code,
-    http::{
-        auth::Caller,
-        extract::json,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, extract::json},
+    telemetry::traces,
 };
 
 /// Media types that are accepted for a bare zip: the right one, and those that common tools send instead. Types that a
@@ -36,35 +28,25 @@ const ZIP_TYPES: [&str; 5] = [
     "binary/octet-stream",
 ];
 
-/// What a zip is received for. It is checked before the zip is read.
-pub trait Receivable: Sized + Send {
-    /// What the URL names beside the fields.
-    type Target: Sync;
-
-    /// Parses and checks the fields of a request, and reads what they name from the store.
+impl IngestRequest<'_> {
+    /// Checks the submission, then receives its zip, as the whole body or as a part of a form. Nothing of a bare body
+    /// is read before the submission is checked and admitted, so a client that sends `Expect: 100-continue` never sends
+    /// a file in vain.
     ///
     /// # Errors
-    /// `invalid_request` that names the field; the codes of what does not exist.
-    fn read(
-        app: &App,
-        caller: &Caller,
-        target: &Self::Target,
-        fields: &Fields,
-    ) -> impl Future<Output = ApiResult<Self>> + Send;
-
-    /// Bytes that will be written beyond an upload of `announced` bytes.
-    fn disk_need(&self, announced: u64) -> u64;
-
-    /// Largest upload, bytes.
-    fn max_bytes(app: &App) -> u64;
+    /// What [`Receivable::read`] and [`admit`] refuse; `unsupported_media_type`; `upload_too_large`;
+    /// `upload_incomplete`. The spool file is removed in that case.
+    pub async fn receive<S: Receivable>(
+        &self,
+        target: &S::Target,
+        fields: Fields,
+        body: Body,
+    ) -> ApiResult<(S, SpooledZip)> {
+        traces::section("receive upload", receive(self, target, fields, body)).await
+    }
 }
 
-/// Receives an upload, bare or in a form. Nothing of a bare body is read before the submission is checked and admitted,
-/// so a client that sends `Expect: 100-continue` never sends a file in vain.
-///
-/// # Errors
-/// Whatever is wrong with submission, admission or body. The spool file is removed in that case.
-pub(super) async fn receive<S: Receivable>(
+async fn receive<S: Receivable>(
     request: &IngestRequest<'_>,
     target: &S::Target,
     fields: Fields,
@@ -72,11 +54,11 @@ pub(super) async fn receive<S: Receivable>(
 ) -> ApiResult<(S, SpooledZip)> {
     let (app, caller, headers) = (request.app, request.caller, request.headers);
     let announced = content_length(headers).unwrap_or(0);
-    let media_type = media_type(headers);
+    let media_type = media_type(headers).unwrap_or_default();
     let is_form = media_type == "multipart/form-data";
     let max_bytes = S::max_bytes(app);
     let max_body = if is_form { max_bytes.saturating_add(FORM_OVERHEAD) } else { max_bytes };
-    let body = WatchedBody::new(body, max_body, app.policy.body_idle_timeout, waits_for_continue(headers));
+    let body = WatchedBody::new(body, headers, max_body, app.policy.body_idle_timeout);
     if is_form {
         // what the URL contains can be checked now, what the form contains only when it arrives
         let job_bytes = match fields.name_profile() {
@@ -107,9 +89,4 @@ fn require_zip(media_type: &str) -> ApiResult<()> {
         _ => format!("the body is '{shown}'; send the zip as application/zip, or in a multipart/form-data form"),
     };
     Err(ApiError::new(Code::UnsupportedMediaType, detail))
-}
-
-fn media_type(headers: &HeaderMap) -> String {
-    let text = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
-    text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }

@@ -1,40 +1,17 @@
-//! A request that makes a job: the steps that stacks, calibrations and reruns share.
+//! A request that makes a job: who sends it, and whether it repeats an earlier one. The steps that stacks, calibrations
+//! and reruns share are methods of it, each in the file of the step:
 //!
 //! ```text
-//! begin     Idempotency-Key: is this a repeat?
-//! receive   the checked submission, and its zip in a spool file   (a rerun takes a stored zip instead)
-//! submit    zip -> blob, submission -> queued job
-//! answer    202 with the job, or 200 when `Prefer: wait` saw it end
+//! begin     Idempotency-Key: is this a repeat?                                                           here
+//! receive   the checked submission, and its zip in a spool file (a rerun takes a stored zip instead)     receive.rs
+//! submit    zip -> blob, submission -> queued job                                                        accept.rs
+//! answer    202 with the job, or 200 when `Prefer: wait` saw it end                                      accept.rs
 //! ```
 
-use axum::{
-    Json,
-    body::Body,
-    http::{HeaderMap, HeaderValue, StatusCode, header},
-    response::{IntoResponse, Response},
-};
+use axum::http::HeaderMap;
 
-use super::{
-    fields::Fields,
-    idempotency::{self, IdempotencyKey},
-    receive::{Receivable, receive},
-    spool::SpooledZip,
-    submission::Submission,
-    submit::{IncomingZip, Origin, Submitted, ZipFile, submit},
-};
-use crate::{
-    http::{
-        auth::Caller,
-        background,
-        extract::prefer,
-        log,
-        problem::{ApiError, ApiResult},
-        state::App,
-        views::{JobDocument, job::url},
-        waiting::until_final,
-    },
-    telemetry::traces,
-};
+use super::idempotency::IdempotencyKey;
+use crate::http::{ApiResult, App, auth::Caller};
 
 /// A request that makes a job.
 pub struct IngestRequest<'a> {
@@ -57,85 +34,4 @@ impl<'a> IngestRequest<'a> {
         let key = IdempotencyKey::of_request(app, caller, headers).await?;
         Ok(Self { app, caller, headers, key })
     }
-
-    /// Checks the submission, then receives its zip, as the whole body or as a part of a form.
-    ///
-    /// # Errors
-    /// What [`Receivable::read`] and [`super::admission::admit`] refuse; `unsupported_media_type`;
-    /// `upload_too_large`; `upload_incomplete`.
-    pub async fn receive<S: Receivable>(
-        &self,
-        target: &S::Target,
-        fields: Fields,
-        body: Body,
-    ) -> ApiResult<(S, SpooledZip)> {
-        traces::section("receive upload", receive(self, target, fields, body)).await
-    }
-
-    /// Makes the job. It is made even when the client disconnects: all bytes are here.
-    ///
-    /// # Errors
-    /// `idempotency_key_reused`, and what [`submit`] refuses.
-    pub async fn submit(&self, submission: Submission, zip: SpooledZip) -> ApiResult<Submitted> {
-        let (app, caller, key) = (self.app.clone(), self.caller.clone(), self.key.stored.clone());
-        let submitting = background::spawn(async move { accept(&app, &caller, key, &submission, zip).await });
-        submitting.await.map_err(ApiError::internal)?
-    }
-
-    /// 202 with the job, or 200 when the client sent `Prefer: wait` and the job ended in that time.
-    ///
-    /// # Errors
-    /// When the store cannot be read.
-    pub async fn answer(&self, submitted: Submitted) -> ApiResult<Response> {
-        let Submitted { job, replayed } = submitted;
-        log::note("job", job.id);
-        let location = url(&job);
-        let wait = prefer::wait(self.headers);
-        let job = match wait {
-            None => job,
-            Some(wait) => until_final(self.app, job.id, wait).await?.unwrap_or(job),
-        };
-        let has_ended = wait.is_some() && job.state.is_final();
-        let status = if has_ended { StatusCode::OK } else { StatusCode::ACCEPTED };
-        let mut response = (status, Json(JobDocument::of(&job))).into_response();
-        let out = response.headers_mut();
-        if let Ok(location) = HeaderValue::from_str(&location) {
-            out.insert(header::LOCATION, location);
-        }
-        if let Some(wait) = wait
-            && let Ok(applied) = HeaderValue::from_str(&format!("wait={}", wait.as_secs()))
-        {
-            out.insert(prefer::PREFERENCE_APPLIED, applied);
-        }
-        if replayed {
-            out.insert(idempotency::IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
-        }
-        Ok(response)
-    }
-}
-
-async fn accept(
-    app: &App,
-    caller: &Caller,
-    key: Option<String>,
-    submission: &Submission,
-    zip: SpooledZip,
-) -> ApiResult<Submitted> {
-    let fingerprint = idempotency::fingerprint(submission, &zip.sha256);
-    if let Some(key) = &key
-        && let Some(job) = idempotency::earlier(app, key, &fingerprint).await?
-    {
-        return Ok(Submitted { job, replayed: true });
-    }
-    // the quota is claimed until the store counts the bytes
-    let SpooledZip { file, bytes, sha256, filename, quota: _quota } = zip;
-    let incoming = IncomingZip {
-        id: uuid::Uuid::now_v7(),
-        file: ZipFile::Spooled(file),
-        bytes,
-        sha256,
-        filename,
-        origin: Origin::Request { owner: caller.id(), idempotency: key.map(|key| (key, fingerprint)) },
-    };
-    submit(app, submission, incoming).await
 }

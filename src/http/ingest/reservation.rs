@@ -4,17 +4,15 @@
 //! uploads of one token together reserve at most `upload_reserve_bytes` ahead; beyond that each reserves only what has
 //! arrived. So announced lengths alone cannot exhaust the disk budget.
 
-use std::{
-    collections::HashMap,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-};
+use std::sync::Arc;
 
 use uuid::Uuid;
 
-use super::{admission::disk_full, quota::QuotaClaim};
+use super::quota::QuotaClaim;
 use crate::{
-    disk_budget::{Reservation, Reserved},
-    http::{problem::ApiResult, state::App},
+    contract::Code,
+    disk_budget::{DiskBudget, DiskState, Reservation, Reserved},
+    http::{ApiError, ApiResult, App, state::token_sums::TokenSums},
 };
 
 /// Most bytes that one upload reserves ahead of those that have arrived.
@@ -24,7 +22,7 @@ const AHEAD_OF_UNKNOWN: u64 = 64 << 20;
 
 /// The reservation of one upload in progress.
 pub struct UploadReservation {
-    app: App,
+    disk: Arc<DiskBudget>,
     /// Bytes announced and not yet written; `None` when the length is unknown.
     rest: Option<u64>,
     received: u64,
@@ -48,13 +46,12 @@ impl UploadReservation {
     ) -> ApiResult<Self> {
         let length = announced.unwrap_or(0);
         quota.cover(length).await?;
-        let mut share = app.shares.of(owner);
-        let ahead = share.take_at_most(length.min(AHEAD), app.policy.upload_reserve_bytes);
+        let limit = app.policy.upload_reserve_bytes;
+        let mut share = Share { sums: app.reserved_ahead.clone(), owner, limit, bytes: 0 };
+        let ahead = share.take_at_most(length.min(AHEAD), limit);
         let beside = (length - ahead).saturating_add(job_bytes);
         match app.disk.reserve_beside(ahead, beside).await? {
-            Reserved::Granted(space) => {
-                Ok(Self { app: app.clone(), rest: announced, received: 0, space, share, quota })
-            }
+            Reserved::Granted(space) => Ok(Self { disk: Arc::clone(&app.disk), rest: announced, received: 0, space, share, quota }),
             Reserved::Full(state) => Err(disk_full(length, job_bytes, &state)),
         }
     }
@@ -67,11 +64,11 @@ impl UploadReservation {
         self.quota.cover(self.received + bytes).await?;
         let Some(least) = bytes.checked_sub(self.space.bytes()).filter(|least| *least > 0) else { return Ok(()) };
         let wanted = self.rest.map_or(AHEAD_OF_UNKNOWN, |rest| rest.min(AHEAD)).saturating_sub(bytes);
-        let ahead = self.share.take_at_most(wanted, self.app.policy.upload_reserve_bytes);
-        let mut granted = self.app.disk.reserve(least + ahead).await?;
+        let ahead = self.share.take_at_most(wanted, self.share.limit);
+        let mut granted = self.disk.reserve(least + ahead).await?;
         if matches!(granted, Reserved::Full(_)) && ahead > 0 {
             self.share.give(ahead);
-            granted = self.app.disk.reserve(least).await?;
+            granted = self.disk.reserve(least).await?;
         }
         let space = granted.granted().map_err(|state| disk_full(self.rest.unwrap_or(bytes), 0, &state))?;
         self.share.take(least);
@@ -94,35 +91,35 @@ impl UploadReservation {
     }
 }
 
-/// Bytes reserved and not yet written by the uploads of each token. Uploads without a token share one entry.
-#[derive(Clone, Default)]
-pub struct Shares(Arc<Mutex<HashMap<Option<Uuid>, u64>>>);
-
-impl Shares {
-    /// An empty share for a token.
-    fn of(&self, owner: Option<Uuid>) -> Share {
-        Share { shares: self.clone(), owner, bytes: 0 }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, HashMap<Option<Uuid>, u64>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// The error for a disk budget that cannot cover an upload and its job.
+pub fn disk_full(bytes: u64, job_bytes: u64, state: &DiskState) -> ApiError {
+    let DiskState { free, reserved, min_free, .. } = state;
+    let detail = format!(
+        "not enough disk space for this upload: it needs {bytes} bytes and its job up to {job_bytes}; {free} bytes are \
+         free, of which {reserved} are reserved by uploads and jobs in progress and {min_free} must stay free; delete \
+         old stacks or enlarge the disk"
+    );
+    ApiError::new(Code::InsufficientStorage, detail)
 }
 
-/// What one upload takes of its token's share, released on drop.
+/// What one upload adds to the bytes that the uploads of its token reserve ahead; released on drop. Uploads without a
+/// token share one sum.
 struct Share {
-    shares: Shares,
+    sums: TokenSums,
     owner: Option<Uuid>,
+    /// Most bytes that the uploads of one token may reserve ahead.
+    limit: u64,
     bytes: u64,
 }
 
 impl Share {
     /// Takes up to `wanted` bytes, as far as the token stays within `limit`. Returns the bytes taken.
     fn take_at_most(&mut self, wanted: u64, limit: u64) -> u64 {
-        let mut shares = self.shares.lock();
-        let held = shares.entry(self.owner).or_default();
-        let taken = wanted.min(limit.saturating_sub(*held));
-        *held += taken;
+        let taken = self.sums.change(self.owner, |held| {
+            let taken = wanted.min(limit.saturating_sub(*held));
+            *held += taken;
+            taken
+        });
         self.bytes += taken;
         taken
     }
@@ -132,14 +129,8 @@ impl Share {
     }
 
     fn give(&mut self, bytes: u64) {
-        let mut shares = self.shares.lock();
         self.bytes -= bytes;
-        if let Some(held) = shares.get_mut(&self.owner) {
-            *held -= bytes;
-            if *held == 0 {
-                shares.remove(&self.owner);
-            }
-        }
+        self.sums.change(self.owner, |held| *held -= bytes);
     }
 }
 

@@ -8,16 +8,16 @@
 use std::{fs::File, path::PathBuf, sync::Arc};
 
 use super::{
-    admission::disk_full,
-    many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
+    many::{CheckedJob, ManyOrigin, check, require_queue_places, submit_all},
+    quota::QuotaClaim,
+    reservation::disk_full,
+    spool::SpooledZip,
     submission::scan::ScanSubmission,
 };
 use crate::{
     contract::{Code, Fault, Name},
     http::{
-        background,
-        problem::{ApiError, ApiResult},
-        state::App,
+        ApiError, ApiResult, App, background,
         views::{
             job::url,
             scan_archive::{ArchivedView, ScanArchiveView},
@@ -46,9 +46,7 @@ pub struct Grouped(Arc<ScanArchive>);
 pub async fn group(app: &App, submission: &ScanSubmission, zip: PathBuf) -> ApiResult<Grouped> {
     let limits = scan_limits(&app.policy.archive);
     let rules = submission.rules;
-    let permit = app.inspection_permits.clone().acquire_owned().await.map_err(ApiError::internal)?;
-    let opened = background::blocking_with(permit, move |_| open_scan(&zip, &limits, &rules).map_err(Fault::from));
-    Ok(Grouped(Arc::new(opened.await??)))
+    Ok(Grouped(Arc::new(app.inspect(move || open_scan(&zip, &limits, &rules)).await??)))
 }
 
 /// The limits of one stack apply to each view; a scan has many views.
@@ -126,11 +124,11 @@ impl Grouped {
     }
 
     /// Writes a view to a zip of its own.
-    async fn write_view(&self, app: &App, at: usize) -> ApiResult<SpooledUpload> {
+    async fn write_view(&self, app: &App, at: usize) -> ApiResult<SpooledZip> {
         let path = app.store.workspace.new_path("view").map_err(ApiError::internal)?;
         let archive = Arc::clone(&self.0);
         let filename = archive.views().get(at).map(ArchivedView::file_name);
-        let written = background::spawn_blocking(move || {
+        let written = background::blocking(move || {
             let broken = |error: std::io::Error| crate::store::StoreError::of_io(error, "cannot write a view".into());
             crate::store::failpoint::step("scan.view").map_err(broken)?;
             let file = File::options().create_new(true).read(true).write(true).open(&path).map_err(broken)?;
@@ -138,8 +136,8 @@ impl Grouped {
             let (bytes, sha256) = sha256_of(File::open(&path).map_err(broken)?).map_err(broken)?;
             Ok::<_, ApiError>((SpoolFile::temporary(path), bytes, sha256))
         });
-        let (file, bytes, sha256) = written.await.map_err(ApiError::internal)??;
-        Ok(SpooledUpload { file, bytes, sha256, filename })
+        let (file, bytes, sha256) = written.await??;
+        Ok(SpooledZip { file, bytes, sha256, filename, quota: QuotaClaim::default() })
     }
 }
 

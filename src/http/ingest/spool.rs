@@ -5,13 +5,13 @@ use futures::{Stream, StreamExt};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
-use super::{admission::disk_full, quota::QuotaClaim, reservation::UploadReservation};
+use super::{
+    quota::QuotaClaim,
+    reservation::{UploadReservation, disk_full},
+};
 use crate::{
     contract::{Code, request::Upload},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App},
     store::{SpoolFile, digest::hex, failpoint::step, is_full},
 };
 

@@ -17,12 +17,7 @@ use crate::{
         Code, Fault,
         request::{JobRequest, Upload},
     },
-    http::{
-        background,
-        problem::{ApiError, ApiResult},
-        state::App,
-        uploads::lock::not_found,
-    },
+    http::{ApiError, ApiResult, App, uploads::lock::not_found},
     store::{
         Enqueue, Job, NewJob, SpoolFile,
         blobs::{OpenBlob, upload_key},
@@ -204,8 +199,7 @@ pub fn refusal(refused: Enqueue, bytes: u64, key: &str) -> ApiError {
 /// Reads the directory of a zip and the headers of its images.
 async fn inspect(app: &App, zip: &OpenBlob) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let (limits, bytes) = (app.policy.archive, zip.bytes());
-    let permit = app.inspection_permits.clone().acquire_owned().await.map_err(ApiError::internal)?;
-    let inspected = background::blocking_with(permit, move |_| -> Result<_, Fault> {
+    let inspected = app.inspect(move || -> Result<_, Fault> {
         // the client waits: whatever takes long to check is checked by the job
         let archive = archive::open_near(bytes, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))

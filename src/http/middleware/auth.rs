@@ -2,9 +2,8 @@
 //! in progress, and with `isolate_tokens` the owner of the stack or upload.
 
 use axum::{
-    body::Body,
     extract::{Request, State},
-    http::{HeaderMap, request::Parts},
+    http::request::Parts,
     middleware::Next,
     response::{IntoResponse, Response},
 };
@@ -12,12 +11,11 @@ use axum::{
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult, App,
         auth::{Caller, identify, needs, owned_id},
-        connections::tally::InProgress,
-        ingest::{admission::waits_for_continue, body::discard},
+        connections::InProgress,
+        ingest::body::discard,
         log,
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 
@@ -34,7 +32,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
             }
         }
         Err(error) => {
-            drain_briefly(&parts.headers, body);
+            discard(&parts.headers, body);
             error.into_response()
         }
     }
@@ -62,18 +60,10 @@ async fn authorise(app: &App, request: &Parts) -> ApiResult<(Caller, Option<InPr
 fn count(app: &App, caller: &Caller) -> ApiResult<Option<InProgress>> {
     let (Some(id), Some(name)) = (caller.id(), caller.name()) else { return Ok(None) };
     let most = app.policy.client_share();
-    if let Some(in_progress) = app.tally.enter(id, most) {
+    if let Some(in_progress) = InProgress::begin(&app.in_progress, id, most) {
         return Ok(Some(in_progress));
     }
     let detail =
         format!("the token '{name}' has {most} requests in progress, which is its limit; retry when one has ended");
     Err(ApiError::new(Code::TooManyRequests, detail))
-}
-
-/// Reads some of the body of a refused request. Otherwise a client that still sends would see a connection reset and
-/// not the answer. A client that waits for `100 Continue` sends nothing.
-pub fn drain_briefly(headers: &HeaderMap, body: Body) {
-    if !waits_for_continue(headers) {
-        discard(body);
-    }
 }

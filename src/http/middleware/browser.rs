@@ -20,14 +20,9 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::auth::drain_briefly;
 use crate::{
     contract::{Code, one_line},
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
-    settings::Policy,
+    http::{ApiError, ApiResult, App, Policy, ingest::body::discard},
 };
 
 const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
@@ -43,7 +38,7 @@ pub async fn check(State(app): State<App>, request: Request, next: Next) -> Resp
         Ok(()) => next.run(request).await,
         Err(error) => {
             let (parts, body) = request.into_parts();
-            drain_briefly(&parts.headers, body);
+            discard(&parts.headers, body);
             error.into_response()
         }
     }

@@ -8,7 +8,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use crate::http::state::App;
+use crate::http::App;
 
 /// Headers of an answer that a page may read, besides the CORS-safelisted ones.
 const EXPOSED: &str = "location, etag, retry-after, x-request-id, content-disposition, idempotency-replayed, \

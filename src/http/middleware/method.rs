@@ -7,10 +7,9 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::auth::drain_briefly;
 use crate::{
     contract::{Code, one_line},
-    http::problem::ApiError,
+    http::{ApiError, ingest::body::discard},
 };
 
 /// Characters of an unknown method that the answer repeats.
@@ -26,7 +25,7 @@ pub async fn refuse_unknown(mut request: Request, next: Next) -> Response {
         return next.run(request).await;
     }
     let (parts, body) = request.into_parts();
-    drain_briefly(&parts.headers, body);
+    discard(&parts.headers, body);
     let shown: String = parts.method.as_str().chars().take(SHOWN).collect();
     let detail = format!("'{}' is not an HTTP method that this service supports", one_line(&shown));
     ApiError::new(Code::MethodNotImplemented, detail).into_response()

@@ -9,10 +9,9 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::auth::drain_briefly;
 use crate::{
     contract::Code,
-    http::{connections::Seat, problem::ApiError},
+    http::{ApiError, connections::Seat, ingest::body::discard},
 };
 
 /// The layer. A request without a connection (in tests) needs no slot.
@@ -24,7 +23,7 @@ pub async fn require(request: Request, next: Next) -> Response {
         return next.run(request).await;
     }
     let (parts, body) = request.into_parts();
-    drain_briefly(&parts.headers, body);
+    discard(&parts.headers, body);
     let detail = "the limit of connections of the service or of this address is reached; try again later, over fewer \
                   connections";
     let refused = ApiError::new(Code::Unavailable, detail);

@@ -2,7 +2,7 @@
 
 use axum::{Json, http::Uri};
 
-use crate::http::{extract::params, problem::ApiResult};
+use crate::http::{ApiResult, extract::params};
 use pinstack_science::optics::plan::{CapturePlan, PlanInput, plan as plan_capture};
 
 /// Plan a capture

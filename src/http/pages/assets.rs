@@ -17,8 +17,8 @@ use sha2::{Digest, Sha256};
 use crate::{
     contract::Code,
     http::{
-        extract::conditional::{etag, not_modified},
-        problem::{ApiError, ApiResult},
+        ApiError, ApiResult,
+        extract::{etag, not_modified},
     },
 };
 

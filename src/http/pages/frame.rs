@@ -8,10 +8,11 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use maud::{DOCTYPE, Markup, html};
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::{assets, words::text};
 use crate::{
-    http::{auth::Caller, state::App},
+    http::{App, auth::Caller},
     store::tokens::Scope,
 };
 
@@ -143,6 +144,24 @@ impl Frame<'_> {
     /// The answer with this page.
     pub fn answer(&self, content: Markup) -> Response {
         respond(self.around(content))
+    }
+}
+
+/// The links below a list: to its first page, unless that is shown, and to the next one. `place` is the URL of the
+/// list, `filters` its query parameters.
+pub fn pager(place: &str, filters: &[(String, String)], is_first: bool, next: Option<&str>) -> Markup {
+    let link = |cursor: Option<&str>| {
+        let filters = filters.iter().map(|(name, value)| (name.as_str(), value.as_str()));
+        let all = filters.chain(cursor.map(|cursor| ("cursor", cursor)));
+        let query = all.map(|(name, value)| format!("{name}={}", utf8_percent_encode(value, NON_ALPHANUMERIC)));
+        let query = query.collect::<Vec<_>>().join("&");
+        if query.is_empty() { place.to_owned() } else { format!("{place}?{query}") }
+    };
+    html! {
+        div.pager {
+            @if is_first { span {} } @else { a href=(link(None)) { "Newest" } }
+            @if let Some(next) = next { a href=(link(Some(next))) rel="next" { "Older" } }
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use super::{
     frame::{Frame, PageUser, Place},
     words::sentence,
 };
-use crate::http::{extract::params, problem::ApiResult};
+use crate::http::{ApiResult, extract::params};
 use pinstack_science::optics::{
     advice::{TargetAdvice, advice},
     plan::{CapturePlan, PlanInput, plan},

@@ -3,7 +3,7 @@
 use axum::{Router, routing::get};
 
 use super::{assets, guide, plan, profiles, scan, scans, send, sign_in, stack, stacks};
-use crate::http::state::App;
+use crate::http::App;
 
 /// The routes.
 pub fn routes() -> Router<App> {

@@ -14,11 +14,10 @@ use super::{
 use crate::{
     contract::JobState,
     http::{
+        ApiResult, App,
         auth::Caller,
         extract::params,
-        problem::ApiResult,
-        scans::{ScanName, find, table::views, tabulated},
-        state::App,
+        scans::{ScanName, find, table::views},
         views::{ScanWithViews, scan::ScanView},
     },
 };
@@ -52,7 +51,7 @@ pub async fn page(
         Some(thumbnail::url(view.stack.id, &result.image.as_ref()?.sha256))
     };
     let thumbnails: Vec<Option<String>> = views.iter().map(url).collect();
-    let scan = tabulated(scan, views).await?;
+    let scan = ScanWithViews::tabulated(scan, views).await?;
     let shown: Vec<Shown<'_>> =
         scan.views.iter().zip(&thumbnails).map(|(view, url)| Shown { view, thumbnail: url.as_deref() }).collect();
     let live = live(&scan, &shown);

@@ -3,14 +3,13 @@
 use axum::{extract::State, http::Uri, response::Response};
 use jiff::Timestamp;
 use maud::html;
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::{
-    frame::{Frame, PageUser, Place},
+    frame::{Frame, PageUser, Place, pager},
     words::{ago, text},
 };
 use crate::{
-    http::{auth::Caller, extract::params, problem::ApiResult, state::App},
+    http::{ApiResult, App, auth::Caller, extract::params},
     store::{PageRequest, scans::ScanFilter},
 };
 
@@ -59,11 +58,6 @@ pub async fn page(State(app): State<App>, caller: Caller, user: PageUser, uri: U
                 }
             }
         }
-        div.pager {
-            @if is_first { span {} } @else { a href="/scans" { "Newest" } }
-            @if let Some(next) = &page.next_cursor {
-                a href={ "/scans?cursor=" (utf8_percent_encode(next, NON_ALPHANUMERIC)) } rel="next" { "Older" }
-            }
-        }
+        (pager("/scans", &[], is_first, page.next_cursor.as_deref()))
     }))
 }

@@ -7,11 +7,7 @@ use maud::{Markup, html};
 use super::frame::{Frame, PageUser, Place};
 use crate::{
     contract::{Code, Name},
-    http::{
-        auth::Caller,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, auth::Caller},
     store::{PageRequest, scans::ScanFilter},
 };
 

@@ -15,13 +15,7 @@ use super::{
 };
 use crate::{
     contract::Code,
-    http::{
-        auth::by_text,
-        extract::params,
-        problem::{ApiError, ApiResult},
-        session,
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, auth::by_text, extract::params, session},
 };
 
 /// Largest form, bytes.

@@ -8,7 +8,7 @@ use axum::{
 };
 
 use super::{KnownViews, PoseQuery, report};
-use crate::http::{auth::Caller, problem::ApiResult, state::App};
+use crate::http::{ApiResult, App, auth::Caller};
 use pinstack_science::photogrammetry::poses::PoseReport;
 
 /// Report on camera poses

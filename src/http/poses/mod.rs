@@ -16,19 +16,17 @@ use tokio::sync::Semaphore;
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
+    ApiError, ApiResult, App,
     auth::Caller,
     background,
     extract::params,
     ingest::{
-        admission::{content_length, waits_for_continue},
-        body::{EndedEarly, WatchedBody},
+        body::{EndedEarly, WatchedBody, content_length},
         quota::QuotaClaim,
         reservation::UploadReservation,
         spool::spool,
     },
     pages::{self, pose_report},
-    problem::{ApiError, ApiResult},
-    state::App,
 };
 use crate::{
     contract::{Code, Fault, scan::MAX_VIEWS},
@@ -152,7 +150,7 @@ async fn receive(app: &App, caller: &Caller, headers: &HeaderMap, body: Body) ->
     if length.is_some_and(|length| length > MAX_BYTES) {
         return Err(too_large());
     }
-    let body = WatchedBody::new(body, MAX_BYTES, app.policy.body_idle_timeout, waits_for_continue(headers));
+    let body = WatchedBody::new(body, headers, MAX_BYTES, app.policy.body_idle_timeout);
     let end_reason = body.end_reason();
     let reservation = UploadReservation::admit(app, caller.id(), length, 0, QuotaClaim::default()).await?;
     let file = spool(app, body, reservation, None, |EndedEarly| {

@@ -1,13 +1,13 @@
 //! `DELETE /v1/profiles/{rig}/{lens}`
 
-use axum::{
-    extract::State,
-    http::{HeaderMap, StatusCode, header},
-};
+use axum::{extract::State, http::StatusCode};
 
-use super::{not_found, precondition, precondition_failed};
+use super::not_found;
 use crate::{
-    http::{extract::ProfileKey, problem::ApiResult, state::App},
+    http::{
+        ApiResult, App,
+        extract::{Conditional, ProfileKey},
+    },
     store::DeleteProfile,
 };
 
@@ -32,11 +32,12 @@ use crate::{
         (status = 412, description = "`precondition_failed`: the profile was changed in the meantime; read it again and retry"),
     )
 )]
-pub async fn delete(State(app): State<App>, key: ProfileKey, headers: HeaderMap) -> ApiResult<StatusCode> {
-    let condition = precondition(&app, &key, &headers).await?;
-    match app.store.metadata.delete_profile(&key.rig, &key.lens, condition).await? {
+pub async fn delete(State(app): State<App>, key: Conditional<ProfileKey>) -> ApiResult<StatusCode> {
+    let condition = key.precondition(&app).await?;
+    let ProfileKey { rig, lens } = &key.of;
+    match app.store.metadata.delete_profile(rig, lens, condition).await? {
         DeleteProfile::Deleted => Ok(StatusCode::NO_CONTENT),
-        DeleteProfile::NotFound => Err(not_found(&app, &key.rig, &key.lens, None).await),
-        DeleteProfile::PreconditionFailed(current) => Err(precondition_failed(&key, current, &header::IF_MATCH)),
+        DeleteProfile::NotFound => Err(not_found(&app, rig, lens, None).await),
+        DeleteProfile::PreconditionFailed(current) => Err(key.failed(current)),
     }
 }

@@ -3,13 +3,12 @@
 use axum::{Json, extract::State, http::Uri};
 use serde::Deserialize;
 
-use super::not_found;
+use super::find;
 use crate::{
     contract::{Code, Name, profile::Profile},
     http::{
+        ApiError, ApiResult, App,
         extract::{ProfileKey, params},
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 use pinstack_science::{calibration, types::report::Drift};
@@ -48,15 +47,9 @@ struct Parameters {
 pub async fn drift(State(app): State<App>, key: ProfileKey, uri: Uri) -> ApiResult<Json<Drift>> {
     let Parameters { from, to } = params::from_uri(&uri)?;
     let ProfileKey { rig, lens } = &key;
-    let load = async |revision: Option<u32>| -> ApiResult<Profile> {
-        match app.store.metadata.profile(rig, lens, revision).await? {
-            Some(profile) => Ok(profile),
-            None => Err(not_found(&app, rig, lens, revision).await),
-        }
-    };
-    let to = load(to).await?;
+    let to = find(&app, rig, lens, to).await?;
     let from = match from {
-        Some(from) => load(Some(from)).await?,
+        Some(from) => find(&app, rig, lens, Some(from)).await?,
         None => before(&app, rig, lens, to.revision).await?.ok_or_else(|| nothing_before(&key, to.revision))?,
     };
     let (older, newer) = if from.revision <= to.revision { (&from, &to) } else { (&to, &from) };

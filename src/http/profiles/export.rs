@@ -8,17 +8,12 @@ use axum::{
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::{file::ProfileFile, not_found};
+use super::{file::ProfileFile, find};
 use crate::{
     contract::profile::Profile,
     http::{
-        extract::{
-            ProfileKey,
-            conditional::{etag, not_modified},
-            params,
-        },
-        problem::{ApiError, ApiResult},
-        state::App,
+        ApiError, ApiResult, App,
+        extract::{ProfileKey, etag, not_modified, params},
     },
 };
 use pinstack_science::{
@@ -72,8 +67,7 @@ struct Parameters {
 )]
 pub async fn export(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
     let Parameters { revision, format } = params::from_uri(&uri)?;
-    let profile = app.store.metadata.profile(&key.rig, &key.lens, revision).await?;
-    let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
+    let profile = find(&app, &key.rig, &key.lens, revision).await?;
     let tag = profile.revision.to_string();
     let common = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
     if not_modified(&headers, &tag) {

@@ -1,19 +1,14 @@
 //! `GET /v1/profiles/{rig}/{lens}`
 
-use axum::{
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, http::Uri, response::Response};
 use serde::Deserialize;
 
-use super::{not_found, response};
+use super::find;
 use crate::{
     contract::profile::Profile,
     http::{
-        extract::{ProfileKey, params},
-        problem::ApiResult,
-        state::App,
+        ApiResult, App,
+        extract::{Conditional, ProfileKey, params},
     },
 };
 
@@ -44,9 +39,8 @@ struct Parameters {
         (status = 404, description = "`profile_not_found`"),
     )
 )]
-pub async fn get(State(app): State<App>, key: ProfileKey, uri: Uri, headers: HeaderMap) -> ApiResult<Response> {
+pub async fn get(State(app): State<App>, key: Conditional<ProfileKey>, uri: Uri) -> ApiResult<Response> {
     let Parameters { revision } = params::from_uri(&uri)?;
-    let profile = app.store.metadata.profile(&key.rig, &key.lens, revision).await?;
-    let Some(profile) = profile else { return Err(not_found(&app, &key.rig, &key.lens, revision).await) };
-    Ok(response(&headers, &profile))
+    let profile = find(&app, &key.of.rig, &key.of.lens, revision).await?;
+    Ok(key.shown(profile.revision, &profile))
 }

@@ -3,17 +3,16 @@
 use axum::{
     body::Body,
     extract::State,
-    http::{HeaderMap, StatusCode, Uri},
+    http::{HeaderMap, Uri},
     response::Response,
 };
 
-use super::{file::ProfileFile, precondition, precondition_failed, write};
+use super::{file::ProfileFile, write};
 use crate::{
     contract::profile::Profile,
     http::{
-        extract::{ProfileKey, json, params},
-        problem::ApiResult,
-        state::App,
+        ApiResult, App,
+        extract::{Conditional, ProfileKey, json, params},
     },
     store::ProfileDraft,
 };
@@ -50,21 +49,21 @@ use crate::{
 )]
 pub async fn import(
     State(app): State<App>,
-    key: ProfileKey,
+    key: Conditional<ProfileKey>,
     uri: Uri,
     headers: HeaderMap,
     body: Body,
 ) -> ApiResult<Response> {
     json::require_json(&headers)?;
     params::refuse_rest(&params::pairs(&uri)?, "none; the file contains all data")?;
-    let condition = precondition(&app, &key, &headers).await?;
+    let condition = key.precondition(&app).await?;
     let draft = ProfileFile::read(&json::read(&app, &headers, body).await?)?.draft();
-    if let Some(current) = app.store.metadata.profile(&key.rig, &key.lens, None).await?
+    if let Some(current) = app.store.metadata.profile(&key.of.rig, &key.of.lens, None).await?
         && is_identical(&current, &draft)
     {
         return match condition.holds(Some(current.revision)) {
-            true => Ok(write::written(&key, StatusCode::OK, &current)),
-            false => Err(precondition_failed(&key, Some(current.revision), &write::header_of(condition))),
+            true => Ok(key.written(false, current.revision, &current)),
+            false => Err(key.failed(Some(current.revision))),
         };
     }
     write::store(&app, &key, &draft, condition).await

@@ -3,9 +3,8 @@
 use axum::{Json, extract::State, http::Uri};
 
 use crate::http::{
+    ApiError, ApiResult, App,
     extract::{PageQuery, params, path::name},
-    problem::{ApiError, ApiResult},
-    state::App,
     views::ProfileList,
 };
 

@@ -14,27 +14,25 @@ pub mod revisions;
 pub mod rig_parameters;
 mod write;
 
-use axum::{
-    Json,
-    http::{HeaderMap, HeaderName, HeaderValue, header},
-    response::{IntoResponse, Response},
-};
-
 use super::{
-    extract::{
-        ProfileKey,
-        conditional::{self, etag, not_modified},
-    },
-    problem::{ApiError, ApiResult},
-    state::App,
+    ApiError, ApiResult, App,
+    extract::{Numbered, ProfileKey},
 };
-use crate::{
-    contract::{Code, Name, profile::Profile},
-    store::Precondition,
-};
+use crate::contract::{Code, Name, profile::Profile};
 
 /// Most profiles that are searched for similar names.
 const MAX_SEARCHED: u32 = 10_000;
+
+/// A revision of a profile; without `revision` the current one.
+///
+/// # Errors
+/// `profile_not_found`, with similar names.
+pub async fn find(app: &App, rig: &Name, lens: &Name, revision: Option<u32>) -> ApiResult<Profile> {
+    match app.store.metadata.profile(rig, lens, revision).await? {
+        Some(profile) => Ok(profile),
+        None => Err(not_found(app, rig, lens, revision).await),
+    }
+}
 
 /// The error for a profile or revision that does not exist. It suggests profiles with similar names.
 pub async fn not_found(app: &App, rig: &Name, lens: &Name, revision: Option<u32>) -> ApiError {
@@ -55,34 +53,19 @@ pub async fn not_found(app: &App, rig: &Name, lens: &Name, revision: Option<u32>
     ApiError::new(Code::ProfileNotFound, detail)
 }
 
-/// The response with a profile and its `ETag`, or 304 when the copy of the client is current.
-fn response(headers: &HeaderMap, profile: &Profile) -> Response {
-    let tag = profile.revision.to_string();
-    let headers_out = [(header::ETAG, etag(&tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
-    if not_modified(headers, &tag) {
-        return (axum::http::StatusCode::NOT_MODIFIED, headers_out).into_response();
+impl Numbered for ProfileKey {
+    const KIND: &'static str = "profile";
+    const NUMBER: &'static str = "revision";
+
+    fn subject(&self) -> String {
+        format!("the profile of rig '{}' and lens '{}'", self.rig, self.lens)
     }
-    (headers_out, Json(profile)).into_response()
-}
 
-/// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the
-/// current revision.
-async fn precondition(app: &App, key: &ProfileKey, headers: &HeaderMap) -> ApiResult<Precondition> {
-    let revision = async { Ok(app.store.metadata.profile(&key.rig, &key.lens, None).await?.map(|p| p.revision)) };
-    let condition = conditional::precondition(headers, revision).await?;
-    condition.map_err(|current| precondition_failed(key, current, &header::IF_MATCH))
-}
+    fn url(&self) -> String {
+        format!("/v1/profiles/{}/{}", self.rig, self.lens)
+    }
 
-/// The error for a condition that does not hold.
-fn precondition_failed(key: &ProfileKey, current: Option<u32>, header: &HeaderName) -> ApiError {
-    let ProfileKey { rig, lens } = key;
-    let now = match current {
-        Some(revision) => format!("is at revision {revision}"),
-        None => "does not exist".to_owned(),
-    };
-    let detail = format!(
-        "the profile of rig '{rig}' and lens '{lens}' {now}, which does not satisfy {header}; read the profile again and \
-         retry"
-    );
-    ApiError::new(Code::PreconditionFailed, detail)
+    async fn current(&self, app: &App) -> ApiResult<Option<u32>> {
+        Ok(app.store.metadata.profile(&self.rig, &self.lens, None).await?.map(|profile| profile.revision))
+    }
 }

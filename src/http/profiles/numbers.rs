@@ -1,14 +1,15 @@
 //! Bodies of `PUT /v1/profiles/{rig}/{lens}`: a JSON object, or matrices (a numpy file or a bare JSON list) with query
 //! parameters for the rest.
 
-use axum::http::{HeaderMap, Uri, header};
+use axum::http::{HeaderMap, Uri};
 use serde::Deserialize;
 
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult,
         extract::{json, params},
-        problem::{ApiError, ApiResult},
+        ingest::body::media_type,
     },
 };
 use pinstack_science::{
@@ -38,9 +39,7 @@ pub enum Kind {
 /// # Errors
 /// `unsupported_media_type` with the supported media types.
 pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
-    let Some(value) = headers.get(header::CONTENT_TYPE) else { return Ok(Kind::Unsaid) };
-    let text = value.to_str().unwrap_or_default();
-    let kind = text.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let Some(kind) = media_type(headers) else { return Ok(Kind::Unsaid) };
     match kind.as_str() {
         "application/x-npy" | "application/x-npz" | "application/zip" => Ok(Kind::Numpy),
         "application/octet-stream" => Ok(Kind::Bytes),

@@ -7,13 +7,12 @@ use axum::{
     response::Response,
 };
 
-use super::{numbers, precondition, write};
+use super::{numbers, write};
 use crate::{
     contract::profile::Profile,
     http::{
-        extract::{ProfileKey, json},
-        problem::ApiResult,
-        state::App,
+        ApiResult, App,
+        extract::{Conditional, ProfileKey, json},
     },
 };
 use pinstack_science::types::{
@@ -77,13 +76,13 @@ use pinstack_science::types::{
 )]
 pub async fn put(
     State(app): State<App>,
-    key: ProfileKey,
+    key: Conditional<ProfileKey>,
     uri: Uri,
     headers: HeaderMap,
     body: Body,
 ) -> ApiResult<Response> {
     let kind = numbers::kind(&headers)?;
-    let condition = precondition(&app, &key, &headers).await?;
+    let condition = key.precondition(&app).await?;
     let (input, warnings) = numbers::read(kind, json::read(&app, &headers, body).await?, &uri)?;
     let draft = write::draft(input, HomographyModel::Given, warnings);
     write::store(&app, &key, &draft, condition).await

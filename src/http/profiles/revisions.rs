@@ -4,9 +4,8 @@ use axum::{Json, extract::State, http::Uri};
 
 use super::not_found;
 use crate::http::{
+    ApiResult, App,
     extract::{PageQuery, ProfileKey, params},
-    problem::ApiResult,
-    state::App,
     views::ProfileList,
 };
 

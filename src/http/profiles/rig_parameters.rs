@@ -7,13 +7,12 @@ use axum::{
     response::Response,
 };
 
-use super::{precondition, write};
+use super::write;
 use crate::{
     contract::{Code, profile::Profile},
     http::{
-        extract::{ProfileKey, json, params},
-        problem::ApiResult,
-        state::App,
+        ApiResult, App,
+        extract::{Conditional, ProfileKey, json, params},
     },
 };
 use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParameters};
@@ -56,14 +55,14 @@ use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParam
 )]
 pub async fn rig_parameters(
     State(app): State<App>,
-    key: ProfileKey,
+    key: Conditional<ProfileKey>,
     uri: Uri,
     headers: HeaderMap,
     body: Body,
 ) -> ApiResult<Response> {
     json::require_json(&headers)?;
     params::refuse_rest(&params::pairs(&uri)?, "none; the body contains all data")?;
-    let condition = precondition(&app, &key, &headers).await?;
+    let condition = key.precondition(&app).await?;
     let parameters: RigParameters = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidProfile)?;
     let draft = write::draft(parameters.profile()?, HomographyModel::RigParameters, Vec::new());
     write::store(&app, &key, &draft, condition).await

@@ -1,18 +1,12 @@
 //! Stores a profile as the next revision, whatever it was made from.
 
-use axum::{
-    Json,
-    http::{StatusCode, header},
-    response::{IntoResponse, Response},
-};
+use axum::response::Response;
 
-use super::precondition_failed;
 use crate::{
-    contract::profile::{Profile, ProfileSource},
+    contract::profile::ProfileSource,
     http::{
-        extract::{ProfileKey, conditional::etag},
-        problem::ApiResult,
-        state::App,
+        ApiResult, App,
+        extract::{Conditional, ProfileKey},
     },
     store::{Precondition, ProfileDraft, PutProfile},
 };
@@ -40,33 +34,13 @@ pub(super) fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<W
 /// `precondition_failed` when the condition no longer holds.
 pub(super) async fn store(
     app: &App,
-    key: &ProfileKey,
+    key: &Conditional<ProfileKey>,
     draft: &ProfileDraft,
     condition: Precondition,
 ) -> ApiResult<Response> {
-    let (status, profile) = match app.store.metadata.put_profile(&key.rig, &key.lens, draft, condition).await? {
-        PutProfile::Created(profile) => (StatusCode::CREATED, profile),
-        PutProfile::Updated(profile) => (StatusCode::OK, profile),
-        PutProfile::PreconditionFailed(current) => {
-            return Err(precondition_failed(key, current, &header_of(condition)));
-        }
-    };
-    Ok(written(key, status, &profile))
-}
-
-/// The response to a write.
-pub(super) fn written(key: &ProfileKey, status: StatusCode, profile: &Profile) -> Response {
-    let tag = etag(&profile.revision.to_string());
-    let mut response = (status, [(header::ETAG, tag)], Json(profile)).into_response();
-    if status == StatusCode::CREATED
-        && let Ok(location) = format!("/v1/profiles/{}/{}", key.rig, key.lens).parse()
-    {
-        response.headers_mut().insert(header::LOCATION, location);
+    match app.store.metadata.put_profile(&key.of.rig, &key.of.lens, draft, condition).await? {
+        PutProfile::Created(profile) => Ok(key.written(true, profile.revision, &profile)),
+        PutProfile::Updated(profile) => Ok(key.written(false, profile.revision, &profile)),
+        PutProfile::PreconditionFailed(current) => Err(key.failed(current)),
     }
-    response
-}
-
-/// The header that states this condition.
-pub(super) fn header_of(condition: Precondition) -> header::HeaderName {
-    if condition == Precondition::Absent { header::IF_NONE_MATCH } else { header::IF_MATCH }
 }

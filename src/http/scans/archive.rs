@@ -14,6 +14,7 @@ use super::{ScanName, url};
 use crate::{
     contract::Name,
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         ingest::{
@@ -25,8 +26,6 @@ use crate::{
             spool::SpooledZip,
             submission::scan::ScanSubmission,
         },
-        problem::{ApiError, ApiResult},
-        state::App,
         views::{job, scan_archive::ScanArchiveView},
     },
     store::digest::hex,

@@ -20,13 +20,12 @@ use super::{
 use crate::{
     contract::{Code, JobState, Name, Scan, artifact::FileFormat, outcome::Artifact, scan::PanDirection},
     http::{
+        ApiError, ApiResult, App,
         artifacts::download::{Content, Download, Source},
         auth::Caller,
         background,
         extract::params,
-        ingest::admission::disk_full,
-        problem::{ApiError, ApiResult},
-        state::App,
+        ingest::reservation::disk_full,
         views::scan::{listed, most_common},
     },
     store::digest::digests_of,
@@ -112,8 +111,7 @@ pub async fn zip_of(app: &App, caller: &Caller, name: &Name, layout: Layout, par
     let modified = ready.iter().map(|ready| ready.view.stack.created_at).max().unwrap_or(Timestamp::UNIX_EPOCH);
     let described = described(&scan, &ready);
     // the pairs of neighbours take the square of the number of views
-    let planned = background::spawn_blocking(move || bundle::plan(layout, &described));
-    let entries = planned.await.map_err(ApiError::internal)??;
+    let entries = background::blocking(move || bundle::plan(layout, &described)).await??;
     let mut members = Vec::with_capacity(entries.len());
     for bundle::Entry { path, content } in entries {
         let artifact = |at: usize, of: fn(&Ready<'_>) -> Option<Artifact>| {
@@ -245,8 +243,8 @@ async fn stored(app: &App, artifact: Artifact) -> ApiResult<EntryContent> {
             let gone = || damaged("is missing");
             let _space = app.disk.reserve_copy(bytes).await?.granted().map_err(|state| disk_full(bytes, 0, &state))?;
             let file = app.store.blobs.fetch(&key, &app.store.workspace).await?.ok_or_else(gone)?;
-            let read = background::spawn_blocking(move || digests_of(std::fs::File::open(file.path())?));
-            read.await.map_err(ApiError::internal)?.map_err(ApiError::internal)?.crc32
+            let read = background::blocking(move || digests_of(std::fs::File::open(file.path())?));
+            read.await?.map_err(ApiError::internal)?.crc32
         }
     };
     Ok(EntryContent::Blob { key, bytes, crc32, sha256 })

@@ -6,8 +6,13 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::{ScanName, find, table::views, tabulated};
-use crate::http::{artifacts::name::attachment, auth::Caller, problem::ApiResult, state::App, views::scan::ScanView};
+use super::{ScanName, find, table::views};
+use crate::http::{
+    ApiResult, App,
+    artifacts::name::attachment,
+    auth::Caller,
+    views::{ScanWithViews, scan::ScanView},
+};
 
 /// A column: its name, and how it is written.
 type Column = (&'static str, fn(&ScanView) -> String);
@@ -52,7 +57,7 @@ const COLUMNS: [Column; 17] = [
 pub async fn csv(State(app): State<App>, caller: Caller, ScanName(name): ScanName) -> ApiResult<Response> {
     let scan = find(&app, &caller, &name).await?;
     let views = views(&app, &caller, &name).await?;
-    let scan = tabulated(scan, views).await?;
+    let scan = ScanWithViews::tabulated(scan, views).await?;
     let mut text = line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()));
     for view in &scan.views {
         text.push_str(&line(COLUMNS.iter().map(|(_, write)| write(view))));

@@ -2,14 +2,19 @@
 
 use axum::{
     extract::State,
-    http::{HeaderMap, StatusCode, Uri, header},
+    http::{StatusCode, Uri},
 };
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::{ScanName, find, has_stacks, not_found, precondition, precondition_failed, table::stacks_of};
+use super::{ScanName, find, has_stacks, not_found, table::stacks_of};
 use crate::{
-    http::{auth::Caller, extract::params, job_resource, problem::ApiResult, state::App},
+    http::{
+        ApiResult, App,
+        auth::Caller,
+        extract::{Conditional, params},
+        job_resource,
+    },
     store::scans::DeleteScan,
 };
 
@@ -56,22 +61,22 @@ struct Query {
 pub async fn delete(
     State(app): State<App>,
     caller: Caller,
-    ScanName(name): ScanName,
+    scan: Conditional<ScanName>,
     uri: Uri,
-    headers: HeaderMap,
 ) -> ApiResult<StatusCode> {
     let Query { stacks } = params::from_uri(&uri)?;
-    find(&app, &caller, &name).await?;
-    let condition = precondition(&app, &name, &headers).await?;
+    let name = &scan.of.0;
+    find(&app, &caller, name).await?;
+    let condition = scan.precondition(&app).await?;
     if stacks == StacksOfScan::Delete {
-        for id in stacks_of(&app, &caller, &name).await? {
+        for id in stacks_of(&app, &caller, name).await? {
             job_resource::delete_stack_of_scan(&app, id).await?;
         }
     }
-    match app.store.metadata.delete_scan(&name, condition).await? {
+    match app.store.metadata.delete_scan(name, condition).await? {
         DeleteScan::Deleted => Ok(StatusCode::NO_CONTENT),
-        DeleteScan::NotFound => Err(not_found(&app, &caller, &name).await),
-        DeleteScan::PreconditionFailed(current) => Err(precondition_failed(&name, current, &header::IF_MATCH)),
-        DeleteScan::HasStacks(stacks) => Err(has_stacks(&name, stacks, "it cannot be deleted")),
+        DeleteScan::NotFound => Err(not_found(&app, &caller, name).await),
+        DeleteScan::PreconditionFailed(current) => Err(scan.failed(current)),
+        DeleteScan::HasStacks(stacks) => Err(has_stacks(name, stacks, "it cannot be deleted")),
     }
 }

@@ -1,11 +1,11 @@
 //! `GET /v1/scans/{scan}`
 
-use axum::{extract::State, http::HeaderMap, response::Response};
+use axum::{extract::State, response::Response};
 
-use super::{ScanName, find, response, table::views, tabulated};
+use super::{ScanName, find, table::views};
 use crate::{
     contract::Scan,
-    http::{auth::Caller, problem::ApiResult, state::App, views::ScanWithViews},
+    http::{ApiResult, App, auth::Caller, extract::conditional::shown, views::ScanWithViews},
 };
 
 /// Get a scan
@@ -30,7 +30,6 @@ use crate::{
 pub async fn get(State(app): State<App>, caller: Caller, ScanName(name): ScanName) -> ApiResult<Response> {
     let scan: Scan = find(&app, &caller, &name).await?;
     let views = views(&app, &caller, &name).await?;
-    let tag = scan.version.to_string();
     // the table has no version of its own, so the response is never "not modified"
-    Ok(response(&HeaderMap::new(), &tag, &tabulated(scan, views).await?))
+    Ok(shown(scan.version, &ScanWithViews::tabulated(scan, views).await?))
 }

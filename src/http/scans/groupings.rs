@@ -13,11 +13,9 @@ use utoipa::ToSchema;
 use crate::{
     contract::{Code, Fault},
     http::{
-        background,
+        ApiResult, App,
         extract::{json, params},
         ingest::submission::scan::NameRules,
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 use pinstack_science::archive::scan::{NameGrouping, group_names};
@@ -65,8 +63,7 @@ pub async fn group(State(app): State<App>, uri: Uri, headers: HeaderMap, body: B
     json::require_json(&headers)?;
     let rules = params::from_uri::<NameRules>(&uri)?.rules()?;
     let body = json::read(&app, &headers, body).await?;
-    let permit = app.inspection_permits.clone().acquire_owned().await.map_err(ApiError::internal)?;
-    let grouped = background::blocking_with(permit, move |_| -> Result<NameGrouping, Fault> {
+    let grouped = app.inspect(move || -> Result<NameGrouping, Fault> {
         let NamesInput { names, manifest } = json::parse(&body, Code::InvalidRequest)?;
         let manifest = manifest.map(|manifest| manifest.to_string());
         Ok(group_names(&names, manifest.as_deref().map(str::as_bytes), &rules)?)

@@ -6,10 +6,9 @@ use serde::Deserialize;
 use crate::{
     contract::Name,
     http::{
+        ApiResult, App,
         auth::Caller,
         extract::{PageQuery, params},
-        problem::ApiResult,
-        state::App,
         views::ScanList,
     },
     store::scans::ScanFilter,

@@ -17,30 +17,15 @@ pub mod rerun;
 pub mod stored_zip;
 pub mod table;
 
-use axum::{
-    Json,
-    extract::FromRequestParts,
-    http::{HeaderMap, HeaderName, HeaderValue, header, request::Parts},
-    response::{IntoResponse, Response},
-};
-use serde::Serialize;
+use axum::{extract::FromRequestParts, http::request::Parts};
 
 use super::{
+    ApiError, ApiResult, App,
     auth::Caller,
-    background,
-    extract::{
-        conditional::{self, etag, not_modified},
-        path::named_segment,
-    },
-    problem::{ApiError, ApiResult},
+    extract::{Numbered, path::named_segment},
     profiles::near,
-    state::App,
-    views::ScanWithViews,
 };
-use crate::{
-    contract::{Code, Name, Scan},
-    store::Precondition,
-};
+use crate::contract::{Code, Name, Scan};
 
 /// Most scans that are searched for similar names.
 const MAX_SEARCHED: u32 = 10_000;
@@ -105,41 +90,21 @@ pub async fn not_found(app: &App, caller: &Caller, name: &Name) -> ApiError {
     ApiError::new(Code::ScanNotFound, detail)
 }
 
-/// The scan with the table of its views. Comparing the views takes the square of their number, so another thread does
-/// it.
-///
-/// # Errors
-/// When that thread panics.
-pub async fn tabulated(scan: Scan, views: Vec<table::View>) -> ApiResult<ScanWithViews> {
-    let made = background::spawn_blocking(move || ScanWithViews::of(scan, &views));
-    made.await.map_err(ApiError::internal)
-}
+impl Numbered for ScanName {
+    const KIND: &'static str = "scan";
+    const NUMBER: &'static str = "version";
 
-/// The response with a document of the scan and its `ETag`, or 304 when the copy of the client is current.
-fn response(headers: &HeaderMap, tag: &str, document: &impl Serialize) -> Response {
-    let headers_out = [(header::ETAG, etag(tag)), (header::CACHE_CONTROL, HeaderValue::from_static("no-cache"))];
-    if not_modified(headers, tag) {
-        return (axum::http::StatusCode::NOT_MODIFIED, headers_out).into_response();
+    fn subject(&self) -> String {
+        format!("the scan '{}'", self.0)
     }
-    (headers_out, Json(document)).into_response()
-}
 
-/// The condition of a write in `If-Match` and `If-None-Match`. `If-Match` holds if one of its tags is that of the
-/// current version.
-async fn precondition(app: &App, name: &Name, headers: &HeaderMap) -> ApiResult<Precondition> {
-    let version = async { Ok(app.store.metadata.scan(name).await?.map(|scan| scan.version)) };
-    let condition = conditional::precondition(headers, version).await?;
-    condition.map_err(|current| precondition_failed(name, current, &header::IF_MATCH))
-}
+    fn url(&self) -> String {
+        url(&self.0)
+    }
 
-/// The error for a condition that does not hold.
-fn precondition_failed(name: &Name, current: Option<u32>, header: &HeaderName) -> ApiError {
-    let now = match current {
-        Some(version) => format!("is at version {version}"),
-        None => "does not exist".to_owned(),
-    };
-    let detail = format!("the scan '{name}' {now}, which does not satisfy {header}; read the scan again and retry");
-    ApiError::new(Code::PreconditionFailed, detail)
+    async fn current(&self, app: &App) -> ApiResult<Option<u32>> {
+        Ok(app.store.metadata.scan(&self.0).await?.map(|scan| scan.version))
+    }
 }
 
 /// The error for a change that a scan with stacks does not allow.

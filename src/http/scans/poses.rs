@@ -11,10 +11,9 @@ use super::{ScanName, find, table::views};
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         poses::{KnownViews, PoseQuery, report},
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 use pinstack_science::photogrammetry::poses::{Commanded, PoseReport};

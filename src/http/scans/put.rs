@@ -1,21 +1,14 @@
 //! `PUT /v1/scans/{scan}`
 
-use axum::{
-    Json,
-    body::Body,
-    extract::State,
-    http::{HeaderMap, HeaderValue, StatusCode, header},
-    response::{IntoResponse, Response},
-};
+use axum::{body::Body, extract::State, http::HeaderMap, response::Response};
 
-use super::{ScanName, has_stacks, is_of_another, precondition, precondition_failed, url};
+use super::{ScanName, has_stacks, is_of_another};
 use crate::{
     contract::{Code, Scan, ScanInput},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
-        extract::{conditional::etag, json},
-        problem::{ApiError, ApiResult},
-        state::App,
+        extract::{Conditional, json},
     },
     store::scans::PutScan,
 };
@@ -55,32 +48,23 @@ use crate::{
 pub async fn put(
     State(app): State<App>,
     caller: Caller,
-    ScanName(name): ScanName,
+    scan: Conditional<ScanName>,
     headers: HeaderMap,
     body: Body,
 ) -> ApiResult<Response> {
     json::require_json(&headers)?;
-    if is_of_another(&app, &caller, &name).await? {
+    let name = &scan.of.0;
+    if is_of_another(&app, &caller, name).await? {
         let detail = format!("the name '{name}' is that of a scan of another token; choose another name");
         return Err(ApiError::new(Code::Conflict, detail));
     }
-    let condition = precondition(&app, &name, &headers).await?;
+    let condition = scan.precondition(&app).await?;
     let input: ScanInput = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidRequest)?;
     input.check()?;
-    let (status, scan) = match app.store.metadata.put_scan(&name, &input, caller.id(), condition).await? {
-        PutScan::Created(scan) => (StatusCode::CREATED, scan),
-        PutScan::Updated(scan) => (StatusCode::OK, scan),
-        PutScan::PreconditionFailed(current) => {
-            let header = if headers.contains_key(header::IF_MATCH) { header::IF_MATCH } else { header::IF_NONE_MATCH };
-            return Err(precondition_failed(&name, current, &header));
-        }
-        PutScan::HasStacks(stacks) => return Err(has_stacks(&name, stacks, "its rig and lens cannot change")),
-    };
-    let mut response = (status, [(header::ETAG, etag(&scan.version.to_string()))], Json(&scan)).into_response();
-    if status == StatusCode::CREATED
-        && let Ok(location) = HeaderValue::from_str(&url(&name))
-    {
-        response.headers_mut().insert(header::LOCATION, location);
+    match app.store.metadata.put_scan(name, &input, caller.id(), condition).await? {
+        PutScan::Created(stored) => Ok(scan.written(true, stored.version, &stored)),
+        PutScan::Updated(stored) => Ok(scan.written(false, stored.version, &stored)),
+        PutScan::PreconditionFailed(current) => Err(scan.failed(current)),
+        PutScan::HasStacks(stacks) => Err(has_stacks(name, stacks, "its rig and lens cannot change")),
     }
-    Ok(response)
 }

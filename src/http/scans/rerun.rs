@@ -15,20 +15,18 @@ use super::{
     table::{View, views},
 };
 use crate::{
-    contract::{Code, Name, request::JobRequest},
+    contract::{Code, JobKind, Name, request::JobRequest},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         extract::params,
         ingest::{
-            many::{CheckedJob, ManyOrigin, SpooledUpload, check, require_queue_places, submit_all},
-            spool::SpooledZip,
+            many::{CheckedJob, ManyOrigin, check, require_queue_places, submit_all},
             submission::Submission,
         },
-        problem::{ApiError, ApiResult},
         stacks::rerun::{changes, stored_zip, submission},
-        state::App,
-        views::job::url,
+        views::job::{url, url_of},
     },
     store::Job,
 };
@@ -194,10 +192,9 @@ async fn submission_of(
 
 /// Checks the stored zip of a stack against the submission.
 async fn check_stored(app: &App, first: &Job, submission: &Submission) -> ApiResult<CheckedJob> {
-    let SpooledZip { file, bytes, sha256, filename, quota: _ } = stored_zip(app, first).await?;
-    check(app, submission, SpooledUpload { file, bytes, sha256, filename }, None).await
+    check(app, submission, stored_zip(app, first).await?, None).await
 }
 
 fn stack_url(view: &View) -> String {
-    format!("/v1/stacks/{}", view.stack.id)
+    url_of(JobKind::Stack, view.stack.id)
 }

@@ -20,7 +20,7 @@ use crate::{
         request::JobRequest,
         scan::MAX_VIEWS,
     },
-    http::{auth::Caller, problem::ApiResult, state::App},
+    http::{ApiResult, App, auth::Caller},
     store::{Job, JobFilter, Page, PageRequest},
 };
 use pinstack_science::{
@@ -130,8 +130,7 @@ impl ViewStack {
         let JobRequest::Stack(request) = job.request else { return None };
         let result = match job.outcome {
             Some(JobOutcome::Stack(outcome)) => {
-                let artifact =
-                    |of: StackArtifact| outcome.artifacts.iter().find(|artifact| artifact.name == of.name()).cloned();
+                let artifact = |of: StackArtifact| of.among(&outcome.artifacts).cloned();
                 let (image, mask) = (artifact(StackArtifact::Image), artifact(StackArtifact::Mask));
                 let metrics = Metrics { slices: Vec::new(), ..outcome.metrics };
                 Some(ViewResult { image_info: outcome.image, image, mask, metrics })

@@ -1,26 +1,37 @@
-//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,backlight,depth,height,height-sigma,preview}`. One
-//! endpoint per row of [`StackArtifact`]; all of them do the same.
+//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,...}`. One endpoint per row of [`stack_artifacts`]; all
+//! of them do the same.
 
 use axum::{
     extract::State,
     http::{HeaderMap, Method},
     response::Response,
 };
+use utoipa_axum::{router::OpenApiRouter, routes};
 
 use crate::{
-    contract::{JobKind, artifact::StackArtifact},
+    contract::{
+        JobKind,
+        artifact::{StackArtifact, stack_artifacts},
+    },
     http::{
+        ApiResult, App,
         artifacts::{picture, redirect::MayRedirect},
         extract::JobId,
         job_resource::load,
-        problem::ApiResult,
-        state::App,
     },
 };
 
-/// An endpoint for an artifact: whether it can be converted, documentation, name, artifact, path, operation, media
-/// types, and why it may be absent.
+/// The endpoint of an artifact: the formats that it can be converted to, then the columns of its row.
 macro_rules! endpoint {
+    (VIEWABLE $($row:tt)*) => {
+        endpoint! { converted ["image/png", "image/tiff", "image/jpeg"] $($row)* }
+    };
+    (LOSSLESS $($row:tt)*) => {
+        endpoint! { converted ["image/png", "image/tiff"] $($row)* }
+    };
+    (AS_STORED $($row:tt)*) => {
+        endpoint! { @() ["image/jpeg", "image/png"] $($row)* }
+    };
     (converted $($row:tt)*) => {
         endpoint! {
             @("A media type listed under 200. Anything else: the stored file",
@@ -28,20 +39,18 @@ macro_rules! endpoint {
             $($row)*
         }
     };
-    (stored $($row:tt)*) => {
-        endpoint! { @() $($row)* }
-    };
     (
-        @($($accept:literal, $no_space:literal)?)
-        $(#[$doc:meta])*
-        $name:ident, $artifact:ident, $path:literal, $operation:literal, [$($content:tt),+], $absent:literal
+        @($($accept:literal, $no_space:literal)?) [$($content:tt),+]
+        $variant:ident $member:ident $name:tt $summary:tt $description:tt $absent:tt
     ) => {
-        $(#[$doc])*
+        #[doc = $summary]
         #[utoipa::path(
             get,
-            path = $path,
-            operation_id = $operation,
+            path = concat!("/v1/stacks/{id}/", $name),
+            operation_id = concat!("get_stack_", stringify!($member)),
             tag = "stacks",
+            summary = $summary,
+            description = $description,
             params(
                 ("id" = String, Path, description = "Id of the stack"),
                 $(("Accept" = Option<String>, Header, description = $accept),)?
@@ -66,7 +75,7 @@ macro_rules! endpoint {
                 $((status = 507, description = $no_space),)?
             )
         )]
-        pub async fn $name(
+        pub async fn $member(
             State(app): State<App>,
             JobId(id): JobId,
             redirect: MayRedirect,
@@ -74,77 +83,22 @@ macro_rules! endpoint {
             headers: HeaderMap,
         ) -> ApiResult<Response> {
             let job = load(&app, id, JobKind::Stack).await?;
-            picture::answer(&app, &job, StackArtifact::$artifact, &method, &headers, redirect).await
+            picture::answer(&app, &job, StackArtifact::$variant, &method, &headers, redirect).await
         }
     };
 }
 
-endpoint! {
-    converted
-    /// Get the fused image
-    ///
-    /// RGBA with straight alpha; RGB without alpha as JPEG. The file is stored in the `format` of the stack. `Accept`
-    /// selects another format: the file is then converted on request, with the same pixels, colour profile and EXIF.
-    /// `HEAD` does not convert, so it sends no `Content-Length` for a file that is not converted yet.
-    image, Image, "/v1/stacks/{id}/image", "get_stack_image", ["image/png", "image/tiff", "image/jpeg"],
-    "`not_found`; `no_result`: the stack failed or was cancelled"
-}
+macro_rules! endpoints {
+    ($($variant:ident $member:ident {
+        name: $name:tt, link: $_l:tt, summary: $summary:tt, description: $description:tt, absent: $absent:tt,
+        formats: $formats:ident, $($_rest:tt)*
+    })*) => {
+        $(endpoint! { $formats $variant $member $name $summary $description $absent })*
 
-endpoint! {
-    converted
-    /// Get the mask
-    ///
-    /// 8-bit grey PNG: 255 object, 0 background. TIFF with `Accept: image/tiff`.
-    mask, Mask, "/v1/stacks/{id}/mask", "get_stack_mask", ["image/png", "image/tiff"],
-    "`not_found`; `no_result`: the stack failed, was cancelled, or has no mask"
+        /// All of them.
+        pub fn routes() -> OpenApiRouter<App> {
+            OpenApiRouter::new()$(.routes(routes!($member)))*
+        }
+    };
 }
-
-endpoint! {
-    converted
-    /// Get the fused back-light stack
-    ///
-    /// The image from which the mask is made. PNG; TIFF or JPEG with `Accept`.
-    backlight, Backlight, "/v1/stacks/{id}/backlight", "get_stack_backlight", ["image/png", "image/tiff", "image/jpeg"],
-    "`not_found`; `no_result`: the stack failed, was cancelled, or has no back light"
-}
-
-endpoint! {
-    converted
-    /// Get the slice-index map
-    ///
-    /// 16-bit grey PNG: 0-based index of the sharpest slice per pixel; 65535 where no slice covers the pixel. TIFF with
-    /// `Accept: image/tiff`.
-    depth, Depth, "/v1/stacks/{id}/depth", "get_stack_depth", ["image/png", "image/tiff"],
-    "`not_found`; `no_result`: the stack failed or was cancelled"
-}
-
-endpoint! {
-    converted
-    /// Get the height map
-    ///
-    /// 16-bit grey PNG of a stack with `height=auto`. A value `v` above 0 is the height `offset + (v - 1) scale`; the
-    /// member `height` of the stack has both numbers and their unit. 0 where the height is unknown. TIFF with
-    /// `Accept: image/tiff`.
-    height, Height, "/v1/stacks/{id}/height", "get_stack_height", ["image/png", "image/tiff"],
-    "`not_found`; `no_result`: the stack failed, was cancelled, or was fused with `height=none`"
-}
-
-endpoint! {
-    converted
-    /// Get the standard deviations of the heights
-    ///
-    /// 16-bit grey PNG of a stack with `height=auto`: a value times `height.scale` is the standard deviation of the
-    /// height of the pixel. 0 where the height is unknown. TIFF with `Accept: image/tiff`.
-    height_sigma, HeightSigma, "/v1/stacks/{id}/height-sigma", "get_stack_height_sigma", ["image/png", "image/tiff"],
-    "`not_found`; `no_result`: the stack failed, was cancelled, or was fused with `height=none`"
-}
-
-endpoint! {
-    stored
-    /// Get a small image for web pages
-    ///
-    /// JPEG of at most 800 px per side. Transparent pixels are shown on light grey. Stacks of older versions have a
-    /// PNG. This file is not converted.
-    preview, Preview, "/v1/stacks/{id}/preview", "get_stack_preview", ["image/jpeg", "image/png"],
-    "`not_found`; `no_result`: the stack failed or was cancelled"
-}
+stack_artifacts!(endpoints);

@@ -12,10 +12,9 @@ use utoipa::ToSchema;
 use crate::{
     contract::{JobKind, Name, options::StackOptions},
     http::{
+        ApiResult, App,
         auth::Caller,
         ingest::{fields::Fields, request::IngestRequest},
-        problem::ApiResult,
-        state::App,
         views::Stack,
     },
 };

@@ -4,7 +4,7 @@ use axum::{Json, extract::State};
 
 use crate::{
     contract::JobKind,
-    http::{artifacts::outcome, extract::JobId, job_resource::load, problem::ApiResult, state::App},
+    http::{ApiResult, App, artifacts::outcome, extract::JobId, job_resource::load},
 };
 use pinstack_science::types::metrics::Metrics;
 

@@ -1,12 +1,7 @@
-//! Focus stacks: one endpoint per file.
+//! Focus stacks: one endpoint per file. Those that calibrations have too are in [`job_endpoints`](super::job_endpoints).
 
 pub mod artifacts;
-pub mod cancel;
 pub mod create;
-pub mod delete;
-pub mod events;
-pub mod get;
-pub mod list;
 pub mod metrics;
 pub mod rerun;
 pub mod upload;

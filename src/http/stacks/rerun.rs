@@ -17,19 +17,18 @@ use crate::{
         request::{JobRequest, StackRequest},
     },
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         extract::{JobId, json, params},
         ingest::{
             admission::require_admissible,
-            receive::Receivable,
+            receivable::Receivable,
             request::IngestRequest,
             spool::SpooledZip,
             submission::{Submission, stack::StackSubmission},
         },
         job_resource::{load, not_found},
-        problem::{ApiError, ApiResult},
         profiles, scans,
-        state::App,
         views::Stack,
     },
     store::Job,
@@ -164,10 +163,11 @@ async fn changed(
         Some(revision) if revision == request.profile_revision => {
             app.store.metadata.profile_of_job(rig, lens, revision).await?
         }
-        revision => app.store.metadata.profile(rig, lens, revision).await?,
+        _ => None,
     };
-    let Some(profile) = profile else {
-        return Err(profiles::not_found(app, rig, lens, options.profile_revision).await);
+    let profile = match profile {
+        Some(profile) => profile,
+        None => profiles::find(app, rig, lens, options.profile_revision).await?,
     };
     Ok((options, profile))
 }

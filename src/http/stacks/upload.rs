@@ -11,6 +11,7 @@ use uuid::Uuid;
 use crate::{
     contract::{Code, JobKind},
     http::{
+        ApiError, ApiResult, App,
         artifacts::{
             download::{Download, content},
             name,
@@ -18,8 +19,6 @@ use crate::{
         },
         extract::JobId,
         job_resource::load,
-        problem::{ApiError, ApiResult},
-        state::App,
     },
 };
 

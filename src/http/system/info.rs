@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use crate::{
     contract::options::StackOptions,
-    http::{extract::prefer::MAX_WAIT_S, state::App},
+    http::{App, extract::prefer::MAX_WAIT_S},
 };
 use pinstack_science::types::profile::MAX_SLICES;
 

@@ -8,10 +8,7 @@ use axum::{
 
 use super::gauges;
 use crate::{
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App},
     telemetry,
 };
 

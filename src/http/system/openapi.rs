@@ -13,7 +13,7 @@ use crate::{
     contract::{Code, Problem},
     http::{
         auth::needs,
-        extract::conditional::{etag, not_modified},
+        extract::{etag, not_modified},
         system::{examples, parameters, schemas},
     },
     store::{digest::hex, tokens::names},

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use crate::{
     contract::{Code, one_line},
     http::{
-        problem::{ApiError, ApiResult},
+        ApiError, ApiResult,
         problem_types::{ProblemType, problem_type},
     },
 };

@@ -4,7 +4,7 @@ use axum::{Json, extract::State, http::StatusCode};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::http::state::App;
+use crate::http::{App, state::health::Health};
 
 /// Whether the service can accept work.
 #[derive(Serialize, ToSchema)]
@@ -48,15 +48,6 @@ pub struct DiskCheck {
     min_free_bytes: u64,
 }
 
-/// The result of the last checks.
-#[derive(Debug, Clone, Copy)]
-pub struct LastChecks {
-    database: bool,
-    blobs: bool,
-    has_room: bool,
-    free_bytes: Option<u64>,
-}
-
 /// Readiness check
 ///
 /// Checks the database, the blob store and the free disk space, at most once a second.
@@ -71,7 +62,7 @@ pub struct LastChecks {
     )
 )]
 pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
-    let LastChecks { database, blobs, has_room, free_bytes } = app.readiness.get(async || run_checks(&app).await).await;
+    let Health { database, blobs, has_room, free_bytes } = app.health.last().await;
     let checks = Checks {
         database: Check { ok: database },
         blobs: Check { ok: blobs },
@@ -86,19 +77,4 @@ pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
     let ready = checks.database.ok && checks.blobs.ok && checks.disk.ok && checks.running.ok;
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     (status, Json(Readiness { ready, checks }))
-}
-
-/// Runs the checks. They write a file, so the result is cached: clients must not determine how often they run.
-async fn run_checks(app: &App) -> LastChecks {
-    let disk = app.disk.state().await.ok();
-    LastChecks {
-        database: app.store.metadata.healthy().await,
-        blobs: is_writable(app).await,
-        has_room: disk.is_some_and(|disk| disk.available() > 0),
-        free_bytes: disk.map(|disk| disk.free),
-    }
-}
-
-async fn is_writable(app: &App) -> bool {
-    app.store.blobs.probe().await.inspect_err(|error| tracing::error!(?error, "cannot store files")).is_ok()
 }

@@ -13,6 +13,7 @@
 use serde_json::{Map, Value, json};
 
 use super::parameters;
+use crate::contract::artifact::StackArtifact;
 
 /// Adds the three schemas, derived from that of the Rust type.
 pub fn complete(document: &mut Value) {
@@ -41,6 +42,10 @@ pub fn complete(document: &mut Value) {
             what null means."
     });
     schemas.insert("StackOptions".into(), shown);
+    if let Some(name) = schemas.get_mut("ArtifactView").and_then(|view| view.pointer_mut("/properties/name")) {
+        let names = StackArtifact::ALL.map(|artifact| format!("`{}`", artifact.name())).join(", ");
+        name["description"] = format!("{names}, or `overlay-{{slice}}`.").into();
+    }
     let form = schemas.get_mut("StackForm").and_then(|form| form.pointer_mut("/properties/options"));
     if let Some(options) = form {
         *options = json!({

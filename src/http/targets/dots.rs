@@ -5,7 +5,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use crate::http::{artifacts::name::disposition, extract::params, problem::ApiResult};
+use crate::http::{ApiResult, artifacts::name::disposition, extract::params};
 use pinstack_science::optics::page::{PageFormat, TargetInput, TargetPage};
 
 /// Get a dot target to print

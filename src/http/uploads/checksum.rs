@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::protocol::UPLOAD_CHECKSUM;
 use crate::{
     contract::Code,
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult},
 };
 
 /// The algorithms, as `Tus-Checksum-Algorithm` lists them.

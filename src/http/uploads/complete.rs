@@ -5,17 +5,17 @@ use super::{digest::RunningDigest, lock::UploadLock, metadata::Metadata};
 use crate::{
     contract::{JobKind, UploadPurpose},
     http::{
+        App,
         auth::Caller,
         ingest::{
-            admission::disk_full,
             many::ManyOrigin,
-            receive::Receivable,
+            receivable::Receivable,
+            reservation::disk_full,
             scan_views::group,
             submission::{Submission, scan::ScanSubmission},
             submit::{IncomingZip, Origin, ZipFile, submit},
         },
         problem::{ApiError, ApiResult, is_permanent},
-        state::App,
     },
     store::{
         SpoolFile,

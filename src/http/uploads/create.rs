@@ -22,17 +22,16 @@ use super::{
 use crate::{
     contract::{Code, JobKind, UploadPurpose},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         ingest::{
             admission::require_admissible,
             body::too_large,
             quota::over_quota,
-            receive::Receivable,
+            receivable::Receivable,
             submission::{Submission, scan::ScanSubmission},
         },
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::{
         tokens::Scope,

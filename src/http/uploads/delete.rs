@@ -9,12 +9,7 @@ use uuid::Uuid;
 
 use super::{lock::lock, protocol::require_version};
 use crate::{
-    http::{
-        background,
-        extract::UploadId,
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, background, extract::UploadId},
     store::gc::gc_upload,
 };
 

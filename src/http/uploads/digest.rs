@@ -6,7 +6,7 @@ use sha2::{
 };
 
 use crate::{
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult},
     store::digest::hex,
 };
 

@@ -16,9 +16,9 @@ use super::{
 use crate::{
     contract::{Problem, UploadPurpose},
     http::{
+        App,
         extract::UploadId,
         problem::{ApiResult, problem},
-        state::App,
     },
     store::uploads::{PartialUpload, UploadState},
 };

@@ -9,14 +9,10 @@ use axum::{
 use super::{
     complete::complete_if_whole,
     lock::{lock, require_not_refused},
-    protocol::{UPLOAD_LENGTH, UPLOAD_METADATA, require_version, write_headers},
+    metadata::UPLOAD_METADATA,
+    protocol::{UPLOAD_LENGTH, require_version, write_headers},
 };
-use crate::http::{
-    background,
-    extract::UploadId,
-    problem::{ApiError, ApiResult},
-    state::App,
-};
+use crate::http::{ApiError, ApiResult, App, background, extract::UploadId};
 
 /// Get the offset of an upload
 ///

@@ -10,9 +10,8 @@ use super::metadata::Metadata;
 use crate::{
     contract::UploadPurpose,
     http::{
+        ApiResult, App,
         extract::{PageQuery, params},
-        problem::ApiResult,
-        state::App,
     },
     store::{Skipped, uploads},
 };

@@ -13,10 +13,7 @@ use uuid::Uuid;
 
 use crate::{
     contract::Code,
-    http::{
-        problem::{ApiError, ApiResult},
-        state::App,
-    },
+    http::{ApiError, ApiResult, App},
     store::{
         parts::LockedUpload,
         uploads::{PartialUpload, UploadState},

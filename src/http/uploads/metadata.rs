@@ -2,18 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, HeaderName};
 use base64::{Engine, prelude::BASE64_STANDARD};
 
-use super::protocol::UPLOAD_METADATA;
 use crate::{
     contract::{Code, Name, UploadPurpose},
     http::{
+        ApiError, ApiResult,
         extract::path::name,
         ingest::{fields::Fields, filename, submission::scan::NAME_RULES},
-        problem::{ApiError, ApiResult},
     },
 };
+
+/// The header.
+pub const UPLOAD_METADATA: HeaderName = HeaderName::from_static("upload-metadata");
 
 /// Longest header that is accepted, bytes.
 const MAX_LENGTH: usize = 16 << 10;

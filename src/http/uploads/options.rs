@@ -10,7 +10,7 @@ use super::{
     checksum::ALGORITHMS,
     protocol::{TUS_CHECKSUM_ALGORITHM, TUS_EXTENSION, TUS_MAX_SIZE, TUS_VERSION, VERSION},
 };
-use crate::http::state::App;
+use crate::http::App;
 
 /// Supported extensions of tus.
 const EXTENSIONS: &str = "creation,creation-with-upload,checksum,termination,expiration";

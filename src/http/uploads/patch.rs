@@ -19,17 +19,15 @@ use super::{
 use crate::{
     contract::Code,
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         background,
         extract::UploadId,
         ingest::{
-            admission::{content_length, waits_for_continue},
-            body::WatchedBody,
+            body::{WatchedBody, content_length},
             quota::QuotaClaim,
             reservation::UploadReservation,
         },
-        problem::{ApiError, ApiResult},
-        state::App,
     },
     store::uploads::{PartialUpload, UploadState},
 };
@@ -132,7 +130,7 @@ pub async fn receive_piece(
     offset: u64,
     checksum: Option<Checksum>,
 ) -> ApiResult<PartialUpload> {
-    let body = WatchedBody::new(body, u64::MAX, app.policy.body_idle_timeout, waits_for_continue(headers));
+    let body = WatchedBody::new(body, headers, u64::MAX, app.policy.body_idle_timeout);
     let (app, caller, headers) = (app.clone(), caller.clone(), headers.clone());
     let receiving = background::spawn(async move {
         let (mut locked, takeover) = lock(&app, id).await?;

@@ -11,8 +11,8 @@ use uuid::Uuid;
 
 use super::metadata::Metadata;
 use crate::{
-    contract::{Code, UploadPurpose},
-    http::problem::{ApiError, ApiResult},
+    contract::{Code, JobKind, UploadPurpose},
+    http::{ApiError, ApiResult, ingest::body::media_type, views::job::url_of},
     store::uploads::{PartialUpload, UploadState},
 };
 
@@ -30,8 +30,6 @@ pub const TUS_CHECKSUM_ALGORITHM: HeaderName = HeaderName::from_static("tus-chec
 pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 /// Size of the upload, bytes.
 pub const UPLOAD_LENGTH: HeaderName = HeaderName::from_static("upload-length");
-/// The client's description of the upload.
-pub const UPLOAD_METADATA: HeaderName = HeaderName::from_static("upload-metadata");
 /// When the upload expires unless more bytes arrive.
 pub const UPLOAD_EXPIRES: HeaderName = HeaderName::from_static("upload-expires");
 /// Checksum of the body of one request.
@@ -89,8 +87,7 @@ pub fn bytes(headers: &HeaderMap, name: &HeaderName) -> ApiResult<u64> {
 
 /// True when the body carries bytes of an upload.
 pub fn is_piece(headers: &HeaderMap) -> bool {
-    let kind = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    kind.split(';').next().unwrap_or_default().trim().eq_ignore_ascii_case(PIECE)
+    media_type(headers).is_some_and(|kind| kind == PIECE)
 }
 
 /// URL of an upload.
@@ -103,8 +100,8 @@ pub fn job_url(upload: &PartialUpload) -> Option<String> {
     let id = upload.id;
     let UploadState::Complete(purpose) = upload.state else { return None };
     Some(match purpose {
-        UploadPurpose::Stack => format!("/v1/stacks/{id}"),
-        UploadPurpose::Calibration => format!("/v1/calibrations/{id}"),
+        UploadPurpose::Stack => url_of(JobKind::Stack, id),
+        UploadPurpose::Calibration => url_of(JobKind::Calibration, id),
         UploadPurpose::Scan => format!("/v1/scans/{}", Metadata::parse(&upload.metadata).ok()?.scan().ok()?),
     })
 }

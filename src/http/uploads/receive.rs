@@ -15,9 +15,11 @@ use super::{
 use crate::{
     contract::Code,
     http::{
-        ingest::{admission::content_length, body::WatchedBody, reservation::UploadReservation},
-        problem::{ApiError, ApiResult},
-        state::App,
+        ApiError, ApiResult, App,
+        ingest::{
+            body::{WatchedBody, content_length},
+            reservation::UploadReservation,
+        },
     },
     store::uploads::Advance,
 };

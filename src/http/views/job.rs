@@ -65,7 +65,7 @@ pub struct UploadView {
 /// A result file of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ArtifactView {
-    /// `image`, `mask`, `backlight`, `depth`, `height`, `height-sigma`, `preview`, or `overlay-{slice}`.
+    /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), or `overlay-{slice}`.
     pub name: String,
     /// URL of the file.
     pub href: String,
@@ -114,8 +114,12 @@ impl ArtifactView {
 
 /// URL of a job.
 pub fn url(job: &Job) -> String {
-    let id = job.id;
-    match job.request.kind() {
+    url_of(job.request.kind(), job.id)
+}
+
+/// URL of the job of a kind.
+pub fn url_of(kind: JobKind, id: Uuid) -> String {
+    match kind {
         JobKind::Stack => format!("/v1/stacks/{id}"),
         JobKind::Calibration => format!("/v1/calibrations/{id}"),
     }

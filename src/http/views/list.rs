@@ -9,84 +9,58 @@ use crate::{
     store::{Job, Page, Skipped},
 };
 
-/// A page of profiles, newest first.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-pub struct ProfileList {
-    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
-    pub items: Vec<ProfileSummary>,
-    /// Pass it as `cursor` to get the next page; null on the last page.
-    pub next_cursor: Option<String>,
+/// Lists: the name, the item, the row that it is made of and how, and the documentation of what cannot be read.
+macro_rules! lists {
+    ($($(#[$doc:meta])* $name:ident: $item:ident from $row:ident by $of:path, $(#[$skipped:meta])*;)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Serialize, Deserialize, ToSchema)]
+        pub struct $name {
+            /// At most `limit` items; fewer when the response would exceed about 4 MiB.
+            pub items: Vec<$item>,
+            /// Pass it as `cursor` to get the next page; null on the last page.
+            pub next_cursor: Option<String>,
+            $(#[$skipped])*
+            #[serde(default, skip_serializing_if = "Vec::is_empty")]
+            pub skipped: Vec<Skipped>,
+        }
+
+        impl From<Page<$row>> for $name {
+            fn from(Page { items, next_cursor, skipped }: Page<$row>) -> Self {
+                Self { items: items.into_iter().filter_map($of).collect(), next_cursor, skipped }
+            }
+        }
+    )*};
+}
+
+lists! {
+    /// A page of profiles, newest first.
+    ProfileList: ProfileSummary from ProfileSummary by Some,
     /// Revisions that cannot be read and are omitted from `items`; absent when there are none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub skipped: Vec<Skipped>,
-}
-
-/// A page of scans, newest first.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-pub struct ScanList {
-    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
-    pub items: Vec<Scan>,
-    /// Pass it as `cursor` to get the next page; null on the last page.
-    pub next_cursor: Option<String>,
+    ;
+    /// A page of scans, newest first.
+    ScanList: Scan from Scan by Some,
     /// Scans that cannot be read and are omitted from `items`; absent when there are none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub skipped: Vec<Skipped>,
-}
-
-/// A page of stacks, newest first.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-pub struct StackList {
-    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
-    pub items: Vec<Stack>,
-    /// Pass it as `cursor` to get the next page; null on the last page.
-    pub next_cursor: Option<String>,
+    ;
+    /// A page of stacks, newest first.
+    StackList: Stack from Job by stack,
     /// Stacks that cannot be read and are omitted from `items`; absent when there are none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub skipped: Vec<Skipped>,
-}
-
-/// A page of calibrations, newest first.
-#[derive(Debug, Serialize, Deserialize, ToSchema)]
-pub struct CalibrationList {
-    /// At most `limit` items; fewer when the response would exceed about 4 MiB.
-    pub items: Vec<Calibration>,
-    /// Pass it as `cursor` to get the next page; null on the last page.
-    pub next_cursor: Option<String>,
+    ;
+    /// A page of calibrations, newest first.
+    CalibrationList: Calibration from Job by calibration,
     /// Calibrations that cannot be read and are omitted from `items`; absent when there are none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub skipped: Vec<Skipped>,
+    ;
 }
 
-impl From<Page<ProfileSummary>> for ProfileList {
-    fn from(page: Page<ProfileSummary>) -> Self {
-        Self { items: page.items, next_cursor: page.next_cursor, skipped: page.skipped }
+fn stack(job: Job) -> Option<Stack> {
+    match &job.request {
+        JobRequest::Stack(request) => Some(Stack::of(&job, request)),
+        JobRequest::Calibration(_) => None,
     }
 }
 
-impl From<Page<Scan>> for ScanList {
-    fn from(page: Page<Scan>) -> Self {
-        Self { items: page.items, next_cursor: page.next_cursor, skipped: page.skipped }
-    }
-}
-
-impl From<Page<Job>> for StackList {
-    fn from(page: Page<Job>) -> Self {
-        let stack = |job: &Job| match &job.request {
-            JobRequest::Stack(request) => Some(Stack::of(job, request)),
-            JobRequest::Calibration(_) => None,
-        };
-        let items = page.items.iter().filter_map(stack).collect();
-        Self { items, next_cursor: page.next_cursor, skipped: page.skipped }
-    }
-}
-
-impl From<Page<Job>> for CalibrationList {
-    fn from(page: Page<Job>) -> Self {
-        let calibration = |job: &Job| match &job.request {
-            JobRequest::Calibration(request) => Some(Calibration::of(job, request)),
-            JobRequest::Stack(_) => None,
-        };
-        let items = page.items.iter().filter_map(calibration).collect();
-        Self { items, next_cursor: page.next_cursor, skipped: page.skipped }
+fn calibration(job: Job) -> Option<Calibration> {
+    match &job.request {
+        JobRequest::Calibration(request) => Some(Calibration::of(&job, request)),
+        JobRequest::Stack(_) => None,
     }
 }

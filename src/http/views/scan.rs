@@ -6,13 +6,13 @@ use std::{collections::HashMap, hash::Hash};
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-use uuid::Uuid;
 
 use self::findings::findings;
+use super::job::url_of;
 use crate::{
-    contract::{JobState, Problem, Scan},
+    contract::{JobKind, JobState, Problem, Scan},
     http::{
-        problem,
+        ApiResult, background, problem,
         scans::{
             table::{View, ViewStack},
             url,
@@ -151,8 +151,16 @@ pub struct ScanLinks {
 }
 
 impl ScanWithViews {
-    /// The view of a scan and its table.
-    pub fn of(scan: Scan, views: &[View]) -> Self {
+    /// The view of a scan and its table. Comparing the views takes the square of their number, so another thread does
+    /// it.
+    ///
+    /// # Errors
+    /// When that thread panics.
+    pub async fn tabulated(scan: Scan, views: Vec<View>) -> ApiResult<Self> {
+        background::blocking(move || Self::of(scan, &views)).await
+    }
+
+    fn of(scan: Scan, views: &[View]) -> Self {
         let found = outliers(&views.iter().map(View::measurements).collect::<Vec<_>>());
         let angles: Vec<ViewAngles> = views.iter().filter_map(View::angles).collect();
         let missing = missing_views(&angles);
@@ -186,7 +194,7 @@ fn row(view: &View, outliers: Vec<ViewOutlier>) -> ScanView {
             metrics.findings.iter().filter(|f| f.severity == pinstack_science::types::metrics::Severity::Warning);
         serious.map(|finding| finding.code.clone()).collect()
     });
-    let stack = stack_url(view.stack.id);
+    let stack = url_of(JobKind::Stack, view.stack.id);
     ScanView {
         name: view.stem.clone(),
         label: label.clone(),
@@ -206,12 +214,8 @@ fn row(view: &View, outliers: Vec<ViewOutlier>) -> ScanView {
         border_contact: mask.map(|mask| mask.border_contact_fraction),
         findings: warnings.unwrap_or_default(),
         outliers,
-        replaced: view.others.iter().copied().map(stack_url).collect(),
+        replaced: view.others.iter().map(|id| url_of(JobKind::Stack, *id)).collect(),
     }
-}
-
-fn stack_url(id: Uuid) -> String {
-    format!("/v1/stacks/{id}")
 }
 
 impl ViewOutlier {

@@ -7,9 +7,9 @@ use uuid::Uuid;
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
     contract::{
-        artifact::StackArtifact,
+        artifact::{StackArtifact, stack_artifacts},
         options::StackOptions,
-        outcome::{HeightInfo, ImageInfo, JobOutcome},
+        outcome::{HeightInfo, ImageInfo, JobOutcome, StackOutcome},
         request::StackRequest,
     },
     store::Job,
@@ -49,50 +49,57 @@ pub struct Stack {
     pub links: StackLinks,
 }
 
-/// URLs of a stack. Those of results are present once it has succeeded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct StackLinks {
-    /// This stack.
-    #[serde(rename = "self")]
-    pub this: String,
-    /// Its server-sent events.
-    pub events: String,
-    /// The profile revision in use.
-    pub profile: String,
-    /// `POST` here to cancel it; absent once it has ended.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cancel: Option<String>,
-    /// `POST` here to fuse the same zip again; absent once the zip was removed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rerun: Option<String>,
-    /// The zip as it was sent; absent once it was removed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub upload: Option<String>,
-    /// Its metrics.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub metrics: Option<String>,
-    /// The fused image, RGBA.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub image: Option<String>,
-    /// The alpha mask.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mask: Option<String>,
-    /// The fused back-light stack.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub backlight: Option<String>,
-    /// The slice-index map.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub depth: Option<String>,
-    /// The height map.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub height: Option<String>,
-    /// The standard deviations of the heights.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub height_sigma: Option<String>,
-    /// A small JPEG for web pages.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub preview: Option<String>,
+macro_rules! links {
+    ($($variant:ident $member:ident { name: $_n:tt, link: $link:tt, $($_rest:tt)* })*) => {
+        /// URLs of a stack. Those of results are present once it has succeeded.
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+        pub struct StackLinks {
+            /// This stack.
+            #[serde(rename = "self")]
+            pub this: String,
+            /// Its server-sent events.
+            pub events: String,
+            /// The profile revision in use.
+            pub profile: String,
+            /// `POST` here to cancel it; absent once it has ended.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub cancel: Option<String>,
+            /// `POST` here to fuse the same zip again; absent once the zip was removed.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub rerun: Option<String>,
+            /// The zip as it was sent; absent once it was removed.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub upload: Option<String>,
+            /// Its metrics.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            pub metrics: Option<String>,
+            $(
+                #[doc = $link]
+                #[serde(skip_serializing_if = "Option::is_none")]
+                pub $member: Option<String>,
+            )*
+        }
+
+        impl StackLinks {
+            fn of(job: &Job, request: &StackRequest, outcome: Option<&StackOutcome>) -> Self {
+                let url = url(job);
+                let files = outcome.map(|outcome| outcome.artifacts.as_slice()).unwrap_or_default();
+                let link = |of: StackArtifact| of.among(files).map(|file| format!("{url}/{}", file.name));
+                Self {
+                    events: format!("{url}/events"),
+                    profile: profile_url(job, request.profile_revision),
+                    cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),
+                    rerun: (!job.upload_removed).then(|| format!("{url}/rerun")),
+                    upload: (!job.upload_removed).then(|| format!("{url}/upload")),
+                    metrics: outcome.map(|_| format!("{url}/metrics")),
+                    $($member: link(StackArtifact::$variant),)*
+                    this: url,
+                }
+            }
+        }
+    };
 }
+stack_artifacts!(links);
 
 impl Stack {
     /// The view of a row; `request` is the request of that row.
@@ -105,23 +112,6 @@ impl Stack {
         let artifacts: Vec<ArtifactView> = outcome
             .map(|o| o.artifacts.iter().map(|a| ArtifactView::of(a, format!("{url}/{}", a.name))).collect())
             .unwrap_or_default();
-        let link = |of: StackArtifact| artifacts.iter().find(|a| a.name == of.name()).map(|a| a.href.clone());
-        let links = StackLinks {
-            events: format!("{url}/events"),
-            profile: profile_url(job, request.profile_revision),
-            cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),
-            rerun: (!job.upload_removed).then(|| format!("{url}/rerun")),
-            upload: (!job.upload_removed).then(|| format!("{url}/upload")),
-            metrics: outcome.map(|_| format!("{url}/metrics")),
-            image: link(StackArtifact::Image),
-            mask: link(StackArtifact::Mask),
-            backlight: link(StackArtifact::Backlight),
-            depth: link(StackArtifact::Depth),
-            height: link(StackArtifact::Height),
-            height_sigma: link(StackArtifact::HeightSigma),
-            preview: link(StackArtifact::Preview),
-            this: url,
-        };
         Self {
             job: JobView::of(job),
             profile_revision: request.profile_revision,
@@ -135,7 +125,7 @@ impl Stack {
             software: outcome.and_then(|o| o.software.clone()),
             metrics: outcome.map(|o| o.metrics.clone()),
             artifacts,
-            links,
+            links: StackLinks::of(job, request, outcome),
         }
     }
 }

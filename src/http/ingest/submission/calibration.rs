@@ -6,7 +6,7 @@ use crate::{
         ranges::check_calibration,
         request::{CalibrationRequest, Upload},
     },
-    http::{extract::path::name, ingest::fields::Fields, problem::ApiResult, state::App},
+    http::{ApiResult, App, extract::path::name, ingest::fields::Fields},
 };
 use pinstack_science::types::{
     Warning, calibration_options::CalibrationOptions, profile::MAX_SLICES, stack_layout::StackLayout,

@@ -11,13 +11,13 @@ use pinstack_science::types::{Warning, stack_layout::StackLayout};
 use serde_json::Value;
 
 use self::{calibration::CalibrationSubmission, stack::StackSubmission};
-use super::{fields::Fields, receive::Receivable};
+use super::{fields::Fields, receivable::Receivable};
 use crate::{
     contract::{
         Fault, JobKind, Name,
         request::{JobRequest, Upload},
     },
-    http::{auth::Caller, problem::ApiResult, state::App},
+    http::{ApiResult, App, auth::Caller},
 };
 
 /// A submission whose names, options and profile are valid.

@@ -7,12 +7,11 @@ use super::{Submission, stack::StackSubmission};
 use crate::{
     contract::{Code, Name, Scan, options::StackOptions, profile::Profile},
     http::{
+        ApiError, ApiResult, App,
         auth::Caller,
         extract::params,
-        ingest::{fields::Fields, receive::Receivable},
-        problem::{ApiError, ApiResult},
+        ingest::{fields::Fields, receivable::Receivable},
         profiles, scans,
-        state::App,
     },
 };
 use pinstack_science::archive::scan::{Angle, AxisRule, ScanRules, ScanView};
@@ -123,10 +122,7 @@ impl Receivable for ScanSubmission {
         let scan = scans::find(app, caller, scan).await?;
         let (rig, lens) = (rig.unwrap_or(scan.input.rig.clone()), lens.unwrap_or(scan.input.lens.clone()));
         scans::require_joinable(app, caller, &scan.name, &rig, &lens).await?;
-        let profile = app.store.metadata.profile(&rig, &lens, options.profile_revision).await?;
-        let Some(profile) = profile else {
-            return Err(profiles::not_found(app, &rig, &lens, options.profile_revision).await);
-        };
+        let profile = profiles::find(app, &rig, &lens, options.profile_revision).await?;
         // every view is fused with this revision, also when the profile changes while the zip arrives
         let asked_revision = options.profile_revision.replace(profile.revision);
         options.scan = Some(scan.name.clone());

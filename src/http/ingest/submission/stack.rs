@@ -10,15 +10,7 @@ use crate::{
         profile::Profile,
         request::{StackRequest, Upload},
     },
-    http::{
-        auth::Caller,
-        extract::path::name,
-        ingest::fields::Fields,
-        problem::{ApiError, ApiResult},
-        profiles::not_found,
-        scans,
-        state::App,
-    },
+    http::{ApiError, ApiResult, App, auth::Caller, extract::path::name, ingest::fields::Fields, profiles, scans},
     jobs::{disk::disk_need_by_profile, mask_params},
 };
 use pinstack_science::{archive, segmentation::MaskParams, types::stack_layout::StackLayout};
@@ -54,8 +46,7 @@ impl StackSubmission {
         let options: StackOptions = fields.options()?;
         // before the profile is looked up: errors of the request itself are reported first
         options.check()?;
-        let profile = app.store.metadata.profile(&rig, &lens, options.profile_revision).await?;
-        let Some(profile) = profile else { return Err(not_found(app, &rig, &lens, options.profile_revision).await) };
+        let profile = profiles::find(app, &rig, &lens, options.profile_revision).await?;
         if let Some(scan) = &options.scan {
             scans::require_joinable(app, caller, scan, &rig, &lens).await?;
         }

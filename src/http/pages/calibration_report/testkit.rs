@@ -29,47 +29,6 @@ pub(super) fn noise(seed: &mut u64) -> f64 {
 /// The report of `count` slices.
 pub(super) fn report(count: usize) -> CalibrationReport {
     let reference = REFERENCE.min(count / 2);
-    let mut seed = 7;
-    let law = |i: usize| {
-        let step = i as f64 - reference as f64;
-        let scale = 1.0 / (1.0 + GROWTH * step);
-        let centre = SIZE.map(|side| (f64::from(side) - 1.0) / 2.0);
-        (scale, [0, 1].map(|a| (1.0 - scale) * (FIXED[a] - centre[a]) + [1.4, -0.7][a] * step))
-    };
-    let slices: Vec<SliceReport> = (0..count)
-        .map(|i| {
-            let interpolated = i + 1 == count;
-            let (scale, shift) = law(i);
-            let step = i as f64 - reference as f64;
-            let off = if i == reference { 0.0 } else { 0.05 + 0.04 * noise(&mut seed).abs() };
-            let dots = dots(i == reference, interpolated, i == 2, &mut seed);
-            SliceReport {
-                index: i as u32,
-                name: format!("target_{i:02}.tif"),
-                scale: scale + 2e-6 * noise(&mut seed),
-                law_scale: Some(scale),
-                shift_px: shift.map(|s| s + 0.03 * noise(&mut seed)),
-                law_shift_px: Some(shift),
-                off_law_px: (!interpolated).then_some(off),
-                blur_radius_px: (!interpolated).then_some(1.1 + 2.05 * step.abs()),
-                contrast: (!interpolated).then_some(0.93 - 0.1 * step.abs()),
-                gain: 1.0 + 0.006 * step + 0.001 * noise(&mut seed),
-                gain_sigma: None,
-                law_gain: None,
-                clipped: Some(0.002),
-                dots_found: dots.len() as u32,
-                inliers: dots.iter().filter(|dot| dot.inlier).count() as u32,
-                rms_px: (!interpolated).then_some(if i == reference { 0.0 } else { 0.04 + 0.008 * step.abs() }),
-                corner_sigma_px: if i == reference {
-                    0.0
-                } else {
-                    0.02 + 0.012 * step.abs() + if interpolated { 0.12 } else { 0.0 }
-                },
-                interpolated,
-                dots,
-            }
-        })
-        .collect();
     let positions: Vec<f64> = (0..count).map(|i| 0.25 * (i as f64 - reference as f64)).collect();
     CalibrationReport {
         width: SIZE[0],
@@ -127,8 +86,52 @@ pub(super) fn report(count: usize) -> CalibrationReport {
                 "from the growth of the image per mm of rail; checked against the focal length and the magnification"
                     .into(),
         },
-        slices,
+        slices: slices(count, reference),
     }
+}
+
+fn slices(count: usize, reference: usize) -> Vec<SliceReport> {
+    let mut seed = 7;
+    let law = |i: usize| {
+        let step = i as f64 - reference as f64;
+        let scale = 1.0 / (1.0 + GROWTH * step);
+        let centre = SIZE.map(|side| (f64::from(side) - 1.0) / 2.0);
+        (scale, [0, 1].map(|a| (1.0 - scale) * (FIXED[a] - centre[a]) + [1.4, -0.7][a] * step))
+    };
+    (0..count)
+        .map(|i| {
+            let interpolated = i + 1 == count;
+            let (scale, shift) = law(i);
+            let step = i as f64 - reference as f64;
+            let off = if i == reference { 0.0 } else { 0.05 + 0.04 * noise(&mut seed).abs() };
+            let dots = dots(i == reference, interpolated, i == 2, &mut seed);
+            SliceReport {
+                index: i as u32,
+                name: format!("target_{i:02}.tif"),
+                scale: scale + 2e-6 * noise(&mut seed),
+                law_scale: Some(scale),
+                shift_px: shift.map(|s| s + 0.03 * noise(&mut seed)),
+                law_shift_px: Some(shift),
+                off_law_px: (!interpolated).then_some(off),
+                blur_radius_px: (!interpolated).then_some(1.1 + 2.05 * step.abs()),
+                contrast: (!interpolated).then_some(0.93 - 0.1 * step.abs()),
+                gain: 1.0 + 0.006 * step + 0.001 * noise(&mut seed),
+                gain_sigma: None,
+                law_gain: None,
+                clipped: Some(0.002),
+                dots_found: dots.len() as u32,
+                inliers: dots.iter().filter(|dot| dot.inlier).count() as u32,
+                rms_px: (!interpolated).then_some(if i == reference { 0.0 } else { 0.04 + 0.008 * step.abs() }),
+                corner_sigma_px: if i == reference {
+                    0.0
+                } else {
+                    0.02 + 0.012 * step.abs() + if interpolated { 0.12 } else { 0.0 }
+                },
+                interpolated,
+                dots,
+            }
+        })
+        .collect()
 }
 
 fn dots(is_reference: bool, interpolated: bool, has_outliers: bool, seed: &mut u64) -> Vec<DotReport> {

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{
     contract::Code,
-    http::problem::{ApiError, ApiResult},
+    http::{ApiError, ApiResult},
 };
 
 #[derive(RustEmbed)]

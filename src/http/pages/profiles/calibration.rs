@@ -8,6 +8,7 @@ use uuid::Uuid;
 use crate::{
     contract::{JobKind, artifact::REPORT},
     http::{
+        ApiResult, App,
         artifacts::outcome::of_calibration,
         extract::{JobId, params},
         job_resource::load,
@@ -16,8 +17,6 @@ use crate::{
             stacks::row,
             words::{sentence, text},
         },
-        problem::ApiResult,
-        state::App,
     },
     store::Job,
 };

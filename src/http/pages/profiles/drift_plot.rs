@@ -5,13 +5,12 @@ use maud::{Markup, PreEscaped, html};
 use crate::{
     contract::{Name, profile::Profile},
     http::{
+        ApiResult, App,
         pages::{
             calibration_report::chart::{Chart, Mark, MarkStyle, Scale},
             words::sentence,
         },
-        problem::ApiResult,
         profiles::drift::between,
-        state::App,
     },
 };
 

@@ -3,19 +3,17 @@
 use axum::{extract::State, http::Uri, response::Response};
 use jiff::Timestamp;
 use maud::html;
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 
 use crate::{
     contract::JobKind,
     http::{
+        ApiResult, App,
         extract::params,
         pages::{
-            frame::{Frame, PageUser, Place},
+            frame::{Frame, PageUser, Place, pager},
             stacks::row::name,
             words::{ago, sentence, state, text},
         },
-        problem::ApiResult,
-        state::App,
     },
     store::{JobFilter, PageRequest},
 };
@@ -65,12 +63,7 @@ pub async fn page(State(app): State<App>, user: PageUser, uri: Uri) -> ApiResult
                 } } }
             } }
         }
-        div.pager {
-            @if is_first { span {} } @else { a href="/profiles" { "Newest" } }
-            @if let Some(next) = &profiles.next_cursor {
-                a href={ "/profiles?cursor=" (utf8_percent_encode(next, NON_ALPHANUMERIC)) } rel="next" { "Older" }
-            }
-        }
+        (pager("/profiles", &[], is_first, profiles.next_cursor.as_deref()))
         @if !calibrations.items.is_empty() {
             h2 { "Latest calibrations" }
             div.wide tabindex="0" role="region" aria-label="Latest calibrations" { table {

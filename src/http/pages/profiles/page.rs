@@ -7,14 +7,13 @@ use super::drift_plot;
 use crate::{
     contract::{ProfileSummary, profile::Profile},
     http::{
+        ApiResult, App,
         extract::ProfileKey,
         pages::{
             frame::{Frame, PageUser, Place},
             words::{date, sentence, text},
         },
-        problem::ApiResult,
-        profiles::not_found,
-        state::App,
+        profiles::find,
     },
     store::PageRequest,
 };
@@ -27,9 +26,7 @@ const ROWS: u32 = 50;
 /// # Errors
 /// `profile_not_found`.
 pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens }: ProfileKey) -> ApiResult<Response> {
-    let Some(profile) = app.store.metadata.profile(&rig, &lens, None).await? else {
-        return Err(not_found(&app, &rig, &lens, None).await);
-    };
+    let profile = find(&app, &rig, &lens, None).await?;
     let revisions = app.store.metadata.revisions(&rig, &lens, &PageRequest { limit: ROWS, cursor: None }).await?;
     let numbers: Vec<u32> = revisions.items.iter().map(|revision| revision.revision).collect();
     let drift = drift_plot::plot(&app, &rig, &lens, &numbers).await?;

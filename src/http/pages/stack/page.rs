@@ -14,6 +14,7 @@ use super::{actions, facts, plots, tiles::slices_shown, viewer};
 use crate::{
     contract::{JobKind, JobState, request::JobRequest},
     http::{
+        ApiResult, App,
         artifacts::outcome::of_stack,
         auth::Caller,
         extract::{JobId, params},
@@ -23,8 +24,6 @@ use crate::{
             stacks::row,
             words::{sentence, text},
         },
-        problem::ApiResult,
-        state::App,
     },
     store::Job,
 };

@@ -15,34 +15,27 @@ use axum::{
 use uuid::Uuid;
 
 use crate::{
-    contract::{Code, JobKind, artifact::StackArtifact, request::JobRequest},
+    contract::{
+        Code, JobKind,
+        artifact::{Colours, StackArtifact},
+        request::JobRequest,
+    },
     http::{
-        artifacts::{
-            conversions::{Conversion, Converted, Form, SliceRecipe},
-            download, outcome,
-            pyramid::{self, Colours},
-        },
+        ApiError, ApiResult, App,
+        artifacts::{download, outcome},
         background,
-        extract::conditional::{etag, not_modified},
+        extract::{etag, not_modified},
         job_resource::load,
-        problem::{ApiError, ApiResult},
-        state::App,
+        state::conversions::{
+            conversion::{Conversion, Converted, Form, SliceRecipe},
+            pyramid,
+        },
     },
     store::Job,
 };
 
 /// Begins the name of a slice.
 pub const SLICE: &str = "slice-";
-
-/// How an artifact is shown; `None` for those without tiles.
-pub fn colours(artifact: StackArtifact) -> Option<Colours> {
-    match artifact {
-        StackArtifact::Image | StackArtifact::Mask | StackArtifact::Backlight => Some(Colours::Plain),
-        StackArtifact::Depth => Some(Colours::Indices),
-        StackArtifact::Height | StackArtifact::HeightSigma => Some(Colours::Heights),
-        StackArtifact::Preview => None,
-    }
-}
 
 /// A picture that has tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +52,8 @@ impl Picture {
             return index.parse().ok().filter(|number: &usize| number.to_string() == index).map(Self::Slice);
         }
         let artifact = StackArtifact::of_name(name)?;
-        Some(Self::Artifact(artifact, colours(artifact)?))
+        let (_, colours) = artifact.layer()?;
+        Some(Self::Artifact(artifact, colours))
     }
 
     /// The file with all levels, made at the first request.
@@ -71,7 +65,7 @@ impl Picture {
                     // refuses a damaged file
                     drop(download::stored(app, job, stored, String::new()).await?);
                 }
-                app.conversions.get(app, &stored.key, &stored.sha256, Conversion::Pyramid(colours)).await
+                app.conversions.get(&stored.key, &stored.sha256, Conversion::Pyramid(colours)).await
             }
             Self::Slice(index) => {
                 let stack = job.id.to_string();
@@ -84,7 +78,7 @@ impl Picture {
                 let profile = metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
                 let profile = profile.ok_or_else(none)?.input;
                 let recipe = SliceRecipe { profile, options: request.options.clone(), index };
-                app.conversions.get(app, &request.upload.key, &stack, Conversion::Slice(Arc::new(recipe))).await
+                app.conversions.get(&request.upload.key, &stack, Conversion::Slice(Arc::new(recipe))).await
             }
         }
     }
@@ -125,7 +119,7 @@ pub async fn get(
     }
     let pyramid = picture.pyramid(&app, &job).await?;
     let _turn = app.tile_permits.acquire().await.map_err(ApiError::internal)?;
-    let made = background::spawn_blocking(move || pyramid::tile(pyramid.path(), level, x, y));
-    let png = made.await.map_err(ApiError::internal)?.map_err(ApiError::internal)?.ok_or_else(none)?;
+    let made = background::blocking(move || pyramid::tile(pyramid.path(), level, x, y)).await?;
+    let png = made.map_err(ApiError::internal)?.ok_or_else(none)?;
     Ok((common, [(header::CONTENT_TYPE, "image/png")], png).into_response())
 }

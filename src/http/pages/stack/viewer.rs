@@ -3,12 +3,13 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::tiles::{SLICE, colours};
+use super::tiles::SLICE;
 use crate::{
     contract::{artifact::StackArtifact, outcome::StackOutcome},
     http::{
-        artifacts::{outcome::of_stack, pyramid::TILE},
+        artifacts::outcome::of_stack,
         pages::{stacks::row::name, words::text},
+        state::conversions::pyramid::TILE,
     },
     store::Job,
 };
@@ -33,27 +34,17 @@ struct Scene {
 }
 
 fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
-    let named = |artifact: StackArtifact| match artifact {
-        StackArtifact::Image => "Image",
-        StackArtifact::Mask => "Mask",
-        StackArtifact::Backlight => "Back light",
-        StackArtifact::Depth => "Sharpest slice",
-        StackArtifact::Height => "Height",
-        StackArtifact::HeightSigma => "Height uncertainty",
-        StackArtifact::Preview => "Preview",
-    };
-    let shown = StackArtifact::ALL.into_iter().filter(|artifact| colours(*artifact).is_some());
     let layer = |artifact: StackArtifact| {
-        let stored = outcome.artifacts.iter().find(|stored| stored.name == artifact.name())?;
+        let ((named, _), stored) = artifact.layer().zip(artifact.among(&outcome.artifacts))?;
         Some(Layer {
-            name: format!("{prefix}{}", named(artifact)),
+            name: format!("{prefix}{named}"),
             tiles: format!("/stacks/{}/tiles/{}", job.id, artifact.name()),
             version: stored.sha256.chars().take(12).collect(),
             width: outcome.image.width,
             height: outcome.image.height,
         })
     };
-    shown.filter_map(layer).collect()
+    StackArtifact::ALL.into_iter().filter_map(layer).collect()
 }
 
 /// The slices of a stack, warped to the reference slice, from the one that is fused first.

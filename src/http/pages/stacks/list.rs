@@ -10,24 +10,19 @@ use axum::{
 };
 use jiff::Timestamp;
 use maud::{Markup, html};
-use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use sha2::{Digest, Sha256};
 
 use super::row;
 use crate::{
     contract::{JobKind, JobState},
     http::{
+        ApiResult, App,
         auth::Caller,
-        extract::{
-            conditional::{etag, not_modified},
-            params,
-        },
+        extract::{etag, not_modified, params},
         pages::{
-            frame::{Frame, PageUser, Place},
+            frame::{Frame, PageUser, Place, pager},
             words::text,
         },
-        problem::ApiResult,
-        state::App,
     },
     store::{Job, JobFilter, Page, PageRequest},
 };
@@ -71,10 +66,7 @@ pub async fn list(
         }
         div id="rows" { (rows) }
         p.soft id="told" role="status" {}
-        div.pager {
-            @if is_first { span {} } @else { a href=(link(&pairs, None)) { "Newest" } }
-            @if let Some(next) = &page.next_cursor { a href=(link(&pairs, Some(next))) rel="next" { "Older" } }
-        }
+        (pager("/", &pairs, is_first, page.next_cursor.as_deref()))
     }))
 }
 
@@ -154,13 +146,4 @@ fn empty(filter: &JobFilter, is_first: bool, user: &PageUser) -> Markup {
             }
         }
     }
-}
-
-/// The URL of the list with these filters, from `cursor` on.
-fn link(pairs: &[(String, String)], cursor: Option<&str>) -> String {
-    let cursor = cursor.map(|cursor| ("cursor", cursor));
-    let all = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str())).chain(cursor);
-    let query: Vec<String> =
-        all.map(|(name, value)| format!("{name}={}", utf8_percent_encode(value, NON_ALPHANUMERIC))).collect();
-    if query.is_empty() { "/".to_owned() } else { format!("/?{}", query.join("&")) }
 }

@@ -10,8 +10,8 @@ use super::thumbnail;
 use crate::{
     contract::{JobKind, JobState, Priority, options::StackOptions, request::JobRequest},
     http::{
+        App,
         pages::words::{ago, count, duration, ordinal, sentence, state, text},
-        state::App,
     },
     store::{Job, StoreResult},
 };

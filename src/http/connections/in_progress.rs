@@ -1,9 +1,7 @@
 //! Counts the requests in progress of each token.
 
 use std::{
-    collections::HashMap,
     pin::Pin,
-    sync::{Arc, Mutex, PoisonError},
     task::{Context, Poll},
 };
 
@@ -14,31 +12,26 @@ use axum::{
 use hyper::body::{Frame, SizeHint};
 use uuid::Uuid;
 
-/// Number of requests in progress by token.
-#[derive(Debug, Clone, Default)]
-pub struct Tally(Arc<Mutex<HashMap<Uuid, usize>>>);
-
-impl Tally {
-    /// Counts a request of a token; `None` when `most` are in progress already.
-    pub fn enter(&self, token: Uuid, most: usize) -> Option<InProgress> {
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let count = counts.entry(token).or_default();
-        if *count >= most {
-            return None;
-        }
-        *count += 1;
-        Some(InProgress { tally: self.clone(), token })
-    }
-}
+use crate::http::state::token_sums::TokenSums;
 
 /// A counted request. Dropping it ends the count.
 #[derive(Debug)]
 pub struct InProgress {
-    tally: Tally,
+    counts: TokenSums,
     token: Uuid,
 }
 
 impl InProgress {
+    /// Counts a request of a token; `None` when `most` are in progress already.
+    pub fn begin(counts: &TokenSums, token: Uuid, most: usize) -> Option<Self> {
+        let begins = counts.change(Some(token), |count| {
+            let begins = *count < most as u64;
+            *count += u64::from(begins);
+            begins
+        });
+        begins.then(|| Self { counts: counts.clone(), token })
+    }
+
     /// Counts the request until its answer is sent or the client is gone, so that event streams and downloads count.
     pub fn until_sent(self, response: Response) -> Response {
         response.map(|body| Body::new(Counted { body, _in_progress: self }))
@@ -47,13 +40,7 @@ impl InProgress {
 
 impl Drop for InProgress {
     fn drop(&mut self) {
-        let mut counts = self.tally.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(count) = counts.get_mut(&self.token) {
-            *count -= 1;
-            if *count == 0 {
-                counts.remove(&self.token);
-            }
-        }
+        self.counts.change(Some(self.token), |count| *count -= 1);
     }
 }
 

@@ -14,23 +14,13 @@ use std::{
 
 use anyhow::Context;
 
+use crate::contract::artifact::Colours;
 use pinstack_science::imaging::{Raster, Samples, codec};
 
 /// Side of a tile, px.
 pub const TILE: u32 = 512;
 /// Bytes before the rows.
 const HEAD: u64 = 8;
-
-/// How samples become colours.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Colours {
-    /// As they are.
-    Plain,
-    /// A colour per index, from the first slice to the last; the largest value means none.
-    Indices,
-    /// A colour per height, from the lowest to the highest; 0 means none.
-    Heights,
-}
 
 /// Stops of the colour map, from low to high (viridis): equal steps look equal, also in grey and to the colour-blind.
 const MAP: [[u8; 3]; 9] = [

@@ -6,19 +6,19 @@ use tokio::{sync::Mutex, time::Instant};
 
 /// The last value and when it was obtained. Concurrent callers wait for one lookup.
 #[derive(Debug)]
-pub struct Recent<T> {
+pub(super) struct Recent<T> {
     max_age: Duration,
     last: Mutex<Option<(Instant, T)>>,
 }
 
 impl<T: Clone> Recent<T> {
     /// An empty cache whose values expire after `max_age`.
-    pub fn new(max_age: Duration) -> Self {
+    pub(super) fn new(max_age: Duration) -> Self {
         Self { max_age, last: Mutex::new(None) }
     }
 
     /// The cached value, or a new one from `look` if it has expired.
-    pub async fn get(&self, look: impl AsyncFnOnce() -> T) -> T {
+    pub(super) async fn get(&self, look: impl AsyncFnOnce() -> T) -> T {
         let mut last = self.last.lock().await;
         if let Some((at, value)) = &*last
             && at.elapsed() < self.max_age
