@@ -17,7 +17,7 @@ use pinstack::store::{
     conformance::{blobs::put_blob, line::Line, memory::MemoryBlobStore},
 };
 use pinstack_science::{
-    archive::{ArchiveLimits, ReadAt, open_shared, pack},
+    archive::{ArchiveLimits, open_shared, pack},
     fusion::{self, FusionRequest, Plan, SlicePlan},
     imaging::codec::{Metadata, encode_jpeg, encode_png},
     synth::{Light, Rig, Scene, render},

@@ -7,12 +7,9 @@ mod recent;
 pub mod thumbnails;
 pub mod token_sums;
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::Duration,
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
 };
 
 use tokio::sync::Semaphore;

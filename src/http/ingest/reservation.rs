@@ -51,7 +51,9 @@ impl UploadReservation {
         let ahead = share.take_at_most(length.min(AHEAD), limit);
         let beside = (length - ahead).saturating_add(job_bytes);
         match app.disk.reserve_beside(ahead, beside).await? {
-            Reserved::Granted(space) => Ok(Self { disk: Arc::clone(&app.disk), rest: announced, received: 0, space, share, quota }),
+            Reserved::Granted(space) => {
+                Ok(Self { disk: Arc::clone(&app.disk), rest: announced, received: 0, space, share, quota })
+            }
             Reserved::Full(state) => Err(disk_full(length, job_bytes, &state)),
         }
     }

@@ -13,7 +13,7 @@ use crate::{
         Code, Fault,
         artifact::{Colours, FileFormat},
     },
-    disk_budget::DiskBudget,
+    disk_budget::{DiskBudget, Reserved},
     http::{ApiError, background},
     jobs::slice_view,
     store::{
