@@ -102,7 +102,8 @@ impl Pictures<'_> {
             && (!artifact.needs_height() || self.front.height_map.is_some())
     }
 
-    /// The picture of a file of data, a PNG without metadata; `None` for pictures, and for what this stack does not have.
+    /// The picture of a file of data, a PNG without metadata; `None` for pictures, and for what this stack does not
+    /// have.
     fn data(&self, artifact: StackArtifact) -> Option<Raster> {
         let rect = self.rect;
         let (width, height) = (rect.width, rect.height);
