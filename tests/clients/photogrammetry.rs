@@ -16,7 +16,7 @@ use pinstack_science::{
 use serde_json::{Value, json};
 
 use crate::{
-    have, run,
+    run,
     server::{Server, small_rig, write_slices},
 };
 
@@ -90,10 +90,8 @@ fn number(file: &Path, tag: &str) -> f64 {
 }
 
 #[test]
+#[ignore = "needs curl, zip, exiftool, colmap, python3"]
 fn colmap_starts_from_the_principal_distance_of_the_profile() {
-    if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
-        return;
-    }
     let server = Server::start();
     let zips = zips(&server);
     // the second is so short that the tenth of a millimetre, to which COLMAP reads the tag, matters
@@ -124,10 +122,8 @@ fn colmap_starts_from_the_principal_distance_of_the_profile() {
 }
 
 #[test]
+#[ignore = "needs curl, zip, exiftool, colmap, python3"]
 fn the_nominal_focal_length_is_not_passed_on_as_the_principal_distance() {
-    if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
-        return;
-    }
     let server = Server::start();
     let [_, zip] = zips(&server);
     put_profile(&server, json!({}));
@@ -142,10 +138,8 @@ fn the_nominal_focal_length_is_not_passed_on_as_the_principal_distance() {
 }
 
 #[test]
+#[ignore = "needs curl, zip, colmap, python3"]
 fn colmap_opens_the_images_of_16_bit_slices() {
-    if !have(&["curl", "zip", "colmap", "python3"]) {
-        return;
-    }
     let server = Server::start();
     let zip = server.folder.path().join("deep.zip");
     write_deep(&zip);
@@ -178,10 +172,8 @@ fn write_deep(zip: &Path) {
 }
 
 #[test]
+#[ignore = "needs colmap"]
 fn colmap_reads_the_model_of_a_bundle() {
-    if !have(&["colmap"]) {
-        return;
-    }
     let view = |pan_deg: f64| {
         let angles = ViewAngles { pan_deg, tilt_deg: 12.5 };
         BundleView {

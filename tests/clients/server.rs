@@ -105,6 +105,14 @@ impl Server {
         let arguments = ["-X", "POST", "-T", zip, "-H", "Content-Type: application/zip", "-H", "Prefer: wait=60"];
         self.curl(&arguments, &format!("/v1/stacks?rig=rig&lens=lens{query}"))
     }
+
+    /// Waits for the end of a job by its event stream, which ends with it.
+    pub fn finished(&self, job: &Value) -> Value {
+        let path = job["links"]["self"].as_str().unwrap_or_else(|| panic!("refused: {job}"));
+        let events = format!("{}{path}/events", self.url);
+        run(Command::new("curl").args(["-sS", "--max-time", "600", "-N", &events]));
+        self.curl(&[], path)
+    }
 }
 
 fn serve(folder: &TempDir) -> (Child, String) {

@@ -51,21 +51,21 @@ pub struct Site {
 }
 
 impl Site {
-    /// `None`: there is no server, and the test is skipped.
-    pub async fn fresh() -> Option<Self> {
-        Self::on(test_server::url()?).await
+    /// On the servers of all tests.
+    pub async fn fresh() -> Self {
+        Self::on(test_server::url()).await
     }
 
-    /// The same on a server of the caller.
-    pub async fn on(postgres: &str) -> Option<Self> {
-        let s3 = test_bucket::server()?;
+    /// The same on a Postgres server of the caller.
+    pub async fn on(postgres: &str) -> Self {
+        let s3 = test_bucket::server();
         let (database, schema) = test_server::in_schema(postgres);
         let mut connection = PgConnection::connect(postgres).await.expect("the server for tests");
         connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");
         let folder = TempDir::new().expect("a folder");
         std::fs::write(folder.path().join("key"), test_bucket::credentials()).expect("a file");
         let client = Client::builder().no_proxy().timeout(Duration::from_secs(120)).build().expect("a client");
-        Some(Self { folder, database, bucket: s3.bucket(), endpoint: s3.endpoint.clone(), client })
+        Self { folder, database, bucket: s3.bucket(), endpoint: s3.endpoint.clone(), client }
     }
 
     /// A settings file, with the database and the bucket at these addresses.
@@ -163,8 +163,9 @@ impl Site {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_database_and_its_bucket_belong_together() {
-    let (Some(site), Some(stranger)) = (Site::fresh().await, Site::fresh().await) else { return };
+    let (site, stranger) = (Site::fresh().await, Site::fresh().await);
     let settings = site.settings("all", &site.database, &site.endpoint);
     site.api("api", &settings).await.stop().await;
     let says = |name: &str, arguments: &[&str], settings: &Path| {
@@ -202,8 +203,9 @@ async fn a_database_and_its_bucket_belong_together() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_data_folder_moves_into_a_bucket_and_back() {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let folder = TempDir::new().expect("a folder");
     let data = folder.path().join("data");
     std::fs::create_dir(&data).expect("a folder");
@@ -263,8 +265,9 @@ fn large() -> (Vec<u8>, Value) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn machines_without_a_common_folder_share_stacks_and_uploads() {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let settings = site.settings("all", &site.database, &site.endpoint);
     let (one, two) = tokio::join!(site.api("api-1", &settings), site.api("api-2", &settings));
     let worker = site.worker("worker-1", &settings, None);
@@ -315,10 +318,8 @@ async fn machines_without_a_common_folder_share_stacks_and_uploads() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed() {
-    if Site::fresh().await.is_none() {
-        return;
-    }
     let turns = Arc::new(Semaphore::new(SIDE_BY_SIDE));
     let of_rows = steps::names().into_iter().filter(|name| name.starts_with("rows."));
     let of_rows = of_rows.filter(|name| !crate::elsewhere::steps().contains(&name.as_str())).map(|name| (name, 1));
@@ -331,7 +332,7 @@ async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed
             let mut broke = 0;
             for time in 0..times {
                 let _turn = turns.acquire().await.expect("open");
-                let site = Site::fresh().await.expect("there was one");
+                let site = Site::fresh().await;
                 let settings = site.settings("all", &site.database, &site.endpoint);
                 let armed = format!("{name}={time}*off->1*return(kill)->off");
                 let day = async { day(Story::begin_with(&armed, settings).await).await };
@@ -354,10 +355,11 @@ async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_zip_in_parts_is_stored_whole_or_not_at_all_wherever_the_service_is_killed() {
     let (zip, profile) = large();
     for step in IN_PARTS {
-        let Some(site) = Site::fresh().await else { return };
+        let site = Site::fresh().await;
         let settings = site.settings("all", &site.database, &site.endpoint);
         let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
         let fault = format!("{step}=1*return(kill)->off");
@@ -381,7 +383,7 @@ async fn a_zip_in_parts_is_stored_whole_or_not_at_all_wherever_the_service_is_ki
 
 /// While the bucket is in this mood, nothing is accepted and nothing is lost; after it, all goes on.
 async fn survives(mood: Mood) {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let bucket = Moody::before(&site.endpoint).await;
     let settings = site.settings("all", &site.database, &bucket.url);
     let api = site.api("api", &settings).await;
@@ -417,18 +419,21 @@ async fn survives(mood: Mood) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_bucket_that_fails_for_a_while_loses_nothing() {
     survives(Mood::Failing).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_bucket_that_lies_about_what_it_stores_loses_nothing() {
     survives(Mood::Lying).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_worker_that_is_cut_off_in_mid_job_publishes_nothing() {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let settings = site.settings("all", &site.database, &site.endpoint);
     let api = site.api("api", &settings).await;
     site.put_profile(&api, &profile()).await;

