@@ -10,16 +10,17 @@
 
 #[path = "poses/case.rs"]
 mod case;
+#[allow(dead_code, reason = "the test uses more of it")]
 #[path = "../tests/clients/scan/colmap.rs"]
 mod colmap;
 #[path = "../tests/clients/scan/pooled.rs"]
 mod pooled;
 #[path = "../tests/clients/run.rs"]
 mod run;
-#[allow(dead_code, reason = "the tests use more of it")]
+#[allow(dead_code, reason = "the test uses more of it")]
 #[path = "../tests/clients/server.rs"]
 mod server;
-#[allow(dead_code, reason = "the tests use more of it")]
+#[allow(dead_code, reason = "the test uses more of it")]
 #[path = "../tests/clients/scan/setup.rs"]
 mod setup;
 

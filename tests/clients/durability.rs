@@ -5,7 +5,7 @@ use std::{collections::HashMap, fs, path::Path};
 use pinstack_science::synth::Rig;
 
 use crate::{
-    server::{Server, write_stack_of},
+    server::{LOOK, Server, write_stack_of},
     tus,
 };
 
@@ -56,7 +56,7 @@ fn traced(file: &Path, from: usize, answer: &str) -> String {
         if calls(whole_lines).iter().any(|call| call.text.contains(answer)) {
             return whole_lines.to_owned();
         }
-        std::thread::yield_now();
+        std::thread::sleep(LOOK);
     }
 }
 

@@ -5,6 +5,7 @@
 mod bundle;
 mod colmap;
 mod pooled;
+#[allow(dead_code, reason = "the bench of poses uses more of it")]
 mod setup;
 
 use std::path::Path;

@@ -6,7 +6,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::run;
+use crate::{run, server::LOOK};
 
 /// A server process, killed when dropped.
 struct Process(Child);
@@ -70,7 +70,7 @@ fn with_a_certificate_the_server_accepts_only_tls() {
             break address.trim().to_owned();
         }
         assert!(server.0.try_wait().expect("it can be asked").is_none(), "pinstack serve ended");
-        std::thread::yield_now();
+        std::thread::sleep(LOOK);
     };
     let curl = |arguments: &[&str]| {
         let output =

@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::{
     proxy::Proxy,
     run,
-    server::{Server, write_stack_of},
+    server::{LOOK, Server, write_stack_of},
 };
 
 /// Number of connections that are cut before the network is reliable.
@@ -152,7 +152,7 @@ fn hanging_piece(server: &Server, path: &str, offset: usize, bytes: &[u8]) -> st
     let file = server.folder.path().join(format!("data/partial/{id}.part"));
     let written = || fs::metadata(&file).map(|m| m.len() as usize).unwrap_or(0);
     while written() < offset + bytes.len() {
-        std::thread::yield_now();
+        std::thread::sleep(LOOK);
     }
     socket
 }

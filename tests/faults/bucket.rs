@@ -14,7 +14,7 @@ use tempfile::TempDir;
 use tokio::{sync::Semaphore, task::JoinSet};
 
 use crate::{
-    matrix::day,
+    matrix::{DEATHS, day, deaths},
     relay::{Mood, Moody, Relay, Target},
     service::{LOOK, Service, command},
     steps,
@@ -330,14 +330,14 @@ async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed
         let turns = Arc::clone(&turns);
         days.spawn(async move {
             let mut broke = 0;
-            for time in 0..times {
+            for from in (0..times).step_by(DEATHS) {
                 let _turn = turns.acquire().await.expect("open");
                 let site = Site::fresh().await;
                 let settings = site.settings("all", &site.database, &site.endpoint);
-                let armed = format!("{name}={time}*off->1*return(kill)->off");
-                let day = async { day(Story::begin_with(&armed, settings).await).await };
+                let faults = deaths(&name, from);
+                let day = async { day(Story::begin_with(&faults, Some(settings)).await).await };
                 let breaks = tokio::time::timeout(Duration::from_secs(300), day).await;
-                broke += usize::from(!breaks.unwrap_or_else(|_| panic!("{armed}: it hangs")).is_empty());
+                broke += breaks.unwrap_or_else(|_| panic!("{faults:?}: it hangs")).len();
             }
             (name, broke)
         });

@@ -54,6 +54,8 @@ pub struct Story {
     client: Client,
     /// Deaths of the service and refusals so far.
     pub broke: Vec<String>,
+    /// Faults of the processes that are started after the next deaths, the last first.
+    faults: Vec<String>,
     zip: Vec<u8>,
     flags: &'static [&'static str],
     /// Settings file of the service and of the commands that look after it.
@@ -101,27 +103,25 @@ fn hex(bytes: &[u8]) -> String {
 impl Story {
     /// Starts a service with armed failpoints.
     pub async fn begin(fault: &str) -> Self {
-        Self::in_folder(TempDir::new().expect("a folder"), fault, &[], None).await
+        Self::begin_with(&[fault.to_owned()], None).await
     }
 
-    /// The same with a settings file.
-    pub async fn begin_with(fault: &str, settings: PathBuf) -> Self {
-        Self::in_folder(TempDir::new().expect("a folder"), fault, &[], Some(settings)).await
+    /// The same with a settings file, and with faults for the processes that are started after deaths: one each, and
+    /// none after the last.
+    pub async fn begin_with(faults: &[String], settings: Option<PathBuf>) -> Self {
+        Self::in_folder(TempDir::new().expect("a folder"), faults, &[], settings).await
     }
 
     async fn in_folder(
         folder: TempDir,
-        fault: &str,
+        faults: &[String],
         flags: &'static [&'static str],
         settings: Option<PathBuf>,
     ) -> Self {
         let client = Client::builder().no_proxy().pool_max_idle_per_host(0).build().expect("a client");
-        let mut story = Self { folder, service: None, client, broke: Vec::new(), zip: zip(), flags, settings };
-        story.service = Service::start(&story.data(), Some(fault), &story.flags()).await;
-        if story.service.is_none() {
-            story.broke.push("it died before it listened".into());
-            story.start_again().await;
-        }
+        let faults = faults.iter().rev().cloned().collect();
+        let mut story = Self { folder, service: None, client, broke: Vec::new(), faults, zip: zip(), flags, settings };
+        story.start().await;
         story
     }
 
@@ -134,7 +134,7 @@ impl Story {
     pub async fn on_with(data: &Path, flags: &'static [&'static str]) -> Self {
         let folder = TempDir::new().expect("a folder");
         std::os::unix::fs::symlink(data, folder.path().join("data")).expect("a link");
-        Self::in_folder(folder, "", flags, None).await
+        Self::in_folder(folder, &[], flags, None).await
     }
 
     /// The same, with the rows in Postgres.
@@ -153,9 +153,17 @@ impl Story {
         self.flags.iter().copied().chain(settings.into_iter().flat_map(|file| ["--config", file])).collect()
     }
 
-    async fn start_again(&mut self) {
-        self.service = Service::start(&self.data(), None, &self.flags()).await;
-        assert!(self.service.is_some(), "a service without a fault starts; its log:\n{}", self.log());
+    /// Starts a service with the next fault; when that ends it before it listens, another one.
+    async fn start(&mut self) {
+        loop {
+            let fault = self.faults.pop();
+            self.service = Service::start(&self.data(), fault.as_deref(), &self.flags()).await;
+            if self.service.is_some() {
+                return;
+            }
+            assert!(fault.is_some(), "a service without a fault starts; its log:\n{}", self.log());
+            self.broke.push("it died before it listened".into());
+        }
     }
 
     pub fn log(&self) -> String {
@@ -190,7 +198,7 @@ impl Story {
                     tokio::time::timeout(Duration::from_secs(20), self.service.as_mut().expect("it ran").ended());
                 assert!(ended.await.is_ok(), "the service lives, but a request failed: {error:?}\n{}", self.log());
                 self.broke.push("it died under a request".into());
-                self.start_again().await;
+                self.start().await;
                 Err(Broken::Died)
             }
         }

@@ -9,6 +9,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 import zipfile
 from pathlib import Path
 from typing import Iterator, List, Optional
@@ -70,7 +71,7 @@ class Service:
                 httpx.get(f"{self.url}/healthz")
                 return
             except httpx.TransportError:
-                continue
+                time.sleep(0.01)
 
     def kill(self) -> None:
         """``kill -9``."""
