@@ -14,9 +14,16 @@ use serde_json::json;
 
 use self::{
     colmap::{Accuracy, reconstruct},
-    setup::{PANS, SLICES, Setup, Sharp, TILTS, WIDTH},
+    setup::{PANS, Setup, Sharp},
 };
 use crate::server::Server;
+
+// Smaller than the comparison in docs/POSES.md, of which it keeps the step of pan.
+const WIDTH: usize = 600;
+const SLICES: usize = 7;
+const TILTS: [f64; 2] = [0.0, 8.0];
+/// Half of the circle is photographed: with two tilts 18 views, a third of the comparison.
+const ARC_DEG: f64 = 180.0;
 
 /// Observations with a larger error of reprojection are left out, px. With COLMAP's own limit of 4 px a few percent of
 /// wrong matches make up half of all squared errors, also with ideal pictures, and hide what fusion does.
@@ -27,17 +34,18 @@ const LIMIT_PX: f64 = 1.0;
 ///
 /// The bounds follow from the scatter between equally good pictures. The nine aligned cases with this limit in
 /// docs/POSES.md (two specimens; noise, methods, lenses, ECC) have a mean logarithm of the ratio to ideal pictures of
-/// 0.02. Its standard deviation is 0.19 for a single quantity and 0.11 for the mean of the three. The bounds are three
-/// standard deviations above the mean: about one in fifty changes of the pictures that make them neither better nor
-/// worse exceeds one of them. Another run on the same pictures differs by a few percent only. Slices that are not
-/// aligned give 4 to 9.
-const MEAN_FACTOR: f64 = 1.4;
-const FACTOR: f64 = 1.8;
+/// 0.02. Its standard deviation is 0.19 for a single quantity and 0.11 for the mean of the three, and larger by the root
+/// of three with a third of the views: 0.33 and 0.19. The bounds are three standard deviations above the mean: about one
+/// in fifty changes of the pictures that make them neither better nor worse exceeds one of them. Another run on the same
+/// pictures differs by a few percent only. Slices that are not aligned give 4 to 9.
+const MEAN_FACTOR: f64 = 1.8;
+const FACTOR: f64 = 2.7;
 
 #[test]
 #[ignore = "needs curl, colmap"]
 fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures() {
-    let setup = Setup::new(WIDTH, SLICES, PANS, &TILTS, 1);
+    let mut setup = Setup::new(WIDTH, SLICES, PANS, &TILTS, 1);
+    setup.views.retain(|view| view.pan_deg < ARC_DEG);
     let server = Server::start();
     let folder = server.folder.path().to_owned();
     setup.calibrate(&server, &folder);

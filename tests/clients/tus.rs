@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::{
     proxy::Proxy,
     run,
-    server::{LOOK, Server, write_stack_of},
+    server::{LOOK, Server, small_rig, write_stack_of},
 };
 
 /// Number of connections that are cut before the network is reliable.
@@ -160,7 +160,8 @@ fn hanging_piece(server: &Server, path: &str, offset: usize, bytes: &[u8]) -> st
 #[test]
 #[ignore = "needs curl"]
 fn a_part_is_not_counted_by_a_killed_server_before_it_is_durable() {
-    let (server, _) = prepared();
+    let server = Server::start();
+    server.put_profile(&small_rig());
     let path = begin(&server, 20_000);
     let _hanging = hanging_piece(&server, &path, 0, &[1; 10_000]);
     let upload: Value = server.curl(&[], &path);

@@ -1,6 +1,4 @@
-//! The project as a whole: layers of the code, licences and sources of the dependencies, and fusion of real pictures
-//! against published figures.
+//! The project as a whole: layers of the code, licences and sources of the dependencies.
 
 mod architecture;
 mod dependencies;
-mod reference_fusion;

@@ -1,8 +1,8 @@
 //! The published metrics for a fusion of two sources, for comparison with published tables.
 //!
 //! The service does not use them: summed over many sources they rank a blurred image above the ideal one, so a stack is
-//! scored by [`super::score`]. Users: `tests/project/reference_fusion.rs`, which compares the guided fusion with the
-//! figures of its paper, and the tests of [`super::score`].
+//! scored by [`super::score`]. Users: `tests/reference_fusion.rs`, which compares the guided fusion with the figures of
+//! its paper, and the tests of [`super::score`].
 //!
 //! All functions take luma planes (0..255) of one size and return none if the sizes differ or the planes are too small
 //! or too flat. Published figures are for whole grey levels: round the luma of 8-bit images first (this changes Q_G by

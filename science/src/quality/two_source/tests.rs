@@ -4,12 +4,16 @@ use super::*;
 use crate::imaging::Raster;
 
 /// Mean of each metric over the ten pairs, each fused by `fuse`.
-fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster) -> [f64; 7] {
+fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster) -> Option<[f64; 7]> {
     let shared = std::env::var_os("PINSTACK_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
     let folder = shared.join("data/lytro10");
+    if !folder.is_dir() {
+        println!("skipped: no {}", folder.display());
+        return None;
+    }
     let read = |name: String| {
-        let picture = image::open(folder.join(name)).expect("a picture of PINSTACK_SHARED").into_rgb8();
+        let picture = image::open(folder.join(name)).unwrap().into_rgb8();
         Raster::eight(picture.width() as usize, picture.height() as usize, 3, picture.into_raw())
     };
     let mut sums = [0.0; 7];
@@ -28,7 +32,7 @@ fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster) -> [f64; 
         ];
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value.unwrap() / 10.0);
     }
-    sums
+    Some(sums)
 }
 
 fn average(a: &Raster, b: &Raster) -> Raster {
@@ -42,9 +46,8 @@ fn average(a: &Raster, b: &Raster) -> Raster {
 // For the fusion by the reference program these functions give .7493, .9284, .9429 and 19.384; published are .7498,
 // .9284, .943 and 19.38. This test pins the same functions on the plain average, which needs no fusion.
 #[test]
-#[ignore = "needs the pictures of PINSTACK_SHARED"]
 fn the_plain_average_of_the_lytro_pairs_keeps_its_scores() {
-    let found = over_lytro(|_, a, b| average(a, b));
+    let Some(found) = over_lytro(|_, a, b| average(a, b)) else { return };
     let expected = [0.5961, 0.8922, 0.7797, 11.924, 0.6805, 5.335, 204.66];
     for (found, expected) in found.into_iter().zip(expected) {
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
