@@ -7,9 +7,9 @@ use serde_json::Value;
 use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
 
 use crate::{
-    bucket::Site,
+    input::{profile, zip},
     service::{LOOK, Service},
-    story::{profile, zip},
+    site::Site,
     test_server::Server,
 };
 

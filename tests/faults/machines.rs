@@ -10,8 +10,8 @@ use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
 use tempfile::TempDir;
 
 use crate::{
+    input::{profile, zip},
     service::{LOOK, Service, command, command_on},
-    story::{profile, zip},
     test_server::{Server, in_schema, url},
 };
 

@@ -5,9 +5,9 @@ use std::{fs, path::PathBuf, process::Command};
 use reqwest::{Client, Method, Response, StatusCode, Url, redirect};
 
 use crate::{
-    bucket::Site,
+    input::{profile, zip},
     service::Service,
-    story::{profile, zip},
+    site::Site,
 };
 
 const VALID_S: u64 = 90;
