@@ -9,7 +9,8 @@ use crate::{
     server::{Server, small_rig, write_slices},
 };
 
-fn tags(file: &std::path::Path) -> Value {
+/// The tags of a file; numbers are numbers.
+pub fn tags(file: &std::path::Path) -> Value {
     let text = run(Command::new("exiftool").args(["-json", "-n", "-G0"]).arg(file));
     serde_json::from_str::<Value>(&text).expect("exiftool writes JSON")[0].take()
 }

@@ -16,6 +16,7 @@ use pinstack_science::{
 use serde_json::{Value, json};
 
 use crate::{
+    metadata::tags,
     run,
     server::{Server, small_rig, write_slices},
 };
@@ -83,12 +84,6 @@ fn download(server: &Server, stack: &Value, accept: &str, name: &str) -> PathBuf
     file
 }
 
-/// A numeric EXIF tag of a file, read by exiftool.
-fn number(file: &Path, tag: &str) -> f64 {
-    let text = run(Command::new("exiftool").args(["-n", "-s3", &format!("-EXIF:{tag}")]).arg(file));
-    text.trim().parse().unwrap_or_else(|_| panic!("{file:?} has no number {tag}: {text}"))
-}
-
 #[test]
 #[ignore = "needs curl, zip, exiftool, colmap, python3"]
 fn colmap_starts_from_the_principal_distance_of_the_profile() {
@@ -110,11 +105,14 @@ fn colmap_starts_from_the_principal_distance_of_the_profile() {
                 let width = if crop == "none" { 240.0 } else { 150.0 };
                 for (accept, name) in [("jpeg", "view.jpg"), ("tiff", "view.tif"), ("png", "view.png")] {
                     let file = download(&server, &stack, accept, name);
-                    let per_mm = number(&file, "FocalPlaneXResolution") / 25.4;
-                    let focal = number(&file, "FocalLength") * per_mm;
+                    let tags = tags(&file);
+                    let number = |tag: &str| {
+                        tags[format!("EXIF:{tag}")].as_f64().unwrap_or_else(|| panic!("{name} has no {tag}: {tags}"))
+                    };
+                    let focal = number("FocalLength") * number("FocalPlaneXResolution") / 25.4;
                     assert!((focal / expected - 1.0).abs() < 1e-4, "{name}: {focal}, not {expected}");
-                    assert_eq!(number(&file, "FocalPlaneResolutionUnit"), 2.0, "{name}: inch");
-                    assert_eq!((number(&file, "ExifImageWidth"), number(&file, "Orientation")), (width, 1.0), "{name}");
+                    assert_eq!(number("FocalPlaneResolutionUnit"), 2.0, "{name}: inch");
+                    assert_eq!((number("ExifImageWidth"), number("Orientation")), (width, 1.0), "{name}");
                 }
             }
         }
