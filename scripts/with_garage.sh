@@ -2,8 +2,8 @@
 # Runs a command with the address and the key of a private Garage, an S3 server that checks signatures and keeps files on
 # disk. `cargo install garage --version 2.5.0 --locked` installs it.
 #
-#   scripts/with_garage.sh cargo test --lib s3::
-#   scripts/with_garage.sh cargo test --test faults -- bucket:: redirects::
+#   scripts/with_garage.sh cargo test --lib -- --include-ignored s3::
+#   scripts/with_garage.sh cargo test --test faults -- --include-ignored bucket:: redirects::
 set -euo pipefail
 [ $# -gt 0 ] || { echo "usage: $0 COMMAND ..." >&2; exit 2; }
 command -v garage >/dev/null || { echo "garage is not installed: cargo install garage --version 2.5.0 --locked" >&2; exit 1; }

@@ -3,7 +3,7 @@
 //! The service stores calibration profiles, takes zipped focus stacks, and runs jobs that fuse them. The work on pixels
 //! and numbers is in the crate [`pinstack_science`], which knows no runtime, database, web framework or clock.
 //!
-//! Each module imports only from the modules above it in this list (`tests/architecture.rs` checks that,
+//! Each module imports only from the modules above it in this list (`tests/project/architecture.rs` checks that,
 //! `docs/ARCHITECTURE.md` gives the reasons).
 
 #![forbid(unsafe_code)]

@@ -15,14 +15,14 @@ use crate::test_server;
 /// Rigs that the jobs come from.
 pub const RIGS: usize = 100;
 
-/// The URL of an empty schema of the Postgres server. `None`: there is no server.
-pub async fn schema() -> Option<String> {
-    let (url, schema) = test_server::in_schema(test_server::url()?);
+/// The URL of an empty schema of the Postgres server.
+pub async fn schema() -> String {
+    let (url, schema) = test_server::in_schema(test_server::url());
     let pool = sqlx::PgPool::connect(&url).await.expect("Postgres answers");
     let create = sqlx::AssertSqlSafe(format!("CREATE SCHEMA {schema}"));
     sqlx::query(create).execute(&pool).await.expect("a schema");
     pool.close().await;
-    Some(url)
+    url
 }
 
 /// A store with a profile for every rig. `None` for the database: SQLite.

@@ -22,7 +22,7 @@ const SETTLED: Duration = Duration::from_secs(12);
 pub async fn run() {
     println!("event streams   transactions per second   ms until all streams know of the end of their job");
     for streams in STREAMS {
-        let Some(database) = schema().await else { return };
+        let database = schema().await;
         let folder = tempfile::tempdir().expect("a folder");
         let store = open(folder.path(), Some(&database)).await;
         // the jobs are changed by another process, as by a worker on another machine

@@ -34,7 +34,7 @@ const WARM_UP: u64 = 500;
 pub async fn run() {
     println!("processes   jobs per second ({WORKERS} workers each, jobs without work)");
     for processes in [1, 2, 4] {
-        let Some(database) = schema().await else { return };
+        let database = schema().await;
         let folder = tempfile::tempdir().expect("a folder");
         let store = open(folder.path(), Some(&database)).await;
         put_profiles(&*store.metadata).await;

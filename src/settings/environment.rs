@@ -81,7 +81,6 @@ mod tests {
             "PINSTACK_AUTH",
             "PINSTACK_PORT_FILE",
             "PINSTACK_CONFIG",
-            "PINSTACK_TEST_TOOLS",
             "PINSTACK_SERVICE_HOST",
             "PINSTACK_SERVICE_PORT_HTTP",
             "PINSTACK_PORT",

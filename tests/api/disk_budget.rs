@@ -23,7 +23,7 @@ async fn announced(app: &TestApp, length: u64) -> TcpStream {
 
 async fn until_reserved(app: &TestApp, holds: impl Fn(u64) -> bool) {
     while !holds(app.app.disk.reserved()) {
-        tokio::task::yield_now().await;
+        tokio::time::sleep(std::time::Duration::from_millis(1)).await;
     }
 }
 

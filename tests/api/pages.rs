@@ -2,30 +2,27 @@
 
 use pinstack::{
     contract::{Code, Fault, request::JobRequest},
-    store::{EnqueueAll, NewJob, tokens::Scope},
+    store::{EnqueueAll, NewJob},
 };
 use reqwest::{Response, StatusCode, redirect::Policy as Redirects};
 use serde_json::{Value, json};
 use uuid::Uuid;
 
-use crate::{
-    access::token,
-    app::{TestApp, id, problem, profile, stack_zip},
-};
+use crate::app::{TestApp, id, problem, profile, stack_zip};
 
 const HOSTILE: &str = "<script>alert(1)</script>\"'&\u{202e}x";
-const HTML: &str = "text/html,application/xhtml+xml,*/*;q=0.8";
-const POST: &str = "/v1/stacks?rig=rig&lens=lens";
+pub const HTML: &str = "text/html,application/xhtml+xml,*/*;q=0.8";
+pub const POST: &str = "/v1/stacks?rig=rig&lens=lens";
 
 /// A page as a browser gets it.
-async fn page(app: &TestApp, path: &str) -> String {
+pub async fn page(app: &TestApp, path: &str) -> String {
     let answer = app.get(path).header("accept", HTML).send().await.unwrap();
     assert_eq!(answer.status(), StatusCode::OK, "{path}");
     checked(answer).await
 }
 
 /// The text of a page, whose headers and content allow nothing from outside.
-async fn checked(answer: Response) -> String {
+pub async fn checked(answer: Response) -> String {
     let headers = answer.headers().clone();
     assert_eq!(headers["content-type"], "text/html; charset=utf-8");
     let policy = headers["content-security-policy"].to_str().unwrap();
@@ -41,7 +38,7 @@ async fn checked(answer: Response) -> String {
 }
 
 /// A client that follows no redirects.
-fn still() -> reqwest::Client {
+pub fn still() -> reqwest::Client {
     reqwest::Client::builder().no_proxy().redirect(Redirects::none()).build().unwrap()
 }
 
@@ -141,201 +138,6 @@ async fn the_rows_are_sent_again_only_when_they_changed() {
     assert_eq!(again().await, StatusCode::NOT_MODIFIED);
     app.claim().await;
     assert_eq!(again().await, StatusCode::OK);
-}
-
-#[tokio::test]
-async fn pages_lead_to_the_form_for_a_token_and_a_token_opens_them() {
-    let app = TestApp::start_with(|policy| policy.auth_required = true).await;
-    let secret = token(&app, "technician", &[Scope::Read, Scope::StacksWrite]).await;
-    let client = still();
-    let url = |path: &str| format!("{}{path}", app.base);
-    let to = client.get(url("/scans?cursor=1")).header("accept", HTML).send().await.unwrap();
-    assert_eq!(
-        (to.status(), &to.headers()["location"]),
-        (StatusCode::SEE_OTHER, &"/sign-in?next=%2Fscans%3Fcursor%3D1".parse().unwrap())
-    );
-    assert!(page(&app, "/sign-in?next=%2Fscans").await.contains("value=\"/scans\""));
-
-    let sign_in = |form: String, origin: &str| {
-        let request = client.post(url("/sign-in")).header("origin", origin.to_owned()).header("accept", HTML);
-        request.header("content-type", "application/x-www-form-urlencoded").body(form).send()
-    };
-    let wrong = sign_in("token=pinstack_x_y&next=/scans".into(), &app.base).await.unwrap();
-    assert_eq!((wrong.status(), wrong.headers().get("set-cookie")), (StatusCode::FORBIDDEN, None));
-    assert!(checked(wrong).await.contains("This is not a token"));
-    let foreign = sign_in(format!("token={secret}"), "https://evil.example").await.unwrap();
-    assert_eq!((foreign.status(), foreign.headers().get("set-cookie")), (StatusCode::FORBIDDEN, None));
-    let right = sign_in(format!("token={secret}&next=%2Fscans"), &app.base).await.unwrap();
-    assert_eq!((right.status(), &right.headers()["location"]), (StatusCode::SEE_OTHER, &"/scans".parse().unwrap()));
-    let cookie = right.headers()["set-cookie"].to_str().unwrap().to_owned();
-    assert_eq!(cookie, format!("pinstack_token={secret}; Path=/; HttpOnly; SameSite=Strict"));
-    // over TLS that a trusted proxy ends
-    let form = client.post(url("/sign-in")).header("origin", app.base.clone()).header("x-forwarded-proto", "https");
-    let tls = form.body(format!("token={secret}")).send().await.unwrap();
-    assert!(tls.headers()["set-cookie"].to_str().unwrap().ends_with("; Secure"), "{:?}", tls.headers());
-
-    let cookie = format!("pinstack_token={secret}");
-    let with = |request: reqwest::RequestBuilder| request.header("cookie", cookie.clone()).header("accept", HTML);
-    let shown = checked(with(client.get(url("/"))).send().await.unwrap()).await;
-    assert!(shown.contains("technician") && shown.contains("Sign out") && !shown.contains(&secret), "{shown}");
-    assert_eq!(with(client.get(url("/v1/stacks"))).send().await.unwrap().status(), StatusCode::OK);
-    // changes by cookie come from own pages
-    let put = || with(client.put(url("/v1/scans/bee"))).json(&json!({ "rig": "rig", "lens": "lens" }));
-    for request in [put(), put().header("origin", "http://127.0.0.1:1"), put().header("sec-fetch-site", "same-site")] {
-        problem(request.send().await.unwrap(), 403, "cross_origin_request").await;
-    }
-    assert_eq!(put().header("origin", app.base.clone()).send().await.unwrap().status(), StatusCode::CREATED);
-    // the header counts before the cookie
-    let header = with(client.get(url("/v1/stacks"))).bearer_auth("pinstack_x_y").send().await.unwrap();
-    assert_eq!(header.status(), StatusCode::UNAUTHORIZED);
-    let out = with(client.post(url("/sign-out"))).header("origin", app.base.clone()).send().await.unwrap();
-    assert!(out.headers()["set-cookie"].to_str().unwrap().contains("pinstack_token=; "), "{:?}", out.headers());
-}
-
-#[tokio::test]
-async fn a_token_that_may_only_read_sees_no_buttons_that_are_refused() {
-    let app = TestApp::start().await;
-    app.with_scan("bee").await;
-    let stack = id(&app.with_stack("&scan=bee").await);
-    app.finish(&app.claim().await).await;
-    let base = app.asking_for_tokens().await;
-    let reader = token(&app, "reader", &[Scope::Read]).await;
-    let get = async |path: &str| {
-        let request = app.client.get(format!("{base}{path}")).bearer_auth(&reader).header("accept", HTML);
-        request.send().await.unwrap()
-    };
-    for path in ["/", "/scans", "/scans/bee", "/profiles", &format!("/stacks/{stack}")] {
-        let text = checked(get(path).await).await;
-        for button in ["id=\"delete\"", "id=\"cancel\"", "id=\"rerun\"", "href=\"/send"] {
-            assert!(!text.contains(button), "{button} on {path}");
-        }
-    }
-    assert_eq!(get("/send").await.status(), StatusCode::FORBIDDEN);
-    let writer = token(&app, "writer", &[Scope::StacksWrite]).await;
-    let only_writes = app.client.get(format!("{base}/")).bearer_auth(&writer).header("accept", HTML);
-    let refused = only_writes.send().await.unwrap();
-    assert_eq!(refused.status(), StatusCode::FORBIDDEN);
-    assert!(checked(refused).await.contains("has the scopes"));
-}
-
-#[tokio::test]
-async fn an_isolated_token_sees_no_work_of_others_on_any_page() {
-    let app = TestApp::start_with(|policy| {
-        policy.auth_required = true;
-        policy.isolate_tokens = true;
-    })
-    .await;
-    let admin = token(&app, "admin", &[Scope::Admin]).await;
-    let [ann, bob] = ["ann", "bob"].map(|name| (name, [Scope::Read, Scope::StacksWrite]));
-    let (ann, bob) = (token(&app, ann.0, &ann.1).await, token(&app, bob.0, &bob.1).await);
-    let put = app.put("/v1/profiles/rig/lens").json(&profile(2)).bearer_auth(&admin);
-    assert!(put.send().await.unwrap().status().is_success());
-    let scan = json!({ "rig": "rig", "lens": "lens" });
-    assert!(app.put("/v1/scans/anns").bearer_auth(&ann).json(&scan).send().await.unwrap().status().is_success());
-    let sent = app.post(&format!("{POST}&label=secret-beetle&scan=anns")).bearer_auth(&ann).body(stack_zip(2, 2));
-    let stack = id(&sent.send().await.unwrap().json().await.unwrap());
-    app.finish(&app.claim().await).await;
-    let own = app.post(&format!("{POST}&label=bobs")).bearer_auth(&bob).body(stack_zip(2, 2));
-    let bobs = id(&own.send().await.unwrap().json().await.unwrap());
-    app.finish(&app.claim().await).await;
-    let get =
-        async |path: &str, token: &str| app.get(path).bearer_auth(token).header("accept", HTML).send().await.unwrap();
-    for path in ["/", "/scans", "/send", &format!("/stacks/{bobs}?compare={stack}")] {
-        let text = checked(get(path, &bob).await).await;
-        assert!(!text.contains("secret-beetle") && !text.contains("anns"), "{path}: {text}");
-    }
-    let hidden = [
-        format!("/stacks/{stack}"),
-        format!("/stacks/{stack}/thumbnail"),
-        format!("/stacks/{stack}/tiles/image/0/0/0"),
-        "/scans/anns".into(),
-    ];
-    for path in &hidden {
-        assert_eq!(get(path, &bob).await.status(), StatusCode::NOT_FOUND, "{path}");
-        assert_eq!(get(path, &ann).await.status(), StatusCode::OK, "{path}");
-    }
-}
-
-#[tokio::test]
-async fn the_slices_of_a_stack_are_shown_as_they_were_fused() {
-    let app = TestApp::start().await;
-    let stack = id(&app.with_stack("").await);
-    let tile = async |path: &str| app.get(&format!("/stacks/{stack}/tiles/{path}")).send().await.unwrap();
-    problem(tile("slice-0/0/0/0").await, 404, "not_found").await;
-    app.finish(&app.claim().await).await;
-    let page = app.get(&format!("/stacks/{stack}")).send().await.unwrap().text().await.unwrap();
-    let job = app.store.metadata.job(stack).await.unwrap().unwrap();
-    let count = job.request.layout().front.len();
-    assert!(page.contains(&format!("Slice {count} of {count}, aligned")), "{page}");
-    for _ in 0..2 {
-        let answer = tile("slice-0/0/0/0").await;
-        assert_eq!(
-            (answer.status(), &answer.headers()["content-type"]),
-            (StatusCode::OK, &"image/png".parse().unwrap())
-        );
-        let picture = image::load_from_memory(&answer.bytes().await.unwrap()).unwrap();
-        assert_eq!((picture.width(), picture.height()), (crate::app::WIDTH, crate::app::HEIGHT));
-    }
-    assert_eq!(app.app.conversions.begun(), 1, "a slice is warped once");
-    for wrong in [
-        &format!("slice-{count}"),
-        "slice-",
-        "slice--1",
-        "slice-+1",
-        "slice-00",
-        "slice-0x",
-        "slice-9999999999999999999999",
-    ] {
-        problem(tile(&format!("{wrong}/0/0/0")).await, 404, "not_found").await;
-    }
-    // a zip that cannot be read any more
-    app.put_blob(&job.request.upload().key, b"damaged").await;
-    problem(tile("slice-1/0/0/0").await, 422, "invalid_archive").await;
-}
-
-#[tokio::test]
-async fn tiles_are_parts_of_the_pictures_and_one_decoding_serves_all() {
-    let app = TestApp::start().await;
-    let stack = id(&app.with_stack("").await);
-    let tile = async |path: &str| app.get(&format!("/stacks/{stack}/tiles/{path}")).send().await.unwrap();
-    problem(tile("image/0/0/0").await, 409, "not_finished").await;
-    app.finish(&app.claim().await).await;
-    let all = (0..8).map(|_| tile("image/0/0/0"));
-    for answer in futures::future::join_all(all).await {
-        assert_eq!(
-            (answer.status(), &answer.headers()["content-type"]),
-            (StatusCode::OK, &"image/png".parse().unwrap())
-        );
-    }
-    assert_eq!(app.app.conversions.begun(), 1);
-    let answer = tile("depth/0/0/0").await;
-    let tag = answer.headers()["etag"].clone();
-    let picture = image::load_from_memory(&answer.bytes().await.unwrap()).unwrap();
-    assert_eq!((picture.width(), picture.height()), (crate::app::WIDTH, crate::app::HEIGHT));
-    let again =
-        app.get(&format!("/stacks/{stack}/tiles/depth/0/0/0")).header("if-none-match", tag).send().await.unwrap();
-    assert_eq!(again.status(), StatusCode::NOT_MODIFIED);
-    for wrong in [
-        "image/1/0/0",
-        "image/0/1/0",
-        "image/0/0/4294967295",
-        "image/4294967296/0/0",
-        "image/-1/0/0",
-        "image/0/0/x",
-        "preview/0/0/0",
-        "nothing/0/0/0",
-        "..%2Fimage/0/0/0",
-    ] {
-        problem(tile(wrong).await, 404, "not_found").await;
-    }
-    problem(tile("height/0/0/0").await, 404, "no_result").await;
-    let job = app.store.metadata.job(stack).await.unwrap().unwrap();
-    let mask = job.outcome.unwrap().artifacts().iter().find(|artifact| artifact.name == "mask").unwrap().key.clone();
-    app.put_blob(&mask, b"damaged").await;
-    problem(tile("mask/0/0/0").await, 500, "internal").await;
-    let thumbnail = app.get(&format!("/stacks/{stack}/thumbnail")).send().await.unwrap();
-    assert_eq!(thumbnail.headers()["content-type"], "image/jpeg");
-    assert!(thumbnail.bytes().await.unwrap().len() < 20_000);
 }
 
 #[tokio::test]

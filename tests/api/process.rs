@@ -3,10 +3,14 @@
 use std::{
     path::Path,
     process::{Child, Command, ExitStatus, Stdio},
+    time::Duration,
 };
 
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
+
+/// Between two looks at a condition.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// A running `pinstack serve`, killed when dropped.
 pub struct Process {
@@ -45,7 +49,7 @@ impl Process {
                 break address;
             }
             assert!(child.try_wait().expect("it can be asked").is_none(), "pinstack serve ended");
-            tokio::task::yield_now().await;
+            tokio::time::sleep(LOOK).await;
         };
         Self { child, base: format!("http://{}", address.trim()), folder }
     }
@@ -62,7 +66,7 @@ impl Process {
             if let Some(line) = log.lines().find(|line| all.iter().all(|text| line.contains(text))) {
                 return line.to_owned();
             }
-            tokio::task::yield_now().await;
+            tokio::time::sleep(LOOK).await;
         }
     }
 
@@ -82,7 +86,7 @@ impl Process {
             if let Some(status) = self.child.try_wait().expect("it can be asked") {
                 return status;
             }
-            tokio::task::yield_now().await;
+            tokio::time::sleep(LOOK).await;
         }
     }
 }

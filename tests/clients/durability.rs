@@ -5,8 +5,7 @@ use std::{collections::HashMap, fs, path::Path};
 use pinstack_science::synth::Rig;
 
 use crate::{
-    have,
-    server::{Server, write_stack_of},
+    server::{LOOK, Server, write_stack_of},
     tus,
 };
 
@@ -57,15 +56,13 @@ fn traced(file: &Path, from: usize, answer: &str) -> String {
         if calls(whole_lines).iter().any(|call| call.text.contains(answer)) {
             return whole_lines.to_owned();
         }
-        std::thread::yield_now();
+        std::thread::sleep(LOOK);
     }
 }
 
 #[test]
+#[ignore = "needs curl, strace"]
 fn bytes_are_synced_before_the_row_and_the_row_before_the_answer() {
-    if !have(&["curl", "strace"]) {
-        return;
-    }
     let server = Server::start_traced();
     let rig = Rig::sized(240, 160, 4);
     let zip = server.folder.path().join("stack.zip");

@@ -8,7 +8,7 @@ use std::{
 };
 
 use crate::{
-    have, run,
+    run,
     server::{Server, small_rig, write_slices},
 };
 
@@ -47,10 +47,8 @@ fn run_script(program: &str, arguments: &[&str], script: &str, folder: &Path) ->
 }
 
 #[test]
+#[ignore = "needs curl, 7z, R, httr2"]
 fn r_sends_a_stack_and_gets_its_image_and_its_metrics_as_data_frames() {
-    if !have(&["curl", "7z", "httr2"]) {
-        return;
-    }
     let (server, folder) = prepared();
     let scan =
         ["-X", "PUT", "-H", "Content-Type: application/json", "-d", r#"{"rig": "bench-1", "lens": "macro65-1x"}"#];
@@ -74,10 +72,8 @@ stopifnot(grepl("there is no profile for rig 'bench-9'", refused))
 }
 
 #[test]
+#[ignore = "needs curl, 7z, octave-cli"]
 fn octave_sends_a_stack_and_gets_its_image_and_its_metrics_as_structs() {
-    if !have(&["curl", "7z", "octave-cli"]) {
-        return;
-    }
     let (server, folder) = prepared();
     let lines = &blocks("matlab", &server)[0];
     let checks = "
@@ -113,10 +109,8 @@ for node in faults(parser.parse(text).root_node):
 "#;
 
 #[test]
+#[ignore = "needs python3, tree-sitter-matlab"]
 fn the_lines_for_matlab_are_valid() {
-    if !have(&["python3", "tree-sitter-matlab"]) {
-        return;
-    }
     let server = Server::start_without_workers();
     let file = server.folder.path().join("lines.m");
     let check = |text: &str| {

@@ -2,7 +2,7 @@
 
 use std::{fs, process::Command};
 
-use crate::{have, run};
+use crate::run;
 
 /// Runs a linter on the OpenAPI document of the program and checks that it finds no error.
 fn linted(program: &str, arguments: &[&str]) {
@@ -24,15 +24,13 @@ fn linted(program: &str, arguments: &[&str]) {
 }
 
 #[test]
+#[ignore = "needs redocly"]
 fn redocly_finds_no_error_in_the_document() {
-    if have(&["redocly"]) {
-        linted("redocly", &["--format", "stylish"]);
-    }
+    linted("redocly", &["--format", "stylish"]);
 }
 
 #[test]
+#[ignore = "needs spectral"]
 fn spectral_reports_nothing_about_the_document() {
-    if have(&["spectral"]) {
-        linted("spectral", &["--ruleset", "ruleset.yaml", "--fail-severity", "warn"]);
-    }
+    linted("spectral", &["--ruleset", "ruleset.yaml", "--fail-severity", "warn"]);
 }

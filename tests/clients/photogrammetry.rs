@@ -16,7 +16,8 @@ use pinstack_science::{
 use serde_json::{Value, json};
 
 use crate::{
-    have, run,
+    metadata::tags,
+    run,
     server::{Server, small_rig, write_slices},
 };
 
@@ -83,17 +84,9 @@ fn download(server: &Server, stack: &Value, accept: &str, name: &str) -> PathBuf
     file
 }
 
-/// A numeric EXIF tag of a file, read by exiftool.
-fn number(file: &Path, tag: &str) -> f64 {
-    let text = run(Command::new("exiftool").args(["-n", "-s3", &format!("-EXIF:{tag}")]).arg(file));
-    text.trim().parse().unwrap_or_else(|_| panic!("{file:?} has no number {tag}: {text}"))
-}
-
 #[test]
+#[ignore = "needs curl, zip, exiftool, colmap, python3"]
 fn colmap_starts_from_the_principal_distance_of_the_profile() {
-    if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
-        return;
-    }
     let server = Server::start();
     let zips = zips(&server);
     // the second is so short that the tenth of a millimetre, to which COLMAP reads the tag, matters
@@ -112,11 +105,14 @@ fn colmap_starts_from_the_principal_distance_of_the_profile() {
                 let width = if crop == "none" { 240.0 } else { 150.0 };
                 for (accept, name) in [("jpeg", "view.jpg"), ("tiff", "view.tif"), ("png", "view.png")] {
                     let file = download(&server, &stack, accept, name);
-                    let per_mm = number(&file, "FocalPlaneXResolution") / 25.4;
-                    let focal = number(&file, "FocalLength") * per_mm;
+                    let tags = tags(&file);
+                    let number = |tag: &str| {
+                        tags[format!("EXIF:{tag}")].as_f64().unwrap_or_else(|| panic!("{name} has no {tag}: {tags}"))
+                    };
+                    let focal = number("FocalLength") * number("FocalPlaneXResolution") / 25.4;
                     assert!((focal / expected - 1.0).abs() < 1e-4, "{name}: {focal}, not {expected}");
-                    assert_eq!(number(&file, "FocalPlaneResolutionUnit"), 2.0, "{name}: inch");
-                    assert_eq!((number(&file, "ExifImageWidth"), number(&file, "Orientation")), (width, 1.0), "{name}");
+                    assert_eq!(number("FocalPlaneResolutionUnit"), 2.0, "{name}: inch");
+                    assert_eq!((number("ExifImageWidth"), number("Orientation")), (width, 1.0), "{name}");
                 }
             }
         }
@@ -124,10 +120,8 @@ fn colmap_starts_from_the_principal_distance_of_the_profile() {
 }
 
 #[test]
+#[ignore = "needs curl, zip, exiftool, colmap, python3"]
 fn the_nominal_focal_length_is_not_passed_on_as_the_principal_distance() {
-    if !have(&["curl", "zip", "exiftool", "colmap", "python3"]) {
-        return;
-    }
     let server = Server::start();
     let [_, zip] = zips(&server);
     put_profile(&server, json!({}));
@@ -142,10 +136,8 @@ fn the_nominal_focal_length_is_not_passed_on_as_the_principal_distance() {
 }
 
 #[test]
+#[ignore = "needs curl, zip, colmap, python3"]
 fn colmap_opens_the_images_of_16_bit_slices() {
-    if !have(&["curl", "zip", "colmap", "python3"]) {
-        return;
-    }
     let server = Server::start();
     let zip = server.folder.path().join("deep.zip");
     write_deep(&zip);
@@ -178,10 +170,8 @@ fn write_deep(zip: &Path) {
 }
 
 #[test]
+#[ignore = "needs colmap"]
 fn colmap_reads_the_model_of_a_bundle() {
-    if !have(&["colmap"]) {
-        return;
-    }
     let view = |pan_deg: f64| {
         let angles = ViewAngles { pan_deg, tilt_deg: 12.5 };
         BundleView {

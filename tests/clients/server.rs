@@ -5,6 +5,7 @@ use std::{
     net::{TcpListener, TcpStream},
     path::Path,
     process::{Child, Command, Stdio},
+    time::Duration,
 };
 
 use pinstack_science::{
@@ -15,6 +16,9 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::run;
+
+/// Between two looks at a condition.
+pub const LOOK: Duration = Duration::from_millis(5);
 
 /// A running `pinstack serve`, killed when dropped.
 pub struct Server {
@@ -105,6 +109,14 @@ impl Server {
         let arguments = ["-X", "POST", "-T", zip, "-H", "Content-Type: application/zip", "-H", "Prefer: wait=60"];
         self.curl(&arguments, &format!("/v1/stacks?rig=rig&lens=lens{query}"))
     }
+
+    /// Waits for the end of a job by its event stream, which ends with it.
+    pub fn finished(&self, job: &Value) -> Value {
+        let path = job["links"]["self"].as_str().unwrap_or_else(|| panic!("refused: {job}"));
+        let events = format!("{}{path}/events", self.url);
+        run(Command::new("curl").args(["-sS", "--max-time", "600", "-N", &events]));
+        self.curl(&[], path)
+    }
 }
 
 fn serve(folder: &TempDir) -> (Child, String) {
@@ -123,7 +135,7 @@ fn serve_by(mut command: Command, folder: &TempDir) -> (Child, String) {
         .expect("pinstack starts");
     while TcpStream::connect(&address).is_err() {
         assert!(process.try_wait().expect("it can be asked").is_none(), "pinstack serve ended");
-        std::thread::yield_now();
+        std::thread::sleep(LOOK);
     }
     (process, format!("http://{address}"))
 }

@@ -3,15 +3,11 @@
 use std::{fs, path::Path, process::Command};
 
 use crate::{
-    have, run,
+    run,
     server::{Server, small_rig, write_slices, write_stack_of},
 };
 
 const SUITE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clients/web/suite.cjs");
-
-fn is_ready() -> bool {
-    have(&["chromium", "node", "playwright-core", "axe-core"])
-}
 
 /// Writes what the scenarios send: a zip, and folders of slices.
 fn write_files(folder: &Path) {
@@ -62,75 +58,65 @@ fn with_work() -> Server {
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_folder_of_slices_becomes_a_picture_that_can_be_compared() {
-    if is_ready() {
-        scenario("upload", &with_profile());
-    }
+    scenario("upload", &with_profile());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_folder_of_views_becomes_a_scan() {
-    if is_ready() {
-        scenario("scan", &with_profile());
-    }
+    scenario("scan", &with_profile());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn an_upload_goes_on_after_a_cut_line_and_after_the_page_was_closed() {
-    if is_ready() {
-        scenario("cut", &with_profile());
-    }
+    scenario("cut", &with_profile());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn an_upload_can_be_paused_and_removed() {
-    if is_ready() {
-        scenario("pause", &with_profile());
-    }
+    scenario("pause", &with_profile());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_waiting_stack_is_cancelled_and_deleted_after_confirmation() {
-    if is_ready() {
-        let server = Server::start_without_workers();
-        server.put_profile(&small_rig());
-        scenario("cancel", &server);
-    }
+    let server = Server::start_without_workers();
+    server.put_profile(&small_rig());
+    scenario("cancel", &server);
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn an_error_is_told_in_the_words_of_the_server() {
-    if is_ready() {
-        scenario("error", &with_profile());
-    }
+    scenario("error", &with_profile());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn the_viewer_says_that_a_picture_is_loading_or_cannot_be_loaded() {
-    if is_ready() {
-        scenario("loading", &with_work());
-    }
+    scenario("loading", &with_work());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn the_pages_work_without_a_mouse() {
-    if is_ready() {
-        scenario("keyboard", &with_work());
-    }
+    scenario("keyboard", &with_work());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn the_pages_have_no_fault_that_axe_finds() {
-    if is_ready() {
-        scenario("axe", &with_work());
-    }
+    scenario("axe", &with_work());
 }
 
 #[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_token_opens_the_pages() {
-    if is_ready() {
-        let (server, token) = Server::start_with_a_token();
-        fs::write(server.folder.path().join("token"), token).expect("a file");
-        scenario("token", &server);
-    }
+    let (server, token) = Server::start_with_a_token();
+    fs::write(server.folder.path().join("token"), token).expect("a file");
+    scenario("token", &server);
 }

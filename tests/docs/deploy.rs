@@ -21,19 +21,13 @@ pub fn read(path: impl AsRef<Path>) -> String {
     fs::read_to_string(root().join(path)).expect("a text file")
 }
 
-/// Runs a tool; `None`: it is missing, and tests do not require it.
-pub fn run(tool: &str, arguments: &[&str]) -> Option<String> {
-    let done = match Command::new(tool).args(arguments).current_dir(root()).output() {
-        Ok(done) => done,
-        Err(error) => {
-            let required = std::env::var("PINSTACK_TEST_TOOLS").is_ok_and(|value| value == "required");
-            assert!(!required, "{tool}: {error}");
-            return None;
-        }
-    };
+/// Runs a tool and returns what it says.
+pub fn run(tool: &str, arguments: &[&str]) -> String {
+    let done = Command::new(tool).args(arguments).current_dir(root()).output();
+    let done = done.unwrap_or_else(|error| panic!("{tool} cannot be started: {error}"));
     let told = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
     assert!(done.status.success(), "{tool} {arguments:?}: {told}");
-    Some(told)
+    told
 }
 
 /// The folders of manifests for Kubernetes: with a common folder, and what differs with a bucket.
@@ -76,18 +70,20 @@ fn every_setting_in_deploy_exists() {
 }
 
 #[test]
+#[ignore = "needs check-jsonschema"]
 fn compose_files_fit_their_schema() {
     run("check-jsonschema", &[&["--builtin-schema", "vendor.compose-spec"][..], &COMPOSE].concat());
 }
 
 #[test]
+#[ignore = "needs kubernetes-validate"]
 fn manifests_fit_the_schemas_of_kubernetes() {
     let paths = manifests();
     // 1.30 is the first version with the action `sleep` of api.yaml
     for version in ["1.30", "1.37"] {
         let mut arguments = vec!["--strict", "-k", version];
         arguments.extend(paths.iter().map(String::as_str));
-        let Some(told) = run("kubernetes-validate", &arguments) else { return };
+        let told = run("kubernetes-validate", &arguments);
         assert!(told.matches(" passed for resource ").count() >= paths.len(), "{told}");
     }
 }
@@ -110,8 +106,9 @@ fn the_kustomization_lists_every_manifest_that_is_no_example() {
 }
 
 #[test]
+#[ignore = "needs kustomize, kubernetes-validate"]
 fn with_a_bucket_kubernetes_shares_no_volume() {
-    let Some(text) = run("kustomize", &["build", MANIFESTS[1]]) else { return };
+    let text = run("kustomize", &["build", MANIFESTS[1]]);
     for gone in ["PersistentVolumeClaim\n", "persistentVolumeClaim:", "ReadWriteMany"] {
         assert!(!text.contains(gone), "{gone} is in\n{text}");
     }
@@ -123,9 +120,7 @@ fn with_a_bucket_kubernetes_shares_no_volume() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("all.yaml");
     fs::write(&file, &text).expect("a file");
-    let Some(told) = run("kubernetes-validate", &["--strict", "-k", "1.30", file.to_str().expect("UTF-8")]) else {
-        return;
-    };
+    let told = run("kubernetes-validate", &["--strict", "-k", "1.30", file.to_str().expect("UTF-8")]);
     assert_eq!(told.matches(" passed for resource ").count(), text.matches("\nkind: ").count(), "{told}");
 }
 
@@ -168,6 +163,7 @@ fn the_program_accepts_the_settings_of_the_debian_package_and_of_kubernetes() {
 }
 
 #[test]
+#[ignore = "needs systemd-analyze"]
 fn systemd_accepts_the_unit_and_finds_it_hardened() {
     let folder = tempfile::tempdir().expect("a folder");
     let unit = folder.path().join("pinstack.service");
@@ -175,22 +171,16 @@ fn systemd_accepts_the_unit_and_finds_it_hardened() {
     let text = read("deploy/systemd/pinstack.service").replace("/usr/bin/pinstack", "/bin/true");
     fs::write(&unit, text).expect("a file");
     let unit = unit.to_str().expect("UTF-8");
-    let Some(told) = run("systemd-analyze", &["verify", unit]) else { return };
+    let told = run("systemd-analyze", &["verify", unit]);
     assert!(told.trim().is_empty(), "{told}");
-    let told = run("systemd-analyze", &["security", "--offline=true", "--threshold=20", unit]).unwrap_or_default();
+    let told = run("systemd-analyze", &["security", "--offline=true", "--threshold=20", unit]);
     assert!(told.contains("OK"), "{told}");
 }
 
 #[test]
+#[ignore = "needs git and its repository"]
 fn no_large_file_is_in_the_repository() {
-    // sources without a repository have nothing that was committed
-    if !root().join(".git").exists() {
-        return;
-    }
-    let arguments = ["-c", "safe.directory=*", "ls-files", "-z"];
-    let Ok(listed) = Command::new("git").args(arguments).current_dir(root()).output() else { return };
-    assert!(listed.status.success(), "{}", String::from_utf8_lossy(&listed.stderr));
-    let names = String::from_utf8_lossy(&listed.stdout);
+    let names = run("git", &["-c", "safe.directory=*", "ls-files", "-z"]);
     let names: Vec<&str> = names.split('\0').filter(|name| !name.is_empty()).collect();
     assert!(names.contains(&"Cargo.toml"), "git lists {} files", names.len());
     let size = |name: &&str| fs::metadata(root().join(name)).map_or(0, |metadata| metadata.len());

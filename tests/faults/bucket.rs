@@ -7,19 +7,19 @@ use std::{
 };
 
 use pinstack_science::{archive, imaging::Raster, imaging::codec};
-use reqwest::{Client, StatusCode};
+use reqwest::StatusCode;
 use serde_json::{Value, json};
-use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
 use tempfile::TempDir;
 use tokio::{sync::Semaphore, task::JoinSet};
 
 use crate::{
-    matrix::day,
+    input::{profile, zip},
+    matrix::{DEATHS, day, deaths},
     relay::{Mood, Moody, Relay, Target},
     service::{LOOK, Service, command},
+    site::{AWAY, Site},
     steps,
-    story::{Story, profile, zip},
-    test_bucket, test_server,
+    story::Story,
 };
 
 /// Failpoints of the bucket that a day reaches.
@@ -37,134 +37,11 @@ pub fn steps() -> Vec<&'static str> {
 const SIDE_BY_SIDE: usize = 6;
 /// Calls at which a failpoint of the bucket fires.
 const TIMES: usize = 4;
-/// Answers by which a service says that its storage is away; a client tries again.
-const AWAY: [StatusCode; 2] = [StatusCode::SERVICE_UNAVAILABLE, StatusCode::INTERNAL_SERVER_ERROR];
-
-/// An empty database and an empty bucket.
-pub struct Site {
-    pub folder: TempDir,
-    pub database: String,
-    pub bucket: String,
-    /// Address of the bucket.
-    pub endpoint: String,
-    pub client: Client,
-}
-
-impl Site {
-    /// `None`: there is no server, and the test is skipped.
-    pub async fn fresh() -> Option<Self> {
-        Self::on(test_server::url()?).await
-    }
-
-    /// The same on a server of the caller.
-    pub async fn on(postgres: &str) -> Option<Self> {
-        let s3 = test_bucket::server()?;
-        let (database, schema) = test_server::in_schema(postgres);
-        let mut connection = PgConnection::connect(postgres).await.expect("the server for tests");
-        connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");
-        let folder = TempDir::new().expect("a folder");
-        std::fs::write(folder.path().join("key"), test_bucket::credentials()).expect("a file");
-        let client = Client::builder().no_proxy().timeout(Duration::from_secs(120)).build().expect("a client");
-        Some(Self { folder, database, bucket: s3.bucket(), endpoint: s3.endpoint.clone(), client })
-    }
-
-    /// A settings file, with the database and the bucket at these addresses.
-    pub fn settings(&self, name: &str, database: &str, endpoint: &str) -> PathBuf {
-        let file = self.folder.path().join(format!("{name}.toml"));
-        let text = format!(
-            "database_url = {database:?}\nstorage_url = \"s3://{}/lab\"\nstorage_endpoint = {endpoint:?}\n\
-             storage_credentials_file = {:?}\n",
-            self.bucket,
-            self.folder.path().join("key").display().to_string()
-        );
-        std::fs::write(&file, text).expect("a file");
-        file
-    }
-
-    /// The folder of a process: none shares it.
-    pub fn data(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    pub async fn api(&self, name: &str, settings: &Path) -> Service {
-        let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
-        Service::start(&self.data(name), None, &flags).await.expect("it listens")
-    }
-
-    pub fn worker(&self, name: &str, settings: &Path, fault: Option<&str>) -> Service {
-        Service::start_worker(&self.data(name), fault, &["--config", settings.to_str().expect("UTF-8")])
-    }
-
-    pub async fn put_profile(&self, api: &Service, profile: &Value) {
-        let put = self.client.put(format!("{}/v1/profiles/rig/lens", api.url)).json(profile).send().await;
-        assert!(put.expect("an answer").status().is_success());
-    }
-
-    /// Sends a stack once. `Err`: the status and the text of the answer.
-    pub async fn try_post(&self, api: &Service, key: &str, zip: &[u8]) -> Result<String, (StatusCode, String)> {
-        let url = format!("{}/v1/stacks?rig=rig&lens=lens", api.url);
-        let sent = self.client.post(url).header("Idempotency-Key", key).body(zip.to_vec()).send().await;
-        let answer = sent.expect("the service answers");
-        match answer.status() {
-            StatusCode::ACCEPTED => Ok(answer.headers()["location"].to_str().expect("a path").to_owned()),
-            status => Err((status, answer.text().await.expect("a text"))),
-        }
-    }
-
-    /// Sends a stack until it is accepted.
-    pub async fn post(&self, api: &Service, key: &str, zip: &[u8]) -> String {
-        loop {
-            match self.try_post(api, key, zip).await {
-                Ok(stack) => return stack,
-                Err((status, text)) => assert!(AWAY.contains(&status), "{status}: {text}"),
-            }
-            tokio::time::sleep(LOOK).await;
-        }
-    }
-
-    pub async fn shown(&self, api: &Service, path: &str) -> Value {
-        let answer = self.client.get(format!("{}{path}", api.url)).send().await.expect("an answer");
-        answer.json().await.expect("JSON")
-    }
-
-    pub async fn until(&self, api: &Service, stack: &str, states: &[&str]) -> Value {
-        loop {
-            let shown = self.shown(api, stack).await;
-            if states.iter().any(|state| shown["state"] == **state) {
-                return shown;
-            }
-            tokio::time::sleep(LOOK).await;
-        }
-    }
-
-    /// Waits for a stack that must succeed.
-    pub async fn succeeded(&self, api: &Service, stack: &str) -> Value {
-        let ended = self.until(api, stack, &["succeeded", "failed", "cancelled"]).await;
-        assert_eq!(ended["state"], "succeeded", "{ended}");
-        ended
-    }
-
-    pub async fn image(&self, api: &Service, stack: &str) -> Vec<u8> {
-        let answer = self.client.get(format!("{}{stack}/image", api.url)).send().await.expect("an answer");
-        assert_eq!(answer.status(), StatusCode::OK);
-        answer.bytes().await.expect("an image").to_vec()
-    }
-
-    /// Nothing is left over, and every file is what its row says.
-    pub fn verify(&self, settings: &Path) {
-        for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
-            let settings = settings.to_str().expect("UTF-8");
-            let done = command(&self.data("operator"), &[arguments, &["--config", settings]].concat());
-            let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
-            assert!(done.status.success(), "{text}");
-            assert!(arguments[0] == "gc" || text.contains("; files of 0 unknown jobs"), "{text}");
-        }
-    }
-}
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_database_and_its_bucket_belong_together() {
-    let (Some(site), Some(stranger)) = (Site::fresh().await, Site::fresh().await) else { return };
+    let (site, stranger) = (Site::fresh().await, Site::fresh().await);
     let settings = site.settings("all", &site.database, &site.endpoint);
     site.api("api", &settings).await.stop().await;
     let says = |name: &str, arguments: &[&str], settings: &Path| {
@@ -202,8 +79,9 @@ async fn a_database_and_its_bucket_belong_together() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_data_folder_moves_into_a_bucket_and_back() {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let folder = TempDir::new().expect("a folder");
     let data = folder.path().join("data");
     std::fs::create_dir(&data).expect("a folder");
@@ -263,8 +141,9 @@ fn large() -> (Vec<u8>, Value) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn machines_without_a_common_folder_share_stacks_and_uploads() {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let settings = site.settings("all", &site.database, &site.endpoint);
     let (one, two) = tokio::join!(site.api("api-1", &settings), site.api("api-2", &settings));
     let worker = site.worker("worker-1", &settings, None);
@@ -315,10 +194,8 @@ async fn machines_without_a_common_folder_share_stacks_and_uploads() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed() {
-    if Site::fresh().await.is_none() {
-        return;
-    }
     let turns = Arc::new(Semaphore::new(SIDE_BY_SIDE));
     let of_rows = steps::names().into_iter().filter(|name| name.starts_with("rows."));
     let of_rows = of_rows.filter(|name| !crate::elsewhere::steps().contains(&name.as_str())).map(|name| (name, 1));
@@ -329,14 +206,14 @@ async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed
         let turns = Arc::clone(&turns);
         days.spawn(async move {
             let mut broke = 0;
-            for time in 0..times {
+            for from in (0..times).step_by(DEATHS) {
                 let _turn = turns.acquire().await.expect("open");
-                let site = Site::fresh().await.expect("there was one");
+                let site = Site::fresh().await;
                 let settings = site.settings("all", &site.database, &site.endpoint);
-                let armed = format!("{name}={time}*off->1*return(kill)->off");
-                let day = async { day(Story::begin_with(&armed, settings).await).await };
+                let faults = deaths(&name, from);
+                let day = async { day(Story::begin_with(&faults, Some(settings)).await).await };
                 let breaks = tokio::time::timeout(Duration::from_secs(300), day).await;
-                broke += usize::from(!breaks.unwrap_or_else(|_| panic!("{armed}: it hangs")).is_empty());
+                broke += breaks.unwrap_or_else(|_| panic!("{faults:?}: it hangs")).len();
             }
             (name, broke)
         });
@@ -354,10 +231,11 @@ async fn nothing_acknowledged_is_lost_wherever_a_service_with_a_bucket_is_killed
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_zip_in_parts_is_stored_whole_or_not_at_all_wherever_the_service_is_killed() {
     let (zip, profile) = large();
     for step in IN_PARTS {
-        let Some(site) = Site::fresh().await else { return };
+        let site = Site::fresh().await;
         let settings = site.settings("all", &site.database, &site.endpoint);
         let flags = ["--workers", "0", "--config", settings.to_str().expect("UTF-8")];
         let fault = format!("{step}=1*return(kill)->off");
@@ -381,7 +259,7 @@ async fn a_zip_in_parts_is_stored_whole_or_not_at_all_wherever_the_service_is_ki
 
 /// While the bucket is in this mood, nothing is accepted and nothing is lost; after it, all goes on.
 async fn survives(mood: Mood) {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let bucket = Moody::before(&site.endpoint).await;
     let settings = site.settings("all", &site.database, &bucket.url);
     let api = site.api("api", &settings).await;
@@ -417,18 +295,21 @@ async fn survives(mood: Mood) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_bucket_that_fails_for_a_while_loses_nothing() {
     survives(Mood::Failing).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_bucket_that_lies_about_what_it_stores_loses_nothing() {
     survives(Mood::Lying).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql, moto, curl"]
 async fn a_worker_that_is_cut_off_in_mid_job_publishes_nothing() {
-    let Some(site) = Site::fresh().await else { return };
+    let site = Site::fresh().await;
     let settings = site.settings("all", &site.database, &site.endpoint);
     let api = site.api("api", &settings).await;
     site.put_profile(&api, &profile()).await;

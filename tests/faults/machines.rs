@@ -10,8 +10,8 @@ use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
 use tempfile::TempDir;
 
 use crate::{
+    input::{profile, zip},
     service::{LOOK, Service, command, command_on},
-    story::{profile, zip},
     test_server::{Server, in_schema, url},
 };
 
@@ -114,9 +114,9 @@ fn text(output: &Output) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql"]
 async fn a_worker_that_is_stopped_beyond_its_lease_publishes_nothing_when_it_continues() {
-    let Some(server) = url() else { return };
-    let site = Site::start(server).await;
+    let site = Site::start(url()).await;
     let mut sleeper = site.worker(Some("artifact.make=1*return(stop)->off"));
     let stack = site.post(0, "a").await;
     while !sleeper.is_stopped() {
@@ -137,9 +137,9 @@ async fn a_worker_that_is_stopped_beyond_its_lease_publishes_nothing_when_it_con
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql"]
 async fn the_job_of_a_worker_that_was_killed_is_done_by_another_once() {
-    let Some(server) = url() else { return };
-    let site = Site::start(server).await;
+    let site = Site::start(url()).await;
     // before its results are published, and after that is committed
     for (key, fault, attempts) in [
         ("a", "publish.rename=1*return(kill)->off", 2),
@@ -170,10 +170,11 @@ async fn the_job_of_a_worker_that_was_killed_is_done_by_another_once() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql"]
 async fn a_restart_of_postgres_loses_no_stack_and_does_none_twice() {
     const STACKS: usize = 30;
     const RESTARTS: usize = 5;
-    let Some(server) = Server::private() else { return };
+    let server = Server::private();
     let site = Site::start(&server.url).await;
     let workers = [site.worker(None), site.worker(None)];
     // a process that finds no database when it starts ends, and its supervisor starts it again
@@ -200,9 +201,9 @@ async fn a_restart_of_postgres_loses_no_stack_and_does_none_twice() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql"]
 async fn commands_work_on_postgres() {
-    let Some(server) = url() else { return };
-    let site = Site::start(server).await;
+    let site = Site::start(url()).await;
     let run = |arguments: &[&str]| command_on(&site.database, &site.data(), arguments);
     let added = run(&["token", "add", "ann", "--scope", "read"]);
     assert!(added.status.success(), "{}", text(&added));

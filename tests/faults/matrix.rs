@@ -11,6 +11,11 @@ use crate::{
 
 /// Number of calls at which a failpoint fires: the first, the second, ... as far as the story gets.
 const TIMES: usize = 8;
+/// Deaths in one story. A request is repeated three times at most, and a job has three attempts.
+pub const DEATHS: usize = 2;
+/// Calls at which the disk is full, story by story: each of the first eight, and no more in a story than a request is
+/// repeated.
+const FULL: [&[usize]; 3] = [&[1, 3, 6], &[2, 5, 8], &[4, 7]];
 /// Failpoints that are called often, depending on the speed of the machine; more calls test nothing new.
 const FEW: [&str; 2] = ["rows.heartbeat", "rows.claim"];
 /// Stories in which a failpoint may be missed before it counts as out of reach. A cancel does nothing when its job has
@@ -92,58 +97,94 @@ pub async fn day(mut story: Story) -> Vec<String> {
     story.end().await
 }
 
-async fn every_step(fault: &'static str) {
+/// Faults for the processes of one story in which the service is killed at the call `from` of a failpoint, and again at
+/// the call after that one, which is repeated.
+pub fn deaths(name: &str, from: usize) -> Vec<String> {
+    [from, 1].map(|passed| format!("{name}={passed}*off->1*return(kill)->off")).to_vec()
+}
+
+/// The fault of a story in which the disk is full at these calls of a failpoint.
+fn full(name: &str, calls: &[usize]) -> String {
+    let mut before = 0;
+    let steps: String = calls
+        .iter()
+        .map(|call| {
+            let passed = call - before - 1;
+            before = *call;
+            format!("{passed}*off->1*return(full)->")
+        })
+        .collect();
+    format!("{name}={steps}off")
+}
+
+/// A day with these faults: what broke.
+async fn day_with(faults: Vec<String>) -> Vec<String> {
+    let day =
+        tokio::time::timeout(Duration::from_secs(300), async { day(Story::begin_with(&faults, None).await).await });
+    day.await.unwrap_or_else(|_| panic!("{faults:?}: it hangs"))
+}
+
+/// Runs stories of every failpoint of the matrix. `stories` returns how often the failpoint broke a request or a job.
+async fn every_step<Stories>(stories: impl Fn(String, String, Arc<Semaphore>) -> Stories)
+where
+    Stories: Future<Output = usize> + Send + 'static,
+{
     let side_by_side = Arc::new(Semaphore::new(SIDE_BY_SIDE));
-    let mut stories = JoinSet::new();
+    let mut running = JoinSet::new();
     for name in steps::names() {
         if elsewhere::steps().contains(&name.as_str()) {
             continue;
         }
-        let side_by_side = Arc::clone(&side_by_side);
-        stories.spawn(async move {
-            let times = if FEW.contains(&name.as_str()) { 2 } else { TIMES };
-            let (mut broke, mut missed) = (0, 0);
-            while broke < times {
-                let _turn = side_by_side.acquire().await.expect("open");
-                let before = BEFORE.iter().find(|(step, _)| *step == name).map(|(_, fault)| *fault).unwrap_or_default();
-                let armed = format!("{before}{name}={broke}*off->1*return({fault})->off");
-                let day =
-                    tokio::time::timeout(Duration::from_secs(300), async { day(Story::begin(&armed).await).await });
-                let breaks = day.await.unwrap_or_else(|_| panic!("{armed}: it hangs"));
-                if fault == "kill" && breaks.is_empty() {
-                    // the failpoint is passed less often than this; or never, when a cancel came after the end of its
-                    // job
-                    missed += 1;
-                    if broke > 0 || missed == MISSES {
-                        break;
-                    }
-                    continue;
-                }
-                broke += 1;
-            }
-            assert!(
-                broke > 0,
-                "the story never reaches the failpoint {name}: extend it, or test the failpoint elsewhere"
-            );
-            (name, broke)
+        let before = BEFORE.iter().find(|(step, _)| *step == name).map(|(_, fault)| *fault).unwrap_or_default();
+        let told = name.clone();
+        let stories = stories(name, before.to_owned(), Arc::clone(&side_by_side));
+        running.spawn(async move {
+            println!("{told}: {} times", stories.await);
         });
     }
     let mut failed = Vec::new();
-    while let Some(story) = stories.join_next().await {
-        match story {
-            Ok((name, broke)) => println!("{name}: {fault} {broke} times"),
-            Err(error) => failed.push(error.to_string()),
-        }
+    while let Some(ended) = running.join_next().await {
+        failed.extend(ended.err().map(|error| error.to_string()));
     }
     assert!(failed.is_empty(), "{} of the failpoints: {failed:#?}", failed.len());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn nothing_acknowledged_is_lost_wherever_the_service_is_killed() {
-    every_step("kill").await;
+    every_step(|name, before, side_by_side| async move {
+        let times = if FEW.contains(&name.as_str()) { DEATHS } else { TIMES };
+        let (mut broke, mut missed) = (0, 0);
+        for from in (0..times).step_by(DEATHS) {
+            // a cancel that comes after the end of its job reaches no failpoint
+            loop {
+                let _turn = side_by_side.acquire().await.expect("open");
+                let faults = deaths(&name, from).into_iter().map(|fault| format!("{before}{fault}")).collect();
+                broke += day_with(faults).await.len();
+                missed += usize::from(broke == 0);
+                if broke > 0 || missed == MISSES {
+                    break;
+                }
+            }
+            // the failpoint is passed less often than this
+            if broke < from + DEATHS {
+                break;
+            }
+        }
+        assert!(broke > 0, "the story never reaches the failpoint {name}: extend it, or test the failpoint elsewhere");
+        broke
+    })
+    .await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn nothing_is_corrupted_wherever_the_disk_becomes_full() {
-    every_step("full").await;
+    every_step(|name, before, side_by_side| async move {
+        let stories = if FEW.contains(&name.as_str()) { &FULL[..1] } else { &FULL };
+        for calls in stories {
+            let _turn = side_by_side.acquire().await.expect("open");
+            day_with(vec![format!("{before}{}", full(&name, calls))]).await;
+        }
+        stories.iter().map(|calls| calls.len()).sum()
+    })
+    .await;
 }

@@ -19,8 +19,8 @@ use tempfile::TempDir;
 use tokio::sync::RwLock;
 
 use crate::{
+    input::{profile, zip},
     service::{LOOK, Service, command},
-    story::{profile, zip},
 };
 
 const CLIENTS: usize = 4;

@@ -1,24 +1,22 @@
 //! A client of the service that remembers what was acknowledged to it. When the service dies, it repeats its request,
 //! as clients do, and verifies that everything acknowledged still holds.
 
+mod uploads;
+
 use std::{
     path::{Path, PathBuf},
     time::Duration,
 };
 
-use base64::{Engine, prelude::BASE64_STANDARD};
-use pinstack_science::{
-    archive,
-    imaging::{Raster, codec},
-};
-use reqwest::{Client, Method, RequestBuilder, StatusCode, header::HeaderMap};
+use reqwest::{Client, RequestBuilder, StatusCode, header::HeaderMap};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
-use crate::service::{LOOK, Service, command};
-
-const SIDE: u32 = 64;
+use crate::{
+    input::{profile, scan_zip, zip},
+    service::{LOOK, Service, command},
+};
 
 /// Why a request failed.
 #[derive(Debug)]
@@ -54,44 +52,12 @@ pub struct Story {
     client: Client,
     /// Deaths of the service and refusals so far.
     pub broke: Vec<String>,
+    /// Faults of the processes that are started after the next deaths, the last first.
+    faults: Vec<String>,
     zip: Vec<u8>,
     flags: &'static [&'static str],
     /// Settings file of the service and of the commands that look after it.
     settings: Option<PathBuf>,
-}
-
-/// Two lights of three slices each.
-pub fn zip() -> Vec<u8> {
-    zip_of(&[""])
-}
-
-/// A scan of two views.
-fn scan_zip() -> Vec<u8> {
-    zip_of(&["pan000_tilt00/", "pan020_tilt00/"])
-}
-
-/// Two lights of three slices each in every one of these folders.
-fn zip_of(views: &[&str]) -> Vec<u8> {
-    let slice = |seed: u32| {
-        let value = |i: u32| ((i / 3 % SIDE / 4 * 37 + i / 3 / SIDE / 4 * (91 + seed)) % 251) as u8;
-        codec::encode_jpeg(
-            &Raster::eight(SIDE as usize, SIDE as usize, 3, (0..SIDE * SIDE * 3).map(value).collect()),
-            90,
-        )
-    };
-    let members = views.iter().flat_map(|view| {
-        let slices = |light: &'static str| (0..3).map(move |i| (format!("{view}{light}/{i}.jpg"), i));
-        slices("front").chain(slices("back"))
-    });
-    let file = tempfile::NamedTempFile::new().expect("a file");
-    archive::pack(file.reopen().expect("a file"), members.map(|(name, i)| (name, slice(i)))).expect("a zip");
-    std::fs::read(file.path()).expect("the zip")
-}
-
-/// A profile for these slices.
-pub fn profile() -> Value {
-    let homographies: Vec<Value> = [1.0, 1.001, 1.002].iter().map(|s| json!([s, 0, 0, 0, s, 0, 0, 0, 1])).collect();
-    json!({ "image_width": SIDE, "image_height": SIDE, "reference_index": 0, "homographies": homographies })
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -101,27 +67,25 @@ fn hex(bytes: &[u8]) -> String {
 impl Story {
     /// Starts a service with armed failpoints.
     pub async fn begin(fault: &str) -> Self {
-        Self::in_folder(TempDir::new().expect("a folder"), fault, &[], None).await
+        Self::begin_with(&[fault.to_owned()], None).await
     }
 
-    /// The same with a settings file.
-    pub async fn begin_with(fault: &str, settings: PathBuf) -> Self {
-        Self::in_folder(TempDir::new().expect("a folder"), fault, &[], Some(settings)).await
+    /// The same with a settings file, and with faults for the processes that are started after deaths: one each, and
+    /// none after the last.
+    pub async fn begin_with(faults: &[String], settings: Option<PathBuf>) -> Self {
+        Self::in_folder(TempDir::new().expect("a folder"), faults, &[], settings).await
     }
 
     async fn in_folder(
         folder: TempDir,
-        fault: &str,
+        faults: &[String],
         flags: &'static [&'static str],
         settings: Option<PathBuf>,
     ) -> Self {
         let client = Client::builder().no_proxy().pool_max_idle_per_host(0).build().expect("a client");
-        let mut story = Self { folder, service: None, client, broke: Vec::new(), zip: zip(), flags, settings };
-        story.service = Service::start(&story.data(), Some(fault), &story.flags()).await;
-        if story.service.is_none() {
-            story.broke.push("it died before it listened".into());
-            story.start_again().await;
-        }
+        let faults = faults.iter().rev().cloned().collect();
+        let mut story = Self { folder, service: None, client, broke: Vec::new(), faults, zip: zip(), flags, settings };
+        story.start().await;
         story
     }
 
@@ -134,7 +98,7 @@ impl Story {
     pub async fn on_with(data: &Path, flags: &'static [&'static str]) -> Self {
         let folder = TempDir::new().expect("a folder");
         std::os::unix::fs::symlink(data, folder.path().join("data")).expect("a link");
-        Self::in_folder(folder, "", flags, None).await
+        Self::in_folder(folder, &[], flags, None).await
     }
 
     /// The same, with the rows in Postgres.
@@ -153,9 +117,17 @@ impl Story {
         self.flags.iter().copied().chain(settings.into_iter().flat_map(|file| ["--config", file])).collect()
     }
 
-    async fn start_again(&mut self) {
-        self.service = Service::start(&self.data(), None, &self.flags()).await;
-        assert!(self.service.is_some(), "a service without a fault starts; its log:\n{}", self.log());
+    /// Starts a service with the next fault; when that ends it before it listens, another one.
+    async fn start(&mut self) {
+        loop {
+            let fault = self.faults.pop();
+            self.service = Service::start(&self.data(), fault.as_deref(), &self.flags()).await;
+            if self.service.is_some() {
+                return;
+            }
+            assert!(fault.is_some(), "a service without a fault starts; its log:\n{}", self.log());
+            self.broke.push("it died before it listened".into());
+        }
     }
 
     pub fn log(&self) -> String {
@@ -190,7 +162,7 @@ impl Story {
                     tokio::time::timeout(Duration::from_secs(20), self.service.as_mut().expect("it ran").ended());
                 assert!(ended.await.is_ok(), "the service lives, but a request failed: {error:?}\n{}", self.log());
                 self.broke.push("it died under a request".into());
-                self.start_again().await;
+                self.start().await;
                 Err(Broken::Died)
             }
         }
@@ -245,36 +217,6 @@ impl Story {
         Ok(views.iter().filter_map(|view| view["stack"].as_str().map(str::to_owned)).collect())
     }
 
-    /// Creates a resumable upload of the scan: its path.
-    pub async fn begin_scan(&mut self) -> Told<String> {
-        let metadata = format!("purpose {},scan {}", BASE64_STANDARD.encode("scan"), BASE64_STANDARD.encode("bee"));
-        let begun = self
-            .send(|client, url| {
-                let creation = Self::tus(client, Method::POST, &format!("{url}/v1/uploads"));
-                creation.header("upload-length", scan_zip().len()).header("upload-metadata", metadata)
-            })
-            .await?;
-        assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.json());
-        Ok(begun.header("location").to_owned())
-    }
-
-    /// Sends the rest of an upload of the scan: true once it has become the stacks.
-    pub async fn rest_of_scan(&mut self, path: &str) -> Told<bool> {
-        let (at, scan) = self.offset(path).await?;
-        if scan.is_some() {
-            return Ok(true);
-        }
-        let bytes = scan_zip().split_off(at);
-        let sent = self
-            .send(|client, url| {
-                let piece = Self::tus(client, Method::PATCH, &format!("{url}{path}")).header("upload-offset", at);
-                piece.header("content-type", "application/offset+octet-stream").body(bytes)
-            })
-            .await?;
-        assert_eq!(sent.status, StatusCode::NO_CONTENT, "{}", sent.json());
-        Ok(sent.header("pinstack-job") == "/v1/scans/bee")
-    }
-
     /// Reruns a stack with an idempotency key: the path of the new one.
     pub async fn rerun(&mut self, path: &str, key: &str) -> Told<String> {
         let posted =
@@ -308,21 +250,6 @@ impl Story {
         let image =
             self.send(|client, url| client.get(format!("{url}{path}/image")).header("accept", "image/tiff")).await?;
         assert_eq!((image.status, image.header("content-type")), (StatusCode::OK, "image/tiff"), "{}", image.json());
-        Ok(())
-    }
-
-    /// A resumable upload that is not a zip: it is refused, and remains refused.
-    pub async fn garbage(&mut self) -> Told<()> {
-        let length = self.zip.len();
-        let path = self.begin_upload().await?;
-        let sent = self
-            .send(|client, url| {
-                let piece = Self::tus(client, Method::PATCH, &format!("{url}{path}")).header("upload-offset", 0);
-                piece.header("content-type", "application/offset+octet-stream").body(vec![0; length])
-            })
-            .await?;
-        assert_eq!(sent.json()["code"], "invalid_archive", "{}", sent.json());
-        assert_eq!(self.get(&path).await?.json()["state"], "refused");
         Ok(())
     }
 
@@ -369,60 +296,6 @@ impl Story {
             }
             tokio::time::sleep(LOOK).await;
         }
-    }
-
-    fn tus(client: &Client, method: Method, url: &str) -> RequestBuilder {
-        client.request(method, url).header("tus-resumable", "1.0.0")
-    }
-
-    /// Creates a resumable upload: its path.
-    pub async fn begin_upload(&mut self) -> Told<String> {
-        let metadata = format!("rig {},lens {}", BASE64_STANDARD.encode("rig"), BASE64_STANDARD.encode("lens"));
-        let length = self.zip.len();
-        let begun = self
-            .send(|client, url| {
-                let creation = Self::tus(client, Method::POST, &format!("{url}/v1/uploads"));
-                creation.header("upload-length", length).header("upload-metadata", metadata)
-            })
-            .await?;
-        assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.json());
-        Ok(begun.header("location").to_owned())
-    }
-
-    /// The offset of an upload, and its job once it has one.
-    async fn offset(&mut self, path: &str) -> Told<(usize, Option<String>)> {
-        let head = self.send(|client, url| Self::tus(client, Method::HEAD, &format!("{url}{path}"))).await?;
-        assert_eq!(head.status, StatusCode::OK, "an acknowledged upload exists");
-        let job = head.header("pinstack-job");
-        Ok((head.header("upload-offset").parse().expect("a number"), (!job.is_empty()).then(|| job.to_owned())))
-    }
-
-    /// Sends the piece from the offset of the upload, which must not be before `told`, to `to`. Returns the job, if
-    /// any.
-    pub async fn piece(&mut self, path: &str, told: &mut usize, to: usize) -> Told<Option<String>> {
-        let (at, job) = self.offset(path).await?;
-        assert!((*told..=self.zip.len()).contains(&at), "{told} bytes were acknowledged, now there are {at}");
-        *told = at;
-        if at >= to || job.is_some() {
-            return Ok(job);
-        }
-        let bytes = self.zip[at..to].to_vec();
-        let sent = self
-            .send(|client, url| {
-                let piece = Self::tus(client, Method::PATCH, &format!("{url}{path}")).header("upload-offset", at);
-                piece.header("content-type", "application/offset+octet-stream").body(bytes)
-            })
-            .await?;
-        assert_eq!(sent.status, StatusCode::NO_CONTENT, "{}", sent.json());
-        *told = sent.header("upload-offset").parse().expect("a number");
-        assert_eq!(*told, to);
-        let job = sent.header("pinstack-job");
-        Ok((!job.is_empty()).then(|| job.to_owned()))
-    }
-
-    /// Bytes of the whole upload.
-    pub fn length(&self) -> usize {
-        self.zip.len()
     }
 
     /// Requests the cancellation of a stack: true when it was acknowledged.

@@ -9,8 +9,8 @@ use tempfile::TempDir;
 
 use crate::{
     collector::{Collector, Received, hanging, nothing},
+    input::{profile, zip},
     service::{LOOK, Service},
-    story::{profile, zip},
 };
 
 const TRACE: &str = "4bf92f3577b34da6a3ce929d0e0e4736";

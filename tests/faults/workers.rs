@@ -7,8 +7,8 @@ use sqlx::{ConnectOptions, sqlite::SqliteConnectOptions};
 use tempfile::TempDir;
 
 use crate::{
+    input::{profile, zip},
     service::{LOOK, Service, command},
-    story::{profile, zip},
 };
 
 async fn json(url: &str) -> serde_json::Value {

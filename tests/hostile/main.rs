@@ -4,6 +4,7 @@ mod bombs;
 mod forms;
 mod members;
 mod peak;
+mod pictures;
 mod replay;
 mod targets;
 mod truncated;

@@ -1,16 +1,15 @@
-"""The program that ``pinstack.spec`` makes, with a running service. Skipped where PyInstaller is not installed."""
+"""The program that ``pinstack.spec`` makes, with a running service."""
 
 from __future__ import annotations
 
 import importlib.util
-import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import Service
+from conftest import Service, binary
 
 from pinstack import Client, __version__
 
@@ -19,9 +18,8 @@ FOLDER = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if importlib.util.find_spec("PyInstaller") is None:
-        assert os.environ.get("PINSTACK_TEST_TOOLS") != "required", "PyInstaller is not installed"
-        pytest.skip("PyInstaller is not installed")
+    binary()
+    assert importlib.util.find_spec("PyInstaller"), "PyInstaller is not installed"
     folder = tmp_path_factory.mktemp("program")
     command = [sys.executable, "-m", "PyInstaller", "--distpath", folder, "--workpath", folder / "build"]
     made = subprocess.run([*command, "pinstack.spec"], cwd=FOLDER, capture_output=True, text=True)

@@ -10,9 +10,9 @@
 //! | [`upload_parts_conformance!`](crate::upload_parts_conformance) | [`super::UploadParts`] | `async fn() -> (guard, Store)` |
 //! | [`gc_conformance!`](crate::gc_conformance) | all of them, with garbage collection | `async fn() -> (guard, FreshStore)` |
 //!
-//! The path of the function must be absolute. The guard is kept until the test ends. The suites are compiled for the
-//! tests of this crate, and for other crates with the feature `testing`, so that a test can run them against a live
-//! database.
+//! The path of the function must be absolute. The guard is kept until the test ends. A second argument says what the
+//! engine needs that a machine may lack: the tests are ignored for this reason. The suites are compiled for the tests of
+//! this crate, and for other crates with the feature `testing`, so that a test can run them against a live database.
 
 // the name of a case states what it requires
 #![allow(missing_docs)]
@@ -216,45 +216,34 @@ pub fn success() -> super::Finish {
     super::Finish::Succeeded { outcome: Box::new(stack_outcome()), warnings: vec![], profile: None }
 }
 
-/// Makes a test of each case of the suites.
+/// Makes a test of each case of the suites; the tests are ignored for the reason in the brackets, if there is one.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! conformance_cases {
-    ($fresh:path; $($suite:ident: $($case:ident),+ $(,)?;)+) => { $(
-        mod $suite { $(
-            #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-            async fn $case() {
-                let (_guard, fresh) = $fresh().await;
-                $crate::store::conformance::$suite::$case(fresh).await;
-            }
-        )+ }
+    ($fresh:path, $needs:tt; $($suite:ident: $($case:ident),+ $(,)?;)+) => { $(
+        mod $suite { $($crate::conformance_case!($fresh, $needs, $suite, $case);)+ }
     )+ };
 }
 
-/// As [`conformance_cases!`], for an engine that a machine may lack: `$fresh` returns an `Option`, and `None` skips the
-/// test.
+/// Makes a test of one case.
 #[doc(hidden)]
 #[macro_export]
-macro_rules! optional_conformance_cases {
-    ($fresh:path; $($suite:ident: $($case:ident),+ $(,)?;)+) => { $(
-        mod $suite { $(
-            #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-            async fn $case() {
-                let Some((_guard, fresh)) = $fresh().await else { return };
-                $crate::store::conformance::$suite::$case(fresh).await;
-            }
-        )+ }
-    )+ };
+macro_rules! conformance_case {
+    ($fresh:path, [$($needs:tt)?], $suite:ident, $case:ident) => {
+        #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+        $(#[ignore = $needs])?
+        async fn $case() {
+            let (_guard, fresh) = $fresh().await;
+            $crate::store::conformance::$suite::$case(fresh).await;
+        }
+    };
 }
 
 /// The suite of a blob store. See [`crate::store::conformance`].
 #[macro_export]
 macro_rules! blob_conformance {
-    ($fresh:path) => {
-        $crate::blob_conformance!($fresh, $crate::conformance_cases);
-    };
-    ($fresh:path, $($cases:tt)+) => {
-        $($cases)+! { $fresh;
+    ($fresh:path $(, $needs:tt)?) => {
+        $crate::conformance_cases! { $fresh, [$($needs)?];
             blobs:
                 a_stored_file_is_the_blob_and_leaves_the_workspace,
                 a_blob_is_read_by_range,
@@ -271,11 +260,8 @@ macro_rules! blob_conformance {
 /// The suite of the parts of resumable uploads. See [`crate::store::conformance`].
 #[macro_export]
 macro_rules! upload_parts_conformance {
-    ($fresh:path) => {
-        $crate::upload_parts_conformance!($fresh, $crate::conformance_cases);
-    };
-    ($fresh:path, $($cases:tt)+) => {
-        $($cases)+! { $fresh;
+    ($fresh:path $(, $needs:tt)?) => {
+        $crate::conformance_cases! { $fresh, [$($needs)?];
             parts:
                 an_upload_is_locked_by_one_request_at_a_time,
                 uploads_with_bytes_are_listed_until_they_are_removed,
@@ -287,11 +273,8 @@ macro_rules! upload_parts_conformance {
 /// The suite of garbage collection over a whole store. See [`crate::store::conformance`].
 #[macro_export]
 macro_rules! gc_conformance {
-    ($fresh:path) => {
-        $crate::gc_conformance!($fresh, $crate::conformance_cases);
-    };
-    ($fresh:path, $($cases:tt)+) => {
-        $($cases)+! { $fresh;
+    ($fresh:path $(, $needs:tt)?) => {
+        $crate::conformance_cases! { $fresh, [$($needs)?];
             gc:
                 garbage_collection_keeps_what_rows_refer_to_and_removes_the_rest,
                 the_blobs_of_expired_and_deleted_jobs_are_removed,

@@ -3,12 +3,8 @@
 /// The suites of a metadata store. See [`crate::store::conformance`].
 #[macro_export]
 macro_rules! metadata_conformance {
-    ($fresh:path) => {
-        $crate::metadata_conformance!($fresh, $crate::conformance_cases);
-    };
-    // for an engine that a machine may lack: `optional_conformance_cases`
-    ($fresh:path, $($cases:tt)+) => {
-        $($cases)+! { $fresh;
+    ($fresh:path $(, $needs:tt)?) => {
+        $crate::conformance_cases! { $fresh, [$($needs)?];
             profiles:
                 a_profile_comes_back_as_it_was_put,
                 an_imported_profile_remembers_its_origin_and_its_warnings,

@@ -43,15 +43,12 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// A private server of the caller alone. `None`: there is none, and the test is skipped.
-    pub(super) fn private() -> Option<Self> {
-        let programs = programs();
-        if programs.is_none() {
-            let required = std::env::var("PINSTACK_TEST_TOOLS").as_deref() == Ok("required");
-            assert!(!required, "not installed: postgresql");
-            println!("skipped: postgresql not installed");
-        }
-        programs.map(|programs| start(&programs))
+    /// A private server of the caller alone.
+    ///
+    /// # Panics
+    /// When Postgres is not installed, or does not start.
+    pub(super) fn private() -> Self {
+        start(&programs().expect("postgresql is not installed, and PINSTACK_TEST_POSTGRES_URL is not set"))
     }
 
     /// Ends every session and starts the server again, as an operator does.
@@ -63,19 +60,17 @@ impl Server {
     }
 }
 
-/// The URL of the server, which is started by the first caller. `None`: there is none, and the test is skipped.
+/// The URL of the server, which is started by the first caller.
 ///
 /// # Panics
-/// When there is none and `PINSTACK_TEST_TOOLS` is `required`, or when it does not start.
-pub(super) fn url() -> Option<&'static str> {
-    static SERVER: OnceLock<Option<Server>> = OnceLock::new();
-    let server = SERVER.get_or_init(|| {
-        if let Ok(url) = std::env::var("PINSTACK_TEST_POSTGRES_URL") {
-            return Some(Server { url, folder: PathBuf::new(), _pipe: None });
-        }
-        Server::private()
-    });
-    server.as_ref().map(|server| server.url.as_str())
+/// When there is none, or it does not start.
+pub(super) fn url() -> &'static str {
+    static SERVER: OnceLock<Server> = OnceLock::new();
+    let start = || match std::env::var("PINSTACK_TEST_POSTGRES_URL") {
+        Ok(url) => Server { url, folder: PathBuf::new(), _pipe: None },
+        Err(_) => Server::private(),
+    };
+    &SERVER.get_or_init(start).url
 }
 
 #[expect(clippy::zombie_processes, reason = "the shell ends with this process, when its input is closed")]

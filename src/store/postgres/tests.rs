@@ -13,13 +13,13 @@ use crate::store::{
     sqlite::SqliteMetadata,
 };
 
-/// A URL with a schema of its own. `None`: there is no server.
-async fn fresh_url() -> Option<DatabaseUrl> {
-    let server = test_server::url()?;
+/// A URL with a schema of its own.
+async fn fresh_url() -> DatabaseUrl {
+    let server = test_server::url();
     let (url, schema) = test_server::in_schema(server);
     let mut connection = PgConnection::connect(server).await.expect("the server for tests");
     connection.execute(AssertSqlSafe(format!("CREATE SCHEMA {schema}"))).await.expect("a schema");
-    Some(DatabaseUrl::new(url))
+    DatabaseUrl::new(url)
 }
 
 async fn open(url: &DatabaseUrl) -> PostgresMetadata {
@@ -38,19 +38,20 @@ impl Database for DatabaseUrl {
     }
 }
 
-async fn fresh() -> Option<((), Fresh)> {
-    let database = Arc::new(fresh_url().await?);
+async fn fresh() -> ((), Fresh) {
+    let database = Arc::new(fresh_url().await);
     let clock = Arc::new(ManualClock::default());
     let metadata = database.open(clock.clone()).await.expect("open");
-    Some(((), Fresh { metadata, clock, database }))
+    ((), Fresh { metadata, clock, database })
 }
 
-crate::metadata_conformance!(crate::store::postgres::tests::fresh, crate::optional_conformance_cases);
+crate::metadata_conformance!(crate::store::postgres::tests::fresh, "needs postgresql");
 
 /// A row that is cancelled and to be deleted would stay for ever, with its zip.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql"]
 async fn a_deletion_while_the_job_is_released_is_not_forgotten() {
-    let Some(url) = fresh_url().await else { return };
+    let url = fresh_url().await;
     let store = Arc::new(open(&url).await);
     conformance::accept(&*store, &conformance::stack()).await;
     let job = conformance::claim(&*store).await.expect("a job waits");
@@ -85,8 +86,9 @@ async fn a_deletion_while_the_job_is_released_is_not_forgotten() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "needs postgresql"]
 async fn a_change_is_announced_to_another_process() {
-    let Some(url) = fresh_url().await else { return };
+    let url = fresh_url().await;
     let (one, two) = (open(&url).await, open(&url).await);
     let (mut heard, mut arrivals) = (two.changes(), two.arrivals());
     let id = conformance::accept(&one, &conformance::stack()).await.id;
@@ -102,8 +104,9 @@ async fn a_change_is_announced_to_another_process() {
 }
 
 #[tokio::test]
+#[ignore = "needs postgresql"]
 async fn a_lease_is_granted_by_the_clock_of_the_database() {
-    let Some(url) = fresh_url().await else { return };
+    let url = fresh_url().await;
     let store = open(&url).await;
     conformance::accept(&store, &conformance::stack()).await;
     let claimed = conformance::claim(&store).await.unwrap();
@@ -156,8 +159,9 @@ async fn dump(store: &PostgresMetadata) -> Vec<String> {
 }
 
 #[tokio::test]
+#[ignore = "needs postgresql"]
 async fn all_rows_go_to_a_file_and_into_another_database() {
-    let (Some(one), Some(two)) = (fresh_url().await, fresh_url().await) else { return };
+    let (one, two) = (fresh_url().await, fresh_url().await);
     let (one, two) = (open(&one).await, open(&two).await);
     filled(&one).await;
     let folder = tempfile::tempdir().unwrap();
@@ -184,8 +188,9 @@ async fn all_rows_go_to_a_file_and_into_another_database() {
 }
 
 #[tokio::test]
+#[ignore = "needs postgresql"]
 async fn every_column_of_both_schemas_is_transferred() {
-    let Some(url) = fresh_url().await else { return };
+    let url = fresh_url().await;
     let store = open(&url).await;
     let of_schema: Vec<(String, String)> = sqlx::query_as(
         "SELECT table_name::text, column_name::text FROM information_schema.columns

@@ -36,31 +36,26 @@ pub(super) struct Server {
     _pipe: Option<ChildStdin>,
 }
 
-/// The server, which is started by the first caller. `None`: there is none, and the test is skipped.
+/// The server, which is started by the first caller.
 ///
 /// # Panics
-/// When there is none and `PINSTACK_TEST_TOOLS` is `required`, or when it does not start.
-pub(super) fn server() -> Option<&'static Server> {
-    static SERVER: OnceLock<Option<Server>> = OnceLock::new();
-    let start = || match std::env::var("PINSTACK_TEST_S3_ENDPOINT") {
-        Ok(endpoint) => Some(Server { endpoint, _pipe: None }),
+/// When there is none, or it does not start.
+pub(super) fn server() -> &'static Server {
+    static SERVER: OnceLock<Server> = OnceLock::new();
+    SERVER.get_or_init(|| match std::env::var("PINSTACK_TEST_S3_ENDPOINT") {
+        Ok(endpoint) => Server { endpoint, _pipe: None },
         Err(_) => private(),
-    };
-    SERVER.get_or_init(start).as_ref()
+    })
 }
 
 #[expect(clippy::zombie_processes, reason = "it ends with this process, when its input is closed")]
-fn private() -> Option<Server> {
+fn private() -> Server {
     let has_moto = |python: &&str| {
         let tried = Command::new(python).args(["-c", HAS_MOTO]).output();
         tried.is_ok_and(|done| done.status.success())
     };
-    let Some(python) = ["moto-python", "python3"].into_iter().find(has_moto) else {
-        let required = std::env::var("PINSTACK_TEST_TOOLS").as_deref() == Ok("required");
-        assert!(!required, "not installed: moto 5.2.5 (pip install moto flask flask-cors)");
-        println!("skipped: moto 5.2.5 not installed");
-        return None;
-    };
+    let python = ["moto-python", "python3"].into_iter().find(has_moto);
+    let python = python.expect("moto 5.2.5 is not installed (pip install moto flask flask-cors)");
     let mut python = Command::new(python)
         .args(["-c", SCRIPT])
         .stdin(Stdio::piped())
@@ -71,7 +66,7 @@ fn private() -> Option<Server> {
     let mut endpoint = String::new();
     BufReader::new(python.stdout.take().expect("piped")).read_line(&mut endpoint).expect("it writes a line");
     assert!(endpoint.starts_with("http://"), "the S3 server for tests did not start");
-    Some(Server { endpoint: endpoint.trim().to_owned(), _pipe: python.stdin.take() })
+    Server { endpoint: endpoint.trim().to_owned(), _pipe: python.stdin.take() }
 }
 
 /// A credentials file for the server, as text.

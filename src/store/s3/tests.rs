@@ -19,9 +19,9 @@ use crate::store::{
     open_with_clock,
 };
 
-/// A location in a bucket of its own. `None`: there is no server, and the test is skipped.
-fn location(prefix: &str) -> Option<(TempDir, S3Location)> {
-    let server = server()?;
+/// A location in a bucket of its own.
+fn location(prefix: &str) -> (TempDir, S3Location) {
+    let server = server();
     let folder = tempfile::tempdir().expect("a folder");
     let credentials = folder.path().join("credentials");
     fs::write(&credentials, test_server::credentials()).expect("a file");
@@ -32,30 +32,31 @@ fn location(prefix: &str) -> Option<(TempDir, S3Location)> {
         ca_file: None,
         credentials_file: std::env::var("AWS_ACCESS_KEY_ID").is_err().then_some(credentials),
     };
-    Some((folder, location))
+    (folder, location)
 }
 
-async fn fresh_store() -> Option<(TempDir, FreshStore)> {
-    let (folder, location) = location("/lab/scans")?;
+async fn fresh_store() -> (TempDir, FreshStore) {
+    let (folder, location) = location("/lab/scans");
     let clock = Arc::new(ManualClock::default());
     let local = open_with_clock(folder.path(), clock.clone()).await.expect("a store");
     let (blobs, parts) = open(&location, Uuid::now_v7()).await.expect("a bucket");
     let store = Store { blobs: Arc::new(blobs), parts: Arc::new(parts), ..local };
-    Some((folder, FreshStore { store, clock }))
+    (folder, FreshStore { store, clock })
 }
 
-async fn fresh() -> Option<(TempDir, Store)> {
-    let (folder, fresh) = fresh_store().await?;
-    Some((folder, fresh.store))
+async fn fresh() -> (TempDir, Store) {
+    let (folder, fresh) = fresh_store().await;
+    (folder, fresh.store)
 }
 
-crate::blob_conformance!(crate::store::s3::tests::fresh, crate::optional_conformance_cases);
-crate::upload_parts_conformance!(crate::store::s3::tests::fresh, crate::optional_conformance_cases);
-crate::gc_conformance!(crate::store::s3::tests::fresh_store, crate::optional_conformance_cases);
+crate::blob_conformance!(crate::store::s3::tests::fresh, "needs moto, curl");
+crate::upload_parts_conformance!(crate::store::s3::tests::fresh, "needs moto, curl");
+crate::gc_conformance!(crate::store::s3::tests::fresh_store, "needs moto, curl");
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn an_upload_of_several_requests_becomes_a_blob_within_the_bucket() {
-    let Some((_guard, store)) = fresh().await else { return };
+    let (_guard, store) = fresh().await;
     let bytes: Vec<u8> = (0..31_000_001_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     let (id, key) = (Uuid::now_v7(), upload_key(Uuid::now_v7()));
     let mut upload = store.parts.lock(id).await.unwrap().expect("it is free");
@@ -78,8 +79,9 @@ async fn an_upload_of_several_requests_becomes_a_blob_within_the_bucket() {
 }
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn a_large_file_is_stored_in_parts_and_comes_back() {
-    let Some((_guard, store)) = fresh().await else { return };
+    let (_guard, store) = fresh().await;
     let bytes: Vec<u8> = (0..21_000_001_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     let key = upload_key(Uuid::now_v7());
     put_blob(&store, &key, &bytes).await;
@@ -88,8 +90,9 @@ async fn a_large_file_is_stored_in_parts_and_comes_back() {
 }
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn a_bucket_belongs_to_the_first_database_that_opens_it() {
-    let Some((_guard, location)) = location("") else { return };
+    let (_guard, location) = location("");
     let ours = Uuid::now_v7();
     open(&location, ours).await.expect("it is free");
     open(&location, ours).await.expect("it is ours");
@@ -100,8 +103,9 @@ async fn a_bucket_belongs_to_the_first_database_that_opens_it() {
 }
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn a_bucket_that_does_not_exist_or_answer_is_unavailable() {
-    let Some((_guard, location)) = location("") else { return };
+    let (_guard, location) = location("");
     let missing = S3Location { url: S3Url::new("s3://there-is-none"), ..location.clone() };
     assert!(matches!(open(&missing, Uuid::now_v7()).await, Err(StoreError::Unavailable(_))));
     let wrong = S3Location { endpoint: Some("ftp://example".into()), ..location };
@@ -110,8 +114,9 @@ async fn a_bucket_that_does_not_exist_or_answer_is_unavailable() {
 }
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn a_rerun_copies_its_zip_within_the_bucket_even_if_the_first_one_is_removed_meanwhile() {
-    let Some((_guard, store)) = fresh().await else { return };
+    let (_guard, store) = fresh().await;
     let (first, again, late) = (upload_key(Uuid::now_v7()), upload_key(Uuid::now_v7()), upload_key(Uuid::now_v7()));
     put_blob(&store, &first, b"zip").await;
     let shared = async || store.blobs.share(&first, &store.workspace).await.unwrap().expect("it is stored");
@@ -126,8 +131,9 @@ async fn a_rerun_copies_its_zip_within_the_bucket_even_if_the_first_one_is_remov
 }
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn two_processes_that_write_one_upload_do_not_mix_their_bytes() {
-    let Some((_guard, location)) = location("") else { return };
+    let (_guard, location) = location("");
     let owner = Uuid::now_v7();
     let (_, one) = open(&location, owner).await.unwrap();
     let (_, other) = open(&location, owner).await.unwrap();
@@ -145,15 +151,16 @@ async fn two_processes_that_write_one_upload_do_not_mix_their_bytes() {
     older.append("45".into()).await.unwrap();
     newer.sync().await.unwrap();
     older.sync().await.unwrap();
-    let (_folder, store) = fresh().await.expect("a server");
+    let (_folder, store) = fresh().await;
     let whole = newer.assemble(10, &store.workspace).await.unwrap().expect("it is whole");
     assert_eq!(fs::read(whole.path()).unwrap(), b"0123abcdef");
     assert!(newer.assemble(11, &store.workspace).await.unwrap().is_none());
 }
 
 #[tokio::test]
+#[ignore = "needs moto, curl"]
 async fn a_put_that_the_bucket_did_not_keep_is_an_error() {
-    let Some((_guard, store)) = fresh().await else { return };
+    let (_guard, store) = fresh().await;
     let file = spool_file(&store, b"zip");
     let path = file.path().to_owned();
     // the object is there, and has another size than the bucket acknowledged

@@ -54,7 +54,7 @@ impl JobRunner for ScriptedRunner {
                 }
                 Ok(Order::WaitForStop) => loop {
                     sink.check()?;
-                    std::thread::yield_now();
+                    std::thread::sleep(std::time::Duration::from_millis(1));
                 },
                 Ok(Order::Fail) => return Err(Fault::new(Code::InvalidImage, "torn").into()),
                 Ok(Order::Full) => return Err(Fault::new(Code::InsufficientStorage, "full").into()),

@@ -83,6 +83,6 @@ pub async fn status_line(socket: &mut TcpStream) -> String {
 /// Waits until the server has written this many bytes, synced or not.
 pub async fn until_written(app: &TestApp, url: &str, bytes: u64) {
     while app.partial_bytes(id_of(url)) < bytes {
-        tokio::task::yield_now().await;
+        tokio::time::sleep(std::time::Duration::from_millis(1)).await;
     }
 }

@@ -5,9 +5,8 @@ use std::{collections::BTreeMap, fs, io::Read, path::Path, process::Command};
 
 use serde_json::{Value, json};
 
-use super::finished;
 use crate::{
-    have, run,
+    run,
     server::{Server, small_rig, write_stack_of},
 };
 
@@ -32,7 +31,7 @@ fn rerun(server: &Server, changes: &Value) {
     let made = server.curl(&[&["-X", "POST", "-d", &body], &JSON[..]].concat(), "/v1/scans/bee/rerun");
     for view in made["views"].as_array().unwrap_or_else(|| panic!("refused: {made}")) {
         let stack = server.curl(&[], view["stack"].as_str().expect("a stack"));
-        let stack = finished(server, &stack);
+        let stack = server.finished(&stack);
         assert_eq!(stack["state"], "succeeded", "{stack}");
     }
 }
@@ -53,10 +52,8 @@ fn members(zip: &Path) -> BTreeMap<String, Vec<u8>> {
 const BUNDLE: &str = "/v1/scans/bee/bundle?layout=colmap";
 
 #[test]
+#[ignore = "needs curl"]
 fn a_scan_keeps_one_camera_and_its_file_names_and_its_bundle_can_be_resumed() {
-    if !have(&["curl"]) {
-        return;
-    }
     let server = Server::start();
     let zip = server.folder.path().join("stack.zip");
     write_stack_of(&small_rig(), &zip);
@@ -64,7 +61,7 @@ fn a_scan_keeps_one_camera_and_its_file_names_and_its_bundle_can_be_resumed() {
     let scan = json!({ "rig": "rig", "lens": "lens", "radius_mm": 141 }).to_string();
     server.curl(&[&["-X", "PUT", "-d", &scan], &JSON[..]].concat(), "/v1/scans/bee");
     for (pan, crop) in [(0, "none"), (20, "none"), (40, "12,10,200,140")] {
-        let stack = finished(&server, &server.fuse(&zip, &format!("&scan=bee&pan_deg={pan}&tilt_deg=6&crop={crop}")));
+        let stack = server.finished(&server.fuse(&zip, &format!("&scan=bee&pan_deg={pan}&tilt_deg=6&crop={crop}")));
         assert_eq!(stack["state"], "succeeded", "{stack}");
     }
     let refused = server.curl(&[], BUNDLE);
@@ -83,7 +80,7 @@ fn a_scan_keeps_one_camera_and_its_file_names_and_its_bundle_can_be_resumed() {
 
     // the same homographies, another principal distance: one view alone, then all
     put_profile(&server, 130.0);
-    let odd = finished(&server, &server.fuse(&zip, "&scan=bee&pan_deg=20&tilt_deg=6"));
+    let odd = server.finished(&server.fuse(&zip, "&scan=bee&pan_deg=20&tilt_deg=6"));
     assert_eq!(odd["state"], "succeeded", "{odd}");
     let refused = server.curl(&[], BUNDLE);
     let detail = refused["detail"].as_str().expect("a sentence");

@@ -13,9 +13,17 @@ use pinstack_science::{
         DotTarget, Light, Rig, render_target,
         turntable::{self, Specimen, Surface},
     },
-    types::{intrinsics::Intrinsics, view::ViewAngles},
+    types::{intrinsics::Intrinsics, profile::CaptureMode, view::ViewAngles},
 };
 use rayon::prelude::*;
+
+use crate::server::Server;
+
+/// Steps of pan around the axis, and the tilts.
+pub const PANS: usize = 18;
+pub const TILTS: [f64; 3] = [0.0, 8.0, 16.0];
+pub const WIDTH: usize = 810;
+pub const SLICES: usize = 9;
 
 /// JPEG quality of the slices, that of the setting "fine" of cameras.
 const QUALITY: u8 = 95;
@@ -62,6 +70,29 @@ impl Setup {
     /// The dot target that the rig is calibrated with. No edge of it is in view, so its dots carry a code.
     pub fn target(&self) -> DotTarget {
         DotTarget { code: Some([0, 0]), ..DotTarget::for_rig(&self.rig, TARGET_COLUMNS) }
+    }
+
+    /// Sends the dot target and waits for a calibration that is good.
+    pub fn calibrate(&self, server: &Server, folder: &Path) {
+        let zip = folder.join("target.zip");
+        self.write_target(&zip);
+        let mode = match self.rig.mode {
+            CaptureMode::FixedLens => "fixed_lens",
+            CaptureMode::MovingLens => "moving_lens",
+        };
+        let path = format!(
+            "/v1/profiles/rig/lens/calibrations?capture_mode={mode}&focal_mm={}&pixel_pitch_mm={}&target_pitch_mm={}",
+            self.rig.focal_mm,
+            self.rig.pixel_pitch_mm,
+            self.target().pitch_mm
+        );
+        let made = server.curl(&["-X", "POST", "-T", zip.to_str().expect("plain")], &path);
+        let made = server.finished(&made);
+        assert_eq!(made["state"], "succeeded", "{made}");
+        let profile = server.curl(&[], "/v1/profiles/rig/lens");
+        let distance = profile["principal_distance_mm"].as_f64().expect("the distance from the lens to the sensor");
+        let expected = self.rig.sensor_distance(self.rig.reference);
+        assert!((distance / expected - 1.0).abs() < 1e-3, "{distance} mm, truly {expected} mm");
     }
 
     /// Writes the slices of the target as a zip.

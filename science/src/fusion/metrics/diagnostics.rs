@@ -60,8 +60,8 @@ fn each_fault_is_the_only_warning_on_a_flower() {
 fn a_stack_without_faults_has_no_warning() {
     let mut wrong = Vec::new();
     for (name, scene) in SCENES {
-        for (width, height, count) in [(480, 360, 11), (360, 240, 9)] {
-            for seed in 1..=3 {
+        for (width, height, count, seeds) in [(480, 360, 11, 1), (360, 240, 9, 3)] {
+            for seed in 1..=seeds {
                 let stack = Stack::of(&Rig { seed, ..Rig::sized(width, height, count) }, &scene(seed));
                 let found = warning_codes(&stack, true);
                 println!("{name} {width} x {height}, seed {seed}: {found:?}");
@@ -87,10 +87,12 @@ fn fine_steps_do_not_make_the_range_seem_too_short() {
     }
 }
 
-/// Faults that a scene cannot show: its step is so fine that a missing slice loses nothing, or too few pixels are
-/// bright.
-const CANNOT_SHOW: [&[&str]; 5] =
-    [&["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"]];
+/// Scenes of tests of their own: the first ones.
+const TESTED_ALONE: usize = 2;
+
+/// Faults that each other scene cannot show: its step is so fine that a missing slice loses nothing, or too few pixels
+/// are bright.
+const CANNOT_SHOW: [&[&str]; 3] = [&["uneven_step"], &["uneven_step", "clipped"], &["uneven_step"]];
 
 /// Pairs of a fault and another code that is correct too: a gap without lost detail is only a long step.
 const ALSO_CORRECT: [(&str, &str); 1] = [("coverage_gap", "uneven_step")];
@@ -100,9 +102,9 @@ static OF_SEED_4: LazyLock<[Stack; 5]> =
     LazyLock::new(|| SCENES.map(|(_, scene)| Stack::of(&Rig { seed: 4, ..Rig::sized(480, 360, 11) }, &scene(4))));
 
 #[test]
-fn each_fault_is_reported_on_all_scenes_that_can_show_it() {
+fn each_fault_is_reported_on_the_other_scenes_that_can_show_it() {
     let mut wrong = Vec::new();
-    for (((name, _), clean), but) in SCENES.into_iter().zip(&*OF_SEED_4).zip(CANNOT_SHOW) {
+    for (((name, _), clean), but) in SCENES.into_iter().zip(&*OF_SEED_4).skip(TESTED_ALONE).zip(CANNOT_SHOW) {
         for (fault, make) in FAULTS.iter().filter(|(fault, _)| !fault.is_empty()) {
             let found = warning_codes(&make(clean.clone()), true);
             println!("{name} [{fault}]: {found:?}");

@@ -10,13 +10,12 @@ use pinstack_science::{synth::Rig, types::view::ViewAngles};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::{
-    PANS, SLICES, TILTS, WIDTH, calibrate,
+use crate::{
     colmap::{Accuracy, reconstruct},
-    finished,
-    setup::{Setup, Sharp, image_of, mask_of},
+    run::run,
+    server::Server,
+    setup::{PANS, SLICES, Setup, Sharp, TILTS, WIDTH, image_of, mask_of},
 };
-use crate::{run, server::Server};
 
 /// What moves between the slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,7 +142,7 @@ impl Case {
     fn fuse(&self, setup: &Setup, server: &Server, folder: &Path) {
         setup.write_bundle(folder);
         match self.alignment {
-            Alignment::Calibrated => calibrate(server, setup, server.folder.path()),
+            Alignment::Calibrated => setup.calibrate(server, server.folder.path()),
             Alignment::None => put_profile(server, &setup.rig, "lens", &vec![IDENTITY; setup.rig.slices()]),
             // one profile per view
             Alignment::Ecc | Alignment::Ideal | Alignment::Noisy => {}
@@ -165,7 +164,7 @@ impl Case {
             })
             .collect();
         for (angles, stack) in &stacks {
-            let stack = finished(server, stack);
+            let stack = server.finished(stack);
             assert_eq!(stack["state"], "succeeded", "{stack}");
             let path = stack["links"]["self"].as_str().expect("a path");
             server.download(&["-H", "Accept: image/png"], &format!("{path}/image"), &folder.join(image_of(*angles)));
