@@ -14,9 +14,9 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::blur;
-use super::detection::Detection;
+use super::detected::Detection;
 use super::statistics::median;
-use super::tracking::Tracked;
+use super::tracked::Tracked;
 
 /// Share of the strongest modulation below which the shift matters.
 const WEAK: f64 = 0.3;
@@ -26,17 +26,17 @@ const SHARED: f64 = 1.5;
 const MOST: f64 = 0.3;
 
 /// Adds the shift to the uncertainty of the dots of slices in which the pattern nearly vanishes.
-pub(super) fn doubt_weak_slices(tracked: &mut Tracked) {
-    let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+pub(super) fn widen_weak_slices(tracked: &mut Tracked) {
+    let strongest = tracked.strongest();
     for detection in tracked.detections.iter_mut().flatten() {
         let share = detection.modulation / strongest;
         if share < WEAK {
-            doubt(detection, share);
+            widen(detection, share);
         }
     }
 }
 
-fn doubt(detection: &mut Detection, share: f64) {
+fn widen(detection: &mut Detection, share: f64) {
     let Some(light) = LightSurface::fit(detection) else { return };
     let shift = blur::tilt_shift(blur::radius(share)) * detection.pitch * detection.pitch;
     let most = MOST * detection.pitch;

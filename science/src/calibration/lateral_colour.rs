@@ -3,7 +3,8 @@
 //! The dots of one slice are measured again in red and in blue. Scale and shift relative to green follow by least
 //! squares. The geometry of a calibration is that of green, so lateral colour does not bias it. Fusion corrects it.
 
-use super::detection::{self, Detection, Expected, Target};
+use super::detected::{Detection, Expected, Target};
+use super::detection;
 use super::statistics::median;
 use crate::imaging::{Raster, Samples};
 use crate::types::lateral_colour::{ColourDisplacement, LateralColour};

@@ -5,7 +5,7 @@
 //!
 //! | step | module | what it does |
 //! |---|---|---|
-//! | detection | `detection`, `blobs`, `lattice` | finds the grid in the reference slice, or in another that shows it |
+//! | detection | `detection`, `blobs`, `grid_indexing` | finds the grid in the reference slice, or in another that shows it |
 //! | tracking | `tracking`, `coarse_registration` | follows the grid from slice to slice in both directions |
 //! | code | `code` | recognises a coded target, on which every dot is unique |
 //! | identity | `identity` | checks that the same label is the same dot in all slices, and corrects it |
@@ -33,6 +33,7 @@ mod camera;
 mod capture;
 mod coarse_registration;
 mod code;
+mod detected;
 mod detection;
 mod distortion;
 mod dlt;
@@ -43,10 +44,12 @@ mod findings;
 mod flat_field;
 mod gains;
 mod grade;
+mod grid_indexing;
 mod identity;
 mod inpainting;
 mod lateral_colour;
 mod lattice;
+mod line_fit;
 mod lost;
 mod model_selection;
 mod overlay;
@@ -58,11 +61,14 @@ mod rail_fit;
 mod rail_jumps;
 mod rail_order;
 mod report;
+mod result;
 mod robust;
 mod solve;
 mod statistics;
+mod surface;
 mod target_check;
 mod tint;
+mod tracked;
 mod tracking;
 mod transform_models;
 mod working_image;
@@ -72,75 +78,16 @@ mod testkit;
 #[cfg(test)]
 mod tests;
 
-pub use detection::{MAX_SAMPLES, SLICE_BYTES};
+pub use detected::SLICE_BYTES;
+pub use detection::MAX_SAMPLES;
 pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use overlay::overlay;
+pub use result::{Calibration, Dot, DotUse};
 pub use target_check::dot_target;
 
 use crate::imaging::Slices;
 use crate::types::calibration_options::CalibrationOptions;
-use crate::types::distortion::Distortion;
-use crate::types::lateral_colour::LateralColour;
-use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
-use crate::types::report::CalibrationReport;
-use crate::types::{Control, Error, ErrorKind, Interrupted, Warning};
-
-/// How a dot was used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DotUse {
-    /// It agrees with the homography of its slice.
-    Inlier,
-    /// It does not agree, and was excluded from the fit.
-    Outlier,
-    /// It was not used: the reference slice does not show it, or the slice's homography was predicted.
-    Unused,
-}
-
-/// A measured dot.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dot {
-    /// Column and row in the grid, the same for all slices. The origin is arbitrary.
-    pub label: [i32; 2],
-    /// Centre in px of its slice.
-    pub at: [f64; 2],
-    /// Standard deviation of each coordinate, px.
-    pub sigma: f64,
-    /// How it was used.
-    pub used: DotUse,
-}
-
-/// The result of a calibration.
-#[derive(Debug, Clone)]
-pub struct Calibration {
-    /// Width of every slice, px.
-    pub width: u32,
-    /// Height of every slice, px.
-    pub height: u32,
-    /// 0-based index of the slice that all others are mapped to.
-    pub reference_index: usize,
-    /// One entry per slice: homography, gain, and their uncertainties.
-    pub slices: Vec<ProfileSlice>,
-    /// Per slice its measured dots.
-    pub dots: Vec<Vec<Dot>>,
-    /// Dot pitch in the reference slice, px.
-    pub dot_pitch_px: f64,
-    /// Image size over target size; `None` unless the pixel pitch and the target pitch were specified.
-    pub magnification: Option<f64>,
-    /// What moves between slices: as found from the scales, else as specified.
-    pub capture_mode: Option<CaptureMode>,
-    /// The transform model of the homographies.
-    pub model: HomographyModel,
-    /// Lens distortion that stays with the sensor; the homographies are then between images without it. `None`: none.
-    pub distortion: Option<Distortion>,
-    /// Lateral colour that is large enough to correct; `None`: no, or not measured.
-    pub lateral_colour: Option<LateralColour>,
-    /// Findings for the user.
-    pub warnings: Vec<Warning>,
-    /// The verdict in one sentence.
-    pub verdict: String,
-    /// The full report.
-    pub report: CalibrationReport,
-}
+use crate::types::{Control, Error, ErrorKind, Interrupted};
 
 /// Calibrates a rig from a stack of a dot target.
 ///
@@ -175,7 +122,7 @@ pub fn calibrate(
     }
     let given = rail_positions(options, count)?;
     let mut tracked = tracking::track_all(slices, reference, control)?;
-    falloff::doubt_weak_slices(&mut tracked);
+    falloff::widen_weak_slices(&mut tracked);
     let lens = distortion::analyse(&tracked, reference, control)?;
     if let Some(distortion) = &lens.distortion {
         tracked = distortion::straightened(tracked, distortion);

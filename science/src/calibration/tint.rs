@@ -1,6 +1,6 @@
 //! The tint of a slice: red and blue light over green light, by which slices with another white balance are named.
 
-use super::detection::Detection;
+use super::detected::Detection;
 use super::dot_photometry::to_light;
 use crate::imaging::{Raster, Samples};
 

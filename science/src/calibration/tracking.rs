@@ -6,34 +6,17 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::coarse_registration::SimilarityMotion;
-use super::detection::{self, Detection, Diagnosis, Expected, Target};
-use super::identity::{self, Labelling};
-use super::lateral_colour::{self, MeasuredColours};
+use super::detected::{Detection, Expected, Target};
+use super::detection::{self, Diagnosis};
+use super::identity;
+use super::lateral_colour;
 use super::lattice::Places;
 use super::statistics::median;
 use super::tint;
+use super::tracked::Tracked;
 use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};
-
-/// The grid in all slices.
-#[derive(Debug)]
-pub(super) struct Tracked {
-    /// Width of every slice, px.
-    pub width: usize,
-    /// Height of every slice, px.
-    pub height: usize,
-    /// Properties of the target.
-    pub target: Target,
-    /// Per slice its dots; `None` where the grid was not found.
-    pub detections: Vec<Option<Detection>>,
-    /// Per slice without a grid the likely reason.
-    pub diagnoses: Vec<Option<Diagnosis>>,
-    /// Per slice whether its labels are certain.
-    pub labelling: Vec<Labelling>,
-    /// Lateral colour in the slice in which the grid was found first; `None` for grey slices.
-    pub colours: Option<MeasuredColours>,
-}
 
 /// Most slices in which the grid is searched for, besides the reference.
 const MAX_TRIED: usize = 9;
@@ -81,7 +64,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let (width, height, _) = loader.size.unwrap_or_default();
     let found = (Some(detection), None);
     let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
-    let labelling = identity::settle(&mut detections, start);
+    let labelling = identity::resolve_labels(&mut detections, start);
     same_orientation(slices, &detections, start, target.code.is_some())?;
     Ok(Tracked { width, height, target, detections, diagnoses, labelling, colours })
 }

@@ -21,10 +21,6 @@ pub(super) enum TransformModel {
     Homography,
 }
 
-/// All models, simplest first.
-pub(super) const ALL: [TransformModel; 3] =
-    [TransformModel::Similarity, TransformModel::Affine, TransformModel::Homography];
-
 /// The eight parameters of a transform, row by row, as differences from the identity: `[1 + p0, p1, p2; p3, 1 + p4, p5;
 /// p6, p7, 1]`.
 pub(super) type Parameters = [f64; 8];

@@ -21,11 +21,11 @@ mod tests;
 
 use fit::{Coefficients, JointFit, View, fit, predict};
 
-use super::detection::Detection;
+use super::detected::Detection;
 use super::dlt;
 use super::grade::Finding;
 use super::solve::find_inliers;
-use super::tracking::Tracked;
+use super::tracked::Tracked;
 use super::transform_models::{self, Frame, Match, TransformModel};
 use crate::types::distortion::Distortion;
 use crate::types::report::Grade;
