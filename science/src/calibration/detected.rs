@@ -10,7 +10,7 @@ use super::dot_photometry::DotBrightness;
 use super::flat_field::Polarity;
 use super::identity::{Fingerprint, MAX_BYTES, MAX_CELLS};
 use super::lattice::{Label, Places};
-use super::statistics::median;
+use super::statistics::median_point;
 
 /// Most memory that is kept of a slice after its detection, bytes: the fingerprint, the measured dots and the places of
 /// the known ones. Nodes of a map are two thirds full on average.
@@ -99,8 +99,7 @@ fn middle_places(places: &mut Places) {
     if places.len() <= MAX_PLACES {
         return;
     }
-    let middle = |axis: usize| median(&mut places.keys().map(|l| f64::from(l[axis])).collect::<Vec<_>>());
-    let middle = [middle(0), middle(1)];
+    let middle = median_point(&places.keys().map(|l| l.map(f64::from)).collect::<Vec<_>>());
     let off = |l: &Label| (0..2).map(|a| (f64::from(l[a]) - middle[a]).abs()).fold(0.0, f64::max);
     let mut labels: Vec<Label> = places.keys().copied().collect();
     labels.sort_by(|a, b| off(a).total_cmp(&off(b)).then(a.cmp(b)));

@@ -15,7 +15,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::blur;
 use super::detected::Detection;
-use super::statistics::median;
+use super::statistics::median_of;
 use super::tracked::Tracked;
 
 /// Share of the strongest modulation below which the shift matters.
@@ -41,7 +41,7 @@ fn widen(detection: &mut Detection, share: f64) {
     let shift = blur::tilt_shift(blur::radius(share)) * detection.pitch * detection.pitch;
     let most = MOST * detection.pitch;
     let gradients = detection.dots.values().map(|dot| light.gradient(dot.at));
-    detection.common_sigma = SHARED * shift * median(&mut gradients.collect::<Vec<_>>());
+    detection.common_sigma = SHARED * shift * median_of(gradients);
     for dot in detection.dots.values_mut() {
         let sigma = (SHARED * light.gradient(dot.at) * shift).min(most);
         dot.sigma = dot.sigma.hypot(sigma);

@@ -4,7 +4,7 @@
 //! Without it, vignetting of 30 % shifts the centres of blurred dots by 0.2 to 0.5 px, because each dot is biased along
 //! the brightness gradient; with it the shift is 0.03 px.
 
-use super::statistics::{median, quantile};
+use super::statistics::{median, median_of, quantile, thinned};
 use super::surface::{HIGHEST, LevelSample, Surface};
 use super::working_image::sample;
 use crate::imaging::Plane;
@@ -33,12 +33,6 @@ impl Polarity {
         let (low, high) = (quantile(&mut levels, 0.02), quantile(&mut levels, 0.98));
         if median(&mut levels) >= (low + high) / 2.0 { Self::DarkOnLight } else { Self::LightOnDark }
     }
-}
-
-/// Evenly spread samples of a plane: 33,000 to 100,000, or all of a smaller one.
-fn thinned(plane: &Plane<f32>) -> Vec<f64> {
-    let stride = (plane.data.len() / 50_000).max(1) | 1;
-    plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect()
 }
 
 /// The flat field of one image.
@@ -80,7 +74,7 @@ impl FlatField {
             Some((places, _)) => places.iter().filter_map(|p| sample(plane, *p)).map(f64::from).collect(),
         };
         // for bright dots: their level above the ground
-        let low = near.map(|_| median(&mut levels.iter().map(|l| l.value).collect::<Vec<_>>()));
+        let low = near.map(|_| median_of(levels.iter().map(|l| l.value)));
         let span = (quantile(&mut all, 0.99) - low.unwrap_or_else(|| quantile(&mut all, 0.3))).max(1.0);
         Self { ground, polarity, span, width: plane.width, height: plane.height }
     }

@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 
 use super::blobs::Blob;
 use super::lattice::{Label, Lattice, MIN_DOTS, Places, STEPS, pitch_of};
-use super::statistics::median;
+use super::statistics::{median, median_point, range};
 
 /// Largest distance of a spot from its predicted position, grid steps.
 const REACH: f64 = 0.25;
@@ -38,8 +38,7 @@ struct Nearby {
 impl Nearby {
     fn new(blobs: &[Blob]) -> Option<Self> {
         let bound = |axis: usize| {
-            let (low, high) =
-                blobs.iter().fold((f64::MAX, f64::MIN), |b, s| (b.0.min(s.at[axis]), b.1.max(s.at[axis])));
+            let (low, high) = range(blobs.iter().map(|b| b.at[axis]));
             (high - low).max(1.0)
         };
         let cell = (bound(0) * bound(1) / blobs.len() as f64).sqrt().max(1.0);
@@ -100,10 +99,7 @@ fn basis(blobs: &[Blob], near: &Nearby) -> Option<([f64; 2], [f64; 2])> {
         let tolerance = 0.15 * c[0].hypot(c[1]);
         let signed = steps.iter().map(|d| if d[0] * c[0] + d[1] * c[1] < 0.0 { [-d[0], -d[1]] } else { *d });
         let close: Vec<[f64; 2]> = signed.filter(|d| distance(*d, c) < tolerance).collect();
-        [
-            median(&mut close.iter().map(|d| d[0]).collect::<Vec<_>>()),
-            median(&mut close.iter().map(|d| d[1]).collect::<Vec<_>>()),
-        ]
+        median_point(&close)
     };
     let u = refined(ranked.first()?.1);
     let across = |c: &[f64; 2]| {
@@ -118,10 +114,7 @@ fn basis(blobs: &[Blob], near: &Nearby) -> Option<([f64; 2], [f64; 2])> {
 
 /// Start spots: those near the centre that have all four neighbours.
 fn seeds(blobs: &[Blob], near: &Nearby, u: [f64; 2], v: [f64; 2]) -> Vec<usize> {
-    let centre = [
-        median(&mut blobs.iter().map(|b| b.at[0]).collect::<Vec<_>>()),
-        median(&mut blobs.iter().map(|b| b.at[1]).collect::<Vec<_>>()),
-    ];
+    let centre = median_point(&blobs.iter().map(|b| b.at).collect::<Vec<_>>());
     let reach = REACH * u[0].hypot(u[1]).min(v[0].hypot(v[1]));
     let neighbours = |k: usize| {
         let at = blobs[k].at;

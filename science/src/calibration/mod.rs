@@ -52,6 +52,7 @@ mod lattice;
 mod line_fit;
 mod lost;
 mod model_selection;
+mod names;
 mod overlay;
 mod phase;
 mod radial_profile;
@@ -102,6 +103,20 @@ use crate::types::{Control, Error, ErrorKind, Interrupted};
 /// - [`ErrorKind::InvalidParameter`] for fewer than two slices, a `reference_index` beyond the stack, or invalid rail
 ///   positions.
 /// - Errors of [`Slices::load`].
+///
+/// # Example
+/// ```
+/// use pinstack_science::calibration::calibrate;
+/// use pinstack_science::synth::{DotTarget, Rendered, Rig};
+/// use pinstack_science::types::{NoControl, calibration_options::CalibrationOptions};
+///
+/// let rig = Rig::sized(300, 200, 3);
+/// let slices = Rendered::target(&rig, &DotTarget::for_rig(&rig, 12));
+/// let calibration = calibrate(&slices, &CalibrationOptions::default(), &NoControl)?;
+/// let error_px = calibration.slices[0].homography.corner_distance(&rig.homography(0), 300, 200);
+/// assert!(calibration.reference_index == 1 && error_px < 0.3);
+/// # Ok::<(), pinstack_science::types::Interrupted>(())
+/// ```
 pub fn calibrate(
     slices: &dyn Slices,
     options: &CalibrationOptions,

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::statistics::median;
+use super::statistics::{mad_sigma, median_of};
 
 /// A polynomial surface over the image, in coordinates (u, v) from -1 to 1 along each axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,10 +41,7 @@ impl Surface {
         match fitted {
             Some(surface) => surface,
             None if degree > 0 => Self::fit(levels, degree - 1, upper),
-            None => {
-                let mut values: Vec<f64> = levels.iter().map(|l| l.value).collect();
-                Self { degree: 0, coefficients: vec![median(&mut values)] }
-            }
+            None => Self { degree: 0, coefficients: vec![median_of(levels.iter().map(|l| l.value))] },
         }
     }
 
@@ -78,8 +75,7 @@ impl Surface {
             let level_of = |row: &[f64]| row.iter().zip(&solved.coefficients).map(|(r, c)| r * c).sum::<f64>();
             let residuals: Vec<f64> =
                 rows.chunks_exact(size).zip(levels).map(|(row, l)| l.value - level_of(row)).collect();
-            let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
-            let spread = (1.4826 * median(&mut sizes)).max(1e-3);
+            let spread = mad_sigma(residuals.iter().copied()).max(1e-3);
             for (weight, residual) in weights.iter_mut().zip(&residuals) {
                 let t = residual / (4.685 * spread);
                 *weight = if t.abs() < 1.0 { (1.0 - t * t).powi(2) } else { 0.0 };

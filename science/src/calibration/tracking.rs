@@ -11,7 +11,8 @@ use super::detection::{self, Diagnosis};
 use super::identity;
 use super::lateral_colour;
 use super::lattice::Places;
-use super::statistics::median;
+use super::names::first_names;
+use super::statistics::median_of;
 use super::tint;
 use super::tracked::Tracked;
 use crate::imaging::{Raster, Slices};
@@ -90,8 +91,7 @@ struct Course {
 
 impl Course {
     fn expected(&self) -> Expected {
-        let middle =
-            |of: &dyn Fn(&SimilarityMotion) -> f64| median(&mut self.motions.iter().map(of).collect::<Vec<_>>());
+        let middle = |of: &dyn Fn(&SimilarityMotion) -> f64| median_of(self.motions.iter().map(of));
         let maybe_inverted = self.merged || self.gap > 1;
         if self.motions.is_empty() {
             return Expected { motion: SimilarityMotion::NONE, confident: false, maybe_inverted };
@@ -229,7 +229,7 @@ impl Loader<'_> {
 }
 
 fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
-    let names: Vec<&str> = tried.iter().take(5).map(|(index, _)| slices.name(*index)).collect();
+    let searched: Vec<usize> = tried.iter().map(|(index, _)| *index).collect();
     let same = tried
         .first()
         .filter(|(_, first)| tried.iter().all(|(_, diagnosis)| diagnosis == first))
@@ -242,10 +242,9 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
         format!("the {} slices that were searched", tried.len())
     };
     let detail = format!(
-        "no grid of dots was found in {slices_searched} ({}{}){why}; the target needs at least 12 whole \
+        "no grid of dots was found in {slices_searched} ({}){why}; the target needs at least 12 whole \
          round dots in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
-        names.join(", "),
-        if tried.len() > names.len() { ", ..." } else { "" },
+        first_names(slices, &searched, 5),
     );
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for (index, diagnosis) in tried {

@@ -19,9 +19,6 @@ pub const MAX_SAMPLES: usize = 8_000_000;
 /// Smallest dot pitch in that image, px, unless [`MAX_SAMPLES`] requires a coarser one.
 const MEASURED_PITCH: f64 = 16.0;
 /// Detects the grid in a slice without prior knowledge. Positions are px of the slice; `None` when no grid is found.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(in crate::calibration) fn detect_grid(
     slice: &Raster,
     control: &dyn Control,

@@ -15,7 +15,7 @@ use crate::calibration::inpainting::{self, InpaintedGrid};
 use crate::calibration::lattice::{self, Label, MIN_DOTS, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
 use crate::calibration::robust;
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::{median, median_of};
 use crate::calibration::working_image::WorkingImage;
 use crate::imaging::Plane;
 use crate::types::{Cancelled, Control};
@@ -129,8 +129,7 @@ impl Measurement<'_> {
     /// The dots whose amplitude is close to the median and whose shift is small.
     fn plausible(&self, labels: &[Label], windows: &[Window], phases: &[Option<PhaseMeasurement>]) -> Vec<FoundDot> {
         let amplitude = |phase: &PhaseMeasurement, k: usize| phase.harmonics[k].amplitude(self.sign);
-        let usual =
-            [0, 1].map(|k| median(&mut phases.iter().flatten().map(|p| amplitude(p, k)).collect::<Vec<_>>()).max(1e-6));
+        let usual = [0, 1].map(|k| median_of(phases.iter().flatten().map(|p| amplitude(p, k))).max(1e-6));
         let is_plausible = |phase: &PhaseMeasurement| {
             (0..2).all(|k| {
                 (0.3..1.8).contains(&(amplitude(phase, k) / usual[k]))

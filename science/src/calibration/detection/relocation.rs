@@ -18,9 +18,6 @@ use crate::types::{Cancelled, Control};
 const MIN_SIGNIFICANCE: f64 = 6.0;
 
 /// Relocates the grid of a neighbouring slice in this one and measures its dots. `None` when it is not visible.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(in crate::calibration) fn relocate_grid(
     slice: &Raster,
     target: Target,

@@ -14,9 +14,6 @@ use crate::types::{Cancelled, Control};
 
 /// Recognises the code of the target and measures the dots of a slice in which the grid was detected. The target is
 /// returned with its code. `None` when fewer than 12 dots can be measured.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(in crate::calibration) fn measure_grid(
     slice: &Raster,
     mut target: Target,
@@ -35,9 +32,6 @@ pub(in crate::calibration) fn measure_grid(
 
 /// Detects the grid of a coded target in a slice without prediction, and measures its dots. `from` are the dots of a
 /// neighbouring slice, px. `None` when the grid or its code is not visible.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(in crate::calibration) fn detect_coded(
     slice: &Raster,
     target: Target,

@@ -2,7 +2,7 @@
 
 use crate::calibration::lattice::{Label, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::median_point;
 use crate::calibration::working_image::WorkingImage;
 
 /// Most dots that are measured per slice; more do not improve its homography.
@@ -68,7 +68,7 @@ pub(in crate::calibration) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
                 places.get(&[label[0] + step[0], label[1] + step[1]]).map(|q| [q[0] - p[0], q[1] - p[1]])
             })
             .collect();
-        [0, 1].map(|a| median(&mut between.iter().map(|d| d[a]).collect::<Vec<_>>()))
+        median_point(&between)
     })
 }
 

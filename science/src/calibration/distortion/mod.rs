@@ -58,9 +58,6 @@ const ACCORD: f64 = 0.35;
 const GRID_ACCURACY: f64 = 0.05;
 
 /// Analyses the dots of all slices.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(super) fn analyse(tracked: &Tracked, reference: usize, control: &dyn Control) -> Result<LensAnalysis, Cancelled> {
     control.check()?;
     let Some(base) = tracked.detections[reference].as_ref() else { return Ok(LensAnalysis::default()) };

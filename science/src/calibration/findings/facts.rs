@@ -1,6 +1,7 @@
 //! What the findings are made from.
 
 use crate::calibration::detected::Detection;
+use crate::calibration::names::listed;
 use crate::calibration::solve::Solution;
 use crate::calibration::tracked::Tracked;
 use crate::imaging::Slices;
@@ -62,13 +63,4 @@ impl Facts<'_> {
         let item = |i: usize| size(i).map_or_else(String::new, |size| text(self.slices.name(i), size));
         (!indices.is_empty()).then(|| listed(&indices, item))
     }
-}
-
-/// At most five items as a phrase.
-fn listed(indices: &[usize], text: impl Fn(usize) -> String) -> String {
-    let mut items: Vec<String> = indices.iter().take(5).map(|&i| text(i)).collect();
-    if indices.len() > 5 {
-        items.push(format!("{} more", indices.len() - 5));
-    }
-    items.join(", ")
 }

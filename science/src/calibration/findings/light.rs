@@ -26,7 +26,7 @@ fn clipped_white(facts: &Facts) -> Option<Finding> {
 }
 
 fn uncertain_gains(facts: &Facts) -> Option<Finding> {
-    let sigma = |i: usize| facts.solution.slices[i].gain_sigma;
+    let sigma = |i: usize| facts.solution.slices[i].gain.sigma;
     let unsure = facts.slices_where(|i| sigma(i) > MAX_SIGMA);
     if unsure.is_empty() {
         return None;
@@ -44,7 +44,7 @@ fn uncertain_gains(facts: &Facts) -> Option<Finding> {
 
 /// Slices with another exposure than the gain model expects. Their gains make up for it.
 fn exposure(facts: &Facts) -> Option<Finding> {
-    let off = |i: usize| facts.solution.slices[i].brightness_off_model.filter(|off| (off - 1.0).abs() > OUTLIER);
+    let off = |i: usize| facts.solution.slices[i].gain.off_model.filter(|off| (off - 1.0).abs() > OUTLIER);
     let slices = facts.listed_where(off, |name, off| {
         let percent = 100.0 * (off - 1.0);
         format!("{name} ({:.1} % {})", percent.abs(), if percent < 0.0 { "darker" } else { "brighter" })
@@ -61,7 +61,7 @@ fn exposure(facts: &Facts) -> Option<Finding> {
 fn tints(facts: &Facts) -> Option<Finding> {
     let tints: Vec<Option<[f64; 2]>> =
         facts.tracked.detections.iter().map(|d| d.as_ref().and_then(|d| d.tint)).collect();
-    let off = gains::off_tint(&tints, &facts.solution.positions);
+    let off = gains::off_tint(&tints, &facts.solution.rail.positions);
     let large = |i: usize| off[i].filter(|o| o.iter().any(|t| t.abs() > OUTLIER));
     let slices = facts.listed_where(large, |name, off| {
         let percent = off.map(|t| 100.0 * (t.exp() - 1.0));

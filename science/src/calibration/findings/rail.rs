@@ -2,19 +2,10 @@
 
 use super::facts::Facts;
 use crate::calibration::grade::Finding;
+use crate::calibration::names::first_names;
 use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
 use crate::calibration::{camera, capture};
-use crate::imaging::Slices;
 use crate::types::report::Grade;
-
-/// Names of slices in order, at most twelve, as a phrase.
-fn named(slices: &dyn Slices, order: &[usize]) -> String {
-    let mut names: Vec<&str> = order.iter().take(12).map(|&i| slices.name(i)).collect();
-    if order.len() > names.len() {
-        names.push("...");
-    }
-    names.join(", ")
-}
 
 /// How far the image jumps, as a predicate.
 fn jumps(by: Jump) -> String {
@@ -31,6 +22,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
     let name = |i: usize| facts.slices.name(i);
     let mut out: Vec<Finding> = facts
         .solution
+        .rail
         .anomalies
         .iter()
         .map(|anomaly| match anomaly {
@@ -64,7 +56,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
             RailAnomaly::OutOfOrder { order } => Finding::limiting(
                 Grade::Usable,
                 "slices_out_of_order",
-                format!("by the size of the target the slices were taken in the order {} or the reverse, which is not the order of the files: rename them (a camera's counter may have started again), or check that the rail moves in one direction", named(facts.slices, order)),
+                format!("by the size of the target the slices were taken in the order {} or the reverse, which is not the order of the files: rename them (a camera's counter may have started again), or check that the rail moves in one direction", first_names(facts.slices, order, 12)),
             ),
         })
         .collect();

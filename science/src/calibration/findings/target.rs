@@ -4,6 +4,7 @@ use super::facts::Facts;
 use crate::calibration::detection::grid_steps;
 use crate::calibration::grade::Finding;
 use crate::calibration::lattice::Places;
+use crate::calibration::statistics::range;
 use crate::calibration::tracked::Tracked;
 
 /// Share of the image that the dots cover, below which the target is small.
@@ -55,8 +56,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
 pub(in crate::calibration) fn coverage(tracked: &Tracked, reference: usize) -> f64 {
     let Some(detection) = tracked.detections[reference].as_ref() else { return 0.0 };
     let span = |axis: usize| {
-        let (low, high) =
-            detection.dots.values().fold((f64::MAX, f64::MIN), |b, d| (b.0.min(d.at[axis]), b.1.max(d.at[axis])));
+        let (low, high) = range(detection.dots.values().map(|d| d.at[axis]));
         (high - low).max(0.0)
     };
     span(0) * span(1) / (tracked.width * tracked.height) as f64

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::{median_of, range};
 
 /// A value at a rail position.
 #[derive(Debug, Clone, Copy)]
@@ -44,8 +44,7 @@ impl GainModel {
         if points.len() < 3 {
             return None;
         }
-        let low = points.iter().map(|p| p.z).fold(f64::MAX, f64::min);
-        let high = points.iter().map(|p| p.z).fold(f64::MIN, f64::max);
+        let (low, high) = range(points.iter().map(|p| p.z));
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(1e-9));
         let mut model = Self {
             middle,
@@ -56,14 +55,14 @@ impl GainModel {
             cost: 0.0,
         };
         let sigmas: Vec<f64> = points.iter().map(|p| p.sigma.max(FLOOR)).collect();
-        let usual = median(&mut sigmas.clone());
+        let usual = median_of(sigmas.iter().copied());
         // the degrees of freedom of a line; the prior bounds the curvature
         let freedom = (points.len() as f64 / (points.len() as f64 - 2.0)).sqrt();
         model.start(points);
         for round in 0..=ROUNDS {
             let off: Vec<f64> = points.iter().map(|p| p.value - model.at(p.z)).collect();
             if scatter.is_none() {
-                let spread = 1.4826 * freedom * median(&mut off.iter().map(|r| r.abs()).collect::<Vec<_>>());
+                let spread = 1.4826 * freedom * median_of(off.iter().map(|r| r.abs()));
                 model.scatter = (spread * spread - usual * usual).max(0.0).sqrt();
             }
             let away = |k: usize| off[k].abs() / sigmas[k].hypot(model.scatter);
@@ -92,11 +91,9 @@ impl GainModel {
     fn start(&mut self, points: &[Point]) {
         let apart = points.len() / 2;
         let slopes = points.iter().zip(&points[apart..]).filter(|(a, b)| a.z != b.z);
-        let mut slopes: Vec<f64> = slopes.map(|(a, b)| (b.value - a.value) / (b.z - a.z) * self.half).collect();
-        let slope = if slopes.is_empty() { 0.0 } else { median(&mut slopes) };
+        let slope = median_of(slopes.map(|(a, b)| (b.value - a.value) / (b.z - a.z) * self.half));
         self.coefficients = Vector3::new(0.0, slope, 0.0);
-        let mut levels: Vec<f64> = points.iter().map(|p| p.value - self.at(p.z)).collect();
-        self.coefficients[0] = median(&mut levels);
+        self.coefficients[0] = median_of(points.iter().map(|p| p.value - self.at(p.z)));
     }
 
     fn row(&self, z: f64) -> Vector3<f64> {

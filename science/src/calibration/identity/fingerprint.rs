@@ -11,7 +11,7 @@ use super::cells::{CELL, Cell, SIDE, Samples};
 use super::presence::{Presence, presence};
 use crate::calibration::dlt;
 use crate::calibration::lattice::{Label, MIN_DOTS, Places, label_range};
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::median_of;
 use crate::calibration::working_image::WorkingImage;
 use crate::imaging::Plane;
 use crate::types::Homography;
@@ -88,7 +88,7 @@ impl Fingerprint {
             return None;
         }
         let pattern: [f64; CELL] = std::array::from_fn(|n| {
-            median(&mut known.iter().filter_map(|&k| cells[k].and_then(|c| c[n]).map(f64::from)).collect::<Vec<_>>())
+            median_of(known.iter().filter_map(|&k| cells[k].and_then(|c| c[n]).map(f64::from)))
         });
         let presence = presence(&cells, &pattern, &known);
         // distance from the border of the image, grid steps
@@ -97,10 +97,9 @@ impl Fingerprint {
             let (right, bottom) = (contrast.width as f64 - 1.0 - x, contrast.height as f64 - 1.0 - y);
             x.min(y).min(right).min(bottom) / pitch
         };
-        let is_no_dot = |[x, y]: Label| {
-            let [x, y] = [x - origin[0], y - origin[1]].map(|v| usize::try_from(v).ok());
-            let (x, y) = (x.filter(|x| *x < columns), y.filter(|y| *y < rows));
-            x.zip(y).is_some_and(|(x, y)| matches!(presence[y * columns + x], Presence::Gap | Presence::Unclear))
+        let is_no_dot = |label: Label| {
+            let k = cell_index(label, origin, columns, rows);
+            k.is_some_and(|k| matches!(presence[k], Presence::Gap | Presence::Unclear))
         };
         let is_clear = |k: usize| {
             let [x, y] = label(k);
@@ -116,9 +115,7 @@ impl Fingerprint {
 
     /// Number of the cell with this label; `None` beyond the fingerprint or where the cell is invalid.
     pub(super) fn cell(&self, label: Label) -> Option<usize> {
-        let [x, y] = [0, 1].map(|a| usize::try_from(label[a] - self.origin[a]).ok());
-        let (x, y) = (x.filter(|x| *x < self.columns)?, y.filter(|y| *y < self.rows)?);
-        let k = y * self.columns + x;
+        let k = cell_index(label, self.origin, self.columns, self.rows)?;
         (self.presence[k] != Presence::Invalid).then_some(k)
     }
 
@@ -189,6 +186,12 @@ impl Fingerprint {
         let moved = [a, b, c - a * x - b * y, d, e, f - d * x - e * y, g, h, i - g * x - h * y];
         self.to_slice = Homography(moved.map(|v| v / moved[8]));
     }
+}
+
+/// Number of the cell with this label; `None` beyond the fingerprint.
+fn cell_index(label: Label, origin: Label, columns: usize, rows: usize) -> Option<usize> {
+    let [x, y] = [0, 1].map(|a| usize::try_from(label[a] - origin[a]).ok());
+    Some(y.filter(|y| *y < rows)? * columns + x.filter(|x| *x < columns)?)
 }
 
 /// Cells of a range of labels.

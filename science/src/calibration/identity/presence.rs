@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::cells::{CELL, Samples};
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::mad_sigma;
 
 /// Strength of the pattern in a cell, relative to the mean cell, below which it shows no dot, and above which it does.
 const PRESENCE: [f64; 2] = [0.25, 0.6];
@@ -48,8 +48,7 @@ fn likeness(cell: &Samples, pattern: &[f64; CELL]) -> Option<Likeness> {
 /// What each cell shows, by its likeness to a dot. `known`: cells that tracking takes for dots.
 pub(super) fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -> Vec<Presence> {
     let of = |k: usize| cells[k].as_ref().and_then(|c| likeness(c, pattern));
-    let mut off: Vec<f64> = known.iter().filter_map(|&k| of(k)).map(|l| (l.strength - 1.0).abs()).collect();
-    if 1.4826 * median(&mut off) >= MAX_SCATTER {
+    if mad_sigma(known.iter().filter_map(|&k| of(k)).map(|l| l.strength - 1.0)) >= MAX_SCATTER {
         let shown = |cell: &Option<Samples>| cell.as_ref().map_or(Presence::Invalid, |_| Presence::Unclear);
         return cells.iter().map(shown).collect();
     }

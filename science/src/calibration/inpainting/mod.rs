@@ -19,7 +19,7 @@ use presence::Presence;
 
 use super::lattice::{Label, Places};
 use super::radial_profile::{PlacedDot, REACH, RadialProfile};
-use super::statistics::median;
+use super::statistics::mad_sigma;
 use crate::imaging::Plane;
 
 /// The inpainted grid of one slice.
@@ -110,8 +110,7 @@ fn without_dust(
     let stride = (contrast.data.len() / 50_000).max(1) | 1;
     let residuals = |k: usize| (contrast.data[k] - rendered.data[k]).abs();
     let target = (0..contrast.data.len()).step_by(stride).filter(|&k| on_target.data[k] != 0);
-    let mut sizes: Vec<f64> = target.map(|k| f64::from(residuals(k))).collect();
-    let most = (8.0 * 1.4826 * median(&mut sizes)).max(0.35 * profile.peak()) as f32;
+    let most = (8.0 * mad_sigma(target.map(|k| f64::from(residuals(k))))).max(0.35 * profile.peak()) as f32;
     let mut valid = Plane::filled(contrast.width, contrast.height, 1_u8);
     for y in 0..contrast.height {
         for x in 0..contrast.width {

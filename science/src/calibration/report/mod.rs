@@ -1,11 +1,4 @@
 //! Assembles the calibration result and the report for the technician.
-//!
-//! | stage | what it makes |
-//! |---|---|
-//! | `profile_slices` | the slices of the profile |
-//! | `capture`, `rail`, `camera` | what moves, the rail, the principal distance |
-//! | `findings`, `verdict` | sentences about problems, the grade and the sentence about it |
-//! | `target`, `slice` | the parts of the report |
 
 mod rail;
 mod slice;
@@ -40,7 +33,7 @@ pub(super) fn report(
     lens: &LensAnalysis,
 ) -> Calibration {
     for (slice, more) in solution.slices.iter_mut().zip(&lens.corner_sigma) {
-        slice.corner_sigma = slice.corner_sigma.hypot(*more);
+        slice.estimate.sigma = slice.estimate.sigma.hypot(*more);
     }
     let [width, height] = tracked.size();
     let reference = solution.reference;
@@ -75,9 +68,9 @@ pub(super) fn report(
         grade,
         findings: warnings.clone(),
         target: target::report(&facts, options.target_pitch_mm, magnification),
-        model: solution.model.name(),
-        model_reason: solution.model_reason.clone(),
-        candidates: solution.candidates.clone(),
+        model: solution.selection.model.name(),
+        model_reason: solution.selection.reason.clone(),
+        candidates: solution.selection.candidates.clone(),
         slices: (0..profile.len()).map(|i| slice::report(&facts, lens.distortion.as_ref(), i)).collect(),
         capture,
         rail,
@@ -90,7 +83,7 @@ pub(super) fn report(
         dot_pitch_px: pitch,
         magnification,
         capture_mode,
-        model: solution.model.name(),
+        model: solution.selection.model.name(),
         verdict,
         warnings,
         dots: solution.slices.into_iter().map(|slice| seen_dots(slice, lens)).collect(),
@@ -109,9 +102,9 @@ fn profile_slices(solution: &Solution, tracked: &Tracked) -> Vec<ProfileSlice> {
         inliers: Some(s.dots.iter().filter(|d| d.used == DotUse::Inlier).count() as u32),
         rms_px: s.rms,
         p95_px: s.p95,
-        corner_sigma_px: Some(s.corner_sigma),
-        interpolated: s.interpolated,
-        ..ProfileSlice::given(index as u32, s.homography, s.gain, width, height)
+        corner_sigma_px: Some(s.estimate.sigma),
+        interpolated: s.is_predicted(),
+        ..ProfileSlice::given(index as u32, s.estimate.homography, s.gain.value, width, height)
     };
     solution.slices.iter().enumerate().map(slice).collect()
 }
@@ -127,12 +120,12 @@ fn capture_report(
     let [width, height] = tracked.size().map(|length| f64::from(length) - 1.0);
     let half = 0.5 * width.hypot(height);
     let sample = |i: usize| {
-        let (_, sigma) = solution.scales[i].filter(|_| !profile[i].interpolated)?;
+        let (_, sigma) = solution.rail.scales[i].filter(|_| !profile[i].interpolated)?;
         let sigma = sigma.max(LEAST_CORNER_SIGMA / half);
-        Some(ScaleSample { position: solution.positions[i], scale: profile[i].scale, sigma })
+        Some(ScaleSample { position: solution.rail.positions[i], scale: profile[i].scale, sigma })
     };
     let scales: Vec<ScaleSample> = (0..profile.len()).filter_map(sample).collect();
-    capture::decide(&scales, in_mm, in_mm || solution.anomalies.is_empty(), options.capture_mode)
+    capture::decide(&scales, in_mm, in_mm || solution.rail.anomalies.is_empty(), options.capture_mode)
 }
 
 /// The findings of the slices and of the lens, the most serious first.

@@ -15,7 +15,7 @@ pub(super) fn report(facts: &Facts, distortion: Option<&Distortion>, index: usiz
     let solved = &facts.solution.slices[index];
     let detection = tracked.detections[index].as_ref();
     let [width, height] = tracked.size();
-    let law = solved.by_law.map(|h| ProfileSlice::given(0, h, 1.0, width, height));
+    let law = solved.estimate.by_law.map(|h| ProfileSlice::given(0, h, 1.0, width, height));
     let base = tracked.detections[facts.solution.reference].as_ref();
     let every = solved.dots.len().div_ceil(MAX_DOTS).max(1);
     let dot = |d: &Dot| DotReport {
@@ -33,17 +33,17 @@ pub(super) fn report(facts: &Facts, distortion: Option<&Distortion>, index: usiz
         law_scale: law.as_ref().map(|l| l.scale),
         shift_px: slice.shift_px,
         law_shift_px: law.map(|l| l.shift_px),
-        off_law_px: solved.off_law,
+        off_law_px: solved.estimate.off_law,
         blur_radius_px: facts.blurs[index].zip(detection).map(|(b, s)| b * s.pitch),
         contrast: detection.map(|s| s.modulation / tracked.strongest()),
         gain: slice.gain,
-        gain_sigma: Some(solved.gain_sigma).filter(|s| s.is_finite()),
-        law_gain: solved.gain_by_model,
+        gain_sigma: Some(solved.gain.sigma).filter(|s| s.is_finite()),
+        law_gain: solved.gain.by_model,
         clipped: detection.map(|s| s.clipped),
         dots_found: slice.dots_found.unwrap_or(0),
         inliers: slice.inliers.unwrap_or(0),
         rms_px: slice.rms_px,
-        corner_sigma_px: solved.corner_sigma,
+        corner_sigma_px: solved.estimate.sigma,
         interpolated: slice.interpolated,
         dots: solved.dots.iter().step_by(every).map(dot).collect(),
     }

@@ -6,7 +6,7 @@ use super::inliers::{FLOOR, Inliers, own_estimates};
 use super::rail_state::{RailState, in_line};
 use crate::calibration::detected::Detection;
 use crate::calibration::model_selection::{CornerError, StackModel};
-use crate::calibration::rail::{self, EstimateSource, Law, OwnEstimate};
+use crate::calibration::rail::{self, EstimateSource, OwnEstimate};
 use crate::calibration::rail_fit::RailFit;
 use crate::calibration::tracked::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
@@ -50,17 +50,29 @@ impl<'a> Setting<'a> {
 }
 
 /// The estimate of one slice.
-pub(super) struct Estimate {
+#[derive(Debug, Clone, Copy)]
+pub(in crate::calibration) struct Estimate {
     /// Slice px -> reference-slice px.
-    pub(super) homography: Homography,
+    pub homography: Homography,
     /// The homography by the rail law alone.
-    pub(super) by_law: Option<Homography>,
+    pub by_law: Option<Homography>,
     /// Largest corner distance between the slice's own estimate and the rail law, px.
-    pub(super) off_law: Option<f64>,
+    pub off_law: Option<f64>,
     /// Standard deviation of the worst image corner, px.
-    pub(super) sigma: f64,
+    pub sigma: f64,
     /// What the estimate is based on.
-    pub(super) source: EstimateSource,
+    pub source: EstimateSource,
+}
+
+impl Estimate {
+    /// The reference slice.
+    pub(super) const IDENTITY: Self = Self {
+        homography: Homography::IDENTITY,
+        by_law: None,
+        off_law: None,
+        sigma: 0.0,
+        source: EstimateSource::Dots,
+    };
 }
 
 /// Errors at the image corners under a model and under the full homography, for the measured slices.
@@ -107,16 +119,16 @@ fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) 
     let in_line = in_line(&own, displaced);
     (0..own.len())
         .map(|index| {
+            let own = own[index].as_ref();
+            let expected = rail::predicted(&in_line, positions, *jump, index);
+            let by_law = expected.as_ref().and_then(|expected| map(&expected.free));
             // the dots of a displaced slice outrank the law
-            let alone = own[index].clone().filter(|_| displaced[index]).map(|own| (own, EstimateSource::Dots));
-            let (combined, source) = alone.or_else(|| rail::combine(&in_line, positions, *jump, index))?;
-            let mut others = in_line.clone();
-            others[index] = None;
-            let by_law = Law::fit(&others, positions, *jump).and_then(|law| map(&law.predict(index)));
-            let alone = own[index].as_ref().and_then(|o| map(&o.free));
+            let expected = expected.as_ref().filter(|_| own.is_none() || !displaced[index]);
+            let (combined, source) = rail::combine(own, expected)?;
+            let alone = own.and_then(|own| map(&own.free));
             let off_law = alone.zip(by_law).map(|(a, b)| s.apart(&a, &b));
             let sigma = s.corner_sigma(model, &combined);
-            let by_itself = own[index].as_ref().map_or(0.0, |own| s.corner_sigma(model, own));
+            let by_itself = own.map_or(0.0, |own| s.corner_sigma(model, own));
             // the dots contributed too little for the slice to count as measured
             let is_by_law = !displaced[index] && by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself;
             Some(Estimate {

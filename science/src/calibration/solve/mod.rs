@@ -22,7 +22,7 @@ use estimates::{Estimate, Setting, floors};
 use inliers::{Inliers, drop_mistaken_grids, own_estimates};
 use missing::{reference_without_grid, unmeasured_slices};
 use rail_state::{RailState, nominal_positions};
-use selection::{Selected, select};
+use selection::select;
 
 use super::detected::Detection;
 use super::gains;
@@ -61,31 +61,19 @@ pub(super) fn solve(
     drop_mistaken_grids(&mut inliers, &first, &nominal_positions(given, first.len()), tracked, base);
     let rail = RailState::of(&similar(&inliers), given, reference, frame.half);
     let setting = Setting::new(frame, tracked.size(), reference, &rail, floors(tracked, base.pitch));
-    let Selected { model, reason, candidates, estimates } = select(&inliers, &setting, requested);
+    let (selection, estimates) = select(&inliers, &setting, requested);
     require_all(slices, tracked, &estimates, reference)?;
     let gains = gains::of(tracked, reference, &rail.positions);
-    let solved = estimates.iter().zip(&inliers).zip(gains).enumerate().map(|(index, ((estimate, inliers), gain))| {
-        let detection = tracked.detections[index].as_ref();
-        match estimate {
-            Some(estimate) if index != reference => Solved::estimated(estimate, inliers, detection, base, gain),
-            _ => Solved::reference(base, gain),
+    let solved = estimates.into_iter().zip(&inliers).zip(gains).enumerate();
+    let solved = solved.map(|(index, ((estimate, inliers), gain))| match estimate {
+        Some(estimate) if index != reference => {
+            Solved::estimated(estimate, inliers, tracked.detections[index].as_ref(), base, gain)
         }
+        _ => Solved::reference(base, gain),
     });
     let solved: Vec<Solved> = solved.collect();
     require_plausible(slices, &solved, tracked.size())?;
-    let RailState { positions, positions_by_scale, scales, anomalies, slopes, .. } = rail;
-    Ok(Solution {
-        reference,
-        slices: solved,
-        model,
-        model_reason: reason,
-        candidates,
-        anomalies,
-        positions,
-        positions_by_scale,
-        scales,
-        slopes,
-    })
+    Ok(Solution { reference, slices: solved, selection, rail })
 }
 
 /// The inliers of each slice; empty for the reference slice and where there are too few.
@@ -132,7 +120,8 @@ fn require_all(
 
 /// Checks that no homography is implausible (mirrored, for example).
 fn require_plausible(slices: &dyn Slices, solved: &[Solved], [width, height]: [u32; 2]) -> Result<(), Error> {
-    let violation = |(index, slice): (usize, &Solved)| Some((index, slice.homography.violation(width, height)?));
+    let violation =
+        |(index, slice): (usize, &Solved)| Some((index, slice.estimate.homography.violation(width, height)?));
     let Some((index, why)) = solved.iter().enumerate().find_map(violation) else { return Ok(()) };
     let name = slices.name(index);
     let detail = format!(

@@ -5,21 +5,21 @@ use crate::calibration::rail_anomalies::{self, RailAnomaly};
 use crate::calibration::{rail_jumps, rail_order};
 
 /// The rail, whichever transform model is selected in the end.
-pub(super) struct RailState {
+pub(in crate::calibration) struct RailState {
     /// Rail positions that the rail law is fitted with.
-    pub(super) positions: Vec<f64>,
+    pub positions: Vec<f64>,
     /// Rail positions derived from the scales, with standard deviations.
-    pub(super) positions_by_scale: Option<Vec<Option<(f64, f64)>>>,
+    pub positions_by_scale: Option<Vec<Option<(f64, f64)>>>,
     /// Scale parameter of each measured slice (0 at the reference) with its standard deviation.
-    pub(super) scales: Vec<Option<(f64, f64)>>,
+    pub scales: Vec<Option<(f64, f64)>>,
     /// Irregular steps and jumps.
-    pub(super) anomalies: Vec<RailAnomaly>,
+    pub anomalies: Vec<RailAnomaly>,
     /// The first slice after a sideways jump, if there is one.
-    pub(super) jump: Option<usize>,
+    pub jump: Option<usize>,
     /// Per slice: true when it lies beside the line of the others. The rail law does not apply to it.
-    pub(super) displaced: Vec<bool>,
+    pub displaced: Vec<bool>,
     /// Slopes of scale, rotation and shift over the positions, units.
-    pub(super) slopes: Option<[f64; 4]>,
+    pub slopes: Option<[f64; 4]>,
 }
 
 /// Rail positions before any measurement: those that the user specified, else the indices of the slices.
